@@ -194,7 +194,7 @@ simulation: {duration: 0.3, dt: 0.01}
 """
 
 
-def test_the_command_line_says_so_at_the_end_of_a_run(call, tmp_path):
+def test_the_command_line_says_so_at_the_end_of_a_run(call, tmp_path, no_pictures):
     (tmp_path / "cart.yaml").write_text(SCENARIO)
     status, out, said = call("run", tmp_path / "cart.yaml", "--out", tmp_path / "out", "--force")
     assert status == 0, said

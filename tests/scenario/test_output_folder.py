@@ -357,7 +357,7 @@ SHORT = ["run", "space-robot", "--set", "simulation.duration=0.02", "--set", "co
 
 
 @pytest.mark.parametrize("name", ["..yaml", "...yaml"])
-def test_a_scenario_with_a_strange_name_writes_into_no_folder_above(name, tmp_path, monkeypatch, call):
+def test_a_scenario_with_a_strange_name_writes_into_no_folder_above(name, tmp_path, monkeypatch, call, no_pictures):
     call(*SHORT, "--out", tmp_path / "first")
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
@@ -384,7 +384,7 @@ main()
 
 
 @pytest.mark.parametrize("room", [100, pytest.param(2000, marks=pytest.mark.long), 30_000])  # 8 s; as 100
-def test_a_full_disk_leaves_what_was_there_and_nothing_half_written(room, tmp_path, call):
+def test_a_full_disk_leaves_what_was_there_and_nothing_half_written(room, tmp_path, call, no_pictures):
     out = tmp_path / "out"
     assert call(*SHORT, "--out", out)[0] == 0
     before = {path.name: path.read_bytes() for path in out.iterdir()}

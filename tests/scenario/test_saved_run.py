@@ -6,9 +6,10 @@ import signal
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 
 from rnc_pin.scenario.execution import execute, plan
-from rnc_pin.visualization import capture
+from rnc_pin.visualization import capture, interactive
 
 SHORT = ["--set", "simulation.duration=0.5", "--set", "simulation.dt=0.01"]
 
@@ -23,7 +24,7 @@ def run(tmp_path_factory):
 
 
 @pytest.fixture
-def runs(call, tmp_path):
+def runs(call, tmp_path, no_pictures):
     folders = {name: tmp_path / name for name in ("space-robot", "fire-truck")}
     for name, folder in folders.items():
         assert call("run", name, "--out", folder, *SHORT)[0] == 0
@@ -64,7 +65,8 @@ def test_what_cannot_be_written_is_one_line(arguments, words, run, call, tmp_pat
 
 @pytest.fixture
 def stills(monkeypatch):
-    """Pictures without a browser."""
+    """Pictures without a browser, and empty plots; what is in them is of no interest here."""
+    monkeypatch.setattr(interactive, "plot_run", lambda *arguments: Figure(figsize=(1, 1)))
     monkeypatch.setattr(capture, "take_pictures", lambda *arguments: iter([b"one", b"two"]))
 
 

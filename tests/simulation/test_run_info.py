@@ -244,7 +244,7 @@ def test_the_run_of_a_file_of_ones_own_keeps_its_folder(tmp_path):
 
 def test_the_bits_of_a_run_do_not_depend_on_where_the_package_is(tmp_path):
     package = Path(rnc.__file__).parent
-    ignored = shutil.ignore_patterns("__pycache__", "urdf")
+    ignored = shutil.ignore_patterns("urdf")
     copied = shutil.copytree(package, tmp_path / "copy" / "rnc_pin", ignore=ignored)
     shutil.copytree(shipped_directory(), copied / "urdf")
     script = (

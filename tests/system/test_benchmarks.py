@@ -5,14 +5,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cosmic_ray import work_item
 
-from benchmarks import mutation, reduction
+from benchmarks import reduction
 from benchmarks.states import regular_states
 from rnc_pin.scenario.execution import plan
 
 SYSTEM = "snakeboard"
 COST = {"us", "ratio", "limit", "within"}
+
+
+@pytest.fixture(scope="module")
+def mutation():
+    """The module, which imports Cosmic Ray: that takes seconds."""
+    from benchmarks import mutation
+
+    return mutation
 
 
 @pytest.fixture(scope="module")
@@ -29,12 +36,12 @@ def test_states_are_regular_and_repeat_themselves(experiment):
     assert np.abs(reduced.at(states.q, v=states.v).residual).max() < 1e-12
 
 
-def test_the_tests_of_mutants_exist():
+def test_the_tests_of_mutants_exist(mutation):
     assert [path for path in mutation.TESTS if not (mutation.ROOT / path).exists()] == []
     assert len(mutation.modules(["rnc_pin/outputs"])) > 5
 
 
-def test_a_mutant_meets_the_tests_of_its_line_those_of_its_module_first(tmp_path):
+def test_a_mutant_meets_the_tests_of_its_line_those_of_its_module_first(mutation, tmp_path):
     """A statement is recorded at its first line; a line that only an import executes has all tests of its module."""
     (tmp_path / "tests.xml").write_text(
         '<testsuite><testcase classname="tests.control.test_a" name="test_long[1]" time="3.0"/>'
@@ -57,7 +64,7 @@ def test_a_mutant_meets_the_tests_of_its_line_those_of_its_module_first(tmp_path
     assert chosen(4, of={}) == []
 
 
-def test_survivors_meet_both_paths(tmp_path, monkeypatch):
+def test_survivors_meet_both_paths(mutation, tmp_path, monkeypatch):
     """One mutant dies on the NumPy path only, one on the compiled path only, one on neither."""
     tree = tmp_path / "tree"
     tree.mkdir()
@@ -75,7 +82,7 @@ def test_survivors_meet_both_paths(tmp_path, monkeypatch):
     assert "return 7" in left[0][1].diff
 
 
-def test_mutants_are_tested_in_copies_of_the_tree(tmp_path, monkeypatch):
+def test_mutants_are_tested_in_copies_of_the_tree(mutation, tmp_path, monkeypatch):
     tree = tmp_path / "tree"
     tree.mkdir()
     module = tree / "one.py"
@@ -85,13 +92,13 @@ def test_mutants_are_tested_in_copies_of_the_tree(tmp_path, monkeypatch):
     made = mutation.mutants([Path("one.py")])
     drawn = [(each, ["test_one.py"]) for each in made if each.operator_name.endswith(("Add_LShift", "Add_Sub"))]
     found = {each.operator_name.split("_")[-1]: result for each, result in mutation.outcomes(drawn, tree, 60.0, 2)}
-    survivors = {name for name, result in found.items() if result.test_outcome is work_item.TestOutcome.SURVIVED}
+    survivors = {name for name, result in found.items() if result.test_outcome is mutation.TestOutcome.SURVIVED}
     assert survivors == {"LShift"}  # 1 << 1 is 2
     assert "+    return n << 1" in found["LShift"].diff
     assert module.read_text() == "def f(n):\n    return n + 1\n"
 
 
-def test_a_sample_says_what_the_whole_has_at_least():
+def test_a_sample_says_what_the_whole_has_at_least(mutation):
     """Wilson's bound, one-sided: by the table of the binomial distribution 95 of 100 leave 90 %."""
     assert mutation.lower_bound(95, 100) == pytest.approx(0.90, abs=0.003)
     assert mutation.lower_bound(950, 1000) == pytest.approx(0.937, abs=0.002)

@@ -39,7 +39,8 @@ def by_numpy(tmp_path_factory):
 @pytest.mark.skipif(rnc.kernel == "numpy", reason="there is one path only")
 @pytest.mark.parametrize("name", built_in_names())
 def test_both_paths_agree_and_the_kernel_repeats_itself(name, by_numpy):
-    run, again = (execute(plan(name, OPTIONS)).trajectory for _ in range(2))
+    prepared = plan(name, OPTIONS)
+    run, again = (execute(prepared).trajectory for _ in range(2))
     assert np.abs(run.v - run.v[0]).max() > 1e-4  # it moves
     for column in COLUMNS:
         expected, found = by_numpy[f"{name}/{column}"], getattr(run, column)

@@ -1,12 +1,13 @@
 """The files in tests/data are what tests/derivations derives; all of it: ``python -m tests.derivations``."""
 
-from derivations import bicycle_linear, chaplygin_sleigh
 from derivations.comparison import differences, read
 
 EXACT = 1e-12
 
 
 def test_one_state_of_the_sleigh_is_what_the_lagrangian_says():
+    from derivations import chaplygin_sleigh  # imports SymPy, which takes seconds
+
     data = read("chaplygin_sleigh")
     found = list(differences({"states": chaplygin_sleigh.states(data, 1)}, data))
     assert len(found) > 20
@@ -14,6 +15,8 @@ def test_one_state_of_the_sleigh_is_what_the_lagrangian_says():
 
 
 def test_the_matrices_of_the_bicycle_are_those_of_its_parameters():
+    from derivations import bicycle_linear
+
     data = read("bicycle_linear")
     found = {name: matrix.tolist() for name, matrix in bicycle_linear.matrices(data["parameters"]).items()}
     assert max(each for _, each in differences(found, data["linear"])) < EXACT

@@ -12,13 +12,14 @@ import pytest
 import yaml
 from matplotlib import image
 from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 from matplotlib.path import Path as MarkerPath
 from matplotlib.text import Text
 
 import rnc_pin as rnc
 from browsing import PATIENCE, changed, opened, visit
 from rnc_pin.scenario.execution import execute, plan
-from rnc_pin.visualization import capture, plot_style
+from rnc_pin.visualization import capture, interactive, plot_style
 from rnc_pin.visualization.interactive import write_plots
 from rnc_pin.visualization.panels import learning_panels, panels, split_names
 from rnc_pin.visualization.plots import plot_learning, plot_outputs, plot_run, plot_top_view
@@ -117,7 +118,8 @@ def test_a_run_of_one_sample_has_nothing_to_plot(run):
 
 
 @pytest.mark.parametrize("ending", ["png", "pdf", "svg"])
-def test_plots_are_written_by_their_ending(run, tmp_path, ending):
+def test_plots_are_written_by_their_ending(run, tmp_path, ending, monkeypatch):
+    monkeypatch.setattr(interactive, "plot_run", lambda *_: Figure(figsize=(1, 1)))
     path = write_plots(run, tmp_path / f"plots.{ending}", "Run")
     assert path.read_bytes()[:5] in (b"\x89PNG\r", b"%PDF-", b"<?xml")
     with pytest.raises(rnc.ConfigurationError, match=r"ends in .png, .pdf, .svg or .html"):

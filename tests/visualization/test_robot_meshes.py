@@ -345,8 +345,20 @@ AS_EXCEPTION = "raise KeyboardInterrupt"
 AS_SIGNAL = "os.kill(os.getpid(), signal.SIGINT); time.sleep(5)"
 
 
-@pytest.mark.parametrize("interrupt", [AS_EXCEPTION, AS_SIGNAL], ids=["exception", "signal"])
-@pytest.mark.parametrize("module", ["click", "yaml", "numpy", "pinocchio", "rnc_pin.app.commands.run"])
+@pytest.mark.parametrize(
+    ("module", "interrupt"),
+    [
+        pytest.param(module, interrupt, id=f"{module}-{'signal' if interrupt == AS_SIGNAL else 'exception'}")
+        for module, interrupt in (
+            ("click", AS_EXCEPTION),
+            ("yaml", AS_SIGNAL),
+            ("numpy", AS_EXCEPTION),
+            ("pinocchio", AS_EXCEPTION),
+            ("pinocchio", AS_SIGNAL),
+            ("rnc_pin.app.commands.run", AS_SIGNAL),
+        )
+    ],
+)
 def test_an_interrupted_import_is_one_line(module, interrupt, tmp_path):
     process = run_interrupted_at(module, interrupt, tmp_path)
     assert process.stderr == "rnc-pin: error: interrupted\n"

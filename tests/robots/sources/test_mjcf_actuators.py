@@ -53,7 +53,9 @@ WHEEL = '<geom type="cylinder" size=".1 .02" euler="90 0 0" mass=".5"/>'
 
 
 @pytest.mark.parametrize("free", ["<freejoint/>", ""], ids=["free", "fixed"])
-def test_bodies_without_names_are_drafted_and_passive_joints_are_not_driven(free, call, tmp_path, monkeypatch):
+def test_bodies_without_names_are_drafted_and_passive_joints_are_not_driven(
+    free, call, tmp_path, monkeypatch, no_pictures
+):
     """Bodies have the same names with every base that is tried."""
     monkeypatch.chdir(tmp_path)
     actuators = '<motor joint="left"/><motor joint="right"/><position joint="pan"/>'

@@ -105,7 +105,7 @@ FOUR_BAR = """<mujoco><worldbody>
   <actuator><motor joint="j1"/></actuator></mujoco>"""
 
 
-def test_a_four_bar_linkage_is_drafted_closed_and_runs(call, tmp_path, monkeypatch):
+def test_a_four_bar_linkage_is_drafted_closed_and_runs(call, tmp_path, monkeypatch, no_pictures):
     """Its opposite sides are of equal length, so that the crank and the rocker stay parallel: j2 = -j1, j3 = j1."""
     monkeypatch.chdir(tmp_path)
     write(tmp_path / "bars.xml", FOUR_BAR)

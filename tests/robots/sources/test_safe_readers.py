@@ -583,7 +583,7 @@ def test_an_actuator_that_is_named_twice_is_refused():
         effective_inertia(reduced, robot.configuration(), np.array([0]), ["joint_1", "joint_2", "joint_1"])
 
 
-def test_a_reference_of_no_bound_ends_a_run_in_a_line(call, tmp_path):
+def test_a_reference_of_no_bound_ends_a_run_in_a_line(call, tmp_path, no_pictures):
     short = ["--set", "simulation.duration=0.05", "--set", "comparisons={}", "--set", "plots={}"]
     there = ["--set", "reference.primary.minimum_jerk.to=[1e300, 1e300]"]
     status, _, complaint = call("run", "space-robot", *short, *there, "--out", tmp_path)

@@ -281,7 +281,7 @@ def test_a_file_is_named_from_where_the_draft_is(tmp_path):
 # ---------------------------------------------------------------------- the command
 
 
-def test_init_writes_what_inspect_and_run_accept(call, tmp_path, monkeypatch):
+def test_init_writes_what_inspect_and_run_accept(call, tmp_path, monkeypatch, no_pictures):
     monkeypatch.chdir(tmp_path)
     write(tmp_path, robot_of(PAIR))
     status, out, error = call("init", "cart.urdf")
