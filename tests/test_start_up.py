@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import rnc_pin as rnc
+from benchmarks.commands import COLD_START
 from rnc_pin.app import commands
 from rnc_pin.scenario.files import built_in_names
 
@@ -59,6 +60,18 @@ def test_reading_scenarios_imports_nothing_that_draws():
     _, packages = imported([sys.executable, "-c", "import rnc_pin.scenario.loading"])
     assert "pydantic" in packages
     assert not packages & {"matplotlib", "meshcat", "tornado", "viser"}
+
+
+def test_a_first_evaluation_imports_no_checks_of_shapes():
+    _, packages = imported([sys.executable, "-c", COLD_START])
+    assert {"numpy", "pinocchio"} <= packages
+    assert not packages & {"email", "jaxtyping", "matplotlib", "meshcat", "pydantic"}
+
+
+def test_annotations_mean_arrays_without_jaxtyping_and_shapes_with_it():
+    code = "from rnc_pin.array_shapes import Float; import numpy as np; print(Float[np.ndarray, 'N 3'] is np.ndarray)"
+    assert imported([sys.executable, "-c", code])[0] == "True\n"
+    assert imported([sys.executable, "-c", f"import jaxtyping; {code}"])[0] == "False\n"
 
 
 def test_running_scenarios_imports_only_linear_algebra_of_scipy():

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.errors import InputError
 from rnc_pin.model.differences import gradient_with_error
 from rnc_pin.model.input_validation import ArrayInput, vector

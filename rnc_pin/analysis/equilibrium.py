@@ -12,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 import scipy
-from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.analysis.derivatives import StateDerivatives, state_derivatives
 from rnc_pin.analysis.symmetry import Symmetries, find_symmetries
+from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConstraintError, InputError, ModelError, nearest
 from rnc_pin.model.input_validation import vector
 from rnc_pin.model.kinematics import Kinematics

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 import pinocchio as pin
 import scipy
-from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.analysis.derivatives import StateDerivatives, state_derivatives
 from rnc_pin.analysis.frame_bracket import frame_bracket
+from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConstraintError, InputError, ModelError, nearest
 from rnc_pin.model.independence import ROUNDING
 from rnc_pin.model.kinematics import Kinematics

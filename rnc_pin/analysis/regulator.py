@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.analysis.linearization import Linearization
+from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, nearest
 
 Cost = float | Sequence[float] | Mapping[str, float] | Array

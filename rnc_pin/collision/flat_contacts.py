@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import coal
 import numpy as np
-from jaxtyping import Float
 from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Float
 
 _ANGLE = 0.02  # [rad] below which faces count as parallel: they may become so within a sample
 _SIDES = 8

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+
+from rnc_pin.array_shapes import Float, Int
 
 
 @dataclass(frozen=True)

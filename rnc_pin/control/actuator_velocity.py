@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Description, KinematicController, State, VelocityTarget, describe
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError
 from rnc_pin.math.linear_algebra import apply, apply_transposed

@@ -15,8 +15,9 @@ the measured error by z. The result is ``theta e`` with 0 <= theta <= 1: zero, o
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
 from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Float
 
 
 def apply_dead_zone(error: Float[Array, "*batch k"], zone: float | Array) -> Float[Array, "*batch k"]:

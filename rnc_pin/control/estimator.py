@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Description, elapsed_time, listed
 from rnc_pin.control.estimation import AdaptedModel, Regressor, adapt
 from rnc_pin.errors import ConfigurationError

@@ -6,9 +6,9 @@ from math import atan, atan2, cos, hypot, sin
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.math.coordinates import wrapped
 
 _DEGREE = 5

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Description, check_size, elapsed_time, goals_at, listed
 from rnc_pin.control.deviation import fed_back
 from rnc_pin.control.gain_design import PositionGains

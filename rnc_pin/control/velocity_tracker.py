@@ -6,10 +6,10 @@ from math import exp, expm1
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin import _kernel
+from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import (
     Command,
     Description,

@@ -15,8 +15,9 @@ saturation ends the lemma holds again, with everything that was learnt before.
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float
 from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Bool, Float
 
 
 def saturation_mask(deficit: Float[Array, "*batch k"], added: Float[Array, "*batch k"]) -> Bool[Array, "*batch k"]:

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Controller
 from rnc_pin.deprecation import former_keywords, former_name, keep_former_attributes
 from rnc_pin.errors import ConstraintError, InputError, RncError, SingularityError, printable

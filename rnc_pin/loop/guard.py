@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.loop.loop_state import LoopState
 from rnc_pin.loop.velocity import VelocityEstimate, VelocityEstimator
 from rnc_pin.robots.robot import Robot

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import State
 from rnc_pin.deprecation import adopt_former_fields
 from rnc_pin.loop.velocity import VelocityEstimate

@@ -12,9 +12,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConstraintError, InputError, SingularityError
 from rnc_pin.math.linear_algebra import apply, inverse, product
 from rnc_pin.model.cached_property import cached_property

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Bool, Float, Int
 from rnc_pin.math.linear_algebra import inverse, pivot_columns
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.reduction_data import ReductionData, best_entries

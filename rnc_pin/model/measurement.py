@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.deprecation import adopt_former_fields
 
 _ABSENT: Any = None  # a field may be absent if the controller does not read it

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.state_evaluation import StateEvaluation
 

@@ -12,9 +12,9 @@ Paper (2)-(3). All quantities have leading batch axes.
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.math.linear_algebra import apply, product
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.compiled import CompiledState

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from typing import overload
 
 import numpy as np
-from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.deprecation import former_name
 from rnc_pin.errors import InputError
 from rnc_pin.model.actuation import Actuation

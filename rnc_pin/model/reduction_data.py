@@ -174,5 +174,6 @@ def row_scales(robot: Robot, rows: RowStack, reducing: OutputStack, configuratio
             found.append(np.linalg.norm(stack.jacobian(kinematics.position(q)), axis=-1))
     lengths = np.array(found) if found else np.zeros((1, stack.size))
     lengths = np.where(lengths > 1e-12 * lengths.max(initial=0.0), lengths, 0.0)
-    typical = np.median(lengths, axis=0)
+    ordered, count = np.sort(lengths, axis=0), len(lengths)
+    typical = (ordered[(count - 1) // 2] + ordered[count // 2]) / 2.0  # ``np.median`` would import ``numpy.ma``
     return np.where(typical > 0, typical, lengths.max(axis=0))

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from jaxtyping import Float
 from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Float
 
 
 @dataclass(frozen=True)

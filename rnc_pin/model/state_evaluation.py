@@ -9,9 +9,9 @@ Paper (2)-(3), (6)-(7). All quantities have leading batch axes.
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.deprecation import former_name
 from rnc_pin.errors import DivergenceError
 from rnc_pin.math.linear_algebra import apply, apply_transposed, solve_positive_definite

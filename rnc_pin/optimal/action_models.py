@@ -20,10 +20,10 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.analysis.derivatives import state_derivatives
+from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.state_manifold import StateManifold

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.optimal.linear_quadratic import LinearQuadratic, input_scales, typical_sizes
 from rnc_pin.optimal.riccati import RiccatiFactors
 from rnc_pin.optimal.transcription import Iterate, Transcription

@@ -11,9 +11,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.errors import SimulationError
 from rnc_pin.optimal.linear_quadratic import Direction, LinearQuadratic, input_scales, typical_sizes
 from rnc_pin.optimal.riccati import RiccatiFactors

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Description
 from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.model.measurement import Measurement

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.math.coordinates import Coordinates, left_jacobian
 from rnc_pin.optimal.action_models import ActionModel, Nodes
 from rnc_pin.optimal.transcription import Iterate

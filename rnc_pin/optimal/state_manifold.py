@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from jaxtyping import Float
 from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Float
 
 
 class StateManifold:

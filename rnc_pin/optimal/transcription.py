@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.optimal.action_models import ActionModel, Nodes, StepDerivatives
 from rnc_pin.optimal.bounds import NodeBound
 from rnc_pin.optimal.costs import BoundCost

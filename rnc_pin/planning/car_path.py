@@ -7,10 +7,10 @@ from itertools import pairwise
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.planning.car_planner import plan_legs
 from rnc_pin.planning.driven_path import continued_back, distances

@@ -6,9 +6,9 @@ from functools import cache
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, InfeasibleError
 from rnc_pin.planning.leg import Leg, best_legs
 

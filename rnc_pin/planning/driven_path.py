@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Float
 
 
 def continued_back(poses: Float[Array, "n 3"], length: float) -> Float[Array, "m 2"]:

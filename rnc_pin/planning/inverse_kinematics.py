@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.collision import CollisionDistances
 from rnc_pin.errors import ConfigurationError, InputError, SingularityError
 from rnc_pin.model.input_validation import ConfigurationValidator

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from jaxtyping import Float
 from numpy import ndarray as Array
 from numpy.polynomial import Polynomial
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.math.coordinates import wrapped
 from rnc_pin.planning.references import MinimumJerk
 

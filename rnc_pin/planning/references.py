@@ -12,11 +12,11 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import scipy
-from jaxtyping import Float
 from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
 from rnc_pin import _kernel
+from rnc_pin.array_shapes import Float
 from rnc_pin.errors import InputError
 
 

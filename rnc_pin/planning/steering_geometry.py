@@ -7,9 +7,9 @@ from typing import NamedTuple, NoReturn
 import numpy as np
 import pinocchio as pin
 import scipy
-from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, SingularityError
 from rnc_pin.model.frame_velocity import FrameVelocityRows
 from rnc_pin.model.kinematics import OWN_AXES

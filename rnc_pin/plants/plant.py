@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float
 from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Float
 
 
 @runtime_checkable

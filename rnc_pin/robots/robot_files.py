@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import os
 from functools import cache
 from pathlib import Path
@@ -51,6 +50,8 @@ def find_mjcf(path: str | Path, beside: Path | None = None) -> Path:
 
 @cache
 def _example_data() -> Path:
+    import importlib.metadata  # it imports email and zipfile, which takes a twentieth of a cold start
+
     try:
         files = importlib.metadata.files("example-robot-data") or []
     except importlib.metadata.PackageNotFoundError:

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.mechanisms import GroundContact
 from rnc_pin.model.reduced_model import ReducedModel

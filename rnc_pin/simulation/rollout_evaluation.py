@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from jaxtyping import Float
 from numpy import ndarray as Array
 
 from rnc_pin.analysis import LiftOff, NormalForces, first_lift_off
+from rnc_pin.array_shapes import Float
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.reduced_model import ReducedModel

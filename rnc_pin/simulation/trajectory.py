@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.io.atomic_write import atomic_file
 from rnc_pin.io.json import Json, dump_json

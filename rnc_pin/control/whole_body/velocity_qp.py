@@ -7,11 +7,11 @@ from dataclasses import fields, is_dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
 from rnc_pin.analysis.limit_effects import LimitEffect
+from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Description, VelocityTarget, elapsed_time
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.desired_outputs import DesiredOutputs

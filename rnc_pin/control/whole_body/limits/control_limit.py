@@ -6,9 +6,9 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
-from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float, Int
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.model.reduced_model import ReducedModel
 

@@ -6,8 +6,9 @@ import warnings
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
+
+from rnc_pin.array_shapes import Float, Int
 
 FARTHEST = 1e15
 """Largest coordinate of a vertex, the same as for all distances in a description."""
