@@ -16,7 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define INTERFACE 8 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
+#define INTERFACE 9 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
 #define INTEGERS 8  /* of a row: kind, first and second frame, five more */
 #define NUMBERS 12  /* of a row */
 #define FLAT 1e-6   /* sine below which an axis counts as vertical */
@@ -1677,6 +1677,7 @@ static PyType_Spec spec = {
 static PyMethodDef functions[] = {
     {"spread", (PyCFunction)(void (*)(void))spread, METH_FASTCALL, NULL},
     {"pursue", (PyCFunction)(void (*)(void))pursue, METH_FASTCALL, NULL},
+    {"track_position", (PyCFunction)(void (*)(void))track_position, METH_FASTCALL, NULL},
     {"polynomial", (PyCFunction)(void (*)(void))polynomial, METH_FASTCALL, NULL},
     {"feedback", (PyCFunction)(void (*)(void))feedback, METH_FASTCALL, NULL},
     {"track", (PyCFunction)(void (*)(void))track, METH_FASTCALL, NULL},

@@ -72,7 +72,8 @@ class Feedback:
         """Return both sums (..., k) for outputs (..., k) and their rates (..., k)."""
         if self._table is not None and actual.ndim == 1:
             found = np.empty(self._table.shape)
-            if _kernel.library.feedback(*desired[:3], actual, rate, self._table, found):
+            point = desired.position, desired.velocity, desired.acceleration
+            if _kernel.library.feedback(*point, actual, rate, self._table, found):
                 return found[0], found[1]
         seen = deviation(self._coordinates, desired, actual, rate)
         return seen.velocity + fed_back(self._gain, seen.error), seen.acceleration + self._gain * seen.error_rate

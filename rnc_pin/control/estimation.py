@@ -15,6 +15,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.dead_zone import apply_dead_zone
+from rnc_pin.math.linear_algebra import solve
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import ReductionData, row_scales
 from rnc_pin.model.row_stack import RowStack
@@ -99,7 +100,8 @@ class EstimatedModel:
             known.singularity_limit,
             self._scales,
         )
-        return _ModelMemory(ReducedModel(data, self._reduced.assembly), copied.set_parameters)
+        own_rows = copied.rows is not self._reduced.all_constraints
+        return _ModelMemory(ReducedModel(data, self._reduced.assembly), copied.set_parameters, own_rows)
 
 
 class _Lease:
@@ -112,10 +114,11 @@ class _ModelMemory:
     Args:
         model: the model.
         set_parameters: writes parameters into it.
+        has_own_rows: True if they may be parameters of its rows too, not of its bodies only.
     """
 
-    def __init__(self, model: ReducedModel, set_parameters: Callable[[Array], None]) -> None:
-        self._model, self._set_parameters = model, set_parameters
+    def __init__(self, model: ReducedModel, set_parameters: Callable[[Array], None], has_own_rows: bool) -> None:
+        self._model, self._set_parameters, self._has_own_rows = model, set_parameters, has_own_rows
         self._lease: weakref.ref[_Lease] | None = None
 
     @property
@@ -127,7 +130,8 @@ class _ModelMemory:
         """Return the model with parameters p (s,)."""
         own, lease = self._model.reduction_data, _Lease()
         self._set_parameters(p)
-        own.rows_changed()
+        if self._has_own_rows:
+            own.rows_changed()
         # Evaluations and other reductions of the same model hold these robot and rows.
         robot, rows, data, model = _shallow(own.robot), _shallow(own.rows), _shallow(own), _shallow(self._model)
         vars(robot)["_lease"] = vars(rows)["_lease"] = lease
@@ -178,5 +182,6 @@ def adapt(
     errors (``control.dead_zone``). Clipping to a box that contains p does not make it grow either.
     """
     step = gain * elapsed
-    correction = W.T @ np.linalg.solve(np.eye(len(error)) + step * W @ W.T, step * apply_dead_zone(error, dead_zone))
-    return np.clip(p + correction, low, high)
+    beyond = apply_dead_zone(error, dead_zone) if np.any(dead_zone) else error
+    correction = solve(np.eye(len(error)) + step * W @ W.T, step * beyond).dot(W)
+    return np.minimum(np.maximum(p + correction, low), high)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from math import exp, expm1
 from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
+from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Description, check_size, elapsed_time, goals_at, listed
 from rnc_pin.control.deviation import fed_back
@@ -16,6 +18,7 @@ from rnc_pin.deprecation import former_keywords, former_name
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.coordinates import Coordinates, angle_difference
 from rnc_pin.math.linear_algebra import apply
+from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning.references import Reference, ReferencePoint
 from rnc_pin.printing import ReprMixin
@@ -129,7 +132,45 @@ class PositionTracker(ReprMixin):
             InputError: time runs backwards.
         """
         elapsed = elapsed_time(t, state.time)
-        g, desired = self.gains, self.reference.at(t)
+        desired = self.reference.at(t)
+        found = self._by_kernel(t, elapsed, desired, measurement, state)
+        return self._by_numpy(t, elapsed, desired, measurement, state) if found is None else found
+
+    @cached_property
+    def _table(self) -> np.ndarray:
+        """Gains, compensation and mask of angles, (7, k)."""
+        g = self.gains
+        rows = g.k1, g.k2, g.gamma, g.beta, g.dead_zone, self.gravity_compensation, self.angular
+        return np.stack([np.broadcast_to(row, len(self.outputs)) for row in rows]).astype(float)
+
+    def _by_kernel(
+        self, t: float, elapsed: float, desired: ReferencePoint, measurement: Measurement, state: PositionState
+    ) -> tuple[Command, PositionState] | None:
+        """Sample from one call of the compiled kernel; None for arrays that it does not take."""
+        x2, deficit, sigma = measurement.x2, measurement.force_deficit, self.gains.sigma
+        if _kernel.library is None or x2.ndim != 1:
+            return None
+        k, r = len(self.outputs), len(x2)
+        frozen: tuple[np.ndarray | None, ...] = (None, None, None)
+        if deficit is not None or self._has_dead_zone:
+            before = desired if state.time is None else self.reference.at(state.time)
+            frozen = (np.zeros(r) if deficit is None else deficit), before.velocity, before.acceleration
+        leak_time = -expm1(-sigma * elapsed) / sigma if sigma else elapsed
+        found = np.empty(4 * k + 2 * k * k + 2 * r)
+        point = desired.position, desired.velocity, desired.acceleration, desired.jerk
+        arrays = *point, x2, self.outputs, self._table, *state[1:], *frozen
+        if not _kernel.library.track_position(*arrays, exp(-sigma * elapsed), leak_time, sigma, elapsed, found):
+            return None
+        end, square = 3 * k, k * k
+        A, B = found[end : end + square].reshape(k, k), found[end + square : end + 2 * square].reshape(k, k)
+        e = found[end + 2 * square : -2 * r]
+        command = Command(found[:k], None, found[-2 * r : -r], None, found[-r:])
+        return command, PositionState(t, found[k : 2 * k], found[2 * k : end], A, B, e)
+
+    def _by_numpy(
+        self, t: float, elapsed: float, desired: ReferencePoint, measurement: Measurement, state: PositionState
+    ) -> tuple[Command, PositionState]:
+        g = self.gains
         xd, xdd, xddd = desired.velocity, desired.acceleration, desired.jerk
         e = self._error(t, measurement)
         # z' = -2 gamma (z + gamma^2 e) with constant e over the sample.

@@ -141,7 +141,9 @@ class RedundancyController(ReprMixin):
         r, k, counts = self.task.r, len(m.x1), (len(self.task.vertical), len(self.task.primary))
         found = np.empty(3 * r + k)
         actual = m.x2, m.v2, m.x1, m.v1, self._table, m.v1_offset, m.v1_offset_dot
-        arrays = m.A_star, m.A_star_dot, self._places, *x21d[:3], *x1d[:3], *actual, *secondary
+        first = x21d.position, x21d.velocity, x21d.acceleration
+        base = x1d.position, x1d.velocity, x1d.acceleration
+        arrays = m.A_star, m.A_star_dot, self._places, *first, *base, *actual, *secondary
         if not _kernel.library.pursue(*arrays, *counts, found):
             return None
         return VelocityTarget(found[:r], found[r : 2 * r], found[3 * r :], found[2 * r : 3 * r])

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from math import isfinite
+from typing import Any
+
 import numpy as np
 
 from rnc_pin.control.controller import Description, VelocityTarget, check_size, goals_at, listed
-from rnc_pin.control.deviation import deviation, fed_back
+from rnc_pin.control.deviation import Feedback
 from rnc_pin.control.slithering import DrivenPath, SlitheringReference
 from rnc_pin.deprecation import former_keywords, former_name
-from rnc_pin.errors import ConfigurationError, InputError
-from rnc_pin.math.linear_algebra import apply
+from rnc_pin.errors import ConfigurationError, InputError, SingularityError
+from rnc_pin.math.linear_algebra import apply, apply_transposed, clipped, solve
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.output_gradients import kinematic_gradient
 from rnc_pin.model.reduced_model import ReducedModel
@@ -78,6 +81,10 @@ class SteeringController(ReprMixin):
         self._reduced, self.task, self.primary, self.vertical = reduced, task, primary, vertical
         self.k3, self.k4, self.k21, self.damping, self.max_rate = k3, k4, k21, damping, max_rate
         self.monitored = monitored
+        self._follow_primary = Feedback(task.primary_coordinates, k21)
+        self._follow_vertical = Feedback(task.vertical_coordinates, k3)
+        self._in_A3: Any = (..., *np.ix_(task.vertical, task.primary))
+        self._damped = damping**2 * np.eye(len(task.redundant))
 
     fastest = former_name("max_rate")
     watched = former_name("monitored")
@@ -107,34 +114,36 @@ class SteeringController(ReprMixin):
         self, t: float, measurement: Measurement, state: DrivenPath | None = None
     ) -> tuple[VelocityTarget, DrivenPath | None]:
         task, m = self.task, measurement
+        if state is None and isinstance(self.vertical, SlitheringReference):
+            raise InputError("steering along the driven path needs the last step's state, at first initial_state's")
         x21d = self.primary.at(t)
-        first = deviation(task.primary_coordinates, x21d, m.x2[..., task.primary], m.v2[..., task.primary])
-        v21d_dot = first.acceleration + self.k21 * first.error_rate
+        v21, v22_now = m.v2[..., task.primary], m.v2[..., task.redundant]
+        v21d, v21d_dot = self._follow_primary(x21d, m.x2[..., task.primary], v21)
         v2_dot = np.zeros(m.v2.shape)  # unknown for steering rates: it needs third derivatives of the references
         v2_dot[..., task.primary] = v21d_dot
         if isinstance(self.vertical, SlitheringReference):
-            if state is None:
-                raise InputError("steering along the driven path needs the last step's state, at first initial_state's")
+            assert state is not None
             x11d, state = self.vertical.step(m, v2_dot, state)
         else:
             x11d = self.vertical.at(t)
-        v21, v22_now = m.v2[..., task.primary], m.v2[..., task.redundant]
-        A3 = m.A_star[..., task.vertical, :][..., task.primary]
-        A3_dot = m.A_star_dot[..., task.vertical, :][..., task.primary]
+        A3, A3_dot = m.A_star[self._in_A3], m.A_star_dot[self._in_A3]
         gradient = kinematic_gradient(self._reduced.at(m.q), task.redundant)
-        gradient = gradient[..., task.vertical, :, :][..., task.primary, :]
-        N = np.einsum("...kis,...i->...ks", gradient, v21)
+        N = np.stack([apply(gradient[(*self._in_A3, j)], v21) for j in range(len(task.redundant))], axis=-1)
         rate = apply(A3, v21)
-        seen = deviation(task.vertical_coordinates, x11d, m.x1[..., task.vertical], rate)
-        wanted = seen.velocity + self.k3 * seen.error
-        wanted_dot = seen.acceleration + self.k3 * seen.error_rate
+        wanted, wanted_dot = self._follow_vertical(x11d, m.x1[..., task.vertical], rate)
         without = apply(A3_dot, v21) - apply(N, v22_now) + apply(A3, v21d_dot)
         right = wanted_dot + self.k4 * (wanted - rate) - without
-        square = N.mT @ N + self.damping**2 * np.eye(N.shape[-1])
-        v22 = np.linalg.solve(square, apply(N.mT, right)[..., None])[..., 0]
-        v22 = np.clip(v22, -self.max_rate, self.max_rate)
+        v22 = solve(N.mT @ N + self._damped, apply_transposed(N, right))
+        if not isfinite(np.vdot(v22, v22)):
+            raise SingularityError(
+                f"{', '.join(task.redundant_names)} cannot steer {', '.join(task.vertical_names)}: N is singular",
+                q=np.array(m.q),
+                condition=np.inf,
+                rows=(*task.vertical_names, *task.redundant_names),
+            )
+        v22 = clipped(v22, self.max_rate)
         v2 = np.empty(m.v2.shape)
-        v2[..., task.primary] = first.velocity + fed_back(self.k21, first.error)
+        v2[..., task.primary] = v21d
         v2[..., task.redundant] = v22
         x1 = goals_at(x11d.position, task.vertical, m.x1.shape)
         if self.monitored is not None:

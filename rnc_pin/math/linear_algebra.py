@@ -32,7 +32,7 @@ def apply_transposed(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
     return np.vecmat(vector, matrix)
 
 
-def clipped(values: np.ndarray, limits: np.ndarray) -> np.ndarray:
+def clipped(values: np.ndarray, limits: np.ndarray | float) -> np.ndarray:
     """Values (...) within -limits and limits; for few numbers this is faster than ``numpy.clip``."""
     return np.minimum(np.maximum(values, -limits), limits)
 

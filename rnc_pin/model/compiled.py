@@ -189,7 +189,8 @@ class CompiledReduction:
         record = np.ndarray(numbers.shape[:-1], self._terms, numbers)
         m, v = self._data.m, record["v"]
         zero = np.zeros(v.shape)
-        return ReducedTerms(
+        terms = object.__new__(ReducedTerms)  # its own constructor takes as long as all matrices of a small system
+        vars(terms).update(
             R=record["E_inverse"][..., m:],
             R_dot=record["R_dot"],
             H=record["H"],
@@ -204,6 +205,7 @@ class CompiledReduction:
             b=zero,
             b_dot=zero,
         )
+        return terms
 
 
 class CompiledConfiguration:
