@@ -6,6 +6,7 @@ from rnc_pin.optimal.costs import AccelerationCost, CostKind, EffortCost, Output
 from rnc_pin.optimal.motion_plan import MotionPlan, PlanInfo, PlannedOutputs, PlanVerification
 from rnc_pin.optimal.plan_feedback import PlanFeedback, tvlqr
 from rnc_pin.optimal.planner import plan_motion as plan
+from rnc_pin.optimal.predictive_control import PredictiveController, PredictiveState
 from rnc_pin.optimal.sequential_quadratic import SolverSettings
 
 __all__ = [
@@ -24,6 +25,8 @@ __all__ = [
     "PlanVerification",
     "PlannedOutputs",
     "PostureCost",
+    "PredictiveController",
+    "PredictiveState",
     "SolverSettings",
     "VelocityBound",
     "VelocityCost",

@@ -1,0 +1,142 @@
+"""Optimal control: processor time of an iteration, known optima, and random parking problems.
+
+Run it by ``python -m benchmarks.optimal [iteration] [optima] [parking]``. Without a name all three run.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+import rnc_pin as rnc
+from benchmarks.whole_body import model as tiago
+from rnc_pin.errors import InfeasibleError
+from rnc_pin.optimal import EffortCost, InputBound, OutputBound, SolverSettings, VelocityBound
+from rnc_pin.optimal.guesses import along
+from rnc_pin.optimal.planner import build_problem
+from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic
+
+NODES, ROUNDS, PROBLEMS = 40, 7, 100
+
+
+def knife_edge() -> rnc.ReducedModel:
+    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")])
+    return system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+
+
+def car() -> rnc.ReducedModel:
+    robot = rnc.Robot.from_urdf("car.urdf", base="planar")
+    rows = [rnc.NoSideSlip("front_axle"), rnc.NoSideSlip("rear_axle")]
+    system = rnc.NonholonomicSystem(robot, rows, [rnc.FrameForce("rear_axle", "x"), "front_steering"])
+    return system.reduce([rnc.FrameSpeed("rear_axle"), rnc.JointPosition("front_steering")])
+
+
+def mobile_manipulator() -> rnc.ReducedModel:
+    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+    inputs = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
+    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], inputs)
+    joints = [rnc.JointPosition("joint_1"), rnc.JointPosition("joint_2")]
+    return system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base"), *joints])
+
+
+def iteration_time(reduced: rnc.ReducedModel, goal: dict[object, object], limit: float) -> float:
+    """Median processor time of an iteration of the dynamic form with bounded inputs [s]."""
+    q0 = reduced.robot.configuration()
+    problem = build_problem(reduced, q0, goal, 4.0, "dynamic", None, [InputBound(-limit, limit)], NODES)
+    line = np.repeat(q0[None], NODES + 1, axis=0)
+    start = along(problem.model, line, 4.0)
+    solver, taken = SequentialQuadratic(problem, SolverSettings()), []
+    for _ in range(ROUNDS):
+        solver.restart()
+        begin = time.process_time()
+        solver.iterate(start)
+        taken.append(time.process_time() - begin)
+    return float(np.median(taken[1:]))
+
+
+def iteration() -> None:
+    cases = {
+        "mobile manipulator": (mobile_manipulator(), {rnc.FramePosition("tip", "xy"): [2.4, 0.1]}, 4.0),
+        "TIAGo": (tiago(), {rnc.FramePosition("arm_7_link"): [0.6, 0.1, 0.7]}, 400.0),
+    }
+    print(f"one iteration, {NODES} nodes, dynamic form [ms of processor time]")
+    for name, (reduced, goal, limit) in cases.items():
+        free, bound = (1e3 * iteration_time(reduced, goal, each) for each in (1e6, limit))
+        print(f"  {name:20s} no active bound {free:6.1f}   bound {limit:g} on inputs {bound:6.1f}")
+
+
+def dubins_length(x: float, y: float, heading: float) -> float:
+    """Length of the shortest forward path with turning radius 1 from the origin (Dubins 1957), in closed form."""
+    d, theta = np.hypot(x, y), np.arctan2(y, x)
+    a, b = (-theta) % (2 * np.pi), (heading - theta) % (2 * np.pi)
+    found = []
+    for left in (1, -1):  # turns of one direction: LSL and RSR
+        p, q = left * a, left * b
+        square = 2 + d**2 - 2 * np.cos(p - q) + 2 * d * (np.sin(p) - np.sin(q))
+        if square >= 0:
+            turn = np.arctan2(np.cos(q) - np.cos(p), d + np.sin(p) - np.sin(q))
+            found.append((turn - p) % (2 * np.pi) + np.sqrt(square) + (q - turn) % (2 * np.pi))
+        square = -2 + d**2 + 2 * np.cos(p - q) + 2 * d * (np.sin(p) + np.sin(q))
+        if square >= 0:  # LSR and RSL
+            middle = np.sqrt(square)
+            turn = np.arctan2(-np.cos(p) - np.cos(q), d + np.sin(p) + np.sin(q)) - np.arctan2(-2.0, middle)
+            found.append((turn - p) % (2 * np.pi) + middle + (turn - q) % (2 * np.pi))
+    return float(min(found))
+
+
+def optima() -> None:
+    reduced = knife_edge()
+    start = reduced.robot.configuration()
+    settings = SolverSettings(nodes=30, iterations=60)
+    print("known optima: found, exact")
+    forward = [VelocityBound([1.0, -1.0], [1.0, 1.0])]
+    for x, y, heading in ((4.0, 3.0, 0.5), (5.0, -2.0, 1.0), (4.0, -1.0, -1.2)):
+        goal = {rnc.FramePosition("sleigh", "xy"): [x, y], rnc.FrameYaw("sleigh"): heading}
+        exact = dubins_length(x, y, heading)
+        try:
+            plan = rnc.optimal.plan(
+                reduced, start, goal, (0.5 * exact, 3 * exact), form="kinematic", bounds=forward, settings=settings,
+                costs=[EffortCost({"sleigh_yaw": 1e-3})], time_weight=1.0, seeds=4,
+            )  # fmt: skip
+            print(f"  Dubins to ({x:g}, {y:g}, {heading:.3g}): {plan.duration:.4f} {exact:.4f}", flush=True)
+        except InfeasibleError as error:
+            print(f"  Dubins to ({x:g}, {y:g}, {heading:.3g}): {error}")
+    goal = {rnc.FramePosition("sleigh", "xy"): [1.0, 0.0], rnc.FrameYaw("sleigh"): 0.0}
+    plan = rnc.optimal.plan(reduced, start, goal, 2.0)
+    print(f"  least squared acceleration over 1 m in 2 s: {plan.info.cost:.5f} {0.75:.5f}")
+
+
+def parking() -> None:
+    """Random parking of the car: goals beside, behind and ahead of it, with limits of speed and steering."""
+    reduced, generator = car(), np.random.default_rng(0)
+    bounds = [OutputBound(rnc.JointPosition("front_steering"), -0.6, 0.6), VelocityBound(-1.0, 1.0)]
+    taken, iterations, violations, solved = [], [], [], 0
+    count = int(sys.argv[2]) if len(sys.argv) > 2 else PROBLEMS
+    for _ in range(count):
+        x, y, heading = generator.uniform([-3.0, -2.0, -1.0], [3.0, 2.0, 1.0])
+        goal = {rnc.FramePosition("rear_axle", "xy"): [x, y], rnc.FrameYaw("chassis"): heading}
+        begin = time.process_time()
+        try:
+            plan = rnc.optimal.plan(reduced, reduced.robot.configuration(), goal, 16.0, bounds=bounds)
+            solved += 1
+            iterations.append(plan.info.iterations)
+            violations.append(plan.info.verification.violation)
+        except InfeasibleError:
+            pass
+        taken.append(time.process_time() - begin)
+    print(
+        f"parking: {solved} of {count} solved, processor time median {np.median(taken):.2f} s, most {max(taken):.2f} s"
+    )
+    print(f"  iterations median {np.median(iterations):g}; violation after verification median "
+          f"{np.median(violations):.1e}, most {max(violations):.1e} [m or rad]")  # fmt: skip
+
+
+PARTS: dict[str, Callable[[], None]] = {"iteration": iteration, "optima": optima, "parking": parking}
+
+if __name__ == "__main__":
+    for part in [sys.argv[1]] if len(sys.argv) > 1 else list(PARTS):
+        PARTS[part]()

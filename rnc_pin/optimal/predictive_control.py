@@ -1,0 +1,184 @@
+"""Model-predictive control: an optimal motion over a moving horizon, with feedback along it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from rnc_pin.control.controller import Command, Description
+from rnc_pin.errors import ConfigurationError, RncError
+from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.optimal.action_models import Form, Nodes
+from rnc_pin.optimal.bounds import BoundKind
+from rnc_pin.optimal.costs import CostKind
+from rnc_pin.optimal.feedback_gains import feedback_gains
+from rnc_pin.optimal.guesses import along
+from rnc_pin.optimal.planner import build_problem
+from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic, SolverSettings
+from rnc_pin.optimal.transcription import Iterate
+from rnc_pin.printing import ReprMixin
+
+
+class PredictiveState(NamedTuple):
+    """Motion over the horizon, and counters."""
+
+    begin: float
+    """Time of the first node [s]."""
+    q: Float[Array, "K1 nq"]
+    w: Float[Array, "K1 nw"]
+    u: Float[Array, "K nu"]
+    gains: Float[Array, "K nu nx"]
+    next_update: float
+    """Time of the next update [s]."""
+    updates: int
+    """Updates that were used."""
+    missed: int
+    """Updates that were not used: too late, not finite, or at a singular configuration."""
+
+
+class PredictiveController(ReprMixin):
+    """Model-predictive control (MPC) of a reduced system in the forms "acceleration" and "dynamic".
+
+    Every ``period`` a fixed number of iterations improves the motion over the horizon. It starts from the last motion,
+    shifted in time. Between updates, the feedback gains of the motion act on the measured state. An update that exceeds
+    ``budget`` or fails is not used: the last motion and its feedback continue, and after its end its last node is held.
+
+    The motion starts at the state that is predicted for the end of the delay. The controller reads the model. Reads
+    from the measurement ``q, v2``.
+
+    Args:
+        reduced: the model.
+        costs: costs, with one at the end that pulls to the goal (phase "terminal" or "both").
+        horizon: duration of the motion [s].
+        form: "acceleration" or "dynamic".
+        bounds: hard bounds.
+        nodes: number of intervals.
+        period: time between updates [s].
+        iterations: iterations of an update.
+        delay: time from a measurement to its input [s].
+        budget: processor time of an update [s]; None for no limit, which gives repeatable runs.
+
+    Raises:
+        ConfigurationError: an argument has an invalid value.
+    """
+
+    def __init__(
+        self,
+        reduced: ReducedModel,
+        costs: Sequence[CostKind],
+        horizon: float,
+        *,
+        form: Form = "dynamic",
+        bounds: Sequence[BoundKind] = (),
+        nodes: int = 20,
+        period: float = 0.05,
+        iterations: int = 1,
+        delay: float = 0.0,
+        budget: float | None = None,
+    ) -> None:
+        if form == "kinematic":
+            raise ConfigurationError("form 'kinematic': a predictive controller needs 'acceleration' or 'dynamic'")
+        if not (period > 0 and delay >= 0 and iterations >= 1):
+            raise ConfigurationError("period has to be positive, delay not negative, and iterations at least 1")
+        self._reduced, self._solver_settings = reduced, SolverSettings(nodes=nodes)
+        self.horizon, self.period, self.iterations, self.delay, self.budget = horizon, period, iterations, delay, budget
+        start = reduced.robot.configuration()
+        self._problem = build_problem(reduced, start, None, horizon, form, costs, bounds, nodes)
+        self._model = self._problem.model
+        self._h = horizon / nodes
+
+    def describe(self) -> Description:
+        """Return the form, the horizon and the schedule of updates."""
+        return {
+            "type": type(self).__name__,
+            "form": self._model.form,
+            "horizon": self.horizon,
+            "nodes": self._solver_settings.nodes,
+            "period": self.period,
+            "iterations": self.iterations,
+            "delay": self.delay,
+            "budget": self.budget,
+        }
+
+    def initial_state(self, measurement: Measurement) -> PredictiveState:
+        """Return a motion that stands at the measured configuration."""
+        K, model = self._solver_settings.nodes, self._model
+        stand = along(model, np.repeat(np.asarray(measurement.q)[None], K + 1, axis=0), self.horizon)
+        gains = np.zeros((K, model.nu, model.nx))
+        return PredictiveState(0.0, stand.q, stand.w, stand.u, gains, -np.inf, 0, 0)
+
+    def step(self, t: float, measurement: Measurement, state: PredictiveState) -> tuple[Command, PredictiveState]:
+        now = Nodes(np.asarray(measurement.q)[None], np.asarray(measurement.v2)[None])
+        if t >= state.next_update - 1e-9:
+            state = self._updated(t, now, state)
+        u = self._input(t + self.delay, self._predicted(t, now, state), state)
+        if self._model.form == "dynamic":
+            return Command(T=u), state
+        return Command(F=self._reduced.inverse_dynamics(now.q[0], now.w[0], u)), state
+
+    def _updated(self, t: float, now: Nodes, state: PredictiveState) -> PredictiveState:
+        """State after an update of the motion, or with one more missed update."""
+        limit, begin = self.budget, time.process_time()
+        waiting = state._replace(next_update=t + self.period)
+        try:
+            at = self._shifted(t + self.delay, self._predicted(t, now, state), state)
+            self._problem.begin = t + self.delay
+            solver = SequentialQuadratic(self._problem, self._solver_settings)
+            for _ in range(self.iterations):
+                found = solver.iterate(at)
+                if found is None:
+                    break
+                at = found[0]
+            gains = feedback_gains(self._problem, at)
+        except RncError:
+            return waiting._replace(missed=state.missed + 1)
+        late = limit is not None and time.process_time() - begin > limit
+        if late or not (np.isfinite(at.u).all() and np.isfinite(gains).all()):
+            return waiting._replace(missed=state.missed + 1)
+        return PredictiveState(
+            t + self.delay, at.q, at.w, at.u, gains, t + self.period, state.updates + 1, state.missed
+        )
+
+    def _predicted(self, t: float, now: Nodes, state: PredictiveState) -> Nodes:
+        """State at the end of the delay, under the inputs of the last motion."""
+        if self.delay == 0.0:
+            return now
+        parts = max(1, int(np.ceil(self.delay / self._h)))
+        step = self.delay / parts
+        for k in range(parts):
+            u = self._input(t + k * step, now, state)
+            now = self._model.step(now, u[None], np.array([step]))
+        return now
+
+    def _planned(self, t: float, state: PredictiveState) -> tuple[Nodes, int]:
+        """State of the motion at a time, and its interval."""
+        since = min(max(t - state.begin, 0.0), self.horizon)
+        k = min(int(since / self._h), len(state.u) - 1)
+        start = Nodes(state.q[k : k + 1], state.w[k : k + 1])
+        return self._model.step(start, state.u[k : k + 1], np.array([since - k * self._h])), k
+
+    def _input(self, t: float, at: Nodes, state: PredictiveState) -> Array:
+        """Input with feedback at a time."""
+        planned, k = self._planned(t, state)
+        return state.u[k] + state.gains[k] @ self._model.difference(planned, at)[0]
+
+    def _shifted(self, begin: float, start: Nodes, state: PredictiveState) -> Iterate:
+        """Last motion from a new time on, from a new start; the last input repeats after its end."""
+        K = len(state.u)
+        q, w, u = [start.q[0]], [start.w[0]], []
+        now = Nodes(start.q, start.w)
+        for k in range(K):
+            time_k = begin + k * self._h
+            place = min(int(max(time_k - state.begin, 0.0) / self._h + 0.5), K - 1)
+            u.append(state.u[place])
+            planned = Nodes(state.q[place + 1][None], state.w[place + 1][None])
+            now = planned if k < K - 1 else self._model.step(now, u[-1][None], np.array([self._h]))
+            q.append(now.q[0])
+            w.append(now.w[0])
+        return Iterate(np.array(q), np.array(w), np.array(u), self.horizon)

@@ -1,0 +1,46 @@
+"""Model-predictive control in closed loop, with a delay, and when its budget is missed."""
+
+import numpy as np
+
+import rnc_pin as rnc
+import systems
+from rnc_pin.optimal import EffortCost, InputBound, OutputCost, PredictiveController, VelocityCost
+
+
+def controller_of(reduced, **options):
+    place = [rnc.FramePosition("sleigh", "xy"), rnc.FrameYaw("sleigh")]
+    costs = [
+        EffortCost(0.01),
+        VelocityCost(2.0, phase="both"),
+        OutputCost(place, [1.0, 0.0, 0.0], weight=10.0, phase="both"),
+    ]
+    return PredictiveController(reduced, costs, 2.0, nodes=15, bounds=[InputBound(-30.0, 30.0)], **options)
+
+
+def test_the_sleigh_reaches_its_goal_within_the_input_bounds():
+    reduced = systems.sleigh()
+    result = rnc.simulate(reduced, controller_of(reduced), reduced.robot.configuration(), 4.0, dt=0.02)
+    np.testing.assert_allclose(result.q[-1, :2], [1.0, 0.0], atol=0.03)
+    assert np.abs(result.T).max() <= 30.0 * (1 + 1e-2)
+
+
+def test_a_missed_budget_keeps_the_feedback_of_the_last_motion():
+    """Without time for a single update, the first motion stands still, and so does the sleigh."""
+    reduced = systems.sleigh()
+    controller = controller_of(reduced, budget=0.0)
+    measurement = reduced.at(reduced.robot.configuration(), np.zeros(2)).measure(np.zeros(2))
+    state = controller.initial_state(measurement)
+    for k in range(3):
+        command, state = controller.step(0.05 * k, measurement, state)
+        np.testing.assert_allclose(command.T, 0.0, atol=1e-12)
+    assert (state.updates, state.missed) == (0, 3)
+
+
+def test_prediction_over_the_delay_is_the_simulated_state():
+    """The first node of a motion with delay is where the sleigh is at the end of the delay."""
+    reduced = systems.sleigh()
+    controller = controller_of(reduced, delay=0.1, period=0.5)
+    moving = reduced.at(reduced.robot.configuration(), np.array([0.4, 0.0])).measure(np.zeros(2))
+    _, state = controller.step(0.0, moving, controller.initial_state(moving))
+    np.testing.assert_allclose(state.q[0][:2], [0.04, 0.0], atol=1e-3)  # coasting: no inputs before
+    assert state.begin == 0.1
