@@ -144,6 +144,11 @@ def drive(**given: Given) -> int:
 @click.option("--samples", type=click.IntRange(min=1), default=64, help="Sampled configurations.")
 @click.option("--seed", type=int, default=0, help="Random seed of the sampled configurations.")
 @click.option("--details", is_flag=True, help="Add the numbers of the paper: blocks of A*, condition of E, Lemma 1.")
+@click.option(
+    "--run",
+    type=click.Path(path_type=Path, exists=True),
+    help="Run of the scenario: effects of its controller's limits along this run, instead of at the start.",
+)
 @_json
 @_debug
 def inspect(**given: Given) -> None:

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
 from rnc_pin.analysis import analyze
 from rnc_pin.app.analysis_tables import print_report
+from rnc_pin.app.limit_states import examine_limits, sentences_of
 from rnc_pin.app.messages import print_json
 from rnc_pin.app.sentences import sentences
 from rnc_pin.scenario.builder import build_reduced, build_task
@@ -12,7 +18,7 @@ from rnc_pin.scenario.loading import validate
 
 
 def inspect_system(
-    system: str, options: tuple[str, ...], samples: int, seed: int, details: bool, as_json: bool
+    system: str, options: tuple[str, ...], samples: int, seed: int, details: bool, as_json: bool, run: Path | None
 ) -> None:
     """Print the analysis of a system."""
     path = find_scenario(system)
@@ -20,8 +26,11 @@ def inspect_system(
     built, reduced = build_reduced(checked, path.parent)
     task = build_task(checked, reduced)
     report = analyze(reduced, task.primary_names, task.redundant_names, samples, seed, task.vertical_names)
+    limits = examine_limits(checked, path.parent, run)
     if not as_json:
         print_report(system, reduced, task, report, details)
+        for line in sentences_of(limits):
+            click.echo(line)
         return
     content = {
         "system": system,
@@ -34,5 +43,7 @@ def inspect_system(
         "primary": list(task.primary_names),
         "redundant": list(task.redundant_names),
         **report.to_dict(),
+        "limit_effects": [asdict(each) for each in limits.effects],
+        "limits_not_examined": limits.problem,
     }
     print_json(content)
