@@ -118,6 +118,7 @@ def _frames(run: Trajectory, bodies: Sequence[GroundPath]) -> list[GroundPath]:
         for kind in ("x1", "x2")
         for column, name in enumerate(run.info.outputs.of(kind).names)
         if run.info.outputs.of(kind).units[column] == "m"
+        and not run.info.outputs.of(kind).is_integral(column)  # integrals along a body's own axes are no place
     }
     found = []
     for name, (kind, column) in columns.items():

@@ -153,6 +153,9 @@ def test_obstacles_of_the_scenario_are_avoided_at_rest_and_in_motion(tmp_path, p
     assert 0.015 < post.min() < 0.05
     assert 0.015 < walker.min() < 0.15
     np.testing.assert_allclose(run.trajectory.q[-1], [1.0, 0.0], atol=0.01)
+    run.trajectory.save(tmp_path / "run.npz")
+    kept = rnc.Trajectory.load(tmp_path / "run.npz").meta["controller"]
+    assert kept.get("target", kept)["limits"][-1]["obstacles"] == ["post", "walker"]
     hit = execute(plan(point(tmp_path, controller={**program, "limits": {"collision": None}}))).trajectory
     assert gaps(hit)[0].min() < -0.1
 

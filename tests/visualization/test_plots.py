@@ -25,6 +25,7 @@ from rnc_pin.visualization.panels import learning_panels, panels, split_names
 from rnc_pin.visualization.plots import plot_learning, plot_outputs, plot_run, plot_top_view
 from rnc_pin.visualization.recording import Recording
 from rnc_pin.visualization.top_view import GroundPath, ground_paths
+from systems import mecanum
 
 
 @pytest.fixture(scope="module")
@@ -366,3 +367,11 @@ def test_what_is_missing_is_named(recording, tmp_path, monkeypatch):
     with pytest.raises(rnc.ConfigurationError, match=r"ends in .mp4 or .gif"):
         capture.write_video(recording, tmp_path / "run.avi")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_integrals_of_speeds_are_no_path_on_the_ground():
+    """Of a Mecanum base, both speeds along its own axes are outputs; their integrals are metres, but no place."""
+    reduced = mecanum()
+    run = rnc.free_motion(reduced, reduced.robot.configuration(), [0.5, 0.2, 1.0], duration=0.2)
+    assert reduced.reducing.names[:2] == ("base_speed_x", "base_speed_y")
+    assert [path.name for path in ground_paths(run)] == ["root joint"]

@@ -235,7 +235,9 @@ def describe_settings(description: object) -> Json:
     found: dict[str, Json] = {"type": type(description).__name__}
     for each in fields(description):
         value = getattr(description, each.name)
-        if isinstance(value, np.ndarray | list | tuple):
+        if isinstance(value, list | tuple) and any(is_dataclass(item) for item in value):
+            found[each.name] = [str(getattr(item, "name", repr(item))) for item in value]
+        elif isinstance(value, np.ndarray | list | tuple):
             found[each.name] = np.asarray(value).tolist()
         elif value is None or isinstance(value, bool | int | float | str):
             found[each.name] = value
