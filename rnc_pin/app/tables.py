@@ -9,11 +9,17 @@ from rich.console import Console
 from rich.table import Table
 
 from rnc_pin.scenario.sweep_table import SweepStatistics
-from rnc_pin.simulation import Summary
+from rnc_pin.simulation import OutputNames, Summary
 
 
-def print_summary(summary: Summary) -> None:
-    """Print errors and invariants of a run."""
+def print_summary(summary: Summary, outputs: OutputNames | None = None) -> None:
+    """Print errors and invariants of a run.
+
+    Args:
+        summary: summary of the run.
+        outputs: outputs and inputs of the run, for their units.
+    """
+    units = _units(outputs or OutputNames())
     console = Console(markup=False, emoji=False)
     errors = Table(title=f"{summary['scenario']}: {summary['outcome']}", title_justify="left", title_style="bold")
     errors.add_column("output")
@@ -21,7 +27,7 @@ def print_summary(summary: Summary) -> None:
         errors.add_column(column, justify="right")
     for name in summary["final_error"]:
         figures = (each[name] for each in (summary["final_error"], summary["max_error"], summary["rms_error"]))
-        errors.add_row(name, *(f"{figure:.2e}" for figure in figures))
+        errors.add_row(name + units.get(name, ""), *(f"{figure:.2e}" for figure in figures))
     console.print(errors)
     invariants = Table(show_header=False, box=None, pad_edge=False)
     invariants.add_column()
@@ -31,21 +37,32 @@ def print_summary(summary: Summary) -> None:
         invariants.add_row(
             "simulation computed in", f"{summary['wall_time']:.2f} s ({summary['realtime_factor']:.1f} x real time)"
         )
-    invariants.add_row("constraint residual, largest", f"{summary['constraint_residual_max']:.1e}")
+    invariants.add_row("constraint residual, largest", f"{summary['constraint_residual_max']:.1e} m/s or rad/s")
     if summary["position_residual_max"]:
-        invariants.add_row("position residual, largest", f"{summary['position_residual_max']:.1e}")
+        invariants.add_row("position residual, largest", f"{summary['position_residual_max']:.1e} m or rad")
     if summary["energy_drift"] is not None:  # needs the work of the plant
-        invariants.add_row("energy less work, drift", f"{summary['energy_drift']:.1e}")
+        invariants.add_row("energy less work, drift", f"{summary['energy_drift']:.1e} of its range")
     if summary["min_singular_value"] is not None:
-        invariants.add_row("singular value of E, smallest", f"{summary['min_singular_value']:.3g}")
+        invariants.add_row("singular value of E, smallest", f"{summary['min_singular_value']:.3g} (0: singular)")
     if "off_tracking_max" in summary:
         invariants.add_row("trailer off the driven path, largest", f"{summary['off_tracking_max']:.1e} m")
     if summary["lift_off"] is not None:
         lowest = f"{summary['lift_off']['lowest']:.3g} N"
         invariants.add_row(f"normal force of {summary['lift_off']['contact']}, lowest", lowest)
+    inputs = dict(zip(outputs.T, outputs.T_units, strict=False)) if outputs else {}
     for name, figure in summary["max_input"].items():
-        invariants.add_row(f"input {name}, largest", f"{figure:.3g}")
+        invariants.add_row(f"input {name}, largest", f"{figure:.3g} {inputs.get(name, '')}".rstrip())
     console.print(invariants)
+
+
+def _units(outputs: OutputNames) -> dict[str, str]:
+    """Unit of each output in brackets, by name."""
+    return {
+        name: f" [{unit}]"
+        for columns in (outputs.x1, outputs.x2)
+        for name, unit in zip(columns.names, columns.units, strict=True)
+        if unit
+    }
 
 
 def print_files(folder: Path, names: Sequence[str]) -> None:

@@ -45,6 +45,10 @@ def find_scenario(name: str) -> Path:
         if name.lower().endswith(ROBOT_FILES):
             raise ConfigurationError(f"{name}: {_is_robot(name)}")
         return Path(name)
+    if name.lower().endswith((".yaml", ".yml")):
+        folder = Path(name).parent
+        there = sorted(each.name for each in folder.glob("*.y*ml")) if os.path.isdir(folder) else []
+        raise ConfigurationError(f"no scenario file '{name}'{nearest(Path(name).name, [*there, *built_in_names()])}")
     robots = robot_names()
     if name in robots:
         raise ConfigurationError(f"'{name}': {_is_robot(name)}")
@@ -93,7 +97,8 @@ def read_yaml(path: Path) -> dict[str, Json]:
     except yaml.YAMLError as error:
         raise ConfigurationError(f"{path}: not YAML: {str(error).splitlines()[0]}") from None
     if not isinstance(raw, dict):
-        raise ConfigurationError(f"{path}: expected a mapping with keys such as 'robot', found {short_text(raw)}")
+        found = "the file is empty" if raw is None else f"found {short_text(raw)}"
+        raise ConfigurationError(f"{path}: expected a mapping with keys such as 'robot'; {found}")
     return raw
 
 

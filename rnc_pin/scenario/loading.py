@@ -33,7 +33,7 @@ def admitted(model: type[_Model], raw: Mapping[str, Json], source: str) -> _Mode
         return model.model_validate(raw)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        raise ConfigurationError(f"{source}: {_explain(first)}") from None
+        raise ConfigurationError(f"{source}: {_explain(first).removeprefix(f'{_WHOLE}: ')}") from None
 
 
 def _explain(error: ErrorDetails) -> str:
@@ -66,6 +66,7 @@ def _explain(error: ErrorDetails) -> str:
     return f"{where}: {message}, found {short_text(error['input'])}"
 
 
+_WHOLE = "(top level)"  # place of an error of the whole file; it is not shown
 _UNION_MEMBERS = {"float", "str", "list[float]", "constrained-list", "name", "unknown_masses", "unknown_wheels"}
 
 
@@ -78,4 +79,4 @@ def _path(location: Sequence[str | int]) -> str:
         elif part != previous and part not in _UNION_MEMBERS and not (previous == "controller" and part in TYPES):
             text += f".{part}" if text else part
         previous = part
-    return text or "(top level)"
+    return text or _WHOLE

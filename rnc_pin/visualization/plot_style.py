@@ -109,6 +109,17 @@ def color_of(k: int, count: int, run: int) -> str:
     return COLORS[k % len(COLORS)] if count > 1 else COLORS[(run + 1) % len(COLORS)]
 
 
+def pale(color: str) -> str:
+    """Colour half way to white."""
+    red, green, blue = (int(color[k : k + 2], 16) for k in (1, 3, 5))
+    return f"#{(red + 255) // 2:02x}{(green + 255) // 2:02x}{(blue + 255) // 2:02x}"
+
+
+def scaled(style: Dashes, width: float) -> Dashes:
+    """Dash pattern with dashes as long on a line of this width [points] as on one of 1.5 points."""
+    return style[0], tuple(1.5 * length / width for length in style[1])
+
+
 def dashes(labels: Iterable[str]) -> Iterable[tuple[Dashes, str]]:
     """Pairs of dash pattern and label."""
     return zip(cycle(DASHES), labels, strict=False)

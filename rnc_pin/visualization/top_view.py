@@ -21,6 +21,7 @@ _MARKS = 12  # heading marks along a path: eleven equal parts, so that marks of 
 _TURN = 0.15  # distance between marks that is equivalent to a rotation of 1 rad, over the extent of the path
 _SAME = 1e-3  # largest distance between two paths that count as one, over the extent
 _SMALLEST = 0.05  # smallest half width and half height of the picture [m]
+_WIDE = 4.5  # width of the path of a compared run [points]
 _BODY, _EDGE = "0.8", "0.45"  # grey of obstacles and of their outlines
 _POINTER = Path([(1.2, 0.0), (-0.8, 0.62), (-0.45, 0.0), (-0.8, -0.62), (1.2, 0.0)], closed=True)
 
@@ -170,14 +171,15 @@ def draw_top_view(axes: Axes, run: Trajectory, others: Others) -> list[ps.Legend
 
 
 def _compared(axes: Axes, paths: Sequence[GroundPath], others: Others) -> list[ps.LegendEntry]:
+    """Draw other runs as wide pale lines below the run, so that both are visible where they coincide."""
     entries = []
     for j, (style, label) in enumerate(ps.dashes(others)):
         lines = []
         for path in ground_paths(others[label]):
             names = [each.name for each in paths]
             if path.name in names:
-                color = ps.color_of(names.index(path.name), len(names), j)
-                lines += axes.plot(*path.points.T, color=color, ls=style, lw=1.4)
+                color = ps.pale(ps.color_of(names.index(path.name), len(names), j))
+                lines += axes.plot(*path.points.T, color=color, ls=ps.scaled(style, _WIDE), lw=_WIDE, zorder=1.5)
         if lines:
             entries.append(ps.LegendEntry(label, lines))
     return entries

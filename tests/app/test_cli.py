@@ -175,6 +175,22 @@ def test_a_run_says_what_it_is_doing_and_how_long_it_took(first_run):
     assert elapsed > parsed((folder / "summary.json").read_text())["wall_time"]
 
 
+def test_printed_figures_have_units(first_run):
+    """Those of the arrays in the file."""
+    process, folder = first_run
+    meta = parsed(str(arrays(folder / "trajectory.npz")["meta"]))
+    text = process.stdout
+    for name, unit in zip(meta["names"]["x2"], meta["units"]["x2"], strict=True):
+        assert f"{name} [{unit}]" in text or name not in parsed((folder / "summary.json").read_text())["final_error"]
+    for line in text.splitlines():
+        if line.startswith("input "):
+            assert line.endswith(" N m")
+        if line.startswith("constraint residual"):
+            assert line.endswith(" m/s or rad/s")
+    assert "tip_x [m]" in text
+    assert "input joint_1, largest" in text
+
+
 def test_progress_tells_runs_and_pictures_apart(tmp_path, monkeypatch):
     # Drawing takes long, and its progress comes before it.
     monkeypatch.setattr("rnc_pin.scenario.pictures._writer", lambda name: lambda *_: True)

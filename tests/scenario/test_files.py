@@ -408,8 +408,8 @@ def test_a_mistake_is_named_in_one_line(changes, words, tmp_path):
 
 
 TEXTS = {
-    "empty": ("", ["expected a mapping", "None"]),
-    "only a remark": ("# nothing\n", ["expected a mapping", "None"]),
+    "empty": ("", ["expected a mapping", "the file is empty"]),
+    "only a remark": ("# nothing\n", ["expected a mapping", "the file is empty"]),
     "list": ("- robot\n- task\n", ["expected a mapping", "['robot', 'task']"]),
     "word": ("robot\n", ["expected a mapping", "'robot'"]),
     "bracket left open": ("seed: 1\nrobot: {urdf: a\ntask: b\n", ["line 3"]),
@@ -446,12 +446,26 @@ def test_a_file_that_is_no_text_is_refused(tmp_path):
     [
         ("space-robt", "did you mean 'space-robot'?"),
         ("nowhere/mine.yaml", "'nowhere/mine.yaml'"),
+        ("space-robot.yaml", "no scenario file 'space-robot.yaml'; did you mean 'space-robot'?"),
+        ("no\0where/mine.yaml", "no scenario file"),
         ("", "neither built in nor a file"),
         ("/", "neither built in nor a file"),
     ],
 )
 def test_a_scenario_that_is_not_there_is_refused(name, words):
     assert words in refusal(lambda: find_scenario(name))
+
+
+def test_a_scenario_file_that_is_not_there_is_sought_beside(tmp_path):
+    (tmp_path / "mine.yaml").write_text("title: mine\n")
+    words = refusal(lambda: find_scenario(str(tmp_path / "mien.yaml")))
+    assert words == f"no scenario file '{tmp_path}/mien.yaml'; did you mean 'mine.yaml'?"
+
+
+def test_a_key_that_is_not_known_is_named_without_a_place():
+    raw = with_options(read_yaml(find_scenario("space-robot")), {"controler.type": "x"})
+    words = refusal(lambda: validate(raw, "mine.yaml"))
+    assert words == "mine.yaml: 'controler' is not known; did you mean 'controller'?"
 
 
 @pytest.mark.parametrize(

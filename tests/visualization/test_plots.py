@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import yaml
 from matplotlib import image
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.path import Path as MarkerPath
@@ -263,6 +264,32 @@ def test_legends_show_the_lines_as_they_are(drive):
             assert len(shown) >= len(axes.get_legend().get_texts())
             for line in shown:
                 assert (line.get_color(), line._dash_pattern[1] and len(line._dash_pattern[1])) in drawn
+
+
+def test_a_compared_path_is_visible_where_it_coincides_with_that_of_the_run(drive):
+    """Around the run's own line, also in print: a run beside itself has pixels of the lighter colour along its path."""
+    run, _ = drive
+    alone, both = plot_top_view(run), plot_top_view(run, None, {"itself": run})
+    name = plot_style.color_of(0, len(ground_paths(run)), 0)
+    color, lighter = (
+        np.array([int(each[k : k + 2], 16) for k in (1, 3, 5)])
+        for each in (plot_style.COLORS[0], plot_style.pale(name))
+    )
+    assert lighter.mean() > color.mean() + 30
+    pixels = [_pixels_of(figure, lighter) for figure in (alone, both)]
+    assert pixels[1] > 500
+    assert pixels[0] < pixels[1] / 10  # a few on the smoothed edges of the dark line
+    assert _pixels_of(both, color) > 500
+
+
+def _pixels_of(figure, color):
+    """Number of pixels of a colour in the axes, without the legend."""
+    figure.set_dpi(100)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    box = figure.axes[0].get_window_extent().extents.astype(int)
+    picture = np.asarray(canvas.buffer_rgba())[::-1][box[1] : box[3], box[0] : box[2], :3].astype(int)
+    return int((np.abs(picture - color).max(axis=-1) < 8).sum())
 
 
 def test_no_panel_has_more_lines_than_can_be_told_apart(drive):

@@ -66,7 +66,7 @@ def replay_runs(
         _show(first, speed, browser, host)
     if not show and frames is None and not any(files.values()):
         for run in runs:
-            print_summary(summarize(run.trajectory))
+            print_summary(summarize(run.trajectory), run.trajectory.info.outputs)
 
 
 def _show(run: Run, speed: float, browser: bool, host: str) -> None:

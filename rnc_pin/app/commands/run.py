@@ -54,7 +54,7 @@ def run_scenario(
                 written = write(prepared, result, fresh)
             folder.keep_so_far()
             if not as_json:
-                print_summary(result.summary)
+                print_summary(result.summary, result.trajectory.info.outputs)
             with folder.writing() as fresh:
                 drawn = _drawn(
                     prepared, result, fresh, artists, quiet=as_json
