@@ -14,7 +14,7 @@ import numpy as np
 import rnc_pin as rnc
 from benchmarks.whole_body import model as tiago
 from rnc_pin.errors import InfeasibleError
-from rnc_pin.optimal import EffortCost, InputBound, OutputBound, SolverSettings, VelocityBound
+from rnc_pin.optimal import InputBound, OutputBound, SolverSettings, VelocityBound
 from rnc_pin.optimal.guesses import along
 from rnc_pin.optimal.planner import build_problem
 from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic
@@ -69,45 +69,15 @@ def iteration() -> None:
         print(f"  {name:20s} no active bound {free:6.1f}   bound {limit:g} on inputs {bound:6.1f}")
 
 
-def dubins_length(x: float, y: float, heading: float) -> float:
-    """Length of the shortest forward path with turning radius 1 from the origin (Dubins 1957), in closed form."""
-    d, theta = np.hypot(x, y), np.arctan2(y, x)
-    a, b = (-theta) % (2 * np.pi), (heading - theta) % (2 * np.pi)
-    found = []
-    for left in (1, -1):  # turns of one direction: LSL and RSR
-        p, q = left * a, left * b
-        square = 2 + d**2 - 2 * np.cos(p - q) + 2 * d * (np.sin(p) - np.sin(q))
-        if square >= 0:
-            turn = np.arctan2(np.cos(q) - np.cos(p), d + np.sin(p) - np.sin(q))
-            found.append((turn - p) % (2 * np.pi) + np.sqrt(square) + (q - turn) % (2 * np.pi))
-        square = -2 + d**2 + 2 * np.cos(p - q) + 2 * d * (np.sin(p) + np.sin(q))
-        if square >= 0:  # LSR and RSL
-            middle = np.sqrt(square)
-            turn = np.arctan2(-np.cos(p) - np.cos(q), d + np.sin(p) + np.sin(q)) - np.arctan2(-2.0, middle)
-            found.append((turn - p) % (2 * np.pi) + middle + (turn - q) % (2 * np.pi))
-    return float(min(found))
-
-
 def optima() -> None:
     reduced = knife_edge()
     start = reduced.robot.configuration()
-    settings = SolverSettings(nodes=30, iterations=60)
     print("known optima: found, exact")
-    forward = [VelocityBound([1.0, -1.0], [1.0, 1.0])]
-    for x, y, heading in ((4.0, 3.0, 0.5), (5.0, -2.0, 1.0), (4.0, -1.0, -1.2)):
-        goal = {rnc.FramePosition("sleigh", "xy"): [x, y], rnc.FrameYaw("sleigh"): heading}
-        exact = dubins_length(x, y, heading)
-        try:
-            plan = rnc.optimal.plan(
-                reduced, start, goal, (0.5 * exact, 3 * exact), form="kinematic", bounds=forward, settings=settings,
-                costs=[EffortCost({"sleigh_yaw": 1e-3})], time_weight=1.0, seeds=4,
-            )  # fmt: skip
-            print(f"  Dubins to ({x:g}, {y:g}, {heading:.3g}): {plan.duration:.4f} {exact:.4f}", flush=True)
-        except InfeasibleError as error:
-            print(f"  Dubins to ({x:g}, {y:g}, {heading:.3g}): {error}")
     goal = {rnc.FramePosition("sleigh", "xy"): [1.0, 0.0], rnc.FrameYaw("sleigh"): 0.0}
     plan = rnc.optimal.plan(reduced, start, goal, 2.0)
     print(f"  least squared acceleration over 1 m in 2 s: {plan.info.cost:.5f} {0.75:.5f}")
+    plan = rnc.optimal.plan(reduced, start, goal, (0.5, 10.0), time_weight=2.0)
+    print(f"  free duration, effort against time: {plan.duration:.4f} {9.0**0.25:.4f}")
 
 
 def parking() -> None:
