@@ -46,6 +46,7 @@ FAST = {"free-flying-arm": 0.002, "tiago": 0.004, "unicycle": 0.004}
 def summary_of(name, compared=False, **options):
     prepared = plan(name, {**options, "plots": {}} if compared else {**options, "comparisons": {}, "plots": {}})
     its_gains_are_recorded(prepared)
+    assert "controller.preset" in options or prepared.experiment.warnings == ()
     result = execute(prepared, measure_limits=True)
     assert result.error is None
     assert result.summary["outcome"] == "completed"
