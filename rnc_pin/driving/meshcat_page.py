@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import Any
 
 import meshcat.geometry as mg
@@ -14,13 +14,11 @@ from rnc_pin.driving.drive_log import CommandQueue
 from rnc_pin.driving.drive_plan import DrivePlan
 from rnc_pin.driving.drive_status import DriveStatus
 from rnc_pin.driving.limit_bodies import LimitBodies
+from rnc_pin.driving.live_drive import LiveDrive
 from rnc_pin.io.json import Json
-from rnc_pin.scenario.saved_run import view_of
-from rnc_pin.simulation import RunInfo, Sample
-from rnc_pin.visualization.browser.access import LOOPBACK
+from rnc_pin.simulation import RunInfo
 from rnc_pin.visualization.drawn_model import DrawnModel
 from rnc_pin.visualization.drawn_state import DrawnState
-from rnc_pin.visualization.live import LiveView
 from rnc_pin.visualization.view import View
 from rnc_pin.visualization.viewers import MeshcatViewer
 
@@ -110,51 +108,10 @@ class DrivenMeshcatViewer(MeshcatViewer):
         self._marked = self._marked or goal is not None
 
 
-class MeshcatDrivePage:
-    """Page of a driven run, as a watcher of ``drive``.
+class MeshcatDrivePage(LiveDrive):
+    """Page of a driven run in Meshcat."""
 
-    Args:
-        prepared: the run.
-        queue: queue for the commands of the page.
-        title: title of the page.
-        open_browser: True to open the page immediately.
-    """
-
-    def __init__(self, prepared: DrivePlan, queue: CommandQueue, title: str, open_browser: bool) -> None:
-        experiment = prepared.plan.experiment
-        reduced = experiment.reduced
-        drawn = DrawnModel(reduced.robot, reduced, experiment.obstacles)
-        goals = tuple(reduced.vertical.names)
-        info = RunInfo(drawn.outputs, goals, provenance=experiment.provenance)
-        view = view_of(experiment.scenario)
-        view = replace(view, hide=[*view.hide, "reference", "constraint forces"])
-        self._viewer: DrivenMeshcatViewer
-
-        def viewer(drawn: DrawnModel, view: View, info: RunInfo, host: str, title: str) -> DrivenMeshcatViewer:
-            self._viewer = DrivenMeshcatViewer(prepared, queue, drawn, view, info, host, title)
-            return self._viewer
-
-        self.live = LiveView(drawn, view, info, 0.0, open_browser, LOOPBACK, title, viewer)
-        self.url = self.live.url
-
-    def wait_for_browser(self, timeout: float) -> bool:
-        """Wait up to ``timeout`` [s] for a browser. Return True if one is connected."""
-        return self.live.wait_for_browser(timeout)
-
-    def show(self, sample: Sample, status: DriveStatus | None) -> None:
-        """Show a sample and, if there is one, a status."""
-        if status is not None:
-            self._viewer.status = status
-        self.live(sample)
-
-    @property
-    def problem(self) -> Exception | None:
-        """Error that stopped the page, but not the run."""
-        return self.live.problem
-
-    def close(self) -> None:
-        """Draw the last sample, and stop serving."""
-        self.live.close()
+    kind = DrivenMeshcatViewer
 
 
 def controls_entry(prepared: DrivePlan, ground: float) -> dict[str, Json]:
