@@ -13,7 +13,8 @@
   const secret = location.hash.slice(1);
   const socket = new WebSocket("ws://" + location.host + "/commands");
   socket.onopen = () => socket.send(JSON.stringify({ secret }));
-  socket.onclose = () => say_offline();
+  let offline = false;
+  socket.onclose = () => { offline = true; show_messages(); };
   const send = (command) => {
     if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(command));
   };
@@ -96,6 +97,7 @@
     for (const gain in given.gains) {
       slider(more, gain, given.gains[gain], (value) => ({ kind: "gain", gain, value }));
     }
+    show_messages();
   }
 
   function lines(list, texts, kind) {
@@ -111,13 +113,15 @@
     parts.factor.textContent = given.factor.toFixed(2) + " x";
     parts.factor.classList.toggle("late", given.factor < 0.95);
     lines(parts.limits, given.limits);
-    lines(parts.messages, given.messages, "goal");
+    show_messages();
     for (const joint in given.posture) parts.joints[joint](given.posture[joint]);
     highlight(new Set(given.highlighted));
   }
 
-  function say_offline() {
-    if (parts.messages) lines(parts.messages, ["the run has ended, or this page may only watch"], "goal");
+  function show_messages() {
+    if (!parts.messages) return;  // the controls have not come yet
+    const ended = offline ? ["the run has ended, or this page may only watch"] : [];
+    lines(parts.messages, [...ended, ...(status ? status.messages : [])], "goal");
   }
 
   // ---- colours of limits
