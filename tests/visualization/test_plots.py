@@ -277,9 +277,8 @@ def test_a_compared_path_is_visible_where_it_coincides_with_that_of_the_run(driv
     )
     assert lighter.mean() > color.mean() + 30
     pixels = [_pixels_of(figure, lighter) for figure in (alone, both)]
-    assert pixels[1] > 500
-    assert pixels[0] < pixels[1] / 10  # a few on the smoothed edges of the dark line
-    assert _pixels_of(both, color) > 500
+    assert pixels[1] > 4 * pixels[0]  # the smoothed edges of the dark line have a few, too
+    assert _pixels_of(both, color) > 0.9 * _pixels_of(alone, color) > 100  # it hides nothing of the run's own line
 
 
 def _pixels_of(figure, color):
