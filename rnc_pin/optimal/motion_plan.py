@@ -193,7 +193,7 @@ class MotionPlan:
 
     @classmethod
     def load(cls, path: str | Path) -> MotionPlan:
-        """Read a file of ``save``.
+        """Read a file of ``save`` from a path.
 
         Raises:
             ConfigurationError: the file does not exist, or is not a plan.
