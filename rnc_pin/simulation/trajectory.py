@@ -111,7 +111,7 @@ class Trajectory(SummaryMixin):
     def deferred(
         cls, arrays: Mapping[str, np.ndarray], derive: Callable[[], Mapping[str, np.ndarray]], info: RunInfo
     ) -> Trajectory:
-        """Return a run whose other arrays are computed at their first use, all by one call of ``derive``."""
+        """Return a run with arrays and info, whose other arrays one call of ``derive`` computes at their first use."""
         run = object.__new__(cls)
         vars(run).update(arrays, info=info, _derive=derive)
         return run
