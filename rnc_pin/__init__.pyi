@@ -65,6 +65,7 @@ from .model.system import NonholonomicSystem
 from .model.task import Task
 from .optimal import MotionPlan, tvlqr
 from .outputs import (
+    CenterOfMass,
     Distance,
     FrameAngularVelocity,
     FrameOrientation,
@@ -97,6 +98,7 @@ from .version import __version__
 __all__ = [
     "AckermannSteering",
     "Caster",
+    "CenterOfMass",
     "ConfigurationError",
     "ConstraintError",
     "ControlLoop",

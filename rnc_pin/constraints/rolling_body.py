@@ -11,7 +11,7 @@ from rnc_pin.constraints.body_shapes import BodyShape
 from rnc_pin.constraints.ground_plane import GroundPlane
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.components import cross
-from rnc_pin.math.linear_algebra import apply, apply_transposed, complex_step
+from rnc_pin.math.linear_algebra import apply, apply_transposed, complex_step, cross_columns
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.mechanisms import Phrases
 from rnc_pin.model.offset_frame import triple
@@ -132,7 +132,7 @@ class _RollingBodyRows(Rows):
         return self._rows(at.jacobian(self._frame), self._contact_arm(at))
 
     def _rows(self, J: np.ndarray, arm: np.ndarray) -> np.ndarray:
-        contact = J[..., :3, :] - _cross_columns(arm, J[..., 3:, :])
+        contact = J[..., :3, :] - cross_columns(arm, J[..., 3:, :])
         rows = self._axes @ contact
         return rows if self._pivots else np.concatenate([rows, self._turns(J)], axis=-2)
 
@@ -143,7 +143,7 @@ class _RollingBodyRows(Rows):
         rotation, arm, J = at.rotation(self._frame), self._contact_arm(at), at.jacobian(self._frame)
         arm_rate = self._arm_rate(rotation, arm, at.velocity(self._frame)[..., 3:])
         rows = self._rows(at.jacobian_dot(self._frame), arm)
-        rows[..., :3, :] -= self._axes @ _cross_columns(arm_rate, J[..., 3:, :])
+        rows[..., :3, :] -= self._axes @ cross_columns(arm_rate, J[..., 3:, :])
         return rows
 
     def rate(self, at: PositionKinematics) -> np.ndarray:
@@ -207,10 +207,3 @@ class _RollingBodyRows(Rows):
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Vector product (..., 3); of two vectors without the overhead of NumPy's."""
     return np.array(cross(a.tolist(), b.tolist())) if a.ndim == b.ndim == 1 else np.cross(a, b)
-
-
-def _cross_columns(vector: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Vector product of a vector (..., 3) and each column (..., 3, k)."""
-    if vector.ndim == 1:
-        return np.asarray(pin.skew(vector) @ columns)
-    return np.cross(vector[..., :, None], columns, axis=-2)

@@ -78,6 +78,14 @@ def product(left: np.ndarray, right: np.ndarray) -> np.ndarray:
     return left @ right
 
 
+def cross_columns(vector: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Vector product of a vector (..., 3) and each column (..., 3, k)."""
+    if vector.ndim > 1:
+        return np.cross(vector[..., :, None], columns, axis=-2)
+    x, y, z = vector.tolist()
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ columns
+
+
 def null_space(matrix: np.ndarray) -> np.ndarray:
     """Orthonormal basis (n, n - rank) of the null space of (m, n)."""
     if not len(matrix):

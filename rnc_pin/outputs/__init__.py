@@ -1,5 +1,6 @@
 """Reducing and vertical outputs: one file for each kind."""
 
+from rnc_pin.outputs.center_of_mass import CenterOfMass
 from rnc_pin.outputs.custom import Output
 from rnc_pin.outputs.distance import Distance
 from rnc_pin.outputs.frame_angular_velocity import FrameAngularVelocity
@@ -14,6 +15,7 @@ from rnc_pin.outputs.relative_angle import RelativeAngle
 from rnc_pin.outputs.relative_angular_velocity import RelativeAngularVelocity
 
 __all__ = [
+    "CenterOfMass",
     "Distance",
     "FrameAngularVelocity",
     "FrameOrientation",

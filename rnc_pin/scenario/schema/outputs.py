@@ -8,6 +8,7 @@ from pydantic import Field
 
 from rnc_pin.model.rows import OutputKind
 from rnc_pin.outputs import (
+    CenterOfMass,
     Distance,
     FrameAngularVelocity,
     FrameOrientation,
@@ -31,6 +32,7 @@ OutputItem = Annotated[
         frame_orientation=Entry(FrameOrientation, only="frame"),
         frame_yaw=Entry(FrameYaw, only="frame"),
         distance=Distance,
+        center_of_mass=CenterOfMass,
         frame_speed=FrameSpeed,
         frame_angular_velocity=Entry(FrameAngularVelocity, required=("axis",)),
         frame_tilt=Entry(FrameTilt, required=("axis",)),

@@ -1,0 +1,84 @@
+"""The centre of mass beside Pinocchio's own, and differences."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.model.kinematics import Kinematics
+from tolerances import FINITE_DIFFERENCE, ROUNDING
+
+STEP = 1e-4  # [s]; differences of the fourth order
+ROBOTS = {
+    "floating arm": lambda: rnc.Robot.from_urdf("floating_arm.urdf", base="free", gravity=(0, 0, 0)),
+    "bicycle": lambda: rnc.Robot.from_urdf("bicycle.urdf", base="free"),
+    "truck": lambda: rnc.Robot.from_urdf("fire_truck.urdf", base="planar"),
+}
+
+
+def rate(robot, function, q, v):
+    """Rate of an array along v, by differences."""
+    near, far = (
+        (function(pin.integrate(robot.model, q, h * v)) - function(pin.integrate(robot.model, q, -h * v))) / (2 * h)
+        for h in (STEP, 2 * STEP)
+    )
+    return (4 * near - far) / 3
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_centre_of_mass_is_pinocchios(name):
+    robot = ROBOTS[name]()
+    rows, kinematics = rnc.CenterOfMass().bind(robot), Kinematics(robot)
+    assert rows.names == ("center_of_mass_x", "center_of_mass_y", "center_of_mass_z")
+    generator, data = np.random.default_rng(5), robot.model.createData()
+    for _ in range(3):
+        q, v = robot.random_configuration(generator), generator.normal(size=robot.nv)
+        at = kinematics.position(q).with_velocity(v)
+        pin.centerOfMass(robot.model, data, q, v, np.zeros(robot.nv))
+        np.testing.assert_allclose(rows.value(at), data.com[0], atol=ROUNDING)
+        np.testing.assert_allclose(rows.jacobian(at) @ v, data.vcom[0], atol=ROUNDING)
+        np.testing.assert_allclose(rows.bias_acceleration(at), data.acom[0], atol=100 * ROUNDING)
+        np.testing.assert_allclose(rows.jacobian(at), pin.jacobianCenterOfMass(robot.model, data, q), atol=ROUNDING)
+        slope = rate(robot, lambda p: rows.jacobian(kinematics.position(p)), q, v)
+        np.testing.assert_allclose(rows.jacobian_dot(at), slope, atol=FINITE_DIFFERENCE)
+
+        def bias(p, v=v):
+            return rows.bias_acceleration(kinematics.position(p).with_velocity(v))
+
+        gradient = np.transpose([rate(robot, bias, q, each) for each in np.eye(robot.nv)])
+        np.testing.assert_allclose(rows.bias_acceleration_gradient(at), gradient, atol=20 * FINITE_DIFFERENCE)
+        many = kinematics.position(np.stack([q, q])).with_velocity(np.stack([v, -v]))
+        for each in (rows.value, rows.jacobian, rows.bias_acceleration):
+            np.testing.assert_allclose(each(many), np.stack([each(at)] * 2), atol=ROUNDING)
+        np.testing.assert_allclose(rows.jacobian_dot(many)[1], -rows.jacobian_dot(at), atol=ROUNDING)
+
+
+def test_a_free_robot_moves_its_centre_of_mass_as_gravity_says():
+    """As a reducing output it obeys Newton's law: no torque of a joint moves it."""
+    model = rnc.Robot.from_urdf("floating_arm.urdf", base="free").model.copy()
+    model.gravity.linear = np.array([0.0, 0.0, -1.6])
+    robot = rnc.Robot(model)
+    others = [*(rnc.FrameAngularVelocity("satellite", axis) for axis in "xyz"), rnc.JointPosition("shoulder")]
+    system = rnc.NonholonomicSystem(robot, [], ["shoulder", "elbow"])
+    reduced = system.reduce([rnc.CenterOfMass(), *others, rnc.JointPosition("elbow")])
+    generator = np.random.default_rng(0)
+    q, v2 = robot.random_configuration(generator), generator.normal(size=8)
+    found = reduced.forward_dynamics(q, v2, [3.0, -2.0])
+    np.testing.assert_allclose(found[:3], [0.0, 0.0, -1.6], atol=1e-10)
+    np.testing.assert_allclose(
+        rnc.analysis.derivatives.state_derivatives(reduced, q, v2, [3.0, -2.0]).v2_dot_q[:3], 0, atol=1e-8
+    )
+
+
+def test_axes_of_a_centre_of_mass():
+    robot = ROBOTS["truck"]()
+    assert rnc.CenterOfMass("yx").bind(robot).names == ("center_of_mass_y", "center_of_mass_x")
+    with pytest.raises(
+        rnc.ConfigurationError, match="axes 'xx' of the centre of mass: name each of x, y, z at most once"
+    ):
+        rnc.CenterOfMass("xx").bind(robot)
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "hinge")
+    model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
+    with pytest.raises(rnc.ModelError, match="body behind joint 'hinge' has no frame"):
+        rnc.CenterOfMass().bind(rnc.Robot(model))
