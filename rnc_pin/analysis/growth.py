@@ -9,13 +9,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 import scipy
 
 from rnc_pin.analysis.bracket_jets import BracketJets, Jets
-from rnc_pin.errors import SingularityError
+from rnc_pin.errors import InfeasibleError, SingularityError
 from rnc_pin.io.json import Json
 from rnc_pin.model.reduced_model import ReducedModel
 
@@ -29,6 +31,8 @@ _FADES = 0.2  # smallest ratio of the sizes of two successive levels, over the f
 _ACCURATE = 1e-8  # relative error of a level below which no shorter time is tried
 _SHALLOW = 3  # order that is sufficient for most systems
 _DEEPEST = 12
+_NEARBY, _AWAY = 3, 0.3  # configurations nearby, and their distance from a configuration [rad or m]
+_SPREAD = 0.8  # of random configurations [rad or m]
 _FEWEST, _MOST, _AGREEING = 8, 32, 3  # samples: least number, largest number, and number that must agree to stop
 
 
@@ -44,6 +48,8 @@ class Growth:
     """Smallest singular value that counts as a direction, over the largest that might be an error."""
     doubtful: bool
     """True if a direction is neither clearly present nor clearly absent, as next to singular configurations."""
+    cut: bool = False
+    """True if the search ended at the deepest brackets, with directions missing that other configurations have."""
 
 
 @dataclass(frozen=True)
@@ -88,13 +94,43 @@ class GrowthEvidence:
 
 
 def growth_vector(reduced: ReducedModel, q: np.ndarray) -> tuple[int, ...]:
-    """Dimensions of span(R), with first brackets, with second brackets, ... until they stop growing.
+    """Dimensions of span(R), with first brackets, with second brackets, ... at a configuration, singular ones included.
+
+    At singular configurations a level may add nothing, and a deeper one something: (2, 3, 4, 4, 5). The search ends at
+    the dimension that configurations nearby reach. If the dimension is n, the length of the vector is the degree of
+    nonholonomy (Jean, ESAIM: Control, Optimisation and Calculus of Variations 1, 1996).
 
     Args:
         reduced: the model.
-        q: a configuration (nq,) at which the dimensions are the generic ones.
+        q: a configuration (nq,).
+
+    Raises:
+        SingularityError: q is singular.
+        InfeasibleError: brackets of depth 13 or more would be needed, or the precision is not sufficient.
     """
-    return grow(reduced, q).vector
+    found = grow(reduced, q, _generic_dimension(reduced, q))
+    if found.cut:
+        raise InfeasibleError(
+            f"growth vector: brackets up to depth {_DEEPEST + 1} give the dimensions {found.vector}, and generic "
+            "configurations reach more: the others are deeper, or too small for the precision"
+        )
+    return found.vector
+
+
+def _generic_dimension(reduced: ReducedModel, q: np.ndarray) -> int:
+    """Largest dimension that all brackets reach at configurations near q and at random ones."""
+    generator, R = np.random.default_rng(0), reduced.at(q).R
+    steps = [R @ generator.normal(size=reduced.r) for _ in range(_NEARBY)]
+    near = [pin.integrate(reduced.robot.model, q, _AWAY * step / np.linalg.norm(step)) for step in steps]
+    chosen = [reduced.assembled(each) for each in near]
+    chosen += [reduced.random_configuration(generator, _SPREAD) for _ in range(_FEWEST)]
+    reached = 0
+    for each in chosen:
+        with suppress(SingularityError):
+            reached = max(reached, grow(reduced, each).vector[-1])
+        if reached == reduced.n:
+            break
+    return reached
 
 
 def generic_growth(
@@ -135,7 +171,7 @@ def _largest(vectors: Sequence[tuple[int, ...]]) -> tuple[int, ...]:
     return tuple(whole[: whole.index(whole[-1]) + 1])
 
 
-def grow(reduced: ReducedModel, q: np.ndarray) -> Growth:
+def grow(reduced: ReducedModel, q: np.ndarray, reach: int = 0) -> Growth:
     """Return the filtration of span(R) at q, and its involutive closure.
 
     Vector fields are written in the tangent space at q. There the moving frames of planar, spherical and free-flying
@@ -147,7 +183,8 @@ def grow(reduced: ReducedModel, q: np.ndarray) -> Growth:
 
     Args:
         reduced: the model.
-        q: a configuration (nq,) at which the dimensions are the generic ones.
+        q: a configuration (nq,).
+        reach: dimension up to which levels that add nothing do not end the search; by default the first one does.
 
     Raises:
         ConstraintError: a joint type has no known bracket.
@@ -156,19 +193,26 @@ def grow(reduced: ReducedModel, q: np.ndarray) -> Growth:
     jets = BracketJets(reduced, q)
     basis, margin, rejected = _with_first_brackets(scipy.linalg.orth(jets.generators), jets.pairs())
     first = (reduced.r, basis.shape[1])
-    deepest = min(reduced.n - first[1], _DEEPEST)
-    if first[0] == first[1] or not deepest:
+    deepest = _DEEPEST if reach > first[1] else min(reduced.n - first[1], _DEEPEST)
+    if first[1] >= reach and (first[0] == first[1] or not deepest):
         doubtful = first[1] < reduced.n and rejected > _SMALLEST
         return Growth(first[: 1 + (first[1] > first[0])], basis, margin, doubtful)
     found = None
-    for order in sorted({min(_SHALLOW, deepest), deepest}):
-        found = _deeper(jets, basis, order, rejected)
-        if len(found.dimensions) < order or found.dimensions[-1] == reduced.n:
+    for order in sorted({min(_SHALLOW, deepest), min(2 * _SHALLOW, deepest) if reach else deepest, deepest}):
+        found = _deeper(jets, basis, order, rejected, reach)
+        if len(found.dimensions) < order or found.dimensions[-1] in (reduced.n, reach):
             break
     assert found is not None
     vector = (*first, *found.dimensions)
-    cut = len(found.dimensions) == _DEEPEST and vector[-1] < reduced.n
-    return Growth(vector, found.basis, min(margin, found.margin), found.doubtful or cut)
+    longest = len(found.dimensions) == _DEEPEST
+    last = vector.index(vector[-1]) + 1  # the levels after it add nothing
+    return Growth(
+        vector[: max(last, 1)],
+        found.basis,
+        min(margin, found.margin),
+        found.doubtful or (longest and vector[-1] < reduced.n),
+        longest and vector[-1] < reach,
+    )
 
 
 @dataclass(frozen=True)
@@ -184,7 +228,7 @@ class _Levels:
     """True if a level has as many directions as there are functions: more functions might give more directions."""
 
 
-def _deeper(jets: BracketJets, basis: np.ndarray, order: int, rejected: float) -> _Levels:
+def _deeper(jets: BracketJets, basis: np.ndarray, order: int, rejected: float, reach: int) -> _Levels:
     """Levels up to an order, from the first accurate flow time, or else from the most accurate one."""
     best: _Levels | None = None
     failure: SingularityError | None = None
@@ -192,10 +236,10 @@ def _deeper(jets: BracketJets, basis: np.ndarray, order: int, rejected: float) -
         generator = np.random.default_rng(0)
         try:
             drawn = [jets.draw(order, time, generator)]
-            found = _levels(drawn, basis, rejected, _FADES * time)
+            found = _levels(drawn, basis, rejected, _FADES * time, reach)
             while found.crowded and len(drawn) < basis.shape[0]:
                 drawn.append(jets.draw(order, time, generator))
-                found = _levels(drawn, basis, rejected, _FADES * time)
+                found = _levels(drawn, basis, rejected, _FADES * time, reach)
         except SingularityError as error:  # the flow reaches a singular configuration
             failure = error
             continue
@@ -209,7 +253,7 @@ def _deeper(jets: BracketJets, basis: np.ndarray, order: int, rejected: float) -
     return best
 
 
-def _levels(drawn: Sequence[Jets], start: np.ndarray, rejected: float, fading: float) -> _Levels:
+def _levels(drawn: Sequence[Jets], start: np.ndarray, rejected: float, fading: float, reach: int = 0) -> _Levels:
     """Levels from jets: their dimensions, with a margin over errors and over the values ``rejected`` so far.
 
     Singular values are relative to the size of a level, or to ``fading`` times that of the level before. If hardly
@@ -235,7 +279,10 @@ def _levels(drawn: Sequence[Jets], start: np.ndarray, rejected: float, fading: f
         doubtful = doubtful or bool(none > max(_ZERO * floor, _NOTHING))
         rejected = max(rejected, none)
         if not count:
-            break
+            if bases[0].shape[1] >= reach:
+                break
+            dimensions.append(bases[0].shape[1])
+            continue
         margin = min(margin, float(values[count - 1] / max(floor, none)))
         crowded = crowded or count == fine.shape[-1] < room
         bases = [np.column_stack([basis, u[:, :count]]) for basis, u in zip(bases, (left, other_left), strict=True)]

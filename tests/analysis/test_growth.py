@@ -270,6 +270,49 @@ def test_the_hitch_of_the_last_trailer_may_be_at_a_right_angle(hitch, tmp_path):
     assert grow(reduced, reduced.robot.configuration({"hitch_2": hitch})).vector == (2, 3, 4, 5, 6)
 
 
+def jean(right_angles):
+    """Growth vector of a unicycle with trailers: Jean, ESAIM: COCV 1 (1996), theorem 3.1, without his other angles.
+
+    ``depths[i]`` is the depth of brackets that gives dimension i + 1. A hitch at a right angle adds the depths of the
+    vehicles without its first body and without its first two, any other hitch adds one.
+
+    Args:
+        right_angles: of each hitch, from the unicycle on, True for a right angle.
+    """
+    before, depths = [1, 1], [1, 1, 2]
+    for right in reversed(right_angles):
+        shifted = [1, *depths]
+        added = [0, 0, *(before if right else [1] * len(depths))][: len(shifted)]
+        before, depths = depths, [1, 1, *(a + b for a, b in zip(shifted[2:], added[2:], strict=True))]
+    return tuple(sum(depth <= level for depth in depths) for level in range(1, depths[-1] + 1))
+
+
+def test_the_formula_of_jean():
+    assert jean([]) == (2, 3)
+    assert jean([False, False]) == (2, 3, 4, 5)
+    assert jean([True, False]) == (2, 3, 4, 4, 5)
+    assert len(jean([True, True, False])) == 8  # Fibonacci's number, the largest degree of three trailers
+
+
+@pytest.mark.parametrize(
+    "right",
+    [(0, 0), (1, 0), (0, 1), (1, 0, 0), (0, 1, 0), (1, 1, 0), (0, 1, 1), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 0, 0)],
+)
+def test_growth_vectors_at_singular_configurations(right):
+    """A level that adds nothing does not end the search; the last hitch may be at any angle."""
+    reduced = unicycle_with_trailers(len(right))
+    angles = {f"hitch_{k}": np.pi / 2 if each else 0.1 + 0.07 * k for k, each in enumerate(right, start=1)}
+    expected = jean([bool(each) for each in (*right[:-1], 0)])
+    assert growth_vector(reduced, reduced.robot.configuration(angles)) == expected
+
+
+def test_a_growth_vector_that_is_not_found_is_refused():
+    reduced = unicycle_with_trailers(4)
+    q = reduced.robot.configuration({"hitch_1": np.pi / 2, "hitch_2": np.pi / 2, "hitch_3": np.pi / 2})
+    with pytest.raises(rnc.InfeasibleError, match=r"brackets up to depth 13 give the dimensions .2, 3, 4, 4, 5"):
+        growth_vector(reduced, q)  # its degree is 13
+
+
 def test_the_rounding_of_a_file_is_no_direction_at_any_depth():
     """``x2' = 1e-6 x0 x1'`` and a deeper ``x3' = 1e-6 x0^2 x1'`` beside ``x4' = x0 x1'``."""
     reduced = sliders_with_rows(
