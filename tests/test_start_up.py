@@ -20,7 +20,8 @@ HEAVY = {"joblib", "matplotlib", "meshcat", "numpy", "pinocchio", "pydantic", "s
 
 def imported(command, **environment):
     """Output of a process, and the top-level packages that it imported."""
-    environment = {**os.environ, "PYTHONPROFILEIMPORTTIME": "1", **environment}
+    # The installed package, not the checkout of the working directory, which has no kernel.
+    environment = {**os.environ, "PYTHONPROFILEIMPORTTIME": "1", "PYTHONSAFEPATH": "1", **environment}
     process = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
     modules = [line.split("|")[-1].strip() for line in process.stderr.splitlines() if line.startswith("import time:")]
     assert "rnc_pin" in modules, process.stderr

@@ -64,6 +64,7 @@ class CollisionDistances:
         if source is None or not len(source.geometryObjects):
             raise ModelError(f"robot '{robot.name}' has no collision geometry")
         self.robot, self.obstacles = robot, tuple(obstacles)
+        self._made_of = robot, self.obstacles, selection, None if q0 is None else np.array(q0, dtype=float)
         names = [obstacle.name for obstacle in self.obstacles]
         for name in names:
             if names.count(name) > 1:
@@ -92,6 +93,10 @@ class CollisionDistances:
         touching = self._touching(robot.configuration() if q0 is None else self._validator.validate(q0))
         self.omitted = (*omitted, *touching.values())
         self._use([pair for k, pair in enumerate(kept) if k not in touching])
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Build the same distances again: geometry data of Pinocchio cannot be pickled."""
+        return type(self), self._made_of
 
     def at(self, q: ArrayLike, t: float = 0.0, within: float = np.inf, *, corners: bool = False) -> PairDistances:
         """Distances of the pairs that are nearer than a distance.
