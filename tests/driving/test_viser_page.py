@@ -53,12 +53,12 @@ def test_a_user_drives_in_viser():
         page.close()
     assert page.problem is None
     # The gizmo of a frame without a goal has followed the frame; the last status may be late on a busy machine.
-    way = np.array([point_of(run, q, "tip") for q in results[0].trajectory.q[::5]])
+    way = np.array([point_of(run, q, "tip") for q in results[0].trajectory.q])
     gizmo = np.array(viewer._gizmos["tip"].position)
     moved = np.linalg.norm(way - way[0], axis=1)
     nearest = int(np.linalg.norm(way - gizmo, axis=1).argmin())
-    assert moved[-1] > 0.05
-    assert np.linalg.norm(way[nearest] - gizmo) < 0.1 * moved[-1]
+    assert moved[-1] > 0.01
+    assert np.linalg.norm(way[nearest] - gizmo) < 1e-3
     assert moved[nearest] > 0.2 * moved[-1]
     assert str(results[0].trajectory.outcome) == "completed"
 
