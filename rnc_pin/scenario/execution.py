@@ -172,7 +172,7 @@ class _Runs:
 
     def others(self) -> dict[str, _Run]:
         """The comparisons by label. Those after an interruption are missing."""
-        found = self._others.results(self._report)
+        found = self._others.results(self._show)
         return {label: found[k] for k, label in enumerate(self._plan.comparisons, start=1) if k in found}
 
     def _other(self, number: int, _: None, report: Report) -> _Run:

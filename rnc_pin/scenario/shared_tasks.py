@@ -95,12 +95,20 @@ class SharedTasks(Generic[P, T]):
     def results(self, report: Report) -> dict[int, T]:
         """Do tasks here until there are none left, and return all results in order of their numbers.
 
+        Args:
+            report: called with the progress of each task, in order, also of those of helpers.
+
         Raises:
             Exception: the error of a task.
         """
+
+        def with_helpers(number: int, done: float) -> None:
+            self.collect(report)
+            report(number, done)
+
         while (number := self._next()) is not None:
-            self._keep(number, self._run(number, self._common, report))
-            self.collect(report, block=False)
+            self._keep(number, self._run(number, self._common, with_helpers))
+            self.collect(report)
         self.collect(report, block=True)
         for number in self._numbers:
             if number not in self.found and not self._stopped:  # its helper died
