@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-import meshcat.geometry as mg
 import numpy as np
 
 from rnc_pin.driving.drive_goals import DriveGoals
@@ -19,6 +18,7 @@ from rnc_pin.io.json import Json
 from rnc_pin.simulation import RunInfo
 from rnc_pin.visualization.drawn_model import DrawnModel
 from rnc_pin.visualization.drawn_state import DrawnState
+from rnc_pin.visualization.meshcat_library import mg
 from rnc_pin.visualization.view import View
 from rnc_pin.visualization.viewers import MeshcatViewer
 

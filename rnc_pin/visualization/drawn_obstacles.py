@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import coal
-import meshcat.geometry as mg
 import numpy as np
 
 from rnc_pin.collision import Obstacle
 from rnc_pin.robots.sources.mesh_formats import convex_hull
 from rnc_pin.visualization.drawn_state import DrawnState
 from rnc_pin.visualization.elements import GREY, Element, LayerEntry
+from rnc_pin.visualization.meshcat_library import mg
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 
 _ROUND = 32  # points of a circle

@@ -9,13 +9,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import NamedTuple
 
-import meshcat.geometry as mg
 import numpy as np
 import pinocchio as pin
 
 from rnc_pin.math.components import cross
 from rnc_pin.robots.robot import Robot
 from rnc_pin.visualization.drawn_state import DrawnState
+from rnc_pin.visualization.meshcat_library import mg
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.robot_meshes import drawn_scale
 

@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
 
-import meshcat.geometry as mg
 import numpy as np
 import pinocchio as pin
-from pinocchio.visualize import BaseVisualizer
-from pinocchio.visualize.meshcat_visualizer import DaeMeshGeometry, MeshcatVisualizer
 
 from rnc_pin.io.safe_read import read_bytes
 from rnc_pin.robots.robot import Robot
+from rnc_pin.visualization.meshcat_library import BaseVisualizer, DaeMeshGeometry, MeshcatVisualizer, mg
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.robot_meshes import check_drawable, drawn_scale, drawn_triangles, has_own_textures
 

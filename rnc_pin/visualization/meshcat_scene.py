@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import meshcat
-import meshcat.geometry as mg
 import numpy as np
 
 from rnc_pin.visualization.browser.drawing_commands import SceneWindow
 from rnc_pin.visualization.camera import FIELD_OF_VIEW
 from rnc_pin.visualization.keyframes import Keyframes
+from rnc_pin.visualization.meshcat_library import meshcat, mg
 
 _MOST_DOTS = 2000
 

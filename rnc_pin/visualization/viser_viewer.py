@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from pinocchio.visualize import BaseVisualizer, ViserVisualizer
 
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.robots.robot import Robot
@@ -17,6 +16,7 @@ from rnc_pin.visualization.browser.access import RequestFilter, viser_request_fi
 from rnc_pin.visualization.camera import VIEW_DIRECTION, Follower, fitting_camera, with_plan
 from rnc_pin.visualization.drawn_model import DrawnModel
 from rnc_pin.visualization.drawn_state import DrawnState
+from rnc_pin.visualization.meshcat_library import BaseVisualizer, ViserVisualizer
 from rnc_pin.visualization.robot_meshes import check_drawable, drawn_scale, drawn_triangles, has_own_textures
 from rnc_pin.visualization.scene_kinematics import SceneKinematics
 from rnc_pin.visualization.view import View

@@ -10,7 +10,7 @@ from html import escape
 from importlib.resources import files
 from pathlib import Path
 
-import meshcat
+from rnc_pin.visualization.meshcat_library import meshcat
 
 VIEWER = Path(meshcat.__file__).parent / "viewer" / "dist" / "main.min.js"
 
