@@ -19,6 +19,9 @@ Options = dict[str, Json]
 _FREE = 0.06  # [m]; distance to obstacles at the start
 _SEED = 2026
 _QUIET: Options = {"comparisons": {}, "plots": {}}
+_RUN: Options = {**_QUIET, "simulation.dt": 0.02, "preflight": "refuse"}
+_FASTEST = 0.5  # [m/s] of people; the base drives 0.7 m/s in every direction
+_APART = 1.5  # [m] between the centres of people: the base fits between them
 
 
 def drawn_options(scenario: str, run: int) -> Options:
@@ -27,7 +30,7 @@ def drawn_options(scenario: str, run: int) -> Options:
     while True:
         options = DRAWS[scenario](generator)
         if _free(scenario, options):
-            return {**_QUIET, **options}
+            return {**_RUN, **options}
 
 
 @cache
@@ -63,7 +66,8 @@ def _tiago_shelf(generator: np.random.Generator) -> Options:
         options[f"initial.q.{name}"] = joints[name] + _numbers(generator, (-0.25, 0.25))[0]
     goal = _numbers(generator, (1.18, 1.32), (-0.35, 0.35), (0.8, 1.05))
     via = [x + 0.72, y + 0.05, goal[2]]
-    options["controller.tasks.0.output.reference.via_points.points"] = [via, goal]
+    options["controller.tasks.0.output.reference.via_points"] = {"times": [2.5, 5.5], "points": [via, goal]}
+    options["simulation.duration"] = 8.0
     table, lower, upper = _numbers(generator, (0.5, 0.66), (0.58, 0.7), (1.12, 1.25))
     options["obstacles.0.box.position"] = [_numbers(generator, (0.82, 0.95))[0], 0.0, table]
     options["obstacles.1.box.position"] = [1.3, 0.0, lower]
@@ -77,6 +81,8 @@ def _doorway(generator: np.random.Generator) -> Options:
     bend = _numbers(generator, (0.25, 0.6))[0]
     half = _numbers(generator, (0.52, 0.7))[0]
     return {
+        "simulation.duration": 7.0,
+        "controller.tasks.1.base_pose.reference.minimum_jerk.duration": 5.0,
         "initial.q": {"root_joint": [x, y, heading], "joint_1": bend, "joint_2": -2 * bend},
         "controller.tasks.1.base_pose.reference.minimum_jerk.to": [goal_x, goal_y, heading],
         "obstacles.0.box.position": [0.0, half + 0.5, 0.32],
@@ -85,20 +91,37 @@ def _doorway(generator: np.random.Generator) -> Options:
 
 
 def _mecanum_crowd(generator: np.random.Generator) -> Options:
-    goal = _numbers(generator, (3.0, 4.2), (-0.6, 0.6), (-0.8, 0.8))
-    options: Options = {"controller.tasks.0.base_pose.reference.minimum_jerk.to": goal}
-    for k in range(3):
-        x, side, across, along, duration = _numbers(generator, (0.9, 5.0), (1.4, 2.4), (2.5, 4.5), (-1.5, 1.5), (8, 12))
-        sign = float(generator.choice([-1.0, 1.0]))
-        options[f"obstacles.{k}.capsule.position"] = [x, sign * side, 0.85]
-        options[f"obstacles.{k}.capsule.motion.minimum_jerk"] = {
-            "by": [along, -sign * across, 0, 0],
-            "duration": duration,
-        }
-    aside = float(generator.choice([-1.0, 1.0]))
-    x, y = _numbers(generator, (1.2, 2.6), (0.8, 1.4))
-    options["obstacles.3.capsule.position"] = [x, aside * y, 0.85]
+    """Three people who walk across or along the way, and one who waits; nobody gives way to the robot."""
+    goal = _numbers(generator, (2.6, 3.6), (-0.6, 0.6), (-0.8, 0.8))
+    starts, ends, duration = _walks(generator, np.array(goal[:2]))
+    options: Options = {
+        "simulation.duration": 10.0,
+        "controller.tasks.0.base_pose.reference.minimum_jerk": {"to": goal, "duration": 7.0},
+    }
+    for k, (start, end) in enumerate(zip(starts.tolist(), ends.tolist(), strict=True)):
+        options[f"obstacles.{k}.capsule.position"] = [*start, 0.85]
+        by = [end[0] - start[0], end[1] - start[1], 0.0, 0.0]
+        if k < 3:
+            options[f"obstacles.{k}.capsule.motion.minimum_jerk"] = {"by": by, "duration": duration}
     return options
+
+
+def _walks(generator: np.random.Generator, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Starts and ends (4, 2) [m] of people, and the duration of their way [s]: apart from each other and the goal."""
+    duration = 10.0
+    longest = _FASTEST * duration / 1.875  # the largest speed of a minimum-jerk motion is 1.875 times its mean
+    shares = np.linspace(0.0, 1.0, 21)[:, None, None]
+    while True:
+        x, side = generator.uniform(0.8, 5.0, 4), generator.choice([-1.0, 1.0], 4)
+        starts = np.column_stack([x, side * generator.uniform(0.4, 1.6, 4)])
+        angle = generator.uniform(-np.pi, np.pi, 4)
+        length = np.append(generator.uniform(1.0, longest, 3), 0.0)
+        ends = starts + length[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+        ways = (starts + shares * (ends - starts)).swapaxes(0, 1)  # people, times, coordinates
+        between = np.linalg.norm(ways[:, None] - ways[None], axis=-1).min(axis=-1)[np.triu_indices(4, 1)]
+        late = np.linalg.norm(ways[:, 12:] - goal, axis=-1).min()
+        if between.min() > _APART and late > _APART and np.linalg.norm(starts, axis=1).min() > 1.0:
+            return starts.round(4), ends.round(4), duration
 
 
 def _free_flying_arm(generator: np.random.Generator) -> Options:
@@ -106,7 +129,8 @@ def _free_flying_arm(generator: np.random.Generator) -> Options:
     options: Options = {f"initial.q.{name}": joints[name] + _numbers(generator, (-0.25, 0.25))[0] for name in joints}
     first = _numbers(generator, (0.2, 0.45), (-0.8, -0.6), (-0.1, 0.1))
     second = _numbers(generator, (-0.45, -0.2), (-0.8, -0.6), (-0.1, 0.15))
-    options["controller.tasks.0.output.reference.via_points.points"] = [first, second]
+    options["controller.tasks.0.output.reference.via_points"] = {"times": [3, 6], "points": [first, second]}
+    options["simulation.duration"] = 8.0
     return options
 
 

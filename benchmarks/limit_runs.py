@@ -30,7 +30,7 @@ from rich.table import Table
 
 from benchmarks.drawn_scenes import DRAWS, GOALS, drawn_options
 from rnc_pin.collision import CollisionDistances, Obstacle
-from rnc_pin.errors import RncError
+from rnc_pin.errors import InfeasibleError, RncError
 from rnc_pin.robots.joint_values import NO_LIMIT
 from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.execution import execute, plan
@@ -38,7 +38,8 @@ from rnc_pin.simulation import Trajectory
 
 TOLERANCE = 1e-6  # excess over a limit as a share of its range
 REACHED = 0.02  # [m, rad]
-NEAR = 0.2  # [m]; distance up to which distances of hulls are exact
+NEAR = 0.1  # [m]; distance up to which distances of hulls are exact
+TOUCHING = 1e-3  # [m] between hulls, below which the original shapes are tested
 
 
 class Row(NamedTuple):
@@ -58,7 +59,8 @@ class Row(NamedTuple):
     """Smallest distance of the hulls of any checked pair [m]; at most ``NEAR``."""
     contacts: str
     """Pairs of original shapes that touch."""
-    wall_time: float
+    cpu_time: float
+    """[s]; of drawing, building, running and replaying."""
 
     @property
     def violated(self) -> bool:
@@ -73,13 +75,16 @@ class Row(NamedTuple):
 
 def one(scenario: str, run: int) -> Row:
     """Run a scenario with drawn options, and replay it."""
-    start = time.perf_counter()
-    prepared = plan(scenario, drawn_options(scenario, run))
+    start = time.process_time()
+    try:
+        prepared = plan(scenario, drawn_options(scenario, run))
+    except InfeasibleError as error:
+        return _not_run(scenario, run, "refused", str(error), time.process_time() - start)
     experiment = prepared.experiment
     try:
         result = execute(prepared)
     except RncError as error:
-        return _failed(scenario, run, str(error), time.perf_counter() - start)
+        return _not_run(scenario, run, str(error), "", time.process_time() - start)
     trajectory, robot = result.trajectory, experiment.reduced.robot
     excesses = joint_excesses(robot, trajectory, experiment.simulation.dt)
     distance, contacts = replayed_contacts(robot, trajectory, experiment.obstacles)
@@ -87,12 +92,12 @@ def one(scenario: str, run: int) -> Row:
     outcome = str(trajectory.outcome) if result.error is None else str(result.error)
     reported = "; ".join(experiment.warnings)
     return Row(
-        scenario, run, outcome, reported, float(error), *excesses, distance, contacts, time.perf_counter() - start
+        scenario, run, outcome, reported, float(error), *excesses, distance, contacts, time.process_time() - start
     )
 
 
-def _failed(scenario: str, run: int, what: str, seconds: float) -> Row:
-    return Row(scenario, run, what, "", np.inf, -1.0, -1.0, -1.0, NEAR, "", seconds)
+def _not_run(scenario: str, run: int, outcome: str, reported: str, seconds: float) -> Row:
+    return Row(scenario, run, outcome, reported, np.inf, -1.0, -1.0, -1.0, NEAR, "", seconds)
 
 
 def joint_excesses(robot: Robot, run: Trajectory, dt: float) -> tuple[float, float, float]:
@@ -123,43 +128,36 @@ def joint_excesses(robot: Robot, run: Trajectory, dt: float) -> tuple[float, flo
 
 
 def replayed_contacts(robot: Robot, run: Trajectory, obstacles: Sequence[Obstacle]) -> tuple[float, str]:
-    """Smallest distance of hulls [m] at every sample, and the pairs of original shapes that touch at every second one.
+    """Smallest distance of hulls [m] at every sample, and the pairs of original shapes that touch.
 
-    Pairs whose hulls overlap at the neutral start of their links are not checked, as in ``CollisionDistances``.
+    A hull contains its mesh: where hulls are apart, the original shapes do not touch. Pairs whose hulls overlap at the
+    start are not checked, as in ``CollisionDistances``.
     """
-    hulls = CollisionDistances(robot, obstacles, q0=run.q[0])
-    least = min(
-        float(hulls.smallest(q, t, NEAR).min(initial=NEAR)) for t, q in zip(run.time.tolist(), run.q, strict=True)
-    )
-    geometry = robot.collision_model.copy()
+    hulls, least, touching = CollisionDistances(robot, obstacles, q0=run.q[0]), NEAR, set[str]()
+    geometry, data = robot.collision_model.copy(), robot.model.createData()
     links = len(geometry.geometryObjects)
     for obstacle in obstacles:
         geometry.addGeometryObject(pin.GeometryObject(obstacle.name, 0, obstacle.placement(0.0), obstacle.shape))
-    data, placed, touching = robot.model.createData(), geometry.createData(), set()
-    shapes, request = geometry.geometryObjects, coal.CollisionRequest()
-    for t, q in zip(run.time[::2].tolist(), run.q[::2], strict=True):
-        pin.forwardKinematics(robot.model, data, q)
+    shapes, placed, request = geometry.geometryObjects, geometry.createData(), coal.CollisionRequest()
+    for t, q in zip(run.time.tolist(), run.q, strict=True):
+        apart = hulls.smallest(q, t, NEAR)
+        least = min(least, float(apart.min(initial=NEAR)))
+        near = np.flatnonzero(apart < TOUCHING)
+        if not len(near):
+            continue
         for k, obstacle in enumerate(obstacles):
             shapes[links + k].placement = obstacle.placement(t)
-        pin.updateGeometryPlacements(robot.model, data, geometry, placed)
-        poses = [coal.Transform3s(each.rotation, each.translation) for each in placed.oMg]
-        boxes = [_box(shape.geometry, pose) for shape, pose in zip(shapes, placed.oMg, strict=True)]
-        for pair in hulls.pairs:
-            first, second = pair.first, pair.second
-            if np.any(boxes[first][0] > boxes[second][1]) or np.any(boxes[second][0] > boxes[first][1]):
-                continue
+        pin.updateGeometryPlacements(robot.model, data, geometry, placed, q)
+        for pair in (hulls.pairs[k] for k in near.tolist()):
+            sides = [
+                (shapes[k].geometry, coal.Transform3s(placed.oMg[k].rotation, placed.oMg[k].translation))
+                for k in (pair.first, pair.second)
+            ]
             result = coal.CollisionResult()
-            coal.collide(shapes[first].geometry, poses[first], shapes[second].geometry, poses[second], request, result)
+            coal.collide(*sides[0], *sides[1], request, result)
             if result.isCollision():
                 touching.add(pair.label)
     return least, "; ".join(sorted(touching))
-
-
-def _box(shape: coal.CollisionGeometry, pose: pin.SE3) -> tuple[np.ndarray, np.ndarray]:
-    """Smallest and largest coordinates of a sphere around a shape."""
-    shape.computeLocalAABB()
-    middle = pose.act(np.array(shape.aabb_center))
-    return middle - shape.aabb_radius, middle + shape.aabb_radius
 
 
 class KeptRows:
@@ -224,7 +222,7 @@ def main() -> int:
 
     for row in joblib.Parallel(given.jobs, return_as="generator_unordered", pre_dispatch="n_jobs")(calls()):
         kept.add(row)
-        print(*row[:9], row.contacts, f"{row.wall_time:.1f} s", file=sys.stderr, flush=True)
+        print(*row[:9], row.contacts, f"{row.cpu_time:.1f} s", file=sys.stderr, flush=True)
     table = Table(
         "scenario", "runs", "at the goal", "infeasible, reported", "missed", "violations", "position", "velocity",
         "effort", "collisions", "nearest",

@@ -10,12 +10,14 @@ column lists overlaps at the start, which cannot be told from links that touch b
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
 import joblib
 from rich.console import Console
 from rich.table import Table
 
+from rnc_pin.collision import Obstacle
 from rnc_pin.errors import RncError
 from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.execution import execute, plan
@@ -27,16 +29,17 @@ from rnc_pin.simulation import LimitReplay, Trajectory, replay_limits
 def replayed(source: str, comparisons: bool = False) -> list[tuple[str, LimitReplay]]:
     """Replay of a run in a folder, or of a scenario that is run first, with its comparisons if they are asked for."""
     runs: dict[str, tuple[Robot, Trajectory]] = {}
+    obstacles: Sequence[Obstacle] = ()
     if Path(source, "trajectory.npz").is_file():
         loaded = load_run(Path(source))
         runs[source] = loaded.reduced.robot, loaded.trajectory
     else:
         planned = plan(source, None if comparisons else {"comparisons": {}, "plots": {}})
         result = execute(planned, measure_limits=True)
-        robot = planned.experiment.reduced.robot
+        robot, obstacles = planned.experiment.reduced.robot, planned.experiment.obstacles
         runs[source] = robot, result.trajectory
         runs |= {f"{source}: {label}": (robot, each) for label, each in result.comparisons.items()}
-    return [(name, replay_limits(robot, run, step=0.01)) for name, (robot, run) in runs.items()]
+    return [(name, replay_limits(robot, run, obstacles, step=0.01)) for name, (robot, run) in runs.items()]
 
 
 def described(source: str, comparisons: bool) -> list[list[str]]:

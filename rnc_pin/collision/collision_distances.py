@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from weakref import WeakKeyDictionary
 
 import coal
 import numpy as np
@@ -23,6 +24,8 @@ _GJK, _EPA = 1e-9, 1e-6
 up to 4e-5 m for cylinders, and a finer one for EPA makes it fail."""
 _ITERATIONS = 256
 _FAILED = -1e6  # [m]; coal returns the smallest float if EPA fails
+_HULLS: WeakKeyDictionary[Robot, list[coal.CollisionGeometry]] = WeakKeyDictionary()
+"""Convex shapes of the links of each robot: hulls of meshes take most of the time of a construction."""
 
 
 class CollisionDistances:
@@ -74,7 +77,7 @@ class CollisionDistances:
         shapes = list(source.geometryObjects)
         links = [robot.model.frames[shape.parentFrame].name for shape in shapes]
         self._joints = [int(shape.parentJoint) for shape in shapes] + [0] * len(self.obstacles)
-        self._geometry = _convex_geometry(shapes, self.obstacles)
+        self._geometry = _convex_geometry(robot, shapes, self.obstacles)
         kept, omitted = select_pairs(robot.model, links, self._joints[: len(shapes)], selection or PairSelection())
         kept += [
             LinkPair(link, len(shapes) + k, (links[link], obstacle.name))
@@ -248,21 +251,33 @@ class CollisionDistances:
         return PairDistances(near, distance.copy(), a.copy(), b.copy(), normal.copy(), jacobian, drift)
 
 
-def _convex_geometry(shapes: Sequence[pin.GeometryObject], obstacles: Sequence[Obstacle]) -> pin.GeometryModel:
-    """Geometry of the links and of the obstacles; a hull is made once for each mesh."""
+def _convex_geometry(
+    robot: Robot, shapes: Sequence[pin.GeometryObject], obstacles: Sequence[Obstacle]
+) -> pin.GeometryModel:
+    """Geometry of the links and of the obstacles; a hull is made once for each mesh of a robot."""
     geometry = pin.GeometryModel()
-    hulls: dict[int, coal.CollisionGeometry] = {}
-    for shape in shapes:
-        key = id(shape.geometry)
-        if key not in hulls:
-            hulls[key] = convex_shape(shape.geometry, shape.name)
-        own = pin.GeometryObject(shape.name, shape.parentJoint, shape.parentFrame, shape.placement, hulls[key])
+    if robot not in _HULLS:
+        hulls: dict[bytes, coal.CollisionGeometry] = {}
+        _HULLS[robot] = [_convex_once(shape, hulls) for shape in shapes]
+    for shape, convex in zip(shapes, _HULLS[robot], strict=True):
+        own = pin.GeometryObject(shape.name, shape.parentJoint, shape.parentFrame, shape.placement, convex)
         geometry.addGeometryObject(own)
     for obstacle in obstacles:
         # A slash cannot be part of the name of a link's shape.
         own = pin.GeometryObject(f"obstacle/{obstacle.name}", 0, obstacle.placement(0.0), obstacle.shape)
         geometry.addGeometryObject(own)
     return geometry
+
+
+def _convex_once(shape: pin.GeometryObject, hulls: dict[bytes, coal.CollisionGeometry]) -> coal.CollisionGeometry:
+    """Convex shape of a link; equal meshes share a hull, by their vertices: Python's id of a shape changes."""
+    geometry = shape.geometry
+    if not isinstance(geometry, coal.BVHModelBase):
+        return convex_shape(geometry, shape.name)
+    key = np.array(geometry.vertices()).tobytes()
+    if key not in hulls:
+        hulls[key] = convex_shape(geometry, shape.name)
+    return hulls[key]
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:

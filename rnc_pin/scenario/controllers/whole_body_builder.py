@@ -162,6 +162,7 @@ def _limits(settings: LimitSettings, context: ControllerContext) -> list[Control
                 selection,
                 q0=context.q0,
                 corners=wanted.corners,
+                deceleration=wanted.deceleration,
             )
         )
     return found

@@ -96,6 +96,8 @@ class CollisionSettings(Strict):
     """True for distances between links of the robot too; those to obstacles always count."""
     corners: bool = False
     """True for rows at the corners of parallel faces: a body that turns beside a wall loses no clearance."""
+    deceleration: Positive | None = None
+    """Deceleration with which an approach can stop [m/s^2]; by default half of what the effort limits give."""
 
 
 class LimitSettings(Strict):

@@ -8,8 +8,10 @@ import scipy
 
 import rnc_pin as rnc
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
-from rnc_pin.control.whole_body import ControlSample
+from rnc_pin.control.whole_body import ControlSample, InverseDynamicsQP
 from rnc_pin.control.whole_body.limits import CollisionAvoidance
+from rnc_pin.control.whole_body.limits.collision_avoidance import approach_speed
+from rnc_pin.control.whole_body.tasks import OutputTask
 
 DT = 0.01
 
@@ -150,8 +152,59 @@ def test_turning_beside_a_parallel_wall_loses_no_clearance(solid, turn):
     assert lost(corners=True) < 1e-9
 
 
+def test_an_approach_needs_no_more_than_its_deceleration():
+    """Along ``d' = -speed(d)`` the deceleration is ``speed speed'``: a far away, less where the damper counts."""
+    a, rate, room = 1.5, 4.0, np.linspace(-0.1, 3.0, 6201)
+    speed = approach_speed(room, rate, np.full(len(room), a))
+    used = (0.5 * speed**2)[2:] - (0.5 * speed**2)[:-2]
+    used /= room[2:] - room[:-2]
+    far = room[1:-1] > a / rate**2 + 1e-3
+    np.testing.assert_allclose(used[far], a, rtol=1e-9)
+    assert used.max() < a * (1 + 1e-9)
+    np.testing.assert_allclose(speed[room < a / rate**2], rate * room[room < a / rate**2])
+    np.testing.assert_array_equal(approach_speed(room, rate, np.full(len(room), np.inf)), rate * room)
+
+
+def weak_cart(effort):
+    """Ball of 1 kg on a rail along x that can push itself with a limited force."""
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "rail")
+    model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+    model.upperEffortLimit[:] = effort
+    frame = model.addFrame(pin.Frame("cart", joint, 0, pin.SE3.Identity(), pin.FrameType.BODY))
+    geometry = pin.GeometryModel()
+    geometry.addGeometryObject(pin.GeometryObject("cart_0", joint, frame, pin.SE3.Identity(), coal.Sphere(0.1)))
+    return rnc.NonholonomicSystem(rnc.Robot(model, geometry, geometry), [], ["rail"]).reduce()
+
+
+def least_distance(obstacle, goal, **settings):
+    """Smallest distance [m] to an obstacle of a cart of 2 N on its way to a goal [m]."""
+    reduced = weak_cart(2.0)
+    there = rnc.planning.MinimumJerk([0.0], [goal], duration=2.5)
+    limit = CollisionAvoidance(0.05, 2.0, 10.0, obstacles=[obstacle], **settings)
+    task = OutputTask(rnc.JointPosition("rail"), there, gain=4.0)
+    program = InverseDynamicsQP(reduced, [task], [limit], dt=0.025)
+    run = rnc.simulate(reduced, program, np.zeros(1), 2.5, 0.025)
+    check = CollisionDistances(reduced.robot, [obstacle])
+    return min(check.smallest(q, t, 1.0).min() for t, q in zip(run.time, run.q, strict=True))
+
+
+def test_weak_actuators_brake_in_time():
+    wall = Obstacle(coal.Box(0.2, 1.0, 1.0), position=(2.0, 0.0, 0.0), name="wall")
+    assert least_distance(wall, 2.5) > 0.05 - 1e-6
+    assert least_distance(wall, 2.5, deceleration=1e3) < 0.0  # the damper alone brakes too late
+
+
+def test_robot_retreats_from_a_person_in_motion():
+    walk = rnc.planning.MinimumJerk([2.0, 0.0, 0.0, 0.0], [-0.5, 0.0, 0.0, 0.0], duration=5.0)
+    person = Obstacle(coal.Capsule(0.2, 1.0), name="person", motion=walk)
+    assert least_distance(person, 1.0) > 0.05 - 1e-3
+
+
 def test_unusable_settings_are_refused():
     with pytest.raises(rnc.ConfigurationError, match="clearance < influence"):
         CollisionAvoidance(clearance=0.2, influence=0.1)
     with pytest.raises(rnc.ConfigurationError, match="positive rate"):
         CollisionAvoidance(rate=0.0)
+    with pytest.raises(rnc.ConfigurationError, match="deceleration"):
+        CollisionAvoidance(deceleration=np.inf)

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
+from rnc_pin.array_shapes import Float
+from rnc_pin.collision import CollisionDistances, Obstacle, PairDistances, PairSelection
 from rnc_pin.collision.flat_contacts import MOST_CORNERS
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.limits.control_limit import BoundLimit, ControlLimit, LimitRows
@@ -16,16 +17,24 @@ from rnc_pin.model.parameter_types import NotNegative, Positive
 from rnc_pin.model.reduced_model import ReducedModel
 
 _SHARE = 0.5
+_BRAKING = 0.5  # share of the efforts that may be planned for stopping
+_LEAST = 0.1  # of that deceleration remains where gravity takes more
+_NO_EFFECT = 1e-9  # [m/s^2 per N m] below which an actuator does not change a distance
 
 
 @dataclass(frozen=True)
 class CollisionAvoidance(ControlLimit):
-    """Velocity damper: ``d_dot >= -rate (d - clearance)`` for pairs nearer than ``influence`` (Faverjon and Tournassoud
-    1987, with ``rate = xi / (influence - clearance)``).
+    """Velocity damper with stopping distance: ``d_dot >= -speed(d - clearance)`` for pairs nearer than ``influence``.
 
-    The rate of approach decreases with the remaining distance, so that the clearance is reached only in infinite time.
+    Near the clearance the speed is ``rate`` times the remaining distance (Faverjon and Tournassoud 1987, with
+    ``rate = xi / (influence - clearance)``), so that the clearance is reached only in infinite time. Farther away it is
+    ``sqrt(2 a (d - clearance) - (a / rate)^2)``: the approach never needs more than the deceleration a. By default a is
+    half of what the effort limits of the actuators give at the configuration; without such limits, the damper counts
+    alone.
+
     If the velocity changes linearly over a sample, ``rate * dt <= 2`` keeps the clearance up to the turning of the
-    normal within a sample. The motion of obstacles enters with its velocity at the end of the sample.
+    normal within a sample. The motion of obstacles enters with its velocity at the end of the sample: from an obstacle
+    that approaches faster than this speed, the robot retreats. An obstacle that changes its velocity needs a part of a.
 
     Pairs of links that are nearer than twice the clearance at ``q0`` keep half of that distance instead, because
     neighbours in a wrist are near by design.
@@ -35,12 +44,14 @@ class CollisionAvoidance(ControlLimit):
 
     Args:
         clearance: distance that remains [m].
-        influence: distance from which a pair is slowed down [m]; larger than the clearance.
+        influence: distance from which a pair is slowed down [m]; larger than the clearance. To stop from an approach
+            of speed u, it takes ``u^2 / (2 a) + a / (2 rate^2)`` more than the clearance.
         rate: largest rate of approach over remaining distance [1/s].
         obstacles: bodies in the world.
         selection: rules for pairs of links; by default all pairs that are not adjacent.
         q0: configuration (nq,) without collisions; by default the neutral one.
         corners: True for rows at the corners of parallel faces and edges.
+        deceleration: deceleration a of an approach [m/s^2]; by default from the effort limits.
     """
 
     clearance: NotNegative = 0.02
@@ -50,12 +61,17 @@ class CollisionAvoidance(ControlLimit):
     selection: PairSelection = field(default_factory=PairSelection)
     q0: Sequence[float] | np.ndarray | None = None
     corners: bool = False
+    deceleration: Positive | None = None
 
     def __post_init__(self) -> None:
         if not 0 <= self.clearance < self.influence < np.inf or not 0 < self.rate < np.inf:
             raise ConfigurationError(
                 "collision avoidance needs 0 <= clearance < influence and a positive rate, found clearance "
                 f"{self.clearance}, influence {self.influence} and rate {self.rate}"
+            )
+        if not (self.deceleration is None or 0 < self.deceleration < np.inf):
+            raise ConfigurationError(
+                f"the deceleration of collision avoidance has to be positive and finite, found {self.deceleration}"
             )
 
     def bind(self, reduced: ReducedModel) -> BoundLimit:
@@ -78,6 +94,7 @@ class BoundCollisionAvoidance(BoundLimit):
         further = [f"{label} corner {k + 1}" for k in range(MOST_CORNERS if limit.corners else 0) for label in labels]
         self.names = (*(f"{label} distance" for label in labels), *further)
         self._influence, self._rate = limit.influence, limit.rate
+        self._deceleration, self._efforts = limit.deceleration, reduced.actuation.limits
         self._corners, self.clearances = limit.corners, np.full(len(labels), limit.clearance)
         links = len(robot.collision_model.geometryObjects) if robot.collision_model is not None else 0
         at_start = self.distances.at(q0, within=limit.clearance / _SHARE)
@@ -88,12 +105,42 @@ class BoundCollisionAvoidance(BoundLimit):
 
     def rows(self, sample: ControlSample) -> LimitRows:
         near = self.distances.at(sample.end.q, sample.time, self._influence, corners=self._corners)
-        lower = -self._rate * (near.distance - self.clearances[near.pairs]) - near.drift
+        room = near.distance - self.clearances[near.pairs]
+        lower = -approach_speed(room, self._rate, self._decelerations(near, sample)) - near.drift
         places = near.pairs
         if self._corners:
             # Within the sample the gap of a corner is convex: this keeps the clearance at its end.
-            room = near.distance - self.clearances[near.pairs]
             lower = np.maximum(lower, near.jacobian @ sample.end.v - 2.0 / sample.dt * room)
             number = np.arange(len(places)) - np.searchsorted(places, places)  # of each row among those of its pair
             places = places + number * len(self.clearances)
         return LimitRows(near.jacobian, lower, np.full(len(lower), np.inf), places)
+
+    def _decelerations(self, near: PairDistances, sample: ControlSample) -> Float[np.ndarray, " k"]:
+        """Decelerations (k,) of the approach of pairs [m/s^2] that the efforts allow; infinite without effort limits."""
+        limited = np.isfinite(self._efforts)
+        if self._deceleration is not None or not (limited.any() and len(near.pairs)):
+            return np.full(len(near.pairs), self._deceleration or np.inf)
+        state = sample.start
+        rates = near.jacobian @ state.R
+        effects = np.abs(rates @ np.linalg.solve(state.H, state.input_matrix))
+        planned = _BRAKING * (effects[:, limited] @ self._efforts[limited])
+        adverse = np.minimum(rates @ state.v2_dot(np.zeros(len(limited))), 0.0)  # gravity and velocity products
+        free = (effects[:, ~limited] > _NO_EFFECT).any(axis=1) | (planned <= _NO_EFFECT)
+        return np.where(free, np.inf, np.maximum(planned + adverse, _LEAST * planned))
+
+
+def approach_speed(
+    room: Float[np.ndarray, " k"], rate: float, deceleration: Float[np.ndarray, " k"]
+) -> Float[np.ndarray, " k"]:
+    """Return the largest speed of approach (k,) [m/s]: a damper near the clearance, constant deceleration before it.
+
+    Both parts have the same speed and deceleration at ``room = a / rate^2``.
+
+    Args:
+        room: distance to the clearance [m]; negative inside.
+        rate: rate of the damper [1/s].
+        deceleration: largest deceleration a [m/s^2]; infinite for the damper alone.
+    """
+    bounded = np.where(np.isfinite(deceleration), deceleration, 0.0)
+    braking = np.sqrt(np.maximum(2.0 * bounded * room - (bounded / rate) ** 2, 0.0))
+    return np.asarray(np.where(rate**2 * room <= deceleration, rate * room, braking))
