@@ -116,7 +116,7 @@ class BoundCollisionAvoidance(BoundLimit):
         return LimitRows(near.jacobian, lower, np.full(len(lower), np.inf), places)
 
     def _decelerations(self, near: PairDistances, sample: ControlSample) -> Float[np.ndarray, " k"]:
-        """Decelerations (k,) of the approach of pairs [m/s^2] that the efforts allow; infinite without effort limits."""
+        """Decelerations (k,) of the approach of pairs [m/s^2] that the efforts allow; infinite without limits."""
         limited = np.isfinite(self._efforts)
         if self._deceleration is not None or not (limited.any() and len(near.pairs)):
             return np.full(len(near.pairs), self._deceleration or np.inf)
