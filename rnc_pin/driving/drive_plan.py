@@ -53,6 +53,7 @@ _CONTROLLER: dict[str, Json] = {
 }
 _REPLACED = (
     "task",
+    "planner",
     "reference",
     "comparisons",
     "sweep",

@@ -3,6 +3,7 @@
 from rnc_pin.optimal.action_models import ActionModel, action_model
 from rnc_pin.optimal.bounds import BoundKind, DistanceBound, InputBound, OutputBound, VelocityBound
 from rnc_pin.optimal.costs import AccelerationCost, CostKind, EffortCost, OutputCost, PostureCost, VelocityCost
+from rnc_pin.optimal.guesses import driven_configurations
 from rnc_pin.optimal.motion_plan import MotionPlan, PlanInfo, PlannedOutputs, PlanVerification
 from rnc_pin.optimal.plan_feedback import PlanFeedback, tvlqr
 from rnc_pin.optimal.planner import plan_motion as plan
@@ -31,6 +32,7 @@ __all__ = [
     "VelocityBound",
     "VelocityCost",
     "action_model",
+    "driven_configurations",
     "plan",
     "tvlqr",
 ]

@@ -19,6 +19,8 @@ from rnc_pin.optimal.node_data import NodeData, RowValues
 from rnc_pin.optimal.output_rows_at_nodes import NodeOutputs
 
 _FAR = 1e3  # [m], distance of a row without a pair
+DISTANCE = "distance"
+_HORIZON = 0.5  # [m], distance beyond the clearance from which pairs have no row
 
 
 class NodeBound(ABC):
@@ -28,7 +30,10 @@ class NodeBound(ABC):
         names: names of the rows.
         lower, upper: limits (k,).
         of_state: True if the rows depend on the state only, so that they also hold at the end.
+        quantity: "input", "velocity", "output" or "distance" for limits of these; "" for other rows.
     """
+
+    quantity = ""
 
     def __init__(self, names: Sequence[str], lower: Any, upper: Any, of_state: bool) -> None:
         self.names, self.of_state = tuple(names), of_state
@@ -72,6 +77,8 @@ class InputBound(BoundKind):
 
 
 class _Input(NodeBound):
+    quantity = "input"
+
     def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
         assert nodes.u is not None
         n, nu = nodes.u.shape
@@ -100,6 +107,8 @@ class VelocityBound(BoundKind):
 
 
 class _Speed(NodeBound):
+    quantity = "velocity"
+
     def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
         return RowValues(nodes.v2, *velocity_rows(nodes))
 
@@ -127,6 +136,8 @@ class OutputBound(BoundKind):
 
 
 class _OutputLimits(NodeBound):
+    quantity = "output"
+
     def __init__(self, bound: OutputBound, model: ActionModel) -> None:
         self._outputs = NodeOutputs(model.reduced, bound.output)
         super().__init__(self._outputs.names, bound.lower, bound.upper, of_state=True)
@@ -165,8 +176,10 @@ class DistanceBound(BoundKind):
 
 
 class _Clearance(NodeBound):
+    quantity = DISTANCE
+
     def __init__(self, bound: DistanceBound) -> None:
-        self._distances = bound.distances
+        self._distances, self._within = bound.distances, bound.clearance + _HORIZON
         self._count = min(bound.pairs, len(bound.distances.pairs))
         names = [f"distance ({'nearest' if k == 0 else f'nearest {k + 1}'})" for k in range(self._count)]
         super().__init__(names, bound.clearance, None, of_state=True)
@@ -176,7 +189,7 @@ class _Clearance(NodeBound):
         value = np.full((nodes.size, self._count), _FAR)
         x = np.zeros((nodes.size, self._count, model.nx))
         for k, (q, t) in enumerate(zip(nodes.at.q, nodes.time, strict=True)):
-            found = self._distances.at(q, float(t))
+            found = self._distances.at(q, float(t), within=self._within)
             nearest_first = np.argsort(found.distance, kind="stable")[: self._count]
             value[k, : len(nearest_first)] = found.distance[nearest_first]
             x[k, : len(nearest_first), : model.nv] = found.jacobian[nearest_first]

@@ -24,7 +24,7 @@ def feedback_gains(problem: Transcription, at: Iterate) -> Float[Array, "K nu nx
         problem.model,
         problem.start,
         problem.K,
-        list({id(each): each for each in (*problem.running, *problem.terminal)}.values()),
+        problem.costs,
         problem.bounds,
         problem.goal,
         (at.duration, at.duration),

@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, RncError
 from rnc_pin.model.input_validation import ConfigurationValidator
-from rnc_pin.optimal.action_models import ActionModel, Nodes
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.optimal.action_models import ActionModel, KinematicModel, Nodes
 from rnc_pin.optimal.motion_plan import MotionPlan
 from rnc_pin.optimal.transcription import Iterate, Transcription
-from rnc_pin.planning import solve_ik
+from rnc_pin.planning import Reference, solve_ik
 
 _HARMONICS = 3
 
@@ -29,7 +31,7 @@ def guesses(problem: Transcription, goal: Any, given: Any, seeds: int, seed: int
         seed: of the random generator.
     """
     begin = float(np.mean(problem.duration)) if np.isfinite(problem.duration[1]) else 2 * problem.duration[0]
-    end = _goal_configuration(problem.model, problem.start.q[0], goal)
+    end = goal_configuration(problem.model.reduced, problem.start.q[0], goal)
     line = problem.model.manifold.interpolate(problem.start.q[0], end, np.linspace(0.0, 1.0, problem.K + 1))
     if given is None:
         yield "straight line", along(problem.model, line, begin)
@@ -63,6 +65,46 @@ def along(model: ActionModel, q: Array, duration: float, w: Array | None = None)
     if model.form == "acceleration":
         return Iterate(q, nodes, rates, duration)
     return Iterate(q, nodes, inputs_for(model, Nodes(q[:-1], nodes[:-1]), rates), duration)
+
+
+def driven_configurations(
+    reduced: ReducedModel, q0: Any, reference: Reference, duration: float | None = None, count: int = 201
+) -> Float[Array, "n nq"]:
+    """Return the configurations to which a motion of the reducing outputs leads, as a guess for ``plan``.
+
+    The constraints give the motion of everything else. The reference may be that of a ``CarPath``, or a gait.
+
+    Args:
+        reduced: the model.
+        q0: initial configuration (nq,).
+        reference: of all reducing outputs; only its rates count.
+        duration: duration [s]; that of the reference by default.
+        count: number of configurations, at equal times.
+
+    Raises:
+        ConfigurationError: the reference has another number of outputs.
+        InputError: the duration is not positive and finite.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce(
+        ...     [rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+        >>> ahead = rnc.planning.MinimumJerk([0.0, 0.0], [2.0, 0.0], 1.0)
+        >>> rnc.optimal.driven_configurations(reduced, robot.configuration(), ahead)[-1].round(6).tolist()
+        [2.0, 0.0, 1.0, 0.0]
+    """
+    if reference.size != reduced.r:
+        raise ConfigurationError(f"reference of {reference.size} outputs: the model has {reduced.r} reducing outputs")
+    total = reference.duration if duration is None else duration
+    if not 0 < total < np.inf:
+        raise InputError(f"duration: expected a positive number, found {total:g}")
+    model, h = KinematicModel(reduced), total / (count - 1)
+    now = Nodes(np.array(reduced.at(q0).q)[None], np.empty((1, 0)))
+    found = [now.q[0]]
+    for k in range(count - 1):
+        now = model.step(now, reference.at((k + 0.5) * h).velocity[None], np.array([h]))
+        found.append(now.q[0])
+    return np.array(found)
 
 
 def inputs_for(model: ActionModel, at: Nodes, rates: Array) -> Array:
@@ -105,14 +147,24 @@ def _speeds(model: ActionModel, q: Array, h: float) -> Array:
     return np.einsum("kri,ki->kr", model.reduced.at(q[:-1]).J2, v)
 
 
-def _goal_configuration(model: ActionModel, q0: Array, goal: Any) -> Array:
-    """Configuration that reaches the goal; q0 if none is found."""
+def halved(model: ActionModel, at: Iterate) -> Iterate:
+    """The same motion over twice as many intervals."""
+    K = len(at.u)
+    half = np.full(K, at.duration / K / 2)
+    middle = model.step(Nodes(at.q[:-1], at.w[:-1]), at.u, half)
+    q, w = np.repeat(at.q, 2, axis=0)[:-1], np.repeat(at.w, 2, axis=0)[:-1]
+    q[1::2], w[1::2] = middle.q, middle.w
+    return Iterate(q, w, np.repeat(at.u, 2, axis=0), at.duration)
+
+
+def goal_configuration(reduced: ReducedModel, q0: Array, goal: Any) -> Array:
+    """Return a configuration (nq,) that reaches a goal of ``plan``; ``q0`` if none is found."""
     if goal is None:
         return q0
     if not isinstance(goal, Mapping):
-        return np.array(model.reduced.at(goal).q)
+        return np.array(reduced.at(goal).q)
     try:
-        found = solve_ik(model.reduced, q0, goal, limits=False, starts=3)
+        found = solve_ik(reduced, q0, goal, limits=False, starts=3)
     except (ConfigurationError, InputError):  # a list of outputs
         return q0
     return np.array(found.q) if found.converged else q0

@@ -6,10 +6,9 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
@@ -17,6 +16,9 @@ from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.io.atomic_write import atomic_file
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
 from rnc_pin.planning.references import ReferencePoint
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _ARRAYS = ("time", "q", "w", "u", "K", "position", "velocity", "acceleration")
 
@@ -54,6 +56,7 @@ class PlanInfo:
         guess: the guess that led to it.
         outcome: "solved", or "feasible" if the cost still changed at the last iteration.
         verification: result of the re-integration.
+        bounds: limits of inputs, velocities and outputs: (quantity, name, lower, upper).
     """
 
     form: str
@@ -67,6 +70,7 @@ class PlanInfo:
     guess: str
     outcome: str
     verification: PlanVerification
+    bounds: tuple[tuple[str, str, float, float], ...] = ()
 
 
 class PlannedOutputs:
@@ -213,28 +217,17 @@ class MotionPlan:
             raise ConfigurationError(f"{path}: not a plan: {error}") from None
 
     def plot(self, outputs: Sequence[str] | None = None) -> Figure:
-        """Return a figure of outputs, reduced velocities and inputs over time.
+        """Return a figure of outputs, their rates and the inputs over time; dashed lines are bounds.
 
         Args:
             outputs: names of the outputs; all by default.
+
+        Raises:
+            ConfigurationError: unknown output.
         """
-        names = list(self.info.output_names if outputs is None else outputs)
-        reference = self.reference(names)
-        times = np.linspace(0.0, self.duration, 400, endpoint=False)
-        figure = Figure(figsize=(8.0, 7.0), layout="constrained")
-        axes = figure.subplots(3, 1, sharex=True)
-        points = [reference.at(float(t)) for t in times]
-        for k, name in enumerate(names):
-            axes[0].plot(times, [point.position[k] for point in points], label=name)
-            axes[1].plot(times, [point.velocity[k] for point in points], label=name)
-        for k, name in enumerate(self.info.input_names):
-            axes[2].step(self.time, np.append(self.u[:, k], self.u[-1, k]), where="post", label=name)
-        for axis, title in zip(axes, ("outputs", "rates", "inputs"), strict=True):
-            axis.set_ylabel(title)
-            axis.grid(alpha=0.3)
-            axis.legend(fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5))
-        axes[-1].set_xlabel("time [s]")
-        return figure
+        from rnc_pin.optimal.plan_figure import plan_figure  # Matplotlib takes a second to import
+
+        return plan_figure(self, list(self.info.output_names if outputs is None else outputs))
 
 
 def _info(given: dict[str, Any]) -> PlanInfo:
@@ -242,6 +235,7 @@ def _info(given: dict[str, Any]) -> PlanInfo:
     known = {each.name for each in fields(PlanInfo)} - {"verification"}
     if set(given) != known:
         raise ConfigurationError(f"not a plan: fields {sorted(set(given) ^ known)}")
+    given["bounds"] = tuple(map(tuple, given["bounds"]))
     values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in given.items()}
     return PlanInfo(**values, verification=verification)
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.controller import Command, Description
+from rnc_pin.control.controller import Command, Description, listed
 from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
@@ -47,9 +47,11 @@ class PlanFeedback(ReprMixin):
         if self.K.shape != plan.K.shape or not np.isfinite(self.K).all():
             raise ConfigurationError(f"gains of shape {self.K.shape}: expected finite numbers {plan.K.shape}")
         self._end = _standing(self._model, plan)
+        names = (*reduced.reducing.names, *reduced.vertical.names)
+        self._outputs = plan.reference() if plan.info.output_names == names else None
 
     def describe(self) -> Description:
-        """Return the form, the duration and the outcome of the plan."""
+        """Return the form, the duration and the outcome of the plan, and the largest size of each gain."""
         info = self.plan.info
         return {
             "type": type(self).__name__,
@@ -59,6 +61,7 @@ class PlanFeedback(ReprMixin):
             "cost": info.cost,
             "outcome": info.outcome,
             "bandwidth": self.bandwidth,
+            "gains": listed(np.abs(self.K).max(axis=0)),
         }
 
     def initial_state(self, measurement: Measurement) -> None:
@@ -85,10 +88,14 @@ class PlanFeedback(ReprMixin):
     def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[Command, None]:
         q, v2 = np.asarray(measurement.q), np.asarray(measurement.v2)
         u, v2_desired = self.input_at(t, q, v2)
+        x1, x2 = None, None
+        if self._outputs is not None:  # a plan for other outputs of the same inputs has none of these
+            x2, x1 = np.split(self._outputs.at(t).position, [self._model.r])
+        desired = Command(v2_desired=v2_desired, x1_desired=x1, x2_desired=x2)
         if self._model.form == "dynamic":
-            return Command(T=u, v2_desired=v2_desired), None
+            return desired._replace(T=u), None
         rate = u if self._model.form == "acceleration" else self.bandwidth * (u - v2)
-        return Command(F=self._reduced.inverse_dynamics(q, v2, rate), v2_desired=v2_desired), None
+        return desired._replace(F=self._reduced.inverse_dynamics(q, v2, rate)), None
 
 
 def tvlqr(

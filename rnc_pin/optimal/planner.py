@@ -10,10 +10,10 @@ import numpy as np
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, RncError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.action_models import ActionModel, Form, Nodes, action_model
-from rnc_pin.optimal.bounds import BoundKind, DistanceBound, GoalRows
+from rnc_pin.optimal.bounds import DISTANCE, BoundKind, DistanceBound, GoalRows
 from rnc_pin.optimal.costs import CostKind, EffortCost, OutputCost
 from rnc_pin.optimal.feedback_gains import feedback_gains
-from rnc_pin.optimal.guesses import guesses
+from rnc_pin.optimal.guesses import guesses, halved
 from rnc_pin.optimal.motion_plan import MotionPlan, PlanInfo
 from rnc_pin.optimal.plan_outputs import output_nodes
 from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic, Solution, SolverSettings
@@ -87,9 +87,10 @@ def plan_motion(
     solver = SequentialQuadratic(problem, settings)
     found: list[tuple[str, Solution]] = []
     failed: list[tuple[str, Solution]] = []
+    relaxed = _without_distances(problem, settings)
     for name, start in guesses(problem, goal, guess, seeds, seed):
         try:
-            solution = solver.solve(start)
+            solution = solver.solve(start if relaxed is None or name == "given" else relaxed.solve(start).iterate)
         except RncError as error:
             if not seeds:
                 raise InfeasibleError(f"no plan: the guess cannot be evaluated: {error}") from None
@@ -100,7 +101,17 @@ def plan_motion(
     if not found:
         raise InfeasibleError(_refusal(failed, problem))
     name, best = min(found, key=lambda each: each[1].cost)
-    return _completed(problem, name, best, settings)
+    made = _completed(problem, name, best, settings)
+    for _ in range(settings.refinements):
+        if made.info.verification.violation <= settings.accuracy:
+            break
+        problem = problem.with_intervals(2 * problem.K)
+        finer = SequentialQuadratic(problem, settings).solve(halved(problem.model, best.iterate))
+        if finer.outcome == "infeasible":
+            break
+        finer.iterations += best.iterations
+        best, made = finer, _completed(problem, name, finer, settings)
+    return made
 
 
 def build_problem(
@@ -175,6 +186,27 @@ def _check_free(costs: Sequence[CostKind], bounds: Sequence[BoundKind]) -> None:
             raise ConfigurationError("free duration: an obstacle moves over time; give one duration")
 
 
+def _without_distances(problem: Transcription, settings: SolverSettings) -> SequentialQuadratic | None:
+    """Solver without the bounds of distances, whose motions lead past obstacles; None if there are none.
+
+    Its iterations cost a small part of those with distances, and its solution is a good start for them.
+    """
+    kept = [bound for bound in problem.bounds if bound.quantity != DISTANCE]
+    if len(kept) == len(problem.bounds):
+        return None
+    easier = Transcription(
+        problem.model,
+        problem.start,
+        problem.K,
+        problem.costs,
+        kept,
+        problem.goal,
+        problem.duration,
+        problem.time_weight,
+    )
+    return SequentialQuadratic(easier, settings)
+
+
 def _refusal(failed: list[tuple[str, Solution]], problem: Transcription) -> str:
     if not failed:
         return "no plan: every guess met a singular configuration; give a guess, or other reducing outputs"
@@ -205,6 +237,7 @@ def _completed(problem: Transcription, name: str, found: Solution, settings: Sol
         guess=name,
         outcome=found.outcome,
         verification=verify_inputs(problem, at, settings.substeps),
+        bounds=_limits_of(problem),
     )
     return MotionPlan(
         time=np.linspace(0.0, at.duration, problem.K + 1),
@@ -216,4 +249,13 @@ def _completed(problem: Transcription, name: str, found: Solution, settings: Sol
         velocity=velocity,
         acceleration=acceleration,
         info=info,
+    )
+
+
+def _limits_of(problem: Transcription) -> tuple[tuple[str, str, float, float], ...]:
+    return tuple(
+        (bound.quantity, name, float(low), float(high))
+        for bound in problem.bounds
+        for name, low, high in zip(bound.names, bound.lower, bound.upper, strict=True)
+        if bound.quantity not in ("", DISTANCE)
     )

@@ -38,6 +38,9 @@ class SolverSettings:
         cost_tolerance: relative change of the cost at which the iterations end.
         penalty: first cost of a violation, in units of the row's typical size. It rises while violations remain.
         substeps: integrator steps of the verification in each interval.
+        refinements: how often the planner may halve the intervals and solve again from the plan so far, because the
+            verification finds a violation above ``accuracy``.
+        accuracy: largest violation after verification that needs no refinement [their units].
 
     Example:
         >>> rnc.optimal.SolverSettings(nodes=60).iterations
@@ -50,6 +53,8 @@ class SolverSettings:
     cost_tolerance: float = 1e-6
     penalty: float = 1e3
     substeps: int = 20
+    refinements: int = 0
+    accuracy: float = 1e-3
 
 
 @dataclass

@@ -75,6 +75,7 @@ class Transcription:
         time_weight: float = 0.0,
     ) -> None:
         self.model, self.start, self.K = model, start, K
+        self.costs = list(costs)
         self.running = [each for each in costs if each.running]
         self.terminal = [each for each in costs if each.terminal]
         self.bounds, self.goal, self.duration, self.time_weight = list(bounds), goal, duration, time_weight
@@ -91,6 +92,11 @@ class Transcription:
         for each, rows in self.blocks:
             nodes = slice(0, K) if each is goal else slice(0, 1) if each.of_state else slice(K, K + 1)
             self.lower[nodes, rows], self.upper[nodes, rows] = -np.inf, np.inf
+
+    def with_intervals(self, K: int) -> Transcription:
+        """Return the same problem over another number of intervals."""
+        same = (self.costs, self.bounds, self.goal, self.duration, self.time_weight)
+        return Transcription(self.model, self.start, K, *same)
 
     def times(self, duration: float) -> Array:
         """Times of the nodes (K + 1,) [s]."""

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import cast
 
 import numpy as np
-import pinocchio as pin
 
 from rnc_pin.analysis import Grip
 from rnc_pin.collision import Obstacle
@@ -21,13 +20,15 @@ from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.model.task import Task
+from rnc_pin.optimal.motion_plan import MotionPlan
 from rnc_pin.planning import CarPath, Hold, Reference, Slowed
 from rnc_pin.planning.driven_path import continued_back, distances
 from rnc_pin.planning.steering_geometry import SteeringGeometry
 from rnc_pin.plants import Plant
-from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.controllers import BuiltController, ControllerContext, build_controller
 from rnc_pin.scenario.controllers.context import reduced_velocity
+from rnc_pin.scenario.frame_poses import frame_poses
+from rnc_pin.scenario.planner_builder import Plans, Start, planned_path
 from rnc_pin.scenario.plant_builder import build_plant
 from rnc_pin.scenario.schema import Scenario, SimulationSettings
 from rnc_pin.scenario.schema.controllers import VelocityTrackerSettings
@@ -74,6 +75,8 @@ class Experiment:
     warnings: tuple[str, ...]
     provenance: Provenance
     obstacles: tuple[Obstacle, ...] = ()
+    plan: MotionPlan | None = None
+    """Optimal motion of ``planner``."""
 
     @property
     def loop(self) -> LoopOptions:
@@ -88,8 +91,13 @@ class Experiment:
         return self.provenance.to_json()
 
 
-def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
+def build_experiment(scenario: Scenario, folder: Path, plans: Plans | None = None) -> Experiment:
     """Build a run from a scenario.
+
+    Args:
+        scenario: a validated scenario.
+        folder: base of relative paths.
+        plans: optimal motions of other runs, which runs with equal problems share.
 
     Raises:
         RncError: a part of the scenario does not fit the robot.
@@ -106,19 +114,12 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
     task = build_task(scenario, reduced)
     q0 = _initial(scenario, reduced)
     v2_0 = reduced_velocity(reduced, scenario.initial.v2, "initial.v2")
-    x1, x2 = reduced.at(q0).outputs()
-    starts = {"primary": x2[task.primary], "redundant": x2[task.redundant], "vertical": x1[task.vertical]}
-    references: dict[str, Reference] = {}
-    given = tuple(name for name in starts if getattr(scenario.reference, name) is not None)
-    for name, start in starts.items():
-        settings = getattr(scenario.reference, name)
-        try:
-            coordinates: Coordinates = getattr(task, f"{name}_coordinates")
-            references[name] = Hold(start) if settings is None else settings.build(start, coordinates)
-        except (ConfigurationError, InputError) as error:
-            raise ConfigurationError(f"reference.{name}: {error}") from None
-    path = _plan_path(scenario, reduced, task, q0)
     obstacles = build_obstacles(scenario.obstacles, folder)
+    motion = None
+    if scenario.planner is not None:
+        motion = (Plans() if plans is None else plans).plan(scenario, reduced, Start(q0, v2_0), obstacles)
+    references, given = _references(scenario, reduced, task, q0, motion)
+    path = _plan_path(scenario, reduced, task, q0)
     built = _build_controller(
         scenario,
         ControllerContext(
@@ -136,6 +137,7 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
             v2_0=v2_0,
             grip=_grip(scenario, reduced),
             obstacles=obstacles,
+            plan=motion,
         ),
     )
     _check_plots(scenario, reduced)
@@ -154,10 +156,47 @@ def build_experiment(scenario: Scenario, folder: Path) -> Experiment:
             provenance_of(built.notes),
             controller=describe(built.controller),
             task=TaskNames(tuple(task.primary_names), tuple(task.redundant_names)),
-            path=path.planned,
+            path=path.planned if motion is None else planned_path(motion, reduced, _shown_frame(scenario, reduced)),
         ),
         obstacles=obstacles,
+        plan=motion,
     )
+
+
+def _references(
+    scenario: Scenario, reduced: ReducedModel, task: Task, q0: np.ndarray, motion: MotionPlan | None
+) -> tuple[dict[str, Reference], tuple[str, ...]]:
+    """References of the task's outputs, and the names of those that the scenario or its plan gives."""
+    assert scenario.controller is not None
+    if motion is not None and scenario.reference.path is not None:
+        raise ConfigurationError("reference.path: 'planner' plans the motion; remove one of them")
+    x1, x2 = reduced.at(q0).outputs()
+    starts = {"primary": x2[task.primary], "redundant": x2[task.redundant], "vertical": x1[task.vertical]}
+    references: dict[str, Reference] = {}
+    given = []
+    for name, start in starts.items():
+        settings, outputs = getattr(scenario.reference, name), getattr(task, f"{name}_names")
+        try:
+            coordinates: Coordinates = getattr(task, f"{name}_coordinates")
+            if settings is not None:
+                references[name] = settings.build(start, coordinates)
+            elif motion is not None and outputs and name in scenario.controller.followed:
+                references[name] = motion.reference(outputs)
+            else:
+                references[name] = Hold(start)
+                continue
+            given.append(name)
+        except (ConfigurationError, InputError) as error:
+            raise ConfigurationError(f"reference.{name}: {error}") from None
+    return references, tuple(given)
+
+
+def _shown_frame(scenario: Scenario, reduced: ReducedModel) -> str:
+    """Frame whose planned path is drawn: the first trail, or the body of the first joint."""
+    if scenario.view.trail:
+        return scenario.view.trail[0]
+    frames = reduced.robot.model.frames
+    return next(str(each.name) for each in frames if each.parentJoint == 1 and "BODY" in str(each.type))
 
 
 def _unmeasured(obstacles: Sequence[Obstacle], reduced: ReducedModel) -> tuple[str, ...]:
@@ -256,7 +295,7 @@ def _plan_path(scenario: Scenario, reduced: ReducedModel, task: Task, q0: np.nda
             "reference.path: primary outputs must be forward speed and steering angle, in this order"
         )
     speed, steering = (int(index) for index in task.primary)
-    start = frame_poses(reduced.robot, settings.frame, q0[None])[0]
+    start = frame_poses(reduced.robot, settings.frame, q0[None]).planar[0]
     trailer, slithering = settings.trailer, None
     try:
         path = CarPath(
@@ -290,18 +329,6 @@ def _plan_path(scenario: Scenario, reduced: ReducedModel, task: Task, q0: np.nda
     return _PathPlan(path.reference, slithering, monitored, planned)
 
 
-def frame_poses(robot: Robot, frame: str, configurations: np.ndarray) -> np.ndarray:
-    """Return x, y and heading of a frame, (N, 3), at configurations (N, nq)."""
-    data, index = robot.model.createData(), robot.frame_id(frame)
-    poses = np.empty((len(configurations), 3))
-    for pose, q in zip(poses, configurations, strict=True):
-        pin.framesForwardKinematics(robot.model, data, q)
-        placement = data.oMf[index]
-        pose[:2] = placement.translation[:2]
-        pose[2] = np.arctan2(placement.rotation[1, 0], placement.rotation[0, 0])
-    return poses
-
-
 def off_tracking(experiment: Experiment, configurations: np.ndarray) -> float | None:
     """Return the largest distance [m] of a trailer's axle from the travelled path; None without a trailer.
 
@@ -312,7 +339,7 @@ def off_tracking(experiment: Experiment, configurations: np.ndarray) -> float | 
         return None
     robot = experiment.reduced.robot
     some = configurations[::10]  # every tenth sample is dense enough
-    driven, axle = (frame_poses(robot, frame, some) for frame in (settings.frame, settings.trailer.frame))
+    driven, axle = (frame_poses(robot, frame, some).planar for frame in (settings.frame, settings.trailer.frame))
     behind = 2.0 * float(np.linalg.norm(driven[0, :2] - axle[0, :2]))
     return float(distances(axle[:, :2], continued_back(driven, behind)).max())
 

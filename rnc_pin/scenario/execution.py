@@ -16,6 +16,7 @@ from rnc_pin.io.json import Json, dump_json
 from rnc_pin.scenario.builder import Experiment, build_experiment, off_tracking
 from rnc_pin.scenario.files import apply_options, find_scenario, is_built_in, read_yaml, with_options
 from rnc_pin.scenario.loading import validate
+from rnc_pin.scenario.planner_builder import Plans
 from rnc_pin.scenario.schema import Scenario
 from rnc_pin.scenario.shared_tasks import Report, SharedTasks
 from rnc_pin.simulation import (
@@ -35,6 +36,7 @@ from rnc_pin.simulation.summary import Compared
 
 REPLAY_DISTANCE = 0.2
 """Distance up to which the replay of a run computes exact distances [m]."""
+_PLAN = "plan.npz"
 _REPORTS = 400  # progress reports of a run
 _REPLAY_STEP, _REPLAYED = 0.02, 500  # smallest step between distances [s], and largest number of them
 
@@ -104,7 +106,8 @@ def plan(scenario: str, options: Mapping[str, Json] | None = None) -> Plan:
     raw = apply_options(read_yaml(path), options or {})
     source = path.name if scenario != path.stem else scenario
     checked = validate(raw, source)
-    experiment = _located(source, checked, path.parent)
+    plans = Plans()
+    experiment = _located(source, checked, path.parent, plans)
     comparisons: dict[str, Experiment] = {}
     slugs: dict[str, str] = {}
     for label, changes in checked.comparisons.items():
@@ -112,14 +115,14 @@ def plan(scenario: str, options: Mapping[str, Json] | None = None) -> Plan:
         other = validate(with_options(raw, {"preflight": "warn", **changes}), f"{source}: comparisons.{label}")
         if slugs.setdefault(slug(label), label) != label:
             raise ConfigurationError(f"{source}: comparisons: '{label}' and '{slugs[slug(label)]}' give one file name")
-        comparisons[label] = _located(f"{source}: comparisons.{label}", other, path.parent)
+        comparisons[label] = _located(f"{source}: comparisons.{label}", other, path.parent, plans)
     return Plan(path.stem, raw, path.parent, experiment, comparisons, is_built_in(path))
 
 
-def _located(source: str, scenario: Scenario, folder: Path) -> Experiment:
+def _located(source: str, scenario: Scenario, folder: Path, plans: Plans) -> Experiment:
     """Build an experiment and prepend the source file to errors."""
     try:
-        return build_experiment(scenario, folder)
+        return build_experiment(scenario, folder, plans)
     except SingularityError as error:
         error.what = f"{source}: {error.what}"
         raise
@@ -288,15 +291,18 @@ def write(plan: Plan, result: Result, folder: Path) -> list[str]:
     result.trajectory.save(folder / "trajectory.npz")
     for label, other in result.comparisons.items():
         other.save(folder / _comparison_file(label))
+    if plan.experiment.plan is not None:
+        plan.experiment.plan.save(folder / _PLAN)
     (folder / "summary.json").write_text(dump_json(result.summary) + "\n", encoding="utf-8")
     text = yaml.safe_dump(_portable(plan), sort_keys=False)
     (folder / "scenario.yaml").write_text(text, encoding="utf-8")
-    return data_names(result.comparisons)
+    return data_names(result.comparisons, plan.experiment.plan is not None)
 
 
-def data_names(comparisons: Iterable[str] = ()) -> list[str]:
-    """Names of the files that ``write`` writes for a run with these comparisons."""
-    return ["trajectory.npz", *map(_comparison_file, comparisons), "summary.json", "scenario.yaml"]
+def data_names(comparisons: Iterable[str] = (), planned: bool = False) -> list[str]:
+    """Names of the files that ``write`` writes for a run with these comparisons, and with a plan if it is planned."""
+    plans = [_PLAN] if planned else []
+    return ["trajectory.npz", *map(_comparison_file, comparisons), *plans, "summary.json", "scenario.yaml"]
 
 
 def _comparison_file(label: str) -> str:

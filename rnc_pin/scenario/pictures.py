@@ -46,7 +46,8 @@ class Drawn:
 def picture_names(plan: Plan) -> list[str]:
     """Names of the pictures that a run can write."""
     plots = dict.fromkeys(f"{name}.png" for name in plan.experiment.scenario.plots)
-    return list(plots | dict.fromkeys(["overview.png", "top_view.png", "limits.png", ANIMATION]))
+    own = ["overview.png", "top_view.png", "limits.png", *(["plan.png"] if plan.experiment.plan else []), ANIMATION]
+    return list(plots | dict.fromkeys(own))
 
 
 @dataclass(frozen=True)

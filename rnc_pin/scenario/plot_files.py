@@ -15,6 +15,8 @@ from rnc_pin.visualization.top_view import ground_paths
 def write_plot(plan: Plan, result: Result, path: Path) -> bool:
     """Write the plot that the file name means; False if there is nothing to draw."""
     own = {"overview": _overview, "top_view": _top_view, "limits": _limits}
+    if plan.experiment.plan is not None:
+        own["plan"] = _plan
     if path.stem in own:
         return own[path.stem](plan, result, path)
     return _plot(result, plan.experiment.scenario.plots[path.stem], path)
@@ -48,4 +50,10 @@ def _limits(plan: Plan, result: Result, path: Path) -> bool:
     if result.limits is None or not (result.limits.uses or result.limits.clearances):
         return False
     save(plot_limits(result.limits, plan.experiment.scenario.title), path)
+    return True
+
+
+def _plan(plan: Plan, result: Result, path: Path) -> bool:
+    assert plan.experiment.plan is not None
+    save(plan.experiment.plan.plot(), path)
     return True

@@ -106,7 +106,7 @@ def run_folders(runs: int) -> list[str]:
 
 def run_files(runs: int) -> list[str]:
     """Return the names of all files in the folders of a sweep's runs."""
-    return [f"{folder}/{name}" for folder in run_folders(runs) for name in data_names()]
+    return [f"{folder}/{name}" for folder in run_folders(runs) for name in data_names(planned=True)]
 
 
 def sweep(

@@ -24,7 +24,8 @@ def with_plan(points: np.ndarray, plan: PlannedPath | None, height: float) -> np
     if plan is None:
         return points
     path = np.array(plan.poses)[:, :2]
-    return np.concatenate([points, np.column_stack([path, np.full(len(path), height)])])
+    heights = np.array(plan.heights) if plan.heights else np.full(len(path), height)
+    return np.concatenate([points, np.column_stack([path, heights])])
 
 
 def enlarged_box(corners: np.ndarray) -> np.ndarray:

@@ -177,9 +177,10 @@ class RunScene:
 
     def _plan(self, first: DrawnState) -> list[e.Element]:
         plan = self._path
-        if plan is None or self.ground is None:
+        if plan is None or (self.ground is None and not plan.heights):
             return []
-        points = np.column_stack([np.array(plan.poses)[:, :2], np.full(len(plan.poses), self._floor)])
+        heights = np.array(plan.heights) if plan.heights else np.full(len(plan.poses), self._floor)
+        points = np.column_stack([np.array(plan.poses)[:, :2], heights])
         return [e.FixedPath(e.LayerEntry("planned path", "plan", e.BLACK, "dashed"), plan.frame, points, self._width)]
 
     @property

@@ -37,6 +37,7 @@ GAINS = {  # in the record of a run, by the type of what its controller is made 
     "SteeringController": {"k3", "k4", "k21"},
     "UnicycleStabilizer": {"goal", "k", "rate"},
     "SplitController": {"parts"},
+    "PlanFeedback": {"form", "cost", "outcome", "gains"},
     "InverseDynamicsQP": {"tasks", "limits", "dt", "velocity_gain", "friction"},
 }
 FAST = {"free-flying-arm": 0.002, "tiago": 0.004, "unicycle": 0.004}
@@ -69,8 +70,8 @@ def its_gains_are_recorded(prepared):
     parts = list(parts_of(json.loads(json.dumps(prepared.experiment.notes["controller"]))))
     for part in parts:
         assert set(part) >= GAINS[part["type"]], part
-    trackers = [part["gains"] for part in parts if "gains" in part]
-    assert trackers or parts[0]["type"] == "InverseDynamicsQP"  # which needs no tracker
+    trackers = [part["gains"] for part in parts if "gains" in part and part["type"] != "PlanFeedback"]
+    assert trackers or parts[0]["type"] in ("InverseDynamicsQP", "PlanFeedback")  # which need no tracker
     for gains in trackers:
         assert set(gains) in ({"k", "beta", "sigma"}, {"k1", "k2", "gamma", "beta", "sigma"})
         assert all(np.min(gain) > 0 for gain in gains.values())

@@ -38,7 +38,8 @@ def run_scenario(
     for warning in prepared.experiment.warnings:
         warn(warning)
     name = prepared.name.strip(".") or "scenario"  # a file "...yaml" must not write into ".."
-    names = [*data_names(prepared.comparisons), *picture_names(prepared)]
+    planned = prepared.experiment.plan is not None
+    names = [*data_names(prepared.comparisons, planned), *picture_names(prepared)]
     processes = 1 if show else processor_count()  # a live view has threads, which forks do not have
     with (
         uninterrupted(),

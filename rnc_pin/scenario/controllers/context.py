@@ -17,6 +17,7 @@ from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.io.json import Json
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
+from rnc_pin.optimal.motion_plan import MotionPlan
 from rnc_pin.planning import Reference
 from rnc_pin.scenario.schema.controllers import (
     AdaptationSettings,
@@ -46,6 +47,7 @@ class ControllerContext:
         preflight: action if a singular configuration is ahead.
         slithering: reference of a trailer on the path of its tractor, which replaces ``vertical``.
         obstacles: bodies in the world, for the check before the run.
+        plan: optimal motion of ``planner``, if the scenario has one.
         monitored: indices in x1 and reference of vertical outputs that are not controlled; for the record only.
     """
 
@@ -63,6 +65,7 @@ class ControllerContext:
     v2_0: np.ndarray | None = None
     grip: Grip | None = None
     obstacles: tuple[Obstacle, ...] = ()
+    plan: MotionPlan | None = None
 
     @property
     def horizon(self) -> float:

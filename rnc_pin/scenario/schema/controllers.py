@@ -247,6 +247,32 @@ class StateFeedbackSettings(ControllerSettings):
     """Joints that may move in the steady motion although the dynamics depend on them, such as an unbalanced wheel."""
 
 
+class PlanFeedbackSettings(ControllerSettings):
+    """Feedback along the plan of ``planner``: its own gains, or those of a time-varying linear-quadratic regulator."""
+
+    follows: ClassVar[frozenset[str]] = frozenset()
+    advice: ClassVar[str] = ", which follows the plan of 'planner'"
+
+    type: Literal["plan_feedback"]
+    """Planned inputs with feedback. It uses the model."""
+    gains: Literal["tvlqr", "plan"] = "tvlqr"
+    """Gains: "tvlqr", a regulator with the weights below; or "plan", a regulator with the costs of the plan."""
+    state_cost: float | Numbers | dict[str, float] = 1.0
+    """Weights of the states for "tvlqr": one number, one for each, or a mapping by name. States are the entries of v
+    and, with "(rate)" after the name, the reduced velocities."""
+    input_cost: float | Numbers | dict[str, float] = 1.0
+    """Weights of the inputs of the plan for "tvlqr": one number, one for each, or a mapping by name."""
+    bandwidth: Positive = 20.0
+    """Decay rate of velocity errors for plans of the form "kinematic" [1/s]."""
+
+    @model_validator(mode="after")
+    def _weights_belong_to_tvlqr(self) -> PlanFeedbackSettings:
+        for name in ("state_cost", "input_cost"):
+            if self.gains == "plan" and name in self.model_fields_set:
+                raise wrong(name, "belongs to gains 'tvlqr'")
+        return self
+
+
 class PlatformGoal(Strict):
     """Goal of a unicycle platform in the second phase."""
 
@@ -313,6 +339,7 @@ _AnyType = (
     | StateFeedbackSettings
     | VelocityProgramSettings
     | InverseDynamicsSettings
+    | PlanFeedbackSettings
     | TwoPhaseSettings
 )
 

@@ -14,6 +14,7 @@ from rnc_pin.scenario.schema.controllers import ControllerItem
 from rnc_pin.scenario.schema.derived import Entry
 from rnc_pin.scenario.schema.obstacles import ObstacleItem
 from rnc_pin.scenario.schema.outputs import Outputs, TaskOutputs
+from rnc_pin.scenario.schema.planner_settings import OptimalPlanner
 from rnc_pin.scenario.schema.plant_settings import FaultSettings, LoopSettings, PlantSettings
 from rnc_pin.scenario.schema.reference_settings import References
 from rnc_pin.scenario.schema.robot_source import RobotSource
@@ -73,6 +74,8 @@ class Scenario(Strict):
     """Initial configuration and velocity."""
     reference: References = References()
     """Reference trajectories of the outputs."""
+    planner: OptimalPlanner | None = None
+    """Planner of a motion before the run: ``{type: optimal, goal: ..., duration: ...}``."""
     controller: ControllerItem | None = None
     """Type and gains of the controller; a run requires it."""
     simulation: SimulationSettings | None = None
