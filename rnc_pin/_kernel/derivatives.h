@@ -95,18 +95,6 @@ static int prepare_derivatives(Evaluator *ev) /* false with an error if there is
 
 /* ------------------------------------------------------------------ twists */
 
-static void column(const double *J, Py_ssize_t n, Py_ssize_t c, double *S)
-{
-    for (int i = 0; i < 6; i++) S[i] = J[i * n + c];
-}
-
-static void cross_motion(const double *x, const double *y, double *out) /* rate of y that is carried along by x */
-{
-    cross(x + 3, y, out);
-    add_cross(out, x, y + 3);
-    cross(x + 3, y + 3, out + 3);
-}
-
 static void cross_force(const double *x, const double *F, double *out) /* the same of a wrench */
 {
     cross(x + 3, F, out);
@@ -392,7 +380,7 @@ static int solve_motion(Evaluator *ev, Derivatives *d, const double *q, const do
                         const double *force, const double *v, const double *v2_dot)
 {
     Py_ssize_t n = ev->n, m = ev->m;
-    const double *inverse = F + n * n, *solved = S + 8 * n;
+    const double *inverse = F + n * n, *solved = S + 2 * n;
     double *w = d->acceleration;
     for (Py_ssize_t i = 0; i < n; i++) w[i] = dot(inverse + i * n + m, v2_dot, ev->r) - solved[i];
     memset(d->multipliers, 0, (size_t)n * sizeof(double));
@@ -481,7 +469,7 @@ static PyObject *state_derivatives(Evaluator *ev, PyObject *const *args, Py_ssiz
         vary_frames(ev, d, J);
         Py_ssize_t varying = vary_rows(ev, d, q, P, v);
         vary_forces(ev, d, q, J, T);
-        ok = solve_variations(ev, d, P, F, S + 10 * n, B, varying, out);
+        ok = solve_variations(ev, d, P, F, S + 4 * n, B, varying, out);
     }
     free(B);
     return answer(&all, array, ok);

@@ -16,7 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define INTERFACE 9 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
+#define INTERFACE 10 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
 #define INTEGERS 8  /* of a row: kind, first and second frame, five more */
 #define NUMBERS 12  /* of a row */
 #define FLAT 1e-6   /* sine below which an axis counts as vertical */
@@ -63,7 +63,8 @@ typedef struct {
     Py_ssize_t count;        /* number of rows */
     long *columns;           /* columns of B of the inputs on frames */
     Frame *frame;
-    long *support, *start;   /* entries of v that move each joint */
+    long *support, *start;   /* entries of v that move each joint, in the order from the root */
+    long *owner;             /* joint of each entry of v (n) */
     double *constant;        /* constant rows of E and J1 (n + k, n) */
     double *B, *mu, *lengths; /* constant part of B (n, p); (m); typical lengths of the rows of E (n) */
     double fast_length, fast_limit;
@@ -74,14 +75,14 @@ typedef struct {
     Motion *motion;
     double *scratch;
     PyObject *refs;          /* tuple of Python objects, see below */
-    Py_buffer views[11];     /* M, J, dJ, nle, C, placements, q, v, acceleration, derivatives of inverse dynamics */
+    Py_buffer views[10];     /* M, J, nle, C, placements, q, v, acceleration, derivatives of inverse dynamics */
     int open;                /* number of views */
     Derivatives *derivatives; /* NULL until they are used */
 } Evaluator;
 
-enum { V_M, V_J, V_DJ, V_NLE, V_C, V_PLACES, V_Q, V_V, V_A, V_TAU_Q, V_TAU_V, VIEWS };
+enum { V_M, V_J, V_NLE, V_C, V_PLACES, V_Q, V_V, V_A, V_TAU_Q, V_TAU_V, VIEWS };
 enum {
-    P_MODEL, P_DATA, P_Q, P_V, P_CONVENTION, P_CRBA, P_NLE, P_DJ, P_C, P_NORMALIZED, P_EPS, P_EMPTY, P_INTEGRATE, P_A, P_RNEA,
+    P_MODEL, P_DATA, P_Q, P_V, P_CONVENTION, P_CRBA, P_NLE, P_C, P_NORMALIZED, P_EPS, P_EMPTY, P_INTEGRATE, P_A, P_RNEA,
     REFS
 };
 
@@ -92,6 +93,20 @@ static void cross(const double *a, const double *b, double *out)
     out[0] = a[1] * b[2] - a[2] * b[1];
     out[1] = a[2] * b[0] - a[0] * b[2];
     out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+static void add_cross(double *out, const double *a, const double *b)
+{
+    out[0] += a[1] * b[2] - a[2] * b[1];
+    out[1] += a[2] * b[0] - a[0] * b[2];
+    out[2] += a[0] * b[1] - a[1] * b[0];
+}
+
+static void cross_motion(const double *x, const double *y, double *out) /* rate of the twist y that is carried along by x */
+{
+    cross(x + 3, y, out);
+    add_cross(out, x, y + 3);
+    cross(x + 3, y + 3, out + 3);
 }
 
 static double dot(const double *a, const double *b, Py_ssize_t n)
@@ -215,24 +230,57 @@ static void place(Evaluator *ev, const double *places)
     }
 }
 
-/* velocities of all frames; accelerations too if dJ is given */
-static void move(Evaluator *ev, const double *J, const double *dJ, const double *v)
+static void column(const double *J, Py_ssize_t n, Py_ssize_t c, double *S)
 {
-    Py_ssize_t n = ev->n;
+    for (int i = 0; i < 6; i++) S[i] = J[i * n + c];
+}
+
+/* Twist of a joint, and its rate A at zero joint accelerations, unless NULL. Axes are constant in the body that they
+   move, so the rate grows along the chain by U x (V - U), with the twists U and V of a joint's bodies. */
+static void move_joint(const Evaluator *ev, const double *J, const double *v, long joint, double *V, double *A)
+{
+    double S[6], own[6] = {0.0}, before[6] = {0.0}, turned[6];
+    long last = ev->start[joint + 1];
+    memset(V, 0, 6 * sizeof(double));
+    if (A) memset(A, 0, 6 * sizeof(double));
+    for (long s = ev->start[joint]; s < last; s++) {
+        long c = ev->support[s];
+        column(J, ev->n, c, S);
+        add(V, v[c], S, 6);
+        if (!A) continue;
+        add(own, v[c], S, 6);
+        if (s + 1 < last && ev->owner[ev->support[s + 1]] == ev->owner[c]) continue;
+        cross_motion(before, own, turned);
+        add(A, 1.0, turned, 6);
+        memcpy(before, V, sizeof before);
+        memset(own, 0, sizeof own);
+    }
+}
+
+/* velocities of all frames; rates of their twists too if asked for */
+static void move(Evaluator *ev, const double *J, const double *v, int with_rates)
+{
     for (Py_ssize_t f = 0; f < ev->frames; f++) {
         Motion *out = ev->motion + f;
-        long joint = ev->frame[f].joint;
-        for (int i = 0; i < 6; i++) {
-            double velocity = 0.0, acceleration = 0.0;
-            for (long s = ev->start[joint]; s < ev->start[joint + 1]; s++) {
-                long c = ev->support[s];
-                velocity += J[i * n + c] * v[c];
-                if (dJ) acceleration += dJ[i * n + c] * v[c];
-            }
-            out->V[i] = velocity, out->A[i] = acceleration;
-        }
+        if (f && ev->frame[f].joint == ev->frame[f - 1].joint) {
+            memcpy(out->V, out[-1].V, sizeof out->V);
+            memcpy(out->A, out[-1].A, sizeof out->A);
+        } else
+            move_joint(ev, J, v, ev->frame[f].joint, out->V, with_rates ? out->A : NULL);
         cross(out->V + 3, out->p, out->v);
         for (int i = 0; i < 3; i++) out->v[i] += out->V[i];
+    }
+}
+
+/* dJ (6, n): rates of the columns of J, which their joints carry along */
+static void jacobian_rates(const Evaluator *ev, const double *J, const double *v, double *dJ)
+{
+    double V[6], S[6], turned[6];
+    for (Py_ssize_t c = 0; c < ev->n; c++) {
+        if (!c || ev->owner[c] != ev->owner[c - 1]) move_joint(ev, J, v, ev->owner[c], V, NULL);
+        column(J, ev->n, c, S);
+        cross_motion(V, S, turned);
+        for (int i = 0; i < 6; i++) dJ[i * ev->n + c] = turned[i];
     }
 }
 
@@ -565,20 +613,19 @@ static void inertia(const Evaluator *ev, const double *P, const double *F, doubl
     multiply_transposed(R, n, work, r, H, r, n, r);
 }
 
-static Py_ssize_t dynamics_size(const Evaluator *ev) { return 10 * ev->n + ev->r * ev->r; }
+static Py_ssize_t dynamics_size(const Evaluator *ev) { return 4 * ev->n + ev->r * ev->r; }
 
-/* S: bias (n), dJ (6, n), then gamma, E^-1 gamma and M E^-1 gamma - bias (n each), then H (r, r) */
+/* S: bias, gamma, E^-1 gamma and M E^-1 gamma - bias (n each), then H (r, r) */
 static int biases(Evaluator *ev, const double *q, const double *P, const double *F, const double *v,
                   const double *external, double *S)
 {
     Py_ssize_t n = ev->n;
-    double *dJ = S + n, *gamma = dJ + 6 * n, *solved = gamma + n, *unforced = solved + n;
+    double *gamma = S + n, *solved = gamma + n, *unforced = solved + n;
     take_state(ev, q, v);
-    if (!called(ev, P_NLE, 1) || !called(ev, P_DJ, 1)) return 0;
+    if (!called(ev, P_NLE, 1)) return 0;
     memcpy(S, ev->views[V_NLE].buf, (size_t)n * sizeof(double));
-    by_rows(ev->views[V_DJ].buf, dJ, 6, n);
     place(ev, P + n * n + 6 * n);
-    move(ev, P + n * n, dJ, v);
+    move(ev, P + n * n, v, 1);
     for (Py_ssize_t i = 0; i < n; i++) {
         const Row *row = ev->rows + i;
         Wrench on[2];
@@ -606,7 +653,7 @@ static int biases(Evaluator *ev, const double *q, const double *P, const double 
     }
     for (Py_ssize_t i = 0; i < n; i++) solved[i] = dot(F + n * n + i * n, gamma, n);
     for (Py_ssize_t i = 0; i < n; i++) unforced[i] = dot(P + i * n, solved, n) - S[i];
-    inertia(ev, P, F, S + 10 * n, ev->scratch);
+    inertia(ev, P, F, S + 4 * n, ev->scratch);
     return 1;
 }
 
@@ -615,7 +662,7 @@ static int accelerate(const Evaluator *ev, const double *F, const double *S, con
                       double *work)
 {
     Py_ssize_t n = ev->n, r = ev->r;
-    const double *R = F + n * n + ev->m, *unforced = S + 9 * n, *H = S + 10 * n;
+    const double *R = F + n * n + ev->m, *unforced = S + 3 * n, *H = S + 4 * n;
     memset(v2_dot, 0, (size_t)r * sizeof(double));
     for (Py_ssize_t i = 0; i < n; i++) add(v2_dot, force[i] + unforced[i], R + i * n, r);
     return solve_positive_definite(H, v2_dot, work, r);
@@ -696,8 +743,8 @@ static Py_ssize_t rates_size(const Evaluator *ev)
     return ev->n * ev->n + ev->n * ev->r + 2 * ev->k * (ev->n + ev->r) + ev->n + ev->k;
 }
 
-/* D: E_dot (n, n), R_dot (n, r), J1 (k, n), A_star (k, r), J1_dot (k, n), A_star_dot (k, r), E v (n), J1 v (k), if
-   Pinocchio's dJ is current (and C, for momenta). of_J1, E_rates and J1_rates have values of the user's rows.
+/* D: E_dot (n, n), R_dot (n, r), J1 (k, n), A_star (k, r), J1_dot (k, n), A_star_dot (k, r), E v (n), J1 v (k).
+   Pinocchio's C is current if there are momenta. of_J1, E_rates and J1_rates have values of the user's rows.
    work: 2 n * n + 6 n. False if a row of J1 is undefined. */
 static int rates(Evaluator *ev, const double *q, const double *P, const double *F, const double *v, const double *of_J1,
                  const double *E_rates, const double *J1_rates, double *D, double *work)
@@ -708,8 +755,8 @@ static int rates(Evaluator *ev, const double *q, const double *P, const double *
     double *C = work, *product = work + n * n, *dJ = product + n * n, *rows = A_star_dot + k * r, *v1 = rows + n;
     if (!vertical(ev, q, P, F, of_J1, Y)) return 0;
     if (ev->rates_need_C) by_rows(ev->views[V_C].buf, C, n, n);
-    by_rows(ev->views[V_DJ].buf, dJ, 6, n);
-    move(ev, P + n * n, NULL, v);
+    jacobian_rates(ev, P + n * n, v, dJ);
+    move(ev, P + n * n, v, 0);
     assemble_rates(ev, q, P, dJ, v, C, E_rates, 0, n, D);
     assemble_rates(ev, q, P, dJ, v, C, J1_rates, n, n + k, J1_dot);
     multiply(D, n, R, n, product, n, n, r);
@@ -950,7 +997,7 @@ static PyObject *row_rates(Evaluator *ev, PyObject *const *args, Py_ssize_t give
         ok = (E_rates || !in_E) && ((of_J1 && J1_rates) || !in_J1);
         for (Py_ssize_t i = 0; i < all.count && ok > 0; i++) {
             take_state(ev, q + i * ev->nq, v + i * n);
-            if (!called(ev, ev->rates_need_C ? P_C : P_DJ, 1)) ok = -1; /* dJ comes with C */
+            if (ev->rates_need_C && !called(ev, P_C, 1)) ok = -1;
             else
                 ok = rates(ev, q + i * ev->nq, P + i * kinematics_size(ev), F + i * 2 * n * n, v + i * n,
                            of_J1 ? of_J1 + i * in_J1 : NULL, E_rates ? E_rates + i * in_E : NULL,
@@ -1126,7 +1173,7 @@ static double constraint_power(const Evaluator *ev, const double *P, const doubl
                                const double *force, const double *v2_dot, double *work)
 {
     Py_ssize_t n = ev->n, m = ev->m;
-    const double *solved = S + 8 * n;
+    const double *solved = S + 2 * n;
     double *acceleration = work, *push = work + n, power = 0.0;
     memset(push, 0, (size_t)n * sizeof(double));
     for (Py_ssize_t i = 0; i < n; i++) acceleration[i] = dot(F + n * n + i * n + m, v2_dot, ev->r) - solved[i];
@@ -1367,7 +1414,7 @@ static PyObject *terms(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
         take_state(ev, q, v);
         if (!called(ev, P_NLE, 1)) ok = -1;
         memcpy(bias, ev->views[V_NLE].buf, (size_t)n * sizeof(double));
-        if (ok > 0 && !called(ev, P_C, 1)) ok = -1; /* dJ comes with it */
+        if (ok > 0 && !called(ev, P_C, 1)) ok = -1;
         if (ok <= 0) break;
         if (!rates(ev, q, P, F, v, NULL, NULL, NULL, D, ev->scratch)) ok = 0;
         coriolis(ev, P, F, v, bias, D, K, ev->scratch);
@@ -1520,6 +1567,13 @@ static int checked(Evaluator *ev)
     return 1;
 }
 
+/* A joint comes before those that it carries, so the first joint that an entry of v moves is its own. */
+static void find_owners(Evaluator *ev)
+{
+    for (Py_ssize_t j = ev->joints - 1; j >= 0; j--)
+        for (long s = ev->start[j]; s < ev->start[j + 1]; s++) ev->owner[ev->support[s]] = (long)j;
+}
+
 /* Table of joints with curved coordinates; None if the coordinates of a joint have no formula here. */
 static int bent(Evaluator *ev, PyObject *table)
 {
@@ -1540,7 +1594,7 @@ static int bent(Evaluator *ev, PyObject *table)
 static int opened(Evaluator *ev, PyObject *arrays) /* views of Pinocchio's memory, and of q and v */
 {
     Py_ssize_t n = ev->n, square[2] = {n, n}, motions[2] = {6, n};
-    Py_ssize_t *shapes[VIEWS] = {square, motions, motions, &n, square, NULL, &ev->nq, &n, &n, square, square};
+    Py_ssize_t *shapes[VIEWS] = {square, motions, &n, square, NULL, &ev->nq, &n, &n, square, square};
     for (int i = 0; i < VIEWS; i++) {
         Py_buffer *view = ev->views + i;
         PyObject *array = PyTuple_GetItem(arrays, i);
@@ -1599,11 +1653,12 @@ static int initialize(PyObject *self, PyObject *args, PyObject *keywords)
         Py_ssize_t states = kinematics_size(ev) + 2 * n * n + n + dynamics_size(ev) + n;
         ev->work = work;
         ev->rows = calloc((size_t)ev->count, sizeof(Row));
+        ev->owner = calloc((size_t)n, sizeof(long));
         ev->frame = calloc((size_t)ev->frames + 1, sizeof(Frame));
         ev->motion = calloc((size_t)ev->frames + 1, sizeof(Motion));
         ev->scratch = calloc((size_t)(work + states + stages_size(ev)), sizeof(double));
         ev->stages = ev->scratch ? ev->scratch + work + states : NULL;
-        if (!ev->rows || !ev->frame || !ev->motion || !ev->scratch) PyErr_NoMemory();
+        if (!ev->rows || !ev->owner || !ev->frame || !ev->motion || !ev->scratch) PyErr_NoMemory();
         else {
             for (Py_ssize_t i = 0; i < ev->count; i++) {
                 const long *from = table + i * INTEGERS;
@@ -1618,7 +1673,8 @@ static int initialize(PyObject *self, PyObject *args, PyObject *keywords)
                 memcpy(ev->frame[f].p, placed + 12 * f + 9, sizeof ev->frame->p);
             }
             ok = checked(ev) && ev->start[0] == 0 && ev->start[ev->joints] == supported;
-            if (!ok) PyErr_SetString(PyExc_ValueError, "kernel: a row refers to something that does not exist");
+            if (ok) find_owners(ev);
+            else PyErr_SetString(PyExc_ValueError, "kernel: a row refers to something that does not exist");
         }
     }
     free(table), free(weights), free(on), free(placed);
@@ -1632,7 +1688,7 @@ static void destroy(PyObject *self)
     PyTypeObject *type = Py_TYPE(self);
     while (ev->open) PyBuffer_Release(ev->views + --ev->open);
     free(ev->rows), free(ev->columns), free(ev->frame), free(ev->support), free(ev->start), free(ev->constant);
-    free(ev->B), free(ev->mu), free(ev->lengths), free(ev->motion), free(ev->scratch), free(ev->curved);
+    free(ev->owner), free(ev->B), free(ev->mu), free(ev->lengths), free(ev->motion), free(ev->scratch), free(ev->curved);
     release_derivatives(ev);
     Py_CLEAR(ev->refs);
     PyObject_Free(self);

@@ -19,7 +19,7 @@ static PyObject *measure(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
         if (ok > 0) ok = factorize(ev, q, P, NULL, F);
         if (ok > 0) {
             take_state(ev, q, v);
-            if (!called(ev, ev->rates_need_C ? P_C : P_DJ, 1)) ok = -1; /* dJ comes with C */
+            if (ev->rates_need_C && !called(ev, P_C, 1)) ok = -1;
         }
         if (ok > 0) ok = rates(ev, q, P, F, v, NULL, NULL, NULL, D, ev->scratch);
         if (ok > 0) values(ev, q, P, x);

@@ -8,13 +8,6 @@ typedef struct {
 
 enum { CHANGE = sizeof(Change) / sizeof(double), UP_TO_VELOCITY = 12, FROM_VELOCITY = 6 };
 
-static void add_cross(double *out, const double *a, const double *b)
-{
-    out[0] += a[1] * b[2] - a[2] * b[1];
-    out[1] += a[2] * b[0] - a[0] * b[2];
-    out[2] += a[0] * b[1] - a[1] * b[0];
-}
-
 static void subtract(const double *a, const double *b, double *out, int size)
 {
     for (int i = 0; i < size; i++) out[i] = a[i] - b[i];

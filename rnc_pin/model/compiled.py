@@ -59,7 +59,7 @@ class CompiledReduction:
         kinematics = {"M": (n, n), "J": (6, n), "placements": (data.robot.model.njoints, 12)}
         inverse = {"E": (n, n), "E_inverse": (n, n)}
         rows = {"J1": (k, n), "A_star": (k, r)}
-        biases = {"bias": (n,), "dJ": (6, n), "gamma": (n,), "E_inverse_gamma": (n,), "unforced": (n,), "H": (r, r)}
+        biases = {"bias": (n,), "gamma": (n,), "E_inverse_gamma": (n,), "unforced": (n,), "H": (r, r)}
         velocities = {"velocities": (n,), "v1": (k,)}
         rates = {"E_dot": (n, n), "R_dot": (n, r), **rows, "J1_dot": (k, n), "A_star_dot": (k, r), **velocities}
         coriolis = {"C": (n, n), "V": (r, r), "g": (n,), "G": (r,)}

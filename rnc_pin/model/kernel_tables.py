@@ -110,7 +110,6 @@ def kernel_evaluator(data: ReductionData, table: RowTable, mu: Array | None, fus
     views = (
         _view(pinocchio.M, (n, n)),
         _view(pinocchio.J, (6, n)),
-        _view(pinocchio.dJ, (6, n)),
         _view(pinocchio.nle, (n,)),
         _view(pinocchio.C, (n, n)),
         _placements(pinocchio, joints),
@@ -119,7 +118,7 @@ def kernel_evaluator(data: ReductionData, table: RowTable, mu: Array | None, fus
         acceleration,
         *(each.reshape((n, n)).T for each in (pinocchio.dtau_dq, pinocchio.dtau_dv)),  # stored by rows
     )
-    functions = (pin.crba, pin.nonLinearEffects, pin.computeJointJacobiansTimeVariation, pin.computeCoriolisMatrix)
+    functions = (pin.crba, pin.nonLinearEffects, pin.computeCoriolisMatrix)
     references = (
         model,
         pinocchio,
