@@ -1,5 +1,7 @@
 /* Laws of controllers over one sample. Included in kernel.c. */
 
+#include "rotations.h"
+
 #define HALF_TURN 3.14159265358979323846
 
 /* Angle in (-pi, pi], as wrapped() of coordinates.py */
@@ -10,16 +12,36 @@ static double wrapped(double angle)
     return HALF_TURN - rest;
 }
 
+enum { REAL, ANGLE, ROTATION }; /* kinds of outputs; a rotation vector has three entries of its kind */
+
 /* velocity + gain * error and acceleration + gain * error rate of k outputs, which are x[places[i]] (x[i] without places)
    with these rates. point: position, velocity, acceleration (k each). False if a value is not finite; an output with zero
    gain needs none. */
 static int feed_back(Py_ssize_t k, double *const point[3], const double *x, const double *rate, const long *places,
-                     const double *gain, const double *angular, double *out, double *out_dot)
+                     const double *gain, const double *kind, double *out, double *out_dot)
 {
     for (Py_ssize_t i = 0; i < k; i++) {
         Py_ssize_t at = places ? places[i] : i;
+        if (kind[i] == ROTATION) {
+            double here[3], turning[3], error[3], error_rate[3], velocity[3], acceleration[3];
+            if (i + 2 >= k) return 0;
+            for (int c = 0; c < 3; c++) {
+                Py_ssize_t entry = places ? places[i + c] : i + c;
+                here[c] = x[entry], turning[c] = rate[entry];
+            }
+            rotation_error(point[0] + i, here, error);
+            angular_rates(point[0] + i, point[1] + i, point[2] + i, velocity, acceleration);
+            rotation_error_rate(error, velocity, turning, error_rate);
+            for (int c = 0; c < 3; c++) {
+                out[i + c] = velocity[c] + gain[i + c] * error[c];
+                out_dot[i + c] = acceleration[c] + gain[i + c] * error_rate[c];
+            }
+            if (!all_finite(out + i, 3) || !all_finite(out_dot + i, 3)) return 0;
+            i += 2;
+            continue;
+        }
         double error = point[0][i] - x[at], product = 0.0;
-        if (angular[i] != 0.0) error = wrapped(error);
+        if (kind[i] == ANGLE) error = wrapped(error);
         if (gain[i] != 0.0) product = gain[i] * error;
         if (!isfinite(product)) return 0;
         out[i] = point[1][i] + product;
@@ -29,7 +51,7 @@ static int feed_back(Py_ssize_t k, double *const point[3], const double *x, cons
 }
 
 /* Position, velocity and acceleration of a reference (k), values and rates of the outputs (k), table (2, k) of gains and of
-   ones for angles, record of both sums of feed_back (2, k). False if the arrays or the numbers need the other path. */
+   kinds, record of both sums of feed_back (2, k). False if the arrays or the numbers need the other path. */
 static PyObject *feedback(PyObject *module, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = 1};
@@ -144,8 +166,8 @@ static PyObject *spread(PyObject *module, PyObject *const *args, Py_ssize_t give
 }
 
 /* Class 1 with its feedback, (12): A_star, A_star_dot (k, r), indices as for spread, position, velocity and acceleration of the
-   primary reference (b each), then of the vertical one (a each), x2, v2 (r), x1, v1 (k), table of gains and of ones for
-   angles of the primary outputs (b each), then of the vertical ones (a each), then cost^-1 (c); offset of v1 and its rate (k) or
+   primary reference (b each), then of the vertical one (a each), x2, v2 (r), x1, v1 (k), table of gains and of kinds
+   of the primary outputs (b each), then of the vertical ones (a each), then cost^-1 (c); offset of v1 and its rate (k) or
    None, secondary rates and theirs (c) or None, a, b, record of v2, v2_dot, x2 and x1 desired (r, r, r, k).
    False if the arrays need the other path, or A4 is nearly singular. */
 static PyObject *pursue(PyObject *module, PyObject *const *args, Py_ssize_t given)
@@ -275,4 +297,62 @@ static PyObject *track_position(PyObject *module, PyObject *const *args, Py_ssiz
         F[i] = force, v2[places[i]] = xd[i], x2[places[i]] = x[0][i];
     }
     return result(&all, ok);
+}
+
+/* Parameters p (s), regressor W (e, s), prediction error (e), lowest and highest values (s each), step, record of the parameters
+   after one sample of (20); see estimation.py. False if the arrays need the other path. */
+static PyObject *adapt(PyObject *module, PyObject *const *args, Py_ssize_t given)
+{
+    Arrays all = {.count = 1};
+    double *x[6] = {NULL}, *work = NULL;
+    (void)module;
+    if (given != 7) return PyErr_SetString(PyExc_TypeError, "kernel: adapt takes 7 arguments"), NULL;
+    Py_ssize_t s = PyObject_Size(args[0]), e = PyObject_Size(args[2]), sizes[6] = {s, e * s, e, s, s, s};
+    double step = PyFloat_AsDouble(args[5]);
+    if (s < 0 || e < 0 || PyErr_Occurred()) return NULL;
+    int ok = s < 1 << 15 && e < 1 << 15;
+    for (int i = 0; i < 6 && ok; i++) ok = (x[i] = numbers(&all, args[i == 5 ? 6 : i], sizes[i])) != NULL;
+    if (!ok || all.views[all.open - 1].readonly) return result(&all, 0);
+    if (!(work = malloc((size_t)(e * (2 * e + 1) + 1) * sizeof(double)))) return PyErr_NoMemory(), result(&all, -1);
+    const double *W = x[1];
+    double *matrix = work, *solution = matrix + e * e, *factor = solution + e;
+    for (Py_ssize_t i = 0; i < e; i++) {
+        for (Py_ssize_t j = 0; j < e; j++) matrix[i * e + j] = (i == j) + step * dot(W + i * s, W + j * s, s);
+        solution[i] = step * x[2][i];
+    }
+    ok = solve_positive_definite(matrix, solution, factor, e);
+    for (Py_ssize_t j = 0; j < s && ok; j++) {
+        double next = x[0][j];
+        for (Py_ssize_t i = 0; i < e; i++) next += solution[i] * W[i * s + j];
+        x[5][j] = fmin(fmax(next, x[3][j]), x[4][j]);
+    }
+    free(work);
+    return result(&all, ok);
+}
+
+/* Center, amplitude, rate and phase of sines (k each), growth of the amplitude with three derivatives (4), time, record of the
+   value with three derivatives (4, k); see references.py. False if the arrays need the other path. */
+static PyObject *harmonic(PyObject *module, PyObject *const *args, Py_ssize_t given)
+{
+    Arrays all = {.count = 1};
+    double *x[6] = {NULL};
+    (void)module;
+    if (given != 7) return PyErr_SetString(PyExc_TypeError, "kernel: harmonic takes 7 arguments"), NULL;
+    Py_ssize_t k = PyObject_Size(args[0]), sizes[6] = {k, k, k, k, 4, 4 * k};
+    double t = PyFloat_AsDouble(args[5]);
+    if (k < 0 || PyErr_Occurred()) return NULL;
+    int ok = 1;
+    for (int i = 0; i < 6 && ok; i++) ok = (x[i] = numbers(&all, args[i == 5 ? 6 : i], sizes[i])) != NULL;
+    if (!ok || all.views[all.open - 1].readonly) return result(&all, 0);
+    const double *g = x[4];
+    double *out = x[5];
+    for (Py_ssize_t i = 0; i < k; i++) {
+        double w = x[2][i], angle = w * t + x[3][i], sine = x[1][i] * sin(angle), cosine = x[1][i] * cos(angle);
+        double wave[4] = {sine, w * cosine, -w * w * sine, -w * w * w * cosine};
+        out[i] = x[0][i] + g[0] * wave[0];
+        out[k + i] = g[0] * wave[1] + g[1] * wave[0];
+        out[2 * k + i] = g[0] * wave[2] + 2 * g[1] * wave[1] + g[2] * wave[0];
+        out[3 * k + i] = g[0] * wave[3] + 3 * g[1] * wave[2] + 3 * g[2] * wave[1] + g[3] * wave[0];
+    }
+    return result(&all, 1);
 }

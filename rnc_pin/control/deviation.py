@@ -62,11 +62,11 @@ class Feedback:
 
     @cached_property
     def _table(self) -> np.ndarray | None:
-        """Gains and mask of angles (2, k) for the kernel, which has no formulas for orientations."""
-        if _kernel.library is None or self._coordinates.rotations:
+        """Gains and kinds (2, k) of the outputs for the kernel."""
+        if _kernel.library is None:
             return None
-        angular = self._coordinates.angular
-        return np.stack([np.broadcast_to(self._gain, angular.shape), angular]).astype(float)
+        kinds = self._coordinates.kinds
+        return np.stack([np.broadcast_to(self._gain, kinds.shape), kinds]).astype(float)
 
     def __call__(self, desired: ReferencePoint, actual: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return both sums (..., k) for outputs (..., k) and their rates (..., k)."""

@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 from numpy import ndarray as Array
 
+from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.dead_zone import apply_dead_zone
 from rnc_pin.math.linear_algebra import solve
@@ -182,6 +183,14 @@ def adapt(
     errors (``control.dead_zone``). Clipping to a box that contains p does not make it grow either.
     """
     step = gain * elapsed
-    beyond = apply_dead_zone(error, dead_zone) if np.any(dead_zone) else error
+    beyond = error if _is_zero(dead_zone) else apply_dead_zone(error, dead_zone)
+    if _kernel.library is not None:
+        found = np.empty(p.shape)
+        if _kernel.library.adapt(p, W, beyond, low, high, step, found):
+            return found
     correction = solve(np.eye(len(error)) + step * W @ W.T, step * beyond).dot(W)
     return np.minimum(np.maximum(p + correction, low), high)
+
+
+def _is_zero(zone: float | np.ndarray) -> bool:
+    return not (zone if isinstance(zone, float) else np.any(zone))

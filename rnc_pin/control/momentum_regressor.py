@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 import pinocchio as pin
+import scipy
 
 from rnc_pin.constraints import MomentumConservation
 from rnc_pin.control.estimation import EstimatedModel, ParametrizedCopy
@@ -64,7 +65,10 @@ class MomentumRegressor:
             shape = inertia.toDynamicParameters() / inertia.mass
             self._unit.append(each.unit * shape)
             self._known.inertias[joint] = pin.Inertia.Zero()
-        self._data, self._jacobians = self._known.createData(), self._known.createData()
+        self._unit_inertias = [pin.Inertia.FromDynamicParameters(unit) for unit in self._unit]
+        base_joint = robot.joint_id(base)
+        self._moved = [base_joint in list(robot.model.supports[joint]) for joint in self.joints]
+        self._data = self._known.createData()
         known = pin.crba(self._known, self._data, robot.configuration())[self.rows, self.rows]
         if np.linalg.cond(known) > 1e10:
             raise ConfigurationError(f"no body of known mass turns with joint '{base}'")
@@ -94,19 +98,18 @@ class MomentumRegressor:
 
     def predict(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return W0 (k,) and W (k, s) at the measured q (nq,) and v (nv,)."""
-        model, rows = self._known, self.rows
-        A = pin.crba(model, self._data, q)[rows]
-        pin.computeJointJacobians(model, self._jacobians, q)
-        pin.forwardKinematics(model, self._jacobians, q, v)
-        Y = np.empty((A.shape[0], len(self.joints)))
-        for column, (joint, unit) in enumerate(zip(self.joints, self._unit, strict=True)):
-            velocity = self._jacobians.v[joint]
-            # A body's momentum is its regressor at velocity 0 and "acceleration" v, times its parameters.
-            momentum = pin.bodyRegressor(pin.Motion.Zero(), velocity) @ unit
-            jacobian = pin.getJointJacobian(model, self._jacobians, joint, pin.ReferenceFrame.LOCAL)
-            Y[:, column] = jacobian[:, rows].T @ momentum
+        model, data, rows = self._known, self._data, self.rows
+        A = pin.crba(model, data, q, pin.Convention.WORLD)[rows]  # Jacobians in world axes too
+        pin.forwardKinematics(model, data, q, v)
+        columns = np.empty((1 + len(self.joints), A.shape[0]))
+        for column, joint, unit, moved in zip(columns[1:], self.joints, self._unit_inertias, self._moved, strict=True):
+            # Momentum of the body at unit parameter, about the origin of the world.
+            momentum = data.oMi[joint].act(unit * data.v[joint]).vector
+            column[:] = momentum.dot(data.J[:, rows]) if moved else 0.0
         others = v.copy()
         others[rows] = 0.0
-        both = np.column_stack([A @ others, Y])
-        solved = -np.linalg.solve(A[:, rows], both)
-        return solved[:, 0], solved[:, 1:]
+        columns[0] = A.dot(others)
+        *_, solved, info = scipy.linalg.lapack.dgesv(A[:, rows], columns.T)
+        if info:
+            raise np.linalg.LinAlgError("inertia of the base is singular")
+        return -solved[:, 0], -solved[:, 1:]

@@ -104,14 +104,12 @@ class RedundancyController(ReprMixin):
             check_freedom(task)
         self.secondary = secondary
 
-    def _gains(self) -> np.ndarray | None:
-        """Gains and masks of angles for the kernel; None for orientations, whose errors it does not compute."""
+    def _gains(self) -> np.ndarray:
+        """Gains and kinds of the outputs for the kernel."""
         task = self.task
         primary, vertical = task.primary_coordinates, task.vertical_coordinates
-        if primary.rotations or vertical.rotations:
-            return None
         gains = np.broadcast_to(self.k21, primary.size), np.broadcast_to(self.k3, vertical.size)
-        parts = gains[0], primary.angular, gains[1], vertical.angular, self._cheap
+        parts = gains[0], primary.kinds, gains[1], vertical.kinds, self._cheap
         return np.concatenate(parts, dtype=float)
 
     def describe(self) -> Description:
@@ -136,7 +134,7 @@ class RedundancyController(ReprMixin):
         self, x21d: ReferencePoint, x1d: ReferencePoint, secondary: _Secondary, m: Measurement
     ) -> VelocityTarget | None:
         """Target from one call of the compiled kernel; None for arrays that it does not take, or a singular A4."""
-        if _kernel.library is None or self._table is None or m.x2.ndim != 1:
+        if _kernel.library is None or m.x2.ndim != 1:
             return None
         r, k, counts = self.task.r, len(m.x1), (len(self.task.vertical), len(self.task.primary))
         found = np.empty(3 * r + k)

@@ -19,6 +19,8 @@ from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import InputError
 
+_GROWN = np.array([1.0, 0.0, 0.0, 0.0])  # full amplitude, which no longer changes
+
 
 class ReferencePoint(NamedTuple):
     """Value of a reference at one time, (k,) each."""
@@ -189,7 +191,7 @@ class Harmonic:
         self.size = self._center.size
         try:
             self._amplitude, self._rate, self._phase = (
-                np.broadcast_to(np.asarray(each, dtype=float), self._center.shape)
+                np.array(np.broadcast_to(np.asarray(each, dtype=float), self._center.shape))
                 for each in (amplitude, 2 * np.pi * np.asarray(frequency, dtype=float), phase)
             )
         except ValueError:
@@ -202,11 +204,15 @@ class Harmonic:
         if t <= 0:
             zero = np.zeros(self.size)
             return ReferencePoint(self._center, zero, zero, zero)
+        growth = _GROWN if t >= self._ramp else np.concatenate(self._growth.at(t))
+        if _kernel.library is not None:
+            found = np.empty((4, self.size))
+            if _kernel.library.harmonic(self._center, self._amplitude, self._rate, self._phase, growth, t, found):
+                return ReferencePoint(*found)
         angle = self._rate * t + self._phase
         sine, cosine = self._amplitude * np.sin(angle), self._amplitude * np.cos(angle)
-        w = self._rate
+        w, g = self._rate, growth.tolist()
         wave = [sine, w * cosine, -(w**2) * sine, -(w**3) * cosine]
-        g = [1.0, 0.0, 0.0, 0.0] if t >= self._ramp else [float(each[0]) for each in self._growth.at(t)]
         return ReferencePoint(
             self._center + g[0] * wave[0],
             g[0] * wave[1] + g[1] * wave[0],
