@@ -46,9 +46,9 @@ def state_derivatives(reduced: ReducedModel, q: ArrayInput, v2: ArrayInput, T: A
     ``R^T (H* w + C* v + g* + A^T lambda - B T) = 0``. The multipliers count because R varies. The inertial part is
     Pinocchio's derivative of the recursive Newton-Euler algorithm (Carpentier and Mansard 2018). All built-in
     constraints, outputs and actuators are in closed form; the compiled kernel evaluates them if it is available.
-    Eighth-order differences replace two derivatives only: second derivatives of rows and outputs that a user writes,
-    and the derivative of a user's ``B(q)``. They replace all derivatives for a robot with joints whose axes depend on
-    their own position (universal and composite joints). ``difference_error`` is their error.
+    Eighth-order differences replace derivatives of functions of a user only: second derivatives of rows and outputs,
+    and the first ones of ``B(q)`` and of forces without slopes. They replace all derivatives for a robot with joints
+    whose axes depend on their own position (universal and composite joints). ``difference_error`` is their error.
 
     Args:
         reduced: the model.
@@ -155,6 +155,10 @@ def _at_one_state(reduced: ReducedModel, state: StateEvaluation, T: Array) -> St
     data = model.createData()
     tau_q, tau_v, _ = (np.array(each).reshape(n, n) for each in pin.computeRNEADerivatives(model, data, q, v, w))
     right = B @ T - pin.rnea(model, data, q, v, w)
+    if forces := reduced.reduction_data.forces:
+        found = forces.gradient(state.motion, along)
+        right, tau_q, tau_v = right + state.passive_force, tau_q - found.q, tau_v - found.v
+        drift_error += found.error
     multipliers = E_inverse[:, :m].T @ right
     force_q = np.einsum("jab,b->aj", B_q, T) - np.einsum("jab,a->bj", E_q[:, :m], multipliers) - tau_q
 

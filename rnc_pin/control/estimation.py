@@ -100,6 +100,7 @@ class EstimatedModel:
             known.vertical,
             known.singularity_limit,
             self._scales,
+            forces=known.forces,
         )
         own_rows = copied.rows is not self._reduced.all_constraints
         return _ModelMemory(ReducedModel(data, self._reduced.assembly), copied.set_parameters, own_rows)

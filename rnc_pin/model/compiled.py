@@ -51,7 +51,7 @@ class CompiledReduction:
         parts = data.actuation.parts
         self.has_inputs = parts is not None
         mu = np.array(table.rates) if data.affine else None
-        fused = self.has_inputs and not table.external
+        fused = self.has_inputs and not table.external and not data.forces
         self._evaluator = kernel_evaluator(data, table, mu, fused)
         self.forward_dynamics: Callable[[object, object, object], Array | None] = self._evaluator.forward_dynamics
         """Reduced accelerations for q, v2 and T; None if the arrays or the state need the other path."""

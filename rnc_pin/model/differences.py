@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -20,11 +21,14 @@ def directional_derivative(
     length = np.linalg.norm(x)
     if length == 0:
         return np.zeros_like(field(q))
-    direction, terms = x / length, []
-    for k, weight in _STENCIL:
-        ahead, behind = (field(pin.integrate(model, q, sign * k * step * direction)) for sign in (1, -1))
-        terms.append(weight * (ahead - behind))
-    return np.asarray(np.sum(terms, axis=0) * (length / step))
+    direction = x / length
+    return length * _central(lambda s: field(pin.integrate(model, q, s * direction)), step)
+
+
+def _central(field: Callable[[float], np.ndarray], step: float) -> np.ndarray:
+    """Derivative of ``field(s)`` at zero."""
+    terms = [weight * (field(k * step) - field(-k * step)) for k, weight in _STENCIL]
+    return np.asarray(np.sum(terms, axis=0) / step)
 
 
 def gradient(model: pin.Model, field: Field, q: np.ndarray, step: float = STEP) -> np.ndarray:
@@ -35,4 +39,17 @@ def gradient(model: pin.Model, field: Field, q: np.ndarray, step: float = STEP) 
 def gradient_with_error(model: pin.Model, field: Field, q: np.ndarray) -> tuple[np.ndarray, float]:
     """Gradient as in ``gradient``, and the largest difference between the results of two step lengths."""
     coarse, fine = (gradient(model, field, q, step) for step in (0.8 * STEP, 0.4 * STEP))
+    return fine, float(np.abs(fine - coarse).max(initial=0.0))
+
+
+def vector_gradient_with_error(field: Field, x: np.ndarray) -> tuple[np.ndarray, float]:
+    """Derivatives (..., n) of ``field(x)`` at a vector x (n,), and their error as in ``gradient_with_error``."""
+
+    def moved(unit: np.ndarray, by: float) -> np.ndarray:
+        return field(x + by * unit)
+
+    def at_step(step: float) -> np.ndarray:
+        return np.stack([_central(partial(moved, unit), step) for unit in np.eye(len(x))], axis=-1)
+
+    coarse, fine = at_step(0.8 * STEP), at_step(0.4 * STEP)
     return fine, float(np.abs(fine - coarse).max(initial=0.0))

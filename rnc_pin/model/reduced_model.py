@@ -242,6 +242,6 @@ class ReducedModel(FormerMethods, SummaryMixin):
         lines = [
             ("reducing", output_items(self.reducing)),
             ("vertical", output_items(self.vertical)),
-            *system_lines(self.constraints, self.dropped_rows, self.actuation),
+            *system_lines(self.constraints, self.dropped_rows, self.actuation, self._data.forces),
         ]
         return ObjectSummary(system_headline("ReducedModel", self.robot, self.constraints), lines)

@@ -14,6 +14,7 @@ from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.compiled import CompiledReduction, UsesKernel
 from rnc_pin.model.kernel_comparison import compile_reduction
 from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.passive_forces import PassiveForces
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import ConstantRows, OutputRows
 from rnc_pin.robots.robot import Robot
@@ -36,6 +37,7 @@ class ReductionData(UsesKernel):
         free: True if other reducing velocities may be selected where they are dependent, because none was named.
         kinematics: a workspace to share with another reduction of the same system.
         compared: reduction of the same system with the same rows that vary, for which the kernel was compared.
+        forces: passive forces; None for none.
 
     Attributes:
         constraints: the rows kept by default; ``stack``: E.
@@ -57,9 +59,11 @@ class ReductionData(UsesKernel):
         free: bool = False,
         kinematics: Kinematics | None = None,
         compared: ReductionData | None = None,
+        forces: PassiveForces | None = None,
     ) -> None:
         self.robot, self.rows, self.kept, self.actuation = robot, rows, tuple(kept), actuation
         self.reducing, self.vertical, self.free, self._compared = reducing, vertical, free, compared
+        self.forces = PassiveForces((), robot) if forces is None else forces
         self.constraints = RowStack([block for block, *_ in rows.places], self.kept)
         self.stack = RowStack.joined(self.constraints, reducing)
         self.n, self.m, self.r, self.p = robot.nv, self.constraints.size, reducing.size, actuation.size
@@ -132,6 +136,7 @@ class ReductionData(UsesKernel):
             free,
             self.kinematics,
             compared,
+            self.forces,
         )
 
 

@@ -3,6 +3,7 @@
     V = R^T (H* Rdot + C* R),   G = R^T g*.
 
 With affine constraints ``A v = mu(q)``, ``G = R^T (g* + H* bdot + C* b)``; ``reduced_kinematics`` has Rdot and bdot.
+Passive forces f(q, v) count as part of g*, so ``B T = H* vdot + C* v + g* + A^T lambda`` holds.
 Paper (2)-(3), (6)-(7). All quantities have leading batch axes.
 """
 
@@ -71,12 +72,18 @@ class StateEvaluation(ReducedKinematics):
 
     @cached_property
     def bias(self) -> Float[Array, "*batch nv"]:
-        """Nonlinear effects ``C* v + g*``."""
-        return self.motion.bias if self.compiled_motion is None else self.compiled_motion.biases["bias"]
+        """Nonlinear effects ``C* v + g*``, minus passive forces."""
+        bias = self.motion.bias if self.compiled_motion is None else self.compiled_motion.biases["bias"]
+        return bias - self.passive_force if self._data.forces else bias
+
+    @cached_property
+    def passive_force(self) -> Float[Array, "*batch nv"]:
+        """Generalized forces of springs, dampers and other kinds from ``rnc_pin.forces``."""
+        return self._data.forces.total(self.motion)
 
     @cached_property
     def g(self) -> Float[Array, "*batch nv"]:
-        """Gravity forces g* before reduction."""
+        """Gravity forces g* before reduction, minus passive forces."""
         return self.bias - apply(self.C, self.v)
 
     @cached_property
@@ -108,9 +115,12 @@ class StateEvaluation(ReducedKinematics):
         if external is not None:
             force = force + external
         v2_dot = self._accelerated(force)
+        applied = force
+        if self._data.forces:  # those with a potential count as energy
+            force = force + self._data.forces.without_potential(self.motion)
         power = self.v.dot(force) if force.ndim == 1 else np.vecdot(self.v, force)
         if self._data.affine:  # moving constraints do work
-            power = power - np.vecdot(self.mu, self._multipliers(force, v2_dot))
+            power = power - np.vecdot(self.mu, self._multipliers(applied, v2_dot))
         return StateDerivative(self.v, v2_dot, power)
 
     def v2_dot(self, T: ArrayInput) -> Float[Array, "*batch r"]:
@@ -142,7 +152,9 @@ class StateEvaluation(ReducedKinematics):
 
     def _accelerated(self, force: Array) -> Array:
         # H v2dot = R^T (force - bias + H* E^-1 gamma).
-        found = None if self.compiled_motion is None else self.compiled_motion.acceleration(force)
+        found = None
+        if self.compiled_motion is not None:
+            found = self.compiled_motion.acceleration(force + self.passive_force if self._data.forces else force)
         if found is not None:
             return found
         free = force + self._unforced
@@ -221,7 +233,8 @@ class StateEvaluation(ReducedKinematics):
     @property
     def energy(self) -> Array | float:
         """Kinetic plus potential energy (...,) [J]."""
-        return self.kinetic_energy + self._data.kinematics.potential_energy(self.q)
+        energy = self.kinetic_energy + self._data.kinematics.potential_energy(self.q)
+        return energy + self._data.forces.potential(self.position) if self._data.forces else energy
 
     def terms(self) -> ReducedTerms:
         """All matrices of the reduced system."""

@@ -18,6 +18,7 @@ from rnc_pin.model.coupling import CouplingRow, mimic_row, mimic_rows
 from rnc_pin.model.independence import Selection, block_row_scales, select_independent
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.mechanisms import FrameAnchor
+from rnc_pin.model.passive_forces import ForceKind, PassiveForces
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import ReductionData, VelocityRows, best_entries, row_scales
 from rnc_pin.model.row_stack import OutputStack, RowStack
@@ -33,7 +34,7 @@ _THIN = 1e-3  # smallest singular value of unit rows below which a warning is gi
 
 
 class NonholonomicSystem(SummaryMixin):
-    """System ``B T = H* vdot + C* v + g* + A^T lambda`` with constraints ``A v = 0``, or affine ``A v = mu(q)``.
+    """System ``B T + f = H* vdot + C* v + g* + A^T lambda`` with constraints ``A v = 0``, or affine ``A v = mu(q)``.
 
     A maximal independent set of the constraint rows is kept. ``dropped_rows`` lists the redundant rows with the
     reasons. Rows that are dependent to rounding count as dependent. Nearly dependent rows count as independent. A
@@ -46,6 +47,7 @@ class NonholonomicSystem(SummaryMixin):
         mimic: True to add rows like those of ``JointCoupling`` for the mimic joints of the robot's file
             (``robot.mimics``) that the constraints do not couple already. If one of two coupled joints is locked, the
             other is held at the position that follows.
+        forces: forces f that follow from the state, kinds from ``rnc_pin.forces``. Potentials count as energy.
 
     Attributes:
         n: number of degrees of freedom before the constraints (nv).
@@ -59,7 +61,7 @@ class NonholonomicSystem(SummaryMixin):
     Raises:
         ModelError: unknown joint or frame.
         ConstraintError: rank that varies with the configuration, constraints that leave no motion or contradict each
-            other, or an actuator or a reaction that changes a conserved momentum.
+            other, or an actuator, a force or a reaction that changes a conserved momentum.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
@@ -77,9 +79,11 @@ class NonholonomicSystem(SummaryMixin):
         constraints: Sequence[ConstraintKind] = (),
         actuators: Actuators = (),
         mimic: bool = True,
+        forces: Sequence[ForceKind] = (),
     ) -> None:
         self.robot = robot
         self.actuation = Actuation(actuators, robot)
+        self.forces = PassiveForces(forces, robot)
         constraints = _kinds(constraints, "constraints")
         blocks = _numbered([_bound(kind, robot) for kind in constraints])
         if mimic and robot.mimics:
@@ -105,6 +109,7 @@ class NonholonomicSystem(SummaryMixin):
                 f"{self.m} independent constraint rows leave no motion of {self.n} degrees of freedom{hint}"
             )
         check_actuators(blocks, self.actuation, Kinematics(robot), self._samples)
+        self.forces.check_conserved(blocks, Kinematics(robot), self._samples)
         _warn_of_mimics(robot, samples[:, self.kept])
         _warn_of_open_loops(robot, blocks)
         _warn_of_rounding(robot, merged, found)
@@ -163,12 +168,15 @@ class NonholonomicSystem(SummaryMixin):
 
     def _summary(self) -> ObjectSummary:
         title = system_headline("NonholonomicSystem", self.robot, self.constraints)
-        return ObjectSummary(title, system_lines(self.constraints, self.dropped_rows, self.actuation))
+        lines = system_lines(self.constraints, self.dropped_rows, self.actuation, self.forces)
+        return ObjectSummary(title, lines)
 
     def _reduced(self, x2: OutputStack, x1: OutputStack, limit: float, free: bool = False) -> ReducedModel:
         _check_unique((*self.constraints.names, *x2.names, *x1.names), "output")
         lengths = row_scales(self.robot, self.rows, x2, self._samples)
-        parts = ReductionData(self.robot, self.rows, self.kept, self.actuation, x2, x1, limit, lengths, free)
+        parts = ReductionData(
+            self.robot, self.rows, self.kept, self.actuation, x2, x1, limit, lengths, free, forces=self.forces
+        )
         return ReducedModel(parts, self.assembly, self.dropped_rows)
 
     def _entries(self) -> OutputStack:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.independence import DroppedRow
+from rnc_pin.model.passive_forces import PassiveForces
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.printing import Item, Line, counted, items
 from rnc_pin.robots.robot import Robot
@@ -17,13 +18,16 @@ def system_headline(kind: str, robot: Robot, constraints: RowStack) -> str:
     return f"{kind} of '{robot.name}': {robot.nv} degrees of freedom less {rows} leave {robot.nv - constraints.size}"
 
 
-def system_lines(constraints: RowStack, dropped: Sequence[DroppedRow], actuation: Actuation) -> list[Line]:
-    """Lines with the kept rows, the dropped rows and the actuators."""
+def system_lines(
+    constraints: RowStack, dropped: Sequence[DroppedRow], actuation: Actuation, forces: PassiveForces
+) -> list[Line]:
+    """Lines with the kept rows, the dropped rows, the actuators and the passive forces."""
     kept = items(constraints.names, ["holonomic" if flag else "" for flag in constraints.holonomic])
     lines: list[Line] = [("rows kept", kept)]
     if dropped:
         lines.append(("rows dropped", tuple(Item(row.name, row.reason) for row in dropped)))
-    return [*lines, ("actuators", items(actuation.names))]
+    lines.append(("actuators", items(actuation.names)))
+    return [*lines, ("forces", items(forces.names))] if forces else lines
 
 
 def output_items(outputs: OutputStack) -> Sequence[Item]:

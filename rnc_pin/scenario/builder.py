@@ -43,7 +43,7 @@ _ROUNDED = 1e-4  # largest residual of holonomic rows that counts as rounding in
 def build_system(scenario: Scenario, folder: Path) -> NonholonomicSystem:
     """Build the system of robot, constraints and actuators. Paths are relative to ``folder``."""
     robot = scenario.robot.build(folder)
-    return NonholonomicSystem(robot, scenario.constraints, scenario.actuators, scenario.mimic)
+    return NonholonomicSystem(robot, scenario.constraints, scenario.actuators, scenario.mimic, scenario.forces)
 
 
 def build_reduced(scenario: Scenario, folder: Path) -> tuple[NonholonomicSystem, ReducedModel]:

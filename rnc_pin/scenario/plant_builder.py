@@ -66,7 +66,7 @@ def build_plant(scenario: Scenario, reduced: ReducedModel, q0: np.ndarray, folde
         if faults.stuck is not None:
             stuck = faults.stuck
             timed.append((stuck.time, lambda robot: _lock_joint(robot, stuck.joint)))
-        true_plant = plant_of(_true_model(scenario, folder, changes) if changes else reduced)
+        true_plant = plant_of(_true_model(scenario, folder, changes) if changes or faults.forces else reduced)
         for time, change in sorted(timed, key=lambda each: each[0]):
             changes.append(change)
             true_plant = ChangingPlant(true_plant, plant_of(_true_model(scenario, folder, changes)), time)
@@ -93,10 +93,13 @@ def _check_servos(scenario: Scenario, servo_time: float | None) -> None:
 
 
 def _true_model(scenario: Scenario, folder: Path, changes: list[_Change]) -> ReducedModel:
-    """Build the true model: the system with changes to a separate copy of the robot."""
+    """Build the true model: the system with further forces, and with changes to a separate copy of the robot."""
     robot = scenario.robot.build(folder)
     rows = [row for change in changes for row in change(robot)]
-    return NonholonomicSystem(robot, [*scenario.constraints, *rows], scenario.actuators, scenario.mimic).reduce()
+    constraints, forces = [*scenario.constraints, *rows], list(scenario.forces)
+    if scenario.faults is not None:
+        forces += scenario.faults.forces
+    return NonholonomicSystem(robot, constraints, scenario.actuators, scenario.mimic, forces).reduce()
 
 
 def _perturb_masses(robot: Robot, share: float, seed: int) -> list[Pfaffian]:

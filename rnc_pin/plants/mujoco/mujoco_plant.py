@@ -40,8 +40,9 @@ class MuJoCoPlant:
     """Robot of a reduced model in MuJoCo: a ``Plant``.
 
     The MuJoCo model is built from the loaded robot. Joint names match. Conservation of momentum is not imposed; it
-    follows from the dynamics. Wheels drive by friction. For a vehicle whose model is planar only x, y and heading are
-    read; see ``MuJoCoSettings.stance``. Constraints become these contacts:
+    follows from the dynamics. Forces from ``rnc_pin.forces`` act at every step. Wheels drive by friction. For a vehicle
+    whose model is planar only x, y and heading are read; see ``MuJoCoSettings.stance``. Constraints become these
+    contacts:
 
     * ``RollingWheel``: a disk on the ground.
     * ``RollingBall``: a ball.
@@ -238,10 +239,14 @@ class MuJoCoPlant:
     def _step(self, force: np.ndarray, drive_forces: np.ndarray) -> None:
         applied = self.data.qfrc_applied
         applied[:] = 0.0
-        if self._regularized:
+        passive = self._reduced.reduction_data.forces
+        if self._regularized or passive:
             q, v = self.read()
-            directions = self._reduced.at(q).B[:, self._regularized]
-            force = force - directions @ (self._actuator_friction * np.tanh(v @ directions / _SLOW))
+            if passive:
+                force = force + self._reduced.at(q, v=v).passive_force
+            if self._regularized:
+                directions = self._reduced.at(q).B[:, self._regularized]
+                force = force - directions @ (self._actuator_friction * np.tanh(v @ directions / _SLOW))
         self._joints.add_force(self.data.qpos, force, applied)
         self._ground.prepare(drive_forces)
         for equality in self._equalities:

@@ -11,6 +11,7 @@ from rnc_pin.plants import Faults
 from rnc_pin.plants.mujoco import MuJoCoSettings
 from rnc_pin.scenario.schema.base import Positive, Strict
 from rnc_pin.scenario.schema.derived import Entry
+from rnc_pin.scenario.schema.forces import ForceItem
 
 _MUJOCO, _FAULTS = Entry(MuJoCoSettings), Entry(Faults)
 
@@ -66,6 +67,8 @@ class FaultSettings(_FAULTS.model):  # type: ignore[name-defined, misc]
 
     masses: Annotated[float, Field(ge=0, lt=1)] = 0.0
     """Largest relative error of the inertia of each body, as a fraction. The scenario's ``seed`` draws the errors."""
+    forces: list[ForceItem] = []
+    """Springs, dampers, friction and wrenches that the model of the controller does not contain."""
     payload: Payload | None = None
     """Point mass that the model of the controller does not contain."""
     stuck: StuckJoint | None = None

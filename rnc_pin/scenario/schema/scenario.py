@@ -12,6 +12,7 @@ from rnc_pin.scenario.schema.base import FileName, Strict
 from rnc_pin.scenario.schema.constraints import ConstraintItem
 from rnc_pin.scenario.schema.controllers import ControllerItem
 from rnc_pin.scenario.schema.derived import Entry
+from rnc_pin.scenario.schema.forces import ForceItem
 from rnc_pin.scenario.schema.obstacles import ObstacleItem
 from rnc_pin.scenario.schema.outputs import Outputs, TaskOutputs
 from rnc_pin.scenario.schema.planner_settings import OptimalPlanner
@@ -66,6 +67,8 @@ class Scenario(Strict):
     """True to keep the mimic joints of the robot's file coupled to their drivers."""
     actuators: list[ActuatorItem] = []
     """Actuators: names of joints, or forces and torques on frames."""
+    forces: list[ForceItem] = []
+    """Springs, dampers, friction and wrenches, which plant and controller model both have."""
     outputs: Outputs
     """Reducing and vertical outputs."""
     task: TaskOutputs = TaskOutputs()

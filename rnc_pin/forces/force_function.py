@@ -1,0 +1,91 @@
+"""Generalized force of a user."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from rnc_pin.errors import ConstraintError
+from rnc_pin.model.differences import gradient_with_error, vector_gradient_with_error
+from rnc_pin.model.kinematics import VelocityKinematics, over_states
+from rnc_pin.model.passive_forces import ForceGradient, PassiveForce
+from rnc_pin.model.rows import admit_rows
+from rnc_pin.robots.robot import Robot
+
+Function = Callable[[np.ndarray, np.ndarray], np.ndarray]
+Gradient = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+_WRONG = 1e-6  # relative error that rounding and differences do not explain
+_DOUBT = 100.0  # times the error estimate that a difference may be wrong by
+
+
+@dataclass(frozen=True)
+class ForceFunction:
+    """Generalized force ``f(q, v)`` of a user. Its work counts as work done on the system.
+
+    Args:
+        function: ``function(q, v) -> (nv,)``, in the order and axes of v.
+        gradient: ``gradient(q, v)``, its derivatives (nv, nv) along the tangent space at q and by v; finite
+            differences by default.
+        name: name in messages.
+
+    Raises:
+        InputError: a function returns an array of wrong shape.
+        ConstraintError: ``gradient`` differs from differences at random states.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> drag = rnc.forces.ForceFunction(lambda q, v: -0.1 * np.abs(v) * v, name="drag")
+        >>> reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names, forces=[drag]).reduce()
+        >>> reduced.at(robot.configuration(), np.array([0.0, 0.0, 2.0, 0.0])).passive_force.round(3)
+        array([ 0. ,  0. , -0.4,  0. ])
+    """
+
+    function: Function
+    gradient: Gradient | None = None
+    name: str = "force_function"
+
+    def bind(self, robot: Robot) -> PassiveForce:
+        return _ForceFunction(self, robot)
+
+
+class _ForceFunction(PassiveForce):
+    def __init__(self, kind: ForceFunction, robot: Robot) -> None:
+        self.name, self._kind, self._model, self._nv = kind.name, kind, robot.model, robot.nv
+        generator = np.random.default_rng(0)
+        for _ in range(2):
+            q, v = robot.random_configuration(generator, 1.0), generator.uniform(0.1, 1.0, robot.nv)
+            self._one(q, v)
+            if kind.gradient is not None:
+                *given, _ = self._given(q, v)
+                *expected, doubt = self._differences(q, v)
+                for by, found, wanted in zip(("q", "v"), given, expected, strict=True):
+                    allowed = _WRONG * (1.0 + np.abs(wanted).max(initial=0.0)) + _DOUBT * doubt
+                    if not (np.abs(found - wanted) <= allowed).all():
+                        row, column = np.argwhere(~(np.abs(found - wanted) <= allowed))[0]
+                        raise ConstraintError(
+                            f"gradient(q, v) of {self.name}: entry {[int(row), int(column)]} by {by} is "
+                            f"{found[row, column]:.6g}, a difference gives {wanted[row, column]:.6g}"
+                        )
+
+    def _one(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return admit_rows(self._kind.function(q, v), (self._nv,), f"function(q, v) of {self.name}")
+
+    def force(self, at: VelocityKinematics) -> np.ndarray:
+        return over_states(self._one, (self._nv,), at.q, at.v)
+
+    def gradient(self, at: VelocityKinematics, along: VelocityKinematics) -> ForceGradient:
+        return self._given(at.q, at.v) if self._kind.gradient is not None else self._differences(at.q, at.v)
+
+    def _given(self, q: np.ndarray, v: np.ndarray) -> ForceGradient:
+        assert self._kind.gradient is not None
+        by_q, by_v = self._kind.gradient(q, v)
+        shape, what = (self._nv, self._nv), f"gradient(q, v) of {self.name}"
+        return ForceGradient(admit_rows(by_q, shape, what), admit_rows(by_v, shape, what), 0.0)
+
+    def _differences(self, q: np.ndarray, v: np.ndarray) -> ForceGradient:
+        by_q, one = gradient_with_error(self._model, lambda p: self._one(p, v), q)
+        by_v, other = vector_gradient_with_error(lambda w: self._one(q, w), v)
+        return ForceGradient(by_q, by_v, max(one, other))

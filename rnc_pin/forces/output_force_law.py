@@ -1,0 +1,57 @@
+"""Forces conjugate to outputs: ``f = J^T u(y, ydot)`` with the value y, the rate ``ydot = J v`` and a law u."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+
+import numpy as np
+
+from rnc_pin.math.linear_algebra import apply, apply_transposed
+from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
+from rnc_pin.model.passive_forces import ForceGradient, PassiveForce
+from rnc_pin.model.rows import OutputKind
+from rnc_pin.robots.robot import Robot
+
+
+class OutputForceLaw(PassiveForce):
+    """Force conjugate to an output: power = force times rate, summed over the rows.
+
+    Args:
+        word: kind of the force, for its name.
+        output: the output.
+        robot: the robot.
+
+    Attributes:
+        rows: the bound output, k rows.
+    """
+
+    def __init__(self, word: str, output: OutputKind, robot: Robot) -> None:
+        self.rows = output.bind(robot)
+        self.name = f"{word}({', '.join(self.rows.names)})"
+
+    @abstractmethod
+    def law(self, y: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """Forces (..., k) for values and rates (..., k)."""
+
+    @abstractmethod
+    def slopes(self, y: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """Derivatives (k, k) of the forces at one state by values and by rates, and their error."""
+
+    def force(self, at: VelocityKinematics) -> np.ndarray:
+        J = self.rows.jacobian(at)
+        return apply_transposed(J, self.law(self.rows.value(at), apply(J, at.v)))
+
+    def gradient(self, at: VelocityKinematics, along: VelocityKinematics) -> ForceGradient:
+        J, J_q = self.rows.jacobian(at), self.rows.jacobian_dot(along)  # (nv, k, nv); the first index is the direction
+        y, rate = self.rows.value(at), J @ at.v
+        by_value, by_rate, error = self.slopes(y, rate)
+        moved = by_value @ J + by_rate @ (J_q @ at.v).T
+        turned = np.einsum("jka,k->aj", J_q, self.law(y, rate))
+        return ForceGradient(turned + J.T @ moved, J.T @ by_rate @ J, error * float(np.square(J).sum()))
+
+    def energy(self, y: np.ndarray) -> np.ndarray:
+        """Potential energy (...) [J] at values (..., k)."""
+        return np.zeros(y.shape[:-1])
+
+    def potential(self, at: PositionKinematics) -> np.ndarray:
+        return self.energy(self.rows.value(at)) if self.conservative else super().potential(at)
