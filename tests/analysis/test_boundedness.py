@@ -7,9 +7,8 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.analysis import boundedness
-from rnc_pin.analysis.boundedness import _approach, _order
+from rnc_pin.analysis.boundedness import _order
 from rnc_pin.analysis.singularities import Singularity
-from systems import space_robot
 from textbook_systems import rail_sliders
 
 SHARES = np.geomspace(0.1, 0.001, 7)
@@ -98,22 +97,3 @@ def test_orders_are_of_the_nearer_half(count, counted):
     assert _order(distances, sizes) == pytest.approx(1.7 - tilt, rel=1e-9)
     sizes[-1] = 0.0
     assert _order(distances, sizes) == 0.0
-
-
-def test_powers_of_a_distance():
-    distances = 10.0 ** np.linspace(-1, -3, 7)
-    assert _order(distances, list(5.0 * distances**-1.5)) == pytest.approx(1.5)
-    assert _order(distances, [0.0] * 7) == 0.0
-    # Of the nearer half: what was before does not count.
-    assert _order(distances, [1e9, 1e5, 1e3, *(2.0 * distances[3:] ** -1)]) == pytest.approx(1.0)
-
-
-def test_a_way_that_is_singular_all_along_says_nothing():
-    """In joint space the arm of the space robot stays stretched on its way."""
-    reduced = space_robot()
-    stretched = {"platform": 0.0, "joint_1": 0.0, "joint_2": 0.0, "joint_3": 0.0}
-    singular = Singularity("E", ("tip_x",), 0.0, True, stretched)
-    along = np.stack([reduced.robot.configuration({**stretched, "joint_1": 0.4})])
-    assert _approach(reduced, along, singular) is None
-    bent = np.stack([reduced.robot.configuration({**stretched, "joint_2": 1.0})])
-    assert _approach(reduced, bent, singular).H_order == pytest.approx(2.0, abs=0.1)

@@ -13,8 +13,11 @@ from rnc_pin.model.differences import directional_derivative, gradient
 from systems import (
     ackermann_car,
     bicycle,
+    fire_truck,
     four_bar,
     free_flying_panda,
+    leaning_wheel,
+    mecanum,
     mobile_manipulator,
     random_states,
     sleigh,
@@ -220,6 +223,7 @@ SYSTEMS = {
     "momentum of a platform": spinning_space_robot,
     "steering": ackermann_car,
     "loop": four_bar,
+    "disk that leans": leaning_wheel,
 }
 ILL_SCALED = ("distance", "momentum of a free base", "steering")  # rows of different lengths
 BLOCKS = ("v", "v2_dot", "v_q", "v_v2", "v2_dot_q", "v2_dot_v2", "v2_dot_T")
@@ -262,6 +266,15 @@ def test_every_built_in_kind_is_in_closed_form(name):
         for each in BLOCKS:
             near(getattr(found, each), getattr(plain, each), BOTH_WAYS, each)
         check_differences(reduced, found, q, v2, T)
+
+
+@pytest.mark.parametrize("make", [fire_truck, mecanum, tiago])
+def test_derivatives_of_whole_robots_are_those_of_differences(make):
+    """Axles, rollers, and contact rows of which some are dropped."""
+    reduced = make()
+    for q, v2 in random_states(reduced, 2, seed=8):
+        T = np.linspace(-1.0, 2.0, reduced.p)
+        check_differences(reduced, state_derivatives(reduced, q, v2, T), q, v2, T, 1e-8)
 
 
 def test_forces_conjugate_to_outputs_are_in_closed_form():

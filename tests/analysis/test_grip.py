@@ -13,7 +13,6 @@ from rnc_pin.simulation import grip_along, within_grip
 from systems import (
     random_states,
     rolling_base,
-    sleigh,
 )
 from textbook_systems import (
     BLADE,
@@ -50,17 +49,6 @@ def test_slower_by_s_it_takes_s_squared_less(gripping):
     v2, v2_dot = generator.normal(size=(2, 20, 2))
     used = grip.used_by(q, v2, v2_dot)
     np.testing.assert_allclose(grip.used_by(q, v2 / 1.7, v2_dot / 1.7**2), used / 1.7**2, rtol=1e-9)
-
-
-def test_loads_are_those_of_statics():
-    """They add up to the weight, and where three supports are enough they balance its moment."""
-    experiment = plan("wheels-uncertain", {"comparisons": {}}).experiment
-    reduced, q = experiment.reduced, experiment.q0
-    grip = rnc.Grip(reduced, friction=0.6)
-    loads = grip.loads(q, np.zeros(reduced.r), np.zeros(reduced.p))
-    weight = G * sum(inertia.mass for inertia in list(reduced.robot.model.inertias)[1:])
-    np.testing.assert_allclose(loads.sum(), weight, rtol=1e-9)
-    assert grip.names == ("left_wheel", "right_wheel")
 
 
 def test_a_disk_on_a_free_base_carries_its_own_weight():
@@ -248,11 +236,6 @@ def test_a_wheel_without_a_frame_has_the_name_of_its_first_row():
     assert rnc.Grip(reduced, 0.5).names == ("rolling(b)",)
 
 
-def test_no_ground_grips_without_end():
-    with pytest.raises(rnc.ConfigurationError, match="friction of the ground has to be positive, found inf"):
-        rnc.Grip(sleigh(), float("inf"))
-
-
 def cart(base="planar", gravity=-G):
     """Rows that act on no point come first, wheels last; one wheel skids, and a blade helps the other.
 
@@ -413,18 +396,6 @@ def test_a_loop_grips_no_ground():
         rnc.Grip(systems.four_bar(), 0.5)
 
 
-class Skate:
-    """A blade of one's own making: it says of no frame that it is its."""
-
-    def bind(self, robot):
-        return rnc.NoSideSlip("base").bind(robot)
-
-
-def test_a_contact_without_a_frame_has_the_name_of_its_row():
-    reduced = rnc.NonholonomicSystem(cart_robot(), [rnc.Caster("nose", WHEEL), Skate()]).reduce()
-    assert rnc.Grip(reduced, 0.5).names == ("no_side_slip(base.y)",)
-
-
 def test_accelerations_ask_for_the_grip_of_the_inputs_that_give_them():
     reduced, generator = cart(), np.random.default_rng(7)
     grip = rnc.Grip(reduced, 0.5)
@@ -453,20 +424,6 @@ def test_loads_take_casters_among_the_supports():
     expected = np.linalg.solve(np.vstack([np.transpose(places), np.ones(3)]), np.append(centre, 1.0)) * weight
     assert grip.names == ("left_wheel", "right_wheel")
     np.testing.assert_allclose(grip.loads(q, np.zeros(reduced.r), np.zeros(reduced.p)), expected[:2], rtol=1e-9)
-
-
-def test_a_wheel_grips_along_and_across():
-    """By the names of its rows."""
-    made = plan("wheels-uncertain", {"comparisons": {}}).experiment
-    reduced, names = made.reduced, made.reduced.all_constraints.names
-    grip = rnc.Grip(reduced, 0.6)
-    for q, v2 in random_states(reduced, 3):
-        T = np.array([0.3, -0.2, 0.1, 0.4])[: reduced.p]
-        multipliers = dict(zip(names, reduced.at(q, v2).contact_forces(T), strict=True))
-        for wheel, force in zip(grip.names, grip.forces(q, v2, T), strict=True):
-            own = [value for name, value in multipliers.items() if f"({wheel}" in name and "vertical" not in name]
-            assert len(own) == 2
-            np.testing.assert_allclose(force, np.hypot(*own), rtol=1e-12)
 
 
 def test_gripping_knows_which_rows_act_behind_rows_that_do_not():

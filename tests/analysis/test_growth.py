@@ -264,12 +264,6 @@ def test_a_hitch_at_a_right_angle_is_singular(apart, last, doubtful, tmp_path):
     assert (found.vector, found.doubtful) == (tuple(range(2, last + 1)), doubtful)
 
 
-@pytest.mark.parametrize("hitch", [0.2, np.pi / 2])
-def test_the_hitch_of_the_last_trailer_may_be_at_a_right_angle(hitch, tmp_path):
-    reduced = tractor_trailers(2, tmp_path)
-    assert grow(reduced, reduced.robot.configuration({"hitch_2": hitch})).vector == (2, 3, 4, 5, 6)
-
-
 def jean(right_angles):
     """Growth vector of a unicycle with trailers: Jean, ESAIM: COCV 1 (1996), theorem 3.1, without his other angles.
 
@@ -285,13 +279,6 @@ def jean(right_angles):
         added = [0, 0, *(before if right else [1] * len(depths))][: len(shifted)]
         before, depths = depths, [1, 1, *(a + b for a, b in zip(shifted[2:], added[2:], strict=True))]
     return tuple(sum(depth <= level for depth in depths) for level in range(1, depths[-1] + 1))
-
-
-def test_the_formula_of_jean():
-    assert jean([]) == (2, 3)
-    assert jean([False, False]) == (2, 3, 4, 5)
-    assert jean([True, False]) == (2, 3, 4, 4, 5)
-    assert len(jean([True, True, False])) == 8  # Fibonacci's number, the largest degree of three trailers
 
 
 @pytest.mark.parametrize(
@@ -354,41 +341,3 @@ def test_growth_vector(make, expected):
     reduced = make()
     q, _ = random_states(reduced, 1, seed=11)[0]
     assert growth_vector(reduced, q) == expected
-
-
-def test_first_bracket_is_the_commutator_of_flows():
-    """Independent of any formula: along r1, r2, back along r1, back along r2."""
-    from rnc_pin.integrators import LieRungeKutta4
-
-    for reduced in (unicycle(), leaning_wheel()):
-        model, integrator = reduced.robot.model, LieRungeKutta4(reduced.robot)
-        q, _ = random_states(reduced, 1, seed=12)[0]
-        h = 3e-3
-
-        def flow(p, column, time, reduced=reduced, integrator=integrator):
-            field = np.eye(reduced.r)[column]
-            return integrator.step(lambda s, y: (reduced.terms(s, field).v, y), p, np.zeros(1), time)[0]
-
-        end = q
-        for column, duration in ((0, h), (1, h), (0, -h), (1, -h)):
-            end = flow(end, column, duration)
-        commutator = pin.difference(model, q, end) / h**2
-        R = reduced.terms(q, np.zeros(reduced.r)).R
-        from rnc_pin.analysis.frame_bracket import frame_bracket
-
-        along_0, along_1 = reduced.at(np.stack([q, q]), v=R.T[:2]).R_dot
-        bracket = along_0[:, 1] - along_1[:, 0] + frame_bracket(model)(R[:, 0], R[:, 1])
-        np.testing.assert_allclose(commutator, bracket, atol=0.02 * (1 + np.abs(bracket).max()))
-
-
-def test_brackets_of_a_spherical_joint_are_those_of_rotations():
-    model = pin.Model()
-    model.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "ball")
-    generator = np.random.default_rng(1)
-    x, y = generator.normal(size=(2, 5, 3))
-    np.testing.assert_allclose(frame_bracket(model)(x, y), np.cross(x, y))
-    composite = pin.JointModelComposite(pin.JointModelRUBX())
-    composite.addJoint(pin.JointModelRUBY())
-    model.addJoint(0, composite, pin.SE3.Identity(), "hinges")
-    with pytest.raises(rnc.ConstraintError, match="no Lie bracket is known for a joint of type JointModelComp"):
-        frame_bracket(model)

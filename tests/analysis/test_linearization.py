@@ -7,8 +7,7 @@ import scipy.linalg
 
 import rnc_pin as rnc
 from rnc_pin.analysis.derivatives import state_derivatives
-from rnc_pin.model.differences import gradient
-from systems import ALL, four_bar, random_states
+from systems import four_bar
 from textbook_systems import (
     SIZE,
     SPEED,
@@ -21,49 +20,6 @@ from textbook_systems import (
     vertical_disk,
     wheeled_pendulum,
 )
-
-DIFFERENCES = 1e-8  # eighth-order differences of the dynamics themselves, relative
-STEP = 1e-3
-
-
-@pytest.mark.parametrize("name", ALL)
-@pytest.mark.parametrize("moving", [True, False])
-def test_derivatives_are_those_of_the_dynamics(name, moving):
-    """Every kind of row, joint and actuator, at states that are no equilibria."""
-    reduced = ALL[name]()
-    model = reduced.robot.model
-    generator = np.random.default_rng(3)
-    for q, v2 in random_states(reduced, 2, seed=8):
-        v2 = v2 * moving
-        T = generator.normal(size=reduced.p)
-        found = state_derivatives(reduced, q, v2, T)
-
-        def close(actual, expected):
-            np.testing.assert_allclose(actual, expected, rtol=0, atol=DIFFERENCES * max(1.0, np.abs(expected).max()))
-
-        close(found.v2_dot_q, gradient(model, lambda p, v2=v2, T=T: reduced.forward_dynamics(p, v2, T), q, STEP))
-        close(found.v_q, gradient(model, lambda p, v2=v2, T=T: reduced.at(p, v2).flow(T).v, q, STEP))
-        # Accelerations are quadratic in v2 and linear in T: plain central differences have no truncation error.
-        close(
-            found.v2_dot_v2,
-            np.stack(
-                [
-                    (reduced.forward_dynamics(q, v2 + e, T) - reduced.forward_dynamics(q, v2 - e, T)) / 2
-                    for e in np.eye(reduced.r)
-                ],
-                axis=-1,
-            ),
-        )
-        close(
-            found.v2_dot_T,
-            np.stack(
-                [
-                    reduced.forward_dynamics(q, v2, T + e) - reduced.forward_dynamics(q, v2, T)
-                    for e in np.eye(reduced.p)
-                ],
-                axis=-1,
-            ),
-        )
 
 
 @pytest.mark.parametrize("actuators", [("left_axle", "right_axle"), ()])
@@ -109,15 +65,6 @@ def test_deviation_is_the_state():
     np.testing.assert_allclose(found.deviation(q, [7.0, 8.0, 9.0]), [0.1, turned, 8.0, 9.0], atol=1e-15)
     for own in ("_read", "_kept"):  # how it finds them
         assert own not in repr(found)
-
-
-def test_inputs_that_hold_the_state_are_found():
-    reduced = ALL["tiago"]()
-    q, _ = random_states(reduced, 1, seed=1)[0]
-    found = rnc.linearize(reduced, q)
-    np.testing.assert_allclose(reduced.forward_dynamics(q, np.zeros(reduced.r), found.T), 0, atol=1e-8)
-    assert found.A.shape == (reduced.n + reduced.r,) * 2
-    assert found.B.shape == (reduced.n + reduced.r, reduced.p)
 
 
 def test_rows_of_a_user_say_how_good_their_differences_are():
@@ -329,12 +276,3 @@ def test_eigenvalues_stand_by_real_part_and_then_by_imaginary_part():
     A = np.zeros((5, 5))
     A[:2, :2], A[2:4, 2:4], A[4, 4] = [[-1, 3], [-3, -1]], [[-1, 2], [-2, -1]], -4
     np.testing.assert_allclose(linear(A, np.zeros((5, 1))).eigenvalues, [-4, -1 - 3j, -1 - 2j, -1 + 2j, -1 + 3j])
-
-
-def test_a_loop_has_no_more_coordinates_than_freedoms():
-    reduced = four_bar()
-    found = rnc.equilibrium(reduced, reduced.assembled(reduced.robot.configuration({"crank": 1.0})), hold=["crank"])
-    one = rnc.linearize(reduced, found.q, T=found.T, coordinates=["crank"])
-    assert one.A.shape == (2, 2)
-    with pytest.raises(rnc.ConstraintError, match="coordinates crank, rocker are not independent under"):
-        rnc.linearize(reduced, found.q, T=found.T, coordinates=["crank", "rocker"])

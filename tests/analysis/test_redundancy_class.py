@@ -1,7 +1,6 @@
 """Classes and reports of systems written down row by row, beside what they have to be."""
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
@@ -12,7 +11,6 @@ from systems import (
     space_robot,
 )
 from textbook_systems import (
-    planar_model,
     prismatic,
     sliders_with_rows,
     turreted,
@@ -219,37 +217,6 @@ def test_class_2_asks_for_an_A5_without_x22_and_lets_it_depend_on_all_else(along
     assert ("A5 depends on x22" in found.reason) == (expected is None)
 
 
-def test_class_2_is_denied_where_a5_depends_on_the_redundant_output():
-    """A slide that goes as ``sin(turret)`` times the speed: the turret moves no position, but says where it goes."""
-    model, joint = planar_model("slide")
-    turret = model.addJoint(joint, pin.JointModelRZ(), pin.SE3.Identity(), "turret")
-    slide = model.addJoint(joint, pin.JointModelPX(), pin.SE3.Identity(), "slide")
-    for each in (turret, slide):
-        model.appendBodyToJoint(each, pin.Inertia(0.5, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
-    model.addFrame(pin.Frame("gun", turret, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
-
-    def follows(share):
-        """The slide's rate is ``share + sin(turret)`` of the speed, or the share alone."""
-        alone = share > 0
-        return rnc.Pfaffian(
-            lambda q: np.array([[share + (0 if alone else np.sin(q[4])), 0, 0, 0, -1.0]]),
-            lambda q, v: np.array([[0 if alone else np.cos(q[4]) * v[3], 0, 0, 0, 0.0]]),
-            ["follows"],
-        )
-
-    found = {}
-    for share in (0.0, 0.7):
-        system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip("body"), follows(share)])
-        reduced = system.reduce(
-            [rnc.FrameSpeed("body"), rnc.FrameYaw("body"), rnc.JointPosition("turret")],
-            [rnc.JointPosition("slide"), rnc.FrameYaw("gun")],
-        )
-        found[share] = rnc.analyze(reduced, redundant=["turret"], samples=8).redundancy
-    assert found[0.7].redundancy_class == "2"
-    assert found[0.0].redundancy_class is None
-    assert "A5 depends on x22" in found[0.0].reason
-
-
 ONES, TALL, WIDE = np.ones((3, 1, 1)), np.ones((3, 2, 1)), np.ones((3, 1, 2))
 NONE = np.zeros((3, 0, 1))
 
@@ -273,9 +240,3 @@ def test_a_class_is_what_its_blocks_say(A4, steering, moved, A5_depends, expecte
     found, reason = _decide(A4, steering, np.array(moved, dtype=bool), A5_depends)
     assert found == expected[0]
     assert expected[1] in reason
-
-
-def test_more_rows_than_columns_have_no_full_row_rank():
-    matrices = np.random.default_rng(0).normal(size=(5, 3, 2))
-    assert not _full_row_rank(matrices)
-    assert _full_row_rank(matrices.mT)

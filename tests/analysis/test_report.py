@@ -23,7 +23,7 @@ from textbook_systems import (
 from tolerances import ROUNDING
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", ["four_bar", "mecanum", "tumbling_panda"])
 def test_lemma_1_holds_in_the_report_and_it_is_json(name):
     report = rnc.analyze(ALL[name](), samples=16)
     assert report.lemma1_holds
@@ -110,53 +110,6 @@ def test_the_mobile_manipulator_is_singular_with_a_straight_arm_and_with_the_tip
     # What is reported can be set again.
     q = mobile_manipulator().robot.configuration(located["E"].configuration)
     assert mobile_manipulator().at(q).smallest_singular_value < ROUNDING
-
-
-def test_where_no_singular_surface_is_the_worst_sample_is_named():
-    """Joints as outputs of the space robot: E is regular wherever the platform has inertia."""
-    system = rnc.NonholonomicSystem(rnc.Robot.from_urdf("space_robot.urdf"), [rnc.MomentumConservation("platform")])
-    reduced = system.reduce([rnc.JointPosition(f"joint_{k}") for k in (1, 2, 3)])
-    (worst,) = rnc.analyze(reduced, samples=16).singularities
-    assert not worst.located
-    assert worst.smallest_singular_value > 0.1
-
-
-def test_nothing_actuated_is_reported_not_refused():
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
-    system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")])
-    joints = [f"joint_{k}" for k in (1, 2, 3)]
-    report = rnc.analyze(system.reduce([rnc.JointPosition(joint) for joint in joints]), samples=8)
-    assert (report.p, report.actuation_rank, report.unactuated) == (0, 0, tuple(joints))
-
-
-def test_too_few_actuators_name_what_they_cannot_move():
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
-    system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], ["joint_1", "joint_3"])
-    report = rnc.analyze(system.reduce([rnc.JointPosition(f"joint_{k}") for k in (1, 2, 3)]), samples=8)
-    assert (report.actuation_rank, report.unactuated) == (2, ("joint_2",))
-
-
-def test_lemma_1_is_bounded_where_nothing_is_singular():
-    """A unicycle in speed and yaw: H is diag(m, I), V and G vanish."""
-    bounds = rnc.analyze(unicycle(), samples=8).lemma1_bounds
-    assert bounds.everywhere
-    assert bounds.approaches == ()
-    np.testing.assert_allclose([bounds.H.min, bounds.H.max], 1.0, atol=ROUNDING)
-    np.testing.assert_allclose([bounds.V.max, bounds.G.max], 0.0, atol=ROUNDING)
-
-
-def test_lemma_1_has_no_bound_towards_outputs_that_stop_parametrising_the_motion():
-    """The same in x and yaw: ``v = xdot / cos(yaw)``, so H grows as ``m / d^2`` and V as ``m / d^3``."""
-    model, _ = planar_model()
-    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip("body")])
-    report = rnc.analyze(system.reduce([rnc.FramePosition("body", "x"), rnc.FrameYaw("body")]), samples=16)
-    bounds = report.lemma1_bounds
-    assert not bounds.everywhere
-    (way,) = bounds.approaches
-    assert "body_x" in way.rows
-    assert (way.H_order, way.V_order) == (pytest.approx(2.0, abs=0.02), pytest.approx(3.0, abs=0.02))
-    assert way.H[-1] > 1e3 * bounds.H.median
-    assert json.loads(json.dumps(report.to_dict()))["lemma1_bounds"]["approaches"][0]["bounded"] is False
 
 
 def test_lemma_1_of_the_space_robot_holds_off_its_straight_arm():

@@ -8,15 +8,11 @@ import rnc_pin as rnc
 from rnc_pin.analysis import lemma_1_residuals
 from rnc_pin.control import (
     ComputedTorque,
-    MomentumRegressor,
     RedundancyController,
-    SteeringController,
-    UncertainRedundancyController,
-    UnknownMass,
 )
 from rnc_pin.integrators import LieRungeKutta4
 from rnc_pin.model.output_gradients import kinematic_gradient
-from rnc_pin.planning import Hold, MinimumJerk
+from rnc_pin.planning import MinimumJerk
 from systems import drifting_manipulator, random_states, spinning_space_robot, tumbling_panda
 from tolerances import ROUNDING
 
@@ -45,7 +41,7 @@ def test_free_motion_is_that_of_aba(reduced):
         return w, pin.aba(model, data, p, w, B @ T)
 
     gaps = []
-    for steps in (250, 500):
+    for steps in (100, 200):
         (q, w), (p, y) = (start, reduced.at(start, v2).v), (start, v2)
         for _ in range(steps):
             q, w = integrator.step(full, q, w, duration / steps)
@@ -129,14 +125,14 @@ def test_a_run_keeps_momentum_and_energy():
     # The platform turns by itself and is told to turn elsewhere: (12) has to count with the rate that it has anyway.
     primary = MinimumJerk(x2[:2], x2[:2] + np.array([-0.2, 0.3]), 3.0)
     target = RedundancyController(task, primary, MinimumJerk(x1, x1 + 0.4, 3.0), k3=3.0, k21=3.0)
-    run = rnc.simulate(reduced, ComputedTorque(reduced, target, 40.0), q0, 4.0, 0.002)
+    run = rnc.simulate(reduced, ComputedTorque(reduced, target, 40.0), q0, 4.0, 0.005)
     assert run.constraint_residual.max() < 1e-9
     assert np.abs(run.v[0]).max() > 0.1, "it does not start at rest"
     np.testing.assert_allclose(run.energy - run.work, run.energy[0], atol=1e-6)
     final = rnc.summarize(run)["final_error"]
     assert max(final.values()) < 1e-3
     data, model = reduced.robot.model.createData(), reduced.robot.model
-    for q, v in zip(run.q[::200], run.v[::200], strict=True):
+    for q, v in zip(run.q[::80], run.v[::80], strict=True):
         assert pin.crba(model, data, q)[0] @ v == pytest.approx(6.0, abs=1e-9)
     # Left out, the rate that b gives spoils the platform's tracking.
     blind = RedundancyController(task, primary, MinimumJerk(x1, x1 + 0.4, 3.0), k3=3.0, k21=3.0)
@@ -147,35 +143,8 @@ def test_a_run_keeps_momentum_and_energy():
         def step(self, t, measurement, state):
             return blind.step(t, measurement._replace(v1_offset=None, v1_offset_dot=None), state)
 
-    worse = rnc.simulate(reduced, ComputedTorque(reduced, Blind(), 40.0), q0, 4.0, 0.002)
+    worse = rnc.simulate(reduced, ComputedTorque(reduced, Blind(), 40.0), q0, 4.0, 0.005)
     assert rnc.summarize(worse)["final_error"]["platform"] > 30 * final["platform"]
-
-
-def test_targets_have_the_exact_rate():
-    reduced = spinning_space_robot()
-    task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
-    for q, v2 in random_states(reduced, 4):
-        x1, x2 = reduced.at(q).outputs()
-        target = RedundancyController(task, Hold(x2[:2] + 0.1), Hold(x1 + 0.2), k3=2.0, k21=1.0)
-        v, h = reduced.at(q, v2).v, 1e-6
-        now = target.step(0.0, reduced.at(q, v2).measure())[0]
-        ahead, behind = (
-            target.step(0.0, reduced.at(pin.integrate(reduced.robot.model, q, sign * h * v), v2).measure())[0].v2
-            for sign in (1, -1)
-        )
-        difference = (ahead - behind) / (2 * h)
-        np.testing.assert_allclose(now.v2_dot, difference, rtol=1e-5, atol=1e-5 * (1 + np.abs(difference).max()))
-
-
-def test_what_assumes_rest_is_refused():
-    reduced = spinning_space_robot()
-    task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
-    inner = RedundancyController(task, Hold(np.zeros(2)), Hold(np.zeros(1)))
-    regressor = MomentumRegressor(reduced.robot, "platform", [UnknownMass("joint_1")])
-    with pytest.raises(rnc.ConfigurationError, match="zero momentum"):
-        UncertainRedundancyController(reduced, inner, regressor, [1.0])
-    with pytest.raises(rnc.ConfigurationError, match="steering assumes A v = 0"):
-        SteeringController(reduced, task, Hold(np.zeros(2)), Hold(np.zeros(1)))
 
 
 def test_analysis_is_that_of_the_motion_that_can_be_commanded():
@@ -187,7 +156,7 @@ def test_analysis_is_that_of_the_motion_that_can_be_commanded():
         outputs, [rnc.JointPosition("platform")]
     )
     reduced = spinning_space_robot()
-    reports = [rnc.analyze(each, ["tip_x", "tip_y"], ["joint_1"], samples=16) for each in (homogeneous, reduced)]
+    reports = [rnc.analyze(each, ["tip_x", "tip_y"], ["joint_1"], samples=4) for each in (homogeneous, reduced)]
     assert reports[0].redundancy_class == reports[1].redundancy_class == "1"
     assert reports[0].growth_vector == reports[1].growth_vector
     assert reports[1].lemma1_holds

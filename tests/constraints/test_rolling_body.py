@@ -177,24 +177,6 @@ def test_a_rattleback_obeys_newton_and_euler():
         np.testing.assert_allclose(reduced.forward_dynamics(q, w_body, []), expected, rtol=2e-7)
 
 
-def test_a_rattleback_reverses_its_spin():
-    """The dimensions of Kane and Levinson (1982), Int. J. Non-Linear Mech. 17: a = 20, b = 3, c = 2 cm."""
-    robot = rigid_body(1.0, (2e-4, 1.6e-3, 1.7e-3), (0.0, 0.0, -0.01), (0.0, 0.0, 0.2))
-    reduced = rnc.NonholonomicSystem(robot, [rnc.RollingBody("body", rnc.Ellipsoid((0.2, 0.03, 0.02)))]).reduce(
-        [rnc.FrameAngularVelocity("body", axis) for axis in "xyz"]
-    )
-    q0 = reduced.assembled(robot.configuration())
-    runs = {spin: rnc.free_motion(reduced, q0, [0.05, 0.0, spin], 1.0, 0.1, rtol=1e-8) for spin in (5.0, -5.0)}
-    reverses = {spin: bool((run.v2[:, 2] * spin < -0.5).any()) for spin, run in runs.items()}
-    assert sorted(reverses.values()) == [False, True]  # one direction is stable, the other is not
-    for run in runs.values():
-        height = run.q[:, 2] + np.array([pin.Quaternion(q[3:7]).matrix()[2, 2] * -0.01 for q in run.q])
-        energy = (
-            np.array([reduced.at(q, v2).kinetic_energy for q, v2 in zip(run.q, run.v2, strict=True)]) + 9.81 * height
-        )
-        np.testing.assert_allclose(energy, energy[0], rtol=1e-6)
-
-
 def test_a_chaplygin_ball_keeps_its_angular_momentum_about_the_contact():
     """Chaplygin (1903): a ball with its centre of mass at the centre and three different moments."""
     robot = rigid_body(2.0, (0.03, 0.05, 0.07))
@@ -247,7 +229,7 @@ def test_a_body_without_pivoting_has_the_momentum_of_rolling_alone():
     reduced = rnc.NonholonomicSystem(robot, [rnc.RollingBody("body", rnc.Sphere(0.3), pivoting=False)]).reduce()
     assert reduced.r == 2
     q0 = reduced.assembled(robot.configuration())
-    run = rnc.free_motion(reduced, q0, [0.4, 0.6], 2.0, 0.5)
+    run = rnc.free_motion(reduced, q0, [0.4, 0.6], 1.0, 0.25)
     steps = np.diff(run.q[:, :2], axis=0)
     np.testing.assert_allclose(steps, np.tile(steps[0], (len(steps), 1)), atol=1e-9)
 
@@ -257,7 +239,7 @@ def test_a_light_body_far_above_the_ground_is_put_on_it():
     robot = rigid_body(1.0, (2e-4, 1.6e-3, 1.7e-3))
     reduced = rnc.NonholonomicSystem(robot, [rnc.RollingBody("body", rnc.Ellipsoid((0.2, 0.03, 0.02)))]).reduce()
     generator = np.random.default_rng(0)
-    for _ in range(5):
+    for _ in range(3):
         q = robot.random_configuration(generator)
         q[2] = generator.uniform(-4, 4)
         assert (

@@ -86,7 +86,7 @@ def test_a_ball_on_a_turntable_goes_in_circles():
     assert reduced.affine
     q0 = robot.configuration({"root_joint": [0.7, -0.2, RADIUS, 0, 0, 0, 1]})
     start, v2_0 = np.array([0.7, -0.2]), np.array([0.3, 0.4, 0.0])
-    run = rnc.simulate(reduced, Idle(3), q0, 6.0, 0.005, v2_0=v2_0)
+    run = rnc.simulate(reduced, Idle(3), q0, 2.0, 0.005, v2_0=v2_0)
     turn = 2 / 7 * omega
     center = start + np.array([-v2_0[1], v2_0[0]]) / turn  # v = turn z x (p - center)
     arm = (start - center)[0] + 1j * (start - center)[1]

@@ -1,25 +1,10 @@
 """Controllers say what they are and with which gains; those of users need not."""
 
-import inspect
-
-import pytest
-
 import rnc_pin as rnc
 from rnc_pin import control
 from rnc_pin.control import Command, Describable, VelocityTracker, describe
 from rnc_pin.scenario.execution import plan
 from systems import space_robot
-
-CONTROLLERS = [
-    each
-    for each in vars(control).values()
-    if inspect.isclass(each) and not getattr(each, "_is_protocol", False) and hasattr(each, "step")
-]
-
-
-@pytest.mark.parametrize("kind", CONTROLLERS)
-def test_every_controller_describes_itself(kind):
-    assert "describe" in vars(kind) or kind is control.SlitheringReference  # which is a reference
 
 
 def test_two_phases_keep_the_gains_of_both():

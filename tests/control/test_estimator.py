@@ -7,15 +7,11 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from controlled_tasks import estimating
 from rnc_pin.control import (
-    ChainedStabilizer,
     Command,
     Estimator,
-    MomentumRegressor,
     UncertainController,
     UncertainRedundancyController,
-    UnknownMass,
     UnknownRadius,
     UnknownTrack,
     VelocityTarget,
@@ -24,9 +20,6 @@ from rnc_pin.control import (
 from rnc_pin.control.estimation import adapt
 from rnc_pin.control.estimator import EstimatorState, with_estimated_kinematics
 from rnc_pin.model.measurement import Measurement
-from systems import (
-    space_robot,
-)
 from textbook_systems import reduced_cart, two_wheeled_cart
 
 
@@ -239,17 +232,3 @@ def test_estimates_of_one_sample_are_the_least_squares_of_where_they_were_and_of
         wide = (np.full(3, -99.0), np.full(3, 99.0))
         plain = np.linalg.lstsq(rows, np.concatenate([np.zeros(3), error]), rcond=None)[0]
         np.testing.assert_allclose(adapt(p, Y, error, 0.7, 0.4, *wide), p + plain, rtol=1e-10)
-
-
-def test_what_is_learnt_describes_itself():
-    _, law, regressor, controller = estimating(0.5, (1.6, 0.4, 1.5))
-    said = controller.describe()
-    assert said["type"] == "UncertainRedundancyController"
-    assert said["alpha"] == 0.5
-    assert said["initial"] == dict(zip(regressor.names, (1.6, 0.4, 1.5), strict=True))
-    assert {**law.describe(), **said} == said | {}
-    chained = ChainedStabilizer(4, k=0.4, rate=1.2, max_input=9.0)
-    assert chained.describe() == {"type": "ChainedStabilizer", "n": 4, "k": 0.4, "rate": 1.2, "max_input": 9.0}
-    robot = space_robot().robot
-    units = MomentumRegressor(robot, "platform", [UnknownMass("joint_1"), UnknownMass("joint_2", unit=10.0)]).units
-    assert units == ("kg", "10 kg")

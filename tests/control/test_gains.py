@@ -14,17 +14,6 @@ from rnc_pin.control import (
 from tolerances import ROUNDING
 
 
-def test_scaled_position_gains_are_those_of_the_closed_form():
-    """``omega^2 = kappa1 gamma^4 + kappa2 gamma^2 = gamma / dt``, and ``rate = 2 kappa2 gamma^3 / omega^2``."""
-    inertia, dt, gamma, rate = 7.0, 0.002, 8.0, 3.0
-    gains = PositionGains.scaled(np.array([[[inertia]]]), dt, gamma, rate)
-    kappa1, kappa2 = float(gains.k1[0]) / inertia, float(gains.k2[0]) / inertia
-    square = kappa1 * gamma**4 + kappa2 * gamma**2
-    assert square == pytest.approx(gamma / dt)
-    assert 2 * kappa2 * gamma**3 / square == pytest.approx(rate)
-    np.testing.assert_allclose(gains.beta, inertia)
-
-
 def test_gains_are_given_up_to_the_edge_of_their_windows():
     """Numbers that are exact in binary: at the edge itself they still suit."""
     one = np.array([[[1.0]]])
@@ -91,15 +80,6 @@ def test_normalised_position_gains_fade_at_their_rate_from_the_bound_down(lighte
     assert roots.real.max() < -3.0
     with pytest.raises(rnc.ConfigurationError, match="gamma has to be above twice the rate"):
         PositionGains.normalised(20.0, gamma=6.0, rate=3.0)
-
-
-def test_an_empty_window_is_said_with_its_figures():
-    reduced, kinematic, q0 = space_robot_task()
-    _, region = rnc.kinematic_rollout(reduced, kinematic, q0, 6.0, 0.1)
-    with pytest.raises(rnc.ConfigurationError, match=r"no velocity gains suit this region: .* need a bandwidth of"):
-        VelocityGains.scaled(reduced, region, dt=0.2)
-    with pytest.raises(rnc.ConfigurationError, match="outside the window"):
-        VelocityGains.scaled(reduced, region, dt=0.002, bandwidth=1e6)
 
 
 UNEVEN = np.array([[[1.0, 0.6], [0.6, 4.0]], [[4.0, 0.0], [0.0, 16.0]]])
@@ -170,14 +150,3 @@ def test_gains_of_a_bound_are_those_of_the_closed_form_and_describe_themselves()
     assert PositionGains.paper().describe() == PositionGains().describe() == plain
     assert PositionGains(dead_zone=0.02).describe() == {**plain, "dead_zone": 0.02}
     assert VelocityGains(dead_zone=np.array([0.0, 0.1])).describe()["dead_zone"] == [0.0, 0.1]
-
-
-def test_gains_that_nobody_asked_otherwise_fade_at_three_behind_a_filter_of_eight():
-    """As ``PositionGains`` says of itself: omega^2 = gamma / dt, and the error at 2 kappa2 gamma^3 / omega^2 [1/s]."""
-    inertia, dt = np.diag([2.0, 0.5]), 0.01
-    gains = PositionGains.scaled(inertia, dt)
-    kappa1, kappa2 = gains.k1 / np.diag(inertia), gains.k2 / np.diag(inertia)
-    square = kappa1 * gains.gamma**4 + kappa2 * gains.gamma**2
-    np.testing.assert_allclose(square, 8.0 / dt)
-    np.testing.assert_allclose(2 * kappa2 * gains.gamma**3 / square, 3.0)
-    assert (gains.gamma, gains.sigma) == (8.0, 0.1)

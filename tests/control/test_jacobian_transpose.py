@@ -7,12 +7,10 @@ import rnc_pin as rnc
 from controlled_tasks import Cubic
 from rnc_pin.control import (
     JacobianTransposeController,
-    PositionGains,
     PositionTracker,
     effective_inertia,
 )
-from rnc_pin.planning import Hold
-from systems import mobile_manipulator, random_states, space_robot
+from systems import random_states, space_robot
 
 ON = ["joint_3", "joint_1"]
 TIP = np.array([1, 0])
@@ -63,28 +61,3 @@ def test_forces_on_some_outputs_come_from_the_actuators_that_are_on():
             JacobianTransposeController(reduced, tracker, active)
         assert str(caught.value).startswith(words)
     assert JacobianTransposeController(reduced, tracker, names).describe()["active"] == names
-
-
-def test_an_actuator_that_is_active_twice():
-    reduced = mobile_manipulator()
-    tracker = PositionTracker(Hold([0.0, 0.0]), PositionGains(), outputs=[0, 1])
-    with pytest.raises(rnc.ConfigurationError, match="active actuator 'joint_1' is named twice"):
-        JacobianTransposeController(reduced, tracker, ["joint_1", "joint_1"])
-
-
-def test_more_active_actuators_than_outputs_share_the_work():
-    """By the transpose of the Jacobian; fewer are refused."""
-    reduced = mobile_manipulator()
-    tracker = PositionTracker(Hold([0.0, 0.0]), PositionGains(), outputs=np.array([0, 1]))
-    names = ["joint_1", "joint_2", "torque(base.z)"]
-    controller = JacobianTransposeController(reduced, tracker, names)
-    q = reduced.robot.configuration({"joint_1": 0.4, "joint_2": -1.1})
-    measured = reduced.at(q, np.zeros(4)).measure()
-    command, _ = controller.step(0.1, measured, controller.initial_state(measured))
-    forces, _ = tracker.step(0.1, measured, tracker.initial_state(measured))
-    here = reduced.at(q)
-    drive = (here.J2 @ here.B)[[0, 1]]
-    np.testing.assert_allclose(command.T[[2, 3, 1]], drive[:, [2, 3, 1]].T @ forces.F[:2])
-    assert command.T[0] == 0.0
-    with pytest.raises(rnc.ConfigurationError, match="1 active actuators cannot drive 2 outputs"):
-        JacobianTransposeController(reduced, tracker, ["joint_1"])

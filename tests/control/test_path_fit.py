@@ -14,38 +14,6 @@ def bend(x):
     return y, np.arctan(slope), bent / (1 + slope**2) ** 1.5
 
 
-def test_a_fitted_path_is_the_polynomial_that_it_is_of():
-    """A chord from beside a bend ends on it, at its length; where places end before or after, nothing is fitted."""
-    x = np.linspace(-0.4, 0.4, 33)
-    y, heading, _ = bend(x)
-    driven = np.r_[0.0, np.cumsum(np.hypot(np.diff(x), np.diff(y)))]
-    path, window = np.column_stack([x, y, heading, driven]), 0.15
-    older = 16  # at x = 0, along which the axes of the fit are then
-    near = PathPoint(0.0, 0.0, 0.0, 0.0)
-    end = (0.003, *bend(0.003)[:2])
-    px, py = 0.5, 0.3
-    L = float(np.hypot(px - end[0], py - end[1]))
-    found = chord_end_fitted(path, older, near, px, py, L, window)
-    np.testing.assert_allclose(found, [*end, bend(0.003)[2]], atol=1e-9)
-    assert chord_end_fitted(path, len(path) - 1, near, px, py, L, window) is near
-    assert chord_end_fitted(path, older, near, px, py, L, 0.01) is near
-    for last in range(8, len(path) - 1):  # of which no place is ahead
-        there = PathPoint(*path[last, :3], 0.0)
-        assert chord_end_fitted(path[: last + 1], last, there, px, py, L, window) is there
-
-
-def test_a_chord_across_the_path_is_left_to_the_caller():
-    """Its end would move along the path without coming nearer."""
-    across = chord_end_between([0.0, 0.0, 0.0, 0.0], (1.0, 0.0, 0.0), -1.0, 0.5, 0.2)
-    assert across == pytest.approx((0.0, 0.0, 0.0, 0.0))
-    x = np.linspace(-0.4, 0.4, 33)
-    path, near = np.column_stack([x, 0 * x, 0 * x, x + 0.4]), PathPoint(0.0, 0.0, 0.0, 0.0)
-    assert chord_end_fitted(path, 16, near, -1.0, 0.5, 0.2, 0.15) is near
-    # Or beyond what was fitted.
-    assert chord_end_fitted(path, 16, near, 1.0, 0.0, 0.2, 0.15) is near
-    assert chord_end_fitted(path, 16, near, 1.0, 0.0, 0.9, 0.15) == pytest.approx((0.1, 0.0, 0.0, 0.0))
-
-
 def curvature_of(d, dd):
     """Curvature of a plane curve by its derivatives."""
     return (d[0] * dd[1] - d[1] * dd[0]) / np.hypot(*d) ** 3

@@ -1,7 +1,6 @@
 """Controller (8)-(9) in its rate-free form, the baseline beside it, and the first joint off (section 4.1)."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,13 +8,9 @@ import pytest
 import rnc_pin as rnc
 from controlled_tasks import ARM_START, Cubic, learnt_over
 from rnc_pin.control import (
-    ComputedTorque,
     JacobianTransposeController,
     PositionGains,
     PositionTracker,
-    ReducingOutputController,
-    VelocityGains,
-    VelocityTracker,
     effective_inertia,
 )
 from rnc_pin.control.position_tracker import PositionState
@@ -25,7 +20,6 @@ from systems import (
     space_robot,
     space_robot_in_joints,
 )
-from tolerances import ROUNDING
 
 
 def waves(center):
@@ -42,13 +36,12 @@ def test_error_converges_to_a_ball_that_shrinks_as_the_gains_grow():
     """Lemma 2."""
     reduced, q0, x2 = in_joints()
     balls = []
-    for k in (8.0, 24.0, 72.0):
+    for k in (8.0, 24.0):
         tracker = PositionTracker(waves(x2), PositionGains(k1=k, k2=3 * k, gamma=4.0, beta=k))
-        run = rnc.simulate(reduced, tracker, q0, 7.0, 0.002)
+        run = rnc.simulate(reduced, tracker, q0, 6.0, 0.004)
         error = np.linalg.norm(run.x2_desired - run.x2, axis=1)
         balls.append(error[run.time > 4.0].max())
     assert balls[1] < 0.6 * balls[0]
-    assert balls[2] < 0.6 * balls[1]
 
 
 def test_position_error_decays_exponentially_from_far_away():
@@ -62,18 +55,6 @@ def test_position_error_decays_exponentially_from_far_away():
         # The loop oscillates as it decays: the largest error of each 0.6 s is what counts.
         peaks = np.linalg.norm(run.x2_desired - run.x2, axis=1)[:1200].reshape(4, 300).max(axis=1)
         assert (peaks[1:] < peaks[:-1] * np.exp(-0.5 * rate * 0.6)).all(), peaks
-
-
-def test_it_never_touches_a_velocity():
-    reduced, q0, x2 = in_joints()
-    tracker = PositionTracker(waves(x2), PositionGains(k1=60.0, k2=60.0, gamma=4.0))
-    whole = reduced.at(q0, np.array([0.3, -0.2, 0.1])).measure()
-    blind = rnc.Measurement(x2=whole.x2)
-    state = tracker.initial_state(blind)
-    for t in (0.0, 0.002, 0.004):
-        seen, blind_state = tracker.step(t, blind, state)
-        assert np.array_equal(seen.F, tracker.step(t, whole, state)[0].F)
-        state = blind_state
 
 
 def test_rate_free_form_is_the_papers_laws_with_rates():
@@ -121,49 +102,12 @@ def test_rate_free_form_is_the_papers_laws_with_rates():
     np.testing.assert_allclose(command.F, F, rtol=5e-3, atol=5e-3)
 
 
-def test_gains_start_at_zero_whatever_the_error():
-    tracker = PositionTracker(Harmonic([1.0], 0.5, 0.2), PositionGains.paper())
-    measured = rnc.Measurement(x2=np.array([0.3]))
-    command, _ = tracker.step(0.0, measured, tracker.initial_state(measured))
-    np.testing.assert_allclose(command.F, 10.0 * 4.0 * 0.7, atol=ROUNDING)  # k2 gamma^2 e alone
-
-
-@pytest.mark.parametrize("dt", [0.002, 0.01])
-def test_scaled_gains_hold_at_both_sampling_periods(dt):
-    reduced, q0, x2 = in_joints()
-    gains = PositionGains.scaled(reduced.at(q0).H[None], dt, rate=2.0 if dt > 0.005 else 3.0, gamma=8.0)
+def test_scaled_gains_hold_at_a_coarse_sampling_period():
+    (reduced, q0, x2), dt = in_joints(), 0.01
+    gains = PositionGains.scaled(reduced.at(q0).H[None], dt, rate=2.0, gamma=8.0)
     goal = MinimumJerk(x2, x2 + np.array([0.4, -0.5, 0.3]), 3.0)
     run = rnc.simulate(reduced, PositionTracker(goal, gains), q0, 5.0, dt)
     assert max(rnc.summarize(run)["final_error"].values()) < 0.01
-
-
-def test_sampling_that_is_too_slow_is_said():
-    reduced, q0, _ = in_joints()
-    with pytest.raises(rnc.ConfigurationError, match="no position gains suit this region"):
-        PositionGains.scaled(reduced.at(q0).H[None], dt=0.1)
-
-
-def test_knowing_the_model_is_worth_something():
-    """Computed torque leaves what sampling leaves; the adaptive tracker with the same bandwidth leaves more."""
-    reduced, q0, x2 = in_joints()
-    kinematic = ReducingOutputController(reduced, waves(x2), k2=2.0)
-    gains = VelocityGains.scaled(reduced, q0[None], 0.002, bandwidth=20.0)
-    late = {}
-    for name, controller in {
-        "model": ComputedTorque(reduced, kinematic, k=20.0),
-        "adaptive": VelocityTracker(kinematic, gains),
-    }.items():
-        run = rnc.simulate(reduced, controller, q0, 4.0, 0.002)
-        late[name] = np.abs(run.v2_desired - run.v2)[run.time > 2.0].max()
-    assert late["model"] < 0.1 * late["adaptive"]
-
-
-def test_velocity_error_of_computed_torque_decays_at_its_gain():
-    reduced, q0, x2 = in_joints()
-    controller = ComputedTorque(reduced, ReducingOutputController(reduced, Hold(x2), k2=0.0), k=3.0)
-    v0 = np.array([0.2, -0.1, 0.3])
-    run = rnc.simulate(reduced, controller, q0, 1.0, 0.001, v2_0=v0)
-    np.testing.assert_allclose(run.v2[-1], v0 * np.exp(-3.0), rtol=0.01)
 
 
 # ---------------------------------------------------------------------- section 4.1
@@ -184,43 +128,6 @@ def test_first_joint_off_the_platform_does_not_move(preset):
     assert (run.T[:, 0] == 0).all()
     assert np.ptp(run.x2[:, 2]) > 0.1  # the first joint turns freely
     assert max(rnc.summarize(run)["final_error"].values()) < 0.02
-
-
-def test_effective_inertia_is_what_a_force_has_to_move():
-    reduced = space_robot()
-    q0 = reduced.robot.configuration(ARM_START)
-    tracker = PositionTracker(Hold(reduced.at(q0).outputs()[1][:2]), outputs=np.array([0, 1]))
-    controller = JacobianTransposeController(reduced, tracker, ["joint_2", "joint_3"])
-    F = np.array([1.3, -0.4])
-    T = np.zeros(3)
-    here = reduced.at(q0)
-    T[1:] = (here.J2 @ here.B)[:2, 1:].T @ F
-    acceleration = reduced.forward_dynamics(q0, np.zeros(3), T)[:2]
-    np.testing.assert_allclose(controller.effective_inertia(q0) @ acceleration, F, atol=1e-9)
-
-
-def test_jacobian_transpose_refuses_wrong_actuators():
-    reduced = space_robot()
-    tracker = PositionTracker(Hold(np.zeros(2)), outputs=np.array([0, 1]))
-    with pytest.raises(rnc.ConfigurationError, match="no actuator 'joint_4'; did you mean 'joint_"):
-        JacobianTransposeController(reduced, tracker, ["joint_2", "joint_4"])
-    with pytest.raises(rnc.ConfigurationError, match="1 active actuators cannot drive 2 outputs"):
-        JacobianTransposeController(reduced, tracker, ["joint_2"])
-
-
-def test_what_is_learnt_starts_at_zero_under_a_reference_that_moves_already():
-    """B and A too: the first force is ``k2 gamma^2 e`` alone, whatever the reference's rates."""
-    e = np.array([0.7, -0.2])
-
-    def moving(t):
-        return SimpleNamespace(
-            position=e, velocity=np.array([3.0, 1.0]), acceleration=np.array([-2.0, 5.0]), jerk=np.array([1.0, 4.0])
-        )
-
-    tracker = PositionTracker(SimpleNamespace(size=2, duration=1.0, at=moving), PositionGains.paper())
-    measured = rnc.Measurement(x2=np.zeros(2))
-    command, _ = tracker.step(0.0, measured, tracker.initial_state(measured))
-    np.testing.assert_allclose(command.F, 10.0 * 4.0 * e, atol=ROUNDING)
 
 
 WHERE, ANGULAR = np.array([2, 0]), np.array([False, True])
@@ -303,22 +210,6 @@ def test_a_position_tracker_starts_at_rest_with_nothing_learnt():
     np.testing.assert_allclose(command.F, gains.k2 * 1.7**2 * e + [0.3, -2.0], rtol=1e-11)
     said = tracker.describe()
     assert said == {"type": "PositionTracker", "gains": gains.describe(), "gravity_compensation": [0.3, -2.0]}
-
-
-@pytest.mark.parametrize("elapsed", [0.01, 0.2])
-def test_a_filter_is_exact_over_samples_of_any_length(elapsed):
-    """``z' = -2 gamma (z + gamma^2 e)`` with e held: towards ``-gamma^2 e`` by ``exp(-2 gamma t)``."""
-    reduced = space_robot()
-    gains = PositionGains(k1=2.0, k2=3.0, gamma=4.0, beta=1.0, sigma=0.1)
-    tracker = PositionTracker(Hold([1.0, 0.5]), gains, outputs=np.array([0, 1]))
-    q = reduced.robot.configuration({"joint_1": 0.3, "joint_2": 1.0, "joint_3": 0.4})
-    measured = reduced.at(q, np.zeros(3)).measure()
-    state = tracker.initial_state(measured)
-    _, state = tracker.step(1.0, measured, state)
-    state = state._replace(z=np.array([5.0, -3.0]))
-    _, after = tracker.step(1.0 + elapsed, measured, state)
-    rest = -(4.0**2) * (np.array([1.0, 0.5]) - measured.x2[:2])
-    np.testing.assert_allclose(after.z, rest + np.exp(-8.0 * elapsed) * (state.z - rest), rtol=1e-12)
 
 
 @pytest.mark.parametrize("zone", [0.0, 0.3])

@@ -20,7 +20,6 @@ from rnc_pin.integrators import LieRungeKutta4
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import Hold, MinimumJerk
 from systems import (
-    mobile_manipulator,
     random_states,
     space_robot,
     spinning_space_robot,
@@ -160,21 +159,6 @@ def test_the_class_1_law_says_which_outputs_are_too_few():
             RedundancyController(task_at([1], [0], [0]), first, second)
 
 
-@pytest.mark.parametrize("k21", [0.0, 2.0])
-def test_redundancy_controller_gives_the_vertical_rate_that_it_wants(k21):
-    """(12) in the paper's words: A3 v21d + A4 v22d = x1d_dot + k3 (x1d - x1)."""
-    reduced, kinematic, _ = space_robot_task(k21=k21)
-    for q, v2 in random_states(reduced, 5, seed=2):
-        measured = reduced.at(q, v2).measure()
-        target, _ = kinematic.step(1.3, measured, None)
-        x1d, x21d = kinematic.vertical.at(1.3), kinematic.primary.at(1.3)
-        wanted = x1d.velocity + 2.0 * (x1d.position - measured.x1)
-        np.testing.assert_allclose(measured.A_star @ target.v2, wanted, atol=ROUNDING)
-        np.testing.assert_allclose(
-            target.v2[:2], x21d.velocity + k21 * (x21d.position - measured.x2[:2]), atol=ROUNDING
-        )
-
-
 def test_rate_of_the_target_is_exact():
     """Along a motion of the model, v2d_dot is the derivative of v2d."""
     reduced, kinematic, _ = space_robot_task()
@@ -214,44 +198,6 @@ def test_redundancy_controller_takes_any_square_partition():
     assert run.x2[-1, 2] > 0.5  # the platform drove along
 
 
-@pytest.mark.parametrize("posture", [False, True])
-def test_wide_a4_reaches_the_vertical_rate_at_the_least_cost(posture):
-    reduced, kinematic, _ = wide(weights=np.array([1.0, 4.0]), posture=posture)
-    for q, v2 in random_states(reduced, 5, seed=4, condition=30.0):
-        measured = reduced.at(q, v2).measure()
-        v22 = kinematic.step(1.0, measured, None)[0].v2[2:]
-        x1d = kinematic.vertical.at(1.0)
-        A4 = measured.A_star[:, 2:]
-        wanted = (
-            x1d.velocity
-            + 2.0 * (x1d.position - measured.x1)
-            - measured.A_star[:, :2] @ kinematic.step(1.0, measured, None)[0].v2[:2]
-        )
-        np.testing.assert_allclose(A4 @ v22, wanted, atol=ROUNDING * 10)
-        z = kinematic.secondary(1.0, measured)[0] if posture else np.zeros(2)
-        null = np.array([-A4[0, 1], A4[0, 0]])
-        assert abs(null @ (np.array([1.0, 4.0]) * (v22 - z))) < 1e-9 * (1 + np.abs(v22).max())  # stationary
-
-
-def test_rate_of_the_wide_target_is_exact():
-    reduced, kinematic, _ = wide(weights=np.array([1.0, 4.0]), posture=True)
-    integrator, h = LieRungeKutta4(reduced.robot), 1e-4
-    T = np.array([0.3, -0.2, 0.1, 0.2])
-
-    def rate(q, y):
-        v, v2_dot, _ = reduced.at(q, y[:4]).flow(T)
-        return v, np.concatenate([v2_dot, y[:4]])
-
-    for q, v2 in random_states(reduced, 4, seed=5, condition=20.0):
-        targets = []
-        for k in (-2, -1, 1, 2):
-            p, y = integrator.step(rate, q, np.concatenate([v2, np.zeros(4)]), k * h)
-            targets.append(kinematic.step(1.3 + k * h, reduced.at(p, y[:4]).measure(y[4:]), None)[0].v2)
-        difference = (targets[0] - 8 * targets[1] + 8 * targets[2] - targets[3]) / (12 * h)
-        exact = kinematic.step(1.3, reduced.at(q, v2).measure(), None)[0].v2_dot
-        np.testing.assert_allclose(exact, difference, atol=FINITE_DIFFERENCE * (1 + np.abs(exact).max()))
-
-
 def test_posture_uses_the_freedom_that_is_left():
     ends = {}
     for posture in (False, True):
@@ -264,33 +210,6 @@ def test_posture_uses_the_freedom_that_is_left():
     assert ends[True] < 0.2 * ends[False]
 
 
-def test_redundancy_controller_refuses_what_it_cannot_do():
-    reduced = mobile_manipulator()
-    task = rnc.Task.of(reduced, ["tip_x", "tip_y", "base_yaw"], ["base_speed_x"])  # one redundant, three vertical
-    with pytest.raises(rnc.ConfigurationError, match=r"needs as many redundant as vertical outputs, found 1 .* and 3"):
-        RedundancyController(task, Hold(np.zeros(3)), Hold(np.zeros(3)))
-    reduced = space_robot()
-    task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
-    with pytest.raises(rnc.ConfigurationError, match="the primary reference has 3 values for 2 outputs"):
-        RedundancyController(task, Hold(np.zeros(3)), Hold(np.zeros(1)))
-
-
-def test_redundancy_controller_says_where_it_is_singular():
-    reduced, kinematic, q0 = space_robot_task()
-    measured = reduced.at(q0, np.zeros(3)).measure()
-    flat = measured._replace(A_star=measured.A_star * [[1.0, 1.0, 0.0]])
-    with pytest.raises(rnc.SingularityError, match="A4 is singular") as caught:
-        kinematic.step(1.0, flat, None)
-    assert caught.value.rows == ("platform", "joint_1")
-    np.testing.assert_array_equal(caught.value.q, q0)
-    assert caught.value.condition == pytest.approx(1e300)
-    nearly = measured._replace(A_star=np.array([[1.0, 1.0, -1e-12]]), q=None)
-    with pytest.raises(rnc.SingularityError, match="A4 is singular") as caught:
-        kinematic.step(1.0, nearly, None)
-    assert caught.value.q.size == 0
-    assert caught.value.condition == pytest.approx(1e12)
-
-
 def test_task_refuses_wrong_names():
     reduced = space_robot()
     with pytest.raises(rnc.ConfigurationError, match="no reducing output 'tip_z'; did you mean 'tip_"):
@@ -299,25 +218,6 @@ def test_task_refuses_wrong_names():
         rnc.Task.of(reduced, ["tip_x", "tip_y"], [])
     with pytest.raises(rnc.ConfigurationError, match="duplicate output"):
         rnc.Task.of(reduced, ["tip_x", "tip_y", "joint_1"], ["joint_1"])
-
-
-@pytest.mark.parametrize("posture", [False, True])
-def test_a_batch_with_more_redundant_than_vertical_outputs_is_each_state_alone(posture):
-    reduced, kinematic, _ = wide(weights=np.array([1.0, 4.0]), posture=posture)
-    states = random_states(reduced, 6, seed=4, condition=30.0)
-    q, v2 = (np.reshape(each, (2, 3, -1)) for each in zip(*states, strict=True))
-    still = np.zeros((2, 3, reduced.r))
-    together = kinematic.step(1.0, reduced.at(q, v2).measure(still))[0]
-    for i in np.ndindex(2, 3):
-        alone = kinematic.step(1.0, reduced.at(q[i], v2[i]).measure(still[i]))[0]
-        for name in ("v2", "v2_dot", "x1", "x2"):
-            np.testing.assert_allclose(getattr(together, name)[i], getattr(alone, name), rtol=1e-8, atol=1e-9)
-    assert np.isnan(together.x2[..., 2:]).all()
-    np.testing.assert_array_equal(together.x2[0, 1, :2], kinematic.primary.at(1.0).position)
-    np.testing.assert_array_equal(together.x1[1, 2], kinematic.vertical.at(1.0).position)
-    said = kinematic.describe()
-    assert (said["k3"], said["k21"], said["weights"]) == (2.0, 2.0, [1.0, 4.0])
-    assert ("secondary" in said) == posture
 
 
 def test_vertical_outputs_that_drift_by_themselves_get_the_rate_they_need_nevertheless():

@@ -8,13 +8,10 @@ import pytest
 import rnc_pin as rnc
 from places import ROOT
 from rnc_pin.control import (
-    PositionTracker,
     SplitController,
 )
 from rnc_pin.control.controller import Command
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.planning import Hold
-from rnc_pin.scenario.execution import execute, plan
 
 
 class Part:
@@ -64,8 +61,6 @@ def test_parts_see_and_command_outputs_of_their_own(batch):
         assert str(caught.value) == f"the parts command outputs {found} once"
 
 
-PAPER = {"controller.preset": "paper", "comparisons": {}, "plots": {}, "simulation.dt": 0.02}
-
 EXAMPLE = ROOT / "examples" / "two_phases.py"
 
 
@@ -82,18 +77,3 @@ def test_the_hand_arrives_first_and_stays_while_the_platform_drives(tmp_path, mo
     assert hand[run.time > 4.0].max() < 0.02
     assert platform[-1] < 0.02
     assert np.abs(np.diff(run.x1[run.time < 4.0], axis=0)).max() < 1e-4  # the platform waited
-
-
-def test_at_the_papers_gains_the_platform_arrives_in_heading_too():
-    """Figure 7 with k = 10, k1 = k2 = 10, gamma = 2: slow loops, so it drives slowly, and rests."""
-    run = execute(plan("mobile-manipulator-two-phase", PAPER)).trajectory
-    pose = np.column_stack([run.x1[:, :2], run.x2[:, 3]])
-    assert np.abs(pose[-1] - [-1.3, 0.0, 0.0]).max() < 0.03
-    assert np.abs(run.v2_desired[-1, 2:]).max() == 0.0
-    assert np.abs(run.x2[run.time > 6.0, :2]).max() < 0.02  # the hand stays
-
-
-def test_every_output_belongs_to_one_part():
-    tracker = PositionTracker(Hold([0.0, 0.0]))
-    with pytest.raises(rnc.ConfigurationError, match="expected each of 0 to 3 once"):
-        SplitController([(tracker, np.array([0, 1])), (tracker, np.array([1, 2]))], 4)

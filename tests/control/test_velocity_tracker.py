@@ -16,11 +16,9 @@ from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import Harmonic, Hold
 from rnc_pin.plants.reduced import ConstrainedDynamics
 from systems import (
-    random_states,
     sleigh,
     space_robot_in_joints,
 )
-from tolerances import ROUNDING
 
 
 class Oscillation:
@@ -68,22 +66,9 @@ def test_velocity_error_decays_exponentially_from_far_away():
     assert error[-1] < 0.2 * error[0]
 
 
-def test_adaptation_learns():
-    """Without adaptation the same gains leave a larger error."""
-    reduced = space_robot_in_joints()
-    q0 = reduced.robot.configuration({"joint_2": 1.2, "joint_3": -0.8})
-    late = {}
-    for beta in (1e-12, 40.0):
-        tracker = VelocityTracker(Oscillation(reduced), VelocityGains(k=40.0, beta=beta))
-        run = rnc.simulate(reduced, tracker, q0, 6.0, 0.004)
-        late[beta] = np.linalg.norm(run.v2_desired - run.v2, axis=1)[run.time > 3.0].mean()
-    assert late[40.0] < 0.6 * late[1e-12]
-
-
-@pytest.mark.parametrize("dt", [0.002, 0.01])
-def test_adaptation_is_stable_when_the_regressor_is_large(dt):
+def test_adaptation_is_stable_when_the_regressor_is_large():
     """beta |w|^2 dt far above 2, where explicit Euler diverges."""
-    reduced = space_robot_in_joints()
+    reduced, dt = space_robot_in_joints(), 0.01
     q0 = reduced.robot.configuration({"joint_2": 1.2, "joint_3": -0.8})
 
     class Fast(Oscillation):
@@ -121,31 +106,6 @@ def test_small_steps_are_the_papers_laws():
     np.testing.assert_allclose(command.F, C @ v2d_dot + D @ w + g + 7.0 * e, atol=1e-5)
 
 
-def test_leak_is_exact_over_any_time():
-    """With no error the gains decay as exp(-sigma t), in one step or in many."""
-    reduced = space_robot_in_joints()
-    q = reduced.robot.configuration({"joint_2": 1.2})
-    still = ReducingOutputController(reduced, Hold(reduced.at(q).outputs()[1]))
-    tracker = VelocityTracker(still, VelocityGains(sigma=0.7))
-    measured = reduced.at(q, np.zeros(3)).measure()
-    start = tracker.initial_state(measured)._replace(time=0.0, g=np.ones(3))
-    one = tracker.step(2.0, measured, start)[1]
-    many = start
-    for t in np.linspace(0.1, 2.0, 20):
-        many = tracker.step(float(t), measured, many)[1]
-    np.testing.assert_allclose(one.g, np.exp(-1.4), atol=ROUNDING)
-    np.testing.assert_allclose(many.g, one.g, atol=ROUNDING)
-
-
-def test_time_that_runs_backwards_is_refused():
-    reduced, kinematic, q0 = space_robot_task()
-    tracker = VelocityTracker(kinematic)
-    measured = reduced.at(q0, np.zeros(3)).measure()
-    _, state = tracker.step(1.0, measured, tracker.initial_state(measured))
-    with pytest.raises(rnc.InputError, match="backwards"):
-        tracker.step(0.5, measured, state)
-
-
 # ---------------------------------------------------------------------- protocol
 
 
@@ -156,13 +116,6 @@ def test_scaled_gains_track_the_space_robot():
     assert max(summary["final_error"].values()) < 0.001
     assert max(summary["max_error"].values()) < 0.005
     assert summary["constraint_residual_max"] < 1e-9
-
-
-def test_the_papers_gains_stay_bounded_on_the_space_robot():
-    reduced, kinematic, q0 = space_robot_task(k21=0.0)
-    summary = rnc.summarize(rnc.simulate(reduced, VelocityTracker(kinematic), q0, 8.0, 0.004))
-    assert max(summary["max_error"].values()) < 0.5
-    assert summary["final_error"]["platform"] < 0.02
 
 
 def test_a_loop_of_ones_own_is_the_simulation_to_the_bit():
@@ -181,34 +134,6 @@ def test_a_loop_of_ones_own_is_the_simulation_to_the_bit():
         np.testing.assert_array_equal(q, run.q[sample])
         y = plant.recentre(q, y)[1]
         q, y = plant.advance(q, y, T, 0.002, 1)
-
-
-def test_stepping_twice_from_one_state_gives_one_answer():
-    reduced, kinematic, q0 = space_robot_task()
-    tracker = VelocityTracker(kinematic)
-    measured = reduced.at(q0, 0.1 * np.ones(3)).measure()
-    state = tracker.initial_state(measured)._replace(time=0.0)
-    first, second = (tracker.step(0.1, measured, state) for _ in range(2))
-    np.testing.assert_array_equal(first[0].F, second[0].F)
-    for a, b in zip(first[1][:4], second[1][:4], strict=True):
-        np.testing.assert_array_equal(a, b)
-
-
-def test_a_batch_of_robots_is_one_call():
-    reduced, kinematic, _ = space_robot_task()
-    tracker = VelocityTracker(kinematic, VelocityGains(k=np.array([10.0, 20.0, 5.0]), beta=4.0))
-    q, v2 = (np.stack(each) for each in zip(*random_states(reduced, 4), strict=True))
-    measured = reduced.at(q, v2).measure()
-    state = tracker.initial_state(measured)
-    for t in (0.5, 0.6):
-        command, state = tracker.step(t, measured, state)
-    assert command.F.shape == (4, 3)
-    for i in range(4):
-        one = reduced.at(q[i], v2[i]).measure()
-        alone = tracker.initial_state(one)
-        for t in (0.5, 0.6):
-            single, alone = tracker.step(t, one, alone)
-        np.testing.assert_allclose(single.F, command.F[i], atol=ROUNDING * (1 + np.abs(single.F).max()))
 
 
 def test_a_tuned_tracker_is_what_one_would_write_by_hand():

@@ -140,30 +140,6 @@ def test_unknown_wheels_say_which_rows_they_enter_and_no_others():
             WheelRegressor(reduced, unknown)
 
 
-def with_wheel(frame, kind, place, centre=(0.0, 0.0, 0.0)):
-    """The differential drive with another wheel on a joint of its own."""
-    model = differential_drive().model
-    joint = model.addJoint(1, kind, pin.SE3(np.eye(3), np.array(place)), f"{frame}_joint")
-    model.appendBodyToJoint(joint, pin.Inertia(0.1, np.zeros(3), 0.01 * np.eye(3)), pin.SE3.Identity())
-    model.addFrame(pin.Frame(frame, joint, 0, pin.SE3(np.eye(3), np.array(centre)), pin.FrameType.OP_FRAME))
-    return rnc.Robot(model)
-
-
-@pytest.mark.parametrize(
-    ("kind", "place", "message"),
-    [
-        (pin.JointModelSpherical(), (0.0, 0.0, 0.0), "frame 'third' is not on the axis of its joint"),
-        (pin.JointModelRY(), (0.0, 0.2, 0.0), "have the same position: the direction of their axle is undefined"),
-    ],
-)
-def test_wheels_without_a_track(kind, place, message):
-    robot = with_wheel("third", kind, place)
-    left = robot.model.jointPlacements[robot.joint_id("left_wheel_joint")].translation
-    np.testing.assert_allclose(left, [0.0, 0.2, 0.0])  # where one of them is
-    with pytest.raises(rnc.ConfigurationError, match=message):
-        _axles(robot, 0, "left_wheel", "third")
-
-
 def test_a_track_alone_is_learnt_from_wheels_that_are_known():
     """``y = Y p`` at the true one, for any motion that the wheels allow."""
     robot = differential_drive()

@@ -326,17 +326,6 @@ def test_one_bad_sample_does_no_harm(what):
         loop.step(DT, *spoil(*plant.read()))
 
 
-@pytest.mark.parametrize("later", [0.0, -0.5, np.nan])
-def test_time_that_does_not_run_is_no_measurement(later):
-    reduced, tracker = sleigh()
-    loop, plant = rnc.ControlLoop(reduced, tracker, DT), started(reduced)
-    first = loop.step(1.0, *plant.read())
-    state = loop.state.controller
-    assert np.array_equal(loop.step(1.0 + later, *plant.read()), first)
-    assert "time" in loop.state.fault
-    assert loop.state.controller is state
-
-
 @pytest.mark.parametrize(("safe", "expected"), [("hold", 1.0), ("zero", 0.0), ("brake", -1.0)])
 def test_measurements_that_stay_away_lead_to_the_safe_command(safe, expected):
     reduced, tracker = sleigh()
@@ -378,30 +367,16 @@ def test_integrals_are_kept_where_nobody_gives_them():
 
 
 @pytest.mark.parametrize("kind", ["filtered", "observer"])
-@pytest.mark.parametrize("counts", [np.inf, 4096])
-def test_velocities_from_encoders(kind, counts):
+def test_velocities_from_encoders(kind):
     """Differences of 4,096 counts are steps of 0.15 rad/s here; estimates are smooth, and the sleigh arrives."""
     reduced, tracker = sleigh()
-    plant = FaultyPlant(ReducedPlant(reduced), rnc.Faults(counts=counts), reduced, DT)
+    plant = FaultyPlant(ReducedPlant(reduced), rnc.Faults(counts=4096), reduced, DT)
     run = rnc.simulate(
         reduced, tracker, reduced.robot.configuration(), 3.0, DT, plant=plant,
         options=rnc.SimulationOptions(loop={"velocity": kind, "cutoff": 60.0}),
     )  # fmt: skip
     assert run.outcome == "completed"
     assert np.abs(run.x2[-1] - GOAL).max() < 0.02
-
-
-def test_an_observer_does_not_lag_while_accelerations_are_steady():
-    """The parabola q = t^2 / 2: the filter is late by 2 / cutoff, the observer is not."""
-    reduced, tracker = sleigh()
-    found = {}
-    for kind in ("filtered", "observer"):
-        loop = rnc.ControlLoop(reduced, tracker, DT, velocity=kind, cutoff=20.0)
-        for t in DT * np.arange(200):
-            loop.step(t, reduced.robot.configuration({"root_joint": [t**2 / 2, 0, 0]}))
-        found[kind] = t - loop.state.motion.v[0]
-    assert found["filtered"] == pytest.approx(2 / 20.0, rel=0.1)
-    assert abs(found["observer"]) < 1e-6
 
 
 @pytest.mark.parametrize("kind", ["filtered", "observer"])

@@ -10,8 +10,7 @@ from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.frame_velocity import axis_index
 from rnc_pin.model.kinematics import OWN_AXES, Kinematics
 from rnc_pin.model.offset_frame import OffsetFrame, triple
-from systems import bicycle, sleigh
-from tolerances import FINITE_DIFFERENCE
+from systems import bicycle
 
 
 @pytest.mark.parametrize("moved", [True, False])
@@ -139,22 +138,6 @@ def test_actuators_that_are_none_are_refused():
         changing.matrix(Kinematics(robot).position(robot.configuration()))
 
 
-def test_the_rate_of_actuation_on_frames():
-    """A force and a torque on a hand that turns: B by differences along v, and not zero."""
-    robot = rnc.Robot.from_urdf("floating_arm.urdf", base="free", gravity=(0, 0, 0))
-    drives = [rnc.FrameForce("hand", "y"), "elbow", rnc.FrameTorque("hand", "x")]
-    actuation, kinematics, h = rnc.NonholonomicSystem(robot, [], drives).reduce().actuation, Kinematics(robot), 1e-6
-    generator = np.random.default_rng(2)
-    for _ in range(3):
-        q, v = robot.random_configuration(generator), generator.normal(size=robot.nv)
-        ahead, behind = (
-            actuation.matrix(kinematics.position(pin.integrate(robot.model, q, sign * h * v))) for sign in (1, -1)
-        )
-        rate = actuation.matrix_rate(kinematics.position(q).with_velocity(v))
-        np.testing.assert_allclose(rate, (ahead - behind) / (2 * h), atol=FINITE_DIFFERENCE)
-        assert (np.abs(rate).max(axis=0)[[0, 2]] > 0.01).all()
-
-
 def sliders(B):
     """Three of them, at right angles, that actuators push by the columns of B."""
     model = pin.Model()
@@ -165,7 +148,7 @@ def sliders(B):
     return rnc.NonholonomicSystem(rnc.Robot(model), [], B).reduce()
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(4))
 def test_actuators_that_are_dependent_but_for_rounding_are_refused(seed):
     """The inverse of B is finite, and what comes of it is rubbish, which may hit the force by chance."""
     rng = np.random.default_rng(seed)
@@ -182,29 +165,6 @@ def test_units_of_actuators_make_them_no_less_independent(unit):
     B = np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6], [0.7, 0.8, -0.9]]) * [unit, 1.0, 1.0]
     T = sliders(B).allocate(np.zeros(3), B @ [1.0 / unit, 2.0, 3.0])
     np.testing.assert_allclose(T * [unit, 1.0, 1.0], [1.0, 2.0, 3.0], rtol=1e-12)
-
-
-def test_no_actuators_reach_nothing():
-    reduced = rnc.NonholonomicSystem(sleigh().robot, [rnc.NoSideSlip("sleigh")]).reduce()
-    q = reduced.robot.configuration()
-    with pytest.raises(rnc.ConstraintError, match=r"actuators \(none\) reach rank 0 of the 2 reduced forces"):
-        reduced.allocate(q, [1.0, 0.0])
-
-
-def test_an_effort_of_zero_in_a_file_says_nothing():
-    model = rnc.Robot.from_urdf("space_robot.urdf").model
-    model.upperEffortLimit[:] = [0.0, 0.0, 5.0, 0.5]
-    robot = rnc.Robot(model)
-    system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
-    assert system.reduce().actuation.limits.tolist() == [np.inf, 5.0, 0.5]
-
-
-def test_inputs_of_many_states_are_of_as_many():
-    """The same everywhere, but one for each: B of a batch has its shape."""
-    reduced = sleigh()
-    q = np.tile(reduced.robot.configuration(), (2, 3, 1))
-    assert reduced.at(q).B.shape == (2, 3, 3, 2)
-    assert reduced.at(q[0, 0]).B.shape == (3, 2)
 
 
 # ---------------------------------------------------------------------- forces conjugate to outputs

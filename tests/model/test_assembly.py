@@ -10,7 +10,6 @@ from rnc_pin.model.independence import ROUNDING
 from rnc_pin.model.kinematics import Kinematics
 from systems import (
     four_bar_robot,
-    sleigh,
 )
 from textbook_systems import Flat, coupling, sliders
 
@@ -116,12 +115,6 @@ def test_residuals_of_many_states_stand_one_under_the_other():
     np.testing.assert_array_equal(assembly.jacobian(at), [[1.0, 0, 0], [0, -2.0, 1.0], [0, 0, 1.0]])
     name, size = assembly.worst(np.array([1.5, 0.0, -4.0]))
     assert (name, size) == ("e", -5.0)
-
-
-def test_nothing_is_left_of_rows_that_are_not_there():
-    reduced = sleigh()
-    assert reduced.assembly.residual(reduced.robot.configuration()).shape == (0,)
-    assert reduced.assembly.residual(np.tile(reduced.robot.configuration(), (2, 3, 1))).shape == (2, 3, 0)
 
 
 def test_a_coupling_that_a_rounded_row_implies_is_met_to_its_rounding():
@@ -262,13 +255,6 @@ def test_rows_of_the_ground_that_no_joint_moves_are_left_alone():
     np.testing.assert_allclose(ground.residual(q), matrix[[3, 4]].sum(axis=1) - 1.0)
     at = Kinematics(robot).position(q)
     np.testing.assert_array_equal(ground.jacobian(at), matrix[[3, 4]])
-
-
-def test_a_step_that_goes_too_far_is_halved():
-    """Rows that are five times as steep as they say: the whole step would land four times as far beyond."""
-    steep = Flat([[1.0, 0.0, 0.0]], ["steep"], gap=lambda q: 5.0 * q[..., :1] - 1.0)
-    found = Assembly(sliders(), [steep]).project(np.array([0.3, 0.0, 0.0]))
-    assert found[0] == pytest.approx(0.2, abs=1e-11)
 
 
 def test_a_row_that_was_thought_to_follow_and_does_not_is_met_with_the_others():

@@ -173,15 +173,13 @@ def compare(reduced, q, v2, size=1e-3):
 def test_every_kind_of_row_agrees(make):
     reduced = make()
     states = random_states(reduced, 4)
-    for q, v2 in states[:2]:
-        compare(reduced, q, v2)
+    compare(reduced, *states[0])
     q, v2 = (np.stack(each) for each in zip(*states, strict=True))
-    compare(reduced, q, v2)
     compare(reduced, q.reshape(2, 2, -1), v2.reshape(2, 2, -1))
 
 
 @needs_library
-@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=15, deadline=None, suppress_health_check=list(HealthCheck))
 @given(recipes())
 def test_random_systems_agree(recipe):
     try:

@@ -17,7 +17,6 @@ from rnc_pin.model.rows import check_defined
 from rnc_pin.model.state_evaluation import StateEvaluation
 from systems import (
     sleigh,
-    space_robot,
 )
 
 
@@ -288,25 +287,6 @@ def test_one_of_many_states_whose_forces_have_no_bound():
         ),
     ):
         state.v2_dot([[1.0, 2.0], [3.0, 1e300]])
-
-
-@pytest.mark.parametrize(
-    ("turn", "rows"),
-    [(0.0, {"tip_x"}), (np.pi / 2, {"tip_y"}), (np.pi / 4, {"tip_x", "tip_y"})],
-)
-def test_a_straight_arm_names_the_rows_that_are_dependent_and_no_others(turn, rows):
-    """Along x it cannot move in x, along y not in y; half way between both rows say the same."""
-    reduced = space_robot()
-    with pytest.raises(rnc.SingularityError) as caught:
-        reduced.terms(reduced.robot.configuration({"platform": turn}), np.zeros(3))
-    assert set(caught.value.rows) == rows
-
-
-def test_forces_beyond_all_numbers():
-    reduced = sleigh()
-    q = reduced.robot.configuration()
-    with pytest.raises(rnc.DivergenceError, match="reduced acceleration is not finite"):
-        reduced.forward_dynamics(q, [0.0, 0.0], [1e308, 1e308])
 
 
 def test_what_is_not_a_number_is_not_called_singular():

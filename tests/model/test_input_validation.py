@@ -5,25 +5,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.model.input_validation import ConfigurationValidator, broadcast_states, check_finite, vector
-from systems import (
-    free_flying_panda,
-    sleigh,
-)
 from textbook_systems import sliders
-
-
-def test_a_batch_with_a_quaternion_that_is_none():
-    reduced = free_flying_panda()
-    q = reduced.robot.configuration()
-    with pytest.raises(rnc.InputError, match=r"pair or a quaternion that is not of unit length"):
-        reduced.at(np.stack([q, 1.1 * q]))
-
-
-def test_batches_that_do_not_go_together_are_refused():
-    reduced = sleigh()
-    q = np.tile(reduced.robot.configuration(), (2, 3, 1))
-    with pytest.raises(rnc.InputError, match=r"q of shape \(2, 3, 4\) and v2 of shape \(2, 2\) do not broadcast"):
-        reduced.at(q, np.zeros((2, 2)))
 
 
 def test_configurations_are_admitted_by_shape_number_and_length():

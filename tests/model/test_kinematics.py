@@ -9,7 +9,6 @@ import pytest
 from plain_kinematics import ROBOTS, Plain, near, states
 from rnc_pin.model.frame_velocity import FrameVelocityRows
 from rnc_pin.model.kinematics import ALL, OWN_AXES, WORLD_AXES, Kinematics, over_states
-from systems import fire_truck
 
 ROWS = (ALL, slice(1, 2), slice(4, 6), slice(2, 5), [0, 4, 2], [5])
 
@@ -191,16 +190,3 @@ def test_a_function_of_single_states_is_asked_of_each():
     one = over_states(lambda x: [1, 2], (2,), a[0, 0])
     assert (one.dtype, one.tolist()) == (np.float64, [1.0, 2.0])
     assert over_states(lambda x: x, (2,), a[:, :0]).shape == (2, 0, 2)
-
-
-def test_velocities_of_joints_for_many_states():
-    robot = fire_truck().robot
-    kinematics, data = Kinematics(robot), robot.model.createData()
-    generator = np.random.default_rng(2)
-    q = np.stack([[robot.random_configuration(generator) for _ in range(3)] for _ in range(2)])
-    v = generator.normal(size=(2, 3, robot.nv))
-    found = kinematics.position(q).with_velocity(v).joint_velocity(3)
-    assert found.shape == (2, 3, 6)
-    for i in np.ndindex(2, 3):
-        pin.forwardKinematics(robot.model, data, q[i], v[i])
-        np.testing.assert_allclose(found[i], data.v[3].vector, atol=1e-14)

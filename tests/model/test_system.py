@@ -13,9 +13,7 @@ from rnc_pin.model.rows import Rows, check_defined
 from rnc_pin.model.system import _is_loose
 from rnc_pin.robots.sources.description import Mimic
 from systems import (
-    ALL,
     leaning_wheel,
-    mobile_manipulator,
     random_states,
     rolling_base,
     sleigh,
@@ -47,23 +45,6 @@ def test_momentum_row_is_the_angular_momentum_about_the_pin():
         np.testing.assert_allclose(reduced.at(q, v=v).residual, about_pin[2:], atol=ROUNDING * 100)
 
 
-def test_rolling_wheel_keeps_the_lowest_point_at_rest():
-    """Independent: the velocity of the wheel's material point that is lowest, from its placement alone."""
-    reduced = leaning_wheel()
-    model = reduced.robot.model
-    for q, v2 in random_states(reduced, 5):
-        v, h = reduced.terms(q, v2).v, 1e-6
-        placement = pin.SE3(pin.Quaternion(q[3:7]).toRotationMatrix(), q[:3])
-        angles = np.linspace(0, 2 * np.pi, 200_001)
-        rim = 0.3 * np.stack([np.cos(angles), np.zeros_like(angles), np.sin(angles)])
-        lowest = rim[:, np.argmin((placement.rotation @ rim)[2])]  # a point of the wheel, in its own axes
-        there = []
-        for sign in (1, -1):
-            p = pin.integrate(model, q, sign * h * v)
-            there.append(pin.SE3(pin.Quaternion(p[3:7]).toRotationMatrix(), p[:3]).act(lowest))
-        np.testing.assert_allclose((there[0] - there[1]) / (2 * h), 0.0, atol=1e-4)  # the rim is sampled
-
-
 def test_tiago_has_six_contact_rows_of_rank_three():
     reduced = tiago()
     assert reduced.m == 3
@@ -79,63 +60,6 @@ def test_two_knife_edges_on_one_axle_are_one_constraint():
     assert system.m == 1
     assert system.dropped_rows[0].name == "no_side_slip(base.y)"
     assert system.dropped_rows[0].reason == "a combination of no_side_slip(axle.y)"
-
-
-def test_pfaffian_rows_agree_with_the_constraint_they_spell_out():
-    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
-    edge = np.array([[0.0, 1.0, 0.0, 0.0, 0.0]])  # the body's own y velocity
-    written = rnc.Pfaffian(lambda q: edge, lambda q, v: 0 * edge, ["edge"])
-    drive = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
-    outputs = [rnc.FramePosition("tip", "xy"), rnc.FrameSpeed("base"), rnc.FrameYaw("base")]
-    other = rnc.NonholonomicSystem(robot, [written], drive).reduce(outputs)
-    reduced = mobile_manipulator()
-    for q, v2 in random_states(reduced, 5):
-        T = np.arange(4.0)
-        np.testing.assert_allclose(
-            other.forward_dynamics(q, v2, T), reduced.forward_dynamics(q, v2, T), rtol=0, atol=ROUNDING * 100
-        )
-
-
-def test_user_defined_output_agrees_with_the_one_it_spells_out():
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
-    row = np.array([[0.0, 1.0, 0.0, 0.0]])
-    joint = rnc.Output(lambda q: q[1:2], lambda q: row, lambda q, v: 0 * row, ["shoulder"])
-    system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], ["joint_1", "joint_2", "joint_3"])
-    other = system.reduce([rnc.FramePosition("tip", "xy"), joint], [rnc.JointPosition("platform")])
-    reduced = space_robot()
-    for q, v2 in random_states(reduced, 5):
-        np.testing.assert_allclose(other.terms(q, v2).V, reduced.terms(q, v2).V, atol=1e-9)
-        np.testing.assert_array_equal(other.at(q).outputs()[1], reduced.at(q).outputs()[1])
-
-
-def test_inputs_can_be_a_matrix_or_a_function():
-    q, v2 = random_states(space_robot(), 1)[0]
-    B = np.eye(4)[:, 1:]
-    expected = space_robot().terms(q, v2).input_matrix
-    for actuators in (B, lambda q: B):
-        reduced = space(actuators=actuators).reduce([rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")])
-        np.testing.assert_array_equal(reduced.terms(q, v2).input_matrix, expected)
-
-
-def test_fewer_actuators_than_motions_are_told_only_where_they_matter():
-    reduced = space(actuators=["joint_2"]).reduce([rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")])
-    q, v2 = random_states(reduced, 1)[0]
-    assert reduced.forward_dynamics(q, v2, np.ones(1)).shape == (3,)
-    with pytest.raises(rnc.ConstraintError, match="reach rank 1 of the 3 reduced forces"):
-        reduced.allocate(q, np.ones(3))
-
-
-def test_more_actuators_than_motions_share_with_the_least_effort():
-    thrusters = ["joint_1", "joint_2", "joint_3", rnc.FrameTorque("link_3", "z")]
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
-    free = rnc.NonholonomicSystem(
-        robot, [rnc.Pfaffian(lambda q: np.eye(4)[:1], lambda q, v: 0 * np.eye(4)[:1])], thrusters
-    )
-    reduced = free.reduce([rnc.JointPosition(f"joint_{i}") for i in (1, 2, 3)])
-    q, F = robot.configuration({"joint_2": 0.7}), np.array([1.0, 2.0, 3.0])
-    T, matrix = reduced.allocate(q, F), reduced.at(q).input_matrix
-    np.testing.assert_allclose(matrix @ T, F, atol=ROUNDING)
-    np.testing.assert_allclose(T, np.linalg.lstsq(matrix, F, rcond=None)[0], atol=ROUNDING)
 
 
 # ---------------------------------------------------------------------- what is refused
@@ -242,15 +166,6 @@ def test_a_straight_arm_is_singular_and_names_the_rows():
         assert error.rows == ("tip_x",)  # along x the arm cannot move in x
 
 
-def test_one_singular_state_in_a_batch_is_found():
-    reduced = space_robot()
-    q, v2 = (np.stack(each) for each in zip(*random_states(reduced, 4), strict=True))
-    q[2] = reduced.robot.configuration({"platform": 0.3})
-    with pytest.raises(rnc.SingularityError) as caught:
-        reduced.forward_dynamics(q, v2, np.zeros((4, 3)))
-    np.testing.assert_array_equal(caught.value.q, q[2])
-
-
 def test_next_to_a_singular_configuration_the_answer_is_still_right():
     """No silent regularisation: right down to the limit the KKT residual is at the level of rounding."""
     reduced = space_robot()
@@ -260,32 +175,6 @@ def test_next_to_a_singular_configuration_the_answer_is_still_right():
     F = t.input_matrix @ T
     back = reduced.inverse_dynamics(q, v2, reduced.forward_dynamics(q, v2, T))
     assert np.linalg.norm(back - F) < 1e-5 * np.linalg.norm(F)
-
-
-@pytest.mark.parametrize("name", ["space_robot", "tiago"])
-def test_wrong_shapes_and_numbers_are_caught_at_the_boundary(name):
-    reduced = ALL[name]()
-    q, v2 = random_states(reduced, 1)[0]
-    T, nan = np.zeros(reduced.p), np.full_like(v2, np.nan)
-    for call, words in (
-        (lambda: reduced.forward_dynamics(q[:-1], v2, T), f"q has shape .*, expected \\(..., {reduced.robot.nq}\\)"),
-        (lambda: reduced.forward_dynamics(q, v2[:-1], T), "v2 has shape"),
-        (lambda: reduced.forward_dynamics(q, v2, T[:-1]), "T has shape"),
-        (lambda: reduced.forward_dynamics(q, nan, T), "v2 holds values that are not finite"),
-        (lambda: reduced.forward_dynamics(q, v2, T * np.nan), "T holds values that are not finite"),
-        (lambda: reduced.forward_dynamics(q * np.nan, v2, T), "q holds values that are not finite"),
-        (lambda: reduced.forward_dynamics(np.stack([q] * 2), np.stack([v2] * 3), T), "do not broadcast"),
-        (lambda: reduced.allocate(q, v2[:-1]), "F has shape"),
-    ):
-        with pytest.raises(rnc.InputError, match=words):
-            call()
-
-
-def test_a_quaternion_of_wrong_length_is_caught():
-    reduced = leaning_wheel()
-    q, v2 = random_states(reduced, 1)[0]
-    with pytest.raises(rnc.InputError, match="not of unit length"):
-        reduced.forward_dynamics(1.1 * q, v2, np.zeros(3))
 
 
 def test_lists_and_one_configuration_for_many_velocities_are_welcome():
@@ -352,33 +241,6 @@ def test_rows_that_are_undefined_at_some_configurations():
     assert rnc.NonholonomicSystem(robot, [Undefined(0.0)]).r == 2
     with pytest.raises(rnc.ConstraintError, match="constraints half are undefined at every sampled configuration"):
         rnc.NonholonomicSystem(robot, [Undefined(1e9)])
-
-
-def test_rows_that_are_not_numbers():
-    robot = sleigh().robot
-
-    class NoNumber(UndefinedRows):
-        def jacobian(self, at):
-            return np.full((*at.q.shape[:-1], 1, 3), np.nan)
-
-    class Kind(Undefined):
-        def bind(self, robot):
-            return NoNumber(0.0, robot)
-
-    with pytest.raises(rnc.ConstraintError, match=r"constraint row 'half' is not finite at q = \["):
-        rnc.NonholonomicSystem(robot, [Kind(0.0)])
-
-
-def test_a_warning_points_at_the_line_that_made_the_system():
-    model = rolling_base({"left": (0.0, 0.3), "right": (0.0, -0.3)}, 0.1)
-    joint = model.getJointId("right_spin")
-    model.jointPlacements[joint] = model.jointPlacements[joint] * pin.SE3(
-        pin.rpy.rpyToMatrix(0.0, 0.0, 3e-4), np.zeros(3)
-    )
-    robot = rnc.Robot(model)
-    with pytest.warns(rnc.ModelWarning, match="nearly dependent|rounded angles") as caught:
-        rnc.NonholonomicSystem(robot, [rnc.RollingWheel("left", 0.1), rnc.RollingWheel("right", 0.1)])
-    assert {each.filename for each in caught} == {__file__}
 
 
 def test_a_system_says_what_there_is_too_much_or_too_little_of():

@@ -11,18 +11,8 @@ from rnc_pin.planning import (
     CarPath,
     car_planner,
 )
-from rnc_pin.planning.car_planner import _BEARINGS, _DISTANCES, _ahead, _behind, _joined, _moves, plan_legs
+from rnc_pin.planning.car_planner import _ahead, _behind, _joined, _moves, plan_legs
 from rnc_pin.planning.leg import Leg, best_legs
-
-
-@pytest.mark.parametrize("forward_only", [True, False])
-def test_the_planner_tries_poses_round_about_the_cheapest_first(forward_only):
-    moves = _moves(forward_only)
-    distance, bearing = np.hypot(*moves[:, :2].T), np.arctan2(moves[:, 1], np.abs(moves[:, 0]))
-    assert np.isclose(distance[:, None], _DISTANCES, atol=1e-12).any(axis=1).all()
-    assert np.isclose(bearing[:, None], _BEARINGS, atol=1e-12).any(axis=1).all()
-    assert (moves[:, 0] < -1e-12).any() == (not forward_only)
-    assert (np.diff(best_legs(np.zeros_like(moves), moves, 1.0, forward_only)[0]) >= 0).all()
 
 
 @pytest.mark.parametrize("forward_only", [False, True])
@@ -39,24 +29,6 @@ def test_moves_are_those_of_a_lattice_that_a_leg_reaches_cheapest_first(forward_
     there = np.array(lattice)[np.isfinite(costs)]
     ours, theirs = (np.unique(np.round(each, 9) + 0.0, axis=0) for each in (moves, there))
     np.testing.assert_allclose(ours, theirs, atol=1e-8)
-
-
-def test_a_plan_looks_at_all_pairs_coarsely_and_at_forty_closely(monkeypatch):
-    """Of stops for two legs all; for three, thirteen of each of nine turns at either end, and what joins them."""
-    looked = []
-
-    def watched(starts, goals, radius, forward_only=False, samples=201):
-        looked.append((len(starts), samples, radius, forward_only))
-        return best_legs(starts, goals, radius, forward_only, samples)
-
-    _moves(True)
-    monkeypatch.setattr(car_planner, "best_legs", watched)
-    assert plan_legs(np.zeros(3), np.array([0.0, 2.0, 0.0]), 0.5, True)
-    turns = np.rad2deg(_moves(True)[:, 2]).round()
-    few, both = sum(min(13, (turns == turn).sum()) for turn in range(-120, 121, 30)), 2 * len(turns)
-    assert few > 90
-    sizes = [(1, 201), (both, 25), (both, 25), (40, 201), (40, 201), (few**2, 25), (few, 25), (few, 25)]
-    assert looked == [(*size, 0.5, True) for size in [*sizes, (40, 201), (40, 201), (40, 201)]]
 
 
 def placed(pose):
@@ -105,23 +77,6 @@ def test_one_more_stop_has_to_save_three_turning_radii(monkeypatch, saved):
     offers = iter([None, (10.0, two), (10.0 - saved * radius, three)])
     monkeypatch.setattr(car_planner, "_joined", lambda *stops, radius, forward_only: next(offers))
     assert plan_legs(np.zeros(3), np.array([0.0, 1.0, 0.0]), radius) is (two if saved < 3 else three)
-
-
-def test_forty_one_ways_are_looked_at_coarsely_first(monkeypatch):
-    calls = []
-
-    def watched(starts, goals, *options):
-        calls.append((len(starts), *options))
-        return best_legs(starts, goals, *options)
-
-    monkeypatch.setattr(car_planner, "best_legs", watched)
-    ways = np.column_stack([np.full(41, 4.0), np.linspace(2.0, 0.0, 41), np.zeros(41)])
-    for count, expected in ((40, [(40, 1.0, True)]), (41, [(41, 1.0, True, 25), (40, 1.0, True)])):
-        calls.clear()
-        cost, (leg,) = _joined(np.zeros(3), ways[-count:], radius=1.0, forward_only=True)
-        assert calls == expected
-        assert cost == pytest.approx(4.0)
-        np.testing.assert_array_equal(leg.goal, [4.0, 0.0, 0.0])
 
 
 @pytest.mark.parametrize(

@@ -53,11 +53,6 @@ def test_the_truck_of_the_urdf_is_the_chain():
         np.testing.assert_allclose((ahead - behind) / (2 * h), expected, atol=tolerance)
 
 
-def test_states_outside_the_chart_are_refused():
-    with pytest.raises(rnc.InputError, match="outside the chained form"):
-        FireTruckChart().to_chain(np.array([0.0, 0.0, 1.6, 0.0, 1.6, 0.0]))
-
-
 def test_the_inputs_of_a_truck_of_any_lengths_give_the_chain_its_rates():
     chart, generator, h = FireTruckChart(1.4, 2.3), np.random.default_rng(1), 1e-6
     assert FireTruckChart() == FireTruckChart(1.0, 1.0)

@@ -88,7 +88,7 @@ def test_a_car_with_two_steered_wheels_arrives(tmp_path):
     assert misses[1] > 0.05
 
 
-def _driven(reduced, reference, steps=3000):
+def _driven(reduced, reference, steps=1000):
     """Pose at the end of a motion at the reference's rates, by the midpoint rule."""
     model, q, h = reduced.robot.model, reduced.robot.configuration(), reference.duration / steps
     for k in range(steps):
@@ -115,7 +115,7 @@ def scenario(folder, **path):
         },
         "reference": {"path": {"frame": "base", "to": [2.0, 1.5, 0.3], "duration": 10, "wheelbase": WHEELBASE, **path}},
         "controller": {"type": "reducing_outputs", "tracker": "computed_torque", "preset": "scaled"},
-        "simulation": {"duration": 11, "dt": 0.005},
+        "simulation": {"duration": 11, "dt": 0.02},
     }
     (folder / "car.yaml").write_text(yaml.safe_dump(content))
     return str(folder / "car.yaml")
