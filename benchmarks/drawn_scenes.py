@@ -19,7 +19,7 @@ Options = dict[str, Json]
 _FREE = 0.06  # [m]; distance to obstacles at the start
 _SEED = 2026
 _QUIET: Options = {"comparisons": {}, "plots": {}}
-_RUN: Options = {**_QUIET, "simulation.dt": 0.02, "preflight": "refuse"}
+_RUN: Options = {**_QUIET, "simulation.dt": 0.025, "preflight": "refuse"}
 _FASTEST = 0.5  # [m/s] of people; the base drives 0.7 m/s in every direction
 _APART = 1.5  # [m] between the centres of people: the base fits between them
 
@@ -66,8 +66,8 @@ def _tiago_shelf(generator: np.random.Generator) -> Options:
         options[f"initial.q.{name}"] = joints[name] + _numbers(generator, (-0.25, 0.25))[0]
     goal = _numbers(generator, (1.18, 1.32), (-0.35, 0.35), (0.8, 1.05))
     via = [x + 0.72, y + 0.05, goal[2]]
-    options["controller.tasks.0.output.reference.via_points"] = {"times": [2.5, 5.5], "points": [via, goal]}
-    options["simulation.duration"] = 8.0
+    options["controller.tasks.0.output.reference.via_points"] = {"times": [2, 4.5], "points": [via, goal]}
+    options["simulation.duration"] = 6.5
     table, lower, upper = _numbers(generator, (0.5, 0.66), (0.58, 0.7), (1.12, 1.25))
     options["obstacles.0.box.position"] = [_numbers(generator, (0.82, 0.95))[0], 0.0, table]
     options["obstacles.1.box.position"] = [1.3, 0.0, lower]
@@ -81,8 +81,8 @@ def _doorway(generator: np.random.Generator) -> Options:
     bend = _numbers(generator, (0.25, 0.6))[0]
     half = _numbers(generator, (0.52, 0.7))[0]
     return {
-        "simulation.duration": 7.0,
-        "controller.tasks.1.base_pose.reference.minimum_jerk.duration": 5.0,
+        "simulation.duration": 6.0,
+        "controller.tasks.1.base_pose.reference.minimum_jerk.duration": 4.5,
         "initial.q": {"root_joint": [x, y, heading], "joint_1": bend, "joint_2": -2 * bend},
         "controller.tasks.1.base_pose.reference.minimum_jerk.to": [goal_x, goal_y, heading],
         "obstacles.0.box.position": [0.0, half + 0.5, 0.32],
@@ -92,11 +92,11 @@ def _doorway(generator: np.random.Generator) -> Options:
 
 def _mecanum_crowd(generator: np.random.Generator) -> Options:
     """Three people who walk across or along the way, and one who waits; nobody gives way to the robot."""
-    goal = _numbers(generator, (2.6, 3.6), (-0.6, 0.6), (-0.8, 0.8))
+    goal = _numbers(generator, (2.2, 3.2), (-0.6, 0.6), (-0.8, 0.8))
     starts, ends, duration = _walks(generator, np.array(goal[:2]))
     options: Options = {
-        "simulation.duration": 10.0,
-        "controller.tasks.0.base_pose.reference.minimum_jerk": {"to": goal, "duration": 7.0},
+        "simulation.duration": 8.5,
+        "controller.tasks.0.base_pose.reference.minimum_jerk": {"to": goal, "duration": 6.0},
     }
     for k, (start, end) in enumerate(zip(starts.tolist(), ends.tolist(), strict=True)):
         options[f"obstacles.{k}.capsule.position"] = [*start, 0.85]
@@ -129,8 +129,8 @@ def _free_flying_arm(generator: np.random.Generator) -> Options:
     options: Options = {f"initial.q.{name}": joints[name] + _numbers(generator, (-0.25, 0.25))[0] for name in joints}
     first = _numbers(generator, (0.2, 0.45), (-0.8, -0.6), (-0.1, 0.1))
     second = _numbers(generator, (-0.45, -0.2), (-0.8, -0.6), (-0.1, 0.15))
-    options["controller.tasks.0.output.reference.via_points"] = {"times": [3, 6], "points": [first, second]}
-    options["simulation.duration"] = 8.0
+    options["controller.tasks.0.output.reference.via_points"] = {"times": [2.5, 5], "points": [first, second]}
+    options["simulation.duration"] = 6.5
     return options
 
 
