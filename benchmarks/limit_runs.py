@@ -49,7 +49,7 @@ class Row(NamedTuple):
     run: int
     outcome: str
     reported: str
-    """Complaint of preflight; empty if it found the request feasible."""
+    """Complaint of preflight, and distances that gave way in the run; empty if there are none."""
     error: float
     """Largest error of a goal at the end [m, rad]."""
     position: float
@@ -90,7 +90,8 @@ def one(scenario: str, run: int) -> Row:
     distance, contacts = replayed_contacts(robot, trajectory, experiment.obstacles)
     error = max((result.summary["final_error"].get(name, np.inf) for name in GOALS[scenario]), default=np.inf)
     outcome = str(trajectory.outcome) if result.error is None else str(result.error)
-    reported = "; ".join(experiment.warnings)
+    gave_way = [f"{name} gave way" for name in result.summary.get("limits_gave_way", ()) if name.endswith(" distance")]
+    reported = "; ".join([*experiment.warnings, *gave_way])
     return Row(
         scenario, run, outcome, reported, float(error), *excesses, distance, contacts, time.process_time() - start
     )

@@ -11,6 +11,8 @@ from typing import TypeAlias, cast
 import numpy as np
 import yaml
 
+from rnc_pin.control.controller import State
+from rnc_pin.control.whole_body import InverseDynamicsQP, InverseDynamicsState
 from rnc_pin.errors import ConfigurationError, RncError, SingularityError
 from rnc_pin.io.json import Json, dump_json
 from rnc_pin.scenario.builder import Experiment, build_experiment, off_tracking
@@ -40,8 +42,8 @@ _PLAN = "plan.npz"
 _REPORTS = 400  # progress reports of a run
 _REPLAY_STEP, _REPLAYED = 0.02, 500  # smallest step between distances [s], and largest number of them
 
-_Run: TypeAlias = tuple[Trajectory, RncError | None]
-"""Motion of a run, and the error that ended it early."""
+_Run: TypeAlias = tuple[Trajectory, RncError | None, dict[str, float]]
+"""Motion of a run, the error that ended it early, and the largest amounts by which limits gave way."""
 
 
 @dataclass(frozen=True)
@@ -184,17 +186,20 @@ class _Runs:
     def _simulated(self, number: int, observer: Observer | None, report: Report) -> _Run:
         experiment = self._experiments[number]
         last = experiment.simulation.duration * (1.0 - 1e-9)
+        state: State = None
         shown = 0.0
 
         def watch(sample: Sample) -> None:
-            nonlocal shown
+            nonlocal shown, state
+            state = sample.state
             if sample.time >= min(shown, last):
                 shown = sample.time + last / _REPORTS
                 report(number, sample.time)
             if observer is not None:
                 observer(sample)
 
-        return _simulate(self._plan, experiment, watch)
+        trajectory, error = _simulate(self._plan, experiment, watch)
+        return trajectory, error, _gave_way(experiment, state)
 
     def _report(self, number: int, time: float) -> None:
         self._others.collect(self._show)
@@ -219,14 +224,16 @@ def _interrupted(run: _Run) -> bool:
 def _executed(plan: Plan, runs: _Runs, observer: Observer | None, measure_limits: bool) -> Result:
     # The wall time of the summary is that of the simulation, without building and drawing.
     start = time.perf_counter()
-    trajectory, error = runs.main(observer)
+    trajectory, error, gave_way = runs.main(observer)
     summary = _summary(plan.experiment, trajectory, time.perf_counter() - start)
+    if gave_way:
+        summary["limits_gave_way"] = gave_way
     limits = _replay(plan.experiment, trajectory) if measure_limits else None
     if limits is not None:
         add_limits(summary, limits)
     others: dict[str, Trajectory] = {}
     if error is None and trajectory.outcome is Outcome.COMPLETED:
-        for label, (other, failure) in runs.others().items():
+        for label, (other, failure, _) in runs.others().items():
             others[label] = other
             compared = _compared(_summary(plan.comparisons[label], other))
             if failure is not None:
@@ -256,7 +263,15 @@ def _compared(summary: Summary) -> Compared:
     return cast(Compared, {key: value for key, value in summary.items() if key in Compared.__annotations__})
 
 
-def _simulate(plan: Plan, experiment: Experiment, observer: Observer) -> _Run:
+def _gave_way(experiment: Experiment, state: State) -> dict[str, float]:
+    """Largest amounts by which limits of a program in inputs gave way, by name."""
+    controller: object = experiment.controller
+    if not isinstance(controller, InverseDynamicsQP) or not isinstance(state, InverseDynamicsState):
+        return {}
+    return dict(controller.report(state).worst)
+
+
+def _simulate(plan: Plan, experiment: Experiment, observer: Observer) -> tuple[Trajectory, RncError | None]:
     settings = experiment.simulation
     provenance = replace(
         experiment.provenance,

@@ -96,7 +96,7 @@ class SampledRun:
         sensed = adapter.v_measured, adapter.friction_used
         self._record.add(t, state, integrals, command, T, adapter.work, *sensed, outputs)
         self.samples += 1
-        found = Sample(t, measurement, command, T)
+        found = Sample(t, measurement, command, T, loop.state.controller)
         if self._observer is not None:
             progress.active_component = "the observer"
             self._observer(found)

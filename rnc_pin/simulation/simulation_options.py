@@ -28,6 +28,8 @@ class Sample(NamedTuple):
     command: Command
     T: np.ndarray
     """Applied actuator inputs (p,)."""
+    state: State = None
+    """State of the controller after the sample."""
 
 
 Observer = Callable[[Sample], None]

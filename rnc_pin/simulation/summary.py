@@ -63,7 +63,8 @@ class Summary(Compared):
     ``energy_drift`` is the largest change of ``energy - work``, relative to the range of energy in the run. It is None
     if the plant does not provide work. ``lift_off`` is None if no contact lifts off, or if normal forces are unknown.
     ``joint_limits`` has the worst limit of each kind. ``smallest_distance`` is None if no bodies come near. Both are in
-    summaries of scenarios.
+    summaries of scenarios. ``limits_gave_way`` has the largest amounts by which limits of an ``InverseDynamicsQP`` gave
+    way to others; it is missing if none did.
     """
 
     scenario: str | None
@@ -81,6 +82,7 @@ class Summary(Compared):
     joint_limits: NotRequired[dict[str, WorstLimit]]
     smallest_distance: NotRequired[NearestBodies | None]
     touching_at_start: NotRequired[list[str]]
+    limits_gave_way: NotRequired[dict[str, float]]
     comparisons: NotRequired[dict[str, Compared]]
     files: NotRequired[list[str]]
 

@@ -171,6 +171,27 @@ def test_preflight_names_a_goal_that_the_limits_exclude(tmp_path, program):
     assert plan(point(tmp_path, controller=program, preflight="refuse")).experiment.warnings == ()
 
 
+def test_preflight_warns_of_a_lower_goal_that_is_given_up(tmp_path):
+    behind = {"type": "inverse_dynamics", "limits": {"regions": [{"frame": "ball", "box": {"x": [-1, 0.7]}}]}}
+    (first, *others) = yaml.safe_load(POINT)["controller"]["tasks"]
+    behind["tasks"] = [{"output": {**first["output"], "priority": 1}}, *others]
+    (warning,) = plan(point(tmp_path, controller=behind, obstacles=[], preflight="refuse")).experiment.warnings
+    assert "task 0 (ball_x) of priority 1 gives its goal up: error 0.3" in warning
+
+
+def test_limits_that_gave_way_are_in_the_summary(tmp_path):
+    """An obstacle of up to 7 m/s reaches a ball that may move at 1.5 m/s."""
+    thrown = {"name": "stone", "radius": 0.2, "position": [1.5, 0, 0]}
+    thrown["motion"] = {"minimum_jerk": {"by": [-3, 0, 0, 0], "duration": 0.8}}
+    changes = {"obstacles": [{"sphere": thrown}], "simulation": {"duration": 0.8, "dt": 0.02}}
+    prepared = plan(point(tmp_path, controller={"type": "inverse_dynamics"}, **changes))
+    assert "passes through obstacle 'stone'" in prepared.experiment.warnings[0]
+    gave_way = execute(prepared).summary["limits_gave_way"]
+    assert [name for name in gave_way if name.endswith("stone distance") and gave_way[name] > 1.0]
+    calm = execute(plan(point(tmp_path, controller={"type": "inverse_dynamics"}, **{**changes, "obstacles": []})))
+    assert "limits_gave_way" not in calm.summary
+
+
 def test_inputs_stay_within_the_efforts_of_the_file(tmp_path):
     fast = {"type": "inverse_dynamics", "velocity_gain": 40.0}
     steps = [

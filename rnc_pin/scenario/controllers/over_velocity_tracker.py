@@ -54,8 +54,8 @@ from rnc_pin.scenario.schema.controllers import (
 from rnc_pin.scenario.schema.secondary_objectives import SecondarySettings
 from rnc_pin.simulation import Margins, margins_along, obstacles_passed
 
-MissedGoals = Callable[[float, np.ndarray], tuple[str, ...]]
-"""Complaints about goals that a motion misses, from its last time [s] and configuration (nq,)."""
+MissedGoals = Callable[[float, np.ndarray], tuple[tuple[str, ...], tuple[str, ...]]]
+"""Complaints about missed goals, and about lower ones that are given up, from the last time [s] and q (nq,)."""
 
 _ROLLOUT_STEP = 0.05  # [s]; a coarse step is enough, because the inertia varies smoothly
 
@@ -204,11 +204,14 @@ def check_motion(
     complaints = (
         *margins.complaints(MIN_SINGULAR_VALUE),
         *(f"the reference passes through obstacle '{each.names[1]}': {each}" for each in passed),
-        *(() if missed is None or margins.singular is not None else missed(float(margins.time[-1]), margins.q[-1])),
     )
+    given_up: tuple[str, ...] = ()
+    if missed is not None and margins.singular is None:
+        first, given_up = missed(float(margins.time[-1]), margins.q[-1])
+        complaints = (*complaints, *first)
     if complaints and context.preflight == "refuse":
-        raise InfeasibleError("; ".join(complaints))
-    return margins, complaints
+        raise InfeasibleError("; ".join((*complaints, *given_up)))
+    return margins, (*complaints, *given_up)
 
 
 class _OncePerSample:

@@ -88,14 +88,15 @@ def _at_limits() -> Iterator[None]:
 
 def _missed_goals(
     settings: WholeBodySettings, tasks: Sequence[ControlTask], context: ControllerContext
-) -> Callable[[float, np.ndarray], tuple[str, ...]]:
-    """Return the check for goals of the first priority that a motion does not reach; lower ones may give way."""
+) -> Callable[[float, np.ndarray], tuple[tuple[str, ...], tuple[str, ...]]]:
+    """Return the check for goals that a motion does not reach: those of the first priority, and lower ones."""
     first = min(task.priority for task in tasks)
 
-    def missed(t: float, q: np.ndarray) -> tuple[str, ...]:
-        complaints = []
+    def missed(t: float, q: np.ndarray) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        complaints: list[str] = []
+        given_up: list[str] = []
         for index, (draft, task) in enumerate(zip(settings.tasks, tasks, strict=True)):
-            if not isinstance(draft, TaskDraft) or task.priority != first:
+            if not isinstance(draft, TaskDraft):
                 continue
             stack = _goal_stack(draft, context.reduced)
             if stack is not None and stack.quasi.any():
@@ -103,12 +104,17 @@ def _missed_goals(
             value, coordinates = _values(draft, context.reduced, q)
             reference: Reference = getattr(task, "reference")  # noqa: B009 (a draft's task has one)
             error = float(np.abs(coordinates.difference(reference.at(t).position, value)).max())
-            if error > _MISSED:
-                complaints.append(
-                    f"task {index} ({', '.join(task.bind(context.reduced).names)}) misses its goal within the limits: "
-                    f"error {error:.2g} at t = {t:.2f} s"
-                )
-        return tuple(complaints)
+            if error <= _MISSED:
+                continue
+            title, found = (
+                f"task {index} ({', '.join(task.bind(context.reduced).names)})",
+                f"{error:.2g} at t = {t:.2f} s",
+            )
+            if task.priority == first:
+                complaints.append(f"{title} misses its goal within the limits: error {found}")
+            else:
+                given_up.append(f"{title} of priority {task.priority} gives its goal up: error {found}")
+        return tuple(complaints), tuple(given_up)
 
     return missed
 
