@@ -80,29 +80,42 @@ def optima() -> None:
     print(f"  free duration, effort against time: {plan.duration:.4f} {9.0**0.25:.4f}")
 
 
-def parking() -> None:
+def problems(count: int, refinements: int = 1) -> None:
     """Random parking of the car: goals beside, behind and ahead of it, with limits of speed and steering."""
     reduced, generator = car(), np.random.default_rng(0)
     bounds = [OutputBound(rnc.JointPosition("front_steering"), -0.6, 0.6), VelocityBound(-1.0, 1.0)]
-    taken, iterations, violations, solved = [], [], [], 0
-    count = int(sys.argv[2]) if len(sys.argv) > 2 else PROBLEMS
-    for _ in range(count):
+    settings = SolverSettings(refinements=refinements)
+    taken: list[float] = []
+    plans: list[rnc.optimal.MotionPlan] = []
+    for number in range(1, count + 1):
         x, y, heading = generator.uniform([-3.0, -2.0, -1.0], [3.0, 2.0, 1.0])
         goal = {rnc.FramePosition("rear_axle", "xy"): [x, y], rnc.FrameYaw("chassis"): heading}
         begin = time.process_time()
         try:
-            plan = rnc.optimal.plan(reduced, reduced.robot.configuration(), goal, 16.0, bounds=bounds)
-            solved += 1
-            iterations.append(plan.info.iterations)
-            violations.append(plan.info.verification.violation)
-        except InfeasibleError:
-            pass
+            q0 = reduced.robot.configuration()
+            plans.append(rnc.optimal.plan(reduced, q0, goal, 16.0, bounds=bounds, settings=settings))
+        except InfeasibleError as error:
+            print(f"  {number}: ({x:.2f}, {y:.2f}, {heading:.2f}): {error}", flush=True)
         taken.append(time.process_time() - begin)
+        if number % 10 == 0 or number == count:
+            _print_statistics(number, taken, plans)
+
+
+def _print_statistics(number: int, taken: list[float], plans: list[rnc.optimal.MotionPlan]) -> None:
+    times = f"processor time median {np.median(taken):.2f} s, most {max(taken):.2f} s"
+    print(f"parking: {len(plans)} of {number} solved, {times}")
+    iterations = np.median([plan.info.iterations for plan in plans])
+    violations = [plan.info.verification.violation for plan in plans]
     print(
-        f"parking: {solved} of {count} solved, processor time median {np.median(taken):.2f} s, most {max(taken):.2f} s"
+        f"  iterations median {iterations:g}; violation after verification median {np.median(violations):.1e}, "
+        f"most {max(violations):.1e} [m or rad]",
+        flush=True,
     )
-    print(f"  iterations median {np.median(iterations):g}; violation after verification median "
-          f"{np.median(violations):.1e}, most {max(violations):.1e} [m or rad]")  # fmt: skip
+
+
+def parking() -> None:
+    """Statistics of random parking problems, printed every ten problems."""
+    problems(int(sys.argv[2]) if len(sys.argv) > 2 else PROBLEMS)
 
 
 PARTS: dict[str, Callable[[], None]] = {"iteration": iteration, "optima": optima, "parking": parking}

@@ -42,7 +42,9 @@ def _top_view(plan: Plan, result: Result, path: Path) -> bool:
     if not ground_paths(result.trajectory):
         return False
     experiment = plan.experiment
-    save(plot_top_view(result.trajectory, experiment.scenario.title, result.comparisons, experiment.obstacles), path)
+    obstacles, title = experiment.obstacles, experiment.scenario.title
+    robot = experiment.reduced.robot if obstacles else None  # beside obstacles, the room that the robot needs counts
+    save(plot_top_view(result.trajectory, title, result.comparisons, obstacles, robot), path)
     return True
 
 

@@ -14,10 +14,12 @@ from matplotlib.figure import Figure
 
 from rnc_pin.collision import Obstacle
 from rnc_pin.errors import InputError
+from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import Trajectory
 from rnc_pin.visualization import panels as p
 from rnc_pin.visualization import plot_style as ps
 from rnc_pin.visualization.drawn_obstacles import outline
+from rnc_pin.visualization.footprints import draw_footprints, footprints
 from rnc_pin.visualization.top_view import draw_obstacles, draw_top_view, ground_paths
 
 _WIDTH, _NARROW = 8.0, 7.0  # width of a panel and its legend in figures of one and of several columns [inches]
@@ -70,6 +72,7 @@ def plot_top_view(
     title: str | None = None,
     comparisons: Mapping[str, Trajectory] | None = None,
     obstacles: Sequence[Obstacle] = (),
+    robot: Robot | None = None,
 ) -> Figure:
     """Plot the top view of a run: actual paths with heading marks, and desired paths.
 
@@ -78,6 +81,7 @@ def plot_top_view(
         title: title above the plot.
         comparisons: other runs by label, dashed.
         obstacles: bodies in the world, with their outlines.
+        robot: robot whose outlines are drawn at some moments; none by default.
 
     Raises:
         InputError: the run has no path in the plane.
@@ -86,11 +90,15 @@ def plot_top_view(
     if not paths:
         raise InputError("the run has no path for a top view: no body on the ground, no planar frame with x and y")
     outlines = [outline(each, t) for each in obstacles for t in trajectory.time[[0, -1]].tolist()]
+    if robot is not None:
+        outlines += [each for q in trajectory.q[[0, -1]] for each in footprints(robot, q)]
     across, up = np.ptp(np.concatenate([*(path.points for path in paths), *outlines]), axis=0)
     height = np.clip(0.7 * _WIDTH * up / max(across, 1e-9) + 1.2, *_VIEW_HEIGHTS)
     figure = ps.PrintFigure(figsize=(_WIDTH, float(height)))
     axes = figure.subplots()
     entries = draw_obstacles(axes, obstacles, trajectory.time)
+    if robot is not None:
+        entries = [*draw_footprints(axes, robot, trajectory.q), *entries]
     ps.legend_beside(axes, [*draw_top_view(axes, trajectory, comparisons or {}), *entries])
     _title(axes, title)
     _layout_once(figure)

