@@ -16,7 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define INTERFACE 11 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
+#define INTERFACE 12 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
 #define INTEGERS 8  /* of a row: kind, first and second frame, five more */
 #define NUMBERS 12  /* of a row */
 #define FLAT 1e-6   /* sine below which an axis counts as vertical */
@@ -1738,6 +1738,7 @@ static PyMethodDef functions[] = {
     {"feedback", (PyCFunction)(void (*)(void))feedback, METH_FASTCALL, NULL},
     {"track", (PyCFunction)(void (*)(void))track, METH_FASTCALL, NULL},
     {"adapt", (PyCFunction)(void (*)(void))adapt, METH_FASTCALL, NULL},
+    {"steer", (PyCFunction)(void (*)(void))steer, METH_FASTCALL, NULL},
     {"harmonic", (PyCFunction)(void (*)(void))harmonic, METH_FASTCALL, NULL},
     {NULL, NULL, 0, NULL},
 };

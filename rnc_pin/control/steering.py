@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from rnc_pin import _kernel
 from rnc_pin.control.controller import Description, VelocityTarget, check_size, goals_at, listed
 from rnc_pin.control.deviation import Feedback
 from rnc_pin.control.slithering import DrivenPath, SlitheringReference
@@ -17,7 +18,7 @@ from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.output_gradients import kinematic_gradient
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
-from rnc_pin.planning.references import Reference
+from rnc_pin.planning.references import Reference, ReferencePoint
 from rnc_pin.printing import ReprMixin
 
 _A4_ZERO = 1e-9
@@ -85,6 +86,9 @@ class SteeringController(ReprMixin):
         self._follow_vertical = Feedback(task.vertical_coordinates, k3)
         self._in_A3: Any = (..., *np.ix_(task.vertical, task.primary))
         self._damped = damping**2 * np.eye(len(task.redundant))
+        self._places = np.concatenate([task.vertical, task.primary, task.redundant])
+        gains = np.broadcast_to(k3, len(task.vertical)), task.vertical_coordinates.kinds
+        self._table = np.concatenate(gains, dtype=float)  # for the compiled kernel
 
     fastest = former_name("max_rate")
     watched = former_name("monitored")
@@ -117,8 +121,7 @@ class SteeringController(ReprMixin):
         if state is None and isinstance(self.vertical, SlitheringReference):
             raise InputError("steering along the driven path needs the last step's state, at first initial_state's")
         x21d = self.primary.at(t)
-        v21, v22_now = m.v2[..., task.primary], m.v2[..., task.redundant]
-        v21d, v21d_dot = self._follow_primary(x21d, m.x2[..., task.primary], v21)
+        v21d, v21d_dot = self._follow_primary(x21d, m.x2[..., task.primary], m.v2[..., task.primary])
         v2_dot = np.zeros(m.v2.shape)  # unknown for steering rates: it needs third derivatives of the references
         v2_dot[..., task.primary] = v21d_dot
         if isinstance(self.vertical, SlitheringReference):
@@ -126,8 +129,41 @@ class SteeringController(ReprMixin):
             x11d, state = self.vertical.step(m, v2_dot, state)
         else:
             x11d = self.vertical.at(t)
-        A3, A3_dot = m.A_star[self._in_A3], m.A_star_dot[self._in_A3]
         gradient = kinematic_gradient(self._reduced.at(m.q), task.redundant)
+        v22 = self._by_kernel(m, gradient, v21d, v21d_dot, x11d)
+        if v22 is None:
+            v22 = self._by_numpy(m, gradient, v21d_dot, x11d)
+        v2 = np.empty(m.v2.shape)
+        v2[..., task.primary] = v21d
+        v2[..., task.redundant] = v22
+        x1 = goals_at(x11d.position, task.vertical, m.x1.shape)
+        if self.monitored is not None:
+            x1[..., self.monitored[0]] = self.monitored[1].at(t).position
+        return VelocityTarget(
+            v2=v2,
+            v2_dot=v2_dot,
+            x1=x1,
+            x2=goals_at(x21d.position, task.primary, m.x2.shape),
+        ), state
+
+    def _by_kernel(
+        self, m: Measurement, gradient: np.ndarray, v21d: np.ndarray, v21d_dot: np.ndarray, x11d: ReferencePoint
+    ) -> np.ndarray | None:
+        """Redundant rates (a,) from one call of the compiled kernel; None for other arrays, or a singular N."""
+        if _kernel.library is None or m.v2.ndim != 1:
+            return None
+        found = np.empty(len(self._places) - len(v21d) - len(self.task.vertical))
+        slopes = np.ascontiguousarray(np.moveaxis(gradient, -1, 0))
+        point = x11d.position, x11d.velocity, x11d.acceleration
+        arrays = m.A_star, m.A_star_dot, slopes, self._places, m.v2, v21d, v21d_dot, m.x1, *point, self._table
+        settings = self.k4, self.damping, self.max_rate
+        return found if _kernel.library.steer(*arrays, *settings, len(self.task.vertical), found) else None
+
+    def _by_numpy(self, m: Measurement, gradient: np.ndarray, v21d_dot: np.ndarray, x11d: ReferencePoint) -> np.ndarray:
+        """Redundant rates (a,)."""
+        task = self.task
+        v21, v22_now = m.v2[..., task.primary], m.v2[..., task.redundant]
+        A3, A3_dot = m.A_star[self._in_A3], m.A_star_dot[self._in_A3]
         N = np.stack([apply(gradient[(*self._in_A3, j)], v21) for j in range(len(task.redundant))], axis=-1)
         rate = apply(A3, v21)
         wanted, wanted_dot = self._follow_vertical(x11d, m.x1[..., task.vertical], rate)
@@ -141,16 +177,4 @@ class SteeringController(ReprMixin):
                 condition=np.inf,
                 rows=(*task.vertical_names, *task.redundant_names),
             )
-        v22 = clipped(v22, self.max_rate)
-        v2 = np.empty(m.v2.shape)
-        v2[..., task.primary] = v21d
-        v2[..., task.redundant] = v22
-        x1 = goals_at(x11d.position, task.vertical, m.x1.shape)
-        if self.monitored is not None:
-            x1[..., self.monitored[0]] = self.monitored[1].at(t).position
-        return VelocityTarget(
-            v2=v2,
-            v2_dot=v2_dot,
-            x1=x1,
-            x2=goals_at(x21d.position, task.primary, m.x2.shape),
-        ), state
+        return clipped(v22, self.max_rate)

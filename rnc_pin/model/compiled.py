@@ -285,6 +285,19 @@ class CompiledConfiguration:
         force = np.ascontiguousarray(F)
         return T if self._evaluator.allocate(self.q, self.kinematics, self.inverse, force, T) else None
 
+    def output_slopes(self, along: Sequence[int] | Array) -> Array | None:
+        """Rates (s, k, r) of A_star in the motions of single reducing outputs; None if the other path has to decide."""
+        data = self.reduction._data
+        if self.batch or self.reduction.python_rows or data.affine or not len(along):
+            return None
+        rates = _empty((len(along),), self.reduction.rates)
+        for place, j in enumerate(along):
+            v = self.E_inverse[:, data.m + j].copy()
+            record = rates[place : place + 1]
+            if not self._evaluator.rates(self.q, self.kinematics, self.inverse, v, None, None, None, record):
+                return None
+        return rates["A_star_dot"]
+
     @cached_property
     def vertical(self) -> Array | None:
         """Record of J1 and A_star; None if a row is undefined."""

@@ -19,7 +19,10 @@ def kinematic_gradient(here: ConfigurationEvaluation, along: Sequence[int] | Arr
         here: evaluation at configurations.
         along: indices in x2, (s,).
     """
-    return np.moveaxis(_single_motions(here, along, lambda state: state.A_star_dot), 0, -1)
+    slopes = None if here.compiled is None else here.compiled.output_slopes(along)
+    if slopes is None:
+        slopes = _single_motions(here, along, lambda state: state.A_star_dot)
+    return np.moveaxis(slopes, 0, -1)
 
 
 def log_determinant_gradient(here: ConfigurationEvaluation, along: Sequence[int] | Array) -> Float[Array, "*batch s"]:
