@@ -11,11 +11,13 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from rnc_pin.collision.convex_shapes import bounding_box, convex_shape
+from rnc_pin.collision.distance_bounds import DistanceBounds, ShapePoses
 from rnc_pin.collision.flat_contacts import FlatParts, common_corners
 from rnc_pin.collision.obstacle import Obstacle
 from rnc_pin.collision.pair_distances import PairDistances
 from rnc_pin.collision.pair_selection import LinkPair, OmittedPair, PairSelection, select_pairs
 from rnc_pin.errors import InputError, ModelError, SimulationError
+from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.robots.robot import Robot
 
@@ -85,6 +87,9 @@ class CollisionDistances:
             for link in range(len(shapes))
         ]
         self._placed = self._geometry.createData()
+        own = np.array([shape.placement.homogeneous for shape in self._geometry.geometryObjects])
+        self._own_rotations, self._own_origins = own[:, :3, :3], own[:, :3, 3]
+        self._carriers = np.array(self._joints[: len(shapes)])
         self._shapes = [shape.geometry for shape in self._geometry.geometryObjects]
         self._flat: dict[int, FlatParts] = {}
         self._poses = [coal.Transform3s() for _ in self._shapes]
@@ -101,23 +106,30 @@ class CollisionDistances:
         """Build the same distances again: geometry data of Pinocchio cannot be pickled."""
         return type(self), self._made_of
 
-    def at(self, q: ArrayLike, t: float = 0.0, within: float = np.inf, *, corners: bool = False) -> PairDistances:
+    def at(
+        self,
+        q: ArrayLike | ConfigurationEvaluation,
+        t: float = 0.0,
+        within: float = np.inf,
+        *,
+        corners: bool = False,
+    ) -> PairDistances:
         """Distances of the pairs that are nearer than a distance.
 
         Args:
-            q: configuration (nq,).
+            q: configuration (nq,), or an evaluation of a model of the same robot there, whose kinematics are used.
             t: time, for obstacles that move [s].
             within: only pairs that may be nearer than this are evaluated [m].
             corners: True for further entries of pairs with parallel faces or edges: the gap along the normal at each
                 corner of their common region. Such a pair is in ``pairs`` several times, its nearest points first.
         """
-        q = self._validator.validate(q)
-        if q.ndim != 1:
-            raise InputError(f"q has shape {q.shape}, expected ({self.robot.nq},)")
+        if not isinstance(q, ConfigurationEvaluation):
+            q = self._validator.validate(q)
         self._place(q, t)
-        near = self._nearby(within)
+        near = self._bounds.nearby(self._at, within)
         self._transfer_poses(near)
         found = np.array([self._measure(pair) for pair in near.tolist()]).reshape(-1, 10)
+        self._bounds.measured(near, found[:, 0])
         if within < np.inf:
             inside = found[:, 0] < within
             near, found = near[inside], found[inside]
@@ -128,7 +140,7 @@ class CollisionDistances:
     def smallest(self, q: ArrayLike, t: float = 0.0, beyond: float = 0.0) -> np.ndarray:
         """Distance of every pair (k,) [m]; pairs farther than ``beyond`` may have a lower bound instead."""
         self._place(self._validator.validate(q), t)
-        bounds = self._lower_bounds()
+        bounds = self._bounds.of_volumes(self._at)
         near = np.flatnonzero(bounds < beyond)
         self._transfer_poses(near)
         for pair in near.tolist():
@@ -143,9 +155,8 @@ class CollisionDistances:
         self._first = np.array([pair.first for pair in pairs], dtype=int)
         self._second = np.array([pair.second for pair in pairs], dtype=int)
         boxes = [bounding_box(shape.geometry, shape.name) for shape in geometry.geometryObjects]
-        self._centers, self._halves = (np.array([box[k] for box in boxes]) for k in (0, 1))
-        radii = np.linalg.norm(self._halves, axis=1)
-        self._reach = radii[self._first] + radii[self._second]
+        self._centers, halves = (np.array([box[k] for box in boxes]) for k in (0, 1))
+        self._bounds = DistanceBounds(self._first, self._second, halves)
         support = np.zeros((len(self._joints), self._model.nv))
         for k, joint in enumerate(self._joints):
             for above in self._model.supports[joint]:
@@ -168,43 +179,45 @@ class CollisionDistances:
 
     # ------------------------------------------------------------------ one configuration
 
-    def _place(self, q: np.ndarray, t: float) -> None:
-        pin.computeJointJacobians(self._model, self._data, q)
+    def _place(self, at: np.ndarray | ConfigurationEvaluation, t: float) -> None:
+        """Place all shapes, and find the joint Jacobians in the world, (6, nv)."""
+        known = at.compiled if isinstance(at, ConfigurationEvaluation) else None
+        q = at.q if isinstance(at, ConfigurationEvaluation) else at
+        if q.ndim != 1:
+            raise InputError(f"q has shape {q.shape}, expected ({self.robot.nq},)")
         links = len(self._joints) - len(self.obstacles)
         for k in self._moving:
             self._geometry.geometryObjects[links + k].placement = self.obstacles[k].placement(t)
+        if known is not None:
+            self._place_by(known.kinematics["placements"])
+            self._jacobian = known.kinematics["J"]
+            return
+        pin.computeJointJacobians(self._model, self._data, q)
         pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._placed)
         poses = np.array([each.homogeneous for each in self._placed.oMg])
-        self._rotations, self._origins = poses[:, :3, :3], poses[:, :3, 3].copy()
-        self._middles = self._origins + np.matvec(self._rotations, self._centers)
+        self._at = ShapePoses(poses[:, :3, :3], poses[:, :3, 3].copy(), self._centers)
+        self._jacobian = self._data.J.reshape(6, -1)
 
-    def _nearby(self, within: float) -> np.ndarray:
-        """Pairs that may be nearer than a distance: those of near spheres first, because they need no boxes."""
-        apart = self._middles.take(self._second, 0) - self._middles.take(self._first, 0)
-        near = np.flatnonzero(np.vecdot(apart, apart) < (self._reach + within) ** 2)
-        if not len(near):
-            return near
-        halves = np.matvec(np.abs(self._rotations), self._halves)
-        gaps = np.abs(apart[near]) - halves.take(self._first[near], 0) - halves.take(self._second[near], 0)
-        np.maximum(gaps, 0.0, out=gaps)
-        return np.asarray(near[np.vecdot(gaps, gaps) < within * within])
-
-    def _lower_bounds(self) -> np.ndarray:
-        """Lower bounds (k,) of the distances [m], from spheres and from boxes along the axes of the world."""
-        middles, halves = self._middles, np.matvec(np.abs(self._rotations), self._halves)
-        apart = np.abs(middles.take(self._second, 0) - middles.take(self._first, 0))
-        spheres = np.sqrt(np.vecdot(apart, apart)) - self._reach
-        apart -= halves.take(self._first, 0)
-        apart -= halves.take(self._second, 0)
-        gaps = np.maximum(apart, 0.0, out=apart)
-        # A sphere's bound is negative where spheres overlap, a box's bound is then zero.
-        return np.maximum(np.sqrt(np.vecdot(gaps, gaps)), spheres, where=gaps.any(axis=1), out=spheres)
+    def _place_by(self, joints: np.ndarray) -> None:
+        """Place all shapes by joint placements (njoints, 12): the columns of a rotation, then a translation."""
+        rotations, origins = self._own_rotations.copy(), self._own_origins.copy()
+        links = len(self._joints) - len(self.obstacles)
+        for k in self._moving:
+            placement = self._geometry.geometryObjects[links + k].placement
+            rotations[links + k], origins[links + k] = placement.rotation, placement.translation
+        carried = joints.take(self._carriers, 0)
+        turns = carried[:, :9].reshape(-1, 3, 3).swapaxes(1, 2)
+        origins[:links] = np.matvec(turns, origins[:links]) + carried[:, 9:]
+        rotations[:links] = turns @ rotations[:links]
+        self._at = ShapePoses(rotations, origins, self._centers)
 
     def _transfer_poses(self, pairs: np.ndarray) -> None:
         """Give the poses of the shapes of these pairs to coal."""
-        columns = np.ascontiguousarray(self._rotations.swapaxes(1, 2))  # coal copies matrices that are stored by rows
+        columns = np.ascontiguousarray(
+            self._at.rotations.swapaxes(1, 2)
+        )  # coal copies matrices that are stored by rows
         for k in {*self._first[pairs].tolist(), *self._second[pairs].tolist()}:
-            self._poses[k].setTransform(columns[k].T, self._origins[k])
+            self._poses[k].setTransform(columns[k].T, self._at.origins[k])
 
     def _measure(self, pair: int) -> tuple[float, ...]:
         """Distance, nearest points and normal of a pair, ten numbers."""
@@ -225,10 +238,10 @@ class CollisionDistances:
         for pair, row in zip(near.tolist(), found, strict=True):
             normal, sides = row[7:10], []
             for k, direction in zip(self.pairs[pair][:2], (normal, -normal), strict=True):
-                rotation = self._rotations[k]
+                rotation = self._at.rotations[k]
                 if k not in self._flat:
                     self._flat[k] = FlatParts(self._shapes[k])
-                sides.append(self._flat[k].towards(rotation.T @ direction) @ rotation.T + self._origins[k])
+                sides.append(self._flat[k].towards(rotation.T @ direction) @ rotation.T + self._at.origins[k])
             extra = common_corners(sides[0], sides[1], normal)
             pairs.append(np.full(len(extra), pair))
             rows.append(np.hstack([extra, np.broadcast_to(normal, (len(extra), 3))]))
@@ -240,7 +253,7 @@ class CollisionDistances:
         distance, a, b, normal = found[:, 0], found[:, 1:4], found[:, 4:7], found[:, 7:10]
         # The difference of the nearest points is along the normal, so both have the same moment about the origin.
         lines = np.concatenate([normal, _cross(b, normal)], axis=1)
-        jacobian = (lines @ self._data.J.reshape(6, -1)) * self._signs[near]
+        jacobian = (lines @ self._jacobian) * self._signs[near]
         drift = np.zeros(len(near))
         links = len(self._joints) - len(self.obstacles)
         for k in self._moving:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from math import isnan
 from typing import Any
 
 import numpy as np
@@ -66,6 +67,10 @@ class Coordinates:
         error = angle_difference(desired, actual, self.angular) if self._has_angles else desired - actual
         for triple in self._triples:
             goal, here = desired[..., triple], actual[..., triple]
+            if goal.ndim == here.ndim == 1:  # one state, on the hot path
+                if not isnan(sum(goal.tolist())):
+                    error[triple] = pin.log3(pin.exp3(goal) @ pin.exp3(here).T)
+                continue
             if goal.shape != here.shape:
                 goal, here = np.broadcast_arrays(goal, here)
             for at in np.ndindex(goal.shape[:-1]):
@@ -103,6 +108,8 @@ class Coordinates:
             return velocity, acceleration
         velocity, acceleration = np.array(velocity), np.array(acceleration)
         for triple in self._triples:
+            if not (velocity[triple].any() or acceleration[triple].any()):
+                continue
             J, J_dot = left_jacobian(position[triple], velocity[triple])
             acceleration[triple] = J @ acceleration[triple] + J_dot @ velocity[triple]
             velocity[triple] = J @ velocity[triple]

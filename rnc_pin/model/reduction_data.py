@@ -115,6 +115,10 @@ class ReductionData(UsesKernel):
         """The same reduction with other constraint rows in A, (m,)."""
         return self._with(kept, self.reducing, self.output_scales, self.free)
 
+    def measuring(self, vertical: OutputStack) -> ReductionData:
+        """The same reduction with other vertical outputs."""
+        return self._with(self.kept, self.reducing, self.output_scales, self.free, vertical)
+
     def _with(
         self,
         kept: Sequence[int],

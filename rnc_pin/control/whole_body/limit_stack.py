@@ -122,7 +122,9 @@ class LimitStack:
         r = rows.shape[1]
         fixed = np.zeros(0, dtype=int)
         for members in (*before, *self._groups):
-            group = np.flatnonzero(np.isin(bounds.places, members))
+            belongs = np.zeros(bounds.total, dtype=bool)
+            belongs[members] = True
+            group = np.flatnonzero(belongs[bounds.places])
             both = np.concatenate([fixed, group])
             if solver.solve(np.zeros(r), rows[both], lower[both], upper[both]) is None:
                 v2 = self._least_excess(bounds._replace(lower=lower, upper=upper), fixed, group, solver)

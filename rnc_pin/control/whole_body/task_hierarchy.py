@@ -8,6 +8,7 @@ directions that tasks determine, and without active limits its solution is that 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
 from rnc_pin.control.whole_body.limit_stack import LimitStack, ProgramBounds, distinct
 from rnc_pin.control.whole_body.tasks.control_task import ControlTask
+from rnc_pin.control.whole_body.tasks.output_task import BoundOutput, OutputsTogether
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.reduced_model import ReducedModel
 
@@ -64,28 +66,32 @@ class TaskStack:
         self.names = distinct([name for each in self.bound for name in each.names])
         roots = [np.sqrt(t.numbers("weight", t.weight, len(b.names))) for t, b in zip(tasks, self.bound, strict=True)]
         priorities = sorted({each.priority for each in tasks})
-        self._levels = [
-            [(bound, root) for task, bound, root in zip(tasks, self.bound, roots, strict=True) if task.priority == p]
-            for p in priorities
-        ]
-        self._sizes = [sum(len(bound.names) for bound, _ in level) for level in self._levels]
-        self.levels = len(self._levels)
+        self.levels = len(priorities)
+        order = sorted(range(len(tasks)), key=lambda k: tasks[k].priority)
+        sizes = [len(self.bound[k].names) for k in order]
+        stops = np.cumsum([0, *sizes]).tolist()
+        places = {k: slice(start, stop) for k, start, stop in zip(order, stops[:-1], stops[1:], strict=True)}
+        self._roots = np.concatenate([np.zeros(0), *(roots[k] for k in order)])
+        ends = [max(places[k].stop for k in order if tasks[k].priority == priority) for priority in priorities]
+        self._parts = [slice(start, stop) for start, stop in pairwise([0, *ends])]
+        outputs = [(each, places[k]) for k, each in enumerate(self.bound) if isinstance(each, BoundOutput)]
+        self._outputs = OutputsTogether([each for each, _ in outputs], reduced) if outputs else None
+        self._output_rows = np.concatenate([np.arange(0), *(np.arange(stops[-1])[where] for _, where in outputs)])
+        self._others = [(each, places[k]) for k, each in enumerate(self.bound) if not isinstance(each, BoundOutput)]
         self._nv, self._affine = reduced.n, reduced.affine
 
     def at(self, sample: ControlSample) -> list[TaskLevel]:
         """Return the levels at the end of a sample."""
-        found = []
-        for level, size in zip(self._levels, self._sizes, strict=True):
-            J, rate, start = np.empty((size, self._nv)), np.empty(size), 0
-            for bound, root in level:
-                rows = bound.rows(sample)
-                where = slice(start, start + len(root))
-                J[where], rate[where] = root[:, None] * rows.jacobian, root * rows.rate
-                start = where.stop
-            if self._affine:
-                rate = rate - J @ sample.end.b
-            found.append(TaskLevel(J @ sample.end.R, rate))
-        return found
+        roots = self._roots
+        J, rate = np.empty((len(roots), self._nv)), np.empty(len(roots))
+        if self._outputs is not None:
+            J[self._output_rows], rate[self._output_rows] = self._outputs.rows(sample)
+        for bound, where in self._others:
+            J[where], rate[where] = bound.rows(sample)
+        if self._affine:
+            rate = rate - J @ sample.end.b
+        weighted, rate = roots[:, None] * (J @ sample.end.R), roots * rate
+        return [TaskLevel(weighted[part], rate[part]) for part in self._parts]
 
 
 class RelaxedSolution(NamedTuple):
@@ -142,40 +148,41 @@ def solve_cascade(
         solver: solver of the programs.
         multipliers: multipliers of a similar cascade, (levels, k), to start from.
     """
-    r, k = bounds.rows.shape[1], len(bounds.lower)
+    rows, r, k = bounds.rows, bounds.rows.shape[1], len(bounds.lower)
     levels = levels or [TaskLevel(np.zeros((0, r)), np.zeros(0))]
     found = np.zeros((len(levels), k))
-    room = _TOUCHING * (1.0 + np.abs(bounds.rows).sum(axis=1))
-    kept, Z = np.zeros(r), np.eye(r)  # what higher levels determine, and the null space that they leave
+    room = _TOUCHING * (1.0 + np.abs(rows).sum(axis=1))
+    low, high = bounds.lower - room, bounds.upper + room
+    kept, Z = np.zeros(r), None  # what higher levels determine, and the null space that they leave; None: all
     unknowns = None
-    for index, level in enumerate(levels):
-        J = level.jacobian @ Z
-        left, values, right = np.linalg.svd(J, full_matrices=len(J) < J.shape[1])
-        rank = int((values > _RANK * max(float(np.linalg.norm(level.jacobian)), 1e-300)).sum())
-        values, determined, free = values[:rank], right[:rank], right[rank:]
-        scales = np.hypot(values, damping)
-        goal = values * (left[:, :rank].T @ (level.rate - level.jacobian @ kept)) / scales
-        ahead = kept + Z @ (determined.T @ (goal / scales))
-        reached = bounds.rows @ ahead
-        if (reached <= bounds.upper + room).all() and (reached >= bounds.lower - room).all():
-            unknowns, kept = ahead, ahead
+    for index, (J, rate) in enumerate(levels):
+        own, rate = (J, rate) if Z is None else (J @ Z, rate - J @ kept)
+        left, values, right = np.linalg.svd(own, full_matrices=len(own) < own.shape[1])
+        least = _RANK * max(float(np.sqrt(np.vdot(J, J))), 1e-300)
+        rank = len(values) if not len(values) or values[-1] > least else int((values > least).sum())
+        values, free = values[:rank], right[rank:]
+        scales = np.hypot(values, damping) if damping else values
+        goal = values * (rate @ left[:, :rank]) / scales
+        # Directions that the level determines, in units of its rate (r, rank).
+        inward = right[:rank].T / scales if Z is None else Z @ (right[:rank].T / scales)
+        ahead = kept + inward @ goal
+        reached = rows @ ahead
+        if (reached <= high).all() and (reached >= low).all():
+            unknowns = kept = ahead
         else:
-            cheap = _FREE_COST * (float(scales[-1]) if rank else 1.0)
-            T = Z @ np.hstack([determined.T / scales, free.T / cheap])
-            offset = bounds.rows @ kept
+            T = inward
+            if len(free):
+                cheap = _FREE_COST * (float(scales[-1]) if rank else 1.0)
+                T = np.hstack([inward, (free.T if Z is None else Z @ free.T) / cheap])
+                goal = np.concatenate([goal, np.zeros(len(free))])
+            offset = rows @ kept
             start = None if multipliers is None else multipliers[index]
-            nearest = solver.solve(
-                np.concatenate([goal, np.zeros(len(free))]),
-                bounds.rows @ T,
-                bounds.lower - offset,
-                bounds.upper - offset,
-                start,
-            )
+            nearest = solver.solve(goal, rows @ T, bounds.lower - offset, bounds.upper - offset, start)
             if nearest is None:
                 break  # at a lower level: rounding left no room
             unknowns, found[index] = kept + T @ nearest.point, nearest.multipliers
-            kept = kept + T[:, :rank] @ nearest.point[:rank]
-        Z = Z @ free.T
-        if not Z.shape[1]:
+            kept = kept + inward @ nearest.point[:rank]
+        if not len(free):
             break
+        Z = free.T if Z is None else Z @ free.T
     return None if unknowns is None else CascadeSolution(unknowns, found)

@@ -104,7 +104,7 @@ class BoundCollisionAvoidance(BoundLimit):
         self.clearances.setflags(write=False)
 
     def rows(self, sample: ControlSample) -> LimitRows:
-        near = self.distances.at(sample.end.q, sample.time, self._influence, corners=self._corners)
+        near = self.distances.at(sample.end, sample.time, self._influence, corners=self._corners)
         room = near.distance - self.clearances[near.pairs]
         lower = -approach_speed(room, self._rate, self._decelerations(near, sample)) - near.drift
         places = near.pairs

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,9 @@ import numpy as np
 from rnc_pin.control.controller import check_size
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.tasks.control_task import BoundTask, ControlTask, TaskRows
+from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.rows import OutputKind
 from rnc_pin.planning.references import Reference
@@ -30,26 +33,58 @@ class OutputTask(ControlTask):
     output: OutputKind
     reference: Reference
 
-    def bind(self, reduced: ReducedModel) -> BoundTask:
-        return _BoundOutput(self, reduced)
+    def bind(self, reduced: ReducedModel) -> BoundOutput:
+        return BoundOutput(self, reduced)
 
 
-class _BoundOutput(BoundTask):
+class BoundOutput(BoundTask):
+    """Output task of one model; ``TaskStack`` evaluates all of them together.
+
+    Attributes:
+        block: rows of the output.
+        reference: its reference.
+        gain: rate of convergence of each row (k,) [1/s]; zero for a quasi-velocity.
+    """
+
     def __init__(self, task: OutputTask, reduced: ReducedModel) -> None:
-        block = task.output.bind(reduced.robot)
-        stack = OutputStack([block])
-        self.names = self.goal_names = stack.names
-        check_size(task.reference, stack.size, f"'{', '.join(stack.names)}'")
-        self._block, self._reference = block, task.reference
-        self._coordinates = stack.coordinates
-        self._gain = task.numbers("gain", task.gain, stack.size)
+        self.block, self.reference = task.output.bind(reduced.robot), task.reference
+        self._together = OutputsTogether([self], reduced)
+        self.names = self.goal_names = self.block.names
+        check_size(task.reference, len(self.names), f"'{', '.join(self.names)}'")
+        self.gain = task.numbers("gain", task.gain, len(self.names)) * (not self.block.quasi)
 
     def rows(self, sample: ControlSample) -> TaskRows:
-        at, desired = sample.end.position, self._reference.at(sample.time)
-        rate = self._coordinates.to_rates(desired.position, desired.velocity, desired.acceleration)[0]
-        if not self._block.quasi:
-            rate = rate + self._gain * self._coordinates.difference(desired.position, self._block.value(at))
-        return TaskRows(self._block.jacobian(at), rate)
+        return self._together.rows(sample)
 
     def goal(self, time: float) -> np.ndarray:
-        return self._reference.at(time).position
+        return self.reference.at(time).position
+
+
+class OutputsTogether:
+    """Several output tasks of one model, with one evaluation of all outputs.
+
+    Args:
+        tasks: the tasks.
+        reduced: the model.
+    """
+
+    def __init__(self, tasks: Sequence[BoundOutput], reduced: ReducedModel) -> None:
+        self._tasks, self._reduced = tasks, reduced
+        self._stack = OutputStack([task.block for task in tasks])
+
+    @cached_property
+    def _data(self) -> ReductionData:
+        return self._reduced.reduction_data.measuring(self._stack)
+
+    @cached_property
+    def _gain(self) -> np.ndarray:
+        return np.concatenate([task.gain for task in self._tasks])
+
+    def rows(self, sample: ControlSample) -> TaskRows:
+        """Return the rows of all tasks at the end of a sample."""
+        here = sample.end.configuration.in_reduction(self._data)
+        points = [task.reference.at(sample.time) for task in self._tasks]
+        position, velocity, acceleration = (np.concatenate(each) for each in list(zip(*points, strict=True))[:3])
+        coordinates = self._stack.coordinates
+        rate = coordinates.to_rates(position, velocity, acceleration)[0]
+        return TaskRows(here.J1, rate + self._gain * coordinates.difference(position, here.outputs()[0]))

@@ -1,0 +1,91 @@
+"""Lower bounds of distances, from bounding volumes and from the motion since the last measurement."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Float, Int
+
+_TOLERANCE = 1e-5
+"""Bound of coal's error [m], with a margin: a measured distance less this is a lower bound."""
+
+_FEW = 6  # pairs for which bounds of volumes cost more than distances
+
+
+class ShapePoses:
+    """Poses of all shapes.
+
+    Args:
+        rotations: (s, 3, 3) in the world.
+        origins: (s, 3) in the world [m].
+        centers: centres of the boxes around the shapes, in their own frames (s, 3) [m].
+
+    Attributes:
+        middles: these centres in the world (s, 3) [m].
+    """
+
+    __slots__ = ("middles", "origins", "rotations")
+
+    def __init__(self, rotations: Array, origins: Array, centers: Array) -> None:
+        self.rotations, self.origins = rotations, origins
+        self.middles = origins + np.matvec(rotations, centers)
+
+
+class DistanceBounds:
+    """Lower bounds of the distances of pairs of shapes.
+
+    Args:
+        first, second: shapes of each pair (k,).
+        halves: half sides of the boxes around the shapes, in their own frames (s, 3) [m].
+    """
+
+    def __init__(self, first: Int[Array, " k"], second: Int[Array, " k"], halves: Float[Array, "s 3"]) -> None:
+        self._first, self._second, self._halves = first, second, halves
+        self._radii = np.linalg.norm(halves, axis=1)
+        self._reach = self._radii[first] + self._radii[second]
+        self._last: ShapePoses | None = None
+        self._known = np.zeros(len(first))
+        self._measured = np.zeros(len(first), dtype=bool)
+
+    def of_volumes(self, at: ShapePoses, pairs: Array | slice = slice(None)) -> Float[Array, " k"]:
+        """Bounds of these pairs [m], from spheres and from boxes along the axes of the world."""
+        first, second = self._first[pairs], self._second[pairs]
+        halves = np.matvec(np.abs(at.rotations), self._halves)
+        apart = np.abs(at.middles.take(second, 0) - at.middles.take(first, 0))
+        spheres = np.sqrt(np.vecdot(apart, apart)) - self._reach[pairs]
+        apart -= halves.take(first, 0)
+        apart -= halves.take(second, 0)
+        gaps = np.maximum(apart, 0.0, out=apart)
+        # A sphere's bound is negative where spheres overlap, a box's bound is then zero.
+        return np.maximum(np.sqrt(np.vecdot(gaps, gaps)), spheres, where=gaps.any(axis=1), out=spheres)
+
+    def nearby(self, at: ShapePoses, within: float) -> Int[Array, " n"]:
+        """Pairs that may be nearer than a distance [m].
+
+        A distance decreases at most by the motion of both bodies: that of the centre, and that of the rotation about it
+        at the corner of the box. So pairs that were far need no volumes until they may be near.
+        """
+        if self._last is None:
+            self._known = self.of_volumes(at)
+            self._measured[:] = True
+        else:
+            turn = (at.rotations - self._last.rotations).reshape(-1, 9)
+            shift = at.middles - self._last.middles
+            # The norm of a difference of rotations is its Frobenius norm over the root of two.
+            moved = np.sqrt(np.vecdot(shift, shift)) + np.sqrt(0.5 * np.vecdot(turn, turn)) * self._radii
+            self._known -= moved.take(self._first)
+            self._known -= moved.take(self._second)
+        self._last = at
+        near = np.flatnonzero(self._known < within)
+        fresh = near[~self._measured[near]]
+        if len(fresh) > _FEW:
+            self._known[fresh] = np.maximum(self._known[fresh], self.of_volumes(at, fresh))
+            near = near[self._known[near] < within]
+        self._measured[:] = False
+        return near
+
+    def measured(self, pairs: Int[Array, " n"], distances: Float[Array, " n"]) -> None:
+        """Remember the distances [m] of pairs at the poses of ``nearby``."""
+        self._known[pairs] = distances - _TOLERANCE
+        self._measured[pairs] = True
