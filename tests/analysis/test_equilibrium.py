@@ -1,7 +1,5 @@
 """Equilibria: against closed forms, under constraints, with few actuators."""
 
-from itertools import pairwise
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -365,38 +363,6 @@ def way(monkeypatch):
     monkeypatch.setattr(_Search, "_newton", recorded)
     monkeypatch.setattr(_Search, "_at", counted)
     return seen
-
-
-@pytest.mark.parametrize("guess", [(2.6382, 0.1483, -2.6641), (-0.3365, -2.6001, -0.4021)])
-def test_every_step_leads_nearer_and_is_as_long_as_it_may(way, guess):
-    """Newton's, limited, and halved as long as it leads away."""
-    reduced = four_bar()
-    search = search_from(reduced, guess)
-    end = search.any_near()
-    points = [*way["points"], (end, None)]
-    shorter = 0
-    for (here, step), (after, _) in pairwise(points):
-        assert after.left < here.left
-        step = step * min(1.0, 0.3 / np.abs(step).max())
-        while search._at(here.q + step).left >= here.left:
-            step, shorter = step / 2, shorter + 1
-        np.testing.assert_allclose(after.q, here.q + step, rtol=1e-12)
-    assert shorter > 0
-
-
-def test_the_search_ends_where_it_need_not_go_on(way):
-    """A start that is an equilibrium takes one evaluation, and one step of zero."""
-    reduced, guess = hanging_chain(["hinge_0", "hinge_1"], 2), [0.4, -1.1]
-    np.testing.assert_array_equal(rnc.equilibrium(reduced, guess).q, guess)
-    assert (way["looks"], len(way["points"])) == (1, 1)
-
-
-def test_the_search_ends_where_it_cannot_go_on(way):
-    """A link that is held cannot come nearer: that is said after one step and its halves."""
-    with pytest.raises(rnc.ConstraintError):
-        rnc.equilibrium(hanging_chain([], 1), [0.4], hold=["hinge_0"])
-    assert len(way["points"]) == 1
-    assert way["looks"] < 20
 
 
 def test_a_way_back_that_gets_lost_is_not_taken():

@@ -225,22 +225,10 @@ def test_the_largest_dimensions_are_generic_not_the_longest_vector(monkeypatch):
     )
 
 
-def test_samples_are_taken_until_three_agree(monkeypatch):
-    looked = []
-
-    def rarely_generic(reduced, q):
-        looked.append(int(q[0]))
-        return growth.Growth((2, 3) if q[0] in (0, 9, 12) else (2,), np.eye(3)[:, :2], 1e4, False)
-
-    monkeypatch.setattr(growth, "grow", rarely_generic)
-    evidence, _ = generic_growth(None, np.arange(40.0)[:, None])
-    assert (looked, evidence.agreeing, evidence.samples) == ([*range(13)], 3, 13)
-
-
 # ---------------------------------------------------------------------- trailers
 
 
-@pytest.mark.parametrize("n", [1, 2, 3, 4, 5])
+@pytest.mark.parametrize("n", [1, 3, 5])
 def test_a_car_with_n_trailers_grows_by_one_a_level(n, tmp_path):
     """At generic configurations, of uniformly drawn hitches (Jean 1996; Sordalen 1993)."""
     reduced = tractor_trailers(n, tmp_path)

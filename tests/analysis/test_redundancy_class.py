@@ -5,7 +5,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.analysis import classify
-from rnc_pin.analysis.redundancy_class import _decide, _full_row_rank
+from rnc_pin.analysis.redundancy_class import _full_row_rank
 from systems import (
     fire_truck,
     space_robot,
@@ -215,28 +215,3 @@ def test_class_2_asks_for_an_A5_without_x22_and_lets_it_depend_on_all_else(along
     assert (found.tracked, found.driven) == (("x11",), ("x12",))
     assert (found.evidence.A5_along_x22 > 0.01 * abs(along[3])) == (along[3] != 0)
     assert ("A5 depends on x22" in found.reason) == (expected is None)
-
-
-ONES, TALL, WIDE = np.ones((3, 1, 1)), np.ones((3, 2, 1)), np.ones((3, 1, 2))
-NONE = np.zeros((3, 0, 1))
-
-
-@pytest.mark.parametrize(
-    ("A4", "steering", "moved", "A5_depends", "expected"),
-    [
-        (NONE, ONES, [], False, ("2s", "its value steers")),
-        (NONE, TALL, [], False, (None, "do not steer A3 v21 either")),
-        (NONE, 0 * ONES, [], False, (None, "do not steer A3 v21 either")),
-        (TALL, ONES, [True, True], False, (None, "2 vertical outputs moved by 1 redundant one: too few")),
-        (0 * ONES, ONES, [True], False, (None, "A4 has not full row rank")),
-        (ONES, ONES, [True], True, ("1", "A4 has full row rank")),
-        (WIDE, ONES, [True], True, ("1", "some freedom is left")),
-        (WIDE, ONES, [True, False], False, (None, "1 vertical output moved by 2 redundant ones: class 2")),
-        (ONES, ONES, [True, False], True, (None, "A5 depends on x22")),
-        (ONES, ONES, [True, False], False, ("2", "A5 independent of x22")),
-    ],
-)
-def test_a_class_is_what_its_blocks_say(A4, steering, moved, A5_depends, expected):
-    found, reason = _decide(A4, steering, np.array(moved, dtype=bool), A5_depends)
-    assert found == expected[0]
-    assert expected[1] in reason

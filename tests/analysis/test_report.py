@@ -9,7 +9,6 @@ import rnc_pin as rnc
 from rnc_pin.analysis import boundedness, classify, lemma_1_residuals
 from systems import (
     ALL,
-    fire_truck,
     mobile_manipulator,
     sleigh,
     space_robot,
@@ -18,7 +17,6 @@ from systems import (
 from textbook_systems import (
     planar_model,
     rail_sliders,
-    unicycle,
 )
 from tolerances import ROUNDING
 
@@ -84,19 +82,6 @@ def test_blocks_of_the_evidence_have_the_figures_of_the_geometry():
         assert spread.median == pytest.approx(np.median(expected))
         assert spread.max == pytest.approx(expected.max())
     assert blocks["A4"].largest_entry == pytest.approx(A4.max())
-
-
-def test_the_evidence_in_json_has_its_keys():
-    evidence = mobile_manipulator_report(8).to_dict()["redundancy"]
-    keys = "tracked driven A3 A4_singular_values A6 A5_along_x22 blocks reason"
-    assert list(evidence) == keys.split()
-    full, empty = evidence["blocks"][1], evidence["blocks"][3]
-    assert (empty["name"], empty["shape"]) == ("A6", [0, 1])
-    assert set(full) - set(empty) == {"largest_entry", "smallest_singular_value"}
-    steered = rnc.analyze(fire_truck(), redundant=["rear_steering"], samples=8).to_dict()["redundancy"]
-    assert steered["d(A3 v21)/dx22"] > 0.1
-    assert [block["name"] for block in steered["blocks"]][4:] == ["d(A3 v21)/dx22"]
-    assert set(rnc.analyze(unicycle(), samples=8).to_dict()["redundancy"]) == {"tracked", "driven", "reason"}
 
 
 def test_the_mobile_manipulator_is_singular_with_a_straight_arm_and_with_the_tip_abeam():

@@ -291,26 +291,6 @@ def test_couplings_that_make_no_sense_are_refused(coupling, error, words):
 # ---------------------------------------------------------------------- positions
 
 
-def test_assembling_moves_nothing_that_the_constraints_leave_free():
-    """To first order: the correction has no momentum along the motion that is left."""
-    reduced = bicycle()
-    generator = np.random.default_rng(0)
-    for q, _ in random_states(reduced, 5):
-        off = pin.integrate(reduced.robot.model, q, 1e-5 * generator.normal(size=reduced.n))
-        back = reduced.assembled(off)
-        assert np.abs(reduced.assembly.residual(back)).max() < 1e-13
-        correction = pin.difference(reduced.robot.model, off, back)
-        momentum = reduced.terms(back, np.zeros(3)).R.T @ reduced.lagrangian_terms(back, np.zeros(3)).H @ correction
-        assert np.linalg.norm(correction) > 1e-7
-        assert np.abs(momentum).max() < 1e-3 * np.linalg.norm(correction)
-
-
-def test_assembling_takes_one_configuration():
-    for q in (np.zeros((2, 3)), np.full(3, np.nan)):
-        with pytest.raises(rnc.InputError, match=r"expected one configuration of 3 finite numbers|not finite"):
-            four_bar().assembled(q)
-
-
 def test_analysis_stays_on_the_rows():
     """A linkage moves along one curve; a bicycle reaches all but two heights of its nine coordinates."""
     assert rnc.analyze(four_bar(), ["crank"], samples=8).growth_vector == (1,)

@@ -6,25 +6,18 @@ import pytest
 import rnc_pin as rnc
 from controlled_tasks import (
     Cubic,
-    gains_along,
-    space_robot_task,
     task_at,
     wide,
 )
 from rnc_pin.control import (
     RedundancyController,
-    VelocityTracker,
 )
 from rnc_pin.control.redundancy import check_freedom
-from rnc_pin.integrators import LieRungeKutta4
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.planning import Hold, MinimumJerk
+from rnc_pin.planning import Hold
 from systems import (
-    random_states,
     space_robot,
-    spinning_space_robot,
 )
-from tolerances import FINITE_DIFFERENCE, ROUNDING
 
 K3, K21, WEIGHTS = np.array([1.7, 0.6]), np.array([0.9, 2.3]), np.array([0.5, 3.0, 1.3])
 PRIMARY, VERTICAL, ORDERS = [3, 0], [2, 0], np.random.default_rng(7).uniform(-1, 1, (2, 4, 2))
@@ -159,45 +152,6 @@ def test_the_class_1_law_says_which_outputs_are_too_few():
             RedundancyController(task_at([1], [0], [0]), first, second)
 
 
-def test_rate_of_the_target_is_exact():
-    """Along a motion of the model, v2d_dot is the derivative of v2d."""
-    reduced, kinematic, _ = space_robot_task()
-    integrator, h = LieRungeKutta4(reduced.robot), 1e-4
-    T = np.array([0.3, -0.2, 0.1])
-
-    def rate(q, y):
-        v, v2_dot, _ = reduced.at(q, y).flow(T)
-        return v, v2_dot
-
-    for q, v2 in random_states(reduced, 5, seed=3, condition=30.0):
-        targets = []
-        for k in (-2, -1, 1, 2):
-            p, y = integrator.step(rate, q, v2, k * h)
-            targets.append(kinematic.step(1.3 + k * h, reduced.at(p, y).measure(), None)[0].v2)
-        difference = (targets[0] - 8 * targets[1] + 8 * targets[2] - targets[3]) / (12 * h)
-        exact = kinematic.step(1.3, reduced.at(q, v2).measure(), None)[0].v2_dot
-        np.testing.assert_allclose(exact, difference, atol=FINITE_DIFFERENCE * (1 + np.abs(exact).max()))
-
-
-def test_redundancy_controller_takes_any_square_partition():
-    """The mobile manipulator: the distance is held by the drive while hand and heading have goals of their own."""
-    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
-    drive = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
-    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], drive).reduce(
-        [rnc.FramePosition("tip", "xy"), rnc.FrameSpeed("base"), rnc.FrameYaw("base")], [rnc.Distance("base", "tip")]
-    )
-    q0 = robot.configuration({"joint_1": 0.4, "joint_2": 1.2})
-    x1, x2 = reduced.at(q0).outputs()
-    task = rnc.Task.of(reduced, ["tip_x", "tip_y", "base_yaw"], ["base_speed_x"])
-    goal = x2[[0, 1, 3]] + np.array([1.0, 0.3, 0.2])
-    kinematic = RedundancyController(task, MinimumJerk(x2[[0, 1, 3]], goal, 5.0), Hold(x1), 2.0, 2.0)
-    run = rnc.simulate(reduced, VelocityTracker(kinematic, gains_along(reduced, kinematic, q0, 5.0)), q0, 6.0)
-    errors = rnc.summarize(run)["final_error"]
-    assert set(errors) == {"tip_x", "tip_y", "base_yaw", "distance_base_tip"}
-    assert max(errors.values()) < 0.01
-    assert run.x2[-1, 2] > 0.5  # the platform drove along
-
-
 def test_posture_uses_the_freedom_that_is_left():
     ends = {}
     for posture in (False, True):
@@ -218,23 +172,3 @@ def test_task_refuses_wrong_names():
         rnc.Task.of(reduced, ["tip_x", "tip_y"], [])
     with pytest.raises(rnc.ConfigurationError, match="duplicate output"):
         rnc.Task.of(reduced, ["tip_x", "tip_y", "joint_1"], ["joint_1"])
-
-
-def test_vertical_outputs_that_drift_by_themselves_get_the_rate_they_need_nevertheless():
-    """With an angular momentum that is not zero: ``A_star v2 + offset = x1d_dot + k3 (x1d - x1)``."""
-    reduced = spinning_space_robot()
-    task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
-    tip = MinimumJerk([0.9, 0.4], [1.1, -0.3], 2.0)
-    law = RedundancyController(task, tip, Hold([0.3]), 1.7)
-    assert "weights" not in law.describe()
-    for q, v2 in random_states(reduced, 4, condition=30.0):
-        measured = reduced.at(q, v2).measure()
-        target = law.step(0.7, measured)[0]
-        np.testing.assert_array_equal(target.v2[:2], tip.at(0.7).velocity)  # by default nothing is fed back here
-        np.testing.assert_array_equal(target.v2_dot[:2], tip.at(0.7).acceleration)
-        np.testing.assert_allclose(
-            measured.A_star @ target.v2 + measured.v1_offset, 1.7 * (0.3 - measured.x1), atol=ROUNDING
-        )
-        rate = measured.A_star_dot @ target.v2 + measured.A_star @ target.v2_dot + measured.v1_offset_dot
-        np.testing.assert_allclose(rate, -1.7 * measured.v1, atol=1e-9)
-        assert abs(measured.v1_offset[0]) > 1e-3

@@ -16,7 +16,6 @@ from rnc_pin.control import (
 )
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import CarPath
-from rnc_pin.planning.driven_path import continued_back, distances
 from rnc_pin.robots.robot_files import find_urdf
 from rnc_pin.scenario.execution import plan
 from systems import (
@@ -214,31 +213,6 @@ def test_a_bend_too_tight_for_the_trailer_is_singular(radius):
 
     with pytest.raises(rnc.SingularityError, match="bends too tightly"):
         turn()
-
-
-def test_a_loop_of_ones_own_round_a_path_of_three_legs():
-    """No ``simulate``: a kinematic loop by hand, on a way that turns by a full turn and stops twice."""
-    reduced = fire_truck()
-    robot, task = reduced.robot, rnc.Task.of(reduced, *TASK)
-    path = CarPath((0, 0, 0), (0, 2, 0), 40.0, 1.0, forward_only=True)
-    assert len(path.legs) == 3
-    reference = SlitheringReference(reduced, task, "tractor", "rear_axle")
-    steering = SteeringController(reduced, task, path.reference, reference)
-    q, integrals, v2, dt = robot.configuration(), np.zeros(3), np.zeros(3), 0.02
-    state = steering.initial_state(reduced.at(q, v2).measure(integrals))
-    poses, axles, data = [], [], robot.model.createData()
-    for k in range(2100):
-        m = reduced.at(q, v2).measure(integrals)
-        target, state = steering.step(k * dt, m, state)
-        middle = target.v2 + 0.5 * dt * target.v2_dot
-        half = pin.integrate(robot.model, q, 0.5 * dt * reduced.terms(q, target.v2).v)
-        q = pin.integrate(robot.model, q, dt * reduced.terms(half, middle).v)
-        integrals, v2 = integrals + dt * middle, target.v2
-        pin.framesForwardKinematics(robot.model, data, q)
-        poses.append([*m.x1[:2], m.x1[3]])
-        axles.append(data.oMf[robot.frame_id("rear_axle")].translation[:2].copy())
-    np.testing.assert_allclose(m.x1[:2], [0, 2], atol=0.02)
-    assert distances(np.array(axles), continued_back(np.array(poses), 2.0)).max() < 0.01
 
 
 @pytest.mark.parametrize(

@@ -9,16 +9,12 @@ import pytest
 import rnc_pin as rnc
 from controlled_tasks import Cubic, task_at, truck_task
 from rnc_pin.control import (
-    RedundancyController,
     SteeringController,
-    VelocityGains,
-    VelocityTracker,
 )
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.output_gradients import kinematic_gradient
-from rnc_pin.planning import Hold, MinimumJerk
-from systems import fire_truck, random_states, space_robot
-from textbook_systems import turreted
+from rnc_pin.planning import Hold
+from systems import fire_truck, random_states
 from tolerances import FINITE_DIFFERENCE
 
 # ---------------------------------------------------------------------- controller
@@ -68,46 +64,7 @@ def test_the_missing_rate_fades_at_k4():
     np.testing.assert_allclose((after - before) / h, -k4 * before, rtol=0.01, atol=1e-3)
 
 
-def test_steering_refuses_a_system_that_class_1_fits():
-    reduced = space_robot()
-    q0 = reduced.robot.configuration({"joint_2": 1.8, "joint_3": -1.1})
-    task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
-    controller = SteeringController(reduced, task, Hold(np.zeros(2)), Hold(np.zeros(1)))
-    with pytest.raises(rnc.ConfigurationError, match="A4 is not zero"):
-        controller.initial_state(reduced.at(q0, np.zeros(3)).measure())
-
-
 # ---------------------------------------------------------------------- class 2
-
-
-def test_class_2_is_the_class_1_law_on_the_outputs_that_can_be_tracked():
-    """(13): a turret on a unicycle keeps pointing while the base drives an arc."""
-    reduced = turreted()
-    task = rnc.Task.of(reduced, ["body_speed_x", "body_yaw"], ["turret"], ["gun_yaw"])
-    arc = MinimumJerk([0.0, 0.0], [2.0, 1.5], 3.0)
-    kinematic = RedundancyController(task, arc, MinimumJerk([0.0], [-0.5], 3.0), 2.0, 2.0)
-    q0 = reduced.robot.configuration()
-    _, region = rnc.kinematic_rollout(reduced, kinematic, q0, 3.0, 0.1)
-    tracker = VelocityTracker(kinematic, VelocityGains.scaled(reduced, region, 0.002))
-    run = rnc.simulate(reduced, tracker, q0, 4.0, 0.002)
-    errors = rnc.summarize(run)["final_error"]
-    assert errors["gun_yaw"] < 1e-3
-    assert errors["body_yaw"] < 1e-3
-    assert np.ptp(run.x1[:, 1]) > 0.5
-
-
-def test_steering_asks_for_no_faster_a_rate_than_it_may():
-    reduced, path, task, free, _ = truck_task(max_rate=1e3, damping=1e-6)
-    *_, bounded, _ = truck_task(max_rate=0.05, damping=1e-6)
-    point, signs = path.reference.at(3.0), []
-    for steering in (-0.5, 0.5):
-        q = fire_truck().robot.configuration({"root_joint": [-4.5, 1.9, -0.5], "rear_steering": steering})
-        measured = reduced.at(q, np.array([*point.velocity, 0.0])).measure(np.array([*point.position, 0.0]))
-        wanted = free.step(3.0, measured)[0].v2[task.redundant]
-        assert np.abs(wanted).max() > 0.1
-        np.testing.assert_array_equal(bounded.step(3.0, measured)[0].v2[task.redundant], np.sign(wanted) * 0.05)
-        signs.append(float(np.sign(wanted[0])))
-    assert signs == [1.0, -1.0]
 
 
 PLACES = ([3, 0, 5], [4, 1], [2, 0])

@@ -379,21 +379,6 @@ def test_velocities_from_encoders(kind):
     assert np.abs(run.x2[-1] - GOAL).max() < 0.02
 
 
-@pytest.mark.parametrize("kind", ["filtered", "observer"])
-@pytest.mark.parametrize("dt", [0.01, 0.004])
-def test_an_estimate_forgets_within_some_samples_by_default(kind, dt):
-    """Its cutoff is 0.3 / dt: what a sample is worth fades as exp(-0.3) from one to the next."""
-    reduced, tracker = sleigh()
-    found = []
-    for options in ({}, {"cutoff": 0.3 / dt}):
-        loop = rnc.ControlLoop(reduced, tracker, dt, velocity=kind, **options)
-        for t in dt * np.arange(9):
-            loop.step(t, reduced.robot.configuration({"root_joint": [np.sin(7 * t), 0, 0]}))
-        found.append(loop.state.motion.v[0])
-    assert found[0] == found[1]
-    assert found[0] != 0.0
-
-
 def test_an_observer_is_the_parabola_that_fits_the_fading_past_best():
     """Independent: weighted least squares over all samples; weights fade by exp(-cutoff dt) from one to the next."""
     reduced, _ = sleigh()
@@ -504,16 +489,11 @@ def test_the_velocity_tracker_recovers_from_clipped_actuators():
     assert late_error(swing(limits, anti_windup=False)) > 0.05
 
 
-@pytest.mark.parametrize(
-    ("name", "dt", "well", "badly"),
-    [
-        ("space-robot", 0.01, 1e-3, 0.1),
-        pytest.param("tiago", 0.005, 2e-3, 0.2, marks=pytest.mark.long),  # 14 s
-    ],
-)
-def test_whole_scenarios_recover_at_four_fifths_of_their_largest_inputs(name, dt, well, badly):
-    """Of what is beyond the weight, which no controller can do without; without anti-windup they are off in the end."""
-    made = plan(name, {"comparisons": {}, "plots": {}, "simulation.dt": dt, "simulation.duration": 10.0}).experiment
+@pytest.mark.long  # 14 s
+def test_tiago_recovers_at_four_fifths_of_its_largest_inputs():
+    """Of what is beyond the weight, which no controller can do without; without anti-windup it is off in the end."""
+    dt = 0.005
+    made = plan("tiago", {"comparisons": {}, "plots": {}, "simulation.dt": dt, "simulation.duration": 10.0}).experiment
 
     def run(limits, controller=made.controller):
         return rnc.simulate(
@@ -525,9 +505,9 @@ def test_whole_scenarios_recover_at_four_fifths_of_their_largest_inputs(name, dt
     limits = weight + 0.8 * (peak - weight)
     clipped = run(limits)
     assert (np.abs(clipped.T) >= limits - 1e-9).mean(axis=0).max() > 0.2
-    assert max(rnc.summarize(clipped)["final_error"].values()) < well
+    assert max(rnc.summarize(clipped)["final_error"].values()) < 2e-3
     unaware = run(limits, WithoutDeficit(made.controller))
-    assert max(rnc.summarize(unaware)["final_error"].values()) > badly
+    assert max(rnc.summarize(unaware)["final_error"].values()) > 0.2
 
 
 def pushed(limit, aware=True):

@@ -151,64 +151,6 @@ def test_of_rows_that_are_never_well_independent_the_best_at_its_worst_are_kept(
         np.testing.assert_allclose(worst(_choose(matrices, 3, 1e-9)), max(tried))
 
 
-def at_angle(angle, third=True):
-    rows = [[1.0, 0, 0], [np.cos(angle), np.sin(angle), 0], [0, 0, 1.0]]
-    return np.array([rows if third else rows[:2]])
-
-
-@pytest.mark.parametrize("scale", [1.0, 1e-6, 1e7])
-def test_two_rows_at_an_angle_have_the_margin_of_that_angle(scale):
-    """``sqrt(1 - cos)`` of two, which are told; what is at right angles to both is not."""
-    for angle in (0.3, 2e-3, 1.6 * ROUNDING):
-        found = select_independent(scale * at_angle(angle), "abc")
-        assert (found.kept, found.dropped) == ([0, 1, 2], [])
-        assert found.margin == pytest.approx(np.sqrt(2) * np.sin(angle / 2), rel=1e-6)
-        assert found.weak == ["a", "b"]
-    best = select_independent(np.concatenate([at_angle(0.3), at_angle(0.9), at_angle(0.5)]), "abc")
-    assert best.margin == pytest.approx(np.sqrt(2) * np.sin(0.45))
-    assert select_independent(np.zeros((2, 0, 3)), "").margin == 1.0
-
-
-def test_rows_are_dependent_below_an_angle_and_to_rounding_below_another():
-    """By singular values of rows of unit length, which are the angle over the square root of two."""
-    edge = np.sqrt(2.0)
-    for angle, rounded in ((0.9 * edge * ROUNDING, True), (1.2 * TOLERANCE, True), (0.8 * TOLERANCE, False)):
-        (dropped,) = select_independent(at_angle(angle), "abc").dropped
-        assert dropped.name == "b"
-        assert dropped.rounding == pytest.approx(angle * rounded, rel=1e-3)
-        assert dropped.reason == "a combination of a" + f" except for rounding ({angle:.2g})" * rounded
-    assert not select_independent(at_angle(1.1 * edge * ROUNDING), "abc").dropped
-
-
-def test_of_rows_that_are_nearly_parallel_others_are_preferred():
-    """In the order given where that is good enough; else whichever are best."""
-    for angle, kept in ((2e-3, [[0, 1]]), (4e-4, [[0, 2], [1, 2]])):
-        turned = np.array([[1.0, 0], [np.cos(angle), np.sin(angle)], [-0.1, 1.0]])
-        found = select_independent(np.stack([turned, turned]), ["a", "b", "c"])
-        assert found.kept in kept
-        assert found.dropped[0].reason == "a combination of " + ", ".join("abc"[k] for k in found.kept)
-        assert found.dropped[0].rounding == 0.0
-
-
-def test_short_rows_are_zero_but_for_rounding_beside_their_lengths():
-    rows = np.array([[[1.0, 0, 0], [0, 0.5 * 0.9 * ROUNDING, 0]]])
-    found = select_independent(rows, "ab", lengths=np.array([0.5, 0.5]))
-    assert found.kept == [0]
-    assert found.dropped[0].reason == "zero except for rounding (9e-06)"
-    assert found.dropped[0].rounding == pytest.approx(0.9 * ROUNDING)
-    assert found.margin == 1.0
-    for size, margin in ((1.1 * ROUNDING, 1.1 * ROUNDING), (2e-3, 1.0)):
-        rows[0, 1, 1] = 0.5 * size
-        found = select_independent(rows, "ab", lengths=np.array([0.5, 0.5]))
-        assert found.kept == [0, 1]
-        assert found.margin == pytest.approx(margin)
-    rows[0, 1, 1] = 1e-9
-    for lengths in (None, np.zeros(2)):
-        assert select_independent(rows, "ab", lengths=lengths).margin == 1.0
-    rows[0, 1, 1] = 1e-13
-    assert select_independent(rows, "ab").dropped[0].reason == "zero at every configuration"
-
-
 def test_rows_that_depend_may_not_demand_something_else():
     rows = np.array([[[1.0, 0], [0, 1], [2, -1]]])
     for scale in (1.0, 1e-4, 1e5):
@@ -230,12 +172,3 @@ def test_rows_that_depend_may_not_demand_something_else():
         rnc.ConstraintError, match="row 'b' contradicts the others: it requires 1, the others require 0"
     ):
         select_independent(np.array([[[1.0, 0], [0, 0]]]), "ab", np.array([[0.0, 1.0]]))
-
-
-def test_a_row_is_short_beside_the_longest_of_its_unit():
-    block = SimpleNamespace(units=("m/s", "rad/s", "m/s"), holonomic=(False, False, True))
-    samples = np.zeros((2, 3, 2))
-    samples[0, 0], samples[1, 1], samples[1, 2] = [3, 4], [0, 0.5], [1, 0]
-    np.testing.assert_array_equal(block_row_scales(block, samples), [5.0, 0.5, 5.0])
-    block.holonomic = (False,) * 3
-    np.testing.assert_array_equal(block_row_scales(block, samples), [0.0, 0.0, 0.0])

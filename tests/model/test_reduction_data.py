@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.model import kernel_comparison
 from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.reduction_data import ReductionData, VelocityRows, row_scales
 from rnc_pin.model.row_stack import OutputStack, RowStack
@@ -94,19 +93,3 @@ def test_parts_are_put_together_once_and_again_in_other_velocities():
     other = parts.keeping([1, 2])
     assert (other.kept, other.reducing, other.free) == ((1, 2), outputs, False)
     np.testing.assert_array_equal(other.lengths, [7.0, 0.5, 2.0, 4.0])
-
-
-@pytest.mark.skipif(rnc.kernel == "numpy", reason="NumPy is compared with nothing")
-def test_the_kernel_is_compared_once_for_the_same_rows(monkeypatch):
-    """Other velocities add constant rows only; rows that no reduction had before are compared."""
-    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
-    data = rnc.NonholonomicSystem(robot, [rnc.RollingWheel("left_wheel", 0.1)]).reduce().reduction_data
-    compared = []
-    difference = kernel_comparison._difference
-    monkeypatch.setattr(kernel_comparison, "_difference", lambda *of: compared.append(of) or difference(*of))
-    W = np.eye(robot.nv)[[0, 2, 4]]
-    assert data.in_velocities(W).compiled is not None
-    assert not compared
-    place = OutputStack([rnc.FramePosition("right_wheel").bind(robot)])
-    assert data.in_velocities(W, vertical=place).compiled is not None
-    assert len(compared) == 1

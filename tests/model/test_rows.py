@@ -9,7 +9,7 @@ from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduction_data import VelocityRows
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import Rows, check_defined
-from systems import bicycle, four_bar_robot, rolling_base, sleigh
+from systems import four_bar_robot, rolling_base, sleigh
 from textbook_systems import Flat, sliders
 
 # ---------------------------------------------------------------------- rows, stacks and couplings
@@ -86,20 +86,6 @@ def test_rows_say_nothing_of_what_they_have_not():
     with pytest.raises(rnc.SingularityError) as told:
         check_defined("small", at, np.nextafter(0.5, 0.0), 0.5, ("row",))
     assert (told.value.condition, told.value.q.shape) == (pytest.approx(2.0), (3,))
-
-
-def test_rows_that_are_kept_in_part_keep_their_own_names_and_flags():
-    robot = bicycle().robot
-    blocks = [rnc.RollingBall("front", 0.3).bind(robot), rnc.RollingWheel("rear", 0.3).bind(robot)]
-    whole = RowStack(blocks)
-    assert whole.holonomic == (False, False, True) * 2
-    for kept in ([0, 2, 5], [1, 2, 3, 4], [2, 3], [0, 1, 4, 5]):
-        some = RowStack(blocks, kept)
-        assert some.names == tuple(whole.names[row] for row in kept)
-        assert some.units == tuple(whole.units[row] for row in kept)
-        assert some.holonomic == tuple(whole.holonomic[row] for row in kept)
-        at = Kinematics(robot).position(bicycle().robot.configuration())
-        np.testing.assert_array_equal(some.jacobian(at), whole.jacobian(at)[kept])
 
 
 def test_rows_that_are_constant_do_not_drift():

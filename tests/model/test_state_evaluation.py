@@ -26,7 +26,6 @@ from systems import (
     ALL,
     mobile_manipulator,
     random_states,
-    sleigh,
     space_robot,
     spinning_space_robot,
     tiago,
@@ -119,6 +118,8 @@ def test_one_velocity_at_many_configurations_and_many_at_one():
     assert reduced.forward_dynamics(q[:0], v2[:0], np.zeros((0, 3))).shape == (0, 3)
     with pytest.raises(rnc.InputError, match=r"q of shape \(6, 4\) and v2 of shape \(5, 3\) do not broadcast"):
         reduced.at(q, v2[:5])
+    with pytest.raises(rnc.InputError, match="takes v2 or v, not both"):
+        reduced.at(q, v2, v=reduced.at(q, v2).v)
 
 
 def list_of(states):
@@ -150,47 +151,6 @@ def test_a_configuration_has_no_velocity():
 
 
 # ---------------------------------------------------------------------- as measured
-
-
-def test_a_measured_velocity_is_kept():
-    reduced = mobile_manipulator()
-    (q, v2), _ = random_states(reduced, 2)
-    t = reduced.terms(q, v2)
-    slip = np.array([0.02, -0.03, 0.01, 0.005, -0.004])
-    seen = reduced.at(q, v=t.v + slip).measure()
-    state = reduced.at(q)
-    np.testing.assert_array_equal(seen.v, t.v + slip)
-    np.testing.assert_allclose(seen.residual, t.A @ slip, atol=ROUNDING)
-    np.testing.assert_allclose(seen.v1, state.J1 @ (t.v + slip), atol=ROUNDING)
-    np.testing.assert_allclose(seen.v2, v2 + state.J2 @ slip, atol=ROUNDING)
-    assert np.abs(seen.v1 - seen.A_star @ seen.v2).max() > 1e-3
-    own = reduced.at(q, v2).measure()
-    np.testing.assert_allclose(own.residual, 0.0, atol=ROUNDING)
-    batch = reduced.at(np.stack([q, q]), v=np.stack([t.v, t.v + slip])).measure()
-    np.testing.assert_allclose(batch.residual[1], seen.residual, atol=ROUNDING)
-    with pytest.raises(rnc.InputError, match="takes v2 or v, not both"):
-        reduced.at(q, v2, v=t.v)
-
-
-def test_an_estimator_in_a_loop_of_its_own_learns_the_robot_that_is_there():
-    """The real robot carries a load that the model knows nothing of; only the velocity as measured tells."""
-    believed = space_robot()
-    model = believed.robot.model.copy()
-    loaded = model.getJointId("joint_3")
-    model.inertias[loaded] = pin.Inertia(
-        2.0 * model.inertias[loaded].mass, model.inertias[loaded].lever, 2.0 * model.inertias[loaded].inertia
-    )
-    joints = ["joint_1", "joint_2", "joint_3"]
-    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.MomentumConservation("platform")], joints)
-    real = system.reduce(
-        [rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")], [rnc.JointPosition("platform")]
-    )
-    (q, v2), _ = random_states(believed, 2)
-    v = real.terms(q, v2).v
-    replaced, seen = believed.at(q, v2).measure(), believed.at(q, v=v).measure()
-    assert np.abs(replaced.residual).max() < ROUNDING  # this is how the load stayed hidden
-    assert np.abs(seen.residual).max() > 1e-3
-    np.testing.assert_allclose(seen.v1, v[:1], atol=ROUNDING)
 
 
 def test_a_run_records_what_was_measured():
@@ -332,30 +292,6 @@ def test_a_motion_goes_through_a_row_that_vanishes():
     run = rnc.free_motion(reduced, np.zeros(2), np.array([1.0, 0.5]), 2.0, 0.1, rtol=1e-10)
     np.testing.assert_allclose(run.q[:, 0], run.time, atol=1e-8)
     np.testing.assert_allclose(run.x2[:, 0], np.sin(run.time), atol=1e-8)
-
-
-def test_two_wheels_of_one_axle_share_the_lateral_force():
-    reduced = tiago()
-    assert len(reduced.all_constraints.names) == 6
-    for q, v2 in random_states(reduced, 4):
-        T = np.linspace(-1, 1, reduced.p)
-        state = reduced.at(q, v2)
-        forces, multipliers = state.contact_forces(T), state.multipliers(T)
-        by_name = dict(zip(reduced.all_constraints.names, forces, strict=True))
-        left, right = by_name["lateral(wheel_left_link)"], by_name["lateral(wheel_right_link)"]
-        np.testing.assert_allclose(left, right, rtol=1e-9)
-        np.testing.assert_allclose(
-            state.all_rows.T @ forces, state.A.T @ multipliers, atol=KKT * (1 + np.abs(forces).max())
-        )
-        # Independent of how rows were kept: the balance of the unreduced system, in the smallest forces that close it.
-        full, v2_dot = reduced.lagrangian_terms(q, v2), state.v2_dot(T)
-        t = reduced.terms(q, v2)
-        left_over = full.B @ T - full.H @ (t.R @ v2_dot + t.R_dot @ v2) - full.C @ t.v - full.g
-        smallest = np.linalg.lstsq(state.all_rows.T, left_over, rcond=1e-10)[0]
-        np.testing.assert_allclose(forces, smallest, atol=KKT * (1 + np.abs(forces).max()))
-    run = rnc.free_motion(reduced, q, v2, 0.02, 0.01)
-    assert run.contact_forces.shape == (3, 6)
-    np.testing.assert_allclose(run.contact_forces[0], reduced.at(q, v2).contact_forces(np.zeros(reduced.p)), atol=1e-9)
 
 
 def test_a_continuous_joint_keeps_its_turns_however_seldom_it_is_sampled():
@@ -509,38 +445,6 @@ def test_a_controller_cannot_move_the_robot_by_its_measurement():
     with pytest.raises(rnc.SimulationError, match="read-only") as caught:
         rnc.simulate(reduced, Writes(), q0, 0.1, 0.01)
     assert isinstance(caught.value.__cause__, ValueError)
-
-
-def test_rows_that_take_turns_move_at_their_own_rates():
-    """A belt drags the sleigh's runner sideways; each of two rows says so over half of the floor only."""
-    robot = sleigh().robot
-    speed = 0.7
-
-    def across(q):
-        return np.array([0.0, 1.0, 0.3])
-
-    def rows(q):
-        return np.stack([np.cos(q[0]) * across(q), np.sin(q[0]) * across(q)])
-
-    def rows_dot(q, v):
-        x_dot = q[2] * v[0] - q[3] * v[1]
-        return np.stack([-np.sin(q[0]) * x_dot * across(q), np.cos(q[0]) * x_dot * across(q)])
-
-    def rate(q):
-        return speed * np.array([np.cos(q[0]), np.sin(q[0])])
-
-    def rate_dot(q, v):
-        x_dot = q[2] * v[0] - q[3] * v[1]
-        return speed * x_dot * np.array([-np.sin(q[0]), np.cos(q[0])])
-
-    belt = rnc.Pfaffian(rows, rows_dot, ["near", "far"], rate, rate_dot)
-    reduced = rnc.NonholonomicSystem(robot, [belt]).reduce()
-    for x in (0.0, 0.4, np.pi / 2, 2.0, np.pi):
-        q = robot.configuration({"root_joint": (x, 0.3, 0.5)})
-        moving = reduced.at(q, [0.2, -0.6])
-        np.testing.assert_allclose(across(q) @ moving.v, speed, atol=1e-12)
-        # And keeps moving at it: the row is constant along its motion.
-        np.testing.assert_allclose(across(q) @ moving.v_dot(np.array([0.4, 0.1])), 0.0, atol=1e-12)
 
 
 def test_rows_of_a_sample_next_to_a_singular_configuration_are_not_chosen():

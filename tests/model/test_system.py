@@ -83,16 +83,7 @@ def test_two_knife_edges_on_one_axle_are_one_constraint():
             "duplicate constraint row",
         ),
         (lambda: space(actuators=["platform", "joint_2"]), rnc.ConstraintError, "'platform' drives momentum"),
-        (lambda: space(actuators=["joint_1", "joint_1"]), rnc.ConstraintError, "duplicate actuator"),
-        (lambda: space(actuators=["joint_9"]), rnc.ModelError, "did you mean 'joint_"),
-        (lambda: space(actuators=[3]), rnc.ConstraintError, "has the wrong type"),
-        (lambda: space(actuators=np.eye(3)), rnc.ConstraintError, r"shape \(3, 3\), expected \(4, p\)"),
         (lambda: space(actuators=[rnc.FrameForce("tip", "x")]), rnc.ConstraintError, "drives momentum"),
-        (
-            lambda: space(constraints=[rnc.Pfaffian(lambda q: np.eye(4))]),
-            rnc.ConstraintError,
-            "leave no motion",
-        ),
         (
             lambda: space(constraints=[rnc.Pfaffian(lambda q: np.zeros((1, 3)), lambda q, v: np.zeros((1, 3)))]),
             rnc.InputError,
@@ -104,19 +95,6 @@ def test_two_knife_edges_on_one_axle_are_one_constraint():
             ),
             rnc.ConstraintError,
             "rank of the constraints changes with the configuration, from 0 to 1",
-        ),
-        (lambda: space().reduce([rnc.JointPosition("joint_1")]), rnc.ConstraintError, "1 reducing outputs"),
-        (
-            lambda: space().reduce([rnc.JointPosition("joint_1"), rnc.JointPosition("joint_1"), rnc.FrameYaw("tip")]),
-            rnc.ConstraintError,
-            "duplicate output 'joint_1'",
-        ),
-        (
-            lambda: space().reduce(
-                [rnc.JointPosition("joint_1"), rnc.FrameYaw("link_1"), rnc.JointPosition("platform")]
-            ),
-            rnc.ConstraintError,
-            "do not parametrise the motion",
         ),
         (lambda: space().reduce([rnc.FramePosition("tip", "xx")]), rnc.ConfigurationError, "at most once"),
     ],

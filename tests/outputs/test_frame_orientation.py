@@ -13,11 +13,9 @@ from rnc_pin.control import (
     RedundancyController,
 )
 from rnc_pin.math.coordinates import Coordinates, left_jacobian
-from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.outputs import FrameOrientation
-from rnc_pin.planning import Geodesic, Harmonic, Hold, MinimumJerk
+from rnc_pin.planning import Harmonic, Hold, MinimumJerk
 from rnc_pin.scenario.schema.reference_settings import MinimumJerkReference
-from systems import free_flying_panda, random_states
+from systems import random_states
 from tolerances import FINITE_DIFFERENCE, ROUNDING
 
 ROTATION = Coordinates([False] * 3, [0])
@@ -121,33 +119,6 @@ def test_errors_take_batch_axes():
         np.testing.assert_allclose(error[at][0], desired[0] - actual[at][0])
 
 
-def test_a_geodesic_turns_about_one_axis():
-    start, goal = np.array([2.0, -1.0, 0.5]), np.array([-1.5, 1.0, 2.0])
-    reference, h = Geodesic(start, goal, 2.0, ROTATION, begin=0.5), 1e-4
-    arc = ROTATION.difference(goal, start)
-    assert ROTATION.difference(goal, reference.at(2.5).position) == pytest.approx(np.zeros(3), abs=ROUNDING)
-    profile = MinimumJerk([0.0], [1.0], 2.0, begin=0.5)
-    for t in np.linspace(0.6, 2.4, 7):
-        point, share = reference.at(t), profile.at(t)
-        spin, spin_dot = ROTATION.to_rates(*point[:3])
-        np.testing.assert_allclose(spin, share.velocity * arc, atol=ROUNDING * 10)
-        np.testing.assert_allclose(spin_dot, share.acceleration * arc, atol=ROUNDING * 100)
-        moved = ROTATION.difference(reference.at(t + h).position, reference.at(t - h).position) / (2 * h)
-        np.testing.assert_allclose(spin, moved, atol=1e-6)
-
-
-def test_what_is_no_rotation_goes_straight_beside_one():
-    """A place before and two after the rotation vector: as without it."""
-    start, goal = np.array([0.3, 2.0, -1.0, 0.5, 1.0, -2.0]), np.array([1.0, -1.5, 1.0, 2.0, 0.2, 0.7])
-    reference = Geodesic(start, goal, 2.0, Coordinates([False] * 6, [1]), begin=0.5)
-    alone = Geodesic(start[1:4], goal[1:4], 2.0, ROTATION, begin=0.5)
-    straight = MinimumJerk(start, goal, 2.0, begin=0.5)
-    for t in np.linspace(0.6, 2.4, 7):
-        for found, turned, moved in zip(reference.at(t), alone.at(t), straight.at(t), strict=True):
-            np.testing.assert_array_equal(found[1:4], turned)
-            np.testing.assert_array_equal(found[[0, 4, 5]], moved[[0, 4, 5]])
-
-
 def test_any_reference_in_rotation_vectors_has_its_angular_acceleration():
     reference, h = Harmonic([0.2, -1.0, 2.0], [0.8, 0.5, 0.9], [0.3, 0.2, 0.4]), 1e-4
     for t in np.linspace(1.2, 4.0, 8):
@@ -217,13 +188,3 @@ def test_displacements_in_scenario_files_turn_in_world_axes():
     start = np.array([1.0, 0.2, 0.0])
     goal = reference.build(start, ROTATION).at(2.0).position
     np.testing.assert_allclose(pin.exp3(goal), pin.exp3(np.array([0, 0, 0.5])) @ pin.exp3(start), atol=ROUNDING)
-
-
-def test_orientations_of_many_states_are_those_of_each():
-    reduced = free_flying_panda()
-    states = [q for q, _ in random_states(reduced, 4)]
-    hand = FrameOrientation("panda_hand").bind(reduced.robot)
-    kinematics = Kinematics(reduced.robot)
-    each = [hand.value(kinematics.position(q)) for q in states]
-    together = hand.value(kinematics.position(np.reshape(states, (2, 2, -1))))
-    np.testing.assert_allclose(together, np.reshape(each, (2, 2, 3)), atol=1e-12)

@@ -251,12 +251,3 @@ def test_contact_forces_count_damping_and_friction():
     rubbed = rnc.simulate(reduced, Inputs(lambda t: [0.3, 0.3]), q0, 0.2, 0.02, v2_0=v2, plant=plant)
     np.testing.assert_allclose(rubbed.v2, 2.0, atol=1e-12)
     np.testing.assert_allclose(rubbed.contact_forces, 0.0, atol=1e-10)
-
-
-def test_contact_forces_of_a_damped_free_motion():
-    reduced = differential_drive(damping=0.48)
-    v2 = np.array([2.0, 2.0])
-    run = rnc.free_motion(
-        reduced, reduced.robot.configuration(), v2, 0.2, 0.02, 0.48 * v2, plant=ReducedPlant(reduced, **DAMPED)
-    )
-    np.testing.assert_allclose(run.contact_forces, 0.0, atol=1e-9)

@@ -81,11 +81,10 @@ def test_neighbours_keep_half_of_their_distance():
     assert (bound.clearances < 0.1).any()
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_sampled_control_keeps_the_clearance(seed):
+def test_sampled_control_keeps_the_clearance():
     """Base and arm want to move through a table, a person that walks by, and the robot itself."""
     reduced, q0 = differential_drive_with_arm()
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(1)
     walk = rnc.planning.MinimumJerk([1.2, -0.9, 0.5, 0.0], [0.9, 0.9, 0.5, 0.0], duration=3.0)
     around = [
         Obstacle(coal.Box(0.5, 1.2, 0.1), position=(1.3, 0.2, 0.6), yaw=0.2, name="table"),
