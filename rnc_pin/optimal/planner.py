@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, RncError
+from rnc_pin.analysis.derivatives import state_derivatives
+from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError, ModelWarning, RncError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.action_models import ActionModel, Form, Nodes, action_model
 from rnc_pin.optimal.bounds import DISTANCE, BoundKind, DistanceBound, GoalRows
@@ -84,6 +86,7 @@ def plan_motion(
     problem = build_problem(
         reduced, q0, goal, duration, form, costs, bounds, settings.nodes, v2_0, at_rest, time_weight
     )
+    _warn_of_differences(problem)
     solver = SequentialQuadratic(problem, settings)
     found: list[tuple[str, Solution]] = []
     failed: list[tuple[str, Solution]] = []
@@ -184,6 +187,20 @@ def _check_free(costs: Sequence[CostKind], bounds: Sequence[BoundKind]) -> None:
     for bound in bounds:
         if isinstance(bound, DistanceBound) and any(each.motion for each in bound.distances.obstacles):
             raise ConfigurationError("free duration: an obstacle moves over time; give one duration")
+
+
+def _warn_of_differences(problem: Transcription) -> None:
+    """Warn if the model has functions of a user, whose derivatives are finite differences."""
+    reduced, start = problem.model.reduced, problem.start
+    v2 = start.w[0] if problem.model.nw else np.zeros(reduced.r)
+    error = float(np.max(state_derivatives(reduced, start.q[0], v2, np.ones(reduced.p)).difference_error))
+    if error > 0:
+        text = (
+            f"finite differences replace derivatives of user-defined rows or outputs (error {error:.1g} at the start)"
+        )
+        warnings.warn(
+            f"plan: {text}; every node is evaluated on its own, which takes longer", ModelWarning, stacklevel=3
+        )
 
 
 def _without_distances(problem: Transcription, settings: SolverSettings) -> SequentialQuadratic | None:

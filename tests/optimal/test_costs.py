@@ -93,3 +93,19 @@ def test_weights_by_name_and_over_time():
         rnc.optimal.VelocityCost({"sleigh_jaw": 1.0}).bind(model)
     with pytest.raises(rnc.ConfigurationError, match="no weight may be negative"):
         rnc.optimal.VelocityCost(-1.0).bind(model)
+
+
+def test_distances_to_an_obstacle_that_moves_are_those_at_the_times_of_the_nodes():
+    robot = rnc.Robot.from_urdf("car.urdf", base="planar")
+    rows = [rnc.NoSideSlip("front_axle"), rnc.NoSideSlip("rear_axle")]
+    model = action_model(rnc.NonholonomicSystem(robot, rows).reduce(), "kinematic")
+    away = rnc.planning.MinimumJerk([2.0, 0.0, 0.1, 0.0], [3.0, 0.0, 0.1, 0.0], 1.0)
+    ball = rnc.collision.Obstacle(coal.Sphere(0.2), position=(2.0, 0.0, 0.1), name="ball", motion=away)
+    distances = rnc.collision.CollisionDistances(robot, [ball], rnc.collision.PairSelection(links=False))
+    bound = rnc.optimal.DistanceBound(distances, 2.0, pairs=1)
+    at = Nodes(np.repeat(robot.configuration()[None], 3, axis=0), np.empty((3, 0)))
+    found = bound.bind(model).rows(data(model, at, np.zeros((3, model.nu))), False).value[:, 0]
+    # The nearest shape of the car ends 1.34 m in front of its rear axle.
+    np.testing.assert_allclose(found, 2.0 + np.array([0.0, 0.5, 1.0]) - 0.2 - 1.34, atol=1e-6)
+    with pytest.raises(rnc.ConfigurationError, match="an obstacle moves over time"):
+        rnc.optimal.plan(model.reduced, at.q[0], at.q[0], (1.0, 2.0), bounds=[bound])

@@ -101,3 +101,52 @@ def test_mistakes_are_refused(change, error, message):
     arguments = {"goal": sleigh_goal(1.0, 0.0, 0.0), "duration": 1.0, **change}
     with pytest.raises(error, match=message):
         rnc.optimal.plan(reduced, reduced.robot.configuration(), **arguments)
+
+
+def test_the_figure_shows_inputs_and_the_bounds_that_are_near():
+    reduced = systems.sleigh()
+    bounds = [rnc.optimal.VelocityBound({"sleigh_yaw": -50.0}, {"sleigh_speed_x": 0.8}), rnc.optimal.InputBound(-2.0)]
+    few = rnc.optimal.SolverSettings(nodes=10)
+    goal = sleigh_goal(1.0, 0.0, 0.0)
+    plan = rnc.optimal.plan(reduced, reduced.robot.configuration(), goal, 2.0, bounds=bounds, settings=few)
+    axes = plan.plot(["sleigh_speed_x"]).axes
+    outputs, rates, inputs = ([line.get_ydata() for line in each.get_lines()] for each in axes)
+    assert len(outputs) == 1
+    assert len(rates) == 2
+    np.testing.assert_allclose(rates[1], 0.8)
+    np.testing.assert_array_equal(inputs[0][:-1], plan.u[:, 0])
+    with pytest.raises(ConfigurationError, match="no output 'sleigh_z'"):
+        plan.plot(["sleigh_z"])
+
+
+def test_refinement_reduces_the_violation_after_verification():
+    """Half the step: a quarter of the error of the integrator."""
+    reduced, goal = systems.sleigh(), sleigh_goal(1.0, 0.5, 0.5)
+    start, coarse = reduced.robot.configuration(), rnc.optimal.SolverSettings(nodes=10)
+    finer = rnc.optimal.SolverSettings(nodes=10, refinements=1, accuracy=1e-9)
+    plans = [rnc.optimal.plan(reduced, start, goal, 2.0, settings=each) for each in (coarse, finer)]
+    assert len(plans[1].u) == 20
+    first, second = (plan.info.verification.violation for plan in plans)
+    assert first / second == pytest.approx(4.0, rel=0.25)
+
+
+def test_user_defined_rows_bring_a_notice_that_their_derivatives_are_differences():
+    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+    blade = np.array([[0.0, 1.0, 0.0]])
+    rows = rnc.Pfaffian(
+        lambda q: blade * (1 + 0.1 * q[0] ** 2), lambda q, v: 0.2 * q[0] * (q[2] * v[0] - q[3] * v[1]) * blade
+    )
+    reduced = rnc.NonholonomicSystem(robot, [rows]).reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+    start = robot.configuration({"root_joint": [0.3, 0.0, 0.0]})
+    with pytest.warns(rnc.ModelWarning, match="user-defined rows or outputs are finite differences"):
+        rnc.optimal.plan(reduced, start, sleigh_goal(1.3, 0.0, 0.0), 2.0, settings=rnc.optimal.SolverSettings(nodes=4))
+
+
+def test_a_reference_of_the_reducing_outputs_is_driven():
+    """An arc of half a turn: speed pi / 2 and turning rate pi over a second end two radii beside the start."""
+    reduced = systems.sleigh()
+    halfway = rnc.planning.MinimumJerk([0.0, 0.0], [np.pi / 2, np.pi], 1.0)
+    q = rnc.optimal.driven_configurations(reduced, reduced.robot.configuration(), halfway)
+    np.testing.assert_allclose(q[-1], [0.0, 1.0, -1.0, 0.0], atol=1e-3)
+    with pytest.raises(ConfigurationError, match="reference of 1 outputs: the model has 2"):
+        rnc.optimal.driven_configurations(reduced, q[0], rnc.planning.MinimumJerk([0.0], [1.0], 1.0))
