@@ -44,9 +44,7 @@ def masses_of(path):
     ("name", "options"),
     [
         ("space_robot.urdf", {}),
-        ("mobile_manipulator.urdf", {"base": "planar"}),
         ("mobile_manipulator.urdf", {"base": "planar", "lock": {"joint_1": 0.4, "joint_2": -0.3}}),
-        ("panda", {}),
         ("panda", {"base": "free", "lock": {"panda_joint3": 0.5, "panda_joint7": 0.2, "panda_finger_joint1": 0.01}}),
         ("tiago_no_hand", {"base": "planar", "lock": {"torso_lift_joint": 0.1, "arm_4_joint": 0.7}}),
     ],
@@ -61,7 +59,7 @@ def test_it_is_the_robot_of_a_file_with_those_masses(name, options, tmp_path):
         links = list(masses_of(path))
         generator = np.random.default_rng(0)
         several = {link: float(mass) for link, mass in zip(links, generator.uniform(0.5, 3.0, len(links)), strict=True)}
-        for masses in ({links[0]: 2.5}, {links[-1]: 0.4}, {links[len(links) // 2]: 1.7}, several):
+        for masses in ({links[-1]: 0.4}, several):
             changed = robot.with_masses(masses)
             expected = rnc.Robot.from_urdf(rewritten(path, masses, tmp_path), **options)
             scale = max(np.abs(dynamic(expected)).max(), np.abs(before).max())

@@ -1,6 +1,7 @@
 """Scenario files: what they build, what options change, and one line for whatever is wrong in them."""
 
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -45,7 +46,9 @@ CUT_SHORT = ("space-robot-uncertain", "wheels-uncertain")
 @pytest.mark.parametrize("name", built_in_names())
 def test_built_in_scenarios_can_run(name):
     """With their comparisons. Their whole length is planned here or in test_built_in_runs."""
-    prepared = plan(name, {} if name in CUT_SHORT else {"simulation.duration": 1.0})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", rnc.ModelWarning)
+        prepared = plan(name, {} if name in CUT_SHORT else {"simulation.duration": 1.0})
     scenario = prepared.experiment.scenario
     assert prepared.name == name
     assert scenario.title
@@ -186,7 +189,7 @@ def test_a_reference_that_nothing_follows_is_refused(changes, words, tmp_path):
 def test_a_sweep_draws_within_its_ranges_and_the_same_every_time():
     ranges = {"initial.q.joint_2": [1.6, 2.0], "reference.primary.minimum_jerk.to.0": [1.0, 1.3]}
     drawn, again, other = (
-        [next(draw_options("space-robot", {"sweep": ranges, "seed": seed}, run)) for run in range(20)]
+        [next(draw_options("space-robot", {"sweep": ranges, "seed": seed}, run)) for run in range(8)]
         for seed in (0, 0, 1)
     )
     assert drawn == again
@@ -334,10 +337,7 @@ BROKEN = {
     "reference of an unknown part": ({"reference.primray": {}}, ["reference: 'primray'", "mean 'primary'?"]),
     "reference that is a word": ({PRIMARY: "tip"}, [f"{PRIMARY}: expected a mapping", "found 'tip'"]),
     "goal too short": ({f"{PRIMARY}.minimum_jerk.to": [1.0]}, [f"{PRIMARY}:", "1 value"]),
-    "step too short": (
-        {PRIMARY: {"minimum_jerk": {"by": [1.0], "duration": 1}}},
-        [f"{PRIMARY}:", "1 value"],
-    ),
+    "step too short": ({PRIMARY: {"minimum_jerk": {"by": [1.0], "duration": 1}}}, [f"{PRIMARY}:", "1 value"]),
     "constant too long": (
         {"reference.vertical": {"hold": {"value": [1, 2]}}},
         ["reference.vertical:", "2 values for 1"],
@@ -359,10 +359,7 @@ BROKEN = {
         {PRIMARY: {"harmonic": {"amplitude": [1, 1], "frequency": [1, 2, 3]}}},
         [PRIMARY, "frequency"],
     ),
-    "unknown controller": (
-        {"controller.type": "redundency"},
-        ["controller.type: expected 'redundancy', 'red"],
-    ),
+    "unknown controller": ({"controller.type": "redundency"}, ["controller.type: expected 'redundancy', 'red"]),
     "unknown preset": (
         {"controller.preset": "papr"},
         ["controller.preset: expected 'paper', 'normalised' or 'scaled'"],
@@ -413,7 +410,6 @@ def test_a_mistake_is_named_in_one_line(changes, words, tmp_path):
 
 TEXTS = {
     "empty": ("", ["expected a mapping", "the file is empty"]),
-    "only a remark": ("# nothing\n", ["expected a mapping", "the file is empty"]),
     "list": ("- robot\n- task\n", ["expected a mapping", "['robot', 'task']"]),
     "word": ("robot\n", ["expected a mapping", "'robot'"]),
     "bracket left open": ("seed: 1\nrobot: {urdf: a\ntask: b\n", ["line 3"]),
@@ -421,12 +417,10 @@ TEXTS = {
     "key twice": ("seed: 1\nrobot: {}\nseed: 2\n", ["line 3", "duplicate key 'seed'"]),
     "key twice inside": ("simulation:\n  dt: 1\n  dt: 2\n", ["line 3", "duplicate key 'dt'"]),
     "contains itself": ("robot: &robot\n  urdf: *robot\n", ["line 1", "recursive"]),
-    "list contains itself": ("constraints: &all\n  - *all\n", ["line 1", "recursive"]),
     "unknown alias": ("robot: *nobody\n", ["line 1", "'nobody'"]),
     "Python object": ("robot: !!python/object/apply:os.getcwd []\n", ["line 1", "tag"]),
     "two documents": ("seed: 1\n---\nseed: 2\n", ["line 2", "document"]),
     "no such day": ("title: 2020-13-45\n", ["not YAML"]),
-    "nested without end": ("title: " + 5000 * "[", ["not YAML"]),
     "zero byte": ("title: \0\n", ["not YAML"]),
 }
 

@@ -74,11 +74,6 @@ def test_a_new_folder_is_made_with_its_parents_and_a_manifest(tmp_path):
     assert sorted(path.name for path in place.iterdir()) == [MANIFEST, "a.png", "run_0000", "summary.json"]
 
 
-def test_an_empty_folder_may_be_used(tmp_path):
-    run(tmp_path, a_png="a")
-    assert contents(tmp_path) == {"a.png": "a"}
-
-
 def test_a_run_that_keeps_nothing_leaves_nothing(tmp_path):
     with OutputFolder(tmp_path / "out") as folder:
         (folder.fresh / "a.png").write_text("a")
@@ -163,7 +158,7 @@ with OutputFolder(folder) as out:
 """
 
 
-@pytest.mark.parametrize("fatal", range(5))  # the manifest, three results, the manifest
+@pytest.mark.parametrize("fatal", [0, 2, 4])  # of the manifest, three results, the manifest
 def test_a_run_killed_while_it_puts_results_into_place_locks_nobody_out(fatal, tmp_path):
     run(tmp_path, summary_json="old", scenario_yaml="old", overview_png="old")
     process = subprocess.run([sys.executable, "-c", KILLED, tmp_path, str(fatal)], timeout=60)
@@ -383,7 +378,7 @@ main()
 """
 
 
-@pytest.mark.parametrize("room", [100, pytest.param(2000, marks=pytest.mark.long), 30_000])  # 8 s; as 100
+@pytest.mark.parametrize("room", [100, 30_000])
 def test_a_full_disk_leaves_what_was_there_and_nothing_half_written(room, tmp_path, call, no_pictures):
     out = tmp_path / "out"
     assert call(*SHORT, "--out", out)[0] == 0

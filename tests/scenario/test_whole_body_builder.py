@@ -156,12 +156,15 @@ def test_obstacles_of_the_scenario_are_avoided_at_rest_and_in_motion(tmp_path, p
     run.trajectory.save(tmp_path / "run.npz")
     kept = rnc.Trajectory.load(tmp_path / "run.npz").meta["controller"]
     assert kept.get("target", kept)["limits"][-1]["obstacles"] == ["post", "walker"]
-    hit = execute(plan(point(tmp_path, controller={**program, "limits": {"collision": None}}))).trajectory
+    blind = point(
+        tmp_path, controller={**program, "limits": {"collision": None}}, simulation={"duration": 2, "dt": 0.02}
+    )
+    hit = execute(plan(blind)).trajectory
     assert gaps(hit)[0].min() < -0.1
 
 
-@pytest.mark.parametrize("program", PROGRAMS, ids=["qp", "inverse_dynamics"])
-def test_preflight_names_a_goal_that_the_limits_exclude(tmp_path, program):
+def test_preflight_names_a_goal_that_the_limits_exclude(tmp_path):
+    program = PROGRAMS[0]
     behind = {"controller": {**program, "limits": {"regions": [{"frame": "ball", "box": {"x": [-1, 0.7]}}]}}}
     behind["obstacles"] = []
     with pytest.raises(rnc.InfeasibleError, match=r"task 0 \(ball_x\) misses its goal .*: error 0.3 at t = 7.00 s"):

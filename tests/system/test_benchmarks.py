@@ -36,11 +36,6 @@ def test_states_are_regular_and_repeat_themselves(experiment):
     assert np.abs(reduced.at(states.q, v=states.v).residual).max() < 1e-12
 
 
-def test_the_tests_of_mutants_exist(mutation):
-    assert [path for path in mutation.TESTS if not (mutation.ROOT / path).exists()] == []
-    assert len(mutation.modules(["rnc_pin/outputs"])) > 5
-
-
 def test_a_mutant_meets_the_tests_of_its_line_those_of_its_module_first(mutation, tmp_path):
     """A statement is recorded at its first line; a line that only an import executes has all tests of its module."""
     (tmp_path / "tests.xml").write_text(
@@ -65,53 +60,26 @@ def test_a_mutant_meets_the_tests_of_its_line_those_of_its_module_first(mutation
 
 
 def test_survivors_meet_both_paths(mutation, tmp_path, monkeypatch):
-    """One mutant dies on the NumPy path only, one on the compiled path only, one on neither."""
+    """One mutant dies on the compiled path only, one on neither."""
     tree = tmp_path / "tree"
     tree.mkdir()
-    (tree / "one.py").write_text("def f():\n    return 3\n\ndef g():\n    return 5\n\ndef h():\n    return 7\n")
+    (tree / "one.py").write_text("def g():\n    return 5\n\ndef h():\n    return 7\n")
     (tree / "test_one.py").write_text(
         "import os\nimport one\n\n"
-        "def test_paths():\n    kernel = os.environ['RNC_PIN_KERNEL']\n"
-        "    assert (one.f() if kernel == 'numpy' else one.g()) == {'numpy': 3, 'c': 5}[kernel]\n"
+        "def test_paths():\n    assert os.environ['RNC_PIN_KERNEL'] == 'numpy' or one.g() == 5\n"
     )
     monkeypatch.chdir(tree)
     made = mutation.mutants([Path("one.py")])
-    first = [next(each for each in made if each.start_pos[0] == line) for line in (2, 5, 8)]
+    first = [next(each for each in made if each.start_pos[0] == line) for line in (2, 5)]
     left = mutation.survivors([(each, ["test_one.py"]) for each in first], tree, 60.0, 1)
-    assert [mutant.start_pos[0] for mutant, _ in left] == [8]
+    assert [mutant.start_pos[0] for mutant, _ in left] == [5]
     assert "return 7" in left[0][1].diff
-
-
-def test_mutants_are_tested_in_copies_of_the_tree(mutation, tmp_path, monkeypatch):
-    tree = tmp_path / "tree"
-    tree.mkdir()
-    module = tree / "one.py"
-    module.write_text("def f(n):\n    return n + 1\n")
-    (tree / "test_one.py").write_text("import one\n\ndef test_sum():\n    assert one.f(1) == 2\n")
-    monkeypatch.chdir(tree)
-    made = mutation.mutants([Path("one.py")])
-    drawn = [(each, ["test_one.py"]) for each in made if each.operator_name.endswith(("Add_LShift", "Add_Sub"))]
-    found = {each.operator_name.split("_")[-1]: result for each, result in mutation.outcomes(drawn, tree, 60.0, 2)}
-    survivors = {name for name, result in found.items() if result.test_outcome is mutation.TestOutcome.SURVIVED}
-    assert survivors == {"LShift"}  # 1 << 1 is 2
-    assert "+    return n << 1" in found["LShift"].diff
-    assert module.read_text() == "def f(n):\n    return n + 1\n"
 
 
 def test_a_sample_says_what_the_whole_has_at_least(mutation):
     """Wilson's bound, one-sided: by the table of the binomial distribution 95 of 100 leave 90 %."""
     assert mutation.lower_bound(95, 100) == pytest.approx(0.90, abs=0.003)
     assert mutation.lower_bound(950, 1000) == pytest.approx(0.937, abs=0.002)
-
-
-def test_figures_are_finite_and_positive():
-    costs = reduction.system_costs(SYSTEM, rounds=2)
-    figures = [costs.bare_us, costs.threads]
-    for cost in (costs.one_state, costs.of_batch, costs.terms, costs.derivatives, costs.of_block, costs.tick):
-        figures += [cost.us, cost.ratio]
-    assert np.isfinite(figures).all()
-    assert min(figures) > 0
-    assert costs.one_state.ratio == pytest.approx(costs.one_state.us / costs.bare_us)
 
 
 def test_a_limit_that_is_not_kept_is_marked():
@@ -129,6 +97,10 @@ def test_json_has_what_is_documented(tmp_path, capsys):
     costs = {"one_state", "of_batch", "terms", "derivatives", "of_block", "tick"}
     assert set(system) == {"system", "nv", "r", "bare_us", "threads", "within"} | costs
     assert all(set(system[name]) == COST for name in costs)
+    assert (
+        min(system["bare_us"], system["threads"], *(system[name][of] for name in costs for of in ("us", "ratio"))) > 0
+    )
+    assert system["one_state"]["ratio"] == pytest.approx(system["one_state"]["us"] / system["bare_us"])
     for each in written["derivatives_by_hand"]:
         figures = {"us", "block_us", "hand_us", "ratio", "difference", "limit", "within"}
         assert set(each) == {"system"} | figures

@@ -40,8 +40,11 @@ GAINS = {  # in the record of a run, by the type of what its controller is made 
     "PlanFeedback": {"form", "cost", "outcome", "gains"},
     "InverseDynamicsQP": {"tasks", "limits", "dt", "velocity_gain", "friction"},
 }
-FAST = {"free-flying-arm": 0.002, "tiago": 0.004, "unicycle": 0.004}
-"""Sampling periods [s] of scenarios whose gains do not suit a slower one."""
+PERIODS = {
+    "free-flying-arm": 0.002, "tiago": 0.004, "unicycle": 0.004,  # whose gains do not suit a slower one
+    "free-flying-arm-limits": 0.016, "doorway": 0.02, "mecanum-crowd": 0.02,  # whose samples cost most
+}  # fmt: skip
+"""Sampling periods [s] other than 0.008."""
 
 
 def summary_of(name, compared=False, **options):
@@ -93,7 +96,7 @@ def respects_its_limits(summary):
 @pytest.mark.parametrize("name", [name for name in built_in_names() if name != "fire-truck"])
 def test_scaled_gains_end_within_two_hundredths_of_every_goal(name):
     """At four times their period where gains suit that, for a quarter of the time."""
-    options = {"simulation.dt": FAST.get(name, 0.008)}
+    options = {"simulation.dt": PERIODS.get(name, 0.008)}
     options |= {"simulation.duration": ENOUGH[name]} if name in ENOUGH else {}
     summary = summary_of(name, **options)
     ends_at_its_goals(summary)

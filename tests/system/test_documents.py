@@ -51,7 +51,7 @@ def test_example_runs(example, brief, tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("block", BLOCKS)
-def test_python_block_runs(block, tmp_path, monkeypatch):
+def test_python_block_runs(block, brief, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     exec(compile(block, "block", "exec"), {"__name__": "__main__"})
 

@@ -1,7 +1,7 @@
 """Whatever a system is made of: Lemma 1 and the equations of motion hold, or an error says why there is none.
 
 ``pytest tests/system/test_properties.py -m long -s`` tries 2,000 of them and prints the worst figures, as
-docs/reliability.md has them; without ``-m long`` it is 200.
+docs/reliability.md has them; without ``-m long`` it is 80.
 """
 
 from collections import Counter
@@ -148,9 +148,9 @@ def run(count, stop=True):
     return tally
 
 
-def test_lemma_1_and_the_equations_of_motion_hold_for_200_systems():
-    tally = run(200)
-    assert tally.ends["holds"] > 60, str(tally)
+def test_lemma_1_and_the_equations_of_motion_hold_for_80_systems():
+    tally = run(80)
+    assert tally.ends["holds"] > 24, str(tally)
 
 
 @pytest.mark.long

@@ -9,29 +9,23 @@ from rnc_pin.scenario.seeded_sweep import one_run
 # A path next to the edge of the region counts as well as one through its middle: the largest error is what matters.
 LARGEST = {
     "space-robot": 0.02,
-    "space-robot-fixed-platform": 0.02,
     "space-robot-uncertain": 0.02,
     "mobile-manipulator": 0.02,
-    "mobile-manipulator-two-phase": 0.01,  # it rests within 0.002
     "fire-truck": 0.02,
 }
 # 200 of each stand in docs/random_tasks.md; here a few.
 SAMPLE = {
-    "space-robot": (0, 17),
-    "space-robot-fixed-platform": (5,),
+    "space-robot": (17,),
     "space-robot-uncertain": (4,),  # first estimates are drawn as well
-    "mobile-manipulator": (1, 50),
-    "mobile-manipulator-two-phase": (2,),  # to any heading
+    "mobile-manipulator": (50,),
     "fire-truck": (11,),
 }
 COARSE, LESS_COARSE = {"simulation.dt": 0.01}, {"simulation.dt": 0.005}
 QUICK = {
     "space-robot": LESS_COARSE,
-    "mobile-manipulator": LESS_COARSE,
-    "fire-truck": LESS_COARSE,
-    "space-robot-fixed-platform": COARSE,
+    "mobile-manipulator": COARSE,
+    "fire-truck": COARSE,
     "space-robot-uncertain": {**COARSE, "simulation.duration": 10.0},
-    "mobile-manipulator-two-phase": COARSE,
 }
 
 
@@ -58,7 +52,12 @@ def test_preflight_refuses_or_warns_as_it_is_told():
 
 def test_a_task_that_does_not_pass_is_drawn_again(tmp_path):
     quick = {"reference.primary.minimum_jerk.duration": 1.5, "reference.vertical.minimum_jerk.duration": 1.5}
-    ranges = {**quick, "sweep": {"reference.primary.minimum_jerk.to.0": [1.0, 5.0]}, "simulation.duration": 2.0}
+    ranges = {
+        **quick,
+        "sweep": {"reference.primary.minimum_jerk.to.0": [1.0, 5.0]},
+        "simulation.duration": 2.0,
+        **COARSE,
+    }
     rows = [one_run("space-robot", ranges, run, tmp_path / str(run)) for run in range(4)]
     assert {row["outcome"] for row in rows} == {"completed"}
     assert sum(row["redrawn"] for row in rows) > 0

@@ -136,7 +136,7 @@ TIMES = np.linspace(0.0, DURATION, round(DURATION / SPACING) + 1)
 
 
 @cache
-def folding_motions(count=30):
+def folding_motions(count=6):
     """Reference motions (count, times, 12) from seeded random starts, which fold through dependent outputs."""
     generator, found = np.random.default_rng(7), []
     for _ in range(50 * count):
@@ -192,16 +192,15 @@ def agree_while_folding(reduced, outputs, z):
     np.testing.assert_allclose(run.energy, run.energy[0], rtol=1e-9)
 
 
-@pytest.mark.parametrize("start", range(30))
+@pytest.mark.parametrize("start", range(6))
 def test_a_racer_folds_through_dependent_outputs(start):
     agree_while_folding(racer_in_speed_and_pivot(), [0, 3], folding_motions()[start])
 
 
-@pytest.mark.parametrize("start", range(3))
-def test_a_racer_in_outputs_that_are_regular_everywhere(start):
+def test_a_racer_in_outputs_that_are_regular_everywhere():
     """Speed and yaw, for which the fold is a configuration like others: model and reference are the same machine."""
     reduced = racer().reduce([rnc.FrameSpeed("rear"), rnc.FrameYaw("rear")])
-    agree_while_folding(reduced, [0, 2], folding_motions()[start])
+    agree_while_folding(reduced, [0, 2], folding_motions()[0])
 
 
 def through_the_fold(before=0.5, after=0.5, spacing=0.05):
@@ -290,7 +289,7 @@ ORDERS = list(permutations(["fl", "fr", "bl", "br"]))
 CURVATURES = [0.0, 1e-12, -1e-9, 3e-8, 1e-6, -1e-3, 0.2, -0.45, 1.1]
 
 each_car = pytest.mark.parametrize("car", CARS.values(), ids=CARS)
-each_order = pytest.mark.parametrize("order", ORDERS, ids=lambda order: "-".join(order))
+each_order = pytest.mark.parametrize("order", ORDERS[::5], ids=lambda order: "-".join(order))
 
 
 def car_states(car):
@@ -377,7 +376,7 @@ def test_cars_accelerate_as_all_rows_say_in_every_order(car, order):
 
 
 @each_car
-@pytest.mark.parametrize("order", ["fl fr bl br", "fr fl br bl", "bl br fl fr", "br bl fr fl", "fl br fr bl"])
+@pytest.mark.parametrize("order", ["fl fr bl br", "br bl fr fl"])
 def test_cars_steer_through_straight(car, order):
     """If both front wheels, or both steered rear wheels, come first, the first two lateral rows coincide there."""
     _, q, v = through_straight(car)

@@ -9,9 +9,6 @@ import pytest
 import rnc_pin as rnc
 from places import DIRT
 from rnc_pin.model.independence import select_independent
-from rnc_pin.scenario.builder import build_system
-from rnc_pin.scenario.files import built_in_names, find_scenario, read_yaml
-from rnc_pin.scenario.loading import validate
 from simple_controllers import Idle
 from systems import ALL
 
@@ -152,11 +149,3 @@ def test_good_systems_are_not_warned_of(name):
     with warnings.catch_warnings():
         warnings.simplefilter("error", rnc.ModelWarning)
         assert ALL[name].__wrapped__().r
-
-
-@pytest.mark.parametrize("name", built_in_names())
-def test_built_in_scenarios_are_not_warned_of(name):
-    path = find_scenario(name)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", rnc.ModelWarning)
-        assert build_system(validate(read_yaml(path), name), path.parent).r

@@ -116,8 +116,7 @@ def test_random_configurations_are_on_the_circle_or_within_limits(swing):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("axis", AXES)
-@pytest.mark.parametrize("held", ["first", "second"])
+@pytest.mark.parametrize(("axis", "held"), [("0 -1 0", "first"), ("0.6 0 0.8", "second")])
 def test_one_joint_of_two_is_locked(kind, axis, held, tmp_path):
     values = {"first": -1.9, "second": 0.7}
     parts = link("upper") + joint("first", "base", "upper", kind, axis, at="0.1 0.2 0.3")
@@ -170,6 +169,7 @@ class Idle:
         return Command(T=self.inputs), None
 
 
+@pytest.mark.parametrize("swing", [("revolute", "-0.8 0 -0.6"), ("continuous", "0.6 0 0.8")], indirect=True)
 def test_a_pendulum_is_back_after_its_period(swing):
     """4 K(sin^2 (amplitude / 2)) / omega, K the complete elliptic integral."""
     robot, _, inertia, weight = swing
@@ -349,14 +349,12 @@ def test_a_draft_finds_wheels_about_any_direction_of_their_axle(tmp_path):
     ("parts", "steps"),
     [
         (pendulum("revolute", "0 1 0"), [-0.2]),  # there is more room below
-        (pendulum("continuous", "0 -1 0"), [0.2]),
-        (pendulum("continuous", "0.6 0 0.8"), [0.2]),
         (slider("0 0 -1"), [-0.05]),
         ([link("wheel", shape=TYRE) + joint("axle", "base", "wheel", "continuous", "0 -1 0")], [0.5, 0.4]),
     ],
-    ids=["pendulum", "continuous", "skew", "slider", "wheel"],
+    ids=["pendulum", "slider", "wheel"],
 )
-def test_init_inspect_and_run_of_one_joint(parts, steps, call, tmp_path, monkeypatch):
+def test_init_inspect_and_run_of_one_joint(parts, steps, call, tmp_path, monkeypatch, no_pictures):
     monkeypatch.chdir(tmp_path)
     write(tmp_path, *parts)
     for command in (

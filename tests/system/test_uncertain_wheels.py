@@ -14,8 +14,6 @@ from rnc_pin.control import (
     UncertainRedundancyController,
     UnknownRadius,
     UnknownTrack,
-    VelocityGains,
-    VelocityTracker,
     WheelRegressor,
 )
 from rnc_pin.planning import Harmonic, Hold
@@ -209,39 +207,6 @@ def test_at_the_true_wheels_it_is_the_class_1_controller():
         target, _ = estimating.step(1.0, measured, estimating.initial_state(measured))
         np.testing.assert_allclose(target.v2, exact.v2, atol=1e-9 * (1 + np.abs(exact.v2).max()))
         np.testing.assert_allclose(target.v2_dot, exact.v2_dot, atol=1e-8 * (1 + np.abs(exact.v2_dot).max()))
-
-
-@pytest.mark.long  # nearly a minute; the scenario itself is run in every run of the tests
-@pytest.mark.parametrize(
-    ("make", "wheels", "truth", "guess"),
-    [(drive, DRIVE, [0.1, 0.4], [0.15, 0.24]), (tiago, TIAGO, [0.0985, 0.4044], [0.0640, 0.5662])],
-    ids=["drive", "tiago"],
-)
-def test_learning_makes_predictions_and_tracking_better(make, wheels, truth, guess):
-    """First estimates are 35 to 50 % off; without adaptation the wheels are believed to be what they are not."""
-    error, missed = {}, {}
-    reduced = make()
-    q0 = reduced.robot.configuration()
-    x1, _ = reduced.at(q0).outputs()
-    task = rnc.Task.of(reduced, [], reduced.reducing.names)
-    path = Harmonic(x1, [0.5, 0.4], [0.08, 0.16], ramp=3.0)
-    controller = RedundancyController(task, Hold(np.zeros(0)), path, 2.0)
-    _, region = rnc.kinematic_rollout(reduced, controller, q0, 12.0, 0.1)
-    for alpha in (0.0, 20.0):
-        regressor = WheelRegressor(reduced, shared_and_track(wheels))
-        estimating = UncertainRedundancyController(reduced, controller, regressor, guess, (0.02, 2.0), alpha)
-        run = rnc.simulate(
-            reduced, VelocityTracker(estimating, VelocityGains.scaled(reduced, region, 0.004)), q0, 20.0, 0.004
-        )
-        late = run.time > 10.0
-        error[alpha] = np.sqrt(np.mean(run.prediction_error[late] ** 2))
-        missed[alpha] = np.sqrt(np.mean((run.x1_desired - run.x1)[late] ** 2))
-        if alpha:
-            wrong = np.linalg.norm(run.estimates - truth, axis=1)
-            assert (np.diff(wrong) < 1e-9).all()  # Lemma 4 in the loop
-            np.testing.assert_allclose(run.estimates[-1], truth, rtol=0.02)
-    assert error[20.0] < 0.1 * error[0.0]
-    assert missed[20.0] < 0.5 * missed[0.0]
 
 
 def test_nonsense_is_refused():

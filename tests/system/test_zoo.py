@@ -13,7 +13,13 @@ from rnc_pin.analysis import integrability
 from rnc_pin.robots.robot_files import example_urdfs
 from tolerances import CONSTRAINT, KKT, LEMMA_1
 
-PASSING = [entry for entry in zoo.entries() if entry not in zoo.EXCUSED]
+# Each robot on its wheels, or under one constraint; -m long has it under the other one, too.
+SHORT = {(name, ("momentum", "knife edge")[k % 2]) for k, name in enumerate(sorted(example_urdfs()))}
+PASSING = [
+    entry if entry[1] == "rolling wheels" or entry in SHORT else pytest.param(entry, marks=pytest.mark.long)
+    for entry in zoo.entries()
+    if entry not in zoo.EXCUSED
+]
 PAGE = (ROOT / "docs" / "zoo.md").read_text().partition("## Published robots")[0]
 ROBOTS = "".join(PAGE.partition("| robot |")[1:])  # after the tables that explain
 TABLE = {
@@ -88,6 +94,7 @@ def test_growth_vectors_of_wheeled_robots(name, growth):
     assert len(found.combinations) == reduced.n - growth[-1]
 
 
+@pytest.mark.long  # four seconds
 def test_growth_vector_of_steered_wheels():
     """Centauro's wheels keep their heights; the other eight of its twelve rows are nonholonomic."""
     reduced = zoo.KINDS["rolling wheels"]("centauro")

@@ -257,36 +257,6 @@ def test_the_whole_motion_is_in_the_picture():
 # ---------------------------------------------------------------------- any robot
 
 
-@pytest.mark.parametrize("name", ["free_flying_panda", "tiago", "leaning_wheel"])
-def test_any_robot_with_geometry_is_recorded(name, tmp_path):
-    """Meshes, a free base, and a run that knows no scenario."""
-    reduced = getattr(systems, name)()
-    if reduced.robot.visual_model is None or not len(reduced.robot.visual_model.geometryObjects):
-        with pytest.raises(rnc.ModelError, match="no visual geometry"):
-            Recording(reduced, two_samples(reduced))
-        return
-    page = Recording(reduced, two_samples(reduced), View(ground=None)).save(tmp_path / "page.html")
-    assert page.stat().st_size > 900_000
-
-
-def two_samples(reduced):
-    class Idle:
-        def initial_state(self, measurement):
-            return None
-
-        def step(self, t, measurement, state):
-            return rnc.control.Command(T=np.zeros(reduced.p)), None
-
-    q = reduced.robot.configuration()
-    if reduced.assembly.size:
-        q = reduced.assembled(q)
-    try:
-        return rnc.simulate(reduced, Idle(), q, duration=0.02, dt=0.01)
-    except rnc.SingularityError:
-        q = reduced.robot.random_configuration(np.random.default_rng(0))
-        return rnc.simulate(reduced, Idle(), q, duration=0.02, dt=0.01)
-
-
 def test_the_papers_recordings_are_small(truck, run, robot, tmp_path):
     reduced, trajectory = truck
     assert Recording(reduced, trajectory, View(trail=["rear_axle"])).save(tmp_path / "a.html").stat().st_size < 5e6

@@ -119,29 +119,6 @@ def test_equalities_of_joints_and_bodies_are_listed_and_others_are_named(tmp_pat
 MIMIC = '<mimic joint="shoulder" multiplier="-2" offset="0.1"/>'
 
 
-def coupled(robot):
-    """Rows that hold elbow = -2 shoulder + 0.1."""
-    return rnc.Pfaffian(lambda q: np.array([[2.0, 1.0]]), lambda q, v: np.zeros((1, 2)), ["coupling"])
-
-
-def test_a_joint_that_should_mimic_is_named_until_it_is_coupled(tmp_path):
-    path = write(tmp_path / "arm.urdf", urdf(MIMIC))
-    robot = rnc.Robot.from_urdf(path)
-    assert robot.mimics == (("elbow", "shoulder", -2.0, 0.1),)
-    with pytest.warns(rnc.ModelWarning, match=r"should mimic others move independently: elbow \(of shoulder\)"):
-        rnc.NonholonomicSystem(robot, [], ["shoulder", "elbow"], mimic=False)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        rnc.NonholonomicSystem(robot, [coupled(robot)], ["shoulder"], mimic=False)
-
-
-@pytest.mark.parametrize("lock", ["shoulder", "elbow"])
-def test_half_a_pair_locked_is_named_too(lock, tmp_path):
-    robot = rnc.Robot.from_urdf(write(tmp_path / "arm.urdf", urdf(MIMIC)), lock={lock: 0.0})
-    with pytest.warns(rnc.ModelWarning, match="elbow"):
-        rnc.NonholonomicSystem(robot, [], robot.joint_names, mimic=False)
-
-
 @pytest.mark.parametrize(
     ("of", "words"), [("sholder", "did you mean 'shoulder'"), ("elbow", "expected one of: shoulder")]
 )
@@ -236,14 +213,6 @@ def test_a_xacro_file_is_the_robot_it_stands_for(tmp_path):
     longer = rnc.Robot.from_urdf(path, xacro_arguments={"length": 1.5})
     assert longer.model.jointPlacements[3].translation.tolist() == [1.5, 0, 0]
     assert rnc.Robot.from_urdf(path).model == one.model  # nothing is left of the call before
-
-
-def test_xacro_finds_packages_and_includes(tmp_path):
-    write(tmp_path / "parts/package.xml", "<package><name>parts</name></package>")
-    write(tmp_path / "parts/arm.xacro", urdf().replace("<robot ", f"<robot {XACRO} "))
-    text = f'<robot name="r" {XACRO}><xacro:include filename="$(find parts)/arm.xacro"/></robot>'
-    robot = rnc.Robot.from_urdf(write(tmp_path / "mine/robot.xacro", text))
-    assert robot.joint_names == ("shoulder", "elbow")
 
 
 def test_each_file_finds_its_own_packages(tmp_path):

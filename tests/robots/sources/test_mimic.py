@@ -123,17 +123,6 @@ def test_what_is_coupled_already_is_left_alone(tmp_path, given):
     assert system.rows.names == given.bind(robot).names
 
 
-def test_equalities_of_mjcf_couple_too(tmp_path):
-    body = '<body name="{0}" pos="0.4 0 0"><joint name="{1}" axis="0 0 1"/><geom size="0.1" mass="1"/>{2}</body>'
-    bodies = body.format("one", "a", body.format("two", "b", ""))
-    equality = '<equality><joint joint1="b" joint2="a" polycoef="0.1 -2 0 0 0"/></equality>'
-    path = tmp_path / "arm.xml"
-    path.write_text(f'<mujoco model="arm"><worldbody>{bodies}</worldbody>{equality}</mujoco>')
-    system = rnc.NonholonomicSystem(rnc.Robot.from_mjcf(path))
-    assert system.constraints.names == ("coupling(b, a)",)
-    assert system.r == 1
-
-
 def test_a_robot_that_is_mounted_keeps_its_couplings(tmp_path):
     satellite = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
     both = satellite.attach(arm(tmp_path, b=mimic("a", -2, 0.1), lock={"a": 0.3}), "sleigh")

@@ -3,6 +3,7 @@
 import pytest
 
 import rnc_pin as rnc
+from rnc_pin.scenario.draft import scenario_candidate
 from rnc_pin.scenario.files import read_yaml
 
 GEOM = '<geom type="capsule" fromto="0 0 0 0 0 .4" size=".03" mass="1"/>'
@@ -12,6 +13,12 @@ ARM = f"""<mujoco><worldbody><body><joint name="a" axis="0 1 0"/>{GEOM}
   <tendon><fixed name="t"><joint joint="b" coef="1"/><joint joint="c" coef="-1"/></fixed>
   <spatial name="s"><site site="p"/><site site="q"/></spatial></tendon>
   <actuator>{{}}</actuator></mujoco>"""
+
+
+@pytest.fixture(autouse=True)
+def brief(monkeypatch):
+    """Drafts are tried out for a moment."""
+    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
 
 
 def write(path, text):

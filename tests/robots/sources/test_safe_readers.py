@@ -161,13 +161,6 @@ def test_a_loop_out_of_reach_is_refused_at_once(count, tmp_path):
         rnc.NonholonomicSystem(robot, [anchor])
 
 
-def test_a_loop_within_reach_closes(tmp_path):
-    robot = rnc.Robot.from_urdf(write(tmp_path / "r.urdf", tree(6, "continuous")))
-    anchor = rnc.LoopClosure("universe", "l6", "point", offset_a=(0.3, 0.1, 0.0))
-    system = rnc.NonholonomicSystem(robot, [anchor])
-    assert system.m == 2
-
-
 # ---------------------------------------------------------------------- what was accepted without a word
 
 
@@ -262,15 +255,6 @@ def test_a_coupling_without_bound_is_refused(ratio, tmp_path):
     robot = rnc.Robot.from_urdf(write(tmp_path / "r.urdf", tree(2, "continuous")))
     with pytest.raises(rnc.ConstraintError, match="constraint rows overflow"):
         rnc.NonholonomicSystem(robot, [rnc.JointCoupling("j0", "j1", ratio, 1.0)])
-
-
-def test_the_total_mass_is_what_the_file_sets(tmp_path):
-    body = f'{HINGE}{GEOM}<body name="c"><joint name="k"/><geom size="1" mass="2"/></body>'
-    robot = rnc.Robot.from_mjcf(write(tmp_path / "r.xml", mjcf(body, '<compiler settotalmass="6"/>')))
-    plain = rnc.Robot.from_mjcf(write(tmp_path / "p.xml", mjcf(body)))
-    assert [inertia.mass for inertia in robot.model.inertias][1:] == [2, 4]
-    for one, other in zip(robot.model.inertias, plain.model.inertias, strict=True):
-        assert one.inertia == pytest.approx(2 * other.inertia)
 
 
 def test_springs_are_said_to_be_left_out(tmp_path):
@@ -604,7 +588,7 @@ def test_a_number_that_leaves_no_room_is_refused(value, call):
     assert "Traceback" not in complaint
 
 
-NAMES = [r"$\frac$", "[/nope]", "$", "x" * 300, ":smile:", "[red]a"]
+NAMES = [r"$\frac$", "[/nope]", "x" * 300]
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -129,7 +129,7 @@ def closed(connection):
 def test_messages_that_are_not_finished_cost_nothing(port):
     headers = f"Host: localhost:{port}", f"Origin: http://localhost:{port}"
     before, connections = memory(), []
-    for k in range(30):
+    for k in range(12):
         connection, code = asked(port, "/", *headers, upgrade=True)
         assert code == 101
         connections.append(connection)
