@@ -112,7 +112,7 @@ class ActuatorVelocityController(ReprMixin):
             raise InputError(
                 f"step of a kinematic controller has to return a VelocityTarget, found {type(target).__name__}"
             )
-        v2 = np.asarray(target.v2, dtype=float)
+        v2 = np.asarray(target.v2 if target.v2_held is None else target.v2_held, dtype=float)
         if v2.shape[-1:] != (self._reduced.r,):
             raise InputError(f"the v2 of a target has shape {v2.shape}, expected (..., {self._reduced.r})")
         if not np.isfinite(v2).all():

@@ -45,6 +45,8 @@ class VelocityTarget(NamedTuple):
     """Parameter estimates of the controller."""
     prediction_error: Float[Array, "*batch k"] | None = None
     """Measured minus predicted rates of the vertical outputs."""
+    v2_held: Float[Array, "*batch r"] | None = None
+    """Rates for a robot that holds its command over the sample: the mean of the planned rates. None for v2."""
 
 
 class Command(NamedTuple):

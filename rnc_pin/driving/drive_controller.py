@@ -9,10 +9,9 @@ import numpy as np
 
 from rnc_pin.control.controller import Description, VelocityTarget
 from rnc_pin.control.velocity_tracker import TrackerState
-from rnc_pin.control.whole_body import VelocityQP
+from rnc_pin.control.whole_body import LimitReport, ProgramState, VelocityQP
 from rnc_pin.control.whole_body.limits import ControlLimit
 from rnc_pin.control.whole_body.tasks import ControlTask, DampingTask
-from rnc_pin.control.whole_body.velocity_qp import LimitReport, ProgramState
 from rnc_pin.driving.drive_base import ARRIVED
 from rnc_pin.driving.drive_controls import DriveControls
 from rnc_pin.driving.drive_goals import DriveGoals, initial_goals, with_command

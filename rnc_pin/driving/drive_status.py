@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rnc_pin.control.whole_body.velocity_qp import LimitReport
+from rnc_pin.control.whole_body import LimitReport
 from rnc_pin.driving.drive_controls import DriveControls
 from rnc_pin.driving.drive_goals import DriveGoals
 

@@ -18,6 +18,7 @@ from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.planning.bounded_descent import Descent, Residuals, TangentBounds, descend
 from rnc_pin.planning.output_targets import OutputTarget, OutputTargets
+from rnc_pin.printing import Line, ObjectSummary, SummaryMixin, counted, items
 
 _CLOSED = 1e-9  # largest residual of holonomic rows of a solution [m or rad]
 _ROUNDING = 1e-13
@@ -28,9 +29,9 @@ _EXTRA = 1e-3  # distance beyond the clearance that the search keeps [m]
 _TURN, _AWAY = np.pi, 1.0  # spread of random starts without limits [rad, m]
 
 
-@dataclass(frozen=True)
-class IkResult:
-    """Solution of inverse kinematics, or the best configuration that was found.
+@dataclass(frozen=True, repr=False)
+class IkResult(SummaryMixin):
+    """Solution of inverse kinematics, or the best configuration that was found. Printed, it tells what is missing.
 
     Attributes:
         q: configuration (nq,), read-only.
@@ -63,6 +64,23 @@ class IkResult:
     ignored_rows: tuple[str, ...]
     starts: int
     steps: int
+
+    def _summary(self) -> ObjectSummary:
+        reached = "configuration that reaches all targets" if self.converged else "no solution found, the nearest"
+        title = f"{reached}, after {counted(self.starts, 'start')} and {counted(self.steps, 'step')}"
+        missed = [f"{error:.2g}" for error in self.residuals.values()]
+        apart = [f"{distance:.3g} m" for distance in self.collisions.values()]
+        lines: list[Line] = [
+            ("q", items([f"{number:.4g}" for number in self.q])),
+            ("error of targets", items(list(self.residuals), missed)),
+            ("not reached", items(list(self.unreachable))),
+            ("at a limit", items(self.active_limits)),
+            ("nearer than the clearance", items(list(self.collisions), apart)),
+            ("rows of velocities, not considered", items(self.ignored_rows)),
+        ]
+        if self.holonomic_residual > _CLOSED:
+            lines.append(("residual of holonomic rows", items([f"{self.holonomic_residual:.2g}"])))
+        return ObjectSummary(title, [line for line in lines if line[1]])
 
 
 def solve_ik(
@@ -140,7 +158,7 @@ def solve_ik(
     if not problem.solves(best.q, tolerance):  # minima beyond the reach are flat
         best = problem.closed(descend(problem.evaluate, problem.bounds, best.q, progress=_FLAT))
         steps += best.steps
-    return problem.result(best.q, tolerance, count, steps)
+    return problem.result(problem.with_fewest_turns(best.q, q0), tolerance, count, steps)
 
 
 class _Problem:
@@ -210,6 +228,20 @@ class _Problem:
         free = ~bounds.held[bounds.v_index]
         q[bounds.q_index[free]] = generator.uniform(low, np.maximum(low, high))[free]
         return bounds.clip(q)
+
+    def with_fewest_turns(self, q: np.ndarray, q0: np.ndarray) -> np.ndarray:
+        """Return the same configuration without full turns from q0, as far as limits and targets do not need them."""
+        bounds, turned = self.bounds, q.copy()
+        limits = {int(k): (low, high) for k, low, high in zip(bounds.q_index, bounds.lower, bounds.upper, strict=True)}
+        for joint in list(self._reduced.robot.model.joints)[1:]:
+            if joint.nq == 1 and joint.shortname().startswith("JointModelR"):
+                k = joint.idx_q
+                nearest = q[k] - 2 * np.pi * np.round((q[k] - q0[k]) / (2 * np.pi))
+                low, high = limits.get(k, (-np.inf, np.inf))
+                turned[k] = nearest if low <= nearest <= high else q[k]
+        before, after = (self.evaluate(each) for each in (q, turned))
+        worse = np.abs(after.e).sum() > np.abs(before.e).sum() + _ROUNDING
+        return q if worse or self._holonomic_residual(turned) > self._holonomic_residual(q) + _ROUNDING else turned
 
     def rank(self, found: Descent) -> tuple[bool, float]:
         """Return a key that is smaller for a better configuration: rows that hold come first."""

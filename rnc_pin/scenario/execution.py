@@ -12,7 +12,7 @@ import numpy as np
 import yaml
 
 from rnc_pin.control.controller import State
-from rnc_pin.control.whole_body import InverseDynamicsQP, InverseDynamicsState
+from rnc_pin.control.whole_body.whole_body_program import report_within
 from rnc_pin.errors import ConfigurationError, RncError, SingularityError
 from rnc_pin.io.json import Json, dump_json
 from rnc_pin.scenario.builder import Experiment, build_experiment, off_tracking
@@ -264,11 +264,9 @@ def _compared(summary: Summary) -> Compared:
 
 
 def _gave_way(experiment: Experiment, state: State) -> dict[str, float]:
-    """Largest amounts by which limits of a program in inputs gave way, by name."""
-    controller: object = experiment.controller
-    if not isinstance(controller, InverseDynamicsQP) or not isinstance(state, InverseDynamicsState):
-        return {}
-    return dict(controller.report(state).worst)
+    """Largest amounts by which limits of a whole-body program gave way, by name."""
+    report = report_within(experiment.controller, state)
+    return {} if report is None else dict(report.worst)
 
 
 def _simulate(plan: Plan, experiment: Experiment, observer: Observer) -> tuple[Trajectory, RncError | None]:

@@ -219,3 +219,50 @@ def test_it_resumes_to_the_bit_and_its_target_may_start_at_the_measured_state(tm
     assert run(loop, q, range(20, 40))[1] == pytest.approx(run(twin, q, range(20, 40))[1], abs=1e-12)
     loop.reset()
     assert not loop.command.v.any()
+
+
+def test_a_program_on_tiago_keeps_the_limits_of_the_file():
+    """Positions, velocities and rolling by Pinocchio, at the samples that the commands lead to.
+
+    Accelerations give way to the distance that joints need to stop: by the amounts that the program reports.
+    """
+    reduced = systems.tiago()
+    robot, model = reduced.robot, reduced.robot.model
+    q = robot.configuration({"torso_lift_joint": 0.2, "arm_1_joint": 0.5, "arm_2_joint": -0.5, "arm_4_joint": 1.5})
+    hand = robot.frame_id("arm_7_link")
+    start = reduced.at(q).position.placement(hand).translation
+    goal = np.add(start, [0.6, 0.3, 0.4])
+    program = rnc.control.VelocityQP(
+        reduced,
+        [rnc.control.tasks.OutputTask(rnc.FramePosition("arm_7_link"), rnc.planning.Hold(goal), gain=4.0)],
+        [
+            rnc.control.limits.JointPositionLimit(),
+            rnc.control.limits.JointVelocityLimit(),
+            rnc.control.limits.AccelerationLimit(1.0),
+        ],
+        dt=DT,
+    )
+    loop = rnc.VelocityLoop(reduced, program, DT, velocity="commanded")
+    limited = np.flatnonzero(model.upperVelocityLimit < 1e3)
+    joints = [joint for joint in list(model.joints)[1:] if joint.nq == joint.nv]
+    entries = [joint.idx_q for joint in joints]
+    seen, last, gave_way, most = set(), np.zeros(reduced.r), 0.0, 0.0
+    for sample in range(200):
+        command = loop.step(DT * sample, q)
+        report = program.report(loop.state.controller)
+        seen |= set(report.active)
+        assert (np.abs(command.v)[limited] <= model.upperVelocityLimit[limited] + 1e-9).all()
+        v2 = reduced.at(q, v=command.v).v2
+        now = max((amount for name, amount in report.exceeded.items() if "acceleration" in name), default=0.0)
+        assert np.abs(v2 - last).max() <= 1.0 * DT + 0.5 * (gave_way + now) + 1e-6  # of the means of two samples
+        last, gave_way, most = v2, now, max(most, now)
+        q = pin.integrate(model, q, DT * command.v)
+        assert np.abs(reduced.at(q, v=command.v).residual).max() < 1e-12
+        beyond = np.maximum(model.lowerPositionLimit - q, q - model.upperPositionLimit)[entries]
+        assert beyond.max() <= 0.0
+    assert loop.state.fault is None
+    assert np.abs(reduced.at(q).position.placement(hand).translation - goal).max() < 0.01
+    assert most == pytest.approx(max(report.worst.values()))
+    assert most > 0.1
+    for kind in ("position", "velocity", "acceleration"):
+        assert [name for name in seen if name.endswith(kind)]

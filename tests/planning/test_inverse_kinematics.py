@@ -43,6 +43,26 @@ def test_a_two_link_arm_bends_as_the_law_of_cosines_says():
         assert not result.q.flags.writeable
 
 
+def test_no_joint_makes_a_full_turn_from_the_start():
+    reduced = arm()
+    q0 = reduced.robot.configuration({"joint_1": 20.0, "joint_2": -7.0})
+    far = rnc.solve_ik(reduced, q0, {rnc.FramePosition("tip", "xy"): [9.0, 1.0]})
+    near = rnc.solve_ik(reduced, q0, {rnc.FramePosition("tip", "xy"): shape_of(reduced)[0] + [0.3, 0.9]})
+    for result in (far, near):
+        assert np.abs(result.q - q0).max() <= np.pi
+    assert near.converged
+    meant = rnc.solve_ik(reduced, q0, {rnc.JointPosition("joint_1"): 30.0})  # here the turns are the target
+    assert meant.q[0] == pytest.approx(30.0)
+
+
+def test_a_result_prints_what_is_missing():
+    reduced = arm()
+    text = str(rnc.solve_ik(reduced, reduced.robot.configuration(), {rnc.FramePosition("tip", "xy"): [9.0, 1.0]}))
+    assert text.startswith("no solution found, the nearest, after 20 starts")
+    assert "not reached: tip" in text
+    assert "at a limit" not in text
+
+
 def test_a_target_out_of_reach_is_reported_with_its_distance():
     reduced = arm()
     shoulder, first, second = shape_of(reduced)

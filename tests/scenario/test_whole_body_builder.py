@@ -182,16 +182,17 @@ def test_preflight_warns_of_a_lower_goal_that_is_given_up(tmp_path):
     assert "task 0 (ball_x) of priority 1 gives its goal up: error 0.3" in warning
 
 
-def test_limits_that_gave_way_are_in_the_summary(tmp_path):
+@pytest.mark.parametrize("program", PROGRAMS, ids=["qp", "inverse_dynamics"])
+def test_limits_that_gave_way_are_in_the_summary(tmp_path, program):
     """An obstacle of up to 7 m/s reaches a ball that may move at 1.5 m/s."""
     thrown = {"name": "stone", "radius": 0.2, "position": [1.5, 0, 0]}
     thrown["motion"] = {"minimum_jerk": {"by": [-3, 0, 0, 0], "duration": 0.8}}
     changes = {"obstacles": [{"sphere": thrown}], "simulation": {"duration": 0.8, "dt": 0.02}}
-    prepared = plan(point(tmp_path, controller={"type": "inverse_dynamics"}, **changes))
+    prepared = plan(point(tmp_path, controller=program, **changes))
     assert "passes through obstacle 'stone'" in prepared.experiment.warnings[0]
     gave_way = execute(prepared).summary["limits_gave_way"]
     assert [name for name in gave_way if name.endswith("stone distance") and gave_way[name] > 1.0]
-    calm = execute(plan(point(tmp_path, controller={"type": "inverse_dynamics"}, **{**changes, "obstacles": []})))
+    calm = execute(plan(point(tmp_path, controller=program, **{**changes, "obstacles": []})))
     assert "limits_gave_way" not in calm.summary
 
 

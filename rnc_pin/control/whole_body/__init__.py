@@ -3,7 +3,8 @@
 from rnc_pin.control.whole_body import limits, tasks
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.inverse_dynamics_qp import InputSolution, InverseDynamicsQP, InverseDynamicsState
-from rnc_pin.control.whole_body.velocity_qp import LimitReport, ProgramSolution, ProgramState, VelocityQP
+from rnc_pin.control.whole_body.velocity_qp import ProgramSolution, ProgramState, VelocityQP
+from rnc_pin.control.whole_body.whole_body_program import LimitReport, WholeBodyProgram
 
 __all__ = [
     "ControlSample",
@@ -14,6 +15,7 @@ __all__ = [
     "ProgramSolution",
     "ProgramState",
     "VelocityQP",
+    "WholeBodyProgram",
     "limits",
     "tasks",
 ]

@@ -12,19 +12,16 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Description, elapsed_time, listed
 from rnc_pin.control.whole_body.contact_cones import ContactBounds, ContactCones
 from rnc_pin.control.whole_body.control_sample import ControlSample
-from rnc_pin.control.whole_body.desired_outputs import DesiredOutputs
-from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
-from rnc_pin.control.whole_body.limit_stack import LimitStack, ProgramBounds
+from rnc_pin.control.whole_body.limit_stack import ProgramBounds
 from rnc_pin.control.whole_body.limits.control_limit import ControlLimit
-from rnc_pin.control.whole_body.task_hierarchy import RelaxedSolution, TaskLevel, TaskStack, solve_within
+from rnc_pin.control.whole_body.task_hierarchy import RelaxedSolution, TaskLevel, solve_within
 from rnc_pin.control.whole_body.tasks.control_task import ControlTask
-from rnc_pin.control.whole_body.velocity_qp import LimitReport, describe_settings, limit_report
-from rnc_pin.errors import ConfigurationError, InputError
+from rnc_pin.control.whole_body.whole_body_program import WholeBodyProgram
+from rnc_pin.errors import ConfigurationError
 from rnc_pin.integrators import LieRungeKutta4
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.printing import ReprMixin
 
 _CORRECTIONS = 4  # of the velocity at the end of a sample, each smaller by a factor of order dt
 _BEYOND = 1e-9  # excess over a limit of motion that is rounding
@@ -53,7 +50,7 @@ class InputSolution(NamedTuple):
     excess: Float[Array, " k"]
 
 
-class InverseDynamicsQP(ReprMixin):
+class InverseDynamicsQP(WholeBodyProgram):
     """Model-based controller within limits: tasks as least squares, limits as inequalities, in the inputs T.
 
     The dynamics ``H v2dot + V v2 + G = R^T B T`` give the velocity at the end of a sample as an affine function of T.
@@ -107,45 +104,28 @@ class InverseDynamicsQP(ReprMixin):
         for name, value in (("dt", dt), ("velocity_gain", velocity_gain), ("friction", friction)):
             if value is not None and not 0 < value < np.inf:
                 raise ConfigurationError(f"{name} of an inverse-dynamics controller has to be positive, found {value}")
-        self.tasks, self.limits, self.dt = tuple(tasks), tuple(limits), dt
-        self.velocity_gain, self.friction = velocity_gain, friction
-        self._reduced = reduced
-        self._solver = LeastDistanceSolver(solver)
-        self._tasks, self._limits = TaskStack(self.tasks, reduced), LimitStack(self.limits, reduced)
+        self.dt, self.velocity_gain, self.friction = dt, velocity_gain, friction
+        super().__init__(reduced, tasks, limits, solver)
         self._contacts, self._integrator = ContactCones(reduced, friction), LieRungeKutta4(reduced.robot)
-        self._desired = DesiredOutputs(self._tasks.bound, reduced)
         efforts = reduced.actuation.limits
         self._limited = np.flatnonzero(np.isfinite(efforts))
         self._efforts = efforts[self._limited]
-        self.limit_names: tuple[str, ...] = (
+        self.limit_names = (
             *self._limits.names,
             *(f"{reduced.actuation.names[i]} effort" for i in self._limited),
             *self._contacts.names,
         )
-        """Names of the limits' rows, in the order of ``InverseDynamicsState.excess``."""
         stops = np.cumsum([len(self._limits.names), len(self._limited), len(self._contacts.names)])
         self._forces = [np.arange(stops[0], stops[1]), np.arange(stops[1], stops[2])]
 
     def describe(self) -> Description:
         """Return the settings of tasks and limits."""
-        return {
-            "type": type(self).__name__,
-            "tasks": [describe_settings(each) for each in self.tasks],
-            "limits": [describe_settings(each) for each in self.limits],
-            "dt": self.dt,
-            "velocity_gain": listed(self.velocity_gain),
-            "friction": self.friction,
-            "solver": self._solver.name,
-        }
+        return self._describe(dt=self.dt, velocity_gain=listed(self.velocity_gain), friction=self.friction)
 
     def initial_state(self, measurement: Measurement) -> InverseDynamicsState:
         """Return the state before the first sample."""
         k = len(self.limit_names)
-        if np.shape(measurement.v2) != (self._reduced.r,):
-            raise InputError(
-                f"a whole-body controller takes one state: v2 has shape {np.shape(measurement.v2)}, expected "
-                f"({self._reduced.r},)"
-            )
+        self._check_velocity(measurement.v2)
         return InverseDynamicsState(None, np.zeros((self._tasks.levels + 1, k)), np.zeros(k), np.zeros(k))
 
     def step(
@@ -158,9 +138,7 @@ class InverseDynamicsQP(ReprMixin):
             SingularityError: the reducing outputs do not parametrise the motion at the configuration.
         """
         elapsed_time(t, state.time)
-        if measurement.q is None:
-            raise InputError("a whole-body controller reads the configuration: the measurement has no q")
-        found = self.solve(t, measurement.q, measurement.v2, state.multipliers)
+        found = self.solve(t, self._configuration(measurement), measurement.v2, state.multipliers)
         x1, x2 = self._desired.at(t)
         worst = np.maximum(state.worst_excess, found.excess)
         command = Command(T=found.T, v2_desired=found.v2, x1_desired=x1, x2_desired=x2)
@@ -244,7 +222,3 @@ class InverseDynamicsQP(ReprMixin):
             np.concatenate([motion.places, *self._forces]),
             len(self.limit_names),
         )
-
-    def report(self, state: InverseDynamicsState) -> LimitReport:
-        """Return the limits that are active, and those that gave way."""
-        return limit_report(self.limit_names, state.multipliers, state.excess, state.worst_excess)

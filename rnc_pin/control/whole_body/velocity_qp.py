@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import fields, is_dataclass
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,17 +13,13 @@ from rnc_pin.analysis.limit_effects import LimitEffect
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Description, VelocityTarget, elapsed_time
 from rnc_pin.control.whole_body.control_sample import ControlSample
-from rnc_pin.control.whole_body.desired_outputs import DesiredOutputs
-from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
-from rnc_pin.control.whole_body.limit_stack import LimitStack
 from rnc_pin.control.whole_body.limits.control_limit import ControlLimit
-from rnc_pin.control.whole_body.task_hierarchy import TaskStack, solve_cascade, solve_within
+from rnc_pin.control.whole_body.task_hierarchy import solve_cascade, solve_within
 from rnc_pin.control.whole_body.tasks.control_task import ControlTask
+from rnc_pin.control.whole_body.whole_body_program import WholeBodyProgram, limit_report
 from rnc_pin.errors import ConfigurationError, InputError
-from rnc_pin.io.json import Json
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.printing import ReprMixin
 
 
 class ProgramState(NamedTuple):
@@ -55,24 +50,14 @@ class ProgramSolution(NamedTuple):
     excess: Float[Array, " k"]
 
 
-class LimitReport(NamedTuple):
-    """Effect of the limits at a sample."""
-
-    active: tuple[str, ...]
-    """Limits that change the motion."""
-    exceeded: Mapping[str, float]
-    """Limits that gave way, with the amounts, because they excluded each other."""
-    worst: Mapping[str, float]
-    """The same since the start, with the largest amounts."""
-
-
-class VelocityQP(ReprMixin):
+class VelocityQP(WholeBodyProgram):
     """Kinematic controller within limits: tasks as least squares, limits as inequalities, in ``v = R v2 + b``.
 
     The program has only the r reduced velocities as unknowns. So rolling, closed loops and momentum hold exactly. At
     each sample it decides the velocity at the sample's end, at the predicted configuration there. Until then the
     commanded velocity changes linearly: ``v2_dot`` is exactly its rate, and the next sample starts where this one ends.
-    A sample that takes longer than planned holds the velocity of its planned end.
+    A sample that takes longer than planned holds the velocity of its planned end. A robot that holds a command over
+    the sample, as under ``VelocityLoop``, gets the mean of both ends (``v2_held``): it moves as far, within the limits.
 
     If limits exclude each other, they give way in this order: soft limits of the largest ``priority`` first, then those
     of smaller ``priority``, each group by the least sum of squares. Hard limits (positions and velocities of joints)
@@ -119,34 +104,18 @@ class VelocityQP(ReprMixin):
             raise ConfigurationError(f"dt of a whole-body controller has to be positive, found {dt}")
         if not 0 <= damping < np.inf:
             raise ConfigurationError(f"damping of a whole-body controller cannot be negative, found {damping}")
-        self.tasks, self.limits, self.dt, self.damping = tuple(tasks), tuple(limits), dt, damping
-        self._reduced = reduced
-        self._solver = LeastDistanceSolver(solver)
-        self._tasks, self._limits = TaskStack(self.tasks, reduced), LimitStack(self.limits, reduced)
-        self._desired = DesiredOutputs(self._tasks.bound, reduced)
-
-    @property
-    def limit_names(self) -> tuple[str, ...]:
-        """Names of the limits' rows, in the order of ``ProgramState.excess``."""
-        return self._limits.names
+        self.dt, self.damping = dt, damping
+        super().__init__(reduced, tasks, limits, solver)
 
     def describe(self) -> Description:
         """Return the settings of tasks and limits."""
-        return {
-            "type": type(self).__name__,
-            "tasks": [describe_settings(each) for each in self.tasks],
-            "limits": [describe_settings(each) for each in self.limits],
-            "dt": self.dt,
-            "damping": self.damping,
-            "solver": self._solver.name,
-        }
+        return self._describe(dt=self.dt, damping=self.damping)
 
     def initial_state(self, measurement: Measurement) -> ProgramState:
         """Return the state before the first sample: the measured reduced velocity."""
         r, k = self._reduced.r, len(self.limit_names)
         v2 = np.zeros(r) if measurement.v2 is None else np.array(measurement.v2, dtype=float)
-        if v2.shape != (r,):
-            raise InputError(f"a whole-body controller takes one state: v2 has shape {v2.shape}, expected ({r},)")
+        self._check_velocity(v2)
         levels = max(self._tasks.levels, 1)
         return ProgramState(None, 0.0, v2, np.zeros(r), np.zeros((levels, k)), np.zeros(k), np.zeros(k))
 
@@ -157,8 +126,7 @@ class VelocityQP(ReprMixin):
             InputError: time runs backwards, or the measurement has no configuration.
             SingularityError: the reducing outputs do not parametrise the motion at the configuration.
         """
-        if measurement.q is None:
-            raise InputError("a whole-body controller reads the configuration: the measurement has no q")
+        q = self._configuration(measurement)
         elapsed = elapsed_time(t, state.time)
         v2 = state.v2 + min(elapsed, state.interval) * state.v2_dot
         dt = self.dt or elapsed or state.interval
@@ -166,12 +134,12 @@ class VelocityQP(ReprMixin):
         if not dt:  # the first sample: no interval is known
             still = state._replace(time=t)
             return VelocityTarget(v2, np.zeros_like(v2), x1, x2), still
-        sample = ControlSample(self._reduced, t, measurement.q, v2, dt)
+        sample = ControlSample(self._reduced, t, q, v2, dt)
         solution = self.solve(sample, state.multipliers)
         v2_dot = (solution.v2 - v2) / dt
         worst = np.maximum(state.worst_excess, solution.excess)
         next_state = ProgramState(t, dt, v2, v2_dot, solution.multipliers, solution.excess, worst)
-        return VelocityTarget(v2, v2_dot, x1, x2), next_state
+        return VelocityTarget(v2, v2_dot, x1, x2, v2_held=v2 + 0.5 * dt * v2_dot), next_state
 
     def solve(self, sample: ControlSample, multipliers: Array | None = None) -> ProgramSolution:
         """Solve the program of one sample.
@@ -208,39 +176,3 @@ class VelocityQP(ReprMixin):
         error = dict(zip(self._tasks.names, errors.tolist(), strict=True))
         rank = int(np.linalg.matrix_rank(bounds.rows[active])) if active.any() else 0
         return LimitEffect(t, report.active, report.exceeded, self._reduced.r - rank, error)
-
-    def report(self, state: ProgramState) -> LimitReport:
-        """Return the limits that are active, and those that gave way."""
-        return limit_report(self.limit_names, state.multipliers, state.excess, state.worst_excess)
-
-
-def limit_report(names: Sequence[str], multipliers: Array, excess: Array, worst: Array) -> LimitReport:
-    """Return the effect of limits, from their multipliers (levels, k) and their excess (k,)."""
-    active = np.any(multipliers, axis=0).tolist()
-    return LimitReport(
-        tuple(name for name, flag in zip(names, active, strict=True) if flag),
-        _nonzero(names, excess),
-        _nonzero(names, worst),
-    )
-
-
-def _nonzero(names: Sequence[str], values: Array) -> dict[str, float]:
-    return {name: float(value) for name, value in zip(names, values, strict=True) if value}
-
-
-def describe_settings(description: object) -> Json:
-    """Settings of a task or a limit for the record: numbers and text as they are, other objects by name."""
-    if not is_dataclass(description):
-        return type(description).__name__
-    found: dict[str, Json] = {"type": type(description).__name__}
-    for each in fields(description):
-        value = getattr(description, each.name)
-        if isinstance(value, list | tuple) and any(is_dataclass(item) for item in value):
-            found[each.name] = [str(getattr(item, "name", repr(item))) for item in value]
-        elif isinstance(value, np.ndarray | list | tuple):
-            found[each.name] = np.asarray(value).tolist()
-        elif value is None or isinstance(value, bool | int | float | str):
-            found[each.name] = value
-        else:
-            found[each.name] = repr(value) if is_dataclass(value) else type(value).__name__
-    return found

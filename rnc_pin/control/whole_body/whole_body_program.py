@@ -1,0 +1,138 @@
+"""Common part of the whole-body programs: tasks, limits, solver, description and report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Float
+from rnc_pin.control.controller import Description
+from rnc_pin.control.whole_body.desired_outputs import DesiredOutputs
+from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
+from rnc_pin.control.whole_body.limit_stack import LimitStack
+from rnc_pin.control.whole_body.limits.control_limit import ControlLimit
+from rnc_pin.control.whole_body.task_hierarchy import TaskStack
+from rnc_pin.control.whole_body.tasks.control_task import ControlTask
+from rnc_pin.errors import InputError
+from rnc_pin.io.json import Json
+from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.printing import ReprMixin
+
+
+class LimitReport(NamedTuple):
+    """Effect of the limits at a sample."""
+
+    active: tuple[str, ...]
+    """Limits that change the motion."""
+    exceeded: Mapping[str, float]
+    """Limits that gave way, with the amounts, because they excluded each other."""
+    worst: Mapping[str, float]
+    """The same since the start, with the largest amounts."""
+
+
+class LimitedState(Protocol):
+    """Part of a program's state that ``report`` reads."""
+
+    @property
+    def multipliers(self) -> Float[Array, "levels k"]: ...
+    @property
+    def excess(self) -> Float[Array, " k"]: ...
+    @property
+    def worst_excess(self) -> Float[Array, " k"]: ...
+
+
+class WholeBodyProgram(ReprMixin):
+    """Tasks as least squares and limits as inequalities, for one model.
+
+    Args:
+        reduced: the model.
+        tasks, limits: the tasks and limits.
+        solver: "daqp", or another solver of qpsolvers by name.
+    """
+
+    def __init__(
+        self, reduced: ReducedModel, tasks: Sequence[ControlTask], limits: Sequence[ControlLimit], solver: str
+    ) -> None:
+        self.tasks, self.limits = tuple(tasks), tuple(limits)
+        self._reduced = reduced
+        self._solver = LeastDistanceSolver(solver)
+        self._tasks, self._limits = TaskStack(self.tasks, reduced), LimitStack(self.limits, reduced)
+        self._desired = DesiredOutputs(self._tasks.bound, reduced)
+        self.limit_names: tuple[str, ...] = self._limits.names
+        """Names of the limits' rows, in the order of ``excess`` of the state."""
+
+    def _describe(self, **settings: Json) -> Description:
+        """Description with the tasks and limits, then these settings, then the solver."""
+        return {
+            "type": type(self).__name__,
+            "tasks": [_describe_item(each) for each in self.tasks],
+            "limits": [_describe_item(each) for each in self.limits],
+            **settings,
+            "solver": self._solver.name,
+        }
+
+    def _configuration(self, measurement: Measurement) -> Float[Array, " nq"]:
+        if measurement.q is None:
+            raise InputError("a whole-body controller reads the configuration: the measurement has no q")
+        return measurement.q
+
+    def _check_velocity(self, v2: Any) -> None:
+        if np.shape(v2) != (self._reduced.r,):
+            raise InputError(
+                f"a whole-body controller takes one state: v2 has shape {np.shape(v2)}, expected ({self._reduced.r},)"
+            )
+
+    def report(self, state: LimitedState) -> LimitReport:
+        """Return the limits that are active, and those that gave way."""
+        return limit_report(self.limit_names, state.multipliers, state.excess, state.worst_excess)
+
+
+def report_within(controller: object, state: Any) -> LimitReport | None:
+    """Return the report of the program that a controller is or contains as its ``target``; None without one.
+
+    Args:
+        controller: a controller.
+        state: its state.
+    """
+    while not isinstance(controller, WholeBodyProgram):
+        if controller is None:
+            return None
+        controller, state = getattr(controller, "target", None), getattr(state, "target", state)
+    return controller.report(state) if hasattr(state, "worst_excess") else None
+
+
+def limit_report(names: Sequence[str], multipliers: Array, excess: Array, worst: Array) -> LimitReport:
+    """Return the effect of limits, from their multipliers (levels, k) and their excess (k,)."""
+    active = np.any(multipliers, axis=0).tolist()
+    return LimitReport(
+        tuple(name for name, flag in zip(names, active, strict=True) if flag),
+        _nonzero(names, excess),
+        _nonzero(names, worst),
+    )
+
+
+def _nonzero(names: Sequence[str], values: Array) -> dict[str, float]:
+    return {name: float(value) for name, value in zip(names, values, strict=True) if value}
+
+
+def _describe_item(description: object) -> Json:
+    """Settings of a task or a limit for the record: numbers and text as they are, other objects by name."""
+    if not is_dataclass(description):
+        return type(description).__name__
+    found: dict[str, Json] = {"type": type(description).__name__}
+    for each in fields(description):
+        value = getattr(description, each.name)
+        if isinstance(value, list | tuple) and any(is_dataclass(item) for item in value):
+            found[each.name] = [str(getattr(item, "name", repr(item))) for item in value]
+        elif isinstance(value, np.ndarray | list | tuple):
+            found[each.name] = np.asarray(value).tolist()
+        elif value is None or isinstance(value, bool | int | float | str):
+            found[each.name] = value
+        else:
+            found[each.name] = repr(value) if is_dataclass(value) else type(value).__name__
+    return found
