@@ -286,15 +286,6 @@ def test_a_loop_that_a_motor_holds_has_to_be_closed(gap, closed):
     assert str(told.value).endswith(f"(coupler_tip, rocker_tip) is left {found:.3g} from zero")
 
 
-def test_two_motors_on_one_hinge_share_its_load():
-    """In proportion to their gears; a hinge without one hangs."""
-    reduced = hanging_chain(np.array([[0.0, 0.0], [1.0, 2.0]]), 2)
-    found = rnc.equilibrium(reduced, [0.2, 1.0])
-    needed = G * 0.5 * np.sin(found.q.sum())
-    assert 1.5 * np.sin(found.q[0]) + 0.5 * np.sin(found.q.sum()) == pytest.approx(0, abs=1e-9)
-    np.testing.assert_allclose(found.T, [0.2 * needed, 0.4 * needed], rtol=1e-8)
-
-
 @pytest.mark.parametrize(("gear", "holds"), [(1e-8, True), (1e-12, False)])
 def test_a_motor_without_strength_is_none(gear, holds):
     reduced = hanging_chain(np.diag([1.0, gear]), 2)

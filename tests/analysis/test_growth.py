@@ -9,7 +9,7 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.analysis import growth, growth_vector
 from rnc_pin.analysis.frame_bracket import frame_bracket
-from rnc_pin.analysis.growth import MARGIN, _rest, generic_growth, grow
+from rnc_pin.analysis.growth import MARGIN, generic_growth, grow
 from systems import (
     fire_truck,
     free_flying_panda,
@@ -87,16 +87,6 @@ def test_a_joint_whose_bracket_is_not_known_is_named():
     model = pin.Model()
     model.addJoint(0, single, pin.SE3.Identity(), "single")
     assert frame_bracket(model)(np.ones(1), np.ones(1)).tolist() == [0.0]
-
-
-def test_what_leads_out_is_square_to_the_basis():
-    """To rounding, however little it is."""
-    generator = np.random.default_rng(1)
-    basis, _ = np.linalg.qr(generator.normal(size=(6, 3)))
-    out = np.linalg.qr(np.column_stack([basis, generator.normal(size=6)]))[0][:, 3]
-    rest = _rest(basis, 7.0 * (basis @ [[0.6], [-0.8], [0.0]]) + 7e-8 * out[:, None])
-    assert np.linalg.norm(rest) == pytest.approx(7e-8, rel=1e-6)
-    assert np.abs(basis.T @ rest).max() < 1e-22
 
 
 # ---------------------------------------------------------------------- what counts

@@ -169,20 +169,6 @@ def two_upright_wheels():
     return system.reduce([rnc.FrameSpeed("body"), rnc.FrameYaw("body")])
 
 
-def bead(curve_slope):
-    """A bead on a wire y = f(x) in the plane: ``dy = f'(x) dx``, which is df."""
-    model = pin.Model()
-    model.name = "bead"
-    first = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "x")
-    second = model.addJoint(first, pin.JointModelPY(), pin.SE3.Identity(), "y")
-    model.appendBodyToJoint(second, pin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
-    slope, curvature = curve_slope
-    wire = rnc.Pfaffian(
-        lambda q: np.array([[-slope(q[0]), 1.0]]), lambda q, v: np.array([[-curvature(q[0]) * v[0], 0.0]]), ["wire"]
-    )
-    return rnc.NonholonomicSystem(rnc.Robot(model), [wire], ["x"]).reduce([rnc.JointPosition("x")])
-
-
 def three_sliders(rows, rows_dot, names):
     """Three prismatic joints with rows of one's own, coordinates (x, y, z)."""
     model = pin.Model()
@@ -222,14 +208,6 @@ def test_the_difference_of_two_wheels_is_the_heading():
     for q, _ in random_states(reduced, 4, seed=14):
         row = c @ reduced.at(q).E[: reduced.m]
         assert np.abs(row / row[2] - np.array([0, 0, 0.6, 0.1, -0.1]) / 0.6).max() < ROUNDING
-
-
-def test_a_bead_on_a_rail_is_integrable():
-    for curve in ((np.cos, lambda x: -np.sin(x)), (lambda x: 0.5, lambda x: 0.0)):
-        found = sorted_rows(bead(curve))
-        assert found.growth_vector == (1,)
-        assert found.integrable == ("wire",)
-        assert [str(each) for each in found.combinations] == ["wire"]
 
 
 def test_a_single_row_is_integrable_exactly_if_frobenius_says_so():

@@ -102,14 +102,6 @@ def test_rate_free_form_is_the_papers_laws_with_rates():
     np.testing.assert_allclose(command.F, F, rtol=5e-3, atol=5e-3)
 
 
-def test_scaled_gains_hold_at_a_coarse_sampling_period():
-    (reduced, q0, x2), dt = in_joints(), 0.01
-    gains = PositionGains.scaled(reduced.at(q0).H[None], dt, rate=2.0, gamma=8.0)
-    goal = MinimumJerk(x2, x2 + np.array([0.4, -0.5, 0.3]), 3.0)
-    run = rnc.simulate(reduced, PositionTracker(goal, gains), q0, 5.0, dt)
-    assert max(rnc.summarize(run)["final_error"].values()) < 0.01
-
-
 # ---------------------------------------------------------------------- section 4.1
 
 

@@ -276,7 +276,7 @@ def off(pose):
 SPECIAL = [(0, 1, 0), (0, 0, 3.1), (1, 0, np.pi), (-1, 0, 1.5707), (-2, 1e-9, np.pi), (0, 1e-9, 1.5707), (0, 0.01, 0)]
 
 
-@pytest.mark.parametrize("start", [*SPECIAL, *np.random.default_rng(1).uniform(-3, 3, (8, 3))])
+@pytest.mark.parametrize("start", [*SPECIAL, *np.random.default_rng(1).uniform(-3, 3, (3, 3))])
 def test_a_unicycle_arrives_in_x_y_and_heading_from_anywhere(start):
     """Abeam, turned round, on the spot: and never faster than its limits, wherever it is."""
     stabilizer = UnicycleStabilizer(GOAL, np.array([0, 1]), max_speed=(0.8, 0.6))

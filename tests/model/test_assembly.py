@@ -1,16 +1,12 @@
 """Assembly of configurations, step by step: gaps of which every iterate is known."""
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
 from rnc_pin.model.assembly import Assembly, _out_of_reach
 from rnc_pin.model.independence import ROUNDING
 from rnc_pin.model.kinematics import Kinematics
-from systems import (
-    four_bar_robot,
-)
 from textbook_systems import Flat, coupling, sliders
 
 ROBOT = sliders(masses=(1.0, 1.0, 1.0), chain=False)
@@ -115,35 +111,6 @@ def test_residuals_of_many_states_stand_one_under_the_other():
     np.testing.assert_array_equal(assembly.jacobian(at), [[1.0, 0, 0], [0, -2.0, 1.0], [0, 0, 1.0]])
     name, size = assembly.worst(np.array([1.5, 0.0, -4.0]))
     assert (name, size) == ("e", -5.0)
-
-
-def test_a_coupling_that_a_rounded_row_implies_is_met_to_its_rounding():
-    """The same ratio twice, once as a row for rates in fewer digits: of the two the first is kept."""
-    robot = rnc.Robot(four_bar_robot().model)
-    row = np.zeros((1, robot.nv))
-    row[0, :2] = -2.0000002, 1.0
-    rates = rnc.Pfaffian(lambda q: row, lambda q, v: 0 * row, ["ratio"])
-    couplings = [rnc.JointCoupling("coupler", "crank", 2.0), rnc.JointCoupling("rocker", "crank", 1.5)]
-    with pytest.warns(rnc.ModelWarning, match="except for rounding"):
-        system = rnc.NonholonomicSystem(robot, [rates, *couplings])
-    (dropped,) = system.dropped_rows
-    assert dropped.name == "coupling(coupler, crank)"
-    assert 0 < dropped.rounding < 1e-6
-    assert system.assembly.following == ("coupling(coupler, crank)",)
-
-
-def test_joints_that_turn_without_end_have_no_place_to_be_coupled_at():
-    """A third of a full turn has a value only up to 120 degrees: rates are coupled, nothing is assembled."""
-    model = pin.Model()
-    for name in ("a", "b"):
-        joint = model.addJoint(0, pin.JointModelRUBZ(), pin.SE3.Identity(), name)
-        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
-    robot = rnc.Robot(model)
-    reduced = rnc.NonholonomicSystem(robot, [rnc.JointCoupling("a", "b", 0.3217)]).reduce()
-    assert not reduced.constraints.holonomic[0]
-    q = robot.configuration({"a": 1.0, "b": -2.0})
-    assert reduced.all_constraints.places[0].block.residual(Kinematics(robot).position(q)).tolist() == [0.0]
-    np.testing.assert_allclose(reduced.at(q, [1.0]).v / reduced.at(q, [1.0]).v[1], [0.3217, 1.0])
 
 
 def test_a_loop_is_out_of_reach_where_most_tries_end_equally_far():

@@ -136,9 +136,8 @@ def test_a_record_does_not_jump_at_a_half_turn():
     np.testing.assert_allclose(smooth, wrapped[0] + (angles - angles[0])[:, None] * axis, atol=1e-9)
 
 
-@pytest.mark.parametrize("turn", [[0.0, 0.0, 2.9], [1.2, -1.6, 1.1]])
-def test_class_1_takes_a_large_error_the_short_way(turn):
-    reduced, turn = reaction_wheels(), np.array(turn)
+def test_class_1_takes_a_large_error_the_short_way():
+    reduced, turn = reaction_wheels(), np.array([1.2, -1.6, 1.1])
     task = rnc.Task.of(reduced, ["antenna"], ["wheel_x", "wheel_y", "wheel_z"])
     start = 1.4 * turn / np.linalg.norm(turn)
     goal = ROTATION.moved(start, turn)

@@ -11,7 +11,7 @@ from rnc_pin.planning import (
     CarPath,
     car_planner,
 )
-from rnc_pin.planning.car_planner import _ahead, _behind, _joined, _moves, plan_legs
+from rnc_pin.planning.car_planner import _moves, plan_legs
 from rnc_pin.planning.leg import Leg, best_legs
 
 
@@ -92,30 +92,6 @@ def test_a_plan_that_is_not_found_says_what_was_asked_and_what_may_help(monkeypa
     start, goal = np.array([1.2345, -2.0, np.deg2rad(40.2)]), np.array([1.5, 0.34567, np.deg2rad(219.7)])
     with pytest.raises(rnc.InfeasibleError, match=f"^{re.escape(words)}$"):
         plan_legs(start, goal, 1.23456, forward_only)
-
-
-def test_moves_lead_to_a_pose_and_away_from_it():
-    """One and the same move from a pose and back from where it leads."""
-    pose, moves = np.array([1.0, -2.0, 0.7]), _moves(False)[:9] * [2.0, 2.0, 1.0]
-    after = _ahead(pose, moves)
-    c, s = np.cos(0.7), np.sin(0.7)
-    np.testing.assert_allclose(after[:, :2], pose[:2] + moves[:, :2] @ [[c, s], [-s, c]], atol=1e-12)
-    np.testing.assert_allclose(after[:, 2], 0.7 + moves[:, 2], atol=1e-12)
-    for move, there in zip(moves, after, strict=True):
-        np.testing.assert_allclose(_behind(there, move[None]), pose[None], atol=1e-12)
-
-
-def test_of_several_ways_the_cheapest_is_joined():
-    start, goal = np.zeros(3), np.array([8.0, 0.0, 0.0])
-    between = np.array([[4.0, 1.0, 0.0], [4.0, 0.0, 0.0], [4.0, -2.0, 0.0]])
-    cost, legs = _joined(start, between, goal, radius=1.0, forward_only=True)
-    assert cost == pytest.approx(8.0)
-    assert [leg.goal.tolist() for leg in legs] == [[4.0, 0.0, 0.0], [8.0, 0.0, 0.0]]
-    many = np.column_stack([np.full(90, 4.0), np.linspace(-3.0, 1.45, 90), np.zeros(90)])
-    cost, legs = _joined(start, many, goal, radius=1.0, forward_only=True)
-    assert abs(legs[0].goal[1]) == np.abs(many[:, 1]).min()
-    assert cost < 8.01
-    assert _joined(start, between * [-1, 1, 1], goal, radius=1.0, forward_only=True) is None
 
 
 def test_the_same_pose_is_refused_and_one_beside_it_is_not():

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-import rnc_pin as rnc
 from polynomials import powers
 from rnc_pin.errors import InputError
 from rnc_pin.math.coordinates import Coordinates
@@ -50,29 +49,6 @@ def test_via_points_are_joined_by_the_quintic_spline():
         for order, part in enumerate(reference.at(t)):
             expected = powers([t - knots[piece]], order)[0] @ pieces[piece]
             np.testing.assert_allclose(part, expected, rtol=1e-8, atol=1e-7)
-
-
-def test_a_harmonic_has_no_phase_and_a_ramp_of_a_second_unless_told():
-    plain, told = Harmonic([0.2, 0.1], 0.7, [0.3, 0.9]), Harmonic([0.2, 0.1], [0.7] * 2, [0.3, 0.9], [0.0] * 2, 1.0)
-    assert plain.size == 2
-    for t in (0.3, 0.99, 1.0, 2.2):
-        for one, other in zip(plain.at(t), told.at(t), strict=True):
-            np.testing.assert_array_equal(one, other)
-    np.testing.assert_allclose(
-        plain.at(1.01).position, [0.2, 0.1] + 0.7 * np.sin(2 * np.pi * 1.01 * np.array([0.3, 0.9]))
-    )
-    np.testing.assert_allclose(Harmonic([0.0], 2.0, 0.25, 0.4, ramp=0.5).at(0.25).position, [np.sin(0.4 + np.pi / 8)])
-    tiny = Harmonic([0.0], 2.0, 0.25, 0.4, ramp=1e-12)  # grown at once, over a nanosecond at least
-    np.testing.assert_allclose(tiny.at(1e-11).position, [2.0 * np.sin(0.4)], rtol=1e-9)
-
-
-def test_refused_references_say_what_was_found():
-    with pytest.raises(rnc.InputError, match=r"^start has shape \(1,\) but goal \(2,\)$"):
-        MinimumJerk(0.5, [1.0, 2.0], 1.0)
-    with pytest.raises(rnc.InputError, match=r"^amplitude, frequency and phase have to be numbers or lists of 2$"):
-        Harmonic([0.0, 1.0], 1.0, [1.0, 2.0, 3.0])
-    with pytest.raises(rnc.InputError, match=r"^start of a minimum-jerk reference has to be finite, found \[inf\]$"):
-        MinimumJerk(np.inf, 1.0, 1.0)
 
 
 def test_a_geodesic_among_other_outputs_is_the_shortest_turn():
@@ -197,6 +173,7 @@ def test_references_that_are_joined_slowed_or_in_turn():
         (lambda: Slowed(Hold([1.0]), 0.0), "has to be positive and finite, found 0.0"),
         (lambda: Slowed(Hold([1.0]), np.inf), "has to be positive and finite, found inf"),
         (lambda: Harmonic([0.0], [1.0, 2.0], 1.0), "numbers or lists of 1"),
+        (lambda: MinimumJerk(0.5, [1.0, 2.0], 1.0), r"^start has shape \(1,\) but goal \(2,\)$"),
     ],
 )
 def test_references_that_make_no_sense_are_refused_by_name(make, words):

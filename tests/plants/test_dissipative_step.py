@@ -148,7 +148,7 @@ def differential_drive(damping=0.0):
     return rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"]).reduce()
 
 
-@pytest.mark.parametrize("dt", [0.002, 0.02, 0.3])
+@pytest.mark.parametrize("dt", [0.02, 0.3])
 def test_wheels_that_friction_stops_do_not_creep_or_swing(dt):
     """They swung by 0.06 rad/s at 20 ms for ever, as friction was evaluated once a period."""
     reduced = differential_drive()
@@ -199,14 +199,15 @@ def apply_inputs(reduced, q, v2):
     return reduced.at(q).B.T @ reduced.at(q, v2).v
 
 
-def test_friction_of_a_conserved_momentum_is_refused():
+@pytest.mark.parametrize(("effects", "name"), [(RUBBED, "friction"), (DAMPED, "damping")])
+def test_losses_of_a_conserved_momentum_are_refused(effects, name):
     robot = rnc.Robot.from_urdf("space_robot.urdf")
-    robot.model.upperDryFrictionLimit = np.ones(4)
+    robot.model.upperDryFrictionLimit = robot.model.damping = np.ones(4)
     joints = ["joint_1", "joint_2", "joint_3"]
     reduced = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], joints).reduce()
-    with pytest.raises(rnc.ConstraintError, match="joint friction acts on momentum"):
+    with pytest.raises(rnc.ConstraintError, match=f"joint {name} acts on momentum"):
         rnc.simulate(
-            reduced, Inputs(lambda t: np.zeros(3)), robot.configuration(), 0.1, plant=ReducedPlant(reduced, **RUBBED)
+            reduced, Inputs(lambda t: np.zeros(3)), robot.configuration(), 0.1, plant=ReducedPlant(reduced, **effects)
         )
 
 

@@ -152,29 +152,6 @@ def test_energy_less_work_is_constant_whatever_is_wrong(kind):
         np.testing.assert_allclose(run.energy[own[kind]], expected[own[kind]], rtol=1e-12)
 
 
-def test_forces_at_contacts_are_those_of_the_masses_that_move():
-    """A plant 1.4 times as heavy under 1.4 times the inputs moves alike, and its side forces are 1.4 times as large."""
-    reduced, other = mobile_manipulator(), heavier(1.4)
-    start, v2 = reduced.robot.configuration({"joint_1": 0.4, "joint_2": 1.2}), np.array([0.3, 0.1, 0.2, 0.1])
-
-    class Push:
-        def __init__(self, T):
-            self.T = np.array(T)
-
-        def initial_state(self, measurement):
-            return 0
-
-        def step(self, t, measurement, state):
-            return rnc.control.Command(T=self.T), state
-
-    push = np.array([2.0, 1.0, 0.5, -0.5])
-    light = rnc.simulate(reduced, Push(push), start, 0.1, DT, v2_0=v2)
-    heavy = rnc.simulate(reduced, Push(1.4 * push), start, 0.1, DT, v2_0=v2, plant=ReducedPlant(other))
-    np.testing.assert_allclose(heavy.q, light.q, atol=1e-12)
-    np.testing.assert_allclose(heavy.multipliers, 1.4 * light.multipliers, atol=1e-9)
-    np.testing.assert_allclose(heavy.contact_forces, 1.4 * light.contact_forces, atol=1e-9)
-
-
 @pytest.mark.parametrize("bad", [{"dropped": 2.0}, {"position_noise": -1.0}, {"counts": 0}, {"effort": np.nan}])
 def test_faults_that_are_none_are_refused(bad):
     with pytest.raises(rnc.ConfigurationError, match=f"fault {next(iter(bad))}"):
@@ -316,7 +293,7 @@ def test_the_same_seed_gives_the_same_bits_everywhere():
     pytest.importorskip("mujoco")
     plants = ["reduced", "mujoco"]
     here = [bits(plant) for plant in plants]
-    with ThreadPoolExecutor(4) as threads:
-        assert list(threads.map(bits, 2 * plants)) == 2 * here
+    with ThreadPoolExecutor(2) as threads:
+        assert list(threads.map(bits, plants)) == here
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as processes:
         assert list(processes.map(bits, plants)) == here

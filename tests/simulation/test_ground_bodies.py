@@ -7,6 +7,7 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.simulation.ground_bodies import ground_bodies
+from systems import fire_truck, free_flying_panda, space_robot
 
 
 def poses(reduced, q):
@@ -28,16 +29,6 @@ def test_a_run_records_what_its_outputs_say():
         np.testing.assert_allclose(own[body][:, 2], run.x1[:, names.index(f"{body}_yaw")], atol=1e-12)
 
 
-def test_the_record_survives_its_file(tmp_path):
-    run = execute(plan("snakeboard", {"simulation.duration": 0.1, "simulation.dt": 0.01})).trajectory
-    run.save(tmp_path / "run.npz")
-    again = rnc.Trajectory.load(tmp_path / "run.npz")
-    np.testing.assert_array_equal(again.ground_poses, run.ground_poses)
-    assert again.info == run.info
-    assert again.info.outputs.x2.quasi == (False, False, False, True)
-    assert again.info.outputs.T_units == ("N m",) * 3
-
-
 def test_a_steered_vehicle_is_its_chassis_not_its_forks():
     """A snakeboard: both axles are steered, so that the board itself says where it looks."""
     reduced = plan("snakeboard").experiment.reduced
@@ -46,7 +37,7 @@ def test_a_steered_vehicle_is_its_chassis_not_its_forks():
 
 
 def test_a_trailer_stands_on_its_axle_even_if_that_is_steered():
-    reduced = plan("fire-truck").experiment.reduced
+    reduced = fire_truck()
     q = reduced.robot.configuration({"root_joint": [0.0, 0.0, 0.3], "rear_steering": 0.4})
     found, robot = poses(reduced, q), reduced.robot
     data = robot.model.createData()
@@ -87,5 +78,5 @@ def test_a_base_on_two_wheels_is_midway_between_them(base):
 
 
 def test_what_does_not_touch_the_ground_is_not_there():
-    assert ground_bodies(plan("space-robot").experiment.reduced) == ()
-    assert ground_bodies(plan("free-flying-arm").experiment.reduced) == ()
+    assert ground_bodies(space_robot()) == ()
+    assert ground_bodies(free_flying_panda()) == ()

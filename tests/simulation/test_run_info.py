@@ -1,8 +1,6 @@
 """The record of a run: typed in the package, JSON under fixed keys in its file."""
 
 import json
-import os
-import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -13,7 +11,6 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.robots.robot_files import shipped_directory
 from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.scenario.files import find_scenario
 from rnc_pin.scenario.saved_run import load_run
@@ -240,24 +237,3 @@ def test_the_run_of_a_file_of_ones_own_keeps_its_folder(tmp_path):
     (tmp_path / "space-robot.yaml").write_bytes(find_scenario("space-robot").read_bytes())
     run = execute(plan(str(tmp_path / "space-robot.yaml"), SHORT)).trajectory
     assert run.meta["folder"] == str(tmp_path.resolve())
-
-
-def test_the_bits_of_a_run_do_not_depend_on_where_the_package_is(tmp_path):
-    package = Path(rnc.__file__).parent
-    ignored = shutil.ignore_patterns("urdf")
-    copied = shutil.copytree(package, tmp_path / "copy" / "rnc_pin", ignore=ignored)
-    shutil.copytree(shipped_directory(), copied / "urdf")
-    script = (
-        "import sys; from rnc_pin.scenario.execution import execute, plan; import rnc_pin; print(rnc_pin.__file__);"
-        "execute(plan('fire-truck', {'simulation.duration': 0.05, 'comparisons': {}})).trajectory.save(sys.argv[1])"
-    )
-    contents = []
-    for root in (package.parent, tmp_path / "copy"):
-        target = tmp_path / f"{len(contents)}.npz"
-        environment = {**os.environ, "PYTHONPATH": str(root)}
-        call = [sys.executable, "-c", script, str(target)]
-        process = subprocess.run(call, env=environment, cwd=tmp_path, capture_output=True, text=True, check=True)
-        assert process.stdout.strip().startswith(str(root))
-        with np.load(target) as file:
-            contents.append({name: file[name].tobytes() for name in file.files})
-    assert contents[0] == contents[1]
