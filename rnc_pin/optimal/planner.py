@@ -192,8 +192,8 @@ def _check_free(costs: Sequence[CostKind], bounds: Sequence[BoundKind]) -> None:
 def _warn_of_differences(problem: Transcription) -> None:
     """Warn if the model has functions of a user, whose derivatives are finite differences."""
     reduced, start = problem.model.reduced, problem.start
-    v2 = start.w[0] if problem.model.nw else np.zeros(reduced.r)
-    error = float(np.max(state_derivatives(reduced, start.q[0], v2, np.ones(reduced.p)).difference_error))
+    moving = state_derivatives(reduced, start.q[0], np.ones(reduced.r), np.ones(reduced.p))  # at rest, rates vanish
+    error = float(np.max(moving.difference_error))
     if error > 0:
         text = (
             f"finite differences replace derivatives of user-defined rows or outputs (error {error:.1g} at the start)"

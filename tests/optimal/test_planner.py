@@ -132,10 +132,14 @@ def test_refinement_reduces_the_violation_after_verification():
 
 def test_user_defined_rows_bring_a_notice_that_their_derivatives_are_differences():
     robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
-    blade = np.array([[0.0, 1.0, 0.0]])
-    rows = rnc.Pfaffian(
-        lambda q: blade * (1 + 0.1 * q[0] ** 2), lambda q, v: 0.2 * q[0] * (q[2] * v[0] - q[3] * v[1]) * blade
-    )
+
+    def blade(q):  # the knife edge moves along the sleigh with its place
+        return np.array([[0.0, 1.0, 0.1 * np.sin(3 * q[0])]])
+
+    def blade_rate(q, v):
+        return np.array([[0.0, 0.0, 0.3 * np.cos(3 * q[0]) * (q[2] * v[0] - q[3] * v[1])]])
+
+    rows = rnc.Pfaffian(blade, blade_rate)
     reduced = rnc.NonholonomicSystem(robot, [rows]).reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
     start = robot.configuration({"root_joint": [0.3, 0.0, 0.0]})
     with pytest.warns(rnc.ModelWarning, match="user-defined rows or outputs are finite differences"):
