@@ -195,12 +195,8 @@ def _warn_of_differences(problem: Transcription) -> None:
     moving = state_derivatives(reduced, start.q[0], np.ones(reduced.r), np.ones(reduced.p))  # at rest, rates vanish
     error = float(np.max(moving.difference_error))
     if error > 0:
-        text = (
-            f"finite differences replace derivatives of user-defined rows or outputs (error {error:.1g} at the start)"
-        )
-        warnings.warn(
-            f"plan: {text}; every node is evaluated on its own, which takes longer", ModelWarning, stacklevel=3
-        )
+        text = f"derivatives of user-defined rows or outputs are finite differences (error {error:.1g} at the start)"
+        warnings.warn(f"plan: {text}; nodes are evaluated one at a time", ModelWarning, stacklevel=3)
 
 
 def _without_distances(problem: Transcription, settings: SolverSettings) -> SequentialQuadratic | None:
