@@ -151,9 +151,9 @@ def _goal_stack(draft: TaskDraft, reduced: ReducedModel) -> OutputStack | None:
 
 
 def _limits(settings: LimitSettings, context: ControllerContext) -> list[ControlLimit]:
-    single = (settings.joint_position, settings.joint_velocity, settings.acceleration, settings.wheel_speed)
-    found: list[ControlLimit] = [limit for limit in single if limit is not None]
-    found += settings.regions
+    values = [getattr(settings, name) for name in type(settings).model_fields]
+    items = [item for value in values for item in (value if isinstance(value, list) else [value])]
+    found: list[ControlLimit] = [item for item in items if isinstance(item, ControlLimit)]
     wanted, geometry = settings.collision, context.reduced.robot.collision_model if context.obstacles else None
     if "collision" not in settings.model_fields_set and geometry is not None and len(geometry.geometryObjects):
         wanted = CollisionSettings()

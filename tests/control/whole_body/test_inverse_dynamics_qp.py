@@ -209,6 +209,24 @@ def test_settings_that_mean_nothing_are_refused(settings, words):
         InverseDynamicsQP(space_robot(), [], **settings)
 
 
+def test_a_passive_joint_of_a_loop_keeps_its_velocity_limit():
+    """The motor of a four-bar follows its reference as fast as the coupler may turn, and the loop stays closed."""
+    reduced = four_bar()
+    guess = reduced.robot.configuration({"crank": 0.8, "coupler": -0.5, "rocker": 1.2})
+    q0 = rnc.solve_ik(reduced, guess, {"crank": 0.8}).q
+    turn = tasks.OutputTask(rnc.JointPosition("crank"), MinimumJerk([0.8], [1.4], 0.5), gain=8.0)
+    slow = limits.JointVelocityLimit(["coupler"], limit=1.0, margin=0.0)
+    fastest = []
+    for given, duration in (([], 0.3), ([slow], 0.9)):
+        controller = InverseDynamicsQP(reduced, [turn], given, dt=0.01)
+        run = rnc.simulate(reduced, controller, q0, duration, dt=0.01)
+        assert run.position_residual.max() < 1e-12
+        fastest.append(np.abs(run.v[:, 1]).max())
+    assert run.q[-1, 0] == pytest.approx(1.4, abs=0.02)
+    assert fastest[0] > 1.3
+    assert 0.99 < fastest[1] <= 1.0 + 1e-9  # a prediction that is too fast is not corrected
+
+
 def test_results_repeat_to_the_bit():
     reduced = mobile_manipulator()
     q0 = reduced.robot.configuration({"joint_1": 0.5, "joint_2": 1.0})

@@ -65,6 +65,32 @@ def test_lower_levels_are_the_secondary_freedom_of_law_12():
         np.testing.assert_allclose(program.solve(sample).v2, expected, rtol=0, atol=LAW * (1 + np.abs(expected).max()))
 
 
+def test_law_12_moves_the_arm_of_tiago_as_the_program_does():
+    """Redundant rates of the joints for three coordinates of the hand, while the base drives."""
+    reduced = tiago()
+    arm = list(reduced.reducing.names[2:])
+    chosen = rnc.Task.of(reduced, list(reduced.reducing.names[:2]), arm, list(reduced.vertical.names[:3]))
+    drive, reach = MinimumJerk([0.0, 0.0], [1.0, 0.5], 2.0), MinimumJerk([0.6, 0.1, 0.8], [0.9, 0.4, 1.0], 2.0)
+    law = RedundancyController(chosen, drive, reach, k3=1.3, k21=0.0)
+    program = VelocityQP(
+        reduced,
+        [
+            tasks.OutputTask(rnc.FrameSpeed("base_link"), MinimumJerk([0.0], [1.0], 2.0)),
+            tasks.OutputTask(rnc.FrameYaw("base_link"), MinimumJerk([0.0], [0.5], 2.0), gain=0.0),
+            tasks.OutputTask(rnc.FramePosition("arm_7_link"), reach, gain=1.3),
+            tasks.DampingTask(arm, priority=1),
+        ],
+        [limits.JointVelocityLimit(limit=1e6)],
+    )
+    for q, v2 in random_states(reduced, 4, seed=2):
+        sample = ControlSample(reduced, 0.7, q, v2, 0.01)
+        measurement = sample.end.measure(np.zeros(reduced.r))
+        expected = law.step(sample.time, measurement, None)[0].v2
+        found = program.solve(sample)
+        np.testing.assert_allclose(found.v2, expected, rtol=0, atol=LAW * (1 + np.abs(expected).max()))
+        assert not found.multipliers.any()
+
+
 def tiago_program(limit=0.2, **settings):
     reduced = tiago()
     arm = [name for name in reduced.robot.joint_names[1:] if "wheel" not in name]
