@@ -50,7 +50,12 @@ def test_other_numbers_of_trailers_are_refused(n):
 
 def test_the_gait_of_the_snakeboard_carries_it_away_and_its_mirror_image_back():
     def way(amplitude):
-        options = {"simulation.duration": 3.0, "reference.primary.harmonic.amplitude": amplitude, "plots": {}}
+        options = {
+            "simulation.duration": 3.0,
+            "simulation.dt": 0.01,
+            "reference.primary.harmonic.amplitude": amplitude,
+            "plots": {},
+        }
         run = execute(plan("snakeboard", options)).trajectory
         assert np.abs(run.T).max() < 1.0
         return run.x1[-1]

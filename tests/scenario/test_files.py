@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
+from places import DIRT
 from rnc_pin.robots.robot_files import shipped_directory
 from rnc_pin.scenario.execution import plan
 from rnc_pin.scenario.files import built_in_names, find_scenario, parse_option, read_yaml, with_options
@@ -68,72 +69,30 @@ def test_what_the_file_says_is_what_is_built(tmp_path):
     assert (experiment.simulation.duration, experiment.simulation.dt) == (1.0, 0.002)
 
 
-LINKAGE = """<robot name="linkage">
-  <link name="world"/><link name="crank"/><link name="coupler"/><link name="rocker"/><link name="fan"/>
-  <link name="marble"/>
-  {joints}
-</robot>"""
-
-
-def linkage_urdf():
-    """A four-bar linkage whose crank turns a fan, and a marble with joints of its own."""
-
-    def joint(name, parent, x, kind="continuous", axis="0 1 0"):
-        limit = '<limit lower="-100" upper="100" effort="9" velocity="9"/>' if kind == "prismatic" else ""
-        return (
-            f'<joint name="{name}_joint" type="{kind}"><parent link="{parent}"/><child link="{name}"/>'
-            f'<origin xyz="{x} 0 0"/><axis xyz="{axis}"/>{limit}</joint>'
-        )
-
-    def tip(name, x):
-        return (
-            f'<link name="{name}_tip"/><joint name="{name}_end" type="fixed"><parent link="{name}"/>'
-            f'<child link="{name}_tip"/><origin xyz="{x} 0 0"/></joint>'
-        )
-
-    parts = [joint("crank", "world", 0), joint("coupler", "crank", 0.3), joint("rocker", "world", 0.9)]
-    parts += [joint("fan", "world", 0.5), joint("marble", "slide", 0, axis="0 1 0"), tip("coupler", 0.8)]
-    parts += ['<link name="slide"/>', joint("slide", "lift", 0, "prismatic", "1 0 0")]
-    parts += ['<link name="lift"/>', joint("lift", "world", 2.0, "prismatic", "0 0 1"), tip("rocker", 0.6)]
-    inertia = (
-        '<inertial><origin xyz="0.1 0 0"/><mass value="1"/>'
-        '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'
-    )
-    text = LINKAGE.replace("{joints}", "".join(parts))
-    for name in ("crank", "coupler", "rocker", "fan", "marble", "slide", "lift"):
-        text = text.replace(f'<link name="{name}"/>', f'<link name="{name}">{inertia}</link>')
-    return text
-
-
-def test_loops_couplings_and_balls_can_be_asked_for(tmp_path):
-    (tmp_path / "linkage.urdf").write_text(linkage_urdf())
+@pytest.mark.filterwarnings("ignore::rnc_pin.ModelWarning")  # its hinges are rounded
+def test_loops_can_be_asked_for_and_are_closed_at_the_start(tmp_path):
+    motors = ["right_motor_joint", "left_motor_joint"]
+    ends = {"offset_a": [0, 0.005, 0.2], "offset_b": [0, 0.01, 0.2]}
+    start = dict.fromkeys(motors, 1.4)
     changes = {
-        "robot": {"urdf": "linkage.urdf"},
-        "constraints": [
-            {"loop_closure": {"frame_a": "coupler_tip", "frame_b": "rocker_tip", "kind": "point"}},
-            {"joint_coupling": {"joint": "fan_joint", "driver": "crank_joint", "ratio": -2, "offset": 0.25}},
-            {"rolling_ball": {"frame": "marble", "radius": 0.05}},
-        ],
-        "actuators": ["crank_joint", "marble_joint"],
-        "outputs": {"reducing": [{"joint": "crank_joint"}, {"joint": "marble_joint"}], "vertical": []},
+        "robot": {"urdf": str(DIRT / "five_bar.urdf")},
+        "constraints": [{"loop_closure": {"frame_a": "right_shin", "frame_b": "left_shin", "kind": "point", **ends}}],
+        "actuators": motors,
+        "outputs": {"reducing": [{"joint": motor} for motor in motors], "vertical": []},
         "task": {},
-        "initial": {"q": {"crank_joint": 0.8, "coupler_joint": 0.3}},
+        "initial": {"q": {**start, "right_knee": -2.0, "left_knee": -1.0}},
         "controller": {"type": "reducing_outputs", "preset": "paper"},
         "reference": {},
         "plots": {},
         "view": {},
     }
     with pytest.raises(rnc.ConfigurationError, match=r"initial.q: .* has residual"):
-        plan_of(changes, tmp_path)  # both cannot stay where they are
-    changes["initial"] = {"q": {"crank_joint": 0.8}}
-    experiment = plan_of(changes, tmp_path).experiment
+        plan_of(changes, tmp_path)  # all four cannot stay where they are
+    experiment = plan_of({**changes, "initial": {"q": start}}, tmp_path).experiment
     reduced = experiment.reduced
-    kept = {name.split("(")[0] for name in reduced.constraints.names}
-    assert kept == {"closure_x", "closure_z", "coupling", "rolling_x", "vertical"}
-    crank, fan = (reduced.robot.model.joints[reduced.robot.joint_id(f"{name}_joint")] for name in ("crank", "fan"))
-    angles = [np.arctan2(experiment.q0[j.idx_q + 1], experiment.q0[j.idx_q]) for j in (crank, fan)]
-    np.testing.assert_allclose(angles, [0.8, 0.25 - 1.6], atol=1e-12)
-    assert np.abs(reduced.assembly.residual(experiment.q0)).max() < 1e-12
+    values = reduced.robot.joint_values(experiment.q0)
+    assert [values[motor] for motor in motors] == pytest.approx([1.4, 1.4])
+    assert np.abs(reduced.assembly.residual(experiment.q0)).max() < 1e-6  # of rounded hinges
 
 
 def test_momentum_can_have_a_value(tmp_path):

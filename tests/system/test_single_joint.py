@@ -103,18 +103,6 @@ def test_one_joint_is_named_set_and_read(swing):
         robot.configuration({"hinge": [1, 2, 3]})
 
 
-def test_random_configurations_are_on_the_circle_or_within_limits(swing):
-    robot, *_ = swing
-    generator = np.random.default_rng(0)
-    drawn = [robot.random_configuration(generator) for _ in range(50)]
-    angles = [robot.joint_values(q)["hinge"] for q in drawn]
-    if robot.nq == 2:
-        np.testing.assert_allclose(np.linalg.norm(drawn, axis=1), 1.0, atol=ROUNDING)
-    assert min(angles) >= (-np.pi if robot.nq == 2 else -3.0)
-    assert max(angles) <= (np.pi if robot.nq == 2 else 2.0)
-    assert np.ptp(angles) > 3
-
-
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(("axis", "held"), [("0 -1 0", "first"), ("0.6 0 0.8", "second")])
 def test_one_joint_of_two_is_locked(kind, axis, held, tmp_path):
@@ -245,6 +233,7 @@ def test_derivatives_in_an_output_of_one_joint(kind, output, tmp_path):
     np.testing.assert_allclose(found.v2_dot_q, slope, atol=FINITE_DIFFERENCE)
 
 
+@pytest.mark.parametrize("swing", [("revolute", "0 1 0"), ("continuous", "0.6 0 0.8")], indirect=True)
 def test_analysis_of_one_joint(swing):
     robot, _, _, weight = swing
     reduced = reduced_of(robot, [rnc.FramePosition("tip", "z")])
