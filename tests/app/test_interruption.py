@@ -205,9 +205,9 @@ def test_a_run_that_is_asked_to_end_keeps_its_results(tmp_path):
     """By Ctrl-C, and by an impatient user; SIGTERM ends the sweep below by the same handler."""
     out = tmp_path / "out"
     with started(*RUN, *LONG, "--out", out) as process:
-        assert eventually((out / ".rnc_pin").exists, 90.0)
+        assert any("simulating" in line for line in process.stdout)
         begun = processor_time(process.pid)
-        assert eventually(lambda: processor_time(process.pid) > begun + 0.3, 90.0)
+        assert eventually(lambda: processor_time(process.pid) > begun + 1.0, 90.0)
         for _ in range(3):
             process.send_signal(signal.SIGINT)
             time.sleep(0.02)
