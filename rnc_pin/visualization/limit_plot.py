@@ -33,7 +33,7 @@ def plot_limits(replay: LimitReplay, title: str | None = None) -> Figure:
         draw(axes, replay)
         axes.margins(x=0.01)
     panels[-1].set_xlabel("time [s]")
-    figure.align_ylabels(panels)
+    figure.align_labels_of(panels)
     if title:
         panels[0].set_title(ps.escape_dollars(title), loc="left", wrap=True)
     return figure

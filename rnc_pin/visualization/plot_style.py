@@ -14,8 +14,10 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
+from matplotlib.transforms import ScaledTranslation
 
 from rnc_pin.io.atomic_write import atomic_file
 
@@ -46,7 +48,6 @@ STYLE: dict[Any, Any] = {
     "legend.fontsize": 9.0,
     "figure.dpi": 200,
     "savefig.dpi": 200,
-    "figure.constrained_layout.use": True,
     "pdf.fonttype": 42,
     "svg.fonttype": "none",
 }
@@ -54,8 +55,65 @@ STYLE: dict[Any, Any] = {
 P = ParamSpec("P")
 
 
+class AlignedLayout(ConstrainedLayoutEngine):
+    """Constrained layout with aligned labels of vertical axes.
+
+    Matplotlib's ``align_ylabels`` measures all tick labels of a column for the label of each of its axes, several times
+    for a picture. This layout measures each once before it places the axes, and once after.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._columns: list[list[Axes]] = []
+
+    def align(self, axes: Iterable[Axes]) -> None:
+        """Align the labels of these axes, which start in one column of a grid or in several."""
+        columns: dict[int, list[Axes]] = {}
+        for each in axes:
+            place = each.get_subplotspec()
+            columns.setdefault(0 if place is None else place.colspan.start, []).append(each)
+        self._columns += columns.values()
+
+    def execute(self, fig: Figure) -> None:
+        """Place the axes of a figure, and the labels of their vertical axes."""
+        self._place_labels(fig)
+        super().execute(fig)
+        self._place_labels(fig)
+
+    def _place_labels(self, fig: Figure) -> None:
+        for column in self._columns:
+            distance = max(_label_distance(axes) for axes in column) / fig.dpi
+            for axes in column:
+                away = ScaledTranslation(-distance, 0.0, fig.dpi_scale_trans)
+                axes.yaxis.set_label_coords(0.0, 0.5, axes.transAxes + away)
+
+
+def _label_distance(axes: Axes) -> float:
+    """Distance of the label of a vertical axis from the axes [pixels]."""
+    axis = axes.yaxis
+    axis.label.set_visible(False)
+    ticks = axis.get_tightbbox()
+    axis.label.set_visible(True)
+    figure = axes.get_figure()
+    assert figure is not None
+    wide = 0.0 if ticks is None else max(0.0, float(axes.bbox.x0 - ticks.x0))
+    return wide + axis.labelpad * figure.dpi / 72.0
+
+
 class PrintFigure(Figure):
-    """Figure that notebooks display automatically."""
+    """Figure that notebooks display automatically.
+
+    Args:
+        figsize: width and height [inches].
+    """
+
+    def __init__(self, figsize: tuple[float, float]) -> None:
+        self._layout = AlignedLayout()
+        super().__init__(figsize=figsize, layout=self._layout)
+
+    def align_labels_of(self, axes: Iterable[Axes]) -> None:
+        """Align the labels of the vertical axes of a column, or of several."""
+        self._layout.align(axes)
 
     def _repr_png_(self) -> bytes:
         buffer = BytesIO()
@@ -76,8 +134,17 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 
 def save(figure: Figure, path: str | Path, replace: bool = True) -> Path:
     """Write a figure as .png, .pdf or .svg, by the suffix of the name. A failure leaves no partial file."""
+    layout = figure.get_layout_engine()
     with mpl.rc_context(STYLE), atomic_file(Path(path), replace) as partial:
-        figure.savefig(partial)
+        if layout is None:
+            figure.savefig(partial)
+            return Path(path)
+        layout.execute(figure)
+        figure.set_layout_engine("none")  # with an engine, Matplotlib draws twice, the first time for the layout only
+        try:
+            figure.savefig(partial)
+        finally:
+            figure.set_layout_engine(layout)
     return Path(path)
 
 

@@ -138,7 +138,7 @@ def plot_run(
         timed.append(axes)
         _draw(axes, panel, trajectory, others)
         _label_time(axes, last=place % rows == rows - 1 or panel is shown[-1])
-    figure.align_ylabels(timed)
+    figure.align_labels_of(timed)
     _title(first or timed[0], title)
     return figure
 
@@ -164,7 +164,7 @@ def _stacked(run: Trajectory, shown: Sequence[p.Panel], title: str | None, other
     for axes, panel in zip(stack, shown, strict=False):
         _draw(axes, panel, run, others)
     _label_time(stack[-1], last=True)
-    figure.align_ylabels(stack)
+    figure.align_labels_of(stack)
     _title(stack[0], title)
     return figure
 
