@@ -5,7 +5,8 @@ For ``rnc-pin run`` of each scenario, by default ``space-robot``, ``tiago`` and 
 * first output: wall time until the command prints its first line;
 * pictures: wall time and processor time until all files are written.
 
-Then the processor time of a cold start: the import, a robot, its system and one ``forward_dynamics``.
+Then the processor time of a cold start: the import, a robot, its system and one ``forward_dynamics``; and of the
+imports of NumPy and Pinocchio alone. All modules are compiled to bytecode before, as pip does.
 Wall time depends on what else the machine does; the load is printed. Processor time counts all threads and children.
 """
 
@@ -17,6 +18,8 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import NamedTuple
 
 from rich import box
@@ -40,6 +43,10 @@ system = rnc.NonholonomicSystem(
 reduced = system.reduce([rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")])
 reduced.forward_dynamics(np.array([0.0, -0.4, 1.8, -1.1]), np.zeros(3), np.zeros(3))
 """
+
+
+WITHOUT_US = "import numpy, pinocchio"
+MODULES = "import rnc_pin.app.commands.run, rnc_pin.scenario.plot_files, rnc_pin.scenario.animation_file"
 
 
 class RunTime(NamedTuple):
@@ -74,15 +81,38 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.commands", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("scenarios", nargs="*", metavar="SCENARIO", help=", ".join(built_in_names()))
+    with compiled_modules():
+        _measure(parser.parse_args().scenarios or SCENARIOS)
+
+
+@contextmanager
+def compiled_modules() -> Iterator[None]:
+    """Keep bytecode in a temporary folder, also where the environment switches it off."""
+    with tempfile.TemporaryDirectory() as folder:
+        before = dict(os.environ)
+        os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+        os.environ["PYTHONPYCACHEPREFIX"] = folder
+        try:
+            for code in (MODULES, COLD_START):
+                subprocess.run((sys.executable, "-c", code), check=True)
+            yield
+        finally:
+            os.environ.clear()
+            os.environ.update(before)
+
+
+def _measure(scenarios: Sequence[str]) -> None:
     shown = Table(box=box.SIMPLE_HEAD)
     for heading in ("rnc-pin run", "first output [s]", "pictures [s]", "processor time [s]"):
         shown.add_column(heading, justify="left" if heading == "rnc-pin run" else "right")
-    for scenario in parser.parse_args().scenarios or SCENARIOS:
+    for scenario in scenarios:
         shown.add_row(scenario, *(f"{seconds:.2f}" for seconds in run_time(scenario)))
     console = Console()
     console.print(shown)
     cold = used_by_command((sys.executable, "-c", COLD_START), LAUNCHES)
+    bare = used_by_command((sys.executable, "-c", WITHOUT_US), LAUNCHES)
     console.print(f"first evaluation from a cold start: {cold:.2f} s of processor time")
+    console.print(f"imports of NumPy and Pinocchio alone: {bare:.2f} s")
     console.print(f"load of the machine: {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors")
 
 

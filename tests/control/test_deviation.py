@@ -5,7 +5,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.control.controller import check_size, elapsed_time
-from rnc_pin.control.deviation import Feedback, fed_back
+from rnc_pin.control.deviation import Feedback, deviation, fed_back
 from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.planning import Hold
 from rnc_pin.planning.references import ReferencePoint
@@ -58,3 +58,24 @@ def test_feedback_of_one_state_is_that_of_a_stack(gain):
         np.testing.assert_allclose(law(desired, x, rate)[1], expected, rtol=1e-14, atol=1e-15)
     with pytest.raises(rnc.InputError, match="without a value"):
         law(desired, np.array([np.nan, 0.0, 0.0]), rate)
+
+
+def test_kernel_feeds_back_orientations_as_numpy_does():
+    generator, coordinates = np.random.default_rng(1), Coordinates([0, 1, 0, 0, 0, 0], [2])
+    gain = generator.uniform(1.0, 3.0, 6)
+    feedback = Feedback(coordinates, gain)
+    for size in (1e-9, 1e-5, 1e-2, 0.3, 1.0, 2.0, 3.0):
+        for _ in range(20):
+            desired = ReferencePoint(*generator.normal(size=(4, 6)))
+            desired.position[2:5] *= size
+            actual, rate = generator.normal(size=(2, 6))
+            actual[2:5] = desired.position[2:5] + size * generator.normal(size=3)
+            one = deviation(coordinates, desired, actual, rate)
+            expected = one.velocity + gain * one.error, one.acceleration + gain * one.error_rate
+            np.testing.assert_allclose(feedback(desired, actual, rate), expected, rtol=1e-10, atol=1e-10)
+
+
+def test_goals_of_orientations_may_be_absent_where_the_gain_is_zero():
+    feedback = Feedback(Coordinates([0, 0, 0], [0]), 0.0)
+    desired = ReferencePoint(np.full(3, np.nan), *np.zeros((3, 3)))
+    np.testing.assert_allclose(feedback(desired, np.zeros(3), np.ones(3))[0], np.zeros(3), rtol=0, atol=0)
