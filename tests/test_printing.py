@@ -10,6 +10,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin import control
+from rnc_pin.planning import Hold
 from systems import bicycle, space_robot, tiago
 
 
@@ -72,6 +73,14 @@ def test_a_system_says_which_rows_it_dropped_and_why(system):
     ]
 
 
+def test_a_reduced_model_says_its_outputs_too(reduced):
+    lines = repr(reduced).splitlines()
+    assert lines[0] == "ReducedModel of '<cart> & 'co'': 3 degrees of freedom less 1 independent row leave 2"
+    assert "  reducing: left<b>_speed_x [quasi-velocity], left<b>_yaw" in lines
+    assert "  vertical: left<b>_x, left<b>_y" in lines
+    assert "vertical(rear) [holonomic]" in repr(bicycle())
+
+
 def test_a_notebook_shows_tables(system, reduced):
     dropped = ["rows dropped", "no_side_slip(right<b>.y)", "a combination of no_side_slip(left<b>.y)"]
     assert dropped in cells(system)
@@ -100,6 +109,22 @@ def test_no_name_is_taken_for_markup(system, reduced, run):
         html = thing._repr_html_()
         assert not re.search(r"<b>_|<cart>|<a>| & ", html)
         assert html.count("<b>") == 1
+
+
+def test_a_task_and_controllers_say_their_settings():
+    reduced = space_robot()
+    task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
+    said = "Task(primary=[tip_x, tip_y], redundant=[joint_1], vertical=[platform])"
+    assert repr(task) == said
+    target = control.RedundancyController(task, Hold(np.zeros(2)), Hold(np.zeros(1)), k3=1.5)
+    inner = f"RedundancyController(task={said}, primary=Hold, vertical=Hold, k3=1.5, k21=0)"
+    assert repr(target) == inner
+    gains = control.VelocityGains(k=np.array([1.0, 2.5, 3.0]), beta=10.0, sigma=0.1)
+    tracker = control.VelocityTracker(target, gains)
+    said = "VelocityGains(k=[1.  2.5 3. ], beta=10, sigma=0.1, dead_zone=0)"
+    assert repr(tracker) == f"VelocityTracker(target={inner}, gains={said}, gravity_compensation=0)"
+    parts = [(tracker, np.array([0, 1, 2]))]
+    assert repr(control.SplitController(parts, 3)) == f"SplitController(parts=[{tracker!r}])"
 
 
 def test_every_controller_prints_itself():
