@@ -547,7 +547,7 @@ def test_the_module_is_the_command_too(tmp_path):
 @pytest.mark.parametrize(
     ("option", "words"),
     [
-        ("duration=-1", "'duration' is not known; did you mean 'simulation.duration'?"),
+        ("duration=-1", "'duration' is not known; did you mean 'planner.duration' or 'simulation.duration'?"),
         ("dt=0", "'dt' is not known; did you mean 'simulation.dt'?"),
         ("reducing=[]", "'reducing' is not known; did you mean 'outputs.reducing'?"),
         ("simulation.duration=-1", "simulation.duration: expected greater than 0, found -1"),

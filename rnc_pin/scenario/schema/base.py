@@ -64,11 +64,13 @@ def wrong(key: str, message: str) -> PydanticCustomError:
 
 def _hint(model: type[BaseModel], key: str) -> str:
     """Suggestion for an unknown key: the same key one level below, or the nearest key of this mapping."""
-    for name, field in model.model_fields.items():
-        for each in (field.annotation, *get_args(field.annotation)):
-            if isinstance(each, type) and issubclass(each, BaseModel) and key in each.model_fields:
-                return f"; did you mean '{name}.{key}'?"
-    return nearest(key, model.model_fields)
+    below = [
+        f"'{name}.{key}'"
+        for name, field in model.model_fields.items()
+        for each in (field.annotation, *get_args(field.annotation))
+        if isinstance(each, type) and issubclass(each, BaseModel) and key in each.model_fields
+    ]
+    return f"; did you mean {' or '.join(below)}?" if below else nearest(key, model.model_fields)
 
 
 @cache

@@ -26,11 +26,13 @@ NEEDED = {
     "uncertain_redundancy": {"unknown": {"base": "platform", "initial": {"joint_1": 1.0}}},
     "two_phase": {"platform": {"position": ["base_x", "base_y"], "to": [0, 0, 0], "begin": 1}},
     "state_feedback": {"state_cost": 1.0},
+    "plan_feedback": {},
     "qp": {"tasks": [{"damping": {"weight": 0.1}}, {"output": {"output": {"frame_position": {"frame": "tip"}}}}]},
     "inverse_dynamics": {"tasks": [{"damping": {"weight": 0.1}}]},
 }
 VALUES = {  # of every setting that some type has
     "preset": "scaled",
+    "gains": "plan",
     "tracker": "computed_torque",
     "gravity_compensation": False,
     "adaptation": 3.0,
