@@ -218,7 +218,7 @@ def test_the_largest_dimensions_are_generic_not_the_longest_vector(monkeypatch):
 # ---------------------------------------------------------------------- trailers
 
 
-@pytest.mark.parametrize("n", [1, 3, 5])
+@pytest.mark.parametrize("n", [1, 3, pytest.param(5, marks=pytest.mark.long)])
 def test_a_car_with_n_trailers_grows_by_one_a_level(n, tmp_path):
     """At generic configurations, of uniformly drawn hitches (Jean 1996; Sordalen 1993)."""
     reduced = tractor_trailers(n, tmp_path)

@@ -248,7 +248,7 @@ def rows(out):
         return []
 
 
-@pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGKILL], ids=str)
+@pytest.mark.parametrize("end", [signal.SIGTERM, pytest.param(signal.SIGKILL, marks=pytest.mark.long)], ids=str)
 def test_a_sweep_that_is_ended_keeps_its_table_and_its_workers_end(end, tmp_path):
     out = tmp_path / "out"
     length = ["--set", "simulation.duration=0.2"]

@@ -285,7 +285,7 @@ def pushes(alone: rnc.ReducedModel, joint: slice, generator: np.random.Generator
 def test_of_systems_at_random_those_are_refused_whose_momentum_changes():
     """Independent: inverse dynamics of the motion that the other constraint alone allows."""
     accepted, refused = [], []
-    for seed in range(40):
+    for seed in range(24):
         robot, built = robot_of(drawn(seed))
         joint = robot.velocity_indices(robot.joint_names[0])
         try:
@@ -306,7 +306,7 @@ def test_of_systems_at_random_those_are_refused_whose_momentum_changes():
         except rnc.ConstraintError as error:
             if SAID in str(error):
                 refused.append(max(found))
-    assert min(len(accepted), len(refused)) > 9
+    assert min(len(accepted), len(refused)) > 5
     assert max(accepted) < 1e-8
     assert min(refused) > 1e-4
 

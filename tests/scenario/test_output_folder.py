@@ -378,7 +378,7 @@ main()
 """
 
 
-@pytest.mark.parametrize("room", [100, 30_000])
+@pytest.mark.parametrize("room", [100, pytest.param(30_000, marks=pytest.mark.long)])
 def test_a_full_disk_leaves_what_was_there_and_nothing_half_written(room, tmp_path, call, no_pictures):
     out = tmp_path / "out"
     assert call(*SHORT, "--out", out)[0] == 0

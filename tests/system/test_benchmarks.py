@@ -59,6 +59,7 @@ def test_a_mutant_meets_the_tests_of_its_line_those_of_its_module_first(mutation
     assert chosen(4, of={}) == []
 
 
+@pytest.mark.long
 def test_survivors_meet_both_paths(mutation, tmp_path, monkeypatch):
     """One mutant dies on the compiled path only, one on neither."""
     tree = tmp_path / "tree"
