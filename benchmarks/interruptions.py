@@ -226,7 +226,8 @@ def contents(out: Path) -> dict[str, bytes]:
 def full_disk(out: Path) -> str:
     complete(out)
     before = contents(out)
-    limit = "import resource, signal\nsignal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+    limit = "import resource, signal, sys\nsys.dont_write_bytecode = True\n"
+    limit += "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
     limit += "resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))\n"
     with Run("run", "space-robot", *SHORT, "--out", out, before=limit) as run:
         check(run.end() == 1, run.error)

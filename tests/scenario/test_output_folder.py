@@ -371,6 +371,7 @@ def test_a_pipe_for_a_trajectory_is_refused(tmp_path, call):
 
 FULL = """
 import resource, signal, sys
+sys.dont_write_bytecode = True  # with a limit, Python leaves half of a file where the next import reads it
 from rnc_pin.app.command_line import main
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv.pop(1)),) * 2)
@@ -394,7 +395,8 @@ def test_a_full_disk_leaves_what_was_there_and_nothing_half_written(room, tmp_pa
     assert not [path for path in out.rglob("*") if "partial" in path.name or path.name.startswith(".rnc_pin_")]
 
 
-def test_a_trajectory_that_cannot_be_written_leaves_nothing(tmp_path):
+def test_a_trajectory_that_cannot_be_written_leaves_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
     robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
     reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
     motion = rnc.free_motion(reduced, robot.configuration(), [1.0, 0.5], duration=1.0)
