@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Description
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model.measurement import Measurement

@@ -58,8 +58,8 @@ class Plans:
         self, scenario: Scenario, reduced: ReducedModel, start: Start, obstacles: Sequence[Obstacle]
     ) -> MotionPlan:
         """Return the optimal motion of a scenario, like ``build_plan``."""
-        system = (scenario.robot, scenario.constraints, scenario.mimic, scenario.actuators, scenario.outputs)
-        key = repr((system, scenario.obstacles, scenario.initial, scenario.planner, scenario.seed))
+        system = (scenario.robot, scenario.constraints, scenario.mimic, scenario.actuators, scenario.forces)
+        key = repr((system, scenario.outputs, scenario.obstacles, scenario.initial, scenario.planner, scenario.seed))
         if key not in self._found:
             self._found[key] = build_plan(scenario, reduced, start, obstacles)
         return self._found[key]
