@@ -1,4 +1,4 @@
-"""Checks of conserved momenta: no actuator and no constraint reaction may act on the joint."""
+"""Checks of conserved momenta: no actuator, no passive force and no constraint reaction may act on the joint."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from rnc_pin.errors import ConstraintError, few
 from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.passive_forces import PassiveForces
 from rnc_pin.model.row_stack import RowStack
 from rnc_pin.model.rows import Rows
 
@@ -39,6 +40,29 @@ def check_actuators(
             if driven.any():
                 name = actuation.names[int(np.argmax(driven))]
                 raise ConstraintError(f"actuator '{name}' drives {block.names[0]}, which is declared as conserved")
+
+
+def check_forces(blocks: Collection[Rows], forces: PassiveForces, kinematics: Kinematics, samples: np.ndarray) -> None:
+    """Raise an error if a passive force acts on a momentum that is declared as conserved.
+
+    Args:
+        blocks: bound rows of all constraints.
+        forces: the passive forces.
+        kinematics: kinematics of the robot.
+        samples: configurations (samples, nq).
+
+    Raises:
+        ConstraintError: a force acts on a conserved momentum; the message names both.
+    """
+    conserved = [block for block in blocks if block.conserved is not None]
+    generator = np.random.default_rng(0)
+    for q in samples if conserved and forces else ():
+        at = kinematics.position(q).with_velocity(generator.uniform(-1.0, 1.0, kinematics.nv))
+        for each in forces:
+            force = np.abs(each.force(at))
+            for block in conserved:
+                if force[block.conserved].max() > _ACTS * max(1.0, float(force.max())):
+                    raise ConstraintError(f"{each.name} acts on {block.names[0]}, which is declared as conserved")
 
 
 def check_reactions(rows: RowStack, samples: np.ndarray, lengths: np.ndarray, couplings: Collection[str] = ()) -> None:

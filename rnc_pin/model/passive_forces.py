@@ -8,17 +8,14 @@ A *kind* such as ``Spring(output, stiffness)`` is a description without a robot.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
 from rnc_pin.errors import ConstraintError, InputError
-from rnc_pin.model.kinematics import Kinematics, PositionKinematics, VelocityKinematics
-from rnc_pin.model.rows import Rows
+from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.robots.robot import Robot
-
-_ACTS = 1e-9  # force on a conserved momentum that rounding does not explain, relative to the largest force
 
 
 class ForceGradient(NamedTuple):
@@ -30,6 +27,14 @@ class ForceGradient(NamedTuple):
     """(nv, nv)."""
     error: float
     """Estimated error of finite differences; 0.0 if both are in closed form."""
+
+
+class ForceSums(NamedTuple):
+    """Sums of forces (..., nv)."""
+
+    total: np.ndarray
+    without_potential: np.ndarray
+    """Sum of the forces that are not conservative."""
 
 
 class PassiveForce(ABC):
@@ -84,9 +89,6 @@ class PassiveForces:
     """
 
     def __init__(self, kinds: Sequence[ForceKind], robot: Robot) -> None:
-        for place, kind in enumerate(kinds):
-            if not isinstance(kind, ForceKind) or isinstance(kind, type):
-                raise ConstraintError(f"forces[{place}]: expected an object with bind(robot), found {kind!r}")
         self._forces = [kind.bind(robot) for kind in kinds]
         for kind, force in zip(kinds, self._forces, strict=True):
             if not isinstance(force, PassiveForce):
@@ -97,52 +99,30 @@ class PassiveForces:
     def __bool__(self) -> bool:
         return bool(self._forces)
 
-    def total(self, at: VelocityKinematics) -> np.ndarray:
-        """Sum of all forces (..., nv)."""
-        return self._sum(self._forces, at)
+    def __iter__(self) -> Iterator[PassiveForce]:
+        return iter(self._forces)
 
-    def without_potential(self, at: VelocityKinematics) -> np.ndarray:
-        """Sum of the forces that are not conservative, (..., nv)."""
-        return self._sum([each for each in self._forces if not each.conservative], at)
-
-    def _sum(self, forces: Sequence[PassiveForce], at: VelocityKinematics) -> np.ndarray:
-        total = np.zeros((*at.q.shape[:-1], self._nv))
-        for each in forces:
-            total += each.force(at)
-        return total
+    def sums(self, at: VelocityKinematics) -> ForceSums:
+        """Sums of the forces at states."""
+        total, without_potential = np.zeros((2, *at.q.shape[:-1], self._nv))
+        for each in self._forces:
+            force = each.force(at)
+            total += force
+            if not each.conservative:
+                without_potential += force
+        return ForceSums(total, without_potential)
 
     def potential(self, at: PositionKinematics) -> np.ndarray:
         """Potential energy of all conservative forces (...) [J]."""
         return np.sum([each.potential(at) for each in self._forces], axis=0)
 
     def gradient(self, at: VelocityKinematics, along: VelocityKinematics) -> ForceGradient:
-        """Derivatives of ``total`` at one state; arguments as of ``PassiveForce.gradient``."""
+        """Derivatives of the total force at one state; arguments as of ``PassiveForce.gradient``."""
         q, v, error = np.zeros((self._nv, self._nv)), np.zeros((self._nv, self._nv)), 0.0
         for each in self._forces:
             found = each.gradient(at, along)
             q, v, error = q + found.q, v + found.v, error + found.error
         return ForceGradient(q, v, error)
-
-    def check_conserved(self, blocks: Collection[Rows], kinematics: Kinematics, samples: np.ndarray) -> None:
-        """Raise an error if a force acts on a momentum that is declared as conserved.
-
-        Args:
-            blocks: bound rows of all constraints.
-            kinematics: kinematics of the robot.
-            samples: configurations (samples, nq).
-
-        Raises:
-            ConstraintError: names the force and the momentum.
-        """
-        conserved = [block for block in blocks if block.conserved is not None]
-        generator = np.random.default_rng(0)
-        for q in samples if conserved else ():
-            at = kinematics.position(q).with_velocity(generator.uniform(-1.0, 1.0, self._nv))
-            for each in self._forces:
-                force = np.abs(each.force(at))
-                for block in conserved:
-                    if force[block.conserved].max() > _ACTS * max(1.0, float(force.max())):
-                        raise ConstraintError(f"{each.name} acts on {block.names[0]}, which is declared as conserved")
 
 
 def admit_coefficients(values: float | Sequence[float], size: int, what: str) -> np.ndarray:

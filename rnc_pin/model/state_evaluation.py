@@ -19,6 +19,7 @@ from rnc_pin.math.linear_algebra import apply, apply_transposed, solve_positive_
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.input_validation import ArrayInput, vector
+from rnc_pin.model.passive_forces import ForceSums
 from rnc_pin.model.reduced_kinematics import ReducedKinematics
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.result_types import ReducedTerms, StateDerivative
@@ -79,7 +80,11 @@ class StateEvaluation(ReducedKinematics):
     @cached_property
     def passive_force(self) -> Float[Array, "*batch nv"]:
         """Generalized forces of springs, dampers and other kinds from ``rnc_pin.forces``."""
-        return self._data.forces.total(self.motion)
+        return self._passive.total
+
+    @cached_property
+    def _passive(self) -> ForceSums:
+        return self._data.forces.sums(self.motion)
 
     @cached_property
     def g(self) -> Float[Array, "*batch nv"]:
@@ -117,7 +122,7 @@ class StateEvaluation(ReducedKinematics):
         v2_dot = self._accelerated(force)
         applied = force
         if self._data.forces:  # those with a potential count as energy
-            force = force + self._data.forces.without_potential(self.motion)
+            force = force + self._passive.without_potential
         power = self.v.dot(force) if force.ndim == 1 else np.vecdot(self.v, force)
         if self._data.affine:  # moving constraints do work
             power = power - np.vecdot(self.mu, self._multipliers(applied, v2_dot))

@@ -13,7 +13,7 @@ from rnc_pin.errors import ConstraintError, ModelWarning, SingularityError, few
 from rnc_pin.math.linear_algebra import null_space
 from rnc_pin.model.actuation import Actuation, Actuators
 from rnc_pin.model.assembly import Assembly
-from rnc_pin.model.conservation import check_actuators, check_reactions
+from rnc_pin.model.conservation import check_actuators, check_forces, check_reactions
 from rnc_pin.model.coupling import CouplingRow, mimic_row, mimic_rows
 from rnc_pin.model.independence import Selection, block_row_scales, select_independent
 from rnc_pin.model.kinematics import Kinematics
@@ -27,7 +27,7 @@ from rnc_pin.model.system_summary import system_headline, system_lines
 from rnc_pin.printing import ObjectSummary, SummaryMixin
 from rnc_pin.robots.robot import Robot
 
-_Kind = TypeVar("_Kind", ConstraintKind, OutputKind)
+_Kind = TypeVar("_Kind", ConstraintKind, OutputKind, ForceKind)
 
 _SAMPLES = 12
 _THIN = 1e-3  # smallest singular value of unit rows below which a warning is given
@@ -83,7 +83,7 @@ class NonholonomicSystem(SummaryMixin):
     ) -> None:
         self.robot = robot
         self.actuation = Actuation(actuators, robot)
-        self.forces = PassiveForces(forces, robot)
+        self.forces = PassiveForces(_kinds(forces, "forces"), robot)
         constraints = _kinds(constraints, "constraints")
         blocks = _numbered([_bound(kind, robot) for kind in constraints])
         if mimic and robot.mimics:
@@ -108,8 +108,9 @@ class NonholonomicSystem(SummaryMixin):
             raise ConstraintError(
                 f"{self.m} independent constraint rows leave no motion of {self.n} degrees of freedom{hint}"
             )
-        check_actuators(blocks, self.actuation, Kinematics(robot), self._samples)
-        self.forces.check_conserved(blocks, Kinematics(robot), self._samples)
+        kinematics = Kinematics(robot)
+        check_actuators(blocks, self.actuation, kinematics, self._samples)
+        check_forces(blocks, self.forces, kinematics, self._samples)
         _warn_of_mimics(robot, samples[:, self.kept])
         _warn_of_open_loops(robot, blocks)
         _warn_of_rounding(robot, merged, found)

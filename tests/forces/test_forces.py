@@ -205,6 +205,12 @@ def test_wrong_forces_are_refused_by_name(force, message):
         of_arm([force()])
 
 
+def test_a_single_force_instead_of_a_list_is_one_line():
+    robot = rail_sliders(1)
+    with pytest.raises(ConstraintError, match="forces: expected a list, found Spring"):
+        rnc.NonholonomicSystem(robot, [], forces=Spring(rnc.JointPosition("s0"), 1.0))
+
+
 def test_a_force_on_a_conserved_momentum_is_refused():
     robot = rnc.Robot.from_urdf("space_robot.urdf")
     momentum, joints = [rnc.MomentumConservation("platform")], robot.joint_names[1:]

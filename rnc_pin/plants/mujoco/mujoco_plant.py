@@ -242,10 +242,11 @@ class MuJoCoPlant:
         passive = self._reduced.reduction_data.forces
         if self._regularized or passive:
             q, v = self.read()
+            state = self._reduced.at(q, v=v)
             if passive:
-                force = force + self._reduced.at(q, v=v).passive_force
+                force = force + state.passive_force
             if self._regularized:
-                directions = self._reduced.at(q).B[:, self._regularized]
+                directions = state.B[:, self._regularized]
                 force = force - directions @ (self._actuator_friction * np.tanh(v @ directions / _SLOW))
         self._joints.add_force(self.data.qpos, force, applied)
         self._ground.prepare(drive_forces)
