@@ -207,17 +207,7 @@ def _without_distances(problem: Transcription, settings: SolverSettings) -> Sequ
     kept = [bound for bound in problem.bounds if bound.quantity != DISTANCE]
     if len(kept) == len(problem.bounds):
         return None
-    easier = Transcription(
-        problem.model,
-        problem.start,
-        problem.K,
-        problem.costs,
-        kept,
-        problem.goal,
-        problem.duration,
-        problem.time_weight,
-    )
-    return SequentialQuadratic(easier, settings)
+    return SequentialQuadratic(problem.with_bounds(kept), settings)
 
 
 def _refusal(failed: list[tuple[str, Solution]], problem: Transcription) -> str:

@@ -95,8 +95,15 @@ class Transcription:
 
     def with_intervals(self, K: int) -> Transcription:
         """Return the same problem over another number of intervals."""
-        same = (self.costs, self.bounds, self.goal, self.duration, self.time_weight)
-        return Transcription(self.model, self.start, K, *same)
+        return self._with(K, self.bounds)
+
+    def with_bounds(self, bounds: Sequence[NodeBound]) -> Transcription:
+        """Return the same problem within other bounds."""
+        return self._with(self.K, bounds)
+
+    def _with(self, K: int, bounds: Sequence[NodeBound]) -> Transcription:
+        same = (self.goal, self.duration, self.time_weight)
+        return Transcription(self.model, self.start, K, self.costs, bounds, *same)
 
     def times(self, duration: float) -> Array:
         """Times of the nodes (K + 1,) [s]."""
