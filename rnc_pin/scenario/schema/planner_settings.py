@@ -116,7 +116,8 @@ class OptimalPlanner(Strict):
     iterations: Annotated[int, Field(ge=1, le=10000)] = 100
     """Largest number of iterations of each guess."""
     refinements: Annotated[int, Field(ge=0, le=4)] = 1
-    """How often the intervals may be halved, because a fine integration of the plan violates the goal or a bound."""
+    """Largest number of times that the intervals are halved, because a fine integration of the plan violates the goal
+    or a bound."""
     accuracy: Positive = 0.005
     """Largest violation after this integration that needs no refinement [m or rad]."""
     guess: GuessSettings | None = None
