@@ -173,7 +173,7 @@ class _Runs:
 
     def main(self, observer: Observer | None) -> _Run:
         """The run itself."""
-        return self._simulated(0, observer, self._report)
+        return self._simulated(0, observer, self._others.with_helpers(self._show))
 
     def others(self) -> dict[str, _Run]:
         """The comparisons by label. Those after an interruption are missing."""
@@ -200,10 +200,6 @@ class _Runs:
 
         trajectory, error = _simulate(self._plan, experiment, watch)
         return trajectory, error, _gave_way(experiment, state)
-
-    def _report(self, number: int, time: float) -> None:
-        self._others.collect(self._show)
-        self._show(number, time)
 
     def _show(self, number: int, time: float) -> None:
         self._times[number] = time

@@ -101,11 +101,7 @@ class SharedTasks(Generic[P, T]):
         Raises:
             Exception: the error of a task.
         """
-
-        def with_helpers(number: int, done: float) -> None:
-            self.collect(report)
-            report(number, done)
-
+        with_helpers = self.with_helpers(report)
         while (number := self._next()) is not None:
             self._keep(number, self._run(number, self._common, with_helpers))
             self.collect(report)
@@ -114,6 +110,15 @@ class SharedTasks(Generic[P, T]):
             if number not in self.found and not self._stopped:  # its helper died
                 self._keep(number, self._run(number, self._common, report))
         return dict(sorted(self.found.items()))
+
+    def with_helpers(self, report: Report) -> Report:
+        """The same progress callback for a task in this process; each call shows first what helpers have sent."""
+
+        def both(number: int, done: float) -> None:
+            self.collect(report)
+            report(number, done)
+
+        return both
 
     def collect(self, report: Report, block: bool = False) -> None:
         """Receive what helpers have sent, or with ``block`` what they send until they end."""

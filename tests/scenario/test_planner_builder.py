@@ -57,9 +57,12 @@ def test_a_run_plans_and_tracks_its_plan(tmp_path):
 
 def test_existing_trackers_follow_the_outputs_of_the_plan_and_equal_plans_are_shared(tmp_path):
     tracker = {"type": "reducing_outputs", "tracker": "computed_torque", "state_cost": None}
-    path = written(tmp_path, controller=tracker, comparisons={"plan": {"controller": {"type": "plan_feedback"}}})
+    damper = {"damper": {"output": {"frame_yaw": "sleigh"}, "damping": 1.0}}
+    others = {"plan": {"controller": {"type": "plan_feedback"}}, "damped": {"forces": [damper]}}
+    path = written(tmp_path, controller=tracker, comparisons=others)
     prepared = plan(path)
     assert prepared.comparisons["plan"].plan is prepared.experiment.plan
+    assert prepared.comparisons["damped"].plan is not prepared.experiment.plan
     run = execute(prepared)
     np.testing.assert_allclose(run.trajectory.q[-1, :2], [1.0, 0.0], atol=1e-2)
     np.testing.assert_allclose(run.comparisons["plan"].q[-1, :2], [1.0, 0.0], atol=1e-2)
