@@ -189,7 +189,7 @@ def test_a_mirrored_mesh_is_drawn_mirrored_with_its_faces_outward(name, other, f
 # Volume and bounding box of a part in the world, as WebGL gets them: faces whose world is mirrored are turned by it.
 MEASURE = """name => {
   const root = viewer.scene_tree.find(['meshcat', 'robot', 'visuals', name]).object;
-  root.updateMatrixWorld(true);
+  root.updateWorldMatrix(true, true);  // its parents too: no frame may have been drawn yet
   let volume = 0, low = [1e9, 1e9, 1e9], high = [-1e9, -1e9, -1e9];
   root.traverse(part => {
     if (!part.isMesh) return;
