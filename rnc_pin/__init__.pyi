@@ -60,6 +60,7 @@ from .errors import (
 )
 from .loop import ControlLoop, VelocityLoop
 from .model.actuation import FrameForce, FrameTorque, OutputForce
+from .model.impact import Impact, impact
 from .model.measurement import Measurement
 from .model.reduced_model import ReducedModel
 from .model.system import NonholonomicSystem
@@ -119,6 +120,7 @@ __all__ = [
     "Grip",
     "GroundPlane",
     "IkResult",
+    "Impact",
     "InfeasibleError",
     "InputError",
     "JointCoupling",
@@ -168,6 +170,7 @@ __all__ = [
     "errors",
     "forces",
     "free_motion",
+    "impact",
     "kernel",
     "kinematic_rollout",
     "linearize",

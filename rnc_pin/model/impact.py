@@ -1,0 +1,208 @@
+"""Impacts: the jump of the velocity when constraints appear at a configuration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Float
+from rnc_pin.errors import ConstraintError, InputError, nearest
+from rnc_pin.math.linear_algebra import apply, apply_transposed, solve_positive_definite
+from rnc_pin.model.input_validation import ArrayInput, numbers_of
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.reduction_data import best_entries
+from rnc_pin.model.row_stack import RowStack
+from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.model.system import NonholonomicSystem
+from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
+
+_APART = 1e-4  # largest residual of holonomic rows that counts as rounding [m or rad]
+_DIFFERENT = 1e-6  # relative difference of velocities or momenta that counts as a contradiction
+_ROUNDED = 1e-4  # the same for rows that depend on others to the rounding of a file's numbers
+_GAINED = 1e-9  # share of the kinetic energy that counts as rounding
+
+Restitution = float | Mapping[str, float]
+"""Newton's coefficient of restitution of all rows, or of rows by name (zero for the others)."""
+
+
+@dataclass(frozen=True, repr=False)
+class Impact(SummaryMixin):
+    """Jump of the velocity at a configuration; its arrays are read-only.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")])  # the blade drops on the ice
+        >>> jump = rnc.impact(system, robot.configuration(), [1.0, 0.5, 0.0])
+        >>> list(jump.impulses), jump.loss > 0
+        (['no_side_slip(sleigh.y)'], True)
+    """
+
+    v_before: Float[Array, " nv"]
+    """Velocity before the impact."""
+    v: Float[Array, " nv"]
+    """Velocity after the impact; it satisfies the constraints unless rows rebound."""
+    impulses: Mapping[str, float]
+    """Impulse of each constraint row on the robot [N s or N m s]; those of least norm if they are not unique.
+
+    The sign is that of the row's velocity, so it is opposite to the sign of multipliers.
+    """
+    energy_before: float
+    """Kinetic energy before the impact [J]."""
+    energy_after: float
+    """Kinetic energy after the impact [J]."""
+
+    @property
+    def loss(self) -> float:
+        """Lost kinetic energy [J]."""
+        return self.energy_before - self.energy_after
+
+    @property
+    def largest_impulse(self) -> float:
+        """Largest absolute impulse of a row [N s or N m s]; zero without rows."""
+        return max(map(abs, self.impulses.values()), default=0.0)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        content = self.v_before, self.v, dict(self.impulses), self.energy_before, self.energy_after
+        return _read_only, content
+
+    def _summary(self) -> ObjectSummary:
+        title = f"Impact: {self.loss:.4g} J of {self.energy_before:.4g} J are lost"
+        impulses = [Item(name, f"{value:.4g}") for name, value in self.impulses.items()]
+        return ObjectSummary(title, [("impulses", impulses)])
+
+
+def impact(
+    system: NonholonomicSystem | ReducedModel, q: ArrayInput, v: ArrayInput, restitution: Restitution = 0.0
+) -> Impact:
+    """Velocity after constraints appear or vanish, with the impulses that cause the jump.
+
+    Forces that stay finite have no effect during an impact. The constraints of the system act by impulses Lambda, and
+    Newton's law of restitution gives the velocity of each row after the impact:
+
+        H* (v+ - v-) = A^T Lambda,   A v+ = mu - e (A v- - mu).
+
+    Rows that hold before the impact hold after it. Constraints that vanish change no velocity. Momentum rows have no
+    impulse, so the velocity before the impact has to satisfy them.
+
+    Args:
+        system: system or reduced model with the constraints that hold after the impact.
+        q: configuration (nq,); it has to satisfy the holonomic rows.
+        v: velocity (nv,) before the impact.
+        restitution: coefficient of all rows, or row name to coefficient, from 0 (no rebound) to 1 (elastic).
+
+    Raises:
+        InputError: wrong shapes, or the configuration violates a holonomic row.
+        ConstraintError: an unknown row or a coefficient outside 0 to 1; coefficients of dependent rows contradict each
+            other; coefficients that create energy; or the velocity before the impact violates a conserved momentum.
+        SingularityError: the constraints lose rank at q.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")])
+        >>> jump = rnc.impact(system, robot.configuration(), [1.0, 0.5, 0.2], restitution=1.0)
+        >>> bool(abs(jump.loss) < 1e-12), jump.v_before.tolist()
+        (True, [1.0, 0.5, 0.2])
+    """
+    reduced = system.reduce() if isinstance(system, NonholonomicSystem) else system
+    state = _regular_state(reduced, q, v)
+    rows, kept = reduced.all_constraints, state.kept_rows
+    coefficients, conserved = _coefficients(rows, restitution), _conserved(rows)
+    mu = rows.rate(state.position)
+    slip = apply(state.all_rows, state.v) - mu
+    _check_momenta(rows, state, mu, slip, conserved)
+    after = mu - coefficients * slip  # rates of all rows
+    # Velocities are X A v + R w, with E^-1 = [X, R] in a reduction to entries w of v.
+    X, R = state.E_inverse[:, : reduced.m], state.R
+    fixed = apply(X, after[kept])
+    w = solve_positive_definite(state.H, apply_transposed(R, apply(state.M, state.v - fixed)))
+    v_after = fixed + apply(R, w)
+    _check_dependent(rows, state, apply(state.all_rows, v_after), after)
+    momentum = apply(state.M, v_after - state.v)
+    impulses = _shared(state.all_rows, conserved, momentum, reduced.m - int(conserved[kept].sum()))
+    named = dict(zip(rows.names, impulses.tolist(), strict=True))
+    found = _read_only(state.v, v_after, named, float(state.kinetic_energy), float(0.5 * v_after @ state.M @ v_after))
+    if not rows.affine and -found.loss > _GAINED * found.energy_before:
+        raise ConstraintError(
+            f"restitution: these coefficients create energy, {-found.loss:.3g} J of {found.energy_before:.3g} J: "
+            "choose smaller coefficients, or the same for all rows"
+        )
+    return found
+
+
+def _read_only(v_before: Array, v: Array, impulses: dict[str, float], before: float, after: float) -> Impact:
+    """Impact whose arrays and mapping cannot be changed."""
+    for each in (v_before, v):
+        each.setflags(write=False)
+    return Impact(v_before, v, MappingProxyType(impulses), before, after)
+
+
+def _regular_state(reduced: ReducedModel, q: ArrayInput, v: ArrayInput) -> StateEvaluation:
+    """State in a reduction that is regular wherever the constraints have full rank."""
+    q, v = numbers_of(q, "q"), numbers_of(v, "v")
+    if q.ndim != 1 or v.ndim != 1:
+        raise InputError(f"impact: expected one state, found q of shape {q.shape} and v of shape {v.shape}")
+    state = reduced.at(q, v=v)
+    if reduced.assembly.size and np.abs(reduced.assembly.residual(state.q)).max() > _APART:
+        name, residual = reduced.assembly.worst(state.q)
+        raise InputError(
+            f"impact: the configuration violates {name} by {residual:.3g} [m or rad]: constraints appear only where "
+            "they are satisfied; reduced.assembled(q) returns such a configuration"
+        )
+    data = reduced.reduction_data
+    return state.in_reduction(data.in_entries(best_entries(state.A, data.r), free=True))
+
+
+def _coefficients(rows: RowStack, restitution: Restitution) -> Array:
+    """Coefficient of each row, (k,)."""
+    named = restitution if isinstance(restitution, Mapping) else dict.fromkeys(rows.names, restitution)
+    for name, value in named.items():
+        if name not in rows.names:
+            raise ConstraintError(f"restitution: no constraint row '{name}'{nearest(str(name), rows.names)}")
+        if not isinstance(value, int | float | np.number) or not 0.0 <= value <= 1.0:
+            raise ConstraintError(f"restitution of row '{name}': expected a number from 0 to 1, found {value!r}")
+    return np.array([float(named.get(name, 0.0)) for name in rows.names])
+
+
+def _conserved(rows: RowStack) -> Array:
+    """Mask (k,) of the rows that have no reaction force."""
+    mask = np.zeros(rows.size, dtype=bool)
+    for place in rows.places:
+        mask[place.where] = place.block.conserved is not None
+    return mask
+
+
+def _check_momenta(rows: RowStack, state: StateEvaluation, mu: Array, slip: Array, conserved: Array) -> None:
+    limits = _DIFFERENT * (_sizes(state) + np.abs(mu))
+    for row in np.flatnonzero(conserved & (np.abs(slip) > limits)):
+        raise ConstraintError(
+            f"{rows.names[row]} is {mu[row] + slip[row]:.8g} before the impact, and the constraint requires "
+            f"{mu[row]:.8g}: an impact does not change a conserved momentum"
+        )
+
+
+def _sizes(state: StateEvaluation) -> Array:
+    """Largest rate of each row (k,) at the speed of a state."""
+    return np.linalg.norm(state.all_rows, axis=-1) * np.linalg.norm(state.v)
+
+
+def _check_dependent(rows: RowStack, state: StateEvaluation, rates: Array, wanted: Array) -> None:
+    """Raise an error if a dependent row does not get its velocity."""
+    excess = np.abs(rates - wanted) - _ROUNDED * (_sizes(state) + np.abs(wanted))
+    for row in np.flatnonzero(excess > 0)[:1]:
+        raise ConstraintError(
+            f"restitution: row '{rows.names[row]}' has to move at {wanted[row]:.4g} after the impact, the rows that it "
+            f"depends on require {rates[row]:.4g}: give dependent rows the same coefficient"
+        )
+
+
+def _shared(matrix: Array, conserved: Array, momentum: Array, rank: int) -> Array:
+    """Impulses (k,) of least norm with ``matrix^T impulses = momentum``; zero for rows without reaction."""
+    impulses = np.zeros(len(matrix))
+    left, values, right = np.linalg.svd(matrix[~conserved].T, full_matrices=False)
+    counted = (np.arange(len(values)) < rank) & (values > 1e-10 * values.max(initial=0.0))
+    impulses[~conserved] = right[counted].T @ ((left[:, counted].T @ momentum) / values[counted])
+    return impulses

@@ -1,0 +1,175 @@
+"""Impacts against closed forms, conservation laws and Carnot's theorem."""
+
+import pickle
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+import systems
+from tolerances import ROUNDING
+
+LENGTH, MASS = 1.4, 3.0
+
+
+def bodies(*inertias):
+    """Free planar bodies, each with a frame at its centre and one at (LENGTH / 2, 0, 0)."""
+    model = pin.Model()
+    for k, (mass, turning) in enumerate(inertias):
+        joint = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), f"body_{k}_joint")
+        model.appendBodyToJoint(joint, pin.Inertia(mass, np.zeros(3), turning * np.eye(3)), pin.SE3.Identity())
+        for name, x in (("center", 0.0), ("end", LENGTH / 2), ("tail", -LENGTH / 2)):
+            place = pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
+            model.addFrame(pin.Frame(f"{name}_{k}", joint, 0, place, pin.FrameType.OP_FRAME))
+    model.gravity = pin.Motion.Zero()
+    return rnc.Robot(model)
+
+
+@pytest.fixture(scope="module")
+def bar():
+    return bodies((MASS, MASS * LENGTH**2 / 12))
+
+
+@pytest.fixture(scope="module")
+def pinned(bar):
+    """The bar, pinned at its end to the world."""
+    anchor = rnc.LoopClosure("universe", "tail_0", kind="point", offset_a=(-LENGTH / 2, 0.0, 0.0))
+    return rnc.NonholonomicSystem(bar, [anchor])
+
+
+def total_momentum(robot, q, v):
+    """Linear momentum, and angular momentum about the world's origin."""
+    model, data = robot.model, robot.model.createData()
+    pin.computeCentroidalMomentum(model, data, q, v)
+    center = pin.centerOfMass(model, data, q, v)
+    h = data.hg
+    return np.concatenate([h.linear, h.angular + np.cross(center, h.linear)])
+
+
+def test_bar_pinned_at_its_end(bar, pinned):
+    """Angular momentum about the pin is conserved: m v L / 2 = (m L^2 / 3) w, and a quarter of the energy is lost."""
+    speed = 0.8
+    jump = rnc.impact(pinned, bar.configuration(), [0.0, speed, 0.0])
+    spin = 1.5 * speed / LENGTH
+    np.testing.assert_allclose(jump.v, [0.0, spin * LENGTH / 2, spin], atol=ROUNDING)
+    assert jump.loss == pytest.approx(0.25 * 0.5 * MASS * speed**2)
+    impulse = MASS * (spin * LENGTH / 2 - speed)
+    assert jump.impulses["closure_y(universe[-0.7 0 0], tail_0)"] == pytest.approx(impulse)
+    assert jump.impulses["closure_z(universe[-0.7 0 0], tail_0)"] == 0.0
+
+
+def test_two_point_masses_stick_or_rebound():
+    masses, speeds = np.array([2.0, 5.0]), np.array([1.5, -0.4])
+    robot = bodies(*((mass, 1.0) for mass in masses))
+    touching = rnc.NonholonomicSystem(robot, [rnc.LoopClosure("center_0", "center_1", kind="point")])
+    v = np.array([speeds[0], 0.0, 0.0, speeds[1], 0.0, 0.0])
+    common, approach = masses @ speeds / masses.sum(), speeds[0] - speeds[1]
+    for e in (0.0, 0.35, 1.0):
+        jump = rnc.impact(touching, robot.configuration(), v, restitution=e)
+        expected = common + np.array([-1.0, 1.0]) * e * approach * masses[::-1] / masses.sum()
+        np.testing.assert_allclose(jump.v[[0, 3]], expected, atol=ROUNDING)
+        loss = 0.5 * (1 - e**2) * approach**2 * masses.prod() / masses.sum()
+        assert jump.loss == pytest.approx(loss, abs=1e-12)
+
+
+@pytest.mark.parametrize("elastic", [False, True])
+def test_grasp_of_a_free_body_conserves_the_total_momentum(elastic):
+    """Hand of a floating arm and a drifting body; the impulses are internal."""
+    arm = rnc.Robot.from_urdf("floating_arm.urdf", base="planar", gravity=(0, 0, 0))
+    model = arm.model.copy()
+    joint = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "target_joint")
+    model.appendBodyToJoint(joint, pin.Inertia(6.0, np.array([0.1, 0.05, 0.0]), 0.7 * np.eye(3)), pin.SE3.Identity())
+    model.addFrame(pin.Frame("handle", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    robot = rnc.Robot(model)
+    held = rnc.NonholonomicSystem(robot, [rnc.LoopClosure("hand", "handle")])
+    q = held.assembled(robot.configuration({"shoulder": 0.4, "elbow": 0.9}), hold=["root_joint", "shoulder", "elbow"])
+    v = np.random.default_rng(3).uniform(-1, 1, robot.nv)
+    jump = rnc.impact(held, q, v, restitution=float(elastic))
+    before, after = (total_momentum(robot, q, each) for each in (v, jump.v))
+    np.testing.assert_allclose(after, before, atol=1e-12)
+    M = pin.crba(robot.model, robot.model.createData(), q)
+    M = np.triu(M) + np.triu(M, 1).T
+    if elastic:
+        assert jump.loss == pytest.approx(0.0, abs=1e-12)
+    else:  # Carnot: the lost energy is that of the lost velocity
+        assert jump.loss == pytest.approx(0.5 * (jump.v - v) @ M @ (jump.v - v))
+        assert np.abs(held.reduce().at(q, v=jump.v).residual).max() < 1e-12
+
+
+def test_landing_wheels_spin_up():
+    """Dropped wheels: vertical momentum is lost; friction impulses turn wheels that did not turn."""
+    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+    wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
+    system = rnc.NonholonomicSystem(robot, wheels)
+    q, v = robot.configuration(), np.array([0.7, 0.2, 0.0, 0.0, 0.0])
+    jump = rnc.impact(system, q, v)
+    M = pin.crba(robot.model, robot.model.createData(), q)
+    M = np.triu(M) + np.triu(M, 1).T
+    A = np.array([[1.0, 0.0, 0.0, -0.1, 0.0], [1.0, 0.0, 0.0, 0.0, -0.1], [0.0, 1.0, 0.0, 0.0, 0.0]])
+    track = np.abs(system.reduce().at(q).all_rows[:, 2]).max()
+    A[:2, 2] = [-track, track]
+    kkt = np.block([[M, -A.T], [A, np.zeros((3, 3))]])
+    expected = np.linalg.solve(kkt, np.concatenate([M @ v, np.zeros(3)]))
+    np.testing.assert_allclose(jump.v, expected[:5], atol=ROUNDING)
+    assert jump.v[1] == pytest.approx(0.0, abs=1e-12)
+    lateral = [jump.impulses[f"lateral({side}_wheel)"] for side in ("left", "right")]
+    assert lateral[0] == pytest.approx(lateral[1])  # dependent rows share by least norm
+    assert sum(lateral) == pytest.approx(expected[7], rel=1e-9)
+
+
+def test_nothing_happens_if_constraints_hold_or_vanish(bar, pinned):
+    q, v = bar.configuration(), np.array([0.0, 0.35 * LENGTH, 0.7])
+    for system in (pinned, rnc.NonholonomicSystem(bar)):
+        np.testing.assert_allclose(rnc.impact(system, q, v, restitution=0.6).v, v, atol=1e-12)
+
+
+def test_moving_constraint_gives_its_own_speed(bar):
+    """A conveyor grips the bar: A v = mu."""
+    row = np.array([[1.0, 0.0, 0.0]])
+    belt = rnc.Pfaffian(lambda q: row, names=["belt"], rate=lambda q: np.array([0.5]))
+    jump = rnc.impact(rnc.NonholonomicSystem(bar, [belt]), bar.configuration(), [0.2, 0.1, 0.3], restitution=0.5)
+    np.testing.assert_allclose(jump.v, [0.65, 0.1, 0.3], atol=ROUNDING)
+    assert jump.impulses["belt"] == pytest.approx(MASS * 0.45)
+
+
+def test_conserved_momenta_take_no_impulse():
+    reduced = systems.space_robot()
+    q = reduced.robot.configuration({"joint_2": 1.2})
+    v = reduced.at(q, [0.2, -0.1, 0.3]).v
+    np.testing.assert_allclose(rnc.impact(reduced, q, v).v, v, atol=1e-12)
+    with pytest.raises(rnc.ConstraintError, match=r"momentum\(platform\) is .* requires 0: .* conserved momentum"):
+        rnc.impact(reduced, q, v + 0.1)
+
+
+def test_refusals(bar, pinned):
+    q, v = bar.configuration(), np.array([0.0, 1.0, 0.0])
+    with pytest.raises(rnc.ConstraintError, match=r"no constraint row 'closure_u.*did you mean 'closure_"):
+        rnc.impact(pinned, q, v, restitution={"closure_u(universe[-0.7 0 0], tail_0)": 0.5})
+    with pytest.raises(rnc.ConstraintError, match=r"expected a number from 0 to 1, found 1.5"):
+        rnc.impact(pinned, q, v, restitution=1.5)
+    with pytest.raises(rnc.InputError, match=r"violates closure_x.* by"):
+        rnc.impact(pinned, bar.configuration({bar.joint_names[0]: [0.3, 0, 0]}), v)
+    with pytest.raises(rnc.InputError, match="expected one state"):
+        rnc.impact(pinned, np.stack([q, q]), np.stack([v, v]))
+    slip = rnc.NonholonomicSystem(bar, [rnc.NoSideSlip("center_0"), rnc.Pfaffian(lambda q: np.array([[0, 2.0, 0]]))])
+    with pytest.raises(rnc.ConstraintError, match=r"restitution: row 'row\[0\]' has to move"):
+        rnc.impact(slip, q, v, restitution={"no_side_slip(center_0.y)": 0.5})
+
+
+def test_coefficients_that_create_energy_are_refused(bar):
+    """Newton's law with a rebound along the row that couples least (Kane 1984)."""
+    rows = np.array([[0.0, 1.0, 0.1], [1.0, 3.0, 1.0]])
+    system = rnc.NonholonomicSystem(bar, [rnc.Pfaffian(lambda q: rows, names=["normal", "tangential"])])
+    with pytest.raises(rnc.ConstraintError, match="create energy"):
+        rnc.impact(system, bar.configuration(), [-2.95, 1.0, 0.0], restitution={"normal": 1.0})
+
+
+@pytest.mark.parametrize("again", [lambda each: each, lambda each: pickle.loads(pickle.dumps(each))])
+def test_results_are_immutable(bar, pinned, again):
+    jump = again(rnc.impact(pinned, bar.configuration(), [0.0, 1.0, 0.0]))
+    with pytest.raises(ValueError, match="read-only"):
+        jump.v[0] = 1.0
+    with pytest.raises(TypeError):
+        jump.impulses["closure_x(universe[-0.7 0 0], tail_0)"] = 1.0
+    assert "are lost" in repr(jump)
