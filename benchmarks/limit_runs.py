@@ -49,7 +49,7 @@ class Row(NamedTuple):
     run: int
     outcome: str
     reported: str
-    """Complaint of preflight, and distances that gave way in the run; empty if there are none."""
+    """Complaint of preflight, distances that gave way, goals that the run missed; empty if there are none."""
     error: float
     """Largest error of a goal at the end [m, rad]."""
     position: float
@@ -91,7 +91,8 @@ def one(scenario: str, run: int) -> Row:
     error = max((result.summary["final_error"].get(name, np.inf) for name in GOALS[scenario]), default=np.inf)
     outcome = str(trajectory.outcome) if result.error is None else str(result.error)
     gave_way = [f"{name} gave way" for name in result.summary.get("limits_gave_way", ()) if name.endswith(" distance")]
-    reported = "; ".join([*experiment.warnings, *gave_way])
+    missed = [f"{name} was not reached" for name in result.summary.get("goals_missed", ())]
+    reported = "; ".join([*experiment.warnings, *gave_way, *missed])
     return Row(
         scenario, run, outcome, reported, float(error), *excesses, distance, contacts, time.process_time() - start
     )

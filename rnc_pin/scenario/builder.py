@@ -13,7 +13,7 @@ import numpy as np
 from rnc_pin.analysis import Grip
 from rnc_pin.collision import Obstacle
 from rnc_pin.control import Controller, SlitheringReference, describe
-from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError, nearest
+from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, nearest
 from rnc_pin.io.json import Json
 from rnc_pin.loop import LoopOptions
 from rnc_pin.math.coordinates import Coordinates
@@ -26,7 +26,8 @@ from rnc_pin.planning.driven_path import continued_back, distances
 from rnc_pin.planning.steering_geometry import SteeringGeometry
 from rnc_pin.plants import Plant
 from rnc_pin.scenario.controllers import BuiltController, ControllerContext, build_controller
-from rnc_pin.scenario.controllers.context import reduced_velocity
+from rnc_pin.scenario.controllers.context import reduced_velocity, refuse_or_warn
+from rnc_pin.scenario.controllers.task_goals import TaskGoals
 from rnc_pin.scenario.frame_poses import frame_poses
 from rnc_pin.scenario.planner_builder import Plans, Start, planned_path
 from rnc_pin.scenario.plant_builder import build_plant
@@ -77,6 +78,8 @@ class Experiment:
     obstacles: tuple[Obstacle, ...] = ()
     plan: MotionPlan | None = None
     """Optimal motion of ``planner``."""
+    goals: TaskGoals | None = None
+    """Goals of whole-body tasks."""
 
     @property
     def loop(self) -> LoopOptions:
@@ -138,6 +141,7 @@ def build_experiment(scenario: Scenario, folder: Path, plans: Plans | None = Non
             grip=_grip(scenario, reduced),
             obstacles=obstacles,
             plan=motion,
+            goal_tolerance=scenario.goal_tolerance,
         ),
     )
     _check_plots(scenario, reduced)
@@ -160,6 +164,7 @@ def build_experiment(scenario: Scenario, folder: Path, plans: Plans | None = Non
         ),
         obstacles=obstacles,
         plan=motion,
+        goals=built.goals,
     )
 
 
@@ -231,8 +236,7 @@ def _build_controller(scenario: Scenario, context: ControllerContext) -> BuiltCo
         return build_controller(settings, _slowed(context, time_scale))
 
     built, time_scale = iterate_time_scale(slowed, lambda each: each.time_scale)
-    if built.warnings and scenario.preflight == "refuse":
-        raise InfeasibleError("; ".join(built.warnings))
+    refuse_or_warn(scenario.preflight, built.warnings)
     if time_scale > 1.0:
         said = f"references are slowed down by a factor of {time_scale:.4g} so that no wheel slips"
         built = replace(built, warnings=(said, *built.warnings))

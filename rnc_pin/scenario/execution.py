@@ -224,6 +224,10 @@ def _executed(plan: Plan, runs: _Runs, observer: Observer | None, measure_limits
     summary = _summary(plan.experiment, trajectory, time.perf_counter() - start)
     if gave_way:
         summary["limits_gave_way"] = gave_way
+    summary["goal_tolerance"] = plan.experiment.scenario.goal_tolerance
+    missed = _missed_goals(plan.experiment, trajectory, summary)
+    if missed:
+        summary["goals_missed"] = missed
     limits = _replay(plan.experiment, trajectory) if measure_limits else None
     if limits is not None:
         add_limits(summary, limits)
@@ -244,6 +248,19 @@ def _summary(experiment: Experiment, trajectory: Trajectory, wall_time: float | 
     if strayed is not None:
         summary["off_tracking_max"] = strayed
     return summary
+
+
+def _missed_goals(experiment: Experiment, trajectory: Trajectory, summary: Summary) -> dict[str, float]:
+    """Errors of goals that a completed run did not reach, by name; whole-body tasks know their goals."""
+    if trajectory.outcome is not Outcome.COMPLETED:
+        return {}
+    errors = dict(summary["final_error"])
+    if experiment.goals is not None:
+        errors = {}
+        for goal in experiment.goals.errors(float(trajectory.time[-1]), trajectory.q[-1], trajectory.v[-1]):
+            for name, error in goal.errors.items():
+                errors[name] = max(error, errors.get(name, 0.0))
+    return {name: error for name, error in errors.items() if error > experiment.scenario.goal_tolerance}
 
 
 def _replay(experiment: Experiment, trajectory: Trajectory) -> LimitReplay | None:

@@ -285,8 +285,11 @@ def _by_name(wanted: tuple[str, ...], known: tuple[str, ...], values: np.ndarray
     if wanted == known:
         return values
     columns = {name: column for column, name in enumerate(known)}
-    nothing = np.full(len(values), np.nan)
-    return np.stack([values[:, columns[name]] if name in columns else nothing for name in wanted], axis=-1)
+    found = np.full((len(values), len(wanted)), np.nan)
+    for place, name in enumerate(wanted):
+        if name in columns:
+            found[:, place] = values[:, columns[name]]
+    return found
 
 
 def _expect(name: str, value: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:

@@ -64,7 +64,8 @@ class Summary(Compared):
     if the plant does not provide work. ``lift_off`` is None if no contact lifts off, or if normal forces are unknown.
     ``joint_limits`` has the worst limit of each kind. ``smallest_distance`` is None if no bodies come near. Both are in
     summaries of scenarios. ``limits_gave_way`` has the largest amounts by which limits of a whole-body program
-    gave way to others; it is missing if none did.
+    gave way to others; it is missing if none did. ``goals_missed`` has the errors of goals that a completed run of a
+    scenario did not reach within ``goal_tolerance``; it is missing if it reached all.
     """
 
     scenario: str | None
@@ -83,6 +84,8 @@ class Summary(Compared):
     smallest_distance: NotRequired[NearestBodies | None]
     touching_at_start: NotRequired[list[str]]
     limits_gave_way: NotRequired[dict[str, float]]
+    goal_tolerance: NotRequired[float]
+    goals_missed: NotRequired[dict[str, float]]
     comparisons: NotRequired[dict[str, Compared]]
     files: NotRequired[list[str]]
 

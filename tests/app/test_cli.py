@@ -232,6 +232,18 @@ def test_a_failed_run_has_status_1_and_keeps_its_results(call, tmp_path):
     assert (tmp_path / "overview.png").is_file()
 
 
+def test_a_run_that_misses_a_goal_says_so(call, tmp_path, no_pictures):
+    stuck = ["--set", "faults.stuck={joint: joint_1, time: 0.1}", "--set", "simulation.duration=1"]
+    status, out, error = call("run", "space-robot", *BARE, *stuck, "--json", "--out", tmp_path)
+    assert status == 0
+    summary = parsed(out)
+    missed = {name: value for name, value in summary["final_error"].items() if value > 0.02}
+    assert missed
+    assert summary["goals_missed"] == missed == parsed((tmp_path / "summary.json").read_text())["goals_missed"]
+    (line,) = [line for line in error.splitlines() if "goals were not reached within 0.02 m or rad: " in line]
+    assert all(name in line for name in missed)
+
+
 @pytest.mark.parametrize(
     ("options", "outcome"),
     [

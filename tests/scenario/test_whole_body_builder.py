@@ -172,6 +172,7 @@ def test_preflight_names_a_goal_that_the_limits_exclude(tmp_path):
     (warning,) = plan(point(tmp_path, **behind)).experiment.warnings
     assert "misses its goal" in warning
     assert plan(point(tmp_path, controller=program, preflight="refuse")).experiment.warnings == ()
+    assert plan(point(tmp_path, preflight="refuse", goal_tolerance=0.31, **behind)).experiment.warnings == ()
 
 
 def test_preflight_warns_of_a_lower_goal_that_is_given_up(tmp_path):
@@ -194,6 +195,31 @@ def test_limits_that_gave_way_are_in_the_summary(tmp_path, program):
     assert [name for name in gave_way if name.endswith("stone distance") and gave_way[name] > 1.0]
     calm = execute(plan(point(tmp_path, controller=program, **{**changes, "obstacles": []})))
     assert "limits_gave_way" not in calm.summary
+
+
+@pytest.mark.parametrize("program", PROGRAMS, ids=["qp", "inverse_dynamics"])
+def test_goals_that_a_run_misses_are_in_the_summary(tmp_path, program):
+    """The joint locks at 0.5 s, which preflight cannot know."""
+    changes = {"obstacles": [], "simulation": {"duration": 2.5, "dt": 0.02}, "preflight": "refuse"}
+    stuck = {**changes, "faults": {"stuck": {"joint": "x", "time": 0.5}}}
+    run = execute(plan(point(tmp_path, controller=program, **stuck)))
+    missed = 1.0 - float(run.trajectory.q[-1, 0])
+    assert missed > 0.5
+    assert run.summary["goals_missed"] == {"ball_x": pytest.approx(missed, abs=1e-12)}
+    assert run.summary["goal_tolerance"] == 0.02
+    generous = execute(plan(point(tmp_path, controller=program, **stuck, goal_tolerance=missed + 1e-9)))
+    assert "goals_missed" not in generous.summary
+    assert "goals_missed" not in execute(plan(point(tmp_path, controller=program, **changes))).summary
+
+
+def test_the_goal_of_a_speed_is_its_rate(tmp_path):
+    """At half of the duration, a minimum-jerk motion has 15/8 of its mean speed; the joint may move at 1.5 m/s."""
+    ahead = {"minimum_jerk": {"by": [2.0], "duration": 2}}
+    speed = {"output": {"output": {"frame_speed": {"frame": "ball", "axis": "x"}}, "reference": ahead}}
+    program = {**PROGRAMS[0], "tasks": [speed], "limits": {"joint_velocity": {"margin": 0.0}}}
+    short = {"obstacles": [], "simulation": {"duration": 1.0, "dt": 0.02}}
+    (error,) = execute(plan(point(tmp_path, controller=program, **short))).summary["goals_missed"].values()
+    assert error == pytest.approx(15 / 8 - 1.5, abs=1e-9)
 
 
 def test_inputs_stay_within_the_efforts_of_the_file(tmp_path):

@@ -66,6 +66,9 @@ def run_scenario(
             return FAILED
     if result.summary["lift_off"] is not None:
         warn(str(LiftOff(**result.summary["lift_off"])))
+    if "goals_missed" in result.summary:
+        errors = ", ".join(f"{name} {error:.2g}" for name, error in result.summary["goals_missed"].items())
+        warn(f"goals were not reached within {result.summary['goal_tolerance']:g} m or rad: {errors}")
     if drawn.failures:
         warn(str(drawn))
     files = result.summary["files"] = [*written, *drawn.written]

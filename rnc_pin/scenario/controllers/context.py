@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from functools import singledispatch
@@ -13,12 +13,13 @@ import numpy as np
 from rnc_pin.analysis import Grip
 from rnc_pin.collision import Obstacle
 from rnc_pin.control import Controller, PositionGains, SlitheringReference, VelocityGains
-from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.errors import ConfigurationError, InfeasibleError, nearest
 from rnc_pin.io.json import Json
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.optimal.motion_plan import MotionPlan
 from rnc_pin.planning import Reference
+from rnc_pin.scenario.controllers.task_goals import TaskGoals
 from rnc_pin.scenario.schema.controllers import (
     AdaptationSettings,
     ControllerSettings,
@@ -48,6 +49,7 @@ class ControllerContext:
         slithering: reference of a trailer on the path of its tractor, which replaces ``vertical``.
         obstacles: bodies in the world, for the check before the run.
         plan: optimal motion of ``planner``, if the scenario has one.
+        goal_tolerance: error of a goal at the end of the run above which it is missed [m, rad].
         monitored: indices in x1 and reference of vertical outputs that are not controlled; for the record only.
     """
 
@@ -66,6 +68,7 @@ class ControllerContext:
     grip: Grip | None = None
     obstacles: tuple[Obstacle, ...] = ()
     plan: MotionPlan | None = None
+    goal_tolerance: float = 0.02
 
     @property
     def horizon(self) -> float:
@@ -83,12 +86,33 @@ class BuiltController:
         warnings: messages for the user.
         notes: entries for the record of the run.
         time_scale: factor by which the references must be slowed down so that no wheel slips.
+        goals: goals of whole-body tasks.
     """
 
     controller: Controller
     warnings: tuple[str, ...] = ()
     notes: Mapping[str, Json] = field(default_factory=dict)
     time_scale: float = 1.0
+    goals: TaskGoals | None = None
+
+
+def refuse_or_warn(
+    preflight: Literal["warn", "refuse"], complaints: Sequence[str], further: Sequence[str] = ()
+) -> tuple[str, ...]:
+    """Return the warnings of the check before a run.
+
+    Args:
+        preflight: action.
+        complaints: reasons against the run.
+        further: warnings that are no reason against it.
+
+    Raises:
+        InfeasibleError: there are complaints, and ``preflight`` refuses such a run.
+    """
+    warnings = (*complaints, *further)
+    if complaints and preflight == "refuse":
+        raise InfeasibleError("; ".join(warnings))
+    return warnings
 
 
 @singledispatch

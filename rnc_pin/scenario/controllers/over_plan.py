@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rnc_pin.errors import ConfigurationError, InfeasibleError
+from rnc_pin.errors import ConfigurationError
 from rnc_pin.optimal import PlanFeedback, tvlqr
 from rnc_pin.scenario.controllers.context import (
     MIN_SINGULAR_VALUE,
@@ -12,6 +12,7 @@ from rnc_pin.scenario.controllers.context import (
     ControllerContext,
     at_key,
     build_type,
+    refuse_or_warn,
 )
 from rnc_pin.scenario.schema.controllers import PlanFeedbackSettings
 from rnc_pin.simulation import obstacles_passed
@@ -35,6 +36,4 @@ def _plan_feedback(settings: PlanFeedbackSettings, context: ControllerContext) -
         *([f"{near}, limit {MIN_SINGULAR_VALUE:g}"] if smallest < MIN_SINGULAR_VALUE else []),
         *(f"the plan passes through obstacle '{each.names[1]}': {each}" for each in passed),
     )
-    if complaints and context.preflight == "refuse":
-        raise InfeasibleError("; ".join(complaints))
-    return BuiltController(controller, complaints)
+    return BuiltController(controller, refuse_or_warn(context.preflight, complaints))

@@ -7,7 +7,7 @@ import numpy as np
 from rnc_pin.analysis import equilibrium, linearize, lqr
 from rnc_pin.analysis.regulator import check_sampling
 from rnc_pin.control import StateFeedback
-from rnc_pin.errors import InfeasibleError, RncError
+from rnc_pin.errors import RncError
 from rnc_pin.planning import Joined, Reference
 from rnc_pin.scenario.controllers.context import (
     MIN_SINGULAR_VALUE,
@@ -15,6 +15,7 @@ from rnc_pin.scenario.controllers.context import (
     ControllerContext,
     build_type,
     reduced_velocity,
+    refuse_or_warn,
 )
 from rnc_pin.scenario.schema.controllers import StateFeedbackSettings
 
@@ -39,7 +40,5 @@ def _state_feedback(settings: StateFeedbackSettings, context: ControllerContext)
     smallest = float(np.min(reduced.at(np.stack([context.q0, found.q])).smallest_singular_value))
     limit = MIN_SINGULAR_VALUE
     near = f"start is near a singular configuration: smallest singular value {smallest:.2g}, limit {limit:g}"
-    complaints = () if smallest > limit else (near,)
-    if complaints and context.preflight == "refuse":
-        raise InfeasibleError(complaints[0])
+    complaints = refuse_or_warn(context.preflight, () if smallest > limit else (near,))
     return BuiltController(StateFeedback(linear, K, reference, names), complaints)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import cast
 
 import numpy as np
@@ -28,7 +27,7 @@ from rnc_pin.control import (
 from rnc_pin.control.gain_design import OUTER_GAINS
 from rnc_pin.control.redundancy import check_freedom
 from rnc_pin.control.whole_body import ProgramState
-from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError
+from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.task import Task
 from rnc_pin.planning import Joined, Reference, ReferencePoint
@@ -40,9 +39,11 @@ from rnc_pin.scenario.controllers.context import (
     build_type,
     holding_force,
     inertia_bound,
+    refuse_or_warn,
     sized_gain,
     tracker_gains,
 )
+from rnc_pin.scenario.controllers.task_goals import TaskGoals
 from rnc_pin.scenario.schema.controllers import (
     Class1Settings,
     ReducingOutputsSettings,
@@ -53,9 +54,6 @@ from rnc_pin.scenario.schema.controllers import (
 )
 from rnc_pin.scenario.schema.secondary_objectives import SecondarySettings
 from rnc_pin.simulation import Margins, margins_along, obstacles_passed
-
-MissedGoals = Callable[[float, np.ndarray], tuple[tuple[str, ...], tuple[str, ...]]]
-"""Complaints about missed goals, and about lower ones that are given up, from the last time [s] and q (nq,)."""
 
 _ROLLOUT_STEP = 0.05  # [s]; a coarse step is enough, because the inertia varies smoothly
 
@@ -137,7 +135,7 @@ def track(
     kinematic: KinematicController,
     task: Task | None = None,
     horizon: float | None = None,
-    missed: MissedGoals | None = None,
+    goals: TaskGoals | None = None,
 ) -> BuiltController:
     """Check the reference and build the velocity tracker under a kinematic controller.
 
@@ -147,21 +145,22 @@ def track(
         kinematic: computes the rates of the reducing outputs.
         task: task whose A4 the kinematic controller inverts, if any.
         horizon: duration of the motion to check [s]; by default that of the references of the scenario.
-        missed: finds the goals that the motion does not reach, for controllers that may give goals up.
+        goals: goals of a controller that may give goals up.
 
     Raises:
         InfeasibleError: no gains fit the motion, or preflight refuses it.
     """
     reduced, q0 = context.reduced, context.q0
-    margins, complaints = check_motion(context, kinematic, task, horizon, missed)
+    margins, complaints = check_motion(context, kinematic, task, horizon, goals)
     time_scale = 1.0 if margins.grip is None else margins.grip.time_scale
     if settings.tracker == "computed_torque":
         gain = sized_gain("k", settings.k, reduced.r)
         k = {} if gain is None else {"k": gain}
-        return BuiltController(ComputedTorque(reduced, kinematic, **k), complaints, time_scale=time_scale)
+        return BuiltController(ComputedTorque(reduced, kinematic, **k), complaints, time_scale=time_scale, goals=goals)
     if settings.tracker == "velocity":
         with at_key("controller"):
-            return BuiltController(ActuatorVelocityController(reduced, kinematic), complaints, time_scale=time_scale)
+            servos = ActuatorVelocityController(reduced, kinematic)
+        return BuiltController(servos, complaints, time_scale=time_scale, goals=goals)
     # The results of a run are useful even if it ends in a singular configuration.
     region = margins.q if margins.singular is None else q0[None]
     with at_key("controller"):
@@ -177,7 +176,7 @@ def track(
             overrides=tracker_gains(settings, VelocityGains, reduced.r),
         )
     tracker = VelocityTracker(kinematic, gains, holding_force(settings, context))
-    return BuiltController(tracker, complaints, time_scale=time_scale)
+    return BuiltController(tracker, complaints, time_scale=time_scale, goals=goals)
 
 
 def check_motion(
@@ -185,13 +184,13 @@ def check_motion(
     kinematic: KinematicController,
     task: Task | None = None,
     horizon: float | None = None,
-    missed: MissedGoals | None = None,
+    goals: TaskGoals | None = None,
 ) -> tuple[Margins, tuple[str, ...]]:
     """Roll out a kinematic controller, and return the margins of the motion and the complaints about it.
 
     Args:
         context: inputs for building the controller.
-        kinematic, task, horizon, missed: as for ``track``.
+        kinematic, task, horizon, goals: as for ``track``.
 
     Raises:
         InfeasibleError: there are complaints, and preflight refuses such a motion.
@@ -206,12 +205,10 @@ def check_motion(
         *(f"the reference passes through obstacle '{each.names[1]}': {each}" for each in passed),
     )
     given_up: tuple[str, ...] = ()
-    if missed is not None and margins.singular is None:
-        first, given_up = missed(float(margins.time[-1]), margins.q[-1])
-        complaints = (*complaints, *first)
-    if complaints and context.preflight == "refuse":
-        raise InfeasibleError("; ".join((*complaints, *given_up)))
-    return margins, (*complaints, *given_up)
+    if goals is not None and margins.singular is None:
+        missed, given_up = goals.complaints(float(margins.time[-1]), margins.q[-1], context.goal_tolerance)
+        complaints = (*complaints, *missed)
+    return margins, refuse_or_warn(context.preflight, complaints, given_up)
 
 
 class _OncePerSample:

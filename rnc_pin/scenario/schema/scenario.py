@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from rnc_pin.errors import nearest
+from rnc_pin.model.parameter_types import Positive
 from rnc_pin.scenario.schema.actuators import ActuatorItem
 from rnc_pin.scenario.schema.base import FileName, Strict
 from rnc_pin.scenario.schema.constraints import ConstraintItem
@@ -93,6 +94,8 @@ class Scenario(Strict):
     """Friction of the ground; the check before the run compares the references with it."""
     preflight: Literal["warn", "refuse"] = "warn"
     """Action if the check before the run finds a singular configuration on the reference."""
+    goal_tolerance: Positive = 0.02
+    """Error at the end of a run above which a goal is missed [m, rad]: preflight, warning and summary name it."""
     seed: Annotated[int, Field(ge=0)] = 0
     """Seed of all random numbers."""
     comparisons: dict[str, dict[str, Any]] = {}

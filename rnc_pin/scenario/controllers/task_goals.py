@@ -1,0 +1,114 @@
+"""Goals of whole-body tasks: the references that a motion has to reach within a tolerance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Float
+from rnc_pin.control.whole_body.tasks import BasePoseTask, CenterOfMassTask, ControlTask
+from rnc_pin.math.coordinates import Coordinates
+from rnc_pin.model.frame_velocity import axis_index
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.row_stack import OutputStack
+from rnc_pin.model.rows import OutputKind
+from rnc_pin.outputs import FramePosition, FrameYaw
+from rnc_pin.planning import Reference
+from rnc_pin.scenario.schema.whole_body_settings import TaskDraft
+
+
+class GoalError(NamedTuple):
+    """Distance of a configuration to the goal of one task."""
+
+    title: str
+    """Number of the task, and the names of its rows."""
+    errors: dict[str, float]
+    """Absolute error of each row [m, rad; m/s, rad/s of a quasi-velocity]."""
+    priority: int
+
+    @property
+    def largest(self) -> float:
+        """Largest error of the task."""
+        return max(self.errors.values())
+
+
+class TaskGoals:
+    """Goals of the tasks that follow references. Postures and the like are preferences: they have no goals.
+
+    Args:
+        items: tasks as in the scenario file.
+        tasks: the tasks that were built of them.
+        reduced: the model.
+    """
+
+    def __init__(
+        self, items: Sequence[ControlTask | TaskDraft], tasks: Sequence[ControlTask], reduced: ReducedModel
+    ) -> None:
+        self._reduced, self._first = reduced, min(task.priority for task in tasks)
+        self._goals = [
+            (index, draft, task, task.bind(reduced).names)
+            for index, (draft, task) in enumerate(zip(items, tasks, strict=True))
+            if isinstance(draft, TaskDraft)
+        ]
+
+    def errors(self, t: float, q: Float[Array, " nq"], v: Float[Array, " nv"] | None = None) -> list[GoalError]:
+        """Return the errors of all tasks at a time [s]; those of quasi-velocities need a velocity.
+
+        A quasi-velocity has no position: its goal is the velocity of its reference.
+        """
+        found = []
+        for index, draft, task, names in self._goals:
+            reference: Reference = getattr(task, "reference")  # noqa: B009 (a draft's task has one)
+            stack = goal_stack(draft, self._reduced)
+            if stack is not None and stack.quasi.any():
+                if v is None:
+                    continue
+                rates = stack.jacobian(self._reduced.at(q).position) @ v
+                errors = reference.at(t).velocity - rates
+            else:
+                value, coordinates = goal_values(draft, self._reduced, q)
+                errors = coordinates.difference(reference.at(t).position, value)
+            by_name = dict(zip(names, np.abs(errors).tolist(), strict=True))
+            found.append(GoalError(f"task {index} ({', '.join(names)})", by_name, task.priority))
+        return found
+
+    def complaints(self, t: float, q: Float[Array, " nq"], tolerance: float) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Return complaints about missed goals, and about lower ones that are given up, at the end of a roll-out."""
+        missed, given_up = [], []
+        for goal in self.errors(t, q):
+            if goal.largest <= tolerance:
+                continue
+            error = f"error {goal.largest:.2g} at t = {t:.2f} s"
+            if goal.priority == self._first:
+                missed.append(f"{goal.title} misses its goal within the limits: {error}")
+            else:
+                given_up.append(f"{goal.title} of priority {goal.priority} gives its goal up: {error}")
+        return tuple(missed), tuple(given_up)
+
+
+def goal_values(draft: TaskDraft, reduced: ReducedModel, q: Array) -> tuple[Array, Coordinates]:
+    """Values that the reference of a task describes, at a configuration (nq,)."""
+    stack = goal_stack(draft, reduced)
+    if stack is not None:
+        return stack.value(reduced.at(q).position), stack.coordinates
+    robot = reduced.robot
+    axes = [axis_index(axis) for axis in draft.given.get("axes", CenterOfMassTask.axes)]
+    center = pin.centerOfMass(robot.model, robot.model.createData(), q)
+    return np.array(center[axes]), Coordinates([False] * len(axes))
+
+
+def goal_stack(draft: TaskDraft, reduced: ReducedModel) -> OutputStack | None:
+    """Outputs that the reference of a task describes; None for the centre of mass."""
+    given = draft.given
+    if draft.kind is CenterOfMassTask:
+        return None
+    kinds: list[OutputKind]
+    if draft.kind is BasePoseTask:
+        kinds = [FramePosition(given["frame"], "xy"), FrameYaw(given["frame"])]
+    else:
+        kinds = [given["output"]]
+    return OutputStack([kind.bind(reduced.robot) for kind in kinds])
