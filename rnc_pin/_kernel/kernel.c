@@ -16,7 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define INTERFACE 12 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
+#define INTERFACE 13 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
 #define INTEGERS 8  /* of a row: kind, first and second frame, five more */
 #define NUMBERS 12  /* of a row */
 #define FLAT 1e-6   /* sine below which an axis counts as vertical */
@@ -1493,6 +1493,7 @@ static PyObject *track(PyObject *module, PyObject *const *args, Py_ssize_t given
 #include "laws.h"
 #include "derivatives.h"
 #include "sampling.h"
+#include "riccati.h"
 
 /* ------------------------------------------------------------------ creation */
 
@@ -1740,6 +1741,8 @@ static PyMethodDef functions[] = {
     {"adapt", (PyCFunction)(void (*)(void))adapt, METH_FASTCALL, NULL},
     {"steer", (PyCFunction)(void (*)(void))steer, METH_FASTCALL, NULL},
     {"harmonic", (PyCFunction)(void (*)(void))harmonic, METH_FASTCALL, NULL},
+    {"riccati_factors", (PyCFunction)(void (*)(void))riccati_factors, METH_FASTCALL, NULL},
+    {"riccati_solve", (PyCFunction)(void (*)(void))riccati_solve, METH_FASTCALL, NULL},
     {NULL, NULL, 0, NULL},
 };
 

@@ -6,8 +6,11 @@ import numpy as np
 import scipy
 from numpy import ndarray as Array
 
+from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import SimulationError
+
+_NOT_CONVEX = "the linear-quadratic subproblem is not convex"
 
 
 class RiccatiFactors:
@@ -33,13 +36,18 @@ class RiccatiFactors:
         self.K = np.empty((N, nz - nx, nx))
         self._inverse = np.empty((N, nz - nx, nz - nx))
         self.P[N] = P = H_end
+        if _kernel.library is not None:
+            self._AB, H = np.ascontiguousarray(AB), np.ascontiguousarray(H)
+            if not _kernel.library.riccati_factors(N, nx, nz, self._AB, H, self.P, self.K, self._inverse):
+                raise SimulationError(_NOT_CONVEX)
+            return
         eye = np.eye(nz - nx)
         for k in range(N - 1, -1, -1):
             F = AB[k]
             M = H[k] + F.T @ (P @ F)
             factor, failed = scipy.linalg.lapack.dpotrf(M[nx:, nx:], lower=1)
             if failed:
-                raise SimulationError("the linear-quadratic subproblem is not convex")
+                raise SimulationError(_NOT_CONVEX)
             inverse, _ = scipy.linalg.lapack.dpotrs(factor, eye, lower=1)
             cross = M[nx:, :nx]
             K = -inverse @ cross
@@ -52,6 +60,8 @@ class RiccatiFactors:
     ) -> tuple[Float[Array, "N nz m"], Float[Array, "nx m"], Float[Array, "N1 nx m"]]:
         """Minimisers z and last states for linear terms g and offsets of the dynamics, and the costates."""
         N, nx = len(self._AB), self._nx
+        if _kernel.library is not None:
+            return self._solve_in_kernel(g, g_end, gap)
         carried = self.P[1:] @ gap
         p = np.empty((N + 1, *g_end.shape))
         p[N] = g_end
@@ -68,3 +78,11 @@ class RiccatiFactors:
             x = self._AB[k] @ z[k] + gap[k]
         states[N] = x
         return z, x, self.P @ states + p
+
+    def _solve_in_kernel(self, g: Array, g_end: Array, gap: Array) -> tuple[Array, Array, Array]:
+        (N, nz, m), nx = g.shape, self._nx
+        p, z, states = np.empty((N + 1, nx, m)), np.empty((N, nz, m)), np.empty((N + 1, nx, m))
+        p[N] = g_end
+        given = (np.ascontiguousarray(each) for each in (g, gap))
+        _kernel.library.riccati_solve(N, nx, nz, m, self._AB, self.K, self._inverse, self.P, *given, p, z, states)
+        return z, states[N], p
