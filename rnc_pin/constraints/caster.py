@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
+from rnc_pin.constraints.ground_plane import GroundPlane, plane_below
 from rnc_pin.errors import ConstraintError
 from rnc_pin.model.frame_velocity import FrameVelocityRows
-from rnc_pin.model.kinematics import PositionKinematics
+from rnc_pin.model.kernel_rows import Form, KernelRow, attached
+from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.mechanisms import GroundContact, Phrases
 from rnc_pin.model.parameter_types import NotNegative
 from rnc_pin.model.rows import Rows
@@ -19,7 +22,7 @@ _UP = 2
 
 @dataclass(frozen=True)
 class Caster:
-    """Frictionless ball on the ground z = 0: it supports the robot and moves freely in the plane.
+    """Frictionless ball on the ground: it supports the robot and moves freely in the plane.
 
     It models a caster whose swivel and wheel are not joints of the model, a ball transfer unit, or a skid.
     The only row, vertical, is holonomic: the frame's origin stays at height ``radius``. For a planar base, the row is
@@ -28,10 +31,11 @@ class Caster:
     Args:
         frame: a frame at the centre of the ball.
         radius: radius of the ball [m]; 0 for a point contact.
+        ground: the plane; None for z = 0. Its motion has no effect.
 
     Raises:
         ModelError: unknown frame.
-        ConstraintError: the radius is negative.
+        ConstraintError: the radius is negative, or the ground is no plane.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="free")
@@ -43,11 +47,13 @@ class Caster:
 
     frame: str
     radius: NotNegative
+    ground: GroundPlane | None = None
 
     def bind(self, robot: Robot) -> Rows:
         if not (np.isfinite(self.radius) and self.radius >= 0):
             raise ConstraintError(f"radius of caster '{self.frame}' has to be zero or positive, found {self.radius}")
-        return _CasterRow(self, robot)
+        plane = plane_below(self.ground, f"caster '{self.frame}'")
+        return _CasterRow(self, robot) if plane is None else _CasterRowOnPlane(self, plane, robot)
 
 
 class _CasterRow(FrameVelocityRows):
@@ -72,3 +78,34 @@ class _CasterRow(FrameVelocityRows):
 
     def phrases(self) -> Phrases:
         return Phrases()
+
+
+class _CasterRowOnPlane(_CasterRow):
+    """The same along the normal of a plane."""
+
+    def __init__(self, kind: Caster, plane: GroundPlane, robot: Robot) -> None:
+        super().__init__(kind, robot)
+        self.ground, self._point, self._normal = plane, np.asarray(plane.point), plane.axes[2]
+
+    def jacobian(self, at: PositionKinematics) -> np.ndarray:
+        return np.asarray((self._normal @ at.jacobian(self._frame)[..., :3, :])[..., None, :])
+
+    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
+        return np.asarray((self._normal @ at.jacobian_dot(self._frame)[..., :3, :])[..., None, :])
+
+    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
+        return np.asarray((at.acceleration(self._frame)[..., :3] @ self._normal)[..., None])
+
+    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
+        return np.asarray((self._normal @ at.frame_gradients(self._frame).acceleration)[None])
+
+    def residual(self, at: PositionKinematics) -> np.ndarray:
+        height = (at.placement(self._frame).translation - self._point) @ self._normal - self._radius
+        return np.asarray(height[..., None])
+
+    def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
+        contact = at.placement(self._frame).translation[..., None, :] - self._radius * self._normal
+        return contact, np.broadcast_to(self._normal, contact.shape)
+
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
+        return [KernelRow(Form.WORLD, (attached(model, self._frame),), (), [*self._normal.tolist(), 0.0, 0.0, 0.0])]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rnc_pin.errors import ConfigurationError
+from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.model.offset_frame import triple
 from rnc_pin.model.parameter_types import Vector
 
@@ -57,6 +57,27 @@ class GroundPlane:
         return bool(self.spin) or any(self.velocity)
 
     @property
+    def is_default(self) -> bool:
+        """True for the plane z = 0 at rest."""
+        return not self.moves and np.array_equal(self.axes, np.eye(3)) and not self.point[2]
+
+    @property
+    def angular_velocity(self) -> np.ndarray:
+        """Angular velocity of the material in world axes (3,) [rad/s]."""
+        return np.asarray(self.spin * self.axes[2])
+
+    def material_velocity(self, place: np.ndarray) -> np.ndarray:
+        """Velocity of the material at points (..., 3) [m/s], in world axes."""
+        return np.asarray(self.velocity) + np.cross(self.angular_velocity, place - np.asarray(self.point))
+
+    def mesh(self, center: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
+        """Square of half width ``size`` around a point (3,), for drawings: vertices (4, 3), triangles (2, 3)."""
+        along, across, normal = self.axes
+        middle = center - normal * (normal @ (center - np.asarray(self.point)))
+        corners = [middle + size * (a * along + b * across) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+        return np.array(corners), np.array([[0, 1, 2], [0, 2, 3]])
+
+    @property
     def axes(self) -> np.ndarray:
         """Two axes along the plane and its normal as rows, (3, 3); world axes if the normal is vertical."""
         up = np.asarray(self.normal, dtype=float) / np.linalg.norm(self.normal)
@@ -65,3 +86,17 @@ class GroundPlane:
         first = along - up * (up @ along)
         first /= np.linalg.norm(first)
         return np.stack([first, np.cross(up, first), up])
+
+
+def plane_below(ground: object, body: str) -> GroundPlane | None:
+    """Return the plane of a constraint; None for the plane z = 0 at rest, whose rows are simpler.
+
+    Raises:
+        ConstraintError: a ground that is not a plane; the message names the constraint that takes it.
+    """
+    if ground is not None and not isinstance(ground, GroundPlane):
+        raise ConstraintError(
+            f"ground of {body}: expected a GroundPlane, found {ground!r}; a RollingBody rolls on curved grounds, "
+            "a wheel with the shape Torus and a ball with the shape Sphere"
+        )
+    return None if ground is None or ground.is_default else ground

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.constraints.ground_plane import GroundPlane, plane_below
+from rnc_pin.math.linear_algebra import complex_step
 from rnc_pin.model.frame_velocity import FrameVelocityRows, axis_index
 from rnc_pin.model.kernel_rows import Form, KernelRow, component_rows
 from rnc_pin.model.kinematics import (
@@ -25,6 +27,8 @@ from rnc_pin.robots.robot import Robot
 class NoSideSlip:
     """Zero velocity of a point of a frame along the frame's own axis, e.g. of a skate or an axle without slip.
 
+    On ground that moves, it is the velocity relative to the material of the ground.
+
     The row is nonholonomic on a body that can turn. The point is the frame's origin, or a point with an offset, e.g.
     the middle of an axle at which the robot has no frame, or the point about which a skid-steered base turns.
 
@@ -32,9 +36,11 @@ class NoSideSlip:
         frame: name of the frame.
         axis: the frame's own axis, "x", "y" or "z".
         at: the point, in the frame's own axes [m].
+        ground: the plane; None for ground at rest. Only its motion has an effect.
 
     Raises:
         ModelError: unknown frame.
+        ConstraintError: the ground is no plane.
         ConfigurationError: unknown axis, or a point that is not three finite numbers.
 
     Example:
@@ -48,9 +54,13 @@ class NoSideSlip:
     frame: str
     axis: Axis = "y"
     at: Vector = (0.0, 0.0, 0.0)
+    ground: GroundPlane | None = None
 
     def bind(self, robot: Robot) -> Rows:
         point = OffsetFrame(robot, self.frame, self.at)
+        plane = plane_below(self.ground, f"knife edge '{self.frame}'")
+        if plane is not None and plane.moves:
+            return _RowOnMovingPlane(self, robot, point, plane)
         return _NoSideSlipRow(self, robot, point) if point.name == self.frame else _OffsetRow(self, robot, point)
 
 
@@ -87,5 +97,50 @@ class _OffsetRow(_NoSideSlipRow):
     def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
         return self._point.acceleration_gradient(at)[self._rows]
 
-    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
         return component_rows(Form.OWN, self._point.attached(model), [self._axis])
+
+
+class _RowOnMovingPlane(_OffsetRow):
+    """The same row less the velocity of the material ``e . u(p)``, along the axis e at the point p."""
+
+    affine = True
+
+    def __init__(self, kind: NoSideSlip, robot: Robot, point: OffsetFrame, plane: GroundPlane) -> None:
+        super().__init__(kind, robot, point)
+        self.ground = self._plane = plane
+
+    def rate(self, at: PositionKinematics) -> np.ndarray:
+        place = self._point.placement(at)
+        along = place.rotation[..., :, self._axis]
+        return np.asarray((along * self._plane.material_velocity(place.translation)).sum(axis=-1, keepdims=True))
+
+    def rate_dot(self, at: VelocityKinematics) -> np.ndarray:
+        place, parent, velocity = self._point.placement(at), at.placement(self._frame), at.velocity(self._frame)
+        moved = velocity[..., :3] + np.cross(velocity[..., 3:], place.translation - parent.translation)
+        return self._rate_dot(place.rotation[..., :, self._axis], place.translation, velocity[..., 3:], moved)
+
+    def _rate_dot(self, along: np.ndarray, place: np.ndarray, w: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Rate (..., 1), with the angular velocity w and the velocity v of the point."""
+        turned = np.cross(w, along) * self._plane.material_velocity(place)
+        moved = along * np.cross(self._plane.angular_velocity, v)
+        return np.asarray((turned + moved).sum(axis=-1, keepdims=True))
+
+    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
+        return super().bias_acceleration(at) - self.rate_dot(at)
+
+    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
+        motion = self._point.motion_gradients(at)
+        (v, v_q), along = motion.velocity, motion.rotation[:, self._axis]
+        rate = complex_step(
+            self._rate_dot,
+            (along, -pin.skew(along) @ motion.jacobian[3:]),
+            (motion.translation, motion.jacobian[:3]),
+            (v[3:], v_q[3:]),
+            (v[:3], v_q[:3]),
+        )
+        return super().bias_acceleration_gradient(at) - rate
+
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
+        """None: the velocity of the material depends on the place and heading."""
+        return None

@@ -1,4 +1,4 @@
-"""Ball that rolls without slip on the plane z = 0."""
+"""Ball that rolls without slip on a plane."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.constraints.ground_plane import GroundPlane, plane_below
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.kernel_rows import Form, KernelRow, attached
@@ -19,19 +20,20 @@ from rnc_pin.robots.robot import Robot
 
 @dataclass(frozen=True)
 class RollingBall:
-    """Ball whose contact point is at rest on the ground: two rolling rows and a vertical row.
+    """Ball whose contact point has the velocity of the ground: two rolling rows and a vertical row.
 
     The contact point is ``radius`` below the centre at any attitude. The rows are the velocity of the material point
-    there along the world's x, y and z. The vertical row is holonomic: the centre stays at height ``radius``. For a
-    planar base, it is zero and is dropped.
+    there along the world's x, y and z, or along the axes of the ground. The vertical row is holonomic: the centre stays
+    at height ``radius``. For a planar base on level ground, it is zero and is dropped.
 
     Args:
         frame: a frame at the centre of the ball that turns with it.
         radius: radius of the ball [m].
+        ground: the plane; None for z = 0 at rest.
 
     Raises:
         ModelError: unknown frame.
-        ConstraintError: the radius is not positive.
+        ConstraintError: the radius is not positive, or the ground is no plane.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
@@ -44,6 +46,7 @@ class RollingBall:
 
     frame: str
     radius: Positive
+    ground: GroundPlane | None = None
 
     def bind(self, robot: Robot) -> Rows:
         if not (np.isfinite(self.radius) and self.radius > 0):
@@ -59,9 +62,17 @@ class _RollingBallRows(Rows):
         self.names = tuple(f"{part}({kind.frame})" for part in ("rolling_x", "rolling_y", "vertical"))
         self.units = ("m/s",) * 3
         self._ball, self._frame = kind, robot.frame_id(kind.frame)
-        self._below = np.array([0.0, 0.0, kind.radius])
+        plane = plane_below(kind.ground, f"ball '{kind.frame}'")
+        self.ground, self._plane = plane, plane or GroundPlane()
+        self.affine = self._plane.moves
+        self._axes = self._plane.axes
+        self._below = kind.radius * self._axes[2]
         # Velocity of the contact point, from the velocity of the centre and the angular velocity.
         self._contact = np.hstack([np.eye(3), pin.skew(self._below)])
+        if plane is not None:
+            self._contact = self._axes @ self._contact
+        # Acceleration of the material on the path of the centre, which is parallel to that of the contact point.
+        self._turning = self._axes @ pin.skew(self._plane.angular_velocity)
 
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
         return self._contact @ at.jacobian(self._frame)
@@ -69,20 +80,36 @@ class _RollingBallRows(Rows):
     def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
         return self._contact @ at.jacobian_dot(self._frame)
 
+    def rate(self, at: PositionKinematics) -> np.ndarray:
+        if not self.affine:
+            return self._zeros(at)
+        return apply(self._axes, self._plane.material_velocity(self._touching(at)))
+
+    def rate_dot(self, at: VelocityKinematics) -> np.ndarray:
+        return apply(self._turning, at.velocity(self._frame)[..., :3]) if self.affine else self._zeros(at)
+
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
-        return apply(self._contact, at.acceleration(self._frame))
+        bias = apply(self._contact, at.acceleration(self._frame))
+        return bias - self.rate_dot(at) if self.affine else bias
 
     def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
         motion = at.frame_gradients(self._frame)
-        return self._contact @ np.vstack([motion.acceleration, motion.angular_acceleration])
+        gradient = self._contact @ np.vstack([motion.acceleration, motion.angular_acceleration])
+        return gradient - self._turning @ motion.velocity if self.affine else gradient
 
     def residual(self, at: PositionKinematics) -> np.ndarray:
-        return (at.placement(self._frame).translation - self._below) * [0.0, 0.0, 1.0]
+        if self.ground is None:
+            return self._touching(at) * [0.0, 0.0, 1.0]
+        return ((self._touching(at) - self._plane.point) @ self._axes[2])[..., None] * [0.0, 0.0, 1.0]
+
+    def _touching(self, at: PositionKinematics) -> np.ndarray:
+        """Contact point (..., 3) in the world."""
+        return np.asarray(at.placement(self._frame).translation - self._below)
 
     def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
-        contact = (at.placement(self._frame).translation - self._below)[..., None, :]
+        contact = self._touching(at)[..., None, :]
         shape = (*contact.shape[:-2], 3, 3)
-        return np.broadcast_to(contact, shape), np.broadcast_to(np.eye(3), shape)
+        return np.broadcast_to(contact, shape), np.broadcast_to(self._axes, shape)
 
     def mechanisms(self) -> tuple[GroundContact]:
         return (GroundContact(self._ball.frame, self._ball.radius),)
@@ -90,6 +117,11 @@ class _RollingBallRows(Rows):
     def phrases(self) -> Phrases:
         return Phrases("rolling ball", prevents="slip at", where=self._ball.frame)
 
-    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
-        frame = attached(model, self._frame)
-        return [KernelRow(Form.WORLD, (frame,), (), wrench) for wrench in self._contact.tolist()]
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
+        if self._plane.spin:
+            return None  # the velocity of the material depends on the place
+        frame, rates = attached(model, self._frame), self._axes @ self._plane.velocity
+        return [
+            KernelRow(Form.WORLD, (frame,), (), wrench, rate)
+            for wrench, rate in zip(self._contact.tolist(), rates.tolist(), strict=True)
+        ]

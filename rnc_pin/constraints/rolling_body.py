@@ -81,6 +81,7 @@ class _RollingBodyRows(Rows):
     def __init__(self, kind: RollingBody, robot: Robot) -> None:
         self._shape, self._body, self._frame = kind.shape, kind.frame, robot.frame_id(kind.frame)
         ground = kind.ground or GroundPlane()
+        self.ground = None if ground.is_default else ground
         self._center = triple(kind.at, f"centre of rolling body '{kind.frame}'")
         self._turned = pin.rpy.rpyToMatrix(triple(kind.rpy, f"rpy of rolling body '{kind.frame}'"))
         self._axes = ground.axes

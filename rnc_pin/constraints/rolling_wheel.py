@@ -1,14 +1,16 @@
-"""Disk that rolls without slip on the plane z = 0, upright or leaning."""
+"""Disk that rolls without slip on a plane, upright or leaning."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TypeAlias, cast
 
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.constraints.ground_axes import InGroundAxes
+from rnc_pin.constraints.ground_plane import GroundPlane, plane_below
 from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.math.components import Component, components, cross, packed, packed_vector, smallest
 from rnc_pin.math.linear_algebra import apply, complex_step, product
@@ -32,7 +34,7 @@ Axle: TypeAlias = "tuple[Component, Component, Component, Component]"
 
 @dataclass(frozen=True)
 class RollingWheel:
-    """Wheel whose contact point is at rest on the ground: rolling, lateral and vertical rows.
+    """Wheel whose contact point has the velocity of the ground: rolling, lateral and vertical rows.
 
     The contact point is the lowest point of a disk about its axle, at any lean angle. The rows are the velocity of the
     material point there: along the wheel's heading, sideways along the ground, and up. The vertical row is holonomic:
@@ -53,11 +55,12 @@ class RollingWheel:
         lateral: True if the wheel resists sideways motion; False for a wheel that skids.
         vertical: True if the lowest point keeps its height. Use False on a planar base if the wheel is steered about an
             inclined axis: steering would lift the base, which a planar base cannot do.
+        ground: the plane; None for z = 0 at rest. "Lowest", "height" and "heading" then refer to the plane.
 
     Raises:
         ModelError: unknown frame.
-        ConstraintError: the radius is not positive, no axis is given and the joint has none, or the axis of the
-            roller is across the wheel.
+        ConstraintError: the radius is not positive, no axis is given and the joint has none, the axis of the roller
+            is across the wheel, or the ground is no plane.
         ConfigurationError: a roller for a wheel that skids.
         SingularityError: during evaluation, the wheel lies flat.
 
@@ -76,6 +79,7 @@ class RollingWheel:
     roller: float | None = None
     lateral: bool = True
     vertical: bool = True
+    ground: GroundPlane | None = None
 
     def bind(self, robot: Robot) -> Rows:
         if not (np.isfinite(self.radius) and self.radius > 0):
@@ -87,7 +91,8 @@ class RollingWheel:
             )
         if self.roller is not None and not self.lateral:
             raise ConfigurationError(f"wheel '{self.frame}' has both roller and lateral=False: omit one of them")
-        return RollingRows(self, robot)
+        plane = plane_below(self.ground, f"wheel '{self.frame}'")
+        return RollingRows(self, robot) if plane is None else _RowsOnPlane(self, plane, robot)
 
 
 class RollingRows(Rows):
@@ -211,10 +216,113 @@ class RollingRows(Rows):
         )
         return self._combined(gradient)
 
-    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
         frame = attached(model, self.frame)
         combination = np.eye(3) if self._combination is None else self._combination
         return [KernelRow(Form.WHEEL, (frame,), (), [self.radius, *self.axle, *weights]) for weights in combination]
+
+
+class _RowsOnPlane(RollingRows):
+    """Rows of ``RollingRows`` in the axes of a plane, less the velocity of its material at the contact point."""
+
+    def __init__(self, kind: RollingWheel, plane: GroundPlane, robot: Robot) -> None:
+        super().__init__(kind, robot)
+        self.ground = self._plane = plane
+        self.affine = plane.moves
+        self._sliding = plane.axes @ plane.velocity
+        self._level = np.array_equal(plane.axes, np.eye(3))
+
+    def _local(self, at: PositionKinematics) -> InGroundAxes:
+        return at if isinstance(at, InGroundAxes) else InGroundAxes(cast(VelocityKinematics, at), self._plane)
+
+    def contact_matrix(self, at: PositionKinematics) -> np.ndarray:
+        matrix = super().contact_matrix(self._local(at))
+        if isinstance(at, InGroundAxes):
+            return matrix
+        axes = self._plane.axes
+        return np.concatenate([matrix[..., :3] @ axes, matrix[..., 3:] @ axes], axis=-1)
+
+    def jacobian(self, at: PositionKinematics) -> np.ndarray:
+        return super().jacobian(self._local(at))
+
+    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
+        return super().jacobian_dot(self._local(at))
+
+    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
+        bias = super().bias_acceleration(self._local(at))
+        return bias - self.rate_dot(at) if self.affine else bias
+
+    def residual(self, at: PositionKinematics) -> np.ndarray:
+        return super().residual(self._local(at))
+
+    def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
+        points, directions = super().lines_of_action(self._local(at))
+        axes = self._plane.axes
+        return points @ axes + np.asarray(self._plane.point), directions @ axes
+
+    # ------------------------------------------------------------------ moving ground
+
+    def rate(self, at: PositionKinematics) -> np.ndarray:
+        if not self.affine:
+            return self._zeros(at)
+        local = self._local(at)
+        x, y, z, s = self._axis(local)
+        center = components(local.placement(self.frame).translation)
+        rows = self._material((x, y, z), center)
+        return self._weighted(packed_vector([*rows, 0.0 * s], s))
+
+    def rate_dot(self, at: VelocityKinematics) -> np.ndarray:
+        if not self.affine:
+            return self._zeros(at)
+        local = self._local(at)
+        x, y, z, s = self._axis(local)
+        center, velocity = components(local.placement(self.frame).translation), components(local.velocity(self.frame))
+        return self._weighted(packed_vector(self._material_rate((x, y, z), center, velocity), s))
+
+    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
+        local = self._local(at)
+        gradient = super().bias_acceleration_gradient(local)
+        if not self.affine:
+            return gradient
+        place, J, motion = local.placement(self.frame), local.jacobian(self.frame), local.frame_gradients(self.frame)
+        axle = place.rotation @ self.axle
+        rate = complex_step(
+            lambda *parts: np.array(self._material_rate(*parts)),
+            (axle, -pin.skew(axle) @ J[3:]),
+            (place.translation, J[:3]),
+            (local.velocity(self.frame), np.vstack([motion.velocity, motion.angular_velocity])),
+        )
+        return gradient - self._combined(rate)
+
+    def _weighted(self, rows: np.ndarray) -> np.ndarray:
+        return rows if self._combination is None else apply(self._combination, rows)
+
+    def _material(self, axle: Sequence[Component], center: Sequence[Component]) -> tuple[Component, Component]:
+        """Velocity of the material at the contact point, along the heading and sideways."""
+        x, y, z = axle
+        s, spin = (x * x + y * y) ** 0.5, self._plane.spin
+        u_x = self._sliding[0] - spin * (center[1] + self.radius * z * y / s)
+        u_y = self._sliding[1] + spin * (center[0] + self.radius * z * x / s)
+        return (y * u_x - x * u_y) / s, (x * u_x + y * u_y) / s
+
+    def _material_rate(
+        self, axle: Sequence[Component], center: Sequence[Component], velocity: Sequence[Component]
+    ) -> list[Component]:
+        """Rates of ``_material`` and of zero, with the linear and angular velocity of the wheel."""
+        x, y, z = axle
+        v_x, v_y, _, w_x, w_y, w_z = velocity
+        square, spin = x * x + y * y, self._plane.spin
+        s = square**0.5
+        turn, rise = w_z - z * (x * w_x + y * w_y) / square, w_x * y - w_y * x
+        ahead, aside = self._material(axle, center)
+        # The contact point moves with the centre and, as the wheel leans and turns, along both directions.
+        moved_ahead = (y * v_x - x * v_y) / s - self.radius * z * turn
+        moved_aside = (x * v_x + y * v_y) / s + self.radius * rise
+        return [turn * aside - spin * moved_aside, spin * moved_ahead - turn * ahead, 0.0 * x]
+
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
+        """Rows of the kernel; None except on level ground at rest, because the kernel's wheels roll on level ground."""
+        return super().kernel_rows(model) if self._level and not self.affine else None
 
 
 def _friction(kind: RollingWheel) -> Friction:

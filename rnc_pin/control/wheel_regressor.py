@@ -103,6 +103,11 @@ class WheelRegressor:
             for place in reduced.constraints.places
             if isinstance(place.block, RollingRows)
         }
+        for wheel, (rows, _) in found.items():
+            if rows.affine:
+                raise ConfigurationError(
+                    f"radii and tracks are estimated on ground at rest; wheel '{wheel}' is on ground that moves"
+                )
         radii: dict[str, int] = {}
         tracks: dict[str, _Axle] = {}
         for column, each in enumerate(unknown):

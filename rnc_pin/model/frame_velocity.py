@@ -61,7 +61,7 @@ class FrameVelocityRows(Rows):
         motion = at.frame_gradients(self._frame)
         return np.vstack([motion.acceleration, motion.angular_acceleration])[self._rows]
 
-    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
         form = Form.OWN if self._axes == OWN_AXES else Form.WORLD
         components = np.arange(6)[self._rows].tolist()
         return component_rows(form, attached(model, self._frame), components)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -68,6 +68,13 @@ class FrameAnchor:
 
 
 Mechanism = GroundContact | JointCoupler | FrameAnchor
+
+
+class Ground(Protocol):
+    """Surface on which bodies roll, as drawings read it."""
+
+    def mesh(self, center: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
+        """Part of the surface near a point (3,) [m], of half width ``size``: vertices (n, 3) and triangles (m, 3)."""
 
 
 class Phrases(NamedTuple):

@@ -17,7 +17,7 @@ from rnc_pin.errors import InputError, SingularityError
 from rnc_pin.math.components import Component, smallest
 from rnc_pin.model.kernel_rows import Form, KernelRow
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
-from rnc_pin.model.mechanisms import Mechanism, Phrases
+from rnc_pin.model.mechanisms import Ground, Mechanism, Phrases
 from rnc_pin.robots.robot import Robot
 
 
@@ -37,6 +37,7 @@ class Rows(ABC):
             if no row does. A row with False may still be integrable together with others.
         on_ground: True if holonomic rows that no joint can move are ignored, e.g. the height of a wheel on a planar
             base. Otherwise they have to be satisfied.
+        ground: surface on which the body rolls; None for the plane z = 0 at rest, and for rows without a ground.
         unnamed: True if the user gave no names, so that the system numbers the rows.
         kind: the description that was bound; None for rows that a system adds itself.
     """
@@ -47,6 +48,7 @@ class Rows(ABC):
     affine: bool = False
     holonomic: tuple[bool, ...] = ()
     on_ground: bool = False
+    ground: Ground | None = None
     unnamed: bool = False
     kind: ConstraintKind | None = None
 

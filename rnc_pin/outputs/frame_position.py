@@ -55,5 +55,5 @@ class _PositionRows(FrameVelocityRows, OutputRows):
         axes = np.arange(3)[self._rows].tolist()
         return [
             row._replace(value=(Value.COORDINATE, axis))
-            for row, axis in zip(super().kernel_rows(model), axes, strict=True)
+            for row, axis in zip(super().kernel_rows(model) or [], axes, strict=True)
         ]

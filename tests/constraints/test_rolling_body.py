@@ -6,10 +6,9 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.model.kinematics import Kinematics
-from tolerances import FINITE_DIFFERENCE, ROUNDING
+from rolling import GRAVITY, check_rates, rigid_body
+from tolerances import ROUNDING
 
-STEP = 1e-4  # [s]; differences of the fourth order
-GRAVITY = np.array([0.0, 0.0, -9.81])
 TURNTABLE = rnc.GroundPlane(spin=1.3, point=(0.2, -0.1, 0.0), velocity=(0.3, -0.2, 0.0))
 SLOPE = rnc.GroundPlane(normal=(0.2, -0.3, 1.0), point=(0.1, 0.2, 0.3), spin=-0.7)
 BODIES = {
@@ -25,18 +24,6 @@ BODIES = {
 }
 
 
-def rigid_body(mass=2.0, moments=(0.02, 0.03, 0.04), lever=(0.0, 0.0, 0.0), turned=(0.0, 0.0, 0.0)):
-    """One body on a free base."""
-    model = pin.Model()
-    model.name = "body"
-    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
-    R = pin.rpy.rpyToMatrix(np.array(turned))
-    model.appendBodyToJoint(joint, pin.Inertia(mass, np.array(lever), R @ np.diag(moments) @ R.T), pin.SE3.Identity())
-    model.addFrame(pin.Frame("body", joint, pin.SE3.Identity(), pin.FrameType.BODY))
-    model.gravity.linear = GRAVITY
-    return rnc.Robot(model)
-
-
 def states(reduced, count=3):
     generator = np.random.default_rng(2)
     for _ in range(count):
@@ -46,21 +33,12 @@ def states(reduced, count=3):
         yield q, generator.normal(size=reduced.r)
 
 
-def slope(model, function, q, v):
-    """Rate of an array along v, by differences."""
-    near, far = (
-        (function(pin.integrate(model, q, h * v)) - function(pin.integrate(model, q, -h * v))) / (2 * h)
-        for h in (STEP, 2 * STEP)
-    )
-    return (4 * near - far) / 3
-
-
 @pytest.mark.parametrize("name", BODIES)
 def test_rows_are_the_velocity_of_the_lowest_point(name):
     """The lowest point is searched; rates and gradients are those of differences."""
     kind, robot = BODIES[name], rigid_body()
     plane = kind.ground or rnc.GroundPlane()
-    model, kinematics = robot.model, Kinematics(robot)
+    kinematics = Kinematics(robot)
     rows = kind.bind(robot)
     generator = np.random.default_rng(1)
     angles = np.meshgrid(np.linspace(1e-6, np.pi - 1e-6, 400), np.linspace(0, 2 * np.pi, 800), indexing="ij")
@@ -87,25 +65,7 @@ def test_rows_are_the_velocity_of_the_lowest_point(name):
         assert slip[2] == pytest.approx((body - ground) @ normal, abs=ROUNDING)
         if not kind.pivoting:
             assert slip[3] == pytest.approx(velocity[3:] @ normal - plane.spin, abs=ROUNDING)
-        height = slope(model, lambda p: rows.residual(kinematics.position(p)), q, v)
-        np.testing.assert_allclose(height[2], slip[2], atol=FINITE_DIFFERENCE)
-
-        J_dot = slope(model, lambda p: rows.jacobian(kinematics.position(p)), q, v)
-        mu_dot = slope(model, lambda p: rows.rate(kinematics.position(p)), q, v)
-        np.testing.assert_allclose(rows.jacobian_dot(at), J_dot, atol=FINITE_DIFFERENCE)
-        np.testing.assert_allclose(rows.rate_dot(at), mu_dot, atol=FINITE_DIFFERENCE)
-        bias = rows.jacobian_dot(at) @ v - rows.rate_dot(at)
-        np.testing.assert_allclose(rows.bias_acceleration(at), bias, atol=10 * ROUNDING)
-
-        def moved(p, v=v):
-            there = kinematics.position(p).with_velocity(v)
-            return rows.jacobian_dot(there) @ v - rows.rate_dot(there)
-
-        gradient = np.transpose([slope(model, moved, q, each) for each in np.eye(6)])
-        np.testing.assert_allclose(rows.bias_acceleration_gradient(at), gradient, atol=10 * FINITE_DIFFERENCE)
-        many = kinematics.position(np.stack([q, q])).with_velocity(np.stack([v, v]))
-        for each in (rows.jacobian, rows.jacobian_dot, rows.rate, rows.rate_dot, rows.bias_acceleration, rows.residual):
-            np.testing.assert_allclose(each(many), np.stack([each(at)] * 2), atol=ROUNDING)
+        check_rates(rows, robot, q, v)
 
 
 @pytest.mark.parametrize("lever", [(0.0, 0.0, 0.0), (0.03, -0.02, 0.05)])

@@ -59,8 +59,15 @@ def contact_bodies(robot: Robot, blocks: Sequence[Rows]) -> list[ContactBody]:
     """Return the bodies of all ground contacts, in the order of the constraints.
 
     Raises:
-        ConfigurationError: a wheel has oblique rollers, for which the robot has no bodies.
+        ConfigurationError: a wheel has oblique rollers, for which the robot has no bodies, or a body rolls on another
+            ground than z = 0 at rest.
     """
+    for block in blocks:
+        if block.ground is not None:
+            raise ConfigurationError(
+                f"MuJoCo: {block.names[0]} rolls on a {type(block.ground).__name__}; the plant 'mujoco' has only "
+                "the plane z = 0 at rest, use the plant 'reduced'"
+            )
     mechanisms = (each for block in blocks for each in block.mechanisms() if isinstance(each, GroundContact))
     return [body for contact in mechanisms for body in _bodies(robot, contact)]
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Annotated, cast
 
 from rnc_pin.constraints import (
     AckermannSteering,
@@ -23,19 +25,33 @@ from rnc_pin.model.rows import ConstraintKind
 from rnc_pin.scenario.schema.derived import Entry, one_of
 
 _Shape = Annotated[object, one_of(sphere=Sphere, ellipsoid=Ellipsoid, torus=Torus)]
-_Ground = Annotated[GroundPlane, Entry(GroundPlane)] | None
+GroundItem = Annotated[GroundPlane, Entry(GroundPlane)] | None
 
 ConstraintItem = Annotated[
     ConstraintKind,
     one_of(
         momentum=Entry(MomentumConservation, short="joint", keys={"momentum": "value"}),
-        no_side_slip=NoSideSlip,
-        rolling_wheel=RollingWheel,
-        rolling_ball=RollingBall,
-        rolling_body=Entry(RollingBody, forms={"shape": _Shape, "ground": _Ground}),
-        caster=Caster,
+        no_side_slip=Entry(NoSideSlip, forms={"ground": GroundItem}),
+        rolling_wheel=Entry(RollingWheel, forms={"ground": GroundItem}),
+        rolling_ball=Entry(RollingBall, forms={"ground": GroundItem}),
+        rolling_body=Entry(RollingBody, forms={"shape": _Shape, "ground": GroundItem}),
+        caster=Entry(Caster, forms={"ground": GroundItem}),
         ackermann=AckermannSteering,
         joint_coupling=JointCoupling,
         loop_closure=LoopClosure,
     ),
 ]
+
+
+def with_ground(constraints: Sequence[ConstraintKind], ground: GroundPlane) -> list[ConstraintKind]:
+    """Return constraints with a ground for those that have none of their own.
+
+    Raises:
+        ValueError: no constraint rolls on a ground.
+    """
+    if not any(hasattr(each, "ground") for each in constraints):
+        raise ValueError("ground: no constraint takes a ground")
+    return [
+        replace(cast(RollingBody, each), ground=ground) if getattr(each, "ground", ground) is None else each
+        for each in constraints
+    ]

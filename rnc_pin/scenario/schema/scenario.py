@@ -10,7 +10,7 @@ from rnc_pin.errors import nearest
 from rnc_pin.model.parameter_types import Positive
 from rnc_pin.scenario.schema.actuators import ActuatorItem
 from rnc_pin.scenario.schema.base import FileName, Strict
-from rnc_pin.scenario.schema.constraints import ConstraintItem
+from rnc_pin.scenario.schema.constraints import ConstraintItem, GroundItem, with_ground
 from rnc_pin.scenario.schema.controllers import ControllerItem
 from rnc_pin.scenario.schema.derived import Entry
 from rnc_pin.scenario.schema.forces import ForceItem
@@ -62,6 +62,8 @@ class Scenario(Strict):
     """The robot."""
     obstacles: list[ObstacleItem] = []
     """Bodies in the world, at rest or with a motion: drawn, and compared with the robot in preflight and summary."""
+    ground: GroundItem = None
+    """Ground of all constraints that have none of their own; the plane z = 0 at rest by default."""
     constraints: list[ConstraintItem] = []
     """Constraints on the motion of the robot."""
     mimic: bool = True
@@ -113,6 +115,12 @@ class Scenario(Strict):
     """Plots to write: file name without extension to plot."""
     view: Annotated[View, Entry(View)] = View()
     """Camera and layers of the animation."""
+
+    @model_validator(mode="after")
+    def _constraints_have_ground(self) -> Scenario:
+        if self.ground is None:
+            return self
+        return self.model_copy(update={"constraints": with_ground(self.constraints, self.ground)})
 
     @model_validator(mode="after")
     def _variant_exists(self) -> Scenario:
