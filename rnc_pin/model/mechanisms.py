@@ -70,7 +70,7 @@ class FrameAnchor:
 Mechanism = GroundContact | JointCoupler | FrameAnchor
 
 
-class Ground(Protocol):
+class GroundSurface(Protocol):
     """Surface on which bodies roll, as drawings read it."""
 
     def mesh(self, center: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:

@@ -17,7 +17,7 @@ from rnc_pin.errors import InputError, SingularityError
 from rnc_pin.math.components import Component, smallest
 from rnc_pin.model.kernel_rows import Form, KernelRow
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
-from rnc_pin.model.mechanisms import Ground, Mechanism, Phrases
+from rnc_pin.model.mechanisms import GroundSurface, Mechanism, Phrases
 from rnc_pin.robots.robot import Robot
 
 
@@ -48,7 +48,7 @@ class Rows(ABC):
     affine: bool = False
     holonomic: tuple[bool, ...] = ()
     on_ground: bool = False
-    ground: Ground | None = None
+    ground: GroundSurface | None = None
     unnamed: bool = False
     kind: ConstraintKind | None = None
 
