@@ -7,7 +7,6 @@ import inspect
 import math
 import re
 import sys
-import textwrap
 from collections.abc import Mapping
 from functools import cache
 from itertools import pairwise
@@ -74,16 +73,22 @@ def _hint(model: type[BaseModel], key: str) -> str:
 
 
 @cache
+def _classes(module: str) -> Mapping[str, ast.ClassDef]:
+    """Classes at the top of a module's source, by name: ``inspect.getsource`` of a class would parse it each time."""
+    try:
+        tree = ast.parse(inspect.getsource(sys.modules[module]))
+    except (OSError, TypeError):
+        return {}
+    return {each.name: each for each in tree.body if isinstance(each, ast.ClassDef)}
+
+
+@cache
 def _docstrings(kind: type) -> Mapping[str, str]:
     """Text below each annotated attribute in the source of a class; empty if the class has no source."""
-    try:
-        tree = ast.parse(textwrap.dedent(inspect.getsource(kind)))
-    except OSError:
-        return {}
-    (body,) = (each.body for each in tree.body if isinstance(each, ast.ClassDef))
+    found = _classes(kind.__module__).get(kind.__qualname__)
     return {
         attribute.target.id: inspect.cleandoc(text.value.value)
-        for attribute, text in pairwise(body)
+        for attribute, text in pairwise(found.body if found else ())
         if isinstance(attribute, ast.AnnAssign) and isinstance(attribute.target, ast.Name)
         if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant) and isinstance(text.value.value, str)
     }

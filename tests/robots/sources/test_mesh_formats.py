@@ -17,6 +17,8 @@ from patience import ending_within
 from rnc_pin.robots import robot_files
 from rnc_pin.robots.sources import mesh_shapes
 from rnc_pin.robots.sources.mesh_formats import MeshError, convex_hull, mesh, read_mesh
+from rnc_pin.robots.sources.mesh_formats import collada as collada_format
+from rnc_pin.robots.sources.mesh_formats.collada import read_collada
 
 SINGLE = 1e-7  # [m], of vertices kept in single precision
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
@@ -150,7 +152,7 @@ BROKEN = {
     "a weight of zero": ("m.obj", "v 0 0 0 0\nf 1 1 1\n", "not well-formed OBJ"),
     "one line": ("m.obj", "f " + "1 " * 100_000, "a line of more than"),
     "nodes in a ring": ("m.dae", collada('<instance_geometry url="#g"/></node>', '<instance_node url="#inner"/></node>'), "nodes are more than"),
-    "nodes without end": ("m.dae", collada(INNER, nodes(9)), "at most|more than"),
+    "nodes without end": ("m.dae", collada(INNER, nodes(9)), "nodes are more than"),
     "another file": ("m.dae", collada('<instance_node url="#inner"/>', '<instance_node url="file:///etc/x.dae#inner"/>'), "not in the file"),
     "an accessor": ("m.dae", collada('count="5" stride', 'count="2000000" stride'), "an accessor of 2,000,000"),
     "a stride": ("m.dae", collada('stride="3"', 'stride="99999999999999999999"'), "an accessor of 5"),
@@ -185,6 +187,20 @@ def test_broken_meshes_are_refused_soon_and_by_name(name, content, says, tmp_pat
     with ending_within(5), pytest.warns(rnc.ModelWarning, match=f"1 mesh was not readable: {name} \\(.*({says})"):
         assert robot.stand_ins == {"b_stand_in"}
     assert not robot.collision_model.ngeoms
+
+
+@pytest.mark.parametrize(
+    ("limit", "most", "content"),
+    [("_MOST_NODES", 13, collada(INNER, nodes(1))), ("_DEEPEST", 9, collada(INNER, nodes(7, width=1)))],
+    ids=["visits", "depth"],
+)
+def test_nodes_of_a_collada_file_are_counted_before_they_are_visited(limit, most, content, monkeypatch):
+    """The outer node, the inner one, and each instance below it."""
+    monkeypatch.setattr(collada_format, limit, most)
+    read_collada(content.encode())
+    monkeypatch.setattr(collada_format, limit, most - 1)
+    with pytest.raises(MeshError, match="nodes are more than"):
+        read_collada(content.encode())
 
 
 def test_a_pipe_is_not_waited_for(tmp_path):

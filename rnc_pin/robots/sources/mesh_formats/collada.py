@@ -6,6 +6,7 @@ Unit and up axis of a file are not applied, as in the coal loader of Pinocchio. 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from xml.etree import ElementTree
 
 import numpy as np
@@ -16,6 +17,7 @@ from rnc_pin.robots.sources.mesh_formats.mesh import Mesh, MeshError, check_coun
 
 _MOST_NODES = 100_000  # visited nodes; each instance counts
 _DEEPEST = 100
+_TOO_MANY_NODES = f"nodes are more than {_DEEPEST} deep, or more than {_MOST_NODES:,}"
 
 
 def read_collada(content: bytes) -> Mesh:
@@ -49,7 +51,8 @@ class _Scene:
         self._read = 0  # number of points read
         self._vertices: list[np.ndarray] = []
         self._triangles: list[np.ndarray] = []
-        self._nodes = self._count = self._faces = 0
+        self._extents: dict[ElementTree.Element, tuple[int, int]] = {}
+        self._count = self._faces = 0
 
     def mesh(self) -> Mesh:
         """Return all triangles."""
@@ -57,8 +60,12 @@ class _Scene:
         start = self._root.find("library_visual_scenes/visual_scene") if scene is None else self._named(scene, "url")
         if start is None:
             raise MeshError("has no scene")
-        for node in start.findall("node"):
-            self._add(node, np.eye(4), 0)
+        nodes = start.findall("node")
+        visits = sum(self._extent(node, 0)[0] for node in nodes)
+        if visits > _MOST_NODES:
+            raise MeshError(_TOO_MANY_NODES)
+        for node in nodes:
+            self._add(node, np.eye(4))
         if not self._vertices:
             raise MeshError("has no triangles")
         return checked_mesh(np.concatenate(self._vertices), np.concatenate(self._triangles))
@@ -69,20 +76,40 @@ class _Scene:
             raise MeshError(f"<{element.tag}> names '{name[:40]}', which is not in the file")
         return self._ids[name[1:]]
 
-    def _add(self, node: ElementTree.Element, placement: np.ndarray, depth: int) -> None:
-        self._nodes += 1
-        if self._nodes > _MOST_NODES or depth > _DEEPEST:
-            raise MeshError(f"nodes are more than {_DEEPEST} deep, or more than {_MOST_NODES:,}")
+    def _extent(self, node: ElementTree.Element, depth: int) -> tuple[int, int]:
+        """Number and depth of the nodes that a traversal of a node visits; each node is counted once.
+
+        Raises:
+            MeshError: too deep, as nodes are that contain themselves.
+        """
+        if depth > _DEEPEST:
+            raise MeshError(_TOO_MANY_NODES)
+        if node not in self._extents:
+            parts = [self._extent(each, depth + 1) for each in self._nodes_of(node)]
+            self._extents[node] = (
+                1 + sum(visits for visits, _ in parts),
+                1 + max((deep for _, deep in parts), default=0),
+            )
+        if depth + self._extents[node][1] - 1 > _DEEPEST:
+            raise MeshError(_TOO_MANY_NODES)
+        return self._extents[node]
+
+    def _nodes_of(self, node: ElementTree.Element) -> Iterator[ElementTree.Element]:
         for part in node:
-            placement = placement @ _transform(part)
-        for part in node:
-            if part.tag == "instance_geometry":
-                for mesh in self._geometry(part.get("url", ""), self._named(part, "url")):
-                    self._place(mesh, placement)
-            elif part.tag == "instance_node":
-                self._add(self._named(part, "url"), placement, depth + 1)
+            if part.tag == "instance_node":
+                yield self._named(part, "url")
             elif part.tag == "node":
-                self._add(part, placement, depth + 1)
+                yield part
+
+    def _add(self, node: ElementTree.Element, placement: np.ndarray) -> None:
+        for part in node:
+            if part.tag in _TRANSFORMS:
+                placement = placement @ _transform(part)
+        for part in node.findall("instance_geometry"):
+            for mesh in self._geometry(part.get("url", ""), self._named(part, "url")):
+                self._place(mesh, placement)
+        for each in self._nodes_of(node):
+            self._add(each, placement)
 
     def _place(self, mesh: Mesh, placement: np.ndarray) -> None:
         self._triangles.append(mesh.triangles + self._count)
@@ -127,6 +154,7 @@ class _Scene:
         return np.asarray(values[starts[:, None] + np.arange(3)])
 
 
+_TRANSFORMS = ("matrix", "translate", "scale", "rotate", "lookat", "skew")
 _POLYGONS = ("triangles", "polylist", "polygons", "trifans")
 
 
@@ -138,7 +166,7 @@ def _input(element: ElementTree.Element, semantic: str) -> ElementTree.Element:
 
 
 def _transform(part: ElementTree.Element) -> np.ndarray:
-    """Transform (4, 4) of a part of a node; identity for other parts."""
+    """Transform (4, 4) of a part of a node."""
     matrix = np.eye(4)
     if part.tag == "matrix":
         matrix = numbers(part.text).reshape(4, 4)
@@ -151,7 +179,7 @@ def _transform(part: ElementTree.Element) -> np.ndarray:
         length = np.linalg.norm(axis)
         if length > 0:
             matrix[:3, :3] = pin.AngleAxis(np.deg2rad(angle), np.array(axis) / length).toRotationMatrix()
-    elif part.tag in ("lookat", "skew"):
+    else:
         raise MeshError(f"<{part.tag}> is not read")
     return matrix
 
