@@ -44,7 +44,8 @@ def refusal(call):
 CUT_SHORT = ("space-robot-uncertain", "wheels-uncertain")
 
 
-PLANNED = [name for name in built_in_names() if "\nplanner:" in find_scenario(name).read_text()]  # test_built_in_runs does
+# test_built_in_runs builds these.
+PLANNED = [name for name in built_in_names() if "\nplanner:" in find_scenario(name).read_text()]
 
 
 @pytest.mark.parametrize("name", sorted(set(built_in_names()) - set(PLANNED)))
