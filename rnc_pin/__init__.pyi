@@ -84,7 +84,10 @@ from .planning import IkResult, solve_ik
 from .plants import Faults, ReducedPlant
 from .robots.robot import Robot
 from .simulation import (
+    ContactLoss,
     Outcome,
+    OutputCrossing,
+    Phase,
     SimulationOptions,
     Stop,
     Trajectory,
@@ -92,6 +95,7 @@ from .simulation import (
     kinematic_rollout,
     preflight,
     simulate,
+    simulate_phases,
     summarize,
     tuned_tracker,
 )
@@ -103,6 +107,7 @@ __all__ = [
     "CenterOfMass",
     "ConfigurationError",
     "ConstraintError",
+    "ContactLoss",
     "ControlLoop",
     "Distance",
     "DivergenceError",
@@ -137,8 +142,10 @@ __all__ = [
     "NonholonomicSystem",
     "Outcome",
     "Output",
+    "OutputCrossing",
     "OutputForce",
     "Pfaffian",
+    "Phase",
     "ReducedModel",
     "ReducedPlant",
     "RelativeAngle",
@@ -183,6 +190,7 @@ __all__ = [
     "preflight",
     "robots",
     "simulate",
+    "simulate_phases",
     "simulation",
     "solve_ik",
     "state_derivatives",

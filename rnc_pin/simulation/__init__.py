@@ -6,6 +6,8 @@ from rnc_pin.simulation.former_arguments import Plant as Plant
 from rnc_pin.simulation.free_motion import free_motion
 from rnc_pin.simulation.friction_demand import FrictionDemand, grip_along, within_grip
 from rnc_pin.simulation.limit_replay import Clearance, LimitReplay, LimitUse, obstacles_passed, replay_limits
+from rnc_pin.simulation.phase_events import ContactLoss, OutputCrossing
+from rnc_pin.simulation.phases import Phase, simulate_phases
 from rnc_pin.simulation.preflight import Margins, margins_along, preflight
 from rnc_pin.simulation.record import output_names
 from rnc_pin.simulation.rollout import Rollout, kinematic_rollout
@@ -14,6 +16,7 @@ from rnc_pin.simulation.run_info import (
     Columns,
     Outcome,
     OutputNames,
+    PhaseInfo,
     PlannedPath,
     Provenance,
     RunInfo,
@@ -29,6 +32,7 @@ from rnc_pin.simulation.tuned_tracker import tuned_tracker
 __all__ = [
     "Clearance",
     "Columns",
+    "ContactLoss",
     "FrictionDemand",
     "LimitReplay",
     "LimitUse",
@@ -36,7 +40,10 @@ __all__ = [
     "Margins",
     "Observer",
     "Outcome",
+    "OutputCrossing",
     "OutputNames",
+    "Phase",
+    "PhaseInfo",
     "PlannedPath",
     "Provenance",
     "ReducedPlant",
@@ -60,6 +67,7 @@ __all__ = [
     "replay_limits",
     "sample_count",
     "simulate",
+    "simulate_phases",
     "summarize",
     "tracking_errors",
     "tuned_tracker",

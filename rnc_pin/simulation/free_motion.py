@@ -18,6 +18,7 @@ from rnc_pin.plants import ReducedPlant
 from rnc_pin.plants.reduced import ConstrainedDynamics
 from rnc_pin.simulation.ending import Progress, complete_run
 from rnc_pin.simulation.former_arguments import Plant as FormerPlant
+from rnc_pin.simulation.phase_events import lift_off_monitor
 from rnc_pin.simulation.record import Record
 from rnc_pin.simulation.run_info import Provenance, provenance_of
 from rnc_pin.simulation.sampled_run import assembled_start
@@ -94,6 +95,7 @@ def free_motion(
             f"duration {duration}, dt {dt}, rtol {rtol} and atol {atol} have to be positive, dt at most the duration"
         )
     dynamics, stop_monitor = _dynamics(reduced, plant), StopMonitor(stop, reduced.robot)
+    lift_off = lift_off_monitor(stop, reduced, reduced)
     feedback = inputs if callable(inputs) else None
     constant = dynamics.saturate(np.zeros(reduced.p) if inputs is None or callable(inputs) else np.array(inputs, float))
 
@@ -131,8 +133,10 @@ def free_motion(
             progress.time = float(t)
             state = reduced.at(q_t, v=v_t)
             stop_monitor.check(float(t), state)
-            T = inputs_at(float(t), state)
-            record.moves(reduced, dynamics.damping_force(state))
+            T, external = inputs_at(float(t), state), dynamics.damping_force(state)
+            if lift_off is not None:
+                lift_off.check(float(t), state, T, external)
+            record.moves(reduced, external)
             record.add(float(t), state, integrals, Command(T=T), T, work)
 
     def add_all(progress: Progress, pending: list[_Samples]) -> None:
@@ -142,7 +146,7 @@ def free_motion(
         samples = _Samples(*(np.concatenate(each) for each in zip(*pending, strict=True)))
         pending.clear()
         states = StateEvaluation.at(reduced.reduction_data, samples.q, v=samples.v)
-        if feedback is not None or stop_monitor.may_stop(states):
+        if feedback is not None or lift_off is not None or stop_monitor.may_stop(states):
             add(progress, samples)
             return
         progress.time = float(samples.times[-1])

@@ -339,8 +339,8 @@ def _fill_desired(x2_desired: np.ndarray, v2_desired: np.ndarray, x2: np.ndarray
 def output_names(reduced: ReducedModel) -> OutputNames:
     """Names, units and coordinate types of the columns in runs of a model."""
     return OutputNames(
-        x1=_columns(reduced.vertical),
-        x2=_columns(reduced.reducing),
+        x1=columns_of(reduced.vertical),
+        x2=columns_of(reduced.reducing),
         T=tuple(reduced.actuation.names),
         T_units=tuple(reduced.actuation.units),
         multipliers=tuple(reduced.constraints.names),
@@ -349,7 +349,8 @@ def output_names(reduced: ReducedModel) -> OutputNames:
     )
 
 
-def _columns(outputs: OutputStack) -> Columns:
+def columns_of(outputs: OutputStack) -> Columns:
+    """Names, units and coordinate types of outputs."""
     units = tuple(unit.removesuffix("/s") for unit in outputs.units)
     angular, rotations = outputs.angular.tolist(), outputs.coordinates.rotations
     return Columns(tuple(outputs.names), units, tuple(angular), tuple(rotations), tuple(outputs.quasi.tolist()))

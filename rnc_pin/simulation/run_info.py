@@ -6,7 +6,7 @@ The keys of the JSON form are fixed, because other programs read the files too. 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
@@ -191,6 +191,27 @@ class Provenance:
 
 
 @dataclass(frozen=True)
+class PhaseInfo:
+    """Phase of a run, with the impact at its start.
+
+    Attributes:
+        name: name of the phase.
+        first_sample: index of its first sample.
+        start: time of its first sample [s].
+        impulses: impulse of each constraint row at its start [N s or N m s]; empty without an impact.
+        energy_loss: kinetic energy that the impact removes [J].
+        end: event that ended the phase; None if its duration or the run ended it.
+    """
+
+    name: str
+    first_sample: Whole
+    start: Number
+    impulses: Mapping[str, float] = field(default_factory=dict)
+    energy_loss: Number = 0.0
+    end: str | None = None
+
+
+@dataclass(frozen=True)
 class RunInfo:
     """Metadata and outcome of a run.
 
@@ -202,6 +223,7 @@ class RunInfo:
         provenance: origin of the run.
         outcome: outcome of the run.
         message: reason of an early end, if any.
+        phases: phases of the run; empty for a run under one set of constraints.
     """
 
     outputs: OutputNames = OutputNames()
@@ -211,6 +233,7 @@ class RunInfo:
     provenance: Provenance = Provenance()
     outcome: Outcome = Outcome.COMPLETED
     message: str | None = None
+    phases: tuple[PhaseInfo, ...] = ()
 
     def to_json(self) -> dict[str, Json]:
         """Return the JSON form."""
@@ -228,6 +251,7 @@ class RunInfo:
             **self.provenance.to_json(),
             "outcome": str(self.outcome),
             **({} if self.message is None else {"message": self.message}),
+            **({"phases": [asdict(each) for each in self.phases]} if self.phases else {}),
         }
         return to_json_mapping(content, "meta")
 

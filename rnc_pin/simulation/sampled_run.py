@@ -18,6 +18,7 @@ from rnc_pin.plants import Plant, ReducedPlant
 from rnc_pin.plants.plant import takes_velocities
 from rnc_pin.plants.reduced import integrated_outputs
 from rnc_pin.simulation.ending import MODEL, Progress
+from rnc_pin.simulation.phase_events import lift_off_monitor
 from rnc_pin.simulation.plant_adapter import PlantAdapter
 from rnc_pin.simulation.record import Record
 from rnc_pin.simulation.run_info import Outcome, provenance_of
@@ -35,6 +36,7 @@ class SampledRun:
     Args:
         reduced, controller, q0, dt, v2_0, plant, options: as for ``simulate``.
         capacity: expected number of samples; the record grows beyond it.
+        start: time of the first sample in messages and in the record [s]; the time of the controller starts at zero.
 
     Attributes:
         loop: control loop of the controller.
@@ -55,6 +57,7 @@ class SampledRun:
         v2_0: np.ndarray | None = None,
         plant: Plant | None = None,
         options: SimulationOptions = DEFAULT_OPTIONS,
+        start: float = 0.0,
     ) -> None:
         _check_arguments(reduced, controller, plant, options)
         self._provenance, self._observer = provenance_of(options.meta), options.observer
@@ -63,14 +66,20 @@ class SampledRun:
         kind = VelocityInputLoop if takes_velocities(plant) else ControlLoop
         self.loop: ControlLoop = kind(reduced, controller, dt, **loop_options)
         self._stop, self._dt, self.samples = StopMonitor(options.stop, reduced.robot), dt, 0
+        self._start, self._lift_off = start, lift_off_monitor(options.stop, adapter.model, reduced)
         self._zeros = zeros = np.zeros(reduced.r)
-        start = reduced.at(assembled_start(reduced, numbers_of(q0, "q0")), zeros if v2_0 is None else v2_0)
-        adapter.plant.reset(start.q, start.v)
+        first = reduced.at(assembled_start(reduced, numbers_of(q0, "q0")), zeros if v2_0 is None else v2_0)
+        adapter.plant.reset(first.q, first.v)
         state = options.controller_state
         if state is None:
             state = controller.initial_state(adapter.read_state().measure(zeros))
         self.loop.resume(LoopState(begin=0.0, controller=state))
         self._record = Record(reduced, capacity, integrated_outputs(reduced), adapter.friction_names)
+
+    @property
+    def plant(self) -> Plant:
+        """Plant of the run."""
+        return self._adapter.plant
 
     @property
     def time(self) -> float:
@@ -84,17 +93,14 @@ class SampledRun:
             progress: receives the time and the component at work, for error messages.
         """
         adapter, loop = self._adapter, self.loop
-        progress.time = t = self.time
+        progress.time = t = self._start + self.time
         state = adapter.read_state()
         self._stop.check(t, state)
-        T = _compute_input(adapter, loop, progress)
+        T = _compute_input(adapter, loop, self.time, progress)
         T = adapter.apply(loop, T)
-        measurement, command = _last_decision(loop, state)
-        integrals = loop.state.integrals if loop.state.integrals is not None else self._zeros
-        self._record.moves(adapter.model, adapter.external)
-        outputs = (measurement.x1, measurement.x2) if measurement.q is state.q else None  # not of a sensor's state
-        sensed = adapter.v_measured, adapter.friction_used
-        self._record.add(t, state, integrals, command, T, adapter.work, *sensed, outputs)
+        if self._lift_off is not None:
+            self._lift_off.check(t, state, T, adapter.external)
+        measurement, command = self._add(t, state, T)
         self.samples += 1
         found = Sample(t, measurement, command, T, loop.state.controller)
         if self._observer is not None:
@@ -103,9 +109,33 @@ class SampledRun:
             progress.active_component = MODEL
         return found
 
+    def _add(self, t: float, state: StateEvaluation, T: np.ndarray) -> tuple[Measurement, Command]:
+        """Record a state with the last measurement and command of the loop."""
+        adapter, loop = self._adapter, self.loop
+        measurement, command = _last_decision(loop, state)
+        integrals = loop.state.integrals if loop.state.integrals is not None else self._zeros
+        self._record.moves(adapter.model, adapter.external)
+        outputs = (measurement.x1, measurement.x2) if measurement.q is state.q else None  # not of a sensor's state
+        sensed = adapter.v_measured, adapter.friction_used
+        self._record.add(t, state, integrals, command, T, adapter.work, *sensed, outputs)
+        return measurement, command
+
     def advance(self) -> None:
         """Advance the plant to the next sample."""
         self._adapter.plant.advance(self._dt)
+
+    def record_between(self, elapsed: float, integrals: np.ndarray, T: np.ndarray) -> None:
+        """Record the state of the plant at a time after the last sample, under its inputs, as the end of the run.
+
+        Args:
+            elapsed: time since the last sample [s].
+            integrals: integrals of the reducing velocities (r,).
+            T: applied inputs (p,).
+        """
+        adapter = self._adapter
+        t, state = self._start + self.time - self._dt + elapsed, adapter.read_state()
+        self._record.moves(adapter.model, adapter.external)
+        self._record.add(t, state, integrals, _last_decision(self.loop, state)[1], T, adapter.work)
 
     @property
     def failure(self) -> str | None:
@@ -138,10 +168,10 @@ def _check_arguments(reduced: Any, controller: Any, plant: Any, options: Any) ->
         raise ConfigurationError(f"options: expected SimulationOptions, found {type_name(options)}")
 
 
-def _compute_input(adapter: PlantAdapter, loop: ControlLoop, progress: Progress) -> np.ndarray:
-    """Inputs (p,) of the loop. If it fails, ``progress`` names the component that failed."""
+def _compute_input(adapter: PlantAdapter, loop: ControlLoop, t: float, progress: Progress) -> np.ndarray:
+    """Inputs (p,) of the loop at its time t. If it fails, ``progress`` names the component that failed."""
     try:
-        return adapter.compute_input(loop, progress.time)
+        return adapter.compute_input(loop, t)
     except Exception:
         progress.active_component = loop.active_component
         raise

@@ -18,6 +18,7 @@ class Stop:
     Args:
         speed: largest reduced velocity, in the units of the outputs' rates; a larger one counts as diverged.
         position_limits: True ends the run if a joint leaves its position limits in the robot's file.
+        lift_off: True ends the run if a contact with the ground would have to pull.
 
     Raises:
         InputError: speed is not positive.
@@ -34,6 +35,7 @@ class Stop:
 
     speed: float = 1e3
     position_limits: bool = False
+    lift_off: bool = False
 
     def __post_init__(self) -> None:
         if not self.speed > 0:

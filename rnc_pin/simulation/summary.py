@@ -57,6 +57,23 @@ class NearestBodies(TypedDict):
     time: float
 
 
+class ImpactSummary(TypedDict):
+    """Impact at the start of a phase: impulses of the constraint rows [N s or N m s], and lost kinetic energy [J]."""
+
+    time: float
+    phase: str
+    impulses: Mapping[str, float]
+    energy_loss: float
+
+
+class PhaseSummary(TypedDict):
+    """Phase of a run: its start [s], and the event that ended it."""
+
+    name: str
+    start: float
+    end: str | None
+
+
 class Summary(Compared):
     """Errors and invariants of a run, as JSON content.
 
@@ -66,6 +83,7 @@ class Summary(Compared):
     summaries of scenarios. ``limits_gave_way`` has the largest amounts by which limits of a whole-body program
     gave way to others; it is missing if none did. ``goals_missed`` has the errors of goals that a completed run of a
     scenario did not reach within ``goal_tolerance``; it is missing if it reached all.
+    ``phases`` and ``impacts`` are in summaries of runs with phases.
     """
 
     scenario: str | None
@@ -80,6 +98,8 @@ class Summary(Compared):
     wall_time: float | None
     realtime_factor: float | None
     versions: Mapping[str, str]
+    phases: NotRequired[list[PhaseSummary]]
+    impacts: NotRequired[list[ImpactSummary]]
     joint_limits: NotRequired[dict[str, WorstLimit]]
     smallest_distance: NotRequired[NearestBodies | None]
     touching_at_start: NotRequired[list[str]]
@@ -153,6 +173,13 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> Summary
     }
     if info.message is not None:
         summary["message"] = info.message
+    if info.phases:
+        summary["phases"] = [{"name": each.name, "start": each.start, "end": each.end} for each in info.phases]
+        summary["impacts"] = [
+            {"time": each.start, "phase": each.name, "impulses": each.impulses, "energy_loss": each.energy_loss}
+            for each in info.phases
+            if each.impulses
+        ]
     if trajectory.estimates.shape[1] and len(trajectory.time):
         _add_learning(summary, trajectory)
     return summary

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Float, Int
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.io.atomic_write import atomic_file
 from rnc_pin.io.json import Json, dump_json
@@ -137,6 +137,14 @@ class Trajectory(SummaryMixin):
     def outcome(self) -> Outcome:
         """Outcome of the run."""
         return self.info.outcome
+
+    @property
+    def phase(self) -> Int[Array, " N"]:
+        """Index of the phase of each sample; zero in a run under one set of constraints."""
+        index = np.zeros(len(self.time), dtype=int)
+        for number, each in enumerate(self.info.phases):
+            index[each.first_sample :] = number
+        return index
 
     def coordinates(self, kind: str) -> Coordinates:
         """Coordinate types of the outputs of a kind, "x1" or "x2": angles and rotation vectors."""

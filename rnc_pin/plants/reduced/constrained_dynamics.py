@@ -60,6 +60,7 @@ class ConstrainedDynamics:
     Attributes:
         damping: viscous damping coefficients (nv,); None without damping.
         integrated: mask (r,) of the reducing outputs with an integral.
+        chart: current velocity chart, since ``initial``.
 
     Raises:
         ConstraintError: damping acts on a momentum that the model declares conserved.
@@ -81,14 +82,14 @@ class ConstrainedDynamics:
         self._no_integrals = np.zeros(self._r)
         self._no_integrals.setflags(write=False)
         self._integrator = LieRungeKutta4(reduced.robot)
-        self._chart: VelocityChart
+        self.chart: VelocityChart
 
     # ------------------------------------------------------------------ states
 
     def initial(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the initial y, in a chart centred at q."""
-        self._chart = VelocityChart(self.reduced.reduction_data, q, self._integrands)
-        return np.concatenate([self._chart.W @ v, np.zeros(len(self._where) + 1)])
+        self.chart = VelocityChart(self.reduced.reduction_data, q, self._integrands)
+        return np.concatenate([self.chart.W @ v, np.zeros(len(self._where) + 1)])
 
     def integrals(self, y: np.ndarray) -> np.ndarray:
         """Integrals of the reducing velocities, (..., r); zero for those without one."""
@@ -100,7 +101,7 @@ class ConstrainedDynamics:
 
     def at(self, q: np.ndarray, y: np.ndarray) -> StateEvaluation:
         """States (...,) in the current chart."""
-        return self._chart.at(q, np.ascontiguousarray(y[..., : self._r]))
+        return self.chart.at(q, np.ascontiguousarray(y[..., : self._r]))
 
     def integral_rows(self, state: StateEvaluation) -> np.ndarray:
         """Jacobian (k, nv) of the integrals."""
@@ -112,10 +113,10 @@ class ConstrainedDynamics:
 
     def recentre(self, q: np.ndarray, y: np.ndarray) -> tuple[StateEvaluation, np.ndarray]:
         """Replace the chart if it is ill-conditioned; return the state in the reduction of the model, and y."""
-        v, is_ill_conditioned = self._chart.velocity(q, y[: self._r])
+        v, is_ill_conditioned = self.chart.velocity(q, y[: self._r])
         if is_ill_conditioned:
-            self._chart = VelocityChart(self.reduced.reduction_data, q, self._integrands)
-            y = np.concatenate([self._chart.W @ v, y[self._r :]])
+            self.chart = VelocityChart(self.reduced.reduction_data, q, self._integrands)
+            y = np.concatenate([self.chart.W @ v, y[self._r :]])
         return StateEvaluation.measured(self.reduced.reduction_data, q, v), y
 
     # ------------------------------------------------------------------ motion
@@ -136,7 +137,7 @@ class ConstrainedDynamics:
         Raises:
             DivergenceError: accelerations are not finite, or a step is longer than the integrator's chart.
         """
-        found = self._chart.advance(q, y, T, h, steps)
+        found = self.chart.advance(q, y, T, h, steps)
         if found is not None:
             return found
         rate = self.derivative(T)
@@ -146,7 +147,7 @@ class ConstrainedDynamics:
 
     def local_rate(self, q: np.ndarray, x: np.ndarray, T: np.ndarray) -> np.ndarray | None:
         """Rates of local coordinates ``x = (u, y)`` at ``q (+) u`` under inputs T; None without the compiled kernel."""
-        return self._chart.local_rate(q, x, T, self.damping)
+        return self.chart.local_rate(q, x, T, self.damping)
 
     def derivative(
         self,
@@ -167,7 +168,7 @@ class ConstrainedDynamics:
 
         def rate(q: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             if projection is None:
-                return self._chart.derivative(q, y[: self._r], T, external, self.damping)
+                return self.chart.derivative(q, y[: self._r], T, external, self.damping)
             return state_rates(projection(self.at(q, y)), T, self.damping, external)
 
         return rate

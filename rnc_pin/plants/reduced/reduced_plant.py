@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import isfinite
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,6 +13,17 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics
 from rnc_pin.plants.reduced.dissipative_step import DissipativeStep
 from rnc_pin.plants.reduced.dry_friction import DryFriction
+from rnc_pin.plants.reduced.velocity_chart import VelocityChart
+
+
+class Checkpoint(NamedTuple):
+    """State of a ``ReducedPlant``."""
+
+    q: np.ndarray
+    y: np.ndarray
+    state: StateEvaluation | None
+    applied: np.ndarray
+    chart: VelocityChart
 
 
 class ReducedPlant:
@@ -95,6 +107,14 @@ class ReducedPlant:
     def read(self) -> tuple[np.ndarray, np.ndarray]:
         """Configuration (nq,) and velocity (nv,)."""
         return self.state.q.copy(), self.state.v.copy()
+
+    def checkpoint(self) -> Checkpoint:
+        """Return the present state for ``rollback``."""
+        return Checkpoint(self._q, self._y, self._state, self.applied, self._dynamics.chart)
+
+    def rollback(self, checkpoint: Checkpoint) -> None:
+        """Return to the state of a ``checkpoint``, to the bit."""
+        self._q, self._y, self._state, self.applied, self._dynamics.chart = checkpoint
 
     def apply(self, T: np.ndarray) -> None:
         """Hold the inputs T (p,), clipped to the actuator limits; ``applied`` has the result."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -28,10 +28,13 @@ class SimulationSettings(Strict):
     position_limits: bool = False
     """True to end the run when a joint reaches its position limit."""
 
+    on_lift_off: Literal["ignore", "stop"] = "ignore"
+    """Action if a contact with the ground would have to pull: "ignore" only reports it, "stop" ends the run."""
+
     @property
     def stop(self) -> Stop:
         """Conditions that end the run early."""
-        return Stop(position_limits=self.position_limits)
+        return Stop(position_limits=self.position_limits, lift_off=self.on_lift_off == "stop")
 
 
 class GripSettings(Strict):
