@@ -1,18 +1,22 @@
-"""Optimal control: processor time of an iteration, known optima, and random parking problems.
+"""Optimal control: processor time of an iteration, known optima, random problems, and model-predictive control.
 
-Run it by ``python -m benchmarks.optimal [iteration] [optima] [parking] [predictive]``. Without a name all run.
+Run it by ``python -m benchmarks.optimal iteration|optima|predictive``, or with a number of problems by
+``python -m benchmarks.optimal parking|docking|dubins|reeds-shepp N``. Without a name all run.
 """
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 import rnc_pin as rnc
+from benchmarks.shortest_paths import dubins_length, reeds_shepp_length
 from benchmarks.whole_body import model as tiago
 from rnc_pin.errors import InfeasibleError
 from rnc_pin.model.kinematics import Kinematics
@@ -31,8 +35,13 @@ from rnc_pin.optimal.guesses import along
 from rnc_pin.optimal.planner import build_problem
 from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic
 from rnc_pin.plants.mujoco import MuJoCoPlant
+from rnc_pin.robots.vehicles import tractor_trailers_urdf
 
-NODES, ROUNDS, PROBLEMS = 40, 7, 100
+NODES, ROUNDS = 40, 7
+SHORTEST = {"dubins": (0.0, dubins_length), "reeds-shepp": (-1.0, reeds_shepp_length)}
+"""Smallest speed, and length in closed form."""
+LIMIT = (0.1, 0.01, 0.001)
+"""Weights of the effort that tend to the shortest path."""
 
 
 def knife_edge() -> rnc.ReducedModel:
@@ -93,42 +102,160 @@ def optima() -> None:
     print(f"  free duration, effort against time: {plan.duration:.4f} {9.0**0.25:.4f}")
 
 
-def problems(count: int, refinements: int = 1) -> None:
-    """Random parking of the car: goals beside, behind and ahead of it, with limits of speed and steering."""
-    reduced, generator = car(), np.random.default_rng(0)
-    bounds = [OutputBound(rnc.JointPosition("front_steering"), -0.6, 0.6), VelocityBound(-1.0, 1.0)]
-    settings = SolverSettings(refinements=refinements)
+Problem = dict[str, Any]
+"""Arguments of a plan: start, goal and bounds."""
+
+
+def problems(name: str, reduced: rnc.ReducedModel, draw: Callable[[np.random.Generator], Problem], count: int) -> None:
+    """Plan random problems with one refinement; print statistics every ten problems."""
+    generator, settings = np.random.default_rng(0), SolverSettings(refinements=1)
     taken: list[float] = []
     plans: list[rnc.optimal.MotionPlan] = []
     for number in range(1, count + 1):
-        x, y, heading = generator.uniform([-3.0, -2.0, -1.0], [3.0, 2.0, 1.0])
-        goal = {rnc.FramePosition("rear_axle", "xy"): [x, y], rnc.FrameYaw("chassis"): heading}
-        begin = time.process_time()
+        problem, begin = draw(generator), time.process_time()
         try:
-            q0 = reduced.robot.configuration()
-            plans.append(rnc.optimal.plan(reduced, q0, goal, 16.0, bounds=bounds, settings=settings))
+            plans.append(rnc.optimal.plan(reduced, **problem, settings=settings))
         except InfeasibleError as error:
-            print(f"  {number}: ({x:.2f}, {y:.2f}, {heading:.2f}): {error}", flush=True)
+            print(f"  {number}: {error}", flush=True)
         taken.append(time.process_time() - begin)
         if number % 10 == 0 or number == count:
-            _print_statistics(number, taken, plans)
+            _print_statistics(name, number, taken, plans)
 
 
-def _print_statistics(number: int, taken: list[float], plans: list[rnc.optimal.MotionPlan]) -> None:
+def _print_statistics(name: str, number: int, taken: list[float], plans: list[rnc.optimal.MotionPlan]) -> None:
     times = f"processor time median {np.median(taken):.2f} s, most {max(taken):.2f} s"
-    print(f"parking: {len(plans)} of {number} solved, {times}")
-    iterations = np.median([plan.info.iterations for plan in plans])
-    violations = [plan.info.verification.violation for plan in plans]
-    print(
-        f"  iterations median {iterations:g}; violation after verification median {np.median(violations):.1e}, "
-        f"most {max(violations):.1e} [m or rad]",
-        flush=True,
-    )
+    print(f"{name}: {len(plans)} of {number} solved, {times}", flush=True)
+    if plans:
+        iterations = np.median([plan.info.iterations for plan in plans])
+        violations = [plan.info.verification.violation for plan in plans]
+        print(
+            f"  iterations median {iterations:g}; violation after verification median {np.median(violations):.1e}, "
+            f"most {max(violations):.1e} [m or rad]",
+            flush=True,
+        )
 
 
 def parking() -> None:
-    """Statistics of random parking problems, printed every ten problems."""
-    problems(int(sys.argv[2]) if len(sys.argv) > 2 else PROBLEMS)
+    """Parking of the car: goals beside, behind and ahead of it, with limits of speed and steering."""
+    reduced = car()
+    bounds = [OutputBound(rnc.JointPosition("front_steering"), -0.6, 0.6), VelocityBound(-1.0, 1.0)]
+
+    def draw(generator: np.random.Generator) -> Problem:
+        x, y, heading = generator.uniform([-3.0, -2.0, -1.0], [3.0, 2.0, 1.0])
+        goal = {rnc.FramePosition("rear_axle", "xy"): [x, y], rnc.FrameYaw("chassis"): heading}
+        return {"q0": reduced.robot.configuration(), "goal": goal, "duration": 16.0, "bounds": bounds}
+
+    problems("parking", reduced, draw, _count(100))
+
+
+def tractor(trailers: int) -> rnc.ReducedModel:
+    """Tractor with trailers, each hitched on the axle before."""
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "tractor.urdf"
+        file.write_text(tractor_trailers_urdf(trailers))
+        robot = rnc.Robot.from_urdf(file, base="planar")
+    axles = ["front_axle", "tractor_axle", *(f"axle_{k}" for k in range(1, trailers + 1))]
+    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip(axle) for axle in axles])
+    return system.reduce([rnc.FrameSpeed("tractor"), rnc.JointPosition("front_steering")])
+
+
+def docking() -> None:
+    """Docking of a tractor with one and with two trailers, from a random pose ahead; walls are not part of it."""
+    for trailers in (1, 2):
+        dock(trailers, _count(40))
+
+
+def dock(trailers: int, count: int) -> None:
+    """Docking: the vehicle ends straight at the origin, with limits of speed, steering angle and hitch angles."""
+    reduced = tractor(trailers)
+    hitches = [rnc.JointPosition(joint) for joint in reduced.robot.joint_names if joint.startswith("hitch")]
+    steering = OutputBound(rnc.JointPosition("front_steering"), -0.8, 0.8)
+    bounds = [steering, VelocityBound(-1.0, 1.0), OutputBound(hitches, -1.2, 1.2)]
+    goal = {rnc.FramePosition("tractor", "xy"): [0.0, 0.0], rnc.FrameYaw("tractor"): 0.0, **dict.fromkeys(hitches, 0.0)}
+
+    def draw(generator: np.random.Generator) -> Problem:
+        pose = generator.uniform([2.0, -2.0, -0.6], [5.0, 2.0, 0.6])
+        q0 = reduced.robot.configuration({"root_joint": pose})
+        return {"q0": q0, "goal": goal, "duration": 16.0, "bounds": bounds}
+
+    problems(f"docking, trailers {trailers}", reduced, draw, count)
+
+
+def _count(usual: int) -> int:
+    return int(sys.argv[2]) if len(sys.argv) > 2 else usual
+
+
+def shortest_plan(
+    reduced: rnc.ReducedModel,
+    pose: tuple[float, float, float],
+    slowest: float,
+    starts: int,
+    weights: Sequence[float] = LIMIT,
+) -> rnc.optimal.MotionPlan:
+    """Plan of least duration of the car with turning radius 1 and speed up to 1: the limit of a small effort weight.
+
+    The first weight finds the cheapest of several local optima; the others start from it.
+
+    Args:
+        reduced: the car, with a wheelbase of 1 m.
+        pose: x, y and heading at the end.
+        slowest: 0 for forward motion only, -1 for both directions.
+        starts: number of random guesses.
+        weights: of the effort, in falling order.
+    """
+    goal = {rnc.FramePosition("rear_axle", "xy"): pose[:2], rnc.FrameYaw("chassis"): pose[2]}
+    steering = OutputBound(rnc.JointPosition("front_steering"), -np.pi / 4, np.pi / 4)
+    bounds = [InputBound([slowest, -20.0], [1.0, 20.0]), steering]
+    options: dict[str, Any] = {"seeds": starts, "solutions": starts + 1}
+    start = reduced.robot.configuration()
+    shortest = max(0.5, float(np.hypot(*pose[:2])))  # the straight line keeps guesses from a vanishing duration
+    for weight in weights:
+        finer = 2 if weight == LIMIT[-1] else 0  # with accuracy 0 the intervals are always halved
+        settings = SolverSettings(iterations=60, tolerance=1e-4, substeps=4, refinements=finer, accuracy=0.0)
+        cost = EffortCost([0.1 * weight, weight])
+        plan = rnc.optimal.plan(
+            reduced, start, goal, (shortest, 15.0), form="kinematic", costs=[cost], bounds=bounds, time_weight=1.0,
+            settings=settings, **options,
+        )  # fmt: skip
+        options = {"guess": plan, "seeds": 0}
+    return plan
+
+
+def driven_length(plan: rnc.optimal.MotionPlan) -> float:
+    """Length of the path of the car, both directions positive [m]."""
+    return float(np.abs(plan.u[:, 0]).mean() * plan.duration)
+
+
+def shortest(kind: str, count: int, starts: int = 6) -> None:
+    """Lengths of planned paths beside closed forms, for random poses within 4 turning radii."""
+    reduced, generator = car(), np.random.default_rng(0)
+    slowest, exact = SHORTEST[kind]
+    ratios, taken = [], []
+    for number in range(1, count + 1):
+        x, y, heading = generator.uniform([-4.0, -4.0, -np.pi], [4.0, 4.0, np.pi]).tolist()
+        begin = time.process_time()
+        try:
+            found = driven_length(shortest_plan(reduced, (x, y, heading), slowest, starts))
+        except InfeasibleError as error:
+            print(f"  {number}: ({x:.2f}, {y:.2f}, {heading:.2f}): {error}", flush=True)
+            found = np.inf
+        taken.append(time.process_time() - begin)
+        ratios.append(found / exact(x, y, heading))
+        if number % 5 == 0 or number == count:
+            near = np.array(ratios) < 1.01
+            print(f"{kind}: {near.sum()} of {number} within 1 % of the closed form, {starts + 1} guesses; error median "
+                  f"{np.median(ratios) - 1:.2%}, largest {max(ratios) - 1:.0%}; processor time median "
+                  f"{np.median(taken):.1f} s", flush=True)  # fmt: skip
+
+
+def dubins() -> None:
+    """Shortest paths of a car that drives forwards only."""
+    shortest("dubins", _count(10))
+
+
+def reeds_shepp() -> None:
+    """Shortest paths of a car that drives in both directions."""
+    shortest("reeds-shepp", _count(10), starts=12)
 
 
 def predictive() -> None:
@@ -172,6 +299,9 @@ PARTS: dict[str, Callable[[], None]] = {
     "iteration": iteration,
     "optima": optima,
     "parking": parking,
+    "docking": docking,
+    "dubins": dubins,
+    "reeds-shepp": reeds_shepp,
     "predictive": predictive,
 }
 

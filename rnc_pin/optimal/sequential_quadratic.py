@@ -94,8 +94,10 @@ class SequentialQuadratic:
         self._damping, self._weight, self._gap_weight = _FIRST_DAMPING, self.settings.penalty, 0.0
 
     def solve(self, guess: Iterate) -> Solution:
-        """Improve a guess until it converges."""
-        s, at, calm, count, done = self.settings, guess, 0, 0, False
+        """Improve a guess until it converges. Its first node becomes the start of the problem, which no step moves."""
+        s, calm, count, done = self.settings, 0, 0, False
+        start = self.problem.start
+        at = guess._replace(q=np.concatenate([start.q, guess.q[1:]]), w=np.concatenate([start.w, guess.w[1:]]))
         self.restart()
         values = self.problem.values(at)
         mark, age = np.inf, 0  # violation at the last time that it was halved, and iterations since
@@ -161,7 +163,7 @@ class SequentialQuadratic:
             after = self.problem.moved(at, direction.x, direction.u, float(length))
             try:
                 result = self.problem.values(after)
-            except RncError:  # a singular configuration: shorter steps may avoid it
+            except (RncError, np.linalg.LinAlgError):  # a singular configuration: shorter steps may avoid it
                 continue
             now = self._merit(result, sizes)
             if np.isfinite(now) and now <= merit - _SUFFICIENT * length * max(0.0, predicted) + rounding:

@@ -24,6 +24,19 @@ def test_straight_motion_with_least_acceleration_is_a_cubic():
     np.testing.assert_allclose(reference.at(1.0).velocity, 0.75, rtol=2e-3)
 
 
+def test_a_motion_begins_with_its_initial_velocity():
+    """Least squared acceleration from speed v to rest, over d in time t: (12 d^2 - 12 d v t + 4 v^2 t^2) / t^3."""
+    reduced = systems.sleigh()
+    goal = sleigh_goal(1.0, 0.0, 0.0)
+    plan = rnc.optimal.plan(reduced, reduced.robot.configuration(), goal, 2.0, v2_0=[0.5, 0.0])
+    assert plan.info.cost == pytest.approx(0.5 * (12 - 12 + 4) / 8, rel=2e-3)
+    assert plan.info.verification.violation < 1e-6
+    elsewhere = reduced.robot.configuration({"root_joint": [0.5, 0.0, 0.0]})
+    again = rnc.optimal.plan(reduced, elsewhere, goal, 2.0, guess=plan, seeds=0)
+    np.testing.assert_array_equal(again.q[0], elsewhere)
+    assert again.info.cost == pytest.approx(0.5 * 12 * 0.25 / 8, rel=2e-3)
+
+
 def test_sideways_motion_of_least_velocity_is_brocketts():
     """A knife edge moves aside by a small y at the cost 1/2 (4 pi y) / t: a circle of area y (Brockett 1981)."""
     reduced, y, t = systems.sleigh(), 1e-3, 1.0

@@ -1,0 +1,144 @@
+"""Shortest paths of a car with turning radius 1, in closed form: Dubins (1957), and Reeds and Shepp (1990).
+
+L. E. Dubins, "On curves of minimal length with a constraint on average curvature", American Journal of Mathematics 79;
+J. A. Reeds and L. A. Shepp, "Optimal paths for a car that goes both forwards and backwards", Pacific Journal of
+Mathematics 145. A word is a list of segments: curvature (1 left, -1 right, 0 straight) and signed length. Every word is
+driven to its end, so that a wrong formula cannot give a length.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import acos, asin, atan2, cos, hypot, isclose, pi, sin, sqrt
+
+Word = list[tuple[int, float]]
+LEFT, STRAIGHT, RIGHT = 1, 0, -1
+
+
+def dubins_length(x: float, y: float, heading: float) -> float:
+    """Length of the shortest forward path from the origin to a pose, in turning radii."""
+    return min(_length(word) for word in _dubins_words(x, y, heading) if _ends_at(word, x, y, heading))
+
+
+def reeds_shepp_length(x: float, y: float, heading: float) -> float:
+    """Length of the shortest path with forward and backward segments from the origin to a pose, in turning radii."""
+    return min(_length(word) for word in _reeds_shepp_words(x, y, heading) if _ends_at(word, x, y, heading))
+
+
+def drive(word: Word) -> tuple[float, float, float]:
+    """Pose at the end of a word from the origin."""
+    x = y = heading = 0.0
+    for curvature, length in word:
+        turn = curvature * length
+        if curvature:
+            x += (sin(heading + turn) - sin(heading)) / curvature
+            y -= (cos(heading + turn) - cos(heading)) / curvature
+        else:
+            x, y = x + length * cos(heading), y + length * sin(heading)
+        heading += turn
+    return x, y, heading
+
+
+def _length(word: Word) -> float:
+    return sum(abs(length) for _, length in word)
+
+
+def _ends_at(word: Word, x: float, y: float, heading: float) -> bool:
+    found = drive(word)
+    return hypot(found[0] - x, found[1] - y) < 1e-6 and isclose(cos(found[2] - heading), 1.0, abs_tol=1e-9)
+
+
+def _dubins_words(x: float, y: float, heading: float) -> Iterator[Word]:
+    """Words CSC and CCC; a reflection exchanges left and right."""
+    for first in (LEFT, RIGHT):
+        for middle in (STRAIGHT, -first):
+            for last in (LEFT, RIGHT) if middle == STRAIGHT else (first,):
+                yield from _tangent_circles(first, middle, last, x, y, heading)
+
+
+def _tangent_circles(first: int, middle: int, last: int, x: float, y: float, heading: float) -> Iterator[Word]:
+    """Forward words of three segments, from the centres of the first and the last circle."""
+    across, along = (y + last * cos(heading)) - first, x - last * sin(heading)
+    distance, direction = hypot(along, across), atan2(across, along)
+    if middle == STRAIGHT:
+        if first == last:
+            turns = [(direction, distance)]
+        elif distance < 2:
+            return
+        else:
+            straight = sqrt(distance**2 - 4)
+            turns = [(direction + first * atan2(2, straight), straight)]
+    else:
+        if distance > 4:
+            return
+        inner = 2 * asin(distance / 4)  # the shorter arc of the circle between both
+        turns = [(direction + first * arc / 2, arc) for arc in (inner, 2 * pi - inner)]
+    for bearing, length in turns:
+        begin = _forward(first * bearing)
+        after = first * begin + middle * length
+        yield [(first, begin), (middle, length), (last, _forward(last * (heading - after)))]
+
+
+def _reeds_shepp_words(x: float, y: float, heading: float) -> Iterator[Word]:
+    """All words: nine formulas, with motions in reversed time, reflected, and in reversed order."""
+    back = x * cos(heading) + y * sin(heading), x * sin(heading) - y * cos(heading)
+    for reversed_order, (a, b) in ((False, (x, y)), (True, back)):
+        for backward in (1, -1):
+            for side in (1, -1):
+                for word in _base_words(backward * a, side * b, backward * side * heading):
+                    found = [(side * curvature, backward * length) for curvature, length in word]
+                    yield found[::-1] if reversed_order else found
+
+
+def _base_words(x: float, y: float, heading: float) -> Iterator[Word]:
+    """Formulas 8.1 to 8.11 of Reeds and Shepp, without conditions on signs: ``drive`` decides which of them hold."""
+    quarter = pi / 2
+    same = x - sin(heading), y - 1 + cos(heading)  # the last segment turns left
+    other = x + sin(heading), y - 1 - cos(heading)  # it turns right
+    u, t = hypot(*same), atan2(same[1], same[0])
+    yield [(LEFT, t), (STRAIGHT, u), (LEFT, _turn(heading - t))]  # 8.1
+    if u <= 4:
+        v = -2 * asin(u / 4)
+        s = _turn(t + v / 2 + pi)
+        yield [(LEFT, s), (RIGHT, v), (LEFT, _turn(heading - s + v))]  # 8.3 and 8.4
+    if u >= 2:
+        r = sqrt(u**2 - 4)
+        s = _turn(t + atan2(r, -2))
+        yield [(LEFT, s), (RIGHT, -quarter), (STRAIGHT, 2 - r), (LEFT, _turn(heading - quarter - s))]  # 8.9
+    u, t = hypot(*other), atan2(other[1], other[0])
+    if u >= 2:
+        r = sqrt(u**2 - 4)
+        s = _turn(t + atan2(2, r))
+        yield [(LEFT, s), (STRAIGHT, r), (RIGHT, _turn(s - heading))]  # 8.2
+        s = atan2(other[0], -other[1])
+        yield [(LEFT, s), (RIGHT, -quarter), (STRAIGHT, 2 - u), (RIGHT, _turn(s + quarter - heading))]  # 8.10
+        v = 4 - r
+        s = _turn(atan2((4 - v) * other[0] - 2 * other[1], -2 * other[0] + (v - 4) * other[1]))
+        yield [(LEFT, s), (RIGHT, -quarter), (STRAIGHT, v), (LEFT, -quarter), (RIGHT, _turn(s - heading))]  # 8.11
+    if u <= 2:
+        yield from _four_arcs(acos((2 + u) / 4), -1, *other, heading)  # 8.7
+    if 4 <= u**2 <= 20:
+        yield from _four_arcs(-acos((20 - u**2) / 16), 1, *other, heading)  # 8.8
+
+
+def _four_arcs(u: float, sign: int, xi: float, eta: float, heading: float) -> Iterator[Word]:
+    """Words with two middle arcs of equal size: (u, -u) with a cusp between them, or (u, u) with one at either end."""
+    v = -u if sign < 0 else u
+    delta = u - v
+    a, b = sin(u) - sin(delta), cos(u) - cos(delta) - 1
+    t = atan2(eta * a - xi * b, xi * a + eta * b)
+    if 2 * (cos(delta) - cos(v) - cos(u)) + 3 < 0:
+        t += pi
+    t = _turn(t)
+    yield [(LEFT, t), (RIGHT, u), (LEFT, v), (RIGHT, _turn(t - u + v - heading))]
+
+
+def _forward(angle: float) -> float:
+    """Angle from 0 to a whole turn, without turns that are only rounding."""
+    turn = angle % (2 * pi)
+    return 0.0 if 2 * pi - turn < 1e-9 else turn
+
+
+def _turn(angle: float) -> float:
+    """Angle within half a turn."""
+    return (angle + pi) % (2 * pi) - pi

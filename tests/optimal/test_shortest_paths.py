@@ -1,0 +1,27 @@
+"""Planned paths of a car beside the closed forms of Dubins and of Reeds and Shepp, and these closed forms."""
+
+import numpy as np
+import pytest
+
+from benchmarks.optimal import car, driven_length, shortest_plan
+from benchmarks.shortest_paths import drive, dubins_length, reeds_shepp_length
+
+
+def test_no_random_word_is_shorter_than_the_closed_forms():
+    generator = np.random.default_rng(0)
+    for _ in range(100):
+        curvatures, lengths = generator.integers(-1, 2, 4), generator.uniform(-1.5, 1.5, 4)
+        length = np.abs(lengths).sum()
+        assert reeds_shepp_length(*drive(list(zip(curvatures, lengths, strict=True)))) <= length + 1e-9
+        assert dubins_length(*drive(list(zip(curvatures, np.abs(lengths), strict=True)))) <= length + 1e-9
+    assert reeds_shepp_length(0.0, 0.0, np.pi) == pytest.approx(np.pi)  # three arcs of a third of a half turn each
+    assert dubins_length(0.0, 0.0, np.pi) == pytest.approx(
+        7 * np.pi / 3
+    )  # both tangent circles: 60, 300 and 60 degrees
+
+
+@pytest.mark.parametrize("pose", [(3.0, 1.0, -0.5), (1.0, 2.0, 2.5)])
+def test_the_limit_of_a_small_effort_weight_is_the_path_of_dubins(pose):
+    plan = shortest_plan(car(), pose, 0.0, starts=0, weights=[0.1])
+    assert driven_length(plan) == pytest.approx(dubins_length(*pose), rel=1e-2)
+    assert plan.info.verification.violation < 1e-2
