@@ -110,7 +110,7 @@ def analyze(
     """Analyse a reduced system at seeded random configurations.
 
     Args:
-        reduced: the model.
+        reduced: the model; a rheonomic one is analysed at time zero, ``reduced.frozen(t)`` at another time.
         primary: names of the primary reducing outputs; by default all that are not redundant.
         redundant: names of the redundant reducing outputs.
         samples: number of configurations.
@@ -133,6 +133,8 @@ def analyze(
         >>> report.redundancy_class, report.growth_vector
         ('1', (3, 4))
     """
+    if reduced.rheonomic:
+        reduced = reduced.frozen(0.0)
     if (program is None) != (not len(states)):
         raise InputError("analyze: program and states belong together; give both or none")
     if primary is None:

@@ -1,4 +1,4 @@
-"""Constraints ``A(q) v = 0``, or ``A(q) v = mu(q)``: one file for each kind."""
+"""Constraints ``A v = 0`` or ``A v = mu``, which may depend on time: one file for each kind."""
 
 from rnc_pin.constraints.ackermann_steering import AckermannSteering
 from rnc_pin.constraints.body_shapes import Ellipsoid, Sphere, Torus
@@ -9,6 +9,7 @@ from rnc_pin.constraints.loop_closure import LoopClosure
 from rnc_pin.constraints.momentum import MomentumConservation
 from rnc_pin.constraints.no_side_slip import NoSideSlip
 from rnc_pin.constraints.pfaffian import Pfaffian
+from rnc_pin.constraints.prescribed_motion import PrescribedMotion
 from rnc_pin.constraints.rolling_ball import RollingBall
 from rnc_pin.constraints.rolling_body import RollingBody
 from rnc_pin.constraints.rolling_wheel import RollingRows, RollingWheel
@@ -23,6 +24,7 @@ __all__ = [
     "MomentumConservation",
     "NoSideSlip",
     "Pfaffian",
+    "PrescribedMotion",
     "RollingBall",
     "RollingBody",
     "RollingRows",

@@ -175,7 +175,7 @@ class ControlLoop:
             return self._reject(t, str(problem), v)
         self.state = self.state._replace(motion=valid.motion)
         try:
-            return self.compute_input(t, self.reduced.at(valid.q, v=valid.v), integrals).copy()
+            return self.compute_input(t, self._evaluated(t, valid.q, valid.v), integrals).copy()
         except Exception as error:
             if self._fallback == "raise":
                 raise
@@ -243,6 +243,10 @@ class ControlLoop:
         self.state = self.state._replace(T=T, input_deficit=_input_deficit(self.last.requested, T))
         self.last = self.last._replace(T=T)
 
+    def _evaluated(self, t: float, q: np.ndarray, v: np.ndarray) -> StateEvaluation:
+        """State of the model. Rheonomic constraints and the controller count time from the first step."""
+        return self.reduced.at(q, v=v, t=t - (t if self.state.begin is None else self.state.begin))
+
     def _integrate(self, t: float, state: StateEvaluation) -> np.ndarray:
         """Integrals (r,) of the reducing velocities, by the trapezoidal rule."""
         before = self.state
@@ -287,7 +291,7 @@ class ControlLoop:
         if q is None or v is None or v.shape != (self.reduced.n,) or not np.isfinite(v).all():
             return nothing
         try:
-            state = self.reduced.at(q, v=v)
+            state = self._evaluated(self.state.time or 0.0, q, v)
             T = state.allocate(-self._brake * np.diagonal(state.H) * state.v2)
         except (SingularityError, ConstraintError):
             return nothing

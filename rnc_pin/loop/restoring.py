@@ -35,7 +35,7 @@ def restore(
     made: list[Controller] = []
 
     def initial_state(q: Array) -> State:
-        measurement = reduced.at(q, v=np.zeros(reduced.n)).measure(np.zeros(reduced.r))
+        measurement = reduced.at(q, v=np.zeros(reduced.n), t=0.0).measure(np.zeros(reduced.r))
         made[:] = [make(measurement)]
         return made[0].initial_state(measurement)
 
@@ -60,9 +60,9 @@ def _try(state: LoopState, reduced: ReducedModel, controller: Controller, initia
         RncError: its type or shape is wrong, it is not finite, or the step fails.
     """
     nothing = np.zeros(reduced.r)
-    here = reduced.at(state.q, nothing if state.v2 is None else state.v2)
-    measurement = here.measure(nothing if state.integrals is None else state.integrals)
     elapsed = 0.0 if state.time is None else state.time - (state.time if state.begin is None else state.begin)
+    here = reduced.at(state.q, nothing if state.v2 is None else state.v2, t=elapsed)
+    measurement = here.measure(nothing if state.integrals is None else state.integrals)
     try:
         command, after = unpack_step(controller.step(elapsed, measurement, state.controller))
     except RncError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Collection, Sequence
 from contextlib import suppress
 
@@ -9,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError, InputError, SingularityError
+from rnc_pin.math.components import Component
 from rnc_pin.model.independence import ROUNDING, TOLERANCE, block_row_scales, select_independent
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.rows import Rows
@@ -57,11 +59,17 @@ class Assembly:
         dependent = {*merged, *self._dependent()} if self.size > 1 else set()
         self._leading = np.array([name not in dependent for name in self.names], dtype=bool)
 
-    def residual(self, q: np.ndarray) -> np.ndarray:
-        """Residual (..., h) of the holonomic rows at configurations (..., nq) [m or rad]."""
+    def frozen(self, t: float) -> Assembly:
+        """The same rows at time t [s]."""
+        found = copy.copy(self)
+        found._kinematics = Kinematics(self.robot, t)
+        return found
+
+    def residual(self, q: np.ndarray, t: Component | None = None) -> np.ndarray:
+        """Residual (..., h) of the holonomic rows at configurations (..., nq) and times t (...) [m or rad]."""
         if not self._places:
             return np.zeros((*q.shape[:-1], 0))
-        return self._residual(self._kinematics.position(q))
+        return self._residual(self._kinematics.position(q, t))
 
     def _residual(self, at: PositionKinematics) -> np.ndarray:
         return np.concatenate([block.residual(at)[..., rows] for block, rows in self._places], axis=-1)
@@ -78,12 +86,13 @@ class Assembly:
         row = int(np.argmax(np.abs(residual)))
         return self.names[row], float(residual[row])
 
-    def project(self, q: np.ndarray, hold: Sequence[str] = ()) -> np.ndarray:
+    def project(self, q: np.ndarray, hold: Sequence[str] = (), t: float | None = None) -> np.ndarray:
         """Return a configuration (nq,) near q that satisfies the rows; q itself if it satisfies them.
 
         Args:
             q: initial configuration (nq,).
             hold: names of joints that keep their positions.
+            t: time, for rheonomic rows [s]; zero, or that of a frozen model, by default.
 
         Raises:
             InputError: q is not one configuration of finite numbers.
@@ -94,11 +103,11 @@ class Assembly:
             raise InputError(
                 f"expected one configuration of {self.robot.nq} finite numbers, found shape {q.shape}: {q}"
             )
-        found, residual, closed = self._closest(q, hold)
+        found, residual, closed = self._closest(q, hold, t=t)
         if closed:
             return found
         # A light body far from its place would rather turn than move: the nearest by inertia may lead nowhere.
-        other, _, closed = self._closest(q, hold, by_inertia=False)
+        other, _, closed = self._closest(q, hold, by_inertia=False, t=t)
         if closed:
             return other
         row = int(np.argmax(np.abs(residual)))
@@ -108,7 +117,7 @@ class Assembly:
         )
 
     def _closest(
-        self, q: np.ndarray, hold: Sequence[str] = (), by_inertia: bool = True
+        self, q: np.ndarray, hold: Sequence[str] = (), by_inertia: bool = True, t: float | None = None
     ) -> tuple[np.ndarray, np.ndarray, bool]:
         """Configuration near q with the smallest residual, this residual (h,), and True if the rows are satisfied.
 
@@ -119,9 +128,9 @@ class Assembly:
         free = np.ones(self.robot.nv, dtype=bool)
         for joint in hold:
             free[self.robot.velocity_indices(joint)] = False
-        found, residual = self._descended(q, free, self._leading, by_inertia)
+        found, residual = self._descended(q, free, self._leading, by_inertia, t)
         if not self._leading.all() and not self._good(residual):
-            found, residual = self._descended(q, free, np.ones(self.size, dtype=bool), by_inertia)
+            found, residual = self._descended(q, free, np.ones(self.size, dtype=bool), by_inertia, t)
             return found, residual, bool(np.abs(residual).max() <= _GOOD)
         return found, residual, self._good(residual)
 
@@ -130,10 +139,10 @@ class Assembly:
         return bool((np.abs(residual) <= np.where(self._leading, _GOOD, _ROUNDED)).all())
 
     def _descended(
-        self, q: np.ndarray, free: np.ndarray, rows: np.ndarray, by_inertia: bool
+        self, q: np.ndarray, free: np.ndarray, rows: np.ndarray, by_inertia: bool, t: float | None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Minimize the residual of the rows in a mask (h,), starting at q; return q and the residual of all rows."""
-        here = self._kinematics.position(q)
+        here = self._kinematics.position(q, t)
         residual, stalls = self._residual(here), 0
         for _ in range(_STEPS):
             if stalls == _STALLS or np.abs(residual[rows]).max(initial=0.0) <= _EXACT:
@@ -141,7 +150,7 @@ class Assembly:
             step = self._step(here, residual, free, rows, by_inertia)
             step *= min(1.0, _LONGEST / max(float(np.abs(step).max()), 1e-300))
             for _ in range(_HALVINGS):
-                ahead = self._kinematics.position(pin.integrate(self.robot.model, q, step))
+                ahead = self._kinematics.position(pin.integrate(self.robot.model, q, step), t)
                 left = self._residual(ahead)
                 if np.linalg.norm(left[rows]) < np.linalg.norm(residual[rows]):
                     break

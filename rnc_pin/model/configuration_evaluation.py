@@ -16,6 +16,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConstraintError, InputError, SingularityError
+from rnc_pin.math.components import Component
 from rnc_pin.math.linear_algebra import apply, inverse, product
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.compiled import CompiledConfiguration, UsesKernel
@@ -23,6 +24,7 @@ from rnc_pin.model.factorization import Factorization, factorize, row_lengths
 from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.reduction_data import ReductionData
+from rnc_pin.model.row_stack import rheonomic_names
 
 _AMPLIFIED = 1e10  # amplification of rounding errors above which actuators count as dependent
 
@@ -36,31 +38,49 @@ class ConfigurationEvaluation(UsesKernel):
         data: rows, outputs and actuators of the model.
         q: admitted configurations (..., nq), contiguous and read-only.
         same: evaluation of the same configurations, perhaps in another reduction, whose results are used.
+        t: times (...) for rheonomic constraints [s]; None for other constraints.
 
     Raises (every quantity that needs R):
         SingularityError: the outputs do not parametrise the motion at q.
     """
 
-    def __init__(self, data: ReductionData, q: Array, same: ConfigurationEvaluation | None = None) -> None:
-        self._data, self.q, self._same = data, q, same
+    def __init__(
+        self,
+        data: ReductionData,
+        q: Array,
+        same: ConfigurationEvaluation | None = None,
+        t: Component | None = None,
+    ) -> None:
+        self._data, self.q, self._same, self.t = data, q, same, t
         self._equal = same if same is not None and same._data is data else None
 
     @classmethod
-    def at(cls, data: ReductionData, q: Array) -> ConfigurationEvaluation:
-        """Evaluation at admitted configurations (..., nq), which become read-only."""
+    def at(cls, data: ReductionData, q: Array, *, t: Component | None = None) -> ConfigurationEvaluation:
+        """Evaluation at admitted configurations (..., nq), which become read-only, and times t (...).
+
+        Raises:
+            InputError: the constraints are rheonomic, and t is missing.
+        """
+        if t is None and data.rheonomic:
+            raise InputError(
+                f"{', '.join(rheonomic_names(data.rows))}: the constraints depend on time; give it, as in "
+                "reduced.at(q, v2, t=0.0), or use the model at one time, reduced.frozen(t=0.0)"
+            )
         if q.ndim > 1:
             q = np.ascontiguousarray(q)
         q.setflags(write=False)
-        return cls(data, q)
+        return cls(data, q, None, t)
 
     def in_reduction(self, data: ReductionData) -> ConfigurationEvaluation:
         """The same configurations in another reduction of the same system."""
-        return ConfigurationEvaluation(data, self.q, self)
+        return ConfigurationEvaluation(data, self.q, self, self.t)
 
     @cached_property
     def position(self) -> PositionKinematics:
         """Kinematics at the configurations."""
-        return self._data.kinematics.position(self.q) if self._same is None else self._same.position
+        if self._same is not None:
+            return self._same.position
+        return self._data.kinematics.position(self.q, self.t)
 
     @cached_property
     def compiled(self) -> CompiledConfiguration | None:

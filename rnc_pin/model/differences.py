@@ -22,10 +22,10 @@ def directional_derivative(
     if length == 0:
         return np.zeros_like(field(q))
     direction = x / length
-    return length * _central(lambda s: field(pin.integrate(model, q, s * direction)), step)
+    return length * central_difference(lambda s: field(pin.integrate(model, q, s * direction)), step)
 
 
-def _central(field: Callable[[float], np.ndarray], step: float) -> np.ndarray:
+def central_difference(field: Callable[[float], np.ndarray], step: float) -> np.ndarray:
     """Derivative of ``field(s)`` at zero."""
     terms = [weight * (field(k * step) - field(-k * step)) for k, weight in _STENCIL]
     return np.asarray(np.sum(terms, axis=0) / step)
@@ -49,7 +49,7 @@ def vector_gradient_with_error(field: Field, x: np.ndarray) -> tuple[np.ndarray,
         return field(x + by * unit)
 
     def at_step(step: float) -> np.ndarray:
-        return np.stack([_central(partial(moved, unit), step) for unit in np.eye(len(x))], axis=-1)
+        return np.stack([central_difference(partial(moved, unit), step) for unit in np.eye(len(x))], axis=-1)
 
     coarse, fine = at_step(0.8 * STEP), at_step(0.4 * STEP)
     return fine, float(np.abs(fine - coarse).max(initial=0.0))

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import InputError, printable
+from rnc_pin.math.components import Component
 from rnc_pin.robots.robot import Robot
 
 ArrayInput = Any  # anything that NumPy converts to a float array
@@ -62,6 +63,20 @@ def vector(array: ArrayInput, size: int, name: str) -> np.ndarray:
         raise InputError(f"{name} has shape {array.shape}, expected (..., {size})")
     check_finite(name, array)
     return array
+
+
+def admit_times(t: ArrayInput, batch: tuple[int, ...]) -> Component:
+    """Convert a time, or times of states (...), to a finite number or an array of them.
+
+    Raises:
+        InputError: t is not finite, or has another shape than the states.
+    """
+    times = numbers_of(t, "t")
+    if times.shape not in ((), batch):
+        raise InputError(f"t has shape {times.shape}, expected one number or {batch}")
+    if not np.isfinite(times).all():
+        raise InputError("t holds values that are not finite")
+    return times if times.ndim else float(times)
 
 
 def numbers_of(array: ArrayInput, name: str) -> np.ndarray:

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.math.components import Component
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.robots.model_checks import joints_with_moving_axes
 from rnc_pin.robots.robot import Robot
@@ -53,22 +54,24 @@ class Kinematics:
 
     Args:
         robot: the robot.
+        time: time of all configurations [s], for a frozen model; None for time zero where none is given.
 
     Attributes:
         current: quantities for whose state the data are current; None if there is no such state.
+        frozen: True if the time is given.
         requested: for each update, quantities that the last states were asked for, with their shapes.
     """
 
-    def __init__(self, robot: Robot) -> None:
-        self._robot = robot
+    def __init__(self, robot: Robot, time: float | None = None) -> None:
+        self._robot, self._time, self.frozen = robot, time, time is not None
         self.model, self.data = robot.model, robot.model.createData()
         self.nv, self.zero = robot.nv, np.zeros(robot.nv)
         self.current: _Quantities | None = None
         self.requested: dict[_Update, dict[_Quantity, tuple[int, ...]]] = defaultdict(dict)
 
-    def __reduce__(self) -> tuple[type[Kinematics], tuple[Robot]]:
+    def __reduce__(self) -> tuple[type[Kinematics], tuple[Robot, float | None]]:
         """Create new Pinocchio data for a copy or a pickle."""
-        return type(self), (self._robot,)
+        return type(self), (self._robot, self._time)
 
     @cached_property
     def axes_are_constant(self) -> bool:
@@ -78,9 +81,11 @@ class Kinematics:
         """
         return not joints_with_moving_axes(self.model)
 
-    def position(self, q: np.ndarray) -> PositionKinematics:
-        """Kinematics at configurations (..., nq)."""
-        return PositionKinematics(self, q)
+    def position(self, q: np.ndarray, t: Component | None = None) -> PositionKinematics:
+        """Kinematics at configurations (..., nq) and times t (...), which only rheonomic rows read [s]."""
+        if self._time is not None:
+            t = self._time
+        return PositionKinematics(self, q, 0.0 if t is None else t)
 
     def potential_energy(self, q: np.ndarray) -> np.ndarray | float:
         """Potential energy (...) at configurations (..., nq) [J]."""
@@ -150,10 +155,11 @@ class PositionKinematics:
     Args:
         at: Pinocchio's model and data.
         q: configurations (..., nq).
+        t: times (...) [s]: one number, or one for each state.
     """
 
-    def __init__(self, at: Kinematics, q: np.ndarray) -> None:
-        self._at, self.q = at, q
+    def __init__(self, at: Kinematics, q: np.ndarray, t: Component) -> None:
+        self._at, self.q, self.t = at, q, t
         self._placed = _Quantities(at, _update_placements, q)
 
     @property
@@ -191,7 +197,7 @@ class VelocityKinematics(PositionKinematics):
     """
 
     def __init__(self, position: PositionKinematics, v: np.ndarray) -> None:
-        self._at, self.q, self._placed, self.v = position._at, position.q, position._placed, v
+        self._at, self.q, self.t, self._placed, self.v = position._at, position.q, position.t, position._placed, v
         self._moving = _Quantities(self._at, _update_velocities, self.q, v)
 
     @cached_property

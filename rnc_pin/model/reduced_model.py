@@ -20,7 +20,13 @@ from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.former_methods import FormerMethods
 from rnc_pin.model.independence import DroppedRow
-from rnc_pin.model.input_validation import ArrayInput, ConfigurationValidator, broadcast_states, vector
+from rnc_pin.model.input_validation import (
+    ArrayInput,
+    ConfigurationValidator,
+    admit_times,
+    broadcast_states,
+    vector,
+)
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.result_types import LagrangianTerms, ReducedTerms
 from rnc_pin.model.row_stack import OutputStack, RowStack
@@ -102,6 +108,11 @@ class ReducedModel(FormerMethods, SummaryMixin):
         return self._data.affine
 
     @property
+    def rheonomic(self) -> bool:
+        """True if the constraints depend on time: ``A(q, t) v = mu(q, t)``."""
+        return self._data.rheonomic
+
+    @property
     def constraints(self) -> RowStack:
         """Independent constraint rows, which form A."""
         return self._data.constraints
@@ -129,16 +140,21 @@ class ReducedModel(FormerMethods, SummaryMixin):
     # ------------------------------------------------------------------ one evaluation
 
     @overload
-    def at(self, q: ArrayInput) -> ConfigurationEvaluation: ...
+    def at(self, q: ArrayInput, *, t: ArrayInput | None = None) -> ConfigurationEvaluation: ...
 
     @overload
-    def at(self, q: ArrayInput, v2: ArrayInput) -> StateEvaluation: ...
+    def at(self, q: ArrayInput, v2: ArrayInput, *, t: ArrayInput | None = None) -> StateEvaluation: ...
 
     @overload
-    def at(self, q: ArrayInput, *, v: ArrayInput) -> StateEvaluation: ...
+    def at(self, q: ArrayInput, *, v: ArrayInput, t: ArrayInput | None = None) -> StateEvaluation: ...
 
     def at(
-        self, q: ArrayInput, v2: ArrayInput | None = None, *, v: ArrayInput | None = None
+        self,
+        q: ArrayInput,
+        v2: ArrayInput | None = None,
+        *,
+        v: ArrayInput | None = None,
+        t: ArrayInput | None = None,
     ) -> ConfigurationEvaluation | StateEvaluation:
         """Evaluate the model at states. Each quantity is computed once, on first use, and is read-only.
 
@@ -148,19 +164,31 @@ class ReducedModel(FormerMethods, SummaryMixin):
             q: configurations (..., nq).
             v2: reduced velocities (..., r).
             v: measured full velocities (..., nv), instead of v2; they need not satisfy the constraints.
+            t: times (...) [s], one number or one for each state. Rheonomic constraints need them, others ignore them.
+
+        Raises:
+            InputError: also for a rheonomic system without t.
         """
         q = self._validator.validate(q)
+        t = None if t is None or not self._data.rheonomic else admit_times(t, q.shape[:-1])
         if v2 is not None:
             if v is not None:
                 raise InputError("at() takes v2 or v, not both")
             v2 = vector(v2, self._data.r, "v2").copy()
             if v2.ndim > 1 or q.ndim > 1:
                 q, v2 = broadcast_states(q, v2, "v2")
-            return StateEvaluation.at(self._data, q, v2)
+            return StateEvaluation.at(self._data, q, v2, t=t)
         if v is not None:
             q, v = broadcast_states(q, vector(v, self._data.n, "v"), "v")
-            return StateEvaluation.at(self._data, q, v=v.copy())
-        return ConfigurationEvaluation.at(self._data, q)
+            return StateEvaluation.at(self._data, q, v=v.copy(), t=t)
+        return ConfigurationEvaluation.at(self._data, q, t=t)
+
+    def frozen(self, t: float) -> ReducedModel:
+        """The same model at one time t [s]: its constraints have the rows, rates and positions of this time.
+
+        It serves analyses of rheonomic systems at an instant. It does not follow the constraints over time.
+        """
+        return ReducedModel(self._data.frozen(float(t)), self.assembly.frozen(float(t)), self.dropped_rows)
 
     def with_basis_at(self, q: ArrayInput) -> ReducedModel:
         """The same model with the constraint rows that are selected at q (nq,) as default rows.

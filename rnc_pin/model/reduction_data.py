@@ -44,6 +44,7 @@ class ReductionData(UsesKernel):
         basis, multiplied: index of the columns of E^-1 that form R, and of the columns of the multipliers.
         template: E with the values of its constant rows.
         constraint_scales, output_scales: typical lengths of all constraint rows and of the reducing outputs.
+        affine, rheonomic: True if the constraints move; True if evaluations need the time.
     """
 
     def __init__(
@@ -67,8 +68,8 @@ class ReductionData(UsesKernel):
         self.constraints = RowStack([block for block, *_ in rows.places], self.kept)
         self.stack = RowStack.joined(self.constraints, reducing)
         self.n, self.m, self.r, self.p = robot.nv, self.constraints.size, reducing.size, actuation.size
-        self.affine = rows.affine
         self.kinematics = Kinematics(robot) if kinematics is None else kinematics
+        self.affine, self.rheonomic = rows.affine, rows.rheonomic and not self.kinematics.frozen
         self.basis, self.multiplied = (..., slice(self.m, None)), (..., slice(None, self.m))
         self.template = self.stack.template(self.n)
         self.constraint_scales, self.output_scales = lengths[: rows.size], lengths[rows.size :]
@@ -119,6 +120,11 @@ class ReductionData(UsesKernel):
         """The same reduction with other vertical outputs."""
         return self._with(self.kept, self.reducing, self.output_scales, self.free, vertical)
 
+    def frozen(self, t: float) -> ReductionData:
+        """The same reduction at time t [s]."""
+        kinematics = Kinematics(self.robot, t)
+        return self._with(self.kept, self.reducing, self.output_scales, self.free, kinematics=kinematics)
+
     def _with(
         self,
         kept: Sequence[int],
@@ -127,6 +133,7 @@ class ReductionData(UsesKernel):
         free: bool,
         vertical: OutputStack | None = None,
         compared: ReductionData | None = None,
+        kinematics: Kinematics | None = None,
     ) -> ReductionData:
         return ReductionData(
             self.robot,
@@ -138,7 +145,7 @@ class ReductionData(UsesKernel):
             self.singularity_limit,
             np.concatenate([self.constraint_scales, lengths]),
             free,
-            self.kinematics,
+            self.kinematics if kinematics is None else kinematics,
             compared,
             self.forces,
         )

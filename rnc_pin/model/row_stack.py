@@ -53,6 +53,7 @@ class RowStack:
     Attributes:
         names, units, holonomic: name, unit and holonomic flag of each row, (size,).
         size: number of rows.
+        affine, rheonomic: True if any block is.
         places: blocks with the positions of their rows.
     """
 
@@ -74,6 +75,7 @@ class RowStack:
             flag for block, _, rows in self.places for flag in _of(block.holonomic or (False,) * len(block.names), rows)
         )
         self.affine = any(place.block.affine for place in self.places)
+        self.rheonomic = any(place.block.rheonomic for place in self.places)
         self._varying = _varying(self.places)
         self._constant: np.ndarray | None = None
 
@@ -88,6 +90,7 @@ class RowStack:
             whole.holonomic += stack.holonomic
             whole.size += stack.size
             whole.affine |= stack.affine
+            whole.rheonomic |= stack.rheonomic
         whole._varying = _varying(whole.places)
         return whole
 
@@ -180,6 +183,11 @@ class OutputStack(RowStack):
         for block, where in self._values:
             out[..., where] = block.value(at)
         return out
+
+
+def rheonomic_names(stack: RowStack) -> list[str]:
+    """Names of the rows that depend on time."""
+    return [name for place in stack.places if place.block.rheonomic for name in _of(place.block.names, place.rows)]
 
 
 def _varying(places: Sequence[Place]) -> list[_Varying]:

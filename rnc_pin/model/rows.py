@@ -33,6 +33,7 @@ class Rows(ABC):
         conserved: entries of ``v`` on which no actuator and no reaction may act (for momentum rows), else None. Such
             rows have no reaction force.
         affine: True if mu is not zero.
+        rheonomic: True if the rows, mu or the residual depend on the time ``at.t``; rates then include its flow.
         holonomic: True for each row that keeps a function of q at zero, (k,); ``residual`` returns its value. Empty
             if no row does. A row with False may still be integrable together with others.
         on_ground: True if holonomic rows that no joint can move are ignored, e.g. the height of a wheel on a planar
@@ -46,6 +47,7 @@ class Rows(ABC):
     units: tuple[str, ...]
     conserved: slice | None = None
     affine: bool = False
+    rheonomic: bool = False
     holonomic: tuple[bool, ...] = ()
     on_ground: bool = False
     ground: GroundSurface | None = None

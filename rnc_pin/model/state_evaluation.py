@@ -15,6 +15,7 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.deprecation import former_name
 from rnc_pin.errors import DivergenceError
+from rnc_pin.math.components import Component
 from rnc_pin.math.linear_algebra import apply, apply_transposed, solve_positive_definite
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
@@ -32,14 +33,22 @@ class StateEvaluation(ReducedKinematics):
     """
 
     @classmethod
-    def at(cls, data: ReductionData, q: Array, v2: Array | None = None, v: Array | None = None) -> StateEvaluation:
-        """Evaluation at validated states: q (..., nq), and v2 (..., r) or v (..., nv)."""
-        return cls(ConfigurationEvaluation.at(data, q), v2, v)
+    def at(
+        cls,
+        data: ReductionData,
+        q: Array,
+        v2: Array | None = None,
+        v: Array | None = None,
+        *,
+        t: Component | None = None,
+    ) -> StateEvaluation:
+        """Evaluation at validated states: q (..., nq), and v2 (..., r) or v (..., nv), at times t (...)."""
+        return cls(ConfigurationEvaluation.at(data, q, t=t), v2, v)
 
     @classmethod
-    def measured(cls, data: ReductionData, q: Array, v: Array) -> StateEvaluation:
+    def measured(cls, data: ReductionData, q: Array, v: Array, t: float | None = None) -> StateEvaluation:
         """Evaluation at one validated state (nq,), (nv,), with all that a measurement needs from one kernel call."""
-        state, compiled = cls.at(data, q, v=v), data.compiled
+        state, compiled = cls.at(data, q, v=v, t=t), data.compiled
         found = compiled.measure(q, v) if compiled is not None and compiled.measures else None
         if found is not None:
             motion, x1, x2 = found

@@ -202,7 +202,7 @@ class NonholonomicSystem(SummaryMixin):
         failures = []
         for q in self._samples:
             try:
-                _ = reduced.at(q).R
+                _ = reduced.at(q, t=0.0).R
                 return
             except SingularityError as error:
                 failures.append(error)

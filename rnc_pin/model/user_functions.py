@@ -13,11 +13,11 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError, SingularityError
-from rnc_pin.model.differences import STEP, directional_derivative
+from rnc_pin.model.differences import STEP, central_difference, directional_derivative
 from rnc_pin.robots.robot import Robot
 
-Function = Callable[[np.ndarray], object]
-Rate = Callable[[np.ndarray, np.ndarray], object]
+Function = Callable[..., object]  # of q, or of q and t
+Rate = Callable[..., object]  # of q and v, or of q, v and t
 
 _IMAGINARY = 1e-30  # small enough for its square to vanish, far from the smallest float
 _STEPS = (0.3 * STEP, STEP, 0.1 * STEP)  # [rad or m]
@@ -59,52 +59,60 @@ class DerivedRate:
 
     Args:
         robot: the robot.
-        function: values at one configuration, ``function(q)``.
+        function: values at one configuration, ``function(q)``, or ``function(q, t)``; then ``rate(q, v, t)``.
         label: the function in messages.
+        timed: True for a function of q and t; its rate includes the flow of time.
 
     Raises:
         ConstraintError: the function has no rate at random configurations, e.g. because it jumps.
     """
 
-    def __init__(self, robot: Robot, function: Function, label: str) -> None:
+    def __init__(self, robot: Robot, function: Function, label: str, timed: bool = False) -> None:
         self._model, self._function = robot.model, function
-        states = _random_states(robot, function)
+        states = _random_states(robot, function, timed)
         self.complex = bool(states)
         """True for the complex step, False for differences."""
-        for q, v in states:
-            expected, doubt = _difference(robot.model, function, q, v)
+        for q, v, t in states:
+            expected, doubt = _difference(robot.model, function, q, v, t)
             scale = 1.0 + np.abs(expected).max(initial=0.0)
             if doubt > _ROUGH * scale:
                 raise ConstraintError(
                     f"{label} has no rate that differences can find: two step lengths differ by {doubt:.1e}; "
                     "pass its rate as well"
                 )
-            found = self._complex_step(q, v)
+            found = self._complex_step(q, v, t)
             self.complex &= found is not None and bool(
                 (np.abs(found - expected) <= _WRONG * scale + _DOUBT * doubt).all()
             )
 
-    def __call__(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    def __call__(self, q: np.ndarray, v: np.ndarray, *t: float) -> np.ndarray:
         if not self.complex:
-            return directional_derivative(self._model, self._values, q, v, _STEPS[0])
+            return _flow(self._model, self._values, q, v, t, _STEPS[0])
         rate = configuration_rate(self._model, q, v)
-        return np.asarray(self._function(q + _IMAGINARY * 1j * rate)).imag / _IMAGINARY
+        later = (each + _IMAGINARY * 1j for each in t)
+        return np.asarray(self._function(q + _IMAGINARY * 1j * rate, *later)).imag / _IMAGINARY
 
-    def _values(self, q: np.ndarray) -> np.ndarray:
-        return np.asarray(self._function(q), dtype=float)
+    def _values(self, q: np.ndarray, *t: float) -> np.ndarray:
+        return np.asarray(self._function(q, *t), dtype=float)
 
-    def _complex_step(self, q: np.ndarray, v: np.ndarray) -> np.ndarray | None:
+    def _complex_step(self, q: np.ndarray, v: np.ndarray, t: tuple[float, ...]) -> np.ndarray | None:
         """Rate by a complex step; None if the function refuses complex numbers."""
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # NumPy warns where an imaginary part is lost
             try:
-                return self(q, v)
+                return self(q, v, *t)
             except Exception:  # whatever a user's function raises for numbers that it does not expect
                 return None
 
 
 def check_rate(
-    robot: Robot, function: Function, rate: Rate, labels: tuple[str, str], names: Sequence[str], angular: bool = False
+    robot: Robot,
+    function: Function,
+    rate: Rate,
+    labels: tuple[str, str],
+    names: Sequence[str],
+    angular: bool = False,
+    timed: bool = False,
 ) -> None:
     """Compare a rate that the user gave with differences of the function at two random states.
 
@@ -115,13 +123,14 @@ def check_rate(
         labels: the function and its rate in messages.
         names: name of each row of the values.
         angular: True if the values are angles, which may jump by a full turn.
+        timed: True for functions ``function(q, t)`` and ``rate(q, v, t)``.
 
     Raises:
         ConstraintError: the rate is wrong; the message has the row, the entry and both values.
     """
-    for q, v in _random_states(robot, function):
-        expected, doubt = _difference(robot.model, function, q, v, angular)
-        given = np.asarray(rate(q, v), dtype=float)
+    for q, v, t in _random_states(robot, function, timed):
+        expected, doubt = _difference(robot.model, function, q, v, t, angular)
+        given = np.asarray(rate(q, v, *t), dtype=float)
         if given.shape != expected.shape:
             return  # another message tells the shape
         allowed = _WRONG * (1.0 + np.abs(expected).max(initial=0.0)) + _DOUBT * doubt
@@ -135,32 +144,48 @@ def check_rate(
             )
 
 
-def _random_states(robot: Robot, function: Function) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Two random states at which the function is finite; fewer if it rarely is."""
+def _random_states(
+    robot: Robot, function: Function, timed: bool = False
+) -> list[tuple[np.ndarray, np.ndarray, tuple[float, ...]]]:
+    """Two random states (q, v, times) at which the function is finite; fewer if it rarely is."""
     generator, found = np.random.default_rng(0), []
     for _ in range(_DRAWS):
         q, v = robot.random_configuration(generator, 1.0), generator.uniform(-1.0, 1.0, robot.nv)
+        t: tuple[float, ...] = (float(generator.uniform(0.2, 1.0)),) if timed else ()
         try:  # differences need a neighbourhood
-            near = [function(pin.integrate(robot.model, q, share * v)) for share in (-0.1, 0.0, 0.1)]
+            near = [function(pin.integrate(robot.model, q, share * v), *t) for share in (-0.1, 0.0, 0.1)]
         except SingularityError:
             continue
         if np.isfinite(np.asarray(near, dtype=float)).all():
-            found.append((q, v))
+            found.append((q, v, t))
         if len(found) == _CHECKED:
             break
     return found
 
 
 def _difference(
-    model: pin.Model, function: Function, q: np.ndarray, v: np.ndarray, angular: bool = False
+    model: pin.Model, function: Function, q: np.ndarray, v: np.ndarray, t: tuple[float, ...], angular: bool = False
 ) -> tuple[np.ndarray, float]:
     """Rate by differences, from the best pair of step lengths, and its error estimate."""
-    here = np.asarray(function(q), dtype=float)
+    here = np.asarray(function(q, *t), dtype=float)
 
-    def values(at: np.ndarray) -> np.ndarray:
-        change = np.asarray(function(at), dtype=float) - here
+    def values(at: np.ndarray, *t: float) -> np.ndarray:
+        change = np.asarray(function(at, *t), dtype=float) - here
         return np.remainder(change + np.pi, 2 * np.pi) - np.pi if angular else change
 
-    found = [directional_derivative(model, values, q, v, step) for step in _STEPS]
+    found = [_flow(model, values, q, v, t, step) for step in _STEPS]
     doubts = [float(np.abs(found[0] - other).max(initial=0.0)) for other in found[1:]]
     return found[0] if doubts[0] <= doubts[1] else found[2], min(doubts)
+
+
+def _flow(
+    model: pin.Model,
+    values: Callable[..., np.ndarray],
+    q: np.ndarray,
+    v: np.ndarray,
+    t: tuple[float, ...],
+    step: float,
+) -> np.ndarray:
+    """Rate of values along v, and of time if they depend on it, by differences."""
+    rate = directional_derivative(model, lambda at: values(at, *t), q, v, step)
+    return rate + central_difference(lambda s: values(q, t[0] + s), step) if t else rate

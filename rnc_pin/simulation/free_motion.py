@@ -115,12 +115,11 @@ def free_motion(
         return dynamics.local_rate(q, x, constant) if feedback is None else None
 
     def settle(q: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        if reduced.assembly.size:
-            q = reduced.assembly.project(q)
+        q = dynamics.project(q, y)
         return q, dynamics.recentre(q, y)[1]
 
     q = assembled_start(reduced, np.array(q0, dtype=float))
-    start = reduced.at(pin.normalize(reduced.robot.model, q), v2_0)
+    start = reduced.at(pin.normalize(reduced.robot.model, q), v2_0, t=0.0)
     _ = start.flow(inputs_at(0.0, start))  # raise errors of shape or singularity before the integration
     y = dynamics.initial(start.q, start.v)
     times = np.linspace(0.0, duration, round(duration / dt) + 1)
@@ -131,7 +130,7 @@ def free_motion(
         """Record samples one by one, until one meets a stop condition."""
         for t, q_t, v_t, integrals, work in zip(*samples, strict=True):
             progress.time = float(t)
-            state = reduced.at(q_t, v=v_t)
+            state = reduced.at(q_t, v=v_t, t=t)
             stop_monitor.check(float(t), state)
             T, external = inputs_at(float(t), state), dynamics.damping_force(state)
             if lift_off is not None:
@@ -145,7 +144,7 @@ def free_motion(
             return
         samples = _Samples(*(np.concatenate(each) for each in zip(*pending, strict=True)))
         pending.clear()
-        states = StateEvaluation.at(reduced.reduction_data, samples.q, v=samples.v)
+        states = StateEvaluation.at(reduced.reduction_data, samples.q, v=samples.v, t=samples.times)
         if feedback is not None or lift_off is not None or stop_monitor.may_stop(states):
             add(progress, samples)
             return

@@ -22,6 +22,7 @@ from rnc_pin.loop.options import type_name
 from rnc_pin.model.impact import Impact, Restitution, impact
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.row_stack import rheonomic_names
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.plants import ReducedPlant
 from rnc_pin.simulation.ending import Progress, complete_run
@@ -85,6 +86,11 @@ class Phase:
             raise ConfigurationError(
                 f"phases: expected a ReducedPlant of the phase's model, found {type_name(self.plant)}; "
                 "MuJoCo and other plants have contacts of their own: use them with simulate"
+            )
+        if self.reduced.rheonomic:
+            names = ", ".join(rheonomic_names(self.reduced.all_constraints))
+            raise ConfigurationError(
+                f"phases: constraints that depend on time ({names}) are not supported; use simulate"
             )
         if self.until is not None and not isinstance(self.until, Event):
             raise ConfigurationError(

@@ -45,8 +45,8 @@ class PlantAdapter:
             return {"fallback": "zero" if takes_velocities(self.plant) else "hold", "limits": False}
         return {"fallback": "raise", "limits": self._exact.actuator_limits}
 
-    def read_state(self) -> StateEvaluation:
-        """Read the sensors and return the true state. Call it once per sample.
+    def read_state(self, t: float) -> StateEvaluation:
+        """Read the sensors at time t [s] and return the true state. Call it once per sample.
 
         Raises:
             DivergenceError: the state is not finite.
@@ -57,7 +57,7 @@ class PlantAdapter:
         q, v = self.plant.actual() if hasattr(self.plant, "actual") else self._measured
         if not (np.isfinite(q).all() and np.isfinite(v).all()):
             raise DivergenceError("plant state is not finite")
-        return self._reduced.at(q, v=v)
+        return self._reduced.at(q, v=v, t=t)
 
     def compute_input(self, loop: ControlLoop, t: float) -> np.ndarray:
         """Return the inputs (p,) of a loop for the last measurement."""

@@ -202,11 +202,12 @@ class Record:
         )
         if deferred and outcome is Outcome.COMPLETED:
             q, v, T = (a[name].copy() for name in ("q", "v", "T"))  # the caller may change the others
-            return Trajectory.deferred(a, lambda: self._derived(q, v, T, bodies), info)
-        return Trajectory(**a, **self._derived(a["q"], a["v"], a["T"], bodies), info=info)
+            t = a["time"].copy()
+            return Trajectory.deferred(a, lambda: self._derived(t, q, v, T, bodies), info)
+        return Trajectory(**a, **self._derived(a["time"], a["q"], a["v"], a["T"], bodies), info=info)
 
     def _derived(
-        self, q: np.ndarray, v: np.ndarray, T: np.ndarray, bodies: Sequence[GroundBody]
+        self, t: np.ndarray, q: np.ndarray, v: np.ndarray, T: np.ndarray, bodies: Sequence[GroundBody]
     ) -> dict[str, np.ndarray]:
         reduced, N, names = self.reduced, len(q), self._normal_names()
         sizes = {
@@ -222,7 +223,7 @@ class Record:
             for inner in _blocks(end - start, _MATRICES * reduced.n**2):
                 block = slice(start + inner.start, start + inner.stop)
                 external = None if self._external is None else self._external[block]
-                found = _block(reduced, plant, normal, q[block], v[block], T[block], external, bodies)
+                found = _block(reduced, plant, normal, t[block], q[block], v[block], T[block], external, bodies)
                 for name, values in found.items():
                     derived[name][block] = values if name != "normal_forces" else _by_name(names, known, values)
         return derived
@@ -248,6 +249,7 @@ def _block(
     reduced: ReducedModel,
     plant: ReducedModel,
     normal: NormalForces | None,
+    t: np.ndarray,
     q: np.ndarray,
     v: np.ndarray,
     T: np.ndarray,
@@ -255,14 +257,14 @@ def _block(
     bodies: Sequence[GroundBody],
 ) -> dict[str, np.ndarray]:
     """Derived quantities of a block: outputs of the controller's model, forces and energy of the plant."""
-    seen = StateEvaluation.at(reduced.reduction_data, q, v=v)
+    seen = StateEvaluation.at(reduced.reduction_data, q, v=v, t=t)
     # Contact forces do not depend on the choice of outputs, nor on their singularities.
-    own = seen if plant is reduced else StateEvaluation.at(plant.reduction_data, q, v=v)
+    own = seen if plant is reduced else StateEvaluation.at(plant.reduction_data, q, v=v, t=t)
     moved = own.in_reduction(plant.reduction_data.in_entries(best_entries(own.A[0], plant.r), free=True))
     regular = seen.regular
     F = np.full((len(q), reduced.r), np.nan)
     if regular.any():
-        good = seen if regular.all() else reduced.at(q[regular], v=v[regular])
+        good = seen if regular.all() else reduced.at(q[regular], v=v[regular], t=t[regular])
         F[regular] = apply_transposed(good.R, apply(good.B, T[regular]))
     return {
         "F": F,
@@ -274,7 +276,7 @@ def _block(
         "energy": own.energy,
         "slip": seen.residual,
         "constraint_residual": np.abs(seen.residual).max(axis=-1, initial=0.0),
-        "position_residual": np.abs(reduced.assembly.residual(q)).max(axis=-1, initial=0.0),
+        "position_residual": np.abs(reduced.assembly.residual(q, t)).max(axis=-1, initial=0.0),
         "singular_value": seen.smallest_singular_value,
         "ground_poses": ground_poses(bodies, seen.position),
     }

@@ -55,26 +55,27 @@ def kinematic_rollout(
     """
     integrator, r = LieRungeKutta4(reduced.robot), reduced.r
     q, y, v2, t = np.array(q0, dtype=float), np.zeros(r), np.zeros(r), 0.0
-    state = target.initial_state(reduced.at(q, v2).measure(y))
+    state = target.initial_state(reduced.at(q, v2, t=t).measure(y))
     times, path = [0.0], [q]
 
     def velocity(here: StateEvaluation, integrals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         desired = target.step(t, here.measure(integrals), state)[0].v2
         return here.velocity(desired), desired
 
-    def rate(p: np.ndarray, integrals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return velocity(reduced.at(p, v2), integrals)
+    def rate(p: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        v, desired = velocity(reduced.at(p, v2, t=float(x[r])), x[:r])
+        return v, np.append(desired, 1.0)
 
     try:
         for sample in range(1, round(duration / dt) + 1):
             # Targets use v2 only for their rates, so the last known v2 is sufficient.
-            here = reduced.at(q, v2)
+            here = reduced.at(q, v2, t=t)
             command, next_state = target.step(t, here.measure(y), state)
             v2 = vector(command.v2, r, "v2")
-            first = velocity(StateEvaluation(here, v2=v2), y)
-            q, y = integrator.step(rate, q, y, dt, first)
-            q = reduced.assembly.project(q)
-            state, t = next_state, sample * dt
+            v, desired = velocity(StateEvaluation(here, v2=v2), y)
+            q, x = integrator.step(rate, q, np.append(y, t), dt, (v, np.append(desired, 1.0)))
+            state, t, y = next_state, sample * dt, x[:r]
+            q = reduced.assembly.project(q, t=t)
             times.append(t)
             path.append(q)
     except Exception as error:

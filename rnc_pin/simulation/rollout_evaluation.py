@@ -49,7 +49,7 @@ class RolloutEvaluation:
     @cached_property
     def configurations(self) -> ConfigurationEvaluation:
         """Model at all samples (N,)."""
-        return self._reduced.at(self._path)
+        return self._reduced.at(self._path, t=self._times)
 
     @property
     def inner_times(self) -> Float[Array, " N-2"]:
@@ -61,7 +61,7 @@ class RolloutEvaluation:
         """Model at the inner samples (N - 2,), with velocities that satisfy the constraints."""
         model, path = self._reduced.robot.model, self._path
         change = np.array([pin.difference(model, before, after) for before, after in zip(path, path[2:], strict=False)])
-        by_differences = self._reduced.at(path[1:-1], v=change / (2 * self._dt))
+        by_differences = self._reduced.at(path[1:-1], v=change / (2 * self._dt), t=self.inner_times)
         return StateEvaluation(by_differences, v2=by_differences.v2)
 
     @cached_property

@@ -68,11 +68,11 @@ class SampledRun:
         self._stop, self._dt, self.samples = StopMonitor(options.stop, reduced.robot), dt, 0
         self._start, self._lift_off = start, lift_off_monitor(options.stop, adapter.model, reduced)
         self._zeros = zeros = np.zeros(reduced.r)
-        first = reduced.at(assembled_start(reduced, numbers_of(q0, "q0")), zeros if v2_0 is None else v2_0)
+        first = reduced.at(assembled_start(reduced, numbers_of(q0, "q0")), zeros if v2_0 is None else v2_0, t=0.0)
         adapter.plant.reset(first.q, first.v)
         state = options.controller_state
         if state is None:
-            state = controller.initial_state(adapter.read_state().measure(zeros))
+            state = controller.initial_state(adapter.read_state(0.0).measure(zeros))
         self.loop.resume(LoopState(begin=0.0, controller=state))
         self._record = Record(reduced, capacity, integrated_outputs(reduced), adapter.friction_names)
 
@@ -94,7 +94,7 @@ class SampledRun:
         """
         adapter, loop = self._adapter, self.loop
         progress.time = t = self._start + self.time
-        state = adapter.read_state()
+        state = adapter.read_state(t)
         self._stop.check(t, state)
         T = _compute_input(adapter, loop, self.time, progress)
         T = adapter.apply(loop, T)
@@ -133,7 +133,8 @@ class SampledRun:
             T: applied inputs (p,).
         """
         adapter = self._adapter
-        t, state = self._start + self.time - self._dt + elapsed, adapter.read_state()
+        t = self._start + self.time - self._dt + elapsed
+        state = adapter.read_state(t)
         self._record.moves(adapter.model, adapter.external)
         self._record.add(t, state, integrals, _last_decision(self.loop, state)[1], T, adapter.work)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -50,6 +51,7 @@ class ConstrainedDynamics:
     * w (r,): velocities of the current chart,
     * integrals of those of the model's reducing velocities that need one. A quasi-velocity has no other value, and a
       continuous joint loses full turns without it,
+    * time, if the constraints are rheonomic,
     * work of all forces.
 
     Args:
@@ -87,21 +89,28 @@ class ConstrainedDynamics:
     # ------------------------------------------------------------------ states
 
     def initial(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return the initial y, in a chart centred at q."""
-        self.chart = VelocityChart(self.reduced.reduction_data, q, self._integrands)
-        return np.concatenate([self.chart.W @ v, np.zeros(len(self._where) + 1)])
+        """Return the initial y at time zero, in a chart centred at q."""
+        rheonomic = self.reduced.rheonomic
+        self.chart = VelocityChart(self.reduced.reduction_data, q, self._integrands, 0.0 if rheonomic else None)
+        return np.concatenate([self.chart.W @ v, np.zeros(len(self._where) + 1 + rheonomic)])
+
+    def time(self, y: np.ndarray) -> Any:
+        """Times (...) of states [s]; None if the constraints do not depend on it."""
+        if not self.reduced.rheonomic:
+            return None
+        return float(y[-2]) if y.ndim == 1 else y[..., -2]
 
     def integrals(self, y: np.ndarray) -> np.ndarray:
         """Integrals of the reducing velocities, (..., r); zero for those without one."""
         if not len(self._where) and y.ndim == 1:
             return self._no_integrals
         integrals = np.zeros((*y.shape[:-1], self._r))
-        integrals[..., self._where] = y[..., self._r : -1]
+        integrals[..., self._where] = y[..., self._r : self._r + len(self._where)]
         return integrals
 
     def at(self, q: np.ndarray, y: np.ndarray) -> StateEvaluation:
         """States (...,) in the current chart."""
-        return self.chart.at(q, np.ascontiguousarray(y[..., : self._r]))
+        return self.chart.at(q, np.ascontiguousarray(y[..., : self._r]), self.time(y))
 
     def integral_rows(self, state: StateEvaluation) -> np.ndarray:
         """Jacobian (k, nv) of the integrals."""
@@ -113,11 +122,17 @@ class ConstrainedDynamics:
 
     def recentre(self, q: np.ndarray, y: np.ndarray) -> tuple[StateEvaluation, np.ndarray]:
         """Replace the chart if it is ill-conditioned; return the state in the reduction of the model, and y."""
-        v, is_ill_conditioned = self.chart.velocity(q, y[: self._r])
+        t = self.time(y)
+        v, is_ill_conditioned = self.chart.velocity(q, y[: self._r], t)
         if is_ill_conditioned:
-            self.chart = VelocityChart(self.reduced.reduction_data, q, self._integrands)
+            self.chart = VelocityChart(self.reduced.reduction_data, q, self._integrands, t)
             y = np.concatenate([self.chart.W @ v, y[self._r :]])
-        return StateEvaluation.measured(self.reduced.reduction_data, q, v), y
+        return StateEvaluation.measured(self.reduced.reduction_data, q, v, t), y
+
+    def project(self, q: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Configuration near q that satisfies the holonomic rows at the time of y."""
+        assembly = self.reduced.assembly
+        return assembly.project(q, t=self.time(y)) if assembly.size else q
 
     # ------------------------------------------------------------------ motion
 
@@ -168,7 +183,7 @@ class ConstrainedDynamics:
 
         def rate(q: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             if projection is None:
-                return self.chart.derivative(q, y[: self._r], T, external, self.damping)
+                return self.chart.derivative(q, y[: self._r], T, external, self.damping, self.time(y))
             return state_rates(projection(self.at(q, y)), T, self.damping, external)
 
         return rate

@@ -155,11 +155,13 @@ class DissipativeStep:
         flow = state.flow(T, damping)
         if damping is None:
             rows = dynamics.integral_rows(state)
-            return LinearPart(modes, inverse, decay, R @ modes, np.zeros((1 + len(rows), len(H)))), flow.v2_dot
+            others = np.zeros((1 + len(rows) + dynamics.reduced.rheonomic, len(H)))
+            return LinearPart(modes, inverse, decay, R @ modes, others), flow.v2_dot
         force = state.B @ T - damping * state.v
         others = np.vstack(
             [
                 dynamics.integral_rows(state) @ R @ modes,
+                np.zeros((int(dynamics.reduced.rheonomic), len(H))),  # time flows at a constant rate
                 modes.T @ apply_transposed(R, force) - inverse @ flow.v2_dot,  # power minus the rate of kinetic energy
             ]
         )

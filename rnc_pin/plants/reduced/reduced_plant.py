@@ -149,5 +149,5 @@ class ReducedPlant:
         else:
             q, y = self._dynamics.advance(q, y, self.applied, h, self.substeps)
         if self.reduced.assembly.size and np.isfinite(q).all():  # otherwise the next access to ``state`` raises
-            q = self.reduced.assembly.project(q)
+            q = self._dynamics.project(q, y)
         self._q, self._y, self._state = q, y, None

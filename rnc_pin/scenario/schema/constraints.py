@@ -6,6 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Annotated, cast
 
+import numpy as np
+from pydantic import AfterValidator
+
 from rnc_pin.constraints import (
     AckermannSteering,
     Caster,
@@ -15,17 +18,38 @@ from rnc_pin.constraints import (
     LoopClosure,
     MomentumConservation,
     NoSideSlip,
+    PrescribedMotion,
     RollingBall,
     RollingBody,
     RollingWheel,
     Sphere,
     Torus,
 )
+from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.model.rows import ConstraintKind
+from rnc_pin.planning import Reference
+from rnc_pin.scenario.schema.base import Numbers, Strict
 from rnc_pin.scenario.schema.derived import Entry, one_of
+from rnc_pin.scenario.schema.outputs import OutputItem
+from rnc_pin.scenario.schema.reference_settings import ReferenceItem
 
 _Shape = Annotated[object, one_of(sphere=Sphere, ellipsoid=Ellipsoid, torus=Torus)]
 GroundItem = Annotated[GroundPlane, Entry(GroundPlane)] | None
+
+
+class _MotionArguments(Strict):
+    """Motion over time."""
+
+    start: Numbers
+    """Values of the output at time zero [m or rad]; zeros for a speed."""
+    reference: ReferenceItem
+    """Motion from there, of the output or of the integral of a speed."""
+
+
+def _motion(given: _MotionArguments) -> Reference:
+    start = np.array(given.start, dtype=float)
+    return given.reference.build(start, Coordinates([False] * start.size))
+
 
 ConstraintItem = Annotated[
     ConstraintKind,
@@ -39,6 +63,10 @@ ConstraintItem = Annotated[
         ackermann=AckermannSteering,
         joint_coupling=JointCoupling,
         loop_closure=LoopClosure,
+        prescribed_motion=Entry(
+            PrescribedMotion,
+            forms={"output": OutputItem, "motion": Annotated[_MotionArguments, AfterValidator(_motion)]},
+        ),
     ),
 ]
 

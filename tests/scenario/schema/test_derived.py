@@ -167,3 +167,16 @@ def test_a_rolling_body_is_written_with_its_shape_and_ground():
     assert reader.validate_python({"rolling_body": said}) == expected
     with pytest.raises(ValidationError, match="normal of the ground has no length"):
         reader.validate_python({"rolling_body": {**said, "ground": {"normal": [0, 0, 0]}}})
+
+
+def test_a_prescribed_motion_is_written_with_an_output_a_start_and_a_reference():
+    reader = TypeAdapter(ConstraintItem)
+    said = {"start": [0.1], "reference": {"harmonic": {"amplitude": [0.02], "frequency": 30}}}
+    kind = reader.validate_python({"prescribed_motion": {"output": {"joint": "pivot"}, "motion": said}})
+    assert kind.output == rnc.JointPosition("pivot")
+    expected = rnc.planning.Harmonic([0.1], [0.02], 30.0)
+    np.testing.assert_array_equal(kind.motion.at(0.77).position, expected.at(0.77).position)
+    with pytest.raises(ValidationError, match=r"motion.*start"):
+        reader.validate_python(
+            {"prescribed_motion": {"output": {"joint": "pivot"}, "motion": {"reference": {"hold": {}}}}}
+        )

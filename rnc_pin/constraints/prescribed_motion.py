@@ -1,0 +1,136 @@
+"""Prescribed motion of an output over time: rheonomic rows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from rnc_pin.errors import ConstraintError
+from rnc_pin.math.components import Component
+from rnc_pin.math.coordinates import Coordinates, left_jacobian
+from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
+from rnc_pin.model.mechanisms import Phrases
+from rnc_pin.model.rows import OutputKind, OutputRows, Rows
+from rnc_pin.robots.robot import Robot
+
+
+class PrescribedPoint(Protocol):
+    """Value of a prescribed motion at one time, such as a ``ReferencePoint``."""
+
+    @property
+    def position(self) -> np.ndarray: ...
+    @property
+    def velocity(self) -> np.ndarray: ...
+    @property
+    def acceleration(self) -> np.ndarray: ...
+
+
+class Motion(Protocol):
+    """Motion of k outputs over time, such as a ``Reference``."""
+
+    size: int
+
+    def at(self, t: float) -> PrescribedPoint: ...
+
+
+@dataclass(frozen=True)
+class PrescribedMotion:
+    """Output that follows a given function of time: ``x(q) = f(t)``, or ``J v = fdot(t)`` for a quasi-velocity.
+
+    The rows are rheonomic, ``A(q) v = mu(t)``: evaluations of the model need the time. Whatever moves the output does
+    work, and the energy balance of a run includes it. Outputs with a value are holonomic: the run starts at ``f(0)``.
+
+    Args:
+        output: joint, frame, distance or any other output: ``rnc.JointPosition("pivot")``.
+        motion: its motion, a ``Reference`` of the output's size. Its time is that of the run, which starts at zero.
+
+    Raises:
+        ConstraintError: the motion has another size than the output.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> swing = rnc.planning.Harmonic([0.0], amplitude=[0.3], frequency=0.5)
+        >>> driven = rnc.PrescribedMotion(rnc.JointPosition("joint_1"), swing)
+        >>> reduced = rnc.NonholonomicSystem(robot, [driven], ["joint_2", "joint_3"]).reduce()
+        >>> reduced.rheonomic, reduced.constraints.names
+        (True, ('prescribed(joint_1)',))
+        >>> state = reduced.at(reduced.assembled(robot.configuration()), v2=[0.0, 0.0, 0.0], t=0.0)
+    """
+
+    output: OutputKind
+    motion: Motion
+
+    def bind(self, robot: Robot) -> Rows:
+        rows = self.output.bind(robot)
+        size = getattr(self.motion, "size", None)
+        if size != len(rows.names):
+            raise ConstraintError(
+                f"prescribed motion of {', '.join(rows.names)}: expected a Reference of size {len(rows.names)}, "
+                f"found {self.motion!r}" + ("" if size is None else f" of size {size}")
+            )
+        return _PrescribedRows(rows, self.motion)
+
+
+class _PrescribedRows(Rows):
+    """Rows of an output with the rates of a motion as right-hand side.
+
+    Args:
+        output: bound rows of the output.
+        motion: its motion.
+    """
+
+    affine = rheonomic = True
+
+    def __init__(self, output: OutputRows, motion: Motion) -> None:
+        self._output, self._motion = output, motion
+        self.names = tuple(f"prescribed({name})" for name in output.names)
+        self.units = output.units
+        self.holonomic = () if output.quasi else (True,) * len(self.names)
+        self._coordinates = Coordinates(output.angular, (0,) if output.rotation else ())
+
+    def jacobian(self, at: PositionKinematics) -> np.ndarray:
+        return self._output.jacobian(at)
+
+    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
+        return self._output.jacobian_dot(at)
+
+    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
+        return self._output.bias_acceleration(at) - self.rate_dot(at)
+
+    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray | None:
+        return self._output.bias_acceleration_gradient(at)
+
+    def rate(self, at: PositionKinematics) -> np.ndarray:
+        return self._over_times(at, 1)
+
+    def rate_dot(self, at: VelocityKinematics) -> np.ndarray:
+        return self._over_times(at, 2)
+
+    def residual(self, at: PositionKinematics) -> np.ndarray:
+        if self._output.quasi:
+            return self._zeros(at)
+        return -self._coordinates.difference(self._over_times(at, 0), self._output.value(at))
+
+    def phrases(self) -> Phrases:
+        return Phrases(prevents="leave the motion that is prescribed for", where=", ".join(self._output.names))
+
+    def _over_times(self, at: PositionKinematics, order: int) -> np.ndarray:
+        """Derivative (..., k) of the motion of an order from zero to two; angular ones for rotations."""
+        batch = at.q.shape[:-1]
+        times: Component = at.t
+        if np.ndim(times) == 0:
+            return np.broadcast_to(self._at(float(times), order), (*batch, len(self.names)))
+        return np.array([self._at(t, order) for t in np.ravel(times).tolist()]).reshape(*batch, -1)
+
+    def _at(self, t: float, order: int) -> np.ndarray:
+        position, velocity, acceleration = (
+            np.asarray(each, dtype=float)
+            for point in [self._motion.at(t)]
+            for each in (point.position, point.velocity, point.acceleration)
+        )
+        if self._output.rotation and order:  # from rates of the rotation vector to the angular velocity and its rate
+            J, J_dot = left_jacobian(position, velocity)
+            velocity, acceleration = J @ velocity, J @ acceleration + J_dot @ velocity
+        return (position, velocity, acceleration)[order]
