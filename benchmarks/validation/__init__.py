@@ -1,6 +1,6 @@
 """Published and closed-form results beside what rnc_pin computes. Run ``python -m benchmarks.validation``."""
 
-from benchmarks.validation import ball, bicycle, disk, floating_arm, rolling_body, sleigh, snakeboard
+from benchmarks.validation import ball, bicycle, disk, floating_arm, kapitza, rolling_body, sleigh, snakeboard
 
 PROBLEMS = {
     "bicycle": bicycle.rows,
@@ -10,4 +10,5 @@ PROBLEMS = {
     "floating_arm": floating_arm.rows,
     "snakeboard": snakeboard.rows,
     "rolling_body": rolling_body.rows,
+    "kapitza": kapitza.rows,
 }
