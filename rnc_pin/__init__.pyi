@@ -32,8 +32,10 @@ from .analysis import (
 from .constraints import (
     AckermannSteering,
     Caster,
+    CylindricalGround,
     Ellipsoid,
     GroundPlane,
+    HeightField,
     JointCoupling,
     LoopClosure,
     MomentumConservation,
@@ -44,6 +46,7 @@ from .constraints import (
     RollingBody,
     RollingWheel,
     Sphere,
+    SphericalGround,
     Torus,
 )
 from .errors import (
@@ -110,6 +113,7 @@ __all__ = [
     "ConstraintError",
     "ContactLoss",
     "ControlLoop",
+    "CylindricalGround",
     "Distance",
     "DivergenceError",
     "Ellipsoid",
@@ -125,6 +129,7 @@ __all__ = [
     "FrameYaw",
     "Grip",
     "GroundPlane",
+    "HeightField",
     "IkResult",
     "Impact",
     "InfeasibleError",
@@ -162,6 +167,7 @@ __all__ = [
     "SimulationOptions",
     "SingularityError",
     "Sphere",
+    "SphericalGround",
     "SteadyMotion",
     "Stop",
     "Task",

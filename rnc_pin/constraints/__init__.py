@@ -3,6 +3,7 @@
 from rnc_pin.constraints.ackermann_steering import AckermannSteering
 from rnc_pin.constraints.body_shapes import Ellipsoid, Sphere, Torus
 from rnc_pin.constraints.caster import Caster
+from rnc_pin.constraints.curved_grounds import CurvedGround, CylindricalGround, HeightField, SphericalGround
 from rnc_pin.constraints.ground_plane import GroundPlane
 from rnc_pin.constraints.joint_coupling import JointCoupling
 from rnc_pin.constraints.loop_closure import LoopClosure
@@ -17,8 +18,11 @@ from rnc_pin.constraints.rolling_wheel import RollingRows, RollingWheel
 __all__ = [
     "AckermannSteering",
     "Caster",
+    "CurvedGround",
+    "CylindricalGround",
     "Ellipsoid",
     "GroundPlane",
+    "HeightField",
     "JointCoupling",
     "LoopClosure",
     "MomentumConservation",
@@ -30,5 +34,6 @@ __all__ = [
     "RollingRows",
     "RollingWheel",
     "Sphere",
+    "SphericalGround",
     "Torus",
 ]

@@ -67,11 +67,20 @@ class GroundPlane:
         return np.asarray(self.spin * self.axes[2])
 
     def material_velocity(self, place: np.ndarray) -> np.ndarray:
-        """Velocity of the material at points (..., 3) [m/s], in world axes."""
+        """Velocity of the material at points (..., 3) [m/s], in world axes.
+
+        Args:
+            place: the points.
+        """
         return np.asarray(self.velocity) + np.cross(self.angular_velocity, place - np.asarray(self.point))
 
     def mesh(self, center: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
-        """Square of half width ``size`` around a point (3,), for drawings: vertices (4, 3), triangles (2, 3)."""
+        """Square around a point, for drawings: vertices (4, 3) and triangles (2, 3).
+
+        Args:
+            center: point near the middle (3,) [m].
+            size: half width [m].
+        """
         along, across, normal = self.axes
         middle = center - normal * (normal @ (center - np.asarray(self.point)))
         corners = [middle + size * (a * along + b * across) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]

@@ -1,4 +1,4 @@
-"""Ball that rolls without slip on a plane."""
+"""Ball that rolls without slip on a plane or on a curved surface."""
 
 from __future__ import annotations
 
@@ -7,7 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.constraints.ground_plane import GroundPlane, plane_below
+from rnc_pin.constraints.body_shapes import Sphere
+from rnc_pin.constraints.curved_grounds import CurvedGround
+from rnc_pin.constraints.ground_plane import GroundPlane
+from rnc_pin.constraints.rolling_body import RollingBody
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.kernel_rows import Form, KernelRow, attached
@@ -29,11 +32,11 @@ class RollingBall:
     Args:
         frame: a frame at the centre of the ball that turns with it.
         radius: radius of the ball [m].
-        ground: the plane; None for z = 0 at rest.
+        ground: a plane, or curved ground as of a ``RollingBody``; None for z = 0 at rest.
 
     Raises:
         ModelError: unknown frame.
-        ConstraintError: the radius is not positive, or the ground is no plane.
+        ConstraintError: the radius is not positive, or a ground of another kind.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
@@ -46,12 +49,14 @@ class RollingBall:
 
     frame: str
     radius: Positive
-    ground: GroundPlane | None = None
+    ground: GroundPlane | CurvedGround | None = None
 
     def bind(self, robot: Robot) -> Rows:
         if not (np.isfinite(self.radius) and self.radius > 0):
             raise ConstraintError(f"radius of ball '{self.frame}' has to be positive, found {self.radius}")
-        return _RollingBallRows(self, robot)
+        if self.ground is None or isinstance(self.ground, GroundPlane):
+            return _RollingBallRows(self, robot)
+        return RollingBody(self.frame, Sphere(self.radius), ground=self.ground).bind(robot)
 
 
 class _RollingBallRows(Rows):
@@ -62,7 +67,7 @@ class _RollingBallRows(Rows):
         self.names = tuple(f"{part}({kind.frame})" for part in ("rolling_x", "rolling_y", "vertical"))
         self.units = ("m/s",) * 3
         self._ball, self._frame = kind, robot.frame_id(kind.frame)
-        plane = plane_below(kind.ground, f"ball '{kind.frame}'")
+        plane = kind.ground if isinstance(kind.ground, GroundPlane) and not kind.ground.is_default else None
         self.ground, self._plane = plane, plane or GroundPlane()
         self.affine = self._plane.moves
         self._axes = self._plane.axes

@@ -1,4 +1,4 @@
-"""Body with a smooth convex surface that rolls without slip on a plane."""
+"""Body with a smooth convex surface that rolls without slip on a plane or on a curved surface."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.constraints.body_shapes import BodyShape
+from rnc_pin.constraints.curved_grounds import CurvedGround
 from rnc_pin.constraints.ground_plane import GroundPlane
+from rnc_pin.constraints.surface_contact import SurfaceContactRows
 from rnc_pin.errors import ConstraintError
-from rnc_pin.math.components import cross
-from rnc_pin.math.linear_algebra import apply, apply_transposed, complex_step, cross_columns
+from rnc_pin.math.linear_algebra import apply, apply_transposed, complex_step, cross_columns, vector_product
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.mechanisms import Phrases
 from rnc_pin.model.offset_frame import triple
@@ -27,7 +28,7 @@ class RollingBody:
     """Body whose contact point has the velocity of the ground: two rolling rows and a vertical row.
 
     The contact point is where the surface has its lowest point above the ground, so it moves over the body. The
-    vertical row is holonomic: the surface touches the plane.
+    vertical row is holonomic: the surface touches the ground. The body has to be curved more than curved ground.
 
     Args:
         frame: name of a frame of the body.
@@ -36,11 +37,12 @@ class RollingBody:
         rpy: orientation of the shape relative to the frame: roll, pitch and yaw as in a URDF [rad].
         pivoting: False to add a row: the body does not turn about the normal relative to the ground, as soft contact
             areas prevent.
-        ground: the plane; None for z = 0 at rest.
+        ground: a ``GroundPlane``, ``SphericalGround``, ``CylindricalGround`` or ``HeightField``, or an
+            object with the methods of a ``CurvedGround``; None for z = 0 at rest.
 
     Raises:
         ModelError: unknown frame.
-        ConstraintError: a shape without the methods of a ``BodyShape``.
+        ConstraintError: a shape without the methods of a ``BodyShape``, or a ground of another kind.
         SingularityError: during evaluation, the contact is not one point, e.g. a disk lies flat.
 
     Example:
@@ -57,7 +59,7 @@ class RollingBody:
     at: Vector = (0.0, 0.0, 0.0)
     rpy: Vector = (0.0, 0.0, 0.0)
     pivoting: bool = True
-    ground: GroundPlane | None = None
+    ground: GroundPlane | CurvedGround | None = None
 
     def bind(self, robot: Robot) -> Rows:
         missing = [name for name in ("point", "point_rate", "regularity") if not hasattr(self.shape, name)]
@@ -66,7 +68,18 @@ class RollingBody:
                 f"shape of rolling body '{self.frame}': expected Sphere, Ellipsoid, Torus or an object with the "
                 f"methods point, point_rate and regularity, found {self.shape!r}"
             )
-        return _RollingBodyRows(self, robot)
+        if self.ground is None or isinstance(self.ground, GroundPlane):
+            return _RollingBodyRows(self, self.ground or GroundPlane(), robot)
+        missing = [name for name in ("level", "gradient", "hessian", "below") if not hasattr(self.ground, name)]
+        if missing or isinstance(self.ground, type):
+            raise ConstraintError(
+                f"ground of rolling body '{self.frame}': expected a GroundPlane, SphericalGround, CylindricalGround, "
+                f"HeightField or an object with the methods of a CurvedGround, found {self.ground!r}"
+            )
+        center = triple(self.at, f"centre of rolling body '{self.frame}'")
+        turned = pin.rpy.rpyToMatrix(triple(self.rpy, f"rpy of rolling body '{self.frame}'"))
+        placement = pin.SE3(turned, center)
+        return SurfaceContactRows(self.frame, self.shape, placement, self.pivoting, self.ground, robot)
 
 
 class _RollingBodyRows(Rows):
@@ -78,9 +91,8 @@ class _RollingBodyRows(Rows):
 
     on_ground = True
 
-    def __init__(self, kind: RollingBody, robot: Robot) -> None:
+    def __init__(self, kind: RollingBody, ground: GroundPlane, robot: Robot) -> None:
         self._shape, self._body, self._frame = kind.shape, kind.frame, robot.frame_id(kind.frame)
-        ground = kind.ground or GroundPlane()
         self.ground = None if ground.is_default else ground
         self._center = triple(kind.at, f"centre of rolling body '{kind.frame}'")
         self._turned = pin.rpy.rpyToMatrix(triple(kind.rpy, f"rpy of rolling body '{kind.frame}'"))
@@ -108,10 +120,10 @@ class _RollingBodyRows(Rows):
 
     def _arm_rate(self, rotation: np.ndarray, arm: np.ndarray, w: np.ndarray) -> np.ndarray:
         """Rate of the arm at an angular velocity w (..., 3)."""
-        turning = apply_transposed(rotation, _cross(w, self._normal))
+        turning = apply_transposed(rotation, vector_product(w, self._normal))
         down = self._downward(rotation)
         moved = apply(self._turned, self._shape.point_rate(down, apply(self._turned.T, turning)))
-        return np.asarray(_cross(w, arm) + apply(rotation, moved))
+        return np.asarray(vector_product(w, arm) + apply(rotation, moved))
 
     def _wide(self, rotation: np.ndarray) -> np.ndarray:
         return np.broadcast_to(self._normal, rotation.shape[:-1])
@@ -125,7 +137,7 @@ class _RollingBodyRows(Rows):
         return self._seen[1]
 
     def _ground_velocity(self, contact: np.ndarray) -> np.ndarray:
-        return np.asarray(self._sliding + self._spin * _cross(self._normal, contact - self._point))
+        return np.asarray(self._sliding + self._spin * vector_product(self._normal, contact - self._point))
 
     # ------------------------------------------------------------------ rows
 
@@ -160,7 +172,7 @@ class _RollingBodyRows(Rows):
         if self.affine:
             velocity, rotation = at.velocity(self._frame), at.rotation(self._frame)
             moved = velocity[..., :3] + self._arm_rate(rotation, self._contact_arm(at), velocity[..., 3:])
-            out[..., :3] = apply(self._axes, self._spin * _cross(self._normal, moved))
+            out[..., :3] = apply(self._axes, self._spin * vector_product(self._normal, moved))
         return out
 
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
@@ -170,9 +182,9 @@ class _RollingBodyRows(Rows):
     def _bias(self, rotation: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
         w, arm = velocity[..., 3:], self._arm(rotation)
         arm_rate = self._arm_rate(rotation, arm, w)
-        linear = acceleration[..., :3] + _cross(acceleration[..., 3:], arm) + _cross(w, arm_rate)
+        linear = acceleration[..., :3] + vector_product(acceleration[..., 3:], arm) + vector_product(w, arm_rate)
         if self.affine:
-            linear = linear - self._spin * _cross(self._normal, velocity[..., :3] + arm_rate)
+            linear = linear - self._spin * vector_product(self._normal, velocity[..., :3] + arm_rate)
         rows = apply(self._axes, linear)
         if self._pivots:
             return rows
@@ -203,8 +215,3 @@ class _RollingBodyRows(Rows):
 
     def phrases(self) -> Phrases:
         return Phrases("rolling body", prevents="slip at", where=self._body)
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Vector product (..., 3); of two vectors without the overhead of NumPy's."""
-    return np.array(cross(a.tolist(), b.tolist())) if a.ndim == b.ndim == 1 else np.cross(a, b)

@@ -12,6 +12,8 @@ from functools import cache
 import numpy as np
 import scipy
 
+from rnc_pin.math.components import cross
+
 
 @cache
 def _identity(n: int) -> np.ndarray:
@@ -84,6 +86,11 @@ def cross_columns(vector: np.ndarray, columns: np.ndarray) -> np.ndarray:
         return np.cross(vector[..., :, None], columns, axis=-2)
     x, y, z = vector.tolist()
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ columns
+
+
+def vector_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Vector product (..., 3); of two vectors without the overhead of NumPy's."""
+    return np.array(cross(a.tolist(), b.tolist())) if a.ndim == b.ndim == 1 else np.cross(a, b)
 
 
 def null_space(matrix: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.io.json import Json
 from rnc_pin.scenario.files import short_text
 from rnc_pin.scenario.schema import Scenario
+from rnc_pin.scenario.schema.base import PLAIN
 from rnc_pin.scenario.schema.controllers import TYPES
 
 
@@ -67,7 +68,7 @@ def _explain(error: ErrorDetails) -> str:
 
 
 _WHOLE = "(top level)"  # place of an error of the whole file; it is not shown
-_UNION_MEMBERS = {"float", "str", "list[float]", "constrained-list", "name", "unknown_masses", "unknown_wheels"}
+_UNION_MEMBERS = {"float", "str", "list[float]", "constrained-list", "name", "unknown_masses", "unknown_wheels", PLAIN}
 
 
 def _path(location: Sequence[str | int]) -> str:

@@ -145,6 +145,8 @@ class Strict(BaseModel):
 
 
 NAME, _OTHER = "name", "other"
+PLAIN = "without a key"
+"""Tag of a mapping of fields beside mappings with one key."""
 
 
 def _kind(raw: object) -> str:

@@ -12,6 +12,8 @@ from pydantic import AfterValidator
 from rnc_pin.constraints import (
     AckermannSteering,
     Caster,
+    CurvedGround,
+    CylindricalGround,
     Ellipsoid,
     GroundPlane,
     JointCoupling,
@@ -23,18 +25,20 @@ from rnc_pin.constraints import (
     RollingBody,
     RollingWheel,
     Sphere,
+    SphericalGround,
     Torus,
 )
 from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.model.rows import ConstraintKind
 from rnc_pin.planning import Reference
 from rnc_pin.scenario.schema.base import Numbers, Strict
-from rnc_pin.scenario.schema.derived import Entry, one_of
+from rnc_pin.scenario.schema.derived import Entry, one_of, plain_or
 from rnc_pin.scenario.schema.outputs import OutputItem
 from rnc_pin.scenario.schema.reference_settings import ReferenceItem
 
 _Shape = Annotated[object, one_of(sphere=Sphere, ellipsoid=Ellipsoid, torus=Torus)]
-GroundItem = Annotated[GroundPlane, Entry(GroundPlane)] | None
+GroundItem = Annotated[object, plain_or(GroundPlane, sphere=SphericalGround, cylinder=CylindricalGround)] | None
+_Plane = Annotated[GroundPlane, Entry(GroundPlane)] | None
 
 
 class _MotionArguments(Strict):
@@ -55,11 +59,11 @@ ConstraintItem = Annotated[
     ConstraintKind,
     one_of(
         momentum=Entry(MomentumConservation, short="joint", keys={"momentum": "value"}),
-        no_side_slip=Entry(NoSideSlip, forms={"ground": GroundItem}),
-        rolling_wheel=Entry(RollingWheel, forms={"ground": GroundItem}),
+        no_side_slip=Entry(NoSideSlip, forms={"ground": _Plane}),
+        rolling_wheel=Entry(RollingWheel, forms={"ground": _Plane}),
         rolling_ball=Entry(RollingBall, forms={"ground": GroundItem}),
         rolling_body=Entry(RollingBody, forms={"shape": _Shape, "ground": GroundItem}),
-        caster=Entry(Caster, forms={"ground": GroundItem}),
+        caster=Entry(Caster, forms={"ground": _Plane}),
         ackermann=AckermannSteering,
         joint_coupling=JointCoupling,
         loop_closure=LoopClosure,
@@ -71,7 +75,7 @@ ConstraintItem = Annotated[
 ]
 
 
-def with_ground(constraints: Sequence[ConstraintKind], ground: GroundPlane) -> list[ConstraintKind]:
+def with_ground(constraints: Sequence[ConstraintKind], ground: GroundPlane | CurvedGround) -> list[ConstraintKind]:
     """Return constraints with a ground for those that have none of their own.
 
     Raises:

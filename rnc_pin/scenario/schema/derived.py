@@ -17,12 +17,21 @@ from types import GenericAlias, UnionType
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, Tag, create_model
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    Discriminator,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    Tag,
+    create_model,
+)
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
 from rnc_pin.errors import RncError
-from rnc_pin.scenario.schema.base import BY_KIND, NAME, Strict
+from rnc_pin.scenario.schema.base import BY_KIND, NAME, PLAIN, Strict
 
 
 @dataclass(frozen=True, eq=False)  # hashable by identity: a union hashes its parts
@@ -120,6 +129,17 @@ def one_of(names: bool = False, /, **entries: type | Entry) -> object:
     """
     items = [_keyed(key, each if isinstance(each, Entry) else Entry(each)) for key, each in entries.items()]
     return _ReadAs(Annotated[_either([Annotated[str, Tag(NAME)]] * names + items), BY_KIND])
+
+
+def plain_or(plain: type, /, **entries: type) -> object:
+    """Return a reader of a dataclass ``{field: value, ...}``, or of another one as a mapping with its key."""
+
+    def tag(raw: object) -> str:
+        key = next(iter(raw)) if isinstance(raw, Mapping) and len(raw) == 1 else None
+        return key if key in entries else PLAIN
+
+    items = [Annotated[plain, Entry(plain), Tag(PLAIN)], *(_keyed(key, Entry(each)) for key, each in entries.items())]
+    return _ReadAs(Annotated[_either(items), Discriminator(tag)])
 
 
 @dataclass(frozen=True)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 
 from pydantic import Field, model_validator
 
+from rnc_pin.constraints import GroundPlane
 from rnc_pin.errors import nearest
 from rnc_pin.model.parameter_types import Positive
 from rnc_pin.scenario.schema.actuators import ActuatorItem
@@ -120,7 +121,7 @@ class Scenario(Strict):
     def _constraints_have_ground(self) -> Scenario:
         if self.ground is None:
             return self
-        return self.model_copy(update={"constraints": with_ground(self.constraints, self.ground)})
+        return self.model_copy(update={"constraints": with_ground(self.constraints, cast(GroundPlane, self.ground))})
 
     @model_validator(mode="after")
     def _variant_exists(self) -> Scenario:

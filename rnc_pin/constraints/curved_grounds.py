@@ -1,0 +1,369 @@
+"""Curved surfaces on which bodies roll: inside and outside of spheres and cylinders, and a height over the plane."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.model.offset_frame import triple
+from rnc_pin.model.parameter_types import Positive, Vector
+
+_EYE = np.eye(3)
+_FINE = 24  # edges of drawn patches
+_CAP = 1.4  # largest half angle of a drawn cap [rad]
+_SAMPLES, _SAME = 5, 1e-9  # points at which derivatives of a height are compared, relative difference
+
+
+class CurvedGround(Protocol):
+    """Smooth surface ``level(point) = 0`` whose gradient points out of the ground, and the motion of its material.
+
+    ``level``, ``gradient`` and ``hessian`` take complex numbers too, without conjugation, for derivatives by the
+    complex step. The material turns about a point and slides so that the surface stays in place.
+    """
+
+    @property
+    def moves(self) -> bool:
+        """True if the material of the ground moves."""
+
+    @property
+    def angular_velocity(self) -> Vector | np.ndarray:
+        """Angular velocity of the material in world axes (3,) [rad/s]."""
+
+    @property
+    def along(self) -> np.ndarray:
+        """Direction (3,) to whose projection on the surface the first rolling row belongs."""
+
+    def level(self, point: np.ndarray) -> np.ndarray:
+        """Function (...) of points (..., 3) that is zero on the surface [m]."""
+
+    def gradient(self, point: np.ndarray) -> np.ndarray:
+        """Gradient (..., 3) of ``level``."""
+
+    def hessian(self, point: np.ndarray) -> np.ndarray:
+        """Second derivatives (..., 3, 3) of ``level``."""
+
+    def below(self, place: np.ndarray) -> np.ndarray:
+        """Points (..., 3) of the surface near which bodies with centres (..., 3) touch it."""
+
+    def material_velocity(self, place: np.ndarray) -> np.ndarray:
+        """Velocity of the material at points (..., 3) [m/s], in world axes."""
+
+    def mesh(self, center: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
+        """Part of the surface near a point (3,) [m], of half width ``size``: vertices (n, 3) and triangles (m, 3)."""
+
+
+@dataclass(frozen=True)
+class SphericalGround:
+    """Sphere: a bowl whose inside, or a ball whose outside, is the ground. Its material may turn about the centre.
+
+    Args:
+        radius: radius of the sphere [m].
+        center: centre of the sphere [m].
+        inside: True if bodies roll inside.
+        angular_velocity: angular velocity of the material in world axes [rad/s].
+
+    Raises:
+        ConfigurationError: the radius is not positive, or vectors are not three finite numbers.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
+        >>> bowl = rnc.SphericalGround(1.0, center=(0.0, 0.0, 1.0))
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.RollingBall("ball", 0.2, ground=bowl)]).reduce()
+        >>> q = reduced.assembled(robot.configuration({"root_joint": [0.5, 0, 0.3, 0, 0, 0, 1]}))
+        >>> np.linalg.norm(q[:3] - [0.0, 0.0, 1.0]).round(6)
+        np.float64(0.8)
+    """
+
+    radius: Positive
+    center: Vector = (0.0, 0.0, 0.0)
+    inside: bool = True
+    angular_velocity: Vector = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        _check_radius(self.radius, "spherical ground")
+        triple(self.center, "center of spherical ground")
+        triple(self.angular_velocity, "angular velocity of spherical ground")
+
+    @property
+    def moves(self) -> bool:
+        """True if the material of the ground moves."""
+        return bool(np.any(self.angular_velocity))
+
+    @property
+    def along(self) -> np.ndarray:
+        """Direction of the first rolling row: the world's x."""
+        return _EYE[0]
+
+    @property
+    def _scale(self) -> float:
+        return (-1.0 if self.inside else 1.0) / self.radius
+
+    def level(self, point: np.ndarray) -> np.ndarray:
+        """Half the difference of the squared distance from the centre and the squared radius, over the radius."""
+        away = point - np.asarray(self.center)
+        return np.asarray(0.5 * self._scale * ((away * away).sum(axis=-1) - self.radius**2))
+
+    def gradient(self, point: np.ndarray) -> np.ndarray:
+        """Gradient (..., 3) of ``level``."""
+        return np.asarray(self._scale * (point - np.asarray(self.center)))
+
+    def hessian(self, point: np.ndarray) -> np.ndarray:
+        """Second derivatives (..., 3, 3) of ``level``."""
+        return np.broadcast_to(self._scale * _EYE, (*point.shape[:-1], 3, 3))
+
+    def below(self, place: np.ndarray) -> np.ndarray:
+        """Nearest points (..., 3); the lowest for the centre."""
+        return np.asarray(self.center) + self.radius * _unit(place - np.asarray(self.center), -_EYE[2])
+
+    def material_velocity(self, place: np.ndarray) -> np.ndarray:
+        """Velocity of the material at points (..., 3) [m/s], in world axes."""
+        return np.cross(np.asarray(self.angular_velocity), place - np.asarray(self.center))
+
+    def mesh(self, center: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
+        """Cap around the point nearest to ``center`` (3,), of half width ``size``, for drawings.
+
+        Args:
+            center: point near the middle of the cap (3,) [m].
+            size: half width of the cap along the surface [m].
+        """
+        middle = _unit(np.asarray(center, dtype=float) - np.asarray(self.center), -_EYE[2])
+        first, second = _across(middle)
+        tilt = np.linspace(0.0, min(size / self.radius, _CAP), _FINE)[:, None, None]
+        around = np.linspace(0.0, 2 * np.pi, _FINE + 1)[:, None]
+        out = np.cos(tilt) * middle + np.sin(tilt) * (np.cos(around) * first + np.sin(around) * second)
+        return np.asarray(self.center) + self.radius * out.reshape(-1, 3), _grid_triangles(_FINE, _FINE + 1)
+
+
+@dataclass(frozen=True)
+class CylindricalGround:
+    """Circular cylinder whose inside or outside is the ground: a pipe, a tube on end. Its material may turn and slide.
+
+    Args:
+        radius: radius of the cylinder [m].
+        axis: direction of its axis in world axes; its length has no meaning.
+        point: a point of the axis [m].
+        inside: True if bodies roll inside.
+        spin: angular velocity of the material about the axis [rad/s].
+        sliding: velocity of the material along the axis [m/s].
+
+    Raises:
+        ConfigurationError: the radius is not positive, an axis of no length, or numbers that are not finite.
+
+    Example:
+        >>> upright = rnc.CylindricalGround(1.0)
+        >>> drum = rnc.CylindricalGround(0.5, axis=(1.0, 0.0, 0.0), point=(0.0, 0.0, 0.5), spin=2.0)
+    """
+
+    radius: Positive
+    axis: Vector = (0.0, 0.0, 1.0)
+    point: Vector = (0.0, 0.0, 0.0)
+    inside: bool = True
+    spin: float = 0.0
+    sliding: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check_radius(self.radius, "cylindrical ground")
+        triple(self.point, "point of cylindrical ground")
+        if not np.linalg.norm(triple(self.axis, "axis of cylindrical ground")):
+            raise ConfigurationError("axis of cylindrical ground has no length")
+        for name in ("spin", "sliding"):
+            if not np.isfinite(getattr(self, name)):
+                raise ConfigurationError(f"{name} of cylindrical ground: expected a finite number")
+
+    @property
+    def moves(self) -> bool:
+        """True if the material of the ground moves."""
+        return bool(self.spin or self.sliding)
+
+    @property
+    def along(self) -> np.ndarray:
+        """Direction of the first rolling row: the axis."""
+        return np.asarray(self.axis, dtype=float) / np.linalg.norm(self.axis)
+
+    @property
+    def angular_velocity(self) -> np.ndarray:
+        """Angular velocity of the material in world axes (3,) [rad/s]."""
+        return self.spin * self.along
+
+    @property
+    def _form(self) -> np.ndarray:
+        """Second derivatives (3, 3) of ``level``."""
+        return (-1.0 if self.inside else 1.0) / self.radius * (_EYE - np.outer(self.along, self.along))
+
+    def level(self, point: np.ndarray) -> np.ndarray:
+        """Half the difference of the squared distance from the axis and the squared radius, over the radius."""
+        away = point - np.asarray(self.point)
+        rim = (-0.5 if self.inside else 0.5) * self.radius
+        return np.asarray(0.5 * (away * (away @ self._form)).sum(axis=-1) - rim)
+
+    def gradient(self, point: np.ndarray) -> np.ndarray:
+        """Gradient (..., 3) of ``level``."""
+        return np.asarray((point - np.asarray(self.point)) @ self._form)
+
+    def hessian(self, point: np.ndarray) -> np.ndarray:
+        """Second derivatives (..., 3, 3) of ``level``."""
+        return np.broadcast_to(self._form, (*point.shape[:-1], 3, 3))
+
+    def below(self, place: np.ndarray) -> np.ndarray:
+        """Nearest points (..., 3); for a point of the axis a low one."""
+        away, along = place - np.asarray(self.point), self.along
+        height = (away @ along)[..., None] * along
+        low = -_EYE[2] if abs(along[2]) < 0.9 else _EYE[0]
+        return np.asarray(self.point) + height + self.radius * _unit(away - height, low - along * (along @ low))
+
+    def material_velocity(self, place: np.ndarray) -> np.ndarray:
+        """Velocity of the material at points (..., 3) [m/s], in world axes."""
+        return np.asarray(self.sliding * self.along + np.cross(self.angular_velocity, place - np.asarray(self.point)))
+
+    def mesh(self, center: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
+        """Tube of half length ``size`` beside a point, for drawings.
+
+        Args:
+            center: point beside the middle of the tube (3,) [m].
+            size: half length of the tube [m].
+        """
+        along, (first, second) = self.along, _across(self.along)
+        middle = np.asarray(self.point) + along * (along @ (np.asarray(center) - np.asarray(self.point)))
+        around = np.linspace(0.0, 2 * np.pi, 2 * _FINE + 1)[:, None]
+        ring = self.radius * (np.cos(around) * first + np.sin(around) * second)
+        ends = np.array([-size, size])[:, None, None] * along
+        return (middle + ends + ring).reshape(-1, 3), _grid_triangles(2, 2 * _FINE + 1)
+
+
+Height = Callable[[np.ndarray, np.ndarray], object]
+
+
+@dataclass(frozen=True)
+class HeightField:
+    """Smooth surface ``z = height(x, y)`` with its derivatives, at rest. A body touches it near its own x and y.
+
+    The functions take arrays, and complex numbers too, so that derivatives of the dynamics are exact.
+
+    Args:
+        height: height of the ground [m].
+        slopes: its first derivatives ``(h_x, h_y)``.
+        curvatures: its second derivatives ``(h_xx, h_xy, h_yy)`` [1/m].
+
+    Raises:
+        ConfigurationError: a function takes no complex arrays, or a derivative is wrong at one of a few points.
+
+    Example:
+        >>> trough = rnc.HeightField(
+        ...     lambda x, y: 0.1 * x * x, lambda x, y: (0.2 * x, 0.0), lambda x, y: (0.2, 0.0, 0.0)
+        ... )
+    """
+
+    height: Callable[[np.ndarray, np.ndarray], object]
+    slopes: Callable[[np.ndarray, np.ndarray], Sequence[object]]
+    curvatures: Callable[[np.ndarray, np.ndarray], Sequence[object]]
+
+    def __post_init__(self) -> None:
+        x, y = np.random.default_rng(0).uniform(-0.5, 0.5, (2, _SAMPLES))
+        step = 1e-30
+        try:
+            moved = [(x + 1j * step, y + 0j), (x + 0j, y + 1j * step)]
+            first = [np.imag(_spread([self.height(*each)], x)[0]) / step for each in moved]
+            second = [np.imag(_spread(self.slopes(*each), x)) / step for each in moved]
+            given = [*_spread(self.slopes(x, y), x), *_spread(self.curvatures(x, y), x)]
+        except (TypeError, ValueError) as error:
+            raise ConfigurationError(f"height field: functions have to take complex arrays ({error})") from None
+        expected = [*first, second[0][0], second[1][0], second[1][1]]
+        if len(given) != len(expected):
+            raise ConfigurationError("height field: expected two slopes and three curvatures")
+        for name, one, other in zip(("h_x", "h_y", "h_xx", "h_xy", "h_yy"), given, expected, strict=True):
+            far = np.abs(one - other) > _SAME * (1.0 + np.abs(other))
+            if far.any():
+                k = int(np.argmax(far))
+                raise ConfigurationError(
+                    f"height field: {name} at ({x[k]:.3f}, {y[k]:.3f}) is {one[k]:.6g}, but its function's derivative "
+                    f"is {other[k]:.6g}"
+                )
+
+    @property
+    def moves(self) -> bool:
+        """False: the ground is at rest."""
+        return False
+
+    @property
+    def along(self) -> np.ndarray:
+        """Direction of the first rolling row: the world's x."""
+        return _EYE[0]
+
+    @property
+    def angular_velocity(self) -> np.ndarray:
+        """Zero (3,)."""
+        return np.zeros(3)
+
+    def level(self, point: np.ndarray) -> np.ndarray:
+        """Height of points (..., 3) above the ground, along z."""
+        return np.asarray(point[..., 2] - self.height(point[..., 0], point[..., 1]))
+
+    def gradient(self, point: np.ndarray) -> np.ndarray:
+        """Gradient (..., 3) of ``level``."""
+        h_x, h_y = _spread(self.slopes(point[..., 0], point[..., 1]), point[..., 0])
+        return np.stack([-h_x, -h_y, np.ones_like(h_x)], axis=-1)
+
+    def hessian(self, point: np.ndarray) -> np.ndarray:
+        """Second derivatives (..., 3, 3) of ``level``."""
+        h_xx, h_xy, h_yy = _spread(self.curvatures(point[..., 0], point[..., 1]), point[..., 0])
+        zero = np.zeros_like(h_xx)
+        rows = [[-h_xx, -h_xy, zero], [-h_xy, -h_yy, zero], [zero, zero, zero]]
+        return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+    def below(self, place: np.ndarray) -> np.ndarray:
+        """Points (..., 3) of the ground at the same x and y."""
+        x, y = place[..., 0], place[..., 1]
+        return np.stack([x, y, *_spread([self.height(x, y)], x)], axis=-1)
+
+    def material_velocity(self, place: np.ndarray) -> np.ndarray:
+        """Zero (..., 3)."""
+        return np.zeros_like(place)
+
+    def mesh(self, center: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
+        """Square of half width ``size`` around the x and y of a point, for drawings.
+
+        Args:
+            center: point in the middle (3,) [m].
+            size: half width [m].
+        """
+        steps = np.linspace(-size, size, 2 * _FINE)
+        places = np.stack([*np.meshgrid(center[0] + steps, center[1] + steps), np.zeros((2 * _FINE,) * 2)], axis=-1)
+        return self.below(places).reshape(-1, 3), _grid_triangles(2 * _FINE, 2 * _FINE)
+
+
+def _spread(values: Sequence[object], like: np.ndarray) -> np.ndarray:
+    """Numbers or arrays as one array (k, ...) with the shape of another."""
+    return np.array([np.asarray(each) + np.zeros(np.shape(like)) for each in values])
+
+
+def _unit(vector: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
+    """Unit vectors (..., 3); another one for vectors of no length."""
+    length = np.linalg.norm(vector, axis=-1, keepdims=True)
+    return np.where(length > 0, vector / np.where(length > 0, length, 1.0), otherwise)
+
+
+def _across(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two unit vectors (3,) across a third."""
+    first = np.cross(axis, _EYE[int(np.argmin(np.abs(axis)))])
+    first /= np.linalg.norm(first)
+    return first, np.cross(axis, first)
+
+
+def _grid_triangles(rows: int, columns: int) -> np.ndarray:
+    """Triangles (m, 3) of a grid of vertices that is stored by rows."""
+    first = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
+    return np.concatenate(
+        [
+            np.stack([first, first + 1, first + columns], 1),
+            np.stack([first + 1, first + columns + 1, first + columns], 1),
+        ]
+    )
+
+
+def _check_radius(radius: float, what: str) -> None:
+    if not (np.isfinite(radius) and radius > 0):
+        raise ConfigurationError(f"radius of {what} has to be positive [m], found {radius}")

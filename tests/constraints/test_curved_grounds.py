@@ -1,0 +1,163 @@
+"""Bodies in bowls, pipes and on hills: nearest points, closed forms, first integrals."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.model.kinematics import Kinematics
+from rolling import check_rates, rigid_body
+from tolerances import ROUNDING
+
+BOWL = rnc.SphericalGround(2.0, (0.1, 0.2, 1.9), angular_velocity=(0.3, -0.5, 0.8))
+DRUM = rnc.CylindricalGround(2.0, (0.2, 1.0, 0.3), (0.1, 0.2, 1.9), spin=0.7, sliding=-0.4)
+BALL = rnc.SphericalGround(2.0, (0.1, 0.2, -2.1), inside=False)
+WAVES = rnc.HeightField(
+    lambda x, y: 0.1 * np.sin(x) * np.cos(2 * y),
+    lambda x, y: (0.1 * np.cos(x) * np.cos(2 * y), -0.2 * np.sin(x) * np.sin(2 * y)),
+    lambda x, y: (
+        -0.1 * np.sin(x) * np.cos(2 * y),
+        -0.2 * np.cos(x) * np.sin(2 * y),
+        -0.4 * np.sin(x) * np.cos(2 * y),
+    ),
+)
+AXES = (0.4, 0.2, 0.1)
+EGG = rnc.Ellipsoid(AXES)
+RADIUS = 0.2
+BODIES = {
+    "in a bowl": rnc.RollingBody("body", EGG, ground=BOWL),
+    "in a drum, without pivoting": rnc.RollingBody("body", EGG, ground=DRUM, pivoting=False),
+    "on a ball": rnc.RollingBody("body", EGG, ground=BALL),
+    "on waves": rnc.RollingBody("body", EGG, ground=WAVES),
+}
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return rigid_body()
+
+
+def rolling_ball(ground, mass=1.5, share=0.4):
+    """Reduced model of a homogeneous ball; its angular velocities in its own axes are the reducing outputs."""
+    robot = rigid_body(mass, (share * mass * RADIUS**2,) * 3)
+    outputs = [rnc.FrameAngularVelocity("body", axis) for axis in "xyz"]
+    return rnc.NonholonomicSystem(robot, [rnc.RollingBall("body", RADIUS, ground)]).reduce(outputs)
+
+
+def at_place(reduced, place):
+    return reduced.robot.configuration({"root_joint": [*place, 0.1, 0.2, -0.3, np.sqrt(0.86)]})
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_the_contact_is_where_the_normals_meet(name, robot):
+    """The body's point satisfies the equation of the ellipsoid; rates are those of differences."""
+    kind = BODIES[name]
+    rows = kind.bind(robot)
+    generator = np.random.default_rng(1)
+    q, v = robot.random_configuration(generator), generator.normal(size=6)
+    q[:3] = 0.1, -0.2, 0.05
+    at = Kinematics(robot).position(q).with_velocity(v)
+    points, directions = rows.lines_of_action(at)
+    pose, normal, gap = pin.XYZQUATToSE3(q), directions[2], rows.residual(at)[2]
+    own = pose.actInv(points[0])
+    assert np.sum((own / AXES) ** 2) == pytest.approx(1.0, abs=ROUNDING)
+    outward = pose.rotation @ (own / np.square(AXES))
+    np.testing.assert_allclose(outward / np.linalg.norm(outward), -normal, atol=1e-10)
+    foot = points[0] - gap * normal
+    assert kind.ground.level(foot) == pytest.approx(0.0, abs=1e-12)
+    steep = kind.ground.gradient(foot)
+    np.testing.assert_allclose(steep / np.linalg.norm(steep), normal, atol=1e-12)
+    # The material point of the body, less that of the ground.
+    velocity = at.velocity(robot.frame_id("body"))
+    body = velocity[:3] + np.cross(velocity[3:], points[0] - q[:3])
+    slip = rows.jacobian(at) @ v - rows.rate(at)
+    np.testing.assert_allclose(slip[:3], directions[:3] @ (body - kind.ground.material_velocity(points[0])), atol=1e-12)
+    if not kind.pivoting:
+        assert slip[3] == pytest.approx((velocity[3:] - kind.ground.angular_velocity) @ normal, abs=1e-12)
+    check_rates(rows, robot, q, v)
+
+
+def test_a_ball_swings_in_a_bowl_as_a_pendulum_with_five_sevenths_of_gravity():
+    """Homogeneous ball without spin about the normal: (R - r) angle'' = -5/7 g sin(angle), at any angle."""
+    reduced, length = rolling_ball(rnc.SphericalGround(1.0, (0.0, 0.0, 1.0))), 1.0 - RADIUS
+    for angle, rate in ((0.01, 0.0), (1.2, 0.7)):
+        out = np.array([np.sin(angle), 0.0, -np.cos(angle)])
+        ahead = np.array([np.cos(angle), 0.0, np.sin(angle)])
+        q = at_place(reduced, [0.0, 0.0, 1.0] + length * out)
+        R = pin.XYZQUATToSE3(q).rotation
+        spin = R.T @ np.array([0.0, rate * length / RADIUS, 0.0])
+        spin *= np.sign((R @ reduced.at(q, spin).v[:3]) @ ahead) or 1.0
+        state = reduced.at(q, spin)
+        np.testing.assert_allclose(R @ state.v[:3], rate * length * ahead, atol=1e-12)
+        own = state.v_dot(state.v2_dot([]))[:3] + np.cross(state.v[3:], state.v[:3])
+        expected = -5 / 7 * 9.81 * np.sin(angle) * ahead - length * rate**2 * out
+        np.testing.assert_allclose(R @ own, expected, atol=1e-10)
+
+
+def test_a_ball_in_an_upright_cylinder_goes_up_and_down():
+    """Neimark and Fufaev: it goes round steadily, and its height oscillates at sqrt(2/7) of that rate.
+
+    z'' = -5/7 g - 2/7 r turn s and s' = turn z' / r hold for the spin s about the outward radius. Together they are an
+    oscillation of z with the squared frequency 2/7 turn^2.
+    """
+    reduced, turn, rise, s = rolling_ball(rnc.CylindricalGround(1.0)), 3.0, 0.4, 0.7
+    q = at_place(reduced, [1.0 - RADIUS, 0.0, 0.0])
+    R = pin.XYZQUATToSE3(q).rotation
+    spin = np.array([s, rise / RADIUS, -turn * (1.0 - RADIUS) / RADIUS])
+    state = reduced.at(q, R.T @ spin)
+    v, v_dot = state.v, state.v_dot(state.v2_dot([]))
+    np.testing.assert_allclose(R @ v[:3], [0.0, turn * (1.0 - RADIUS), rise], atol=1e-12)
+    own = R @ (v_dot[:3] + np.cross(v[3:], v[:3]))
+    lift = -5 / 7 * 9.81 - 2 / 7 * RADIUS * turn * s
+    np.testing.assert_allclose(own, [-(turn**2) * (1.0 - RADIUS), 0.0, lift], atol=1e-10)
+    assert (R @ v_dot[3:])[0] + turn * spin[1] == pytest.approx(turn * rise / RADIUS, abs=1e-10)
+
+
+def test_a_ball_in_a_bowl_keeps_its_spin_about_the_normal():
+    """Routh (1884): of a homogeneous ball on a sphere, in any motion."""
+    center = np.array([0.0, 0.0, 1.0])
+    reduced = rolling_ball(rnc.SphericalGround(1.0, center))
+    q = at_place(reduced, center + 0.8 * np.array([0.6, 0.0, -0.8]))
+    pose, state = pin.XYZQUATToSE3(q), reduced.at(q, np.array([3.0, -2.0, 6.0]))
+    R, v, v_dot = pose.rotation, state.v, state.v_dot(state.v2_dot([]))
+    kept = (R @ v_dot[3:]) @ (center - pose.translation) - (R @ v[3:]) @ (R @ v[:3])
+    assert kept == pytest.approx(0.0, abs=1e-10)
+
+
+def test_one_surface_has_one_motion():
+    """A bowl as a sphere and as a height; an incline as a height and as a plane."""
+    sphere = rnc.SphericalGround(2.0, (0.0, 0.0, 2.0))
+    root = lambda x, y: np.sqrt(4.0 - x * x - y * y)  # noqa: E731
+    height = rnc.HeightField(
+        lambda x, y: 2.0 - root(x, y),
+        lambda x, y: (x / root(x, y), y / root(x, y)),
+        lambda x, y: tuple(each / root(x, y) ** 3 for each in (4.0 - y * y, x * y, 4.0 - x * x)),
+    )
+    incline = rnc.HeightField(lambda x, y: 0.3 * x, lambda x, y: (0.3, 0.0), lambda x, y: (0.0, 0.0, 0.0))
+    plane = rnc.GroundPlane(normal=(-0.3, 0.0, 1.0))
+    for one, other in ((sphere, height), (plane, incline)):
+        models = [rolling_ball(ground) for ground in (one, other)]
+        q, w = models[0].assembled(at_place(models[0], (0.5, -0.3, 0.4))), np.array([1.0, -2.0, 3.0])
+        rates = [model.forward_dynamics(q, w, []) for model in models]
+        np.testing.assert_allclose(rates[0], rates[1], rtol=1e-10)
+        slopes = [rnc.state_derivatives(model, q, w, []) for model in models]
+        np.testing.assert_allclose(slopes[0].v2_dot_q, slopes[1].v2_dot_q, atol=1e-8)
+
+
+def test_ground_that_cannot_carry_is_refused(robot):
+    wrong = lambda x, y: (0.2 * x, 0.0)  # noqa: E731
+    with pytest.raises(rnc.ConfigurationError, match=r"height field: h_x at .* is .*, but its function's derivative"):
+        rnc.HeightField(lambda x, y: 0.2 * x * x, wrong, lambda x, y: (0.4, 0.0, 0.0))
+    with pytest.raises(rnc.ConfigurationError, match="height field: functions have to take complex arrays"):
+        rnc.HeightField(lambda x, y: np.arctan2(x, y), wrong, lambda x, y: (0.2, 0.0, 0.0))
+    with pytest.raises(rnc.ConfigurationError, match="radius of spherical ground has to be positive"):
+        rnc.SphericalGround(0.0)
+    with pytest.raises(rnc.ConfigurationError, match="axis of cylindrical ground has no length"):
+        rnc.CylindricalGround(1.0, (0, 0, 0))
+    with pytest.raises(rnc.ConfigurationError, match="spin of cylindrical ground: expected a finite number"):
+        rnc.CylindricalGround(1.0, spin=np.nan)
+    with pytest.raises(rnc.ConstraintError, match="ground of rolling body 'body': expected a GroundPlane, Spherical"):
+        rnc.RollingBody("body", EGG, ground=3.0).bind(robot)
+    tight = rnc.RollingBody("body", EGG, ground=rnc.SphericalGround(0.3)).bind(robot)
+    with pytest.raises(rnc.SingularityError, match="a body touches curved ground at more than one point"):
+        tight.jacobian(Kinematics(robot).position(robot.configuration({"root_joint": [0, 0, -0.2, 0, 0, 0, 1]})))
