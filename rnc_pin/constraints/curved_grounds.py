@@ -41,7 +41,7 @@ class CurvedGround(Protocol):
         """Function (...) of points (..., 3) that is zero on the surface [m]."""
 
     def gradient(self, point: np.ndarray) -> np.ndarray:
-        """Gradient (..., 3) of ``level``."""
+        """Gradient (..., 3) of ``level`` at each point (..., 3)."""
 
     def hessian(self, point: np.ndarray) -> np.ndarray:
         """Second derivatives (..., 3, 3) of ``level``."""
@@ -50,7 +50,7 @@ class CurvedGround(Protocol):
         """Points (..., 3) of the surface near which bodies with centres (..., 3) touch it."""
 
     def material_velocity(self, place: np.ndarray) -> np.ndarray:
-        """Velocity of the material at points (..., 3) [m/s], in world axes."""
+        """Velocity of the material (..., 3) at each place (..., 3) [m/s], in world axes."""
 
     def mesh(self, center: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
         """Part of the surface near a point (3,) [m], of half width ``size``: vertices (n, 3) and triangles (m, 3)."""
@@ -103,24 +103,24 @@ class SphericalGround:
         return (-1.0 if self.inside else 1.0) / self.radius
 
     def level(self, point: np.ndarray) -> np.ndarray:
-        """Half the difference of the squared distance from the centre and the squared radius, over the radius."""
+        """Half the difference of squared distance and squared radius, over the radius, at each point (..., 3)."""
         away = point - np.asarray(self.center)
         return np.asarray(0.5 * self._scale * ((away * away).sum(axis=-1) - self.radius**2))
 
     def gradient(self, point: np.ndarray) -> np.ndarray:
-        """Gradient (..., 3) of ``level``."""
+        """Gradient (..., 3) of ``level`` at each point (..., 3)."""
         return np.asarray(self._scale * (point - np.asarray(self.center)))
 
     def hessian(self, point: np.ndarray) -> np.ndarray:
-        """Second derivatives (..., 3, 3) of ``level``."""
+        """Second derivatives (..., 3, 3) of ``level`` at each point (..., 3)."""
         return np.broadcast_to(self._scale * _EYE, (*point.shape[:-1], 3, 3))
 
     def below(self, place: np.ndarray) -> np.ndarray:
-        """Nearest points (..., 3); the lowest for the centre."""
+        """Nearest points (..., 3) to each place (..., 3); the lowest for the centre."""
         return np.asarray(self.center) + self.radius * _unit(place - np.asarray(self.center), -_EYE[2])
 
     def material_velocity(self, place: np.ndarray) -> np.ndarray:
-        """Velocity of the material at points (..., 3) [m/s], in world axes."""
+        """Velocity of the material (..., 3) at each place (..., 3) [m/s], in world axes."""
         return np.cross(np.asarray(self.angular_velocity), place - np.asarray(self.center))
 
     def mesh(self, center: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
@@ -195,28 +195,28 @@ class CylindricalGround:
         return (-1.0 if self.inside else 1.0) / self.radius * (_EYE - np.outer(self.along, self.along))
 
     def level(self, point: np.ndarray) -> np.ndarray:
-        """Half the difference of the squared distance from the axis and the squared radius, over the radius."""
+        """Half the difference of squared distance and squared radius, over the radius, at each point (..., 3)."""
         away = point - np.asarray(self.point)
         rim = (-0.5 if self.inside else 0.5) * self.radius
         return np.asarray(0.5 * (away * (away @ self._form)).sum(axis=-1) - rim)
 
     def gradient(self, point: np.ndarray) -> np.ndarray:
-        """Gradient (..., 3) of ``level``."""
+        """Gradient (..., 3) of ``level`` at each point (..., 3)."""
         return np.asarray((point - np.asarray(self.point)) @ self._form)
 
     def hessian(self, point: np.ndarray) -> np.ndarray:
-        """Second derivatives (..., 3, 3) of ``level``."""
+        """Second derivatives (..., 3, 3) of ``level`` at each point (..., 3)."""
         return np.broadcast_to(self._form, (*point.shape[:-1], 3, 3))
 
     def below(self, place: np.ndarray) -> np.ndarray:
-        """Nearest points (..., 3); for a point of the axis a low one."""
+        """Nearest points (..., 3) to each place (..., 3); for a place on the axis a low one."""
         away, along = place - np.asarray(self.point), self.along
         height = (away @ along)[..., None] * along
         low = -_EYE[2] if abs(along[2]) < 0.9 else _EYE[0]
         return np.asarray(self.point) + height + self.radius * _unit(away - height, low - along * (along @ low))
 
     def material_velocity(self, place: np.ndarray) -> np.ndarray:
-        """Velocity of the material at points (..., 3) [m/s], in world axes."""
+        """Velocity of the material (..., 3) at each place (..., 3) [m/s], in world axes."""
         return np.asarray(self.sliding * self.along + np.cross(self.angular_velocity, place - np.asarray(self.point)))
 
     def mesh(self, center: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
@@ -299,28 +299,28 @@ class HeightField:
         return np.zeros(3)
 
     def level(self, point: np.ndarray) -> np.ndarray:
-        """Height of points (..., 3) above the ground, along z."""
+        """Height of each point (..., 3) above the ground, along z."""
         return np.asarray(point[..., 2] - self.height(point[..., 0], point[..., 1]))
 
     def gradient(self, point: np.ndarray) -> np.ndarray:
-        """Gradient (..., 3) of ``level``."""
+        """Gradient (..., 3) of ``level`` at each point (..., 3)."""
         h_x, h_y = _spread(self.slopes(point[..., 0], point[..., 1]), point[..., 0])
         return np.stack([-h_x, -h_y, np.ones_like(h_x)], axis=-1)
 
     def hessian(self, point: np.ndarray) -> np.ndarray:
-        """Second derivatives (..., 3, 3) of ``level``."""
+        """Second derivatives (..., 3, 3) of ``level`` at each point (..., 3)."""
         h_xx, h_xy, h_yy = _spread(self.curvatures(point[..., 0], point[..., 1]), point[..., 0])
         zero = np.zeros_like(h_xx)
         rows = [[-h_xx, -h_xy, zero], [-h_xy, -h_yy, zero], [zero, zero, zero]]
         return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
     def below(self, place: np.ndarray) -> np.ndarray:
-        """Points (..., 3) of the ground at the same x and y."""
+        """Points (..., 3) of the ground at the x and y of each place (..., 3)."""
         x, y = place[..., 0], place[..., 1]
         return np.stack([x, y, *_spread([self.height(x, y)], x)], axis=-1)
 
     def material_velocity(self, place: np.ndarray) -> np.ndarray:
-        """Zero (..., 3)."""
+        """Zero (..., 3) at each place (..., 3)."""
         return np.zeros_like(place)
 
     def mesh(self, center: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
