@@ -127,6 +127,8 @@ def prepare_drive(
         RncError: the scenario is invalid.
     """
     scenario = validate(raw, name)
+    if scenario.phases:
+        raise ConfigurationError(f"{name}: phases: a driven run has none; remove them")
     system = build_system(scenario, folder)
     chosen = tuple(frames) or _default_frames(scenario, system.robot)
     for frame in chosen:

@@ -48,7 +48,7 @@ class Impact(SummaryMixin):
     impulses: Mapping[str, float]
     """Impulse of each constraint row on the robot [N s or N m s]; those of least norm if they are not unique.
 
-    The sign is that of the row's velocity, so it is opposite to the sign of multipliers.
+    Momentum rows have none. The sign is that of the row's velocity, so it is opposite to the sign of multipliers.
     """
     energy_before: float
     """Kinetic energy before the impact [J]."""
@@ -123,7 +123,8 @@ def impact(
     _check_dependent(rows, state, apply(state.all_rows, v_after), after)
     momentum = apply(state.M, v_after - state.v)
     impulses = _shared(state.all_rows, conserved, momentum, reduced.m - int(conserved[kept].sum()))
-    named = dict(zip(rows.names, impulses.tolist(), strict=True))
+    reacting = zip(rows.names, impulses.tolist(), conserved.tolist(), strict=True)
+    named = {name: impulse for name, impulse, is_conserved in reacting if not is_conserved}
     found = _read_only(state.v, v_after, named, float(state.kinetic_energy), float(0.5 * v_after @ state.M @ v_after))
     if not rows.affine and -found.loss > _GAINED * found.energy_before:
         raise ConstraintError(

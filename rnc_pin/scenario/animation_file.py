@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from rnc_pin.scenario.execution import Plan, Result
-from rnc_pin.visualization.drawn_model import DrawnModel
 from rnc_pin.visualization.recording import Recording
 
 
@@ -18,6 +17,7 @@ def write_animation(plan: Plan, result: Result, path: Path) -> bool:
         return False
     view = scenario.view
     view = replace(view, hide=[*view.hide, "compared"])  # users can switch this layer on
-    drawn_model = DrawnModel(reduced.robot, reduced, plan.experiment.obstacles)
-    Recording(drawn_model, result.trajectory, view, scenario.title or plan.name, result.comparisons).save(path)
+    Recording(
+        plan.experiment.drawn_model, result.trajectory, view, scenario.title or plan.name, result.comparisons
+    ).save(path)
     return True

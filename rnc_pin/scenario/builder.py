@@ -34,9 +34,11 @@ from rnc_pin.scenario.plant_builder import build_plant
 from rnc_pin.scenario.schema import Scenario, SimulationSettings
 from rnc_pin.scenario.schema.controllers import VelocityTrackerSettings
 from rnc_pin.scenario.schema.obstacles import build_obstacles
-from rnc_pin.simulation import PlannedPath, Provenance, TaskNames, sample_count
+from rnc_pin.simulation import Phase, PlannedPath, Provenance, TaskNames, sample_count
 from rnc_pin.simulation.friction_demand import iterate_time_scale
+from rnc_pin.simulation.phases import NoInputs, PhaseStart
 from rnc_pin.simulation.run_info import provenance_of
+from rnc_pin.visualization.drawn_model import DrawnModel
 
 _ROUNDED = 1e-4  # largest residual of holonomic rows that counts as rounding in the file
 
@@ -80,6 +82,13 @@ class Experiment:
     """Optimal motion of ``planner``."""
     goals: TaskGoals | None = None
     """Goals of whole-body tasks."""
+    phases: tuple[Phase | PhaseStart, ...] = ()
+    """Phases of the run; ``reduced``, ``controller`` and ``plant`` are then those of the first."""
+
+    @property
+    def drawn_model(self) -> DrawnModel:
+        """Robot and obstacles to draw; the constraints only if they are the same throughout the run."""
+        return DrawnModel(self.reduced.robot, None if self.phases else self.reduced, self.obstacles)
 
     @property
     def loop(self) -> LoopOptions:
@@ -95,7 +104,7 @@ class Experiment:
 
 
 def build_experiment(scenario: Scenario, folder: Path, plans: Plans | None = None) -> Experiment:
-    """Build a run from a scenario.
+    """Build a run from a scenario without phases; ``build_phased`` builds the others.
 
     Args:
         scenario: a validated scenario.
@@ -105,6 +114,8 @@ def build_experiment(scenario: Scenario, folder: Path, plans: Plans | None = Non
     Raises:
         RncError: a part of the scenario does not fit the robot.
     """
+    if scenario.phases:
+        raise ConfigurationError("phases: only 'rnc-pin run' and sweeps support them")
     if scenario.simulation is None:
         raise ConfigurationError("simulation: is missing; a run needs {duration: ..., dt: ...}")
     if scenario.controller is None:
@@ -114,13 +125,47 @@ def build_experiment(scenario: Scenario, folder: Path, plans: Plans | None = Non
     except InputError as error:
         raise ConfigurationError(f"simulation: {error}") from None
     _, reduced = build_reduced(scenario, folder)
+    check_plots(scenario, [reduced])
+    return experiment_at(scenario, folder, reduced, *start_of(scenario, reduced), plans)
+
+
+def start_of(scenario: Scenario, reduced: ReducedModel) -> tuple[np.ndarray, np.ndarray]:
+    """Initial configuration (nq,) and initial reduced velocity (r,)."""
+    return _initial(scenario, reduced), reduced_velocity(reduced, scenario.initial.v2, "initial.v2")
+
+
+def experiment_at(
+    scenario: Scenario,
+    folder: Path,
+    reduced: ReducedModel,
+    q0: np.ndarray,
+    v2_0: np.ndarray,
+    plans: Plans | None = None,
+) -> Experiment:
+    """Build a run from a given state. Without a controller, it has no inputs.
+
+    Args:
+        scenario: a validated scenario with ``simulation``.
+        folder: base of relative paths.
+        reduced: model of the scenario.
+        q0: initial configuration (nq,).
+        v2_0: initial reduced velocity (r,).
+        plans: optimal motions of other runs.
+    """
+    assert scenario.simulation is not None
     task = build_task(scenario, reduced)
-    q0 = _initial(scenario, reduced)
-    v2_0 = reduced_velocity(reduced, scenario.initial.v2, "initial.v2")
     obstacles = build_obstacles(scenario.obstacles, folder)
     motion = None
     if scenario.planner is not None:
         motion = (Plans() if plans is None else plans).plan(scenario, reduced, Start(q0, v2_0), obstacles)
+    for frame in scenario.view.trail:
+        reduced.robot.frame_id(frame)
+    if scenario.controller is None:
+        plant = build_plant(scenario, reduced, q0, folder)
+        notes = provenance_of(None)
+        return Experiment(
+            scenario, reduced, NoInputs(reduced), plant, q0, v2_0, scenario.simulation, (), notes, obstacles
+        )
     references, given = _references(scenario, reduced, task, q0, motion)
     path = _plan_path(scenario, reduced, task, q0)
     built = _build_controller(
@@ -144,9 +189,6 @@ def build_experiment(scenario: Scenario, folder: Path, plans: Plans | None = Non
             goal_tolerance=scenario.goal_tolerance,
         ),
     )
-    _check_plots(scenario, reduced)
-    for frame in scenario.view.trail:
-        reduced.robot.frame_id(frame)
     return Experiment(
         scenario=scenario,
         reduced=reduced,
@@ -348,8 +390,9 @@ def off_tracking(experiment: Experiment, configurations: np.ndarray) -> float | 
     return float(distances(axle[:, :2], continued_back(driven, behind)).max())
 
 
-def _check_plots(scenario: Scenario, reduced: ReducedModel) -> None:
-    valid = (*reduced.reducing.names, *reduced.vertical.names)
+def check_plots(scenario: Scenario, models: Sequence[ReducedModel]) -> None:
+    """Raise an error if a plot names an output that no model of the run has."""
+    valid = tuple(name for reduced in models for name in (*reduced.reducing.names, *reduced.vertical.names))
     for plot, settings in scenario.plots.items():
         for name in settings.outputs:
             if name not in valid:

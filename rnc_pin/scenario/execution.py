@@ -18,6 +18,7 @@ from rnc_pin.io.json import Json, dump_json
 from rnc_pin.scenario.builder import Experiment, build_experiment, off_tracking
 from rnc_pin.scenario.files import apply_options, find_scenario, is_built_in, read_yaml, with_options
 from rnc_pin.scenario.loading import validate
+from rnc_pin.scenario.phase_builder import build_phased
 from rnc_pin.scenario.planner_builder import Plans
 from rnc_pin.scenario.schema import Scenario
 from rnc_pin.scenario.shared_tasks import Report, SharedTasks
@@ -32,6 +33,7 @@ from rnc_pin.simulation import (
     add_limits,
     replay_limits,
     simulate,
+    simulate_phases,
     summarize,
 )
 from rnc_pin.simulation.summary import Compared
@@ -124,6 +126,8 @@ def plan(scenario: str, options: Mapping[str, Json] | None = None) -> Plan:
 def _located(source: str, scenario: Scenario, folder: Path, plans: Plans) -> Experiment:
     """Build an experiment and prepend the source file to errors."""
     try:
+        if scenario.phases:
+            return build_phased(scenario, folder)
         return build_experiment(scenario, folder, plans)
     except SingularityError as error:
         error.what = f"{source}: {error.what}"
@@ -291,7 +295,11 @@ def _simulate(plan: Plan, experiment: Experiment, observer: Observer) -> tuple[T
         config=plan.raw,
         folder=None if plan.built_in else str(plan.folder),
     )
+    options = SimulationOptions(stop=settings.stop, loop=experiment.loop, observer=observer, meta=provenance)
     try:
+        if experiment.phases:
+            start = experiment.q0, settings.dt
+            return simulate_phases(experiment.phases, *start, v2_0=experiment.v2_0, options=options), None
         return simulate(
             experiment.reduced,
             experiment.controller,
@@ -300,7 +308,7 @@ def _simulate(plan: Plan, experiment: Experiment, observer: Observer) -> tuple[T
             settings.dt,
             v2_0=experiment.v2_0,
             plant=experiment.plant,
-            options=SimulationOptions(stop=settings.stop, loop=experiment.loop, observer=observer, meta=provenance),
+            options=options,
         ), None
     except RncError as error:
         if not isinstance(error.trajectory, Trajectory):

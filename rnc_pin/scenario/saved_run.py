@@ -34,7 +34,7 @@ class Run:
     @property
     def drawn_model(self) -> DrawnModel:
         """Robot with its model and the obstacles, to draw."""
-        return DrawnModel(self.reduced.robot, self.reduced, self.obstacles)
+        return DrawnModel(self.reduced.robot, None if self.scenario.phases else self.reduced, self.obstacles)
 
     @property
     def title(self) -> str:

@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias, cast
 import numpy as np
 import scipy
 
-from rnc_pin.control.controller import Command, Controller, State
+from rnc_pin.control.controller import Command, Controller, Description, State, describe
 from rnc_pin.errors import (
     ConfigurationError,
     ConstraintError,
@@ -227,11 +227,12 @@ class _PhasedRun:
         capacity = sample_count(phase.duration, self._dt)
         v2 = self._v2_0 if jump is None else phase.reduced.at(self._q, v=jump.v).v2
         self._run = SampledRun(
-            phase.reduced, phase.controller or _NoInputs(phase.reduced), self._q, self._dt, capacity, v2_0=v2,
+            phase.reduced, phase.controller or NoInputs(phase.reduced), self._q, self._dt, capacity, v2_0=v2,
             plant=phase.plant or ReducedPlant(phase.reduced), options=self._options, start=self._time,
         )  # fmt: skip
         self._reduced = phase.reduced
-        self._info = PhaseInfo(self._name(number, phase), self._samples, self._time)
+        name, controller = self._name(number, phase), phase.controller or NoInputs(phase.reduced)
+        self._info = PhaseInfo(name, self._samples, self._time, controller=describe(controller))
         if jump is not None and np.abs(jump.v - jump.v_before).max() > _SAME * np.abs(jump.v_before).max():
             self._info = replace(self._info, impulses=dict(jump.impulses), energy_loss=jump.loss)
 
@@ -332,11 +333,18 @@ class _PhasedRun:
         self._run = None
 
 
-class _NoInputs:
-    """Controller without inputs."""
+class NoInputs:
+    """Controller without inputs.
+
+    Args:
+        reduced: the model.
+    """
 
     def __init__(self, reduced: ReducedModel) -> None:
         self._command = Command(T=np.zeros(reduced.p))
+
+    def describe(self) -> Description:
+        return {"type": "NoInputs"}
 
     def initial_state(self, measurement: Measurement) -> State:
         return None

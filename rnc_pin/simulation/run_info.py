@@ -201,6 +201,7 @@ class PhaseInfo:
         impulses: impulse of each constraint row at its start [N s or N m s]; empty without an impact.
         energy_loss: kinetic energy that the impact removes [J].
         end: event that ended the phase; None if its duration or the run ended it.
+        controller: controller of the phase and its gains.
     """
 
     name: str
@@ -209,6 +210,7 @@ class PhaseInfo:
     impulses: Mapping[str, float] = field(default_factory=dict)
     energy_loss: Number = 0.0
     end: str | None = None
+    controller: Content | None = None
 
 
 @dataclass(frozen=True)

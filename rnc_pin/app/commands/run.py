@@ -11,7 +11,7 @@ from rnc_pin.app.messages import complain, print_json, seconds_since_start, warn
 from rnc_pin.app.progress import ProgressBar
 from rnc_pin.app.status import DONE, FAILED
 from rnc_pin.app.tables import print_elapsed, print_files, print_summary
-from rnc_pin.errors import RncError
+from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.interruption import uninterrupted
 from rnc_pin.scenario.execution import Plan, Result, data_names, execute, plan, write
 from rnc_pin.scenario.files import parse_options, plant_option
@@ -35,6 +35,8 @@ def run_scenario(
 ) -> int:
     """Run a scenario, write its folder and return the exit status."""
     prepared = plan(scenario, {**plant_option(scenario, plant), **parse_options(options)})
+    if show and prepared.experiment.phases:
+        raise ConfigurationError("--show: a live view does not support phases; omit it and open animation.html")
     for warning in prepared.experiment.warnings:
         warn(warning)
     name = prepared.name.strip(".") or "scenario"  # a file "...yaml" must not write into ".."

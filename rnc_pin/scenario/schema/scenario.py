@@ -17,6 +17,7 @@ from rnc_pin.scenario.schema.derived import Entry
 from rnc_pin.scenario.schema.forces import ForceItem
 from rnc_pin.scenario.schema.obstacles import ObstacleItem
 from rnc_pin.scenario.schema.outputs import Outputs, TaskOutputs
+from rnc_pin.scenario.schema.phase_settings import PhaseSettings
 from rnc_pin.scenario.schema.planner_settings import OptimalPlanner
 from rnc_pin.scenario.schema.plant_settings import FaultSettings, LoopSettings, PlantSettings
 from rnc_pin.scenario.schema.reference_settings import References
@@ -87,6 +88,8 @@ class Scenario(Strict):
     """Type and gains of the controller; a run requires it."""
     simulation: SimulationSettings | None = None
     """Duration and steps; a run requires it."""
+    phases: list[PhaseSettings] = []
+    """Phases of a run whose constraints appear and vanish, in order; their keys replace those of the scenario."""
     plant: PlantSettings | None = None
     """Simulated plant: "reduced" (default, the reduced model of rnc_pin) or "mujoco", or a mapping with settings."""
     faults: FaultSettings | None = None

@@ -1,0 +1,103 @@
+"""Scenario files whose constraints appear and vanish."""
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.scenario.execution import execute, plan
+from rnc_pin.scenario.loading import validate
+from rnc_pin.scenario.phase_builder import build_phased
+from rnc_pin.simulation import simulate_phases
+
+DROP = 0.2
+AXES = [{"frame": "ball", "axis": axis} for axis in "xyz"]
+BALL = {
+    "robot": {"urdf": "rolling_ball.urdf", "base": "free"},
+    "outputs": {"reducing": [{kind: each} for kind in ("frame_speed", "frame_angular_velocity") for each in AXES]},
+    "initial": {"q": {"root_joint": [0, 0, DROP, 0, 0, 0, 1]}},
+    "simulation": {"duration": 1.0, "dt": 0.01},
+}
+GROUND = {"rolling_ball": {"frame": "ball", "radius": 0.1}}
+
+
+@pytest.fixture(scope="module")
+def grasp():
+    prepared = plan("grasp", {"simulation.dt": 0.01, "plots": {}})
+    result = execute(prepared)
+    assert result.error is None
+    return prepared, result
+
+
+def test_grasp_conserves_momentum_and_reaches_its_goal(grasp):
+    prepared, result = grasp
+    run, model = result.trajectory, prepared.experiment.reduced.robot.model
+    data = model.createData()
+    for q, v in zip(run.q[::20], run.v[::20], strict=True):
+        pin.computeCentroidalMomentum(model, data, q, v)
+        center = pin.centerOfMass(model, data, q)
+        turning = data.hg.angular + np.cross(center, data.hg.linear)
+        np.testing.assert_allclose([*data.hg.linear[:2], turning[2]], [-3.0, 0.6, 2.6112], atol=1e-9)
+    before, after = run.info.phases
+    assert before.end == "distance_hand_handle = 0.03"
+    assert after.controller["type"] == "VelocityTracker"
+    assert result.summary["impacts"][0]["energy_loss"] > 0.1
+    assert max(result.summary["final_error"].values()) < 0.02
+    assert result.summary["energy_drift"] < 1e-6
+    held = [name for name in run.info.outputs.multipliers if name.startswith("closure")]
+    columns = [run.info.outputs.multipliers.index(name) for name in held]
+    assert not run.multipliers[run.phase == 0][:, columns].any()
+    assert run.multipliers[run.phase == 1][:, columns].any()
+
+
+def test_bounce_from_a_file():
+    """A contact that acts only at the impact: half of the speed remains."""
+    fall = {"crossing": {"output": {"frame_position": {"frame": "ball", "axes": "z"}}, "value": 0.1}}
+    bounce = {
+        "until": fall, "impact": [GROUND],
+        "restitution": {"vertical(ball)": 0.5},
+    }  # fmt: skip
+    raw = {**BALL, "phases": [{"until": fall}, bounce, {**bounce, "until": None, "duration": 0.01, "name": "again"}]}
+    built = build_phased(validate(raw, "ball.yaml"), Path())
+    run = simulate_phases(built.phases, built.q0, 0.01, v2_0=built.v2_0)
+    starts = [phase.start for phase in run.info.phases]
+    time = np.sqrt(2 * (DROP - 0.1) / 9.81)
+    np.testing.assert_allclose(starts, [0.0, time, 2 * time], rtol=1e-9)
+    assert run.info.phases[2].name == "again"
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"plant": "mujoco"}, "plant: 'mujoco' does not support phases"),
+        ({"faults": {"masses": 0.1}}, "faults: does not support phases"),
+        ({"simulation": {"duration": 1.0, "on_lift_off": "stop"}}, "simulation.on_lift_off: set it in the phases"),
+        ({"phases": [{"impact": [GROUND]}]}, "first phase has no impact"),
+        (
+            {"phases": [{}, {"constraints": [{"no_side_slip": {"frame": "bal"}}]}]},
+            r"phases\[1\]: .*'bal'",
+        ),
+        ({"plots": {"some": {"outputs": ["speed"]}}, "phases": [{}]}, "plots.some.outputs: no output 'speed'"),
+    ],
+)
+def test_refusals(changes, message):
+    with pytest.raises(rnc.RncError, match=message):
+        build_phased(validate({"phases": [{}], **BALL, **changes}, "ball.yaml"), Path())
+
+
+def test_files_refuse_wrong_keys():
+    for phase, message in (
+        ({"until": {"crosing": {}}}, r"phases\[0\]\.until: .*'crosing' is not known; did you mean 'crossing'"),
+        ({"restitution": 0.5, "on_lift_of": "stop"}, "'on_lift_of' is not known; did you mean 'on_lift_off'"),
+    ):
+        with pytest.raises(rnc.ConfigurationError, match=message):
+            validate({**BALL, "phases": [phase]}, "ball.yaml")
+
+
+def test_frames_out_of_reach_are_not_joined():
+    options = {"simulation.dt": 0.05, "phases.1.capture_distance": 0.02, "plots": {}}
+    result = execute(plan("grasp", options))
+    assert "phases[1]: capture_distance: 'hand' and 'handle' are 0.03 m apart, limit 0.02 m" in str(result.error)
+    assert result.trajectory.phase.max() == 0
