@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.constraints import LoopClosure
+from rnc_pin.constraints import GroundPlane, LoopClosure
 from rnc_pin.errors import ConfigurationError, InputError, RncError, SingularityError
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.offset_frame import OffsetFrame
@@ -99,7 +100,7 @@ class _PhaseBuilder:
         self.settings, self._robot, self._folder = settings, robot, folder
         own = {key: getattr(settings, key) for key in _OWN if getattr(settings, key) is not None}
         if scenario.ground is not None and any(hasattr(each, "ground") for each in own.get("constraints", ())):
-            own["constraints"] = with_ground(own["constraints"], scenario.ground)
+            own["constraints"] = with_ground(own["constraints"], cast(GroundPlane, scenario.ground))
         self.duration = settings.duration or scenario.simulation.duration
         simulation = scenario.simulation.model_copy(update={"duration": self.duration})
         self.scenario = scenario.model_copy(update={**own, "simulation": simulation, "phases": [], "plots": {}})
