@@ -1,6 +1,6 @@
 """Published and closed-form results beside what rnc_pin computes. Run ``python -m benchmarks.validation``."""
 
-from benchmarks.validation import ball, bicycle, disk, floating_arm, kapitza, rolling_body, sleigh, snakeboard
+from benchmarks.validation import ball, bicycle, disk, floating_arm, grasping, kapitza, rolling_body, sleigh, snakeboard
 
 PROBLEMS = {
     "bicycle": bicycle.rows,
@@ -8,6 +8,7 @@ PROBLEMS = {
     "sleigh": sleigh.rows,
     "ball": ball.rows,
     "floating_arm": floating_arm.rows,
+    "grasping": grasping.rows,
     "snakeboard": snakeboard.rows,
     "rolling_body": rolling_body.rows,
     "kapitza": kapitza.rows,
