@@ -7,7 +7,8 @@ from functools import cache
 
 import numpy as np
 
-from rnc_pin.collision import CollisionDistances
+from benchmarks.doorway_passage import CLEARANCE, passage
+from rnc_pin.collision import CollisionDistances, Obstacle
 from rnc_pin.io.json import Json
 from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.execution import plan
@@ -26,11 +27,15 @@ _APART = 1.5  # [m] between the centres of people: the base fits between them
 
 def drawn_options(scenario: str, run: int) -> Options:
     """Options of a run: drawn until no links touch at the start and obstacles are away from it."""
-    generator = np.random.default_rng([_SEED, list(DRAWS).index(scenario), run])
+    generator = _generator(scenario, run)
     while True:
         options = DRAWS[scenario](generator)
         if _free(scenario, options):
             return {**_RUN, **options}
+
+
+def _generator(scenario: str, run: int) -> np.random.Generator:
+    return np.random.default_rng([_SEED, list(DRAWS).index(scenario), run])
 
 
 @cache
@@ -76,6 +81,33 @@ def _tiago_shelf(generator: np.random.Generator) -> Options:
 
 
 def _doorway(generator: np.random.Generator) -> Options:
+    """Doorway that elbow and forearm can pass while the hand stays in place: others are drawn again."""
+    while True:
+        options = _any_doorway(generator)
+        if passage(*_door_of(options)) >= CLEARANCE:
+            return options
+
+
+def unrestricted_doorways(count: int) -> list[tuple[list[float], float, list[float], tuple[Obstacle, ...]]]:
+    """Arguments of ``passage`` for the first draws of this many runs, whether or not they can be passed."""
+    found = []
+    for run in range(count):
+        generator = _generator("doorway", run)
+        while not _free("doorway", options := _any_doorway(generator)):
+            pass
+        found.append(_door_of(options))
+    return found
+
+
+def _door_of(options: Options) -> tuple[list[float], float, list[float], tuple[Obstacle, ...]]:
+    """Start of the platform, bend of the arm, goal of the platform, and jambs."""
+    drawn = validate(with_options(read_yaml(find_scenario("doorway")), options), "doorway")
+    start, goal = drawn.initial.q, options["controller.tasks.1.base_pose.reference.minimum_jerk.to"]
+    jambs = build_obstacles(drawn.obstacles, find_scenario("doorway").parent)
+    return start["root_joint"], start["joint_1"], goal, jambs
+
+
+def _any_doorway(generator: np.random.Generator) -> Options:
     x, y, goal_x, goal_y = _numbers(generator, (-1.0, -0.65), (-0.3, 0.1), (0.6, 0.95), (-0.2, 0.1))
     heading = float(np.arctan2(goal_y - y, goal_x - x))
     bend = _numbers(generator, (0.25, 0.6))[0]
