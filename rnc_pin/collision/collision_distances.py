@@ -128,11 +128,12 @@ class CollisionDistances:
         self._place(q, t)
         near = self._bounds.nearby(self._at, within)
         self._transfer_poses(near)
-        found = np.array([self._measure(pair) for pair in near.tolist()]).reshape(-1, 10)
+        found = self._measure(near.tolist())
         self._bounds.measured(near, found[:, 0])
         if within < np.inf:
             inside = found[:, 0] < within
-            near, found = near[inside], found[inside]
+            if not inside.all():
+                near, found = near[inside], found[inside]
         if corners:
             near, found = self._with_corners(near, found)
         return self._with_rates(near, found, t)
@@ -143,8 +144,7 @@ class CollisionDistances:
         bounds = self._bounds.of_volumes(self._at)
         near = np.flatnonzero(bounds < beyond)
         self._transfer_poses(near)
-        for pair in near.tolist():
-            bounds[pair] = self._measure(pair)[0]
+        bounds[near] = self._measure(near.tolist())[:, 0]
         return bounds
 
     # ------------------------------------------------------------------ set-up
@@ -154,6 +154,10 @@ class CollisionDistances:
         geometry = self._geometry
         self._first = np.array([pair.first for pair in pairs], dtype=int)
         self._second = np.array([pair.second for pair in pairs], dtype=int)
+        shapes, poses = self._shapes, self._poses
+        self._ends = [
+            (shapes[pair.first], poses[pair.first], shapes[pair.second], poses[pair.second]) for pair in pairs
+        ]
         boxes = [bounding_box(shape.geometry, shape.name) for shape in geometry.geometryObjects]
         self._centers, halves = (np.array([box[k] for box in boxes]) for k in (0, 1))
         self._bounds = DistanceBounds(self._first, self._second, halves)
@@ -219,18 +223,20 @@ class CollisionDistances:
         for k in {*self._first[pairs].tolist(), *self._second[pairs].tolist()}:
             self._poses[k].setTransform(columns[k].T, self._at.origins[k])
 
-    def _measure(self, pair: int) -> tuple[float, ...]:
-        """Distance, nearest points and normal of a pair, ten numbers."""
+    def _measure(self, pairs: Sequence[int]) -> np.ndarray:
+        """Distance, nearest points and normal of pairs, (k, 10)."""
         # Pinocchio's computeDistance starts from its last result, so that the last digits would depend on the history.
-        first, second = self.pairs[pair][:2]
-        result, shapes, poses = self._result, self._shapes, self._poses
-        result.clear()
-        coal.distance(shapes[first], poses[first], shapes[second], poses[second], self._request, result)
-        distance: float = result.min_distance
-        if not distance > _FAILED:
-            raise SimulationError(f"coal found no penetration depth of {self.pairs[pair].label}")
-        a, b = result.getNearestPoint1().tolist(), result.getNearestPoint2().tolist()
-        return (distance, *a, *b, *result.normal.tolist())
+        request, result, ends, values = self._request, self._result, self._ends, list[float]()
+        for pair in pairs:
+            result.clear()
+            distance: float = coal.distance(*ends[pair], request, result)
+            if not distance > _FAILED:
+                raise SimulationError(f"coal found no penetration depth of {self.pairs[pair].label}")
+            values.append(distance)
+            values += result.getNearestPoint1().tolist()
+            values += result.getNearestPoint2().tolist()
+            values += result.normal.tolist()
+        return np.array(values).reshape(-1, 10)
 
     def _with_corners(self, near: np.ndarray, found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Add the corners of parallel faces and edges: pairs, and ten numbers of each, nearest points first."""
@@ -250,10 +256,12 @@ class CollisionDistances:
         return whole[by_pair], order[by_pair]
 
     def _with_rates(self, near: np.ndarray, found: np.ndarray, t: float) -> PairDistances:
+        found.flags.writeable = False  # its columns are handed out
         distance, a, b, normal = found[:, 0], found[:, 1:4], found[:, 4:7], found[:, 7:10]
         # The difference of the nearest points is along the normal, so both have the same moment about the origin.
         lines = np.concatenate([normal, _cross(b, normal)], axis=1)
-        jacobian = (lines @ self._jacobian) * self._signs[near]
+        jacobian = lines @ self._jacobian
+        jacobian *= self._signs.take(near, 0)
         drift = np.zeros(len(near))
         links = len(self._joints) - len(self.obstacles)
         for k in self._moving:
@@ -261,7 +269,7 @@ class CollisionDistances:
             if of_it.any():
                 twist, origin = self.obstacles[k].twist(t), self.obstacles[k].placement(t).translation
                 drift[of_it] = normal[of_it] @ twist[:3] + _cross(b[of_it] - origin, normal[of_it]) @ twist[3:]
-        return PairDistances(near, distance.copy(), a.copy(), b.copy(), normal.copy(), jacobian, drift)
+        return PairDistances(near, distance, a, b, normal, jacobian, drift)
 
 
 def _convex_geometry(

@@ -73,6 +73,12 @@ def solve_positive_definite(matrix: np.ndarray, right: np.ndarray) -> np.ndarray
     return np.linalg.solve(matrix, right[..., None])[..., 0]
 
 
+def solve_positive_definite_columns(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray | None:
+    """Solve ``matrix @ x = columns`` for symmetric (n, n) and (n, k); None if the matrix is not positive definite."""
+    _, solution, info = scipy.linalg.lapack.dposv(matrix, columns)
+    return None if info else np.asarray(solution)
+
+
 def product(left: np.ndarray, right: np.ndarray) -> np.ndarray:
     """``left @ right`` for (..., n, k) and (..., k, l)."""
     if left.ndim == right.ndim == 2:

@@ -16,7 +16,12 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.deprecation import former_name
 from rnc_pin.errors import DivergenceError
 from rnc_pin.math.components import Component
-from rnc_pin.math.linear_algebra import apply, apply_transposed, solve_positive_definite
+from rnc_pin.math.linear_algebra import (
+    apply,
+    apply_transposed,
+    solve_positive_definite,
+    solve_positive_definite_columns,
+)
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.input_validation import ArrayInput, vector
@@ -141,6 +146,13 @@ class StateEvaluation(ReducedKinematics):
         """Accelerations of the reducing outputs under actuator inputs T (..., p)."""
         return self._accelerated(self._force(vector(T, self._data.p, "T"), None))
 
+    def row_accelerations(self, rows: Array) -> tuple[Float[Array, "k p"], Float[Array, " k"]]:
+        """Accelerations ``rows v2_dot`` (k, r) that unit inputs add, and those without inputs, at one state."""
+        solved = solve_positive_definite_columns(self.H, rows.T)
+        if solved is None:
+            raise DivergenceError("reduced acceleration is not finite: H is not positive definite")
+        return solved.T @ self.input_matrix, solved.T @ (self._unforced @ self.R)
+
     def v_dot(self, v2_dot: Array) -> Float[Array, "*batch nv"]:
         """Full acceleration ``R v2_dot + Rdot v2 + b_dot`` for a reduced acceleration (..., r)."""
         return apply(self.R, v2_dot) - self._E_inverse_gamma
@@ -162,6 +174,9 @@ class StateEvaluation(ReducedKinematics):
     @cached_property
     def _unforced(self) -> Array:
         """Forces ``H* E^-1 gamma - bias`` without actuators, from ``vdot = R v2dot - E^-1 gamma``."""
+        if self.compiled_motion is not None:
+            unforced = self.compiled_motion.biases["unforced"]
+            return unforced + self.passive_force if self._data.forces else unforced
         return apply(self.M, self._E_inverse_gamma) - self.bias
 
     def _accelerated(self, force: Array) -> Array:

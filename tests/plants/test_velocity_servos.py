@@ -80,6 +80,34 @@ def test_the_hand_of_a_mobile_manipulator_follows_with_friction():
     assert np.abs(run.T[10:-10, 2:]).max() > 0.4  # friction
 
 
+def test_limits_of_a_velocity_program_hold_in_mujoco():
+    """Wheel speeds and a wall in front of the base limit the motion; the outer wheel turns faster in the curve."""
+    reduced = differential_drive()
+    wanted = [
+        rnc.control.tasks.OutputTask(
+            rnc.FrameSpeed("base"),
+            rnc.planning.MinimumJerk([0.0], [1.5], duration=2.0),
+        ),
+        rnc.control.tasks.OutputTask(
+            rnc.FrameYaw("base"), rnc.planning.MinimumJerk([0.0], [0.5], duration=1.5), gain=3.0
+        ),
+    ]
+    allowed = [
+        rnc.control.limits.JointVelocityLimit(["left_wheel_joint", "right_wheel_joint"], 6.0, margin=0.05),
+        rnc.control.limits.AccelerationLimit(1.0),
+        rnc.control.limits.RegionLimit("base", box={"x": (-1.0, 0.5)}, gain=1.5),
+    ]
+    program = rnc.control.VelocityQP(reduced, wanted, allowed, dt=0.02)
+    plant = MuJoCoPlant(reduced, MuJoCoSettings(servo_time=0.02, **FAST))
+    controller = rnc.control.ActuatorVelocityController(reduced, program)
+    run = rnc.simulate(reduced, controller, reduced.robot.configuration(), 1.6, 0.02, plant=plant)
+    assert run.outcome == rnc.Outcome.COMPLETED
+    base, wheels = run.q[:, 0], np.abs(run.v[:, 3:])
+    assert 0.4 < base.max() < 0.5
+    assert 5.6 < wheels.max() < 6.0
+    assert 0 < np.abs(run.slip).max() < 0.02  # m/s, in the first samples; the base moves at up to 0.55 m/s
+
+
 def test_effort_limits_of_servos_hold():
     reduced = differential_drive()  # 20 N m each
     plant = MuJoCoPlant(reduced, MuJoCoSettings(servo_time=0.02, effort_limits=True, **FAST))

@@ -94,7 +94,9 @@ class BoundCollisionAvoidance(BoundLimit):
         further = [f"{label} corner {k + 1}" for k in range(MOST_CORNERS if limit.corners else 0) for label in labels]
         self.names = (*(f"{label} distance" for label in labels), *further)
         self._influence, self._rate = limit.influence, limit.rate
-        self._deceleration, self._efforts = limit.deceleration, reduced.actuation.limits
+        efforts = reduced.actuation.limits
+        self._deceleration, self._unlimited = limit.deceleration, np.flatnonzero(~np.isfinite(efforts))
+        self._braking_efforts = np.where(np.isfinite(efforts), _BRAKING * efforts, 0.0)
         self._corners, self.clearances = limit.corners, np.full(len(labels), limit.clearance)
         links = len(robot.collision_model.geometryObjects) if robot.collision_model is not None else 0
         at_start = self.distances.at(q0, within=limit.clearance / _SHARE)
@@ -117,16 +119,17 @@ class BoundCollisionAvoidance(BoundLimit):
 
     def _decelerations(self, near: PairDistances, sample: ControlSample) -> Float[np.ndarray, " k"]:
         """Decelerations (k,) of the approach of pairs [m/s^2] that the efforts allow; infinite without limits."""
-        limited = np.isfinite(self._efforts)
-        if self._deceleration is not None or not (limited.any() and len(near.pairs)):
+        if self._deceleration is not None or not (self._braking_efforts.any() and len(near.pairs)):
             return np.full(len(near.pairs), self._deceleration or np.inf)
         state = sample.start
-        rates = near.jacobian @ state.R
-        effects = np.abs(rates @ np.linalg.solve(state.H, state.input_matrix))
-        planned = _BRAKING * (effects[:, limited] @ self._efforts[limited])
-        adverse = np.minimum(rates @ state.v2_dot(np.zeros(len(limited))), 0.0)  # gravity and velocity products
-        free = (effects[:, ~limited] > _NO_EFFECT).any(axis=1) | (planned <= _NO_EFFECT)
-        return np.where(free, np.inf, np.maximum(planned + adverse, _LEAST * planned))
+        effects, adverse = state.row_accelerations(near.jacobian @ state.R)
+        effects = np.abs(effects)
+        planned = effects @ self._braking_efforts
+        found = np.maximum(planned + np.minimum(adverse, 0.0), _LEAST * planned)  # less gravity and velocity products
+        found[planned <= _NO_EFFECT] = np.inf
+        if len(self._unlimited):
+            found[(effects[:, self._unlimited] > _NO_EFFECT).any(axis=1)] = np.inf
+        return found
 
 
 def approach_speed(
