@@ -754,3 +754,26 @@ def test_what_was_found_goes_over_to_other_velocities_and_other_reductions(syste
         same = state.in_reduction(system.parts.in_entries([0, 1, 2], free=True))
         assert (same.position, same.motion, same.v) == (state.position, state.motion, state.v)
         assert StateEvaluation.at(system.parts, q, v2).in_reduction(system.parts).q is q
+
+
+@pytest.mark.parametrize("passive", [False, True])
+def test_accelerations_of_rows_are_those_of_the_dynamics(passive):
+    """Against the constrained dynamics of the full system, with inputs and without."""
+    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+    forces = [rnc.forces.Spring(rnc.JointPosition("joint_1"), 30.0)] if passive else []
+    drives = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
+    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], drives, forces=forces).reduce()
+    (q, v2), rows = random_states(reduced, 1, seed=3)[0], np.random.default_rng(4).normal(size=(3, 4))
+    state = reduced.at(q, v2)
+    by_input, free = state.row_accelerations(rows)
+    A, T = state.A, np.array([3.0, -2.0, 1.0, 4.0])
+    spring = np.zeros(5)
+    if passive:
+        spring[3] = -30.0 * q[robot.model.joints[robot.model.getJointId("joint_1")].idx_q]
+    matrix = np.block([[state.M, A.T], [A, np.zeros((1, 1))]])
+    bias = pin.nonLinearEffects(robot.model, robot.model.createData(), q, state.v) - spring
+    for inputs in (np.zeros(4), T):
+        right = np.concatenate([state.B @ inputs - bias, -(state.A_dot @ state.v)])
+        v_dot = np.linalg.solve(matrix, right)[:5]
+        v2_dot = np.linalg.lstsq(state.R, v_dot - state.R_dot @ v2, rcond=None)[0]
+        np.testing.assert_allclose(by_input @ inputs + free, rows @ v2_dot, rtol=KKT, atol=1e-10)
