@@ -68,6 +68,8 @@ typedef struct {
     double *constant;        /* constant rows of E and J1 (n + k, n) */
     double *B, *mu, *lengths; /* constant part of B (n, p); (m); typical lengths of the rows of E (n) */
     double fast_length, fast_limit;
+    double *joint_forces;    /* springs, dampers and friction of single joints, FORCE_NUMBERS each */
+    Py_ssize_t forced;       /* their number */
     long *curved;            /* joints with curved coordinates: kind and first entry of v; NULL if one has no formula */
     Py_ssize_t curves;       /* their number */
     Py_ssize_t work;         /* size of the part of scratch for work; states of one call follow */
@@ -80,6 +82,7 @@ typedef struct {
     Derivatives *derivatives; /* NULL until they are used */
 } Evaluator;
 
+enum { F_V, F_Q, F_STIFFNESS, F_REST, F_DAMPING, F_LIMIT, F_SPEED, FORCE_NUMBERS }; /* entries of v and q, then numbers */
 enum { V_M, V_J, V_NLE, V_C, V_PLACES, V_Q, V_V, V_A, V_TAU_Q, V_TAU_V, VIEWS };
 enum {
     P_MODEL, P_DATA, P_Q, P_V, P_CONVENTION, P_CRBA, P_NLE, P_C, P_NORMALIZED, P_EPS, P_EMPTY, P_INTEGRATE, P_A, P_RNEA,
@@ -1142,6 +1145,20 @@ static PyObject *answer(Arrays *all, PyObject *array, int ok)
     Py_RETURN_NONE;
 }
 
+/* Add the forces of springs, dampers and friction of joints; return the power of the springs, which store it. */
+static double add_joint_forces(const Evaluator *ev, const double *q, const double *v, double *force)
+{
+    double stored = 0.0;
+    for (const double *f = ev->joint_forces, *end = f + ev->forced * FORCE_NUMBERS; f < end; f += FORCE_NUMBERS) {
+        Py_ssize_t j = (Py_ssize_t)f[F_V];
+        double spring = f[F_STIFFNESS] != 0.0 ? f[F_STIFFNESS] * (f[F_REST] - q[(Py_ssize_t)f[F_Q]]) : 0.0;
+        stored += spring * v[j];
+        force[j] += spring - f[F_DAMPING] * v[j];
+        if (f[F_LIMIT] != 0.0) force[j] -= f[F_LIMIT] * tanh(v[j] / f[F_SPEED]);
+    }
+    return stored;
+}
+
 /* q, v2, T -> v2_dot of one state or of a stack of states (count, ...); None if the general way has to decide. */
 static PyObject *forward_dynamics(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
@@ -1162,6 +1179,7 @@ static PyObject *forward_dynamics(Evaluator *ev, PyObject *const *args, Py_ssize
         if (ok <= 0) break;
         input_force(ev, q, P, T, force, ev->scratch);
         velocity(ev, F, ev->mu, v2, v);
+        add_joint_forces(ev, q, v, force);
         if (!biases(ev, q, P, F, v, NULL, S)) ok = -1;
         if (ok > 0) ok = accelerate(ev, F, S, force, v2_dot, ev->scratch);
     }
@@ -1199,13 +1217,14 @@ static int derivative(Evaluator *ev, const double *q, const double *v2, const do
     velocity(ev, F, ev->mu, v2, v);
     if (further) add(force, 1.0, further, n);
     for (Py_ssize_t j = 0; j < n && damping; j++) force[j] -= damping[j] * v[j];
+    double stored = add_joint_forces(ev, q, v, force);
     if (!biases(ev, q, P, F, v, NULL, S)) return -1;
     if (!accelerate(ev, F, S, force, v2_dot, ev->scratch)) return 0;
     for (Py_ssize_t j = 0; j < k; j++) {
         if (!assemble(ev, q, P, NULL, n + j, n + j + 1, row)) return 0;
         rates_of_J1[j] = dot(row, v, n);
     }
-    rates_of_J1[k] = dot(v, force, n);
+    rates_of_J1[k] = dot(v, force, n) - stored;
     if (ev->mu) rates_of_J1[k] += constraint_power(ev, P, F, S, force, v2_dot, ev->scratch);
     return 1;
 }
@@ -1617,7 +1636,7 @@ static int initialize(PyObject *self, PyObject *args, PyObject *keywords)
 {
     Evaluator *ev = (Evaluator *)self;
     PyObject *refs, *views, *integers, *numbers, *columns, *joints, *placements, *start, *support, *constant, *B, *mu;
-    PyObject *lengths, *curved;
+    PyObject *lengths, *curved, *forces;
     Py_ssize_t supported;
     long *table = NULL, *on = NULL;
     double *weights = NULL, *placed = NULL;
@@ -1626,12 +1645,13 @@ static int initialize(PyObject *self, PyObject *args, PyObject *keywords)
         PyErr_SetString(PyExc_TypeError, "kernel: an Evaluator is made once, from positional arguments");
         return -1;
     }
-    if (!PyArg_ParseTuple(args, "(nnnnnnnnnnnpp)O!O!OOOOOOOOOOOOdd", &ev->nq, &ev->n, &ev->m, &ev->k, &ev->p, &ev->joints,
+    if (!PyArg_ParseTuple(args, "(nnnnnnnnnnnppn)O!O!OOOOOOOOOOOOOdd", &ev->nq, &ev->n, &ev->m, &ev->k, &ev->p, &ev->joints,
                           &ev->frames, &ev->external, &ev->external_vertical, &ev->count, &supported, &ev->normalized,
-                          &ev->fused, &PyTuple_Type, &refs, &PyTuple_Type, &views, &integers, &numbers, &columns, &joints,
-                          &placements, &start, &support, &constant, &B, &mu, &lengths, &curved, &ev->fast_length, &ev->fast_limit))
+                          &ev->fused, &ev->forced, &PyTuple_Type, &refs, &PyTuple_Type, &views, &integers, &numbers, &columns, &joints,
+                          &placements, &start, &support, &constant, &B, &mu, &lengths, &curved, &forces,
+                          &ev->fast_length, &ev->fast_limit))
         return -1;
-    Py_ssize_t n = ev->n, sizes[] = {ev->nq, n, ev->m, ev->k, ev->p, ev->joints, ev->frames, ev->count, supported};
+    Py_ssize_t n = ev->n, sizes[] = {ev->nq, n, ev->m, ev->k, ev->p, ev->joints, ev->frames, ev->count, supported, ev->forced};
     for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++)
         if (!within((long)sizes[i], 1 << 15)) return PyErr_SetString(PyExc_ValueError, "kernel: size out of range"), -1; /* products do not overflow */
     if (n < 1 || ev->m > n || ev->joints < 1 || ev->count < n + ev->k || PyTuple_Size(refs) != REFS
@@ -1649,7 +1669,8 @@ static int initialize(PyObject *self, PyObject *args, PyObject *keywords)
         && (ev->constant = copied(constant, (n + ev->k) * n, sizeof(double)))
         && (ev->B = copied(B, n * ev->p, sizeof(double)))
         && (mu == Py_None || (ev->mu = copied(mu, ev->m, sizeof(double))))
-        && (ev->lengths = copied(lengths, n, sizeof(double))) && bent(ev, curved)) {
+        && (ev->lengths = copied(lengths, n, sizeof(double)))
+        && (ev->joint_forces = copied(forces, ev->forced * FORCE_NUMBERS, sizeof(double))) && bent(ev, curved)) {
         Py_ssize_t wide = n > ev->k ? n : ev->k, work = 2 * n * n + 6 * n + wide * n;
         Py_ssize_t states = kinematics_size(ev) + 2 * n * n + n + dynamics_size(ev) + n;
         ev->work = work;
@@ -1674,6 +1695,8 @@ static int initialize(PyObject *self, PyObject *args, PyObject *keywords)
                 memcpy(ev->frame[f].p, placed + 12 * f + 9, sizeof ev->frame->p);
             }
             ok = checked(ev) && ev->start[0] == 0 && ev->start[ev->joints] == supported;
+            for (const double *f = ev->joint_forces; f < ev->joint_forces + ev->forced * FORCE_NUMBERS; f += FORCE_NUMBERS)
+                ok = ok && within((long)f[F_V], n) && within((long)f[F_Q], ev->nq);
             if (ok) find_owners(ev);
             else PyErr_SetString(PyExc_ValueError, "kernel: a row refers to something that does not exist");
         }
@@ -1690,6 +1713,7 @@ static void destroy(PyObject *self)
     while (ev->open) PyBuffer_Release(ev->views + --ev->open);
     free(ev->rows), free(ev->columns), free(ev->frame), free(ev->support), free(ev->start), free(ev->constant);
     free(ev->owner), free(ev->B), free(ev->mu), free(ev->lengths), free(ev->motion), free(ev->scratch), free(ev->curved);
+    free(ev->joint_forces);
     release_derivatives(ev);
     Py_CLEAR(ev->refs);
     PyObject_Free(self);

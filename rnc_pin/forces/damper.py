@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rnc_pin.forces.output_force_law import OutputForceLaw
+from rnc_pin.forces.output_force_law import Numeric, OutputForceLaw
 from rnc_pin.model.parameter_types import Numbers
 from rnc_pin.model.passive_forces import PassiveForce, admit_coefficients
 from rnc_pin.model.rows import OutputKind
@@ -49,3 +49,6 @@ class _Damper(OutputForceLaw):
 
     def slopes(self, y: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         return np.zeros((len(y), len(y))), -np.diag(self._damping), 0.0
+
+    def joint_numbers(self) -> tuple[Numeric, Numeric, Numeric, Numeric, Numeric]:
+        return 0.0, 0.0, self._damping, 0.0, 1.0

@@ -7,10 +7,13 @@ from abc import abstractmethod
 import numpy as np
 
 from rnc_pin.math.linear_algebra import apply, apply_transposed
+from rnc_pin.model.kernel_rows import Value
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.passive_forces import ForceGradient, PassiveForce
-from rnc_pin.model.rows import OutputKind
+from rnc_pin.model.rows import ConstantRows, OutputKind
 from rnc_pin.robots.robot import Robot
+
+Numeric = float | np.ndarray
 
 
 class OutputForceLaw(PassiveForce):
@@ -26,7 +29,7 @@ class OutputForceLaw(PassiveForce):
     """
 
     def __init__(self, word: str, output: OutputKind, robot: Robot) -> None:
-        self.rows = output.bind(robot)
+        self._model, self.rows = robot.model, output.bind(robot)
         self.name = f"{word}({', '.join(self.rows.names)})"
 
     @abstractmethod
@@ -48,6 +51,19 @@ class OutputForceLaw(PassiveForce):
         moved = by_value @ J + by_rate @ (J_q @ at.v).T
         turned = np.einsum("jka,k->aj", J_q, self.law(y, rate))
         return ForceGradient(turned + J.T @ moved, J.T @ by_rate @ J, error * float(np.square(J).sum()))
+
+    def joint_form(self) -> np.ndarray | None:
+        numbers, rows = self.joint_numbers(), self.rows.kernel_rows(self._model)
+        if numbers is None or not isinstance(self.rows, ConstantRows) or rows is None:
+            return None
+        if any(row.value[0] != Value.JOINT for row in rows):  # the angle of a continuous joint has turns
+            return None
+        places = [[int(np.argmax(line)), row.value[1]] for line, row in zip(self.rows.matrix, rows, strict=True)]
+        return np.column_stack([places, *np.broadcast_arrays(*numbers, np.zeros(len(places)))[:-1]])
+
+    def joint_numbers(self) -> tuple[Numeric, Numeric, Numeric, Numeric, Numeric] | None:
+        """Stiffness, rest, damping, limit of friction and its speed, for a law with these numbers; None for others."""
+        return None
 
     def energy(self, y: np.ndarray) -> np.ndarray:
         """Potential energy (...) [J] at values (..., k)."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin.errors import ConstraintError
-from rnc_pin.forces.output_force_law import OutputForceLaw
+from rnc_pin.forces.output_force_law import Numeric, OutputForceLaw
 from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.model.parameter_types import Numbers
 from rnc_pin.model.passive_forces import PassiveForce, admit_coefficients
@@ -64,6 +64,9 @@ class _Spring(OutputForceLaw):
 
     def slopes(self, y: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         return -np.diag(self._stiffness), np.zeros((len(y), len(y))), 0.0
+
+    def joint_numbers(self) -> tuple[Numeric, Numeric, Numeric, Numeric, Numeric]:
+        return self._stiffness, self._rest, 0.0, 0.0, 1.0
 
     def energy(self, y: np.ndarray) -> np.ndarray:
         return 0.5 * (self._stiffness * np.square(self._coordinates.difference(self._rest, y))).sum(axis=-1)

@@ -51,8 +51,8 @@ class CompiledReduction:
         parts = data.actuation.parts
         self.has_inputs = parts is not None
         mu = np.array(table.rates) if data.affine else None
-        fused = self.has_inputs and not table.external and not data.forces
-        self._evaluator = kernel_evaluator(data, table, mu, fused)
+        fused = self.has_inputs and not table.external
+        self._evaluator = kernel_evaluator(data, table, mu, data.forces.joint_form() if fused else None)
         self.forward_dynamics: Callable[[object, object, object], Array | None] = self._evaluator.forward_dynamics
         """Reduced accelerations for q, v2 and T; None if the arrays or the state need the other path."""
         n, r, k, p = data.n, data.r, data.vertical.size, data.p
@@ -173,7 +173,7 @@ class CompiledReduction:
 
         None if the arrays or the states need the other path.
         """
-        numbers = self._evaluator.state_derivatives(q, v2, T)
+        numbers = None if self._data.forces else self._evaluator.state_derivatives(q, v2, T)
         if numbers is None:
             return None
         numbers.setflags(write=False)
@@ -182,7 +182,7 @@ class CompiledReduction:
 
     def terms(self, q: object, v2: object) -> ReducedTerms | None:
         """All matrices at states (q, v2), as read-only views; None if the arrays or the states need the other path."""
-        numbers = self._evaluator.terms(q, v2)
+        numbers = None if self._data.forces else self._evaluator.terms(q, v2)
         if numbers is None:
             return None
         numbers.setflags(write=False)

@@ -100,8 +100,15 @@ def blocks_valued_by_python(stack: OutputStack, model: pin.Model) -> list[tuple[
     return found
 
 
-def kernel_evaluator(data: ReductionData, table: RowTable, mu: Array | None, fused: bool) -> Any:
-    """The kernel's object, with Pinocchio data of its own."""
+def kernel_evaluator(data: ReductionData, table: RowTable, mu: Array | None, joint_forces: Array | None) -> Any:
+    """The kernel's object, with Pinocchio data of its own.
+
+    Args:
+        data: the reduction.
+        table: its rows.
+        mu: right-hand side of the constraints (m,); None for zero.
+        joint_forces: forces of joints, see ``PassiveForce.joint_form``; None if Python evaluates a part of each state.
+    """
     robot, model = data.robot, data.robot.model
     pinocchio = model.createData()
     n, k, joints = data.n, data.vertical.size, model.njoints
@@ -140,9 +147,10 @@ def kernel_evaluator(data: ReductionData, table: RowTable, mu: Array | None, fus
         for places in (table.external, table.external_vertical)
     ]
     sizes = (robot.nq, n, data.m, k, data.p, joints, len(table.frames), *external, len(table.integers))
+    forces = np.ascontiguousarray(np.zeros((0, 7)) if joint_forces is None else joint_forces, dtype=float)
     placements = np.array([placement_numbers(frame.placement) for frame in table.frames])
     return _kernel.library.Evaluator(
-        (*sizes, sum(map(len, moved)), robot.nq != robot.nv, fused),
+        (*sizes, sum(map(len, moved)), robot.nq != robot.nv, joint_forces is not None, len(forces)),
         references,
         views,
         table.integers,
@@ -157,6 +165,7 @@ def kernel_evaluator(data: ReductionData, table: RowTable, mu: Array | None, fus
         mu,
         np.ascontiguousarray(data.lengths),
         _curved_joints(model),
+        forces,
         data.fast_length,
         data.fast_limit,
     )

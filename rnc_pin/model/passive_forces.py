@@ -37,6 +37,10 @@ class ForceSums(NamedTuple):
     """Sum of the forces that are not conservative."""
 
 
+JOINT_FORM = ("entry of v", "entry of q", "stiffness", "rest", "damping", "limit of friction", "its speed")
+"""Numbers of a force on a joint: ``stiffness (rest - q) - damping v - limit tanh(v / speed)``."""
+
+
 class PassiveForce(ABC):
     """Generalized force that follows from the state, bound to a robot.
 
@@ -65,6 +69,12 @@ class PassiveForce(ABC):
     def potential(self, at: PositionKinematics) -> np.ndarray:
         """Potential energy (...) [J]; zero if not ``conservative``."""
         return np.zeros(at.q.shape[:-1])
+
+    def joint_form(self) -> np.ndarray | None:
+        """Numbers (k, 7) for the compiled kernel if the force acts on single joints, ``JOINT_FORM``; None if Python
+        evaluates it.
+        """
+        return None
 
 
 @runtime_checkable
@@ -111,6 +121,12 @@ class PassiveForces:
             if not each.conservative:
                 without_potential += force
         return ForceSums(total, without_potential)
+
+    def joint_form(self) -> np.ndarray | None:
+        """Numbers (k, 7) of all forces for the compiled kernel; None if Python evaluates one of them."""
+        found = [each.joint_form() for each in self._forces]
+        forms = [each for each in found if each is not None]
+        return np.concatenate([np.zeros((0, len(JOINT_FORM))), *forms]) if len(forms) == len(found) else None
 
     def potential(self, at: PositionKinematics) -> np.ndarray:
         """Potential energy of all conservative forces (...) [J]."""
