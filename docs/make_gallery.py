@@ -20,7 +20,6 @@ from rnc_pin.scenario.files import built_in_names
 from rnc_pin.scenario.pictures import draw_pictures
 from rnc_pin.scenario.saved_run import view_of
 from rnc_pin.visualization.capture import take_pictures
-from rnc_pin.visualization.drawn_model import DrawnModel
 from rnc_pin.visualization.recording import Recording
 
 DOCS = Path(__file__).parent
@@ -76,9 +75,8 @@ def picture(prepared: Plan, result: Result, recordings: Path | None) -> dict:
     if recordings is not None:
         recordings.mkdir(parents=True, exist_ok=True)
         (recordings / f"{name}.html").write_bytes(animation)
-    reduced, run, title = prepared.experiment.reduced, result.trajectory, scenario.title or name
-    drawn = DrawnModel(reduced.robot, reduced, prepared.experiment.obstacles)
-    recording = Recording(drawn, run, view_of(scenario), title)
+    run, title = result.trajectory, scenario.title or name
+    recording = Recording(prepared.experiment.drawn_model, run, view_of(scenario), title)
     for shot in take_pictures(recording, [telling_moment(prepared, result)], SIZE):
         shrink(Image.open(io.BytesIO(shot)), IMAGES / f"{name.replace('-', '_')}.png")
     errors = {key: float(f"{value:.2g}") for key, value in result.summary["final_error"].items()}
