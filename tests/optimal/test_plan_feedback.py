@@ -1,5 +1,7 @@
 """Feedback along plans in closed loop, and the regulator against a dense least-squares solution."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ import systems
 from rnc_pin.optimal.action_models import Nodes, action_model
 
 
+@cache
 def curve(form):
     reduced = systems.sleigh()
     goal = {rnc.FramePosition("sleigh", "xy"): [1.5, 0.6], rnc.FrameYaw("sleigh"): 0.5}
@@ -21,13 +24,13 @@ def test_feedback_corrects_a_wrong_start(form):
     start[1] += 0.05
     weights = {"root_joint[0]": 50.0, "root_joint[1]": 50.0, "root_joint[2]": 10.0}
     controller = rnc.tvlqr(reduced, plan, weights, 0.1, final_cost=100.0)
-    run = rnc.simulate(reduced, controller, start, 3.0, dt=0.005)
+    run = rnc.simulate(reduced, controller, start, 3.0, dt=0.02)
     assert np.abs(run.q[-1, :2] - plan.q[-1, :2]).max() < 0.02
 
 
 def test_gains_of_the_plan_keep_it_on_its_path():
     reduced, plan = curve("dynamic")
-    run = rnc.simulate(reduced, rnc.optimal.PlanFeedback(reduced, plan), plan.q[0], 3.5, dt=0.005)
+    run = rnc.simulate(reduced, rnc.optimal.PlanFeedback(reduced, plan), plan.q[0], 3.5, dt=0.02)
     np.testing.assert_allclose(run.q[-1], plan.q[-1], atol=1e-2)
     assert np.abs(run.v2[-1]).max() < 1e-2
 

@@ -19,7 +19,7 @@ def controller_of(reduced, **options):
 
 def test_the_sleigh_reaches_its_goal_within_the_input_bounds():
     reduced = systems.sleigh()
-    result = rnc.simulate(reduced, controller_of(reduced), reduced.robot.configuration(), 4.0, dt=0.02)
+    result = rnc.simulate(reduced, controller_of(reduced), reduced.robot.configuration(), 4.0, dt=0.05)
     np.testing.assert_allclose(result.q[-1, :2], [1.0, 0.0], atol=0.03)
     assert np.abs(result.T).max() <= 30.0 * (1 + 1e-2)
 
