@@ -1,5 +1,6 @@
 """Shapes in annotations are checked while tests run; the command line as a fixture."""
 
+import gc
 import signal
 import sys
 from pathlib import Path
@@ -23,6 +24,14 @@ install_import_hook(
     ],
     "shape_checker.check",
 )
+
+
+gc.disable()  # until all tests are collected: hardly anything that collection creates is garbage
+
+
+def pytest_collection_finish():
+    gc.freeze()  # every full collection of garbage would visit thousands of tests and their modules
+    gc.enable()
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ import pytest
 
 import rnc_pin as rnc
 from benchmarks.commands import COLD_START
+from patience import PATIENCE
 from rnc_pin.app import commands
 from rnc_pin.scenario.files import built_in_names
 
@@ -22,7 +23,7 @@ def imported(command, **environment):
     """Output of a process, and the top-level packages that it imported."""
     # The installed package, not the checkout of the working directory, which has no kernel.
     environment = {**os.environ, "PYTHONPROFILEIMPORTTIME": "1", "PYTHONSAFEPATH": "1", **environment}
-    process = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
+    process = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=PATIENCE)
     modules = [line.split("|")[-1].strip() for line in process.stderr.splitlines() if line.startswith("import time:")]
     assert "rnc_pin" in modules, process.stderr
     return process.stdout, {module.split(".")[0] for module in modules}

@@ -50,11 +50,12 @@ def newton_and_euler(w0: np.ndarray, times: np.ndarray) -> np.ndarray:
         support = np.sqrt(u @ (squares * u))
         point = -squares * u / support  # from the centre to the contact
         r = point - np.array([0.0, 0.0, RISE])
-        u_dot = np.cross(u, w)
+        u_dot = pin.skew(u) @ w
         r_dot = -squares * u_dot / support + squares * u * (u @ (squares * u_dot)) / support**3
-        known = np.cross(r_dot, w) + np.cross(w, np.cross(r, w)) + GRAVITY * u
-        right = np.cross(r, known) - np.cross(w, inertia @ w)
-        w_dot = np.linalg.solve(inertia - pin.skew(r) @ pin.skew(r), right)
+        arm, turning = pin.skew(r), pin.skew(w)
+        known = pin.skew(r_dot) @ w + turning @ (arm @ w) + GRAVITY * u
+        right = arm @ known - turning @ (inertia @ w)
+        w_dot = np.linalg.solve(inertia - arm @ arm, right)
         return np.concatenate([w_dot, u_dot])
 
     found = solve_ivp(rate, (0, times[-1]), np.concatenate([w0, UP]), "DOP853", times, rtol=1e-12, atol=1e-13)

@@ -24,7 +24,7 @@ _FLAGS = (
     "--disable-background-networking",
 )
 VIDEOS = (".mp4", ".gif")
-_LONGEST_WAIT = 60_000  # [ms], timeout for a page to be drawn on a busy processor
+_LONGEST_WAIT = 180_000  # [ms], timeout for a browser and its pages on a busy processor
 
 
 @contextmanager
@@ -42,7 +42,7 @@ def browser() -> Iterator[Any]:
     except ImportError:
         raise ConfigurationError("Playwright is not installed; pip install 'rnc_pin[video]'") from None
     with sync_playwright() as playwright:
-        launched = playwright.chromium.launch(executable_path=executable, args=list(_FLAGS))
+        launched = playwright.chromium.launch(executable_path=executable, args=list(_FLAGS), timeout=_LONGEST_WAIT)
         try:
             yield launched
         finally:
@@ -67,14 +67,15 @@ def take_pictures(
         path = Path(scratch) / "page.html"
         path.write_text(recording.html(begin=0.0), encoding="utf-8")
         page = launched.new_page(viewport={"width": size[0], "height": size[1]})
+        page.set_default_timeout(_LONGEST_WAIT)
         page.goto(path.as_uri())
-        page.wait_for_function("window.ready === true", timeout=_LONGEST_WAIT)
+        page.wait_for_function("window.ready === true")
         page.evaluate("document.body.classList.add('still')")
         quality = {} if kind == "png" else {"quality": 92}
         for time in times:
             page.evaluate(f"viewer.animator.seek({float(time)!r})")
             page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
-            yield page.screenshot(type=kind, timeout=_LONGEST_WAIT, **quality)
+            yield page.screenshot(type=kind, **quality)
 
 
 def write_frames(

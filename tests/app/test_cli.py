@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import yaml
 
+from patience import PATIENCE
 from rnc_pin.app.cli import main
 from rnc_pin.app.messages import complain, warn
 from rnc_pin.robots.robot_files import shipped_directory
@@ -34,7 +35,7 @@ ARRAYS = {  # sizes of one sample: nq = nv = 4, r = p = 3, m = 1
 
 def shell(*arguments, cwd=None):
     """Run rnc-pin in a process of its own."""
-    return subprocess.run([COMMAND, *arguments], cwd=cwd, capture_output=True, text=True, timeout=120)
+    return subprocess.run([COMMAND, *arguments], cwd=cwd, capture_output=True, text=True, timeout=PATIENCE)
 
 
 class Ended(NamedTuple):
@@ -552,7 +553,7 @@ def test_debug_shows_where(arguments, call):
 
 def test_the_module_is_the_command_too(tmp_path):
     command = [sys.executable, "-m", "rnc_pin", "list", "--json"]
-    process = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    process = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE)
     assert sorted(parsed(process.stdout)) == built_in_names()
 
 

@@ -3,14 +3,13 @@
 import json
 import os
 import signal
-import threading
 
 import numpy as np
 import pytest
 
 import rnc_pin as rnc
 from browsing import listening, opened, place, visit
-from drives import prepared
+from drives import in_real_time, prepared
 from patience import PATIENCE, eventually
 from rnc_pin.driving.drive_log import CommandQueue
 from rnc_pin.driving.drive_run import drive
@@ -25,6 +24,7 @@ QUICK = ["--no-browser", "--set", "simulation.dt=0.02"]
 
 def test_a_drive_is_a_normal_run_and_replays_bit_for_bit(call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("rnc_pin.scenario.plot_files.write_plot", lambda *_: False)
     status, out, said = call("drive", "mobile-manipulator", *QUICK, "--duration", 0.4, "--out", "one", "--json")
     assert status == 0, said
     assert "http://127.0.0.1:" in said
@@ -106,13 +106,11 @@ def browser():
 
 def test_a_user_drives_from_a_real_browser(browser):
     """Keys, a click on the ground, a slider, a limit in colour, and the end of the run."""
-    drive_, results = prepared("mobile-manipulator", controller=SLOW, **DT), []
+    drive_ = prepared("mobile-manipulator", controller=SLOW, **DT)
     queue, before = CommandQueue(drive_.controls), listening()
     page_ = MeshcatDrivePage(drive_, queue, "Drive", open_browser=False)
-    thread = threading.Thread(target=lambda: results.append(drive(drive_, queue, 20_000, RealTimeClock(), page_)))
-    try:
+    with in_real_time(drive_, queue, page_) as results:
         assert {address for address, _ in listening() - before} == {"0100007F"}
-        thread.start()
         page, problems = visit(browser, page_.url)
         page.set_viewport_size({"width": 1000, "height": 640})
         page.wait_for_selector("#drive button.stop", timeout=1000 * PATIENCE)
@@ -158,15 +156,9 @@ def test_a_user_drives_from_a_real_browser(browser):
         assert len(drive_.log.commands) == count
         assert page.evaluate("document.querySelector('#drive .factor').textContent").endswith(" x")
         page.click("text=End run")
-        thread.join(timeout=10 * PATIENCE)
-        assert not thread.is_alive()
+        assert eventually(lambda: results)
         assert problems == []
         page.context.close()
-    finally:
-        queue.put({"kind": "end"})
-        if thread.is_alive():
-            thread.join(timeout=PATIENCE)
-        page_.close()
     assert page_.problem is None
     assert results[0].trajectory.outcome is rnc.Outcome.COMPLETED
     kinds_seen = {kind for kind, _ in kinds(drive_)}

@@ -14,14 +14,14 @@ import pytest
 
 import rnc_pin as rnc
 from benchmarks.processes import alive, children
-from patience import eventually
+from patience import PATIENCE, eventually
 from rnc_pin.control import Command
 from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.scenario import plot_files
 from systems import sleigh
 
 RUN = ["run", "space-robot", "--set", "comparisons={}", "--set", "plots={}"]
-LONG = ["--set", "simulation.duration=1000"]
+LONG = ["--set", "simulation.duration=100"]
 
 
 class Pushing:
@@ -207,11 +207,11 @@ def test_a_run_that_is_asked_to_end_keeps_its_results(tmp_path):
     with started(*RUN, *LONG, "--out", out) as process:
         assert any("simulating" in line for line in process.stdout)
         begun = processor_time(process.pid)
-        assert eventually(lambda: processor_time(process.pid) > begun + 1.0, 90.0)
+        assert eventually(lambda: processor_time(process.pid) > begun + 0.3)
         for _ in range(3):
             process.send_signal(signal.SIGINT)
             time.sleep(0.02)
-        _, error = process.communicate(timeout=90)
+        _, error = process.communicate(timeout=PATIENCE)
     assert process.returncode == 1
     assert error.splitlines()[-1] == f"rnc-pin: error: interrupted; results so far are in {out}"
     assert "Traceback" not in error
@@ -220,7 +220,7 @@ def test_a_run_that_is_asked_to_end_keeps_its_results(tmp_path):
     assert len(run.time) > 10
     summary = json.loads((out / "summary.json").read_text())
     assert summary["outcome"] == "interrupted"
-    assert 0 < summary["duration"] == run.time[-1] < 1000
+    assert 0 < summary["duration"] == run.time[-1] < 100
     assert summary["samples"] == len(run.time)
     assert not [path for path in out.iterdir() if path.name.startswith(".rnc_pin_")]
 
@@ -254,12 +254,12 @@ def test_a_sweep_that_is_ended_keeps_its_table_and_its_workers_end(end, tmp_path
     length = ["--set", "simulation.duration=0.2"]
     with started("sweep", "space-robot", *length, "--runs", 300, "--jobs", 2, "--out", out) as process:
         # Of 300 runs, every third writes the table anew.
-        assert eventually(lambda: len(rows(out)) >= 3, 120.0)
+        assert eventually(lambda: len(rows(out)) >= 3)
         workers = children(process.pid)
         assert workers
         process.send_signal(end)
-        _, error = process.communicate(timeout=90)
-    assert eventually(lambda: not any(map(alive, workers)), 10.0)
+        _, error = process.communicate(timeout=PATIENCE)
+    assert eventually(lambda: not any(map(alive, workers)))
     table = rows(out)
     assert len(table) >= 3
     assert all(row["outcome"] == "completed" for row in table)

@@ -34,7 +34,7 @@ def inspected(call, *options):
     return json.loads(out)
 
 
-def test_the_start_and_a_run_are_examined(call, scenario, tmp_path):
+def test_the_start_and_a_run_are_examined(call, scenario, tmp_path, no_pictures):
     found = inspected(call, scenario)
     (start,) = found["limit_effects"]
     assert found["limits_not_examined"] is None

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 import rnc_pin as rnc
+from patience import PATIENCE
 from rnc_pin.io.manifest import MANIFEST
 from rnc_pin.scenario.output_folder import OutputFolder
 from terminal import results
@@ -161,7 +162,7 @@ with OutputFolder(folder) as out:
 @pytest.mark.parametrize("fatal", [0, 2, 4])  # of the manifest, three results, the manifest
 def test_a_run_killed_while_it_puts_results_into_place_locks_nobody_out(fatal, tmp_path):
     run(tmp_path, summary_json="old", scenario_yaml="old", overview_png="old")
-    process = subprocess.run([sys.executable, "-c", KILLED, tmp_path, str(fatal)], timeout=60)
+    process = subprocess.run([sys.executable, "-c", KILLED, tmp_path, str(fatal)], timeout=PATIENCE)
     assert process.returncode == -signal.SIGKILL
     run(tmp_path, summary_json="newer")
     assert contents(tmp_path) == {"summary.json": "newer"}
@@ -385,7 +386,7 @@ def test_a_full_disk_leaves_what_was_there_and_nothing_half_written(room, tmp_pa
     assert call(*SHORT, "--out", out)[0] == 0
     before = {path.name: path.read_bytes() for path in out.iterdir()}
     arguments = [str(room), *SHORT, "--out", str(out)]
-    process = subprocess.run([sys.executable, "-c", FULL, *arguments], capture_output=True, text=True, timeout=120)
+    process = subprocess.run([sys.executable, "-c", FULL, *arguments], capture_output=True, text=True, timeout=PATIENCE)
     assert "Traceback" not in process.stderr
     if room < 30_000:
         (line,) = process.stderr.splitlines()

@@ -37,6 +37,7 @@ def opened():
 def visit(launched, url, offline=False):
     """A page, and a list that collects whatever goes wrong in it, such as a request that leaves the site."""
     context = launched.new_context(offline=offline, viewport={"width": 640, "height": 420})
+    context.set_default_timeout(1000 * PATIENCE)
     page, problems = context.new_page(), []
     home = (url.split("/static/")[0], "data:", "blob:", "about:srcdoc")
     page.on("console", lambda message: problems.append(message.text) if message.type == "error" else None)

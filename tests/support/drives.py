@@ -1,8 +1,14 @@
 """Driven runs for tests: prepared, with scripted commands."""
 
+import threading
+from contextlib import contextmanager
+
+from patience import PATIENCE
 from rnc_pin.driving.drive_commands import parse_command
 from rnc_pin.driving.drive_log import LoggedCommand
 from rnc_pin.driving.drive_plan import prepare_drive, read_source
+from rnc_pin.driving.drive_run import drive
+from rnc_pin.driving.real_time import RealTimeClock
 
 
 def prepared(source, commands=(), frames=(), **options):
@@ -17,6 +23,22 @@ def prepared(source, commands=(), frames=(), **options):
 def script(drive, commands):
     """Put commands into the log of a run."""
     drive.log.commands += [LoggedCommand(at, parse_command(message, drive.controls)) for at, message in commands]
+
+
+@contextmanager
+def in_real_time(run, queue, page):
+    """Drive beside this thread until the user ends the run; the list has its result at the end of the context."""
+    results = []
+    thread = threading.Thread(target=lambda: results.append(drive(run, queue, 20_000, RealTimeClock(), page)))
+    thread.start()
+    try:
+        yield results
+        thread.join(timeout=PATIENCE)
+        assert not thread.is_alive()
+    finally:
+        queue.put({"kind": "end"})
+        thread.join(timeout=PATIENCE)
+        page.close()
 
 
 def reduced_of(drive):

@@ -42,7 +42,8 @@ GAINS = {  # in the record of a run, by the type of what its controller is made 
 }
 PERIODS = {
     "free-flying-arm": 0.002, "tiago": 0.004, "unicycle": 0.004,  # whose gains do not suit a slower one
-    "free-flying-arm-limits": 0.016, "doorway": 0.02, "mecanum-crowd": 0.02,  # whose samples cost most
+    # Whose samples cost most.
+    "docking": 0.02, "doorway": 0.02, "free-flying-arm-limits": 0.016, "mecanum-crowd": 0.02, "tiago-shelf": 0.02,
 }  # fmt: skip
 """Sampling periods [s] other than 0.008."""
 

@@ -15,7 +15,7 @@ TOUR = ROOT / "examples" / "tour.ipynb"
 def outputs(folder):
     notebook = nbformat.read(TOUR, as_version=4)
     assert all(not cell.get("outputs") for cell in notebook.cells), "the notebook is kept without outputs"
-    client = NotebookClient(notebook, timeout=300, resources={"metadata": {"path": folder}})
+    client = NotebookClient(notebook, timeout=1200, resources={"metadata": {"path": folder}})
     client.execute()
     return [output for cell in notebook.cells for output in cell.get("outputs", [])]
 

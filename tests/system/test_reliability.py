@@ -10,8 +10,11 @@ from benchmarks import campaign, plants, soak
 from benchmarks.faulty_runs import LARGEST, SCENARIOS, prepared
 from rnc_pin.scenario.execution import execute, plan
 
+BOTH = ["space-robot", "mobile-manipulator"]  # without wheels and with them
+BOTH += [pytest.param(name, marks=pytest.mark.long) for name in ("wheels-uncertain", "snakeboard")]
 
-@pytest.mark.parametrize("name", ["space-robot", "mobile-manipulator", "wheels-uncertain", "snakeboard"])
+
+@pytest.mark.parametrize("name", BOTH)
 def test_errors_on_both_plants(name):
     """In MuJoCo at most twice those on our own plant."""
     pytest.importorskip("mujoco")

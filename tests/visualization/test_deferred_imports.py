@@ -13,13 +13,14 @@ from rnc_pin.visualization.deferred_imports import deferred_imports
 _PAGE = """
 import sys
 import rnc_pin.visualization.recording
+from patience import PATIENCE
 found = [name for name in ("viser", "trimesh", "imageio", "IPython") if name in sys.modules]
 assert not found, found
 """
 
 
 def test_the_packages_of_pages_are_imported_only_when_they_are_used() -> None:
-    subprocess.run([sys.executable, "-c", _PAGE], check=True, timeout=100)
+    subprocess.run([sys.executable, "-c", _PAGE], check=True, timeout=PATIENCE)
 
 
 def test_placeholders_last_until_the_first_use(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

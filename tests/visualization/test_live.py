@@ -258,12 +258,12 @@ def test_interruption_keeps_what_was_simulated(tmp_path):
         host = f"127.0.0.1:{port}"
         connection, status = ask_to_watch(host, f"http://{host}")
         assert status == 101
-        connection.sock.settimeout(60.0)
+        connection.sock.settimeout(PATIENCE)
         seen = b""
         while seen.count(b"set_transform") < 100:  # bodies have moved for some frames
             seen += connection.sock.recv(65536)
         process.send_signal(signal.SIGINT)
-        _, complaint = process.communicate(timeout=60)
+        _, complaint = process.communicate(timeout=PATIENCE)
         connection.close()
     finally:
         process.kill()

@@ -18,7 +18,7 @@ from matplotlib.path import Path as MarkerPath
 from matplotlib.text import Text
 
 import rnc_pin as rnc
-from browsing import PATIENCE, changed, opened, visit
+from browsing import PATIENCE, changed, give_up, opened, visit
 from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.visualization import capture, interactive, plot_style
 from rnc_pin.visualization.interactive import write_plots
@@ -42,12 +42,14 @@ def ink(path):
     return float((image.imread(path)[..., :3] < 0.99).any(axis=-1).mean())
 
 
-def test_no_title_of_a_scenario_is_cut_off(run):
+def test_an_overview_cuts_no_title_of_a_scenario_off(run, tmp_path):
     """The longest, broken into lines, is within the picture."""
     builtin = Path(rnc.__file__).parent / "scenario" / "builtin"
     titles = [yaml.safe_load(path.read_text())["title"] for path in builtin.glob("*.yaml")]
     figure = plot_run(run, max(titles, key=len))
-    figure.draw_without_rendering()
+    path = plot_style.save(figure, tmp_path / "overview.png")
+    assert image.imread(path).shape[1] == 2800
+    assert 0.02 < ink(path) < 0.5
     shown = figure.axes[0].get_title(loc="left")
     assert shown.replace("\n", " ").replace("\\", "") == max(titles, key=len)
     extent = next(text for text in figure.findobj(Text) if text.get_text() == shown).get_window_extent()
@@ -57,12 +59,6 @@ def test_no_title_of_a_scenario_is_cut_off(run):
 def test_a_plot_of_outputs(run, tmp_path):
     path = plot_style.save(plot_outputs(run, ["tip_x", "tip_y", "platform"], "Tip & platform"), tmp_path / "plot.png")
     assert image.imread(path).shape[1] == 1600
-    assert 0.02 < ink(path) < 0.5
-
-
-def test_an_overview(run, tmp_path):
-    path = plot_style.save(plot_run(run, "All"), tmp_path / "overview.png")
-    assert image.imread(path).shape[1] == 2800
     assert 0.02 < ink(path) < 0.5
 
 
@@ -354,8 +350,16 @@ def recording(run):
 
 @pytest.fixture(scope="module")
 def chromium():
-    with opened():
-        pass
+    pytest.importorskip("playwright", reason="playwright is an optional extra and not installed")
+    if not any(map(shutil.which, capture.BROWSERS)):
+        give_up("no browser is installed")
+
+
+@pytest.fixture(scope="module")
+def pictures(recording, chromium):
+    """What ``write_video`` asks for, by its arguments."""
+    times, size = [0.0, 0.5, 1.0], (320, 240)
+    return (times, size, "jpeg"), list(capture.take_pictures(recording, times, size, "jpeg"))
 
 
 def test_frames_show_the_robot_moving(recording, tmp_path, chromium):
@@ -367,15 +371,20 @@ def test_frames_show_the_robot_moving(recording, tmp_path, chromium):
 
 
 @pytest.mark.parametrize("ending", ["mp4", "gif"])
-def test_a_video_has_the_runs_length(recording, tmp_path, chromium, ending):
+def test_a_video_has_the_runs_length(recording, pictures, tmp_path, monkeypatch, ending):
     if shutil.which("ffmpeg") is None:
         if os.environ.get("CI"):
             pytest.fail("ffmpeg is not installed")
         pytest.skip("ffmpeg is not installed")
+    asked_for, taken = pictures
+    asked = []
+    monkeypatch.setattr(capture, "take_pictures", lambda _, *which: asked.append(which) or taken)
     path = capture.write_video(recording, tmp_path / f"run.{ending}", rate=2.0, size=(320, 240))
+    ((times, *others),) = asked
+    assert (list(times), *others) == asked_for
     assert [each.name for each in tmp_path.iterdir()] == [path.name]
-    asked = ["-show_entries", "stream=nb_read_frames,width,height", "-count_frames", "-of", "csv=p=0", str(path)]
-    told = subprocess.run(["ffprobe", "-v", "error", *asked], capture_output=True, text=True, check=True)
+    wanted = ["-show_entries", "stream=nb_read_frames,width,height", "-count_frames", "-of", "csv=p=0", str(path)]
+    told = subprocess.run(["ffprobe", "-v", "error", *wanted], capture_output=True, text=True, check=True)
     assert told.stdout.strip().split(",") == ["320", "240", "3"]
 
 

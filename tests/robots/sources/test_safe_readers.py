@@ -66,7 +66,7 @@ def aliases(depth, width=9):
         (aliases(9), "expands to more than 100,000 values"),
         ("a: &a [*a]", "contains itself"),
         ("a: &a {<<: *a}", "contains itself"),
-        ("a: " + "[" * 50_000, "nested too deeply"),
+        ("a: " + "[" * 5_000, "nested too deeply"),
         ("a: 1\n" * 500_000, "longer than"),
     ],
 )
@@ -105,22 +105,22 @@ def test_a_pipe_is_not_waited_for(tmp_path):
 
 
 def test_thousands_of_links_are_read_in_time_that_grows_as_they_do(tmp_path):
-    path = write(tmp_path / "r.urdf", tree(10_000, parent=lambda k: k // 10))
-    with ending_within(30):
+    path = write(tmp_path / "r.urdf", tree(4_000, parent=lambda k: k // 10))
+    with ending_within(8):
         robot = rnc.Robot.from_urdf(path, base="planar")
     assert robot.nv == 3
 
 
 def test_a_chain_in_which_recursion_would_end_the_process_is_refused(tmp_path):
-    path = write(tmp_path / "r.urdf", tree(10_000))
-    with ending_within(20), pytest.raises(rnc.ModelError, match="a chain of more than 1000 links"):
+    path = write(tmp_path / "r.urdf", tree(2_000))
+    with ending_within(5), pytest.raises(rnc.ModelError, match="a chain of more than 1000 links"):
         rnc.Robot.from_urdf(path, base="planar")
 
 
 def test_a_ring_of_many_links_is_found_at_once(tmp_path):
-    text = tree(5000).replace("</robot>", "")
-    text += '<joint name="back" type="fixed"><parent link="l5000"/><child link="l0"/></joint></robot>'
-    with ending_within(10), pytest.raises(rnc.ModelError, match="in a loop of links"):
+    text = tree(2000).replace("</robot>", "")
+    text += '<joint name="back" type="fixed"><parent link="l2000"/><child link="l0"/></joint></robot>'
+    with ending_within(5), pytest.raises(rnc.ModelError, match="in a loop of links"):
         rnc.Robot.from_urdf(write(tmp_path / "r.urdf", text))
 
 

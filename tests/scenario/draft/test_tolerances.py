@@ -18,7 +18,7 @@ from rnc_pin.scenario.loading import validate
 
 SHIPPED = sorted(path.name for path in shipped_directory().glob("*.urdf"))
 STRANGE = sorted(path.name for path in DIRT.glob("*.urdf"))
-SOME = ("double_pendulum", "iris", "solo12", "tiago_no_hand")
+SOME = ("double_pendulum", "iris")
 pytestmark = pytest.mark.filterwarnings("ignore::rnc_pin.ModelWarning")
 
 

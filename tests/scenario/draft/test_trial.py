@@ -30,8 +30,14 @@ def drafted(folder):
     return text, folder / "arm.yaml"
 
 
-def test_gravity_is_seen_beside_a_symmetric_pose(tmp_path):
-    text, path = drafted(tmp_path)
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    """The draft as it is, and its file."""
+    return drafted(tmp_path_factory.mktemp("arm"))
+
+
+def test_gravity_is_seen_beside_a_symmetric_pose(arm):
+    text, path = arm
     assert read_yaml(path)["controller"]["tracker"] == "computed_torque"
     assert "gravity loads the robot" in text
     assert max(execute(plan(str(path))).summary["max_error"].values()) < 0.01 * 0.2
@@ -58,8 +64,8 @@ def test_what_remains_of_an_error_is_said(tmp_path, monkeypatch):
     assert said == pytest.approx(worst, rel=0.05)
 
 
-def test_a_good_run_is_said_too(tmp_path):
-    text, path = drafted(tmp_path)
+def test_a_good_run_is_said_too(arm):
+    text, path = arm
     line = next(line for line in text.splitlines() if line.startswith("# tried for"))
     assert "tried for 6 s: the largest error is" in line
     assert float(line.split("error is ")[1].split()[0]) < 1e-3

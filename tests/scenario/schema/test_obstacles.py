@@ -7,9 +7,11 @@ import coal
 import numpy as np
 import pytest
 import umsgpack
+from matplotlib.figure import Figure
 
 import rnc_pin as rnc
 from rnc_pin.collision import CollisionDistances
+from rnc_pin.scenario import plot_files
 from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.scenario.pictures import draw_pictures
 from rnc_pin.visualization.drawn_model import DrawnModel
@@ -84,7 +86,7 @@ def test_reference_through_an_obstacle_is_reported(tmp_path):
     assert prepared(tmp_path, "  - sphere: {radius: 0.1, position: [3, 0, 0]}").experiment.warnings == ()
 
 
-def test_summary_has_the_smallest_distance_and_the_worst_limits(tmp_path):
+def test_summary_has_the_smallest_distance_and_the_worst_limits(tmp_path, monkeypatch):
     ready = prepared(tmp_path, BESIDE)
     result = execute(ready, measure_limits=True)
     robot, run = ready.experiment.reduced.robot, result.trajectory
@@ -98,6 +100,7 @@ def test_summary_has_the_smallest_distance_and_the_worst_limits(tmp_path):
     share = np.abs(run.v) / robot.model.upperVelocityLimit
     assert velocity["excess"] == pytest.approx(share.max() - 1.0)
     assert velocity["joint"] == robot.joint_names[int(share.max(axis=0).argmax())]
+    monkeypatch.setattr(plot_files, "plot_run", lambda *_: Figure(figsize=(1, 1)))
     drawn = draw_pictures(ready, result, tmp_path)
     assert not drawn.failures
     assert {"limits.png", "animation.html"} <= {*drawn.written}

@@ -3,12 +3,15 @@
 import asyncio
 import json
 from contextlib import suppress
+from itertools import count
+from types import SimpleNamespace
 
 import pytest
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import WebSocketClosedError, websocket_connect
 
-from patience import PATIENCE, eventually
+from patience import PATIENCE
+from rnc_pin.visualization.browser import command_socket
 from rnc_pin.visualization.browser.drawing_commands import SceneWindow
 
 
@@ -26,20 +29,21 @@ async def connected(host, origin=None):
     return await websocket_connect(HTTPRequest(f"ws://{host}/commands", headers=headers))
 
 
-def sent(host, messages):
-    """Send messages from our own page; return the close code if the server hangs up, else None."""
+def sent(host, messages, taken=None):
+    """Send messages from our own page; return the close code if the server hangs up, and None if it has taken them."""
 
     async def talk():
         connection = await connected(host, f"http://{host}")
         with suppress(WebSocketClosedError):  # the server has hung up already
             for message in messages:
                 await connection.write_message(message, binary=isinstance(message, bytes))
-        try:
-            answer = await asyncio.wait_for(connection.read_message(), 0.3)
-        except TimeoutError:
+        answer = asyncio.ensure_future(connection.read_message())
+        while not answer.done() and not (taken and taken()):
+            await asyncio.sleep(0.01)
+        if not answer.done():
             connection.close()
             return None
-        assert answer is None
+        assert answer.result() is None
         return connection.close_code
 
     return asyncio.run(asyncio.wait_for(talk(), PATIENCE))
@@ -48,8 +52,8 @@ def sent(host, messages):
 def test_messages_after_the_secret_arrive_in_order(served):
     host, secret, received = served
     told = [{"kind": "stop"}, [1, 2], "text"]
-    assert sent(host, [json.dumps({"secret": secret}), *map(json.dumps, told), "{not json", b"\xff\xfe"]) is None
-    assert eventually(lambda: received == [*told, None, None])
+    messages = [json.dumps({"secret": secret}), *map(json.dumps, told), "{not json", b"\xff\xfe"]
+    assert sent(host, messages, lambda: received == [*told, None, None]) is None
 
 
 @pytest.mark.parametrize("first", ['{"kind": "stop"}', '{"secret": "guess"}', '{"secret": null}', "[]", "{", b"\xff"])
@@ -77,15 +81,22 @@ def test_other_pages_and_programs_without_an_origin_are_refused(served):
     assert refused({"Origin": "http://evil.com"}, "evil.com") == 403
 
 
-def test_a_flood_is_dropped_and_a_long_message_ends_the_connection(served):
+def test_a_flood_is_dropped_and_a_long_message_ends_the_connection(served, monkeypatch):
+    """200 messages at once, the secret among them, then 100 per second less those that were dropped."""
     host, secret, received = served
-    first = json.dumps({"secret": secret})
-    assert sent(host, [first, *["1"] * 5000]) is None
-    assert eventually(lambda: len(received) >= 150)
-    assert len(received) < 1500  # 200 at once and 100 per second
-    before = len(received)
+    first, calls = json.dumps({"secret": secret}), count()
+
+    def clock():
+        """Time 0 s for the connection and 250 messages, 1 s for 51 more, then 2 s."""
+        call = next(calls)
+        return float((call > 250) + (call > 301))
+
+    monkeypatch.setattr(command_socket, "time", SimpleNamespace(monotonic=clock))
+    expected = [1] * (199 + 50) + [2]
+    assert sent(host, [first, *["1"] * 300, "2"], lambda: received[-1:] == [2]) is None
+    assert received == expected
     assert sent(host, [first, json.dumps("x" * 2000)]) is not None
-    assert len(received) == before
+    assert received == expected
 
 
 def test_a_page_that_only_shows_takes_no_commands():
