@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from patience import PATIENCE
 from rnc_pin.visualization.deferred_imports import deferred_imports
 
 _PAGE = """
 import sys
 import rnc_pin.visualization.recording
-from patience import PATIENCE
 found = [name for name in ("viser", "trimesh", "imageio", "IPython") if name in sys.modules]
 assert not found, found
 """
