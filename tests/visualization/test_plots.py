@@ -357,7 +357,7 @@ def chromium():
 
 @pytest.fixture(scope="module")
 def pictures(recording, chromium):
-    """What ``write_video`` asks for, by its arguments."""
+    """Arguments of the pictures that ``write_video`` takes, and the pictures."""
     times, size = [0.0, 0.5, 1.0], (320, 240)
     return (times, size, "jpeg"), list(capture.take_pictures(recording, times, size, "jpeg"))
 
