@@ -48,6 +48,7 @@ from rnc_pin.control.whole_body import (
     limits,
     tasks,
 )
+from rnc_pin.control.zero_input import ZeroInput
 
 __all__ = [
     "ActuatorVelocityController",
@@ -100,6 +101,7 @@ __all__ = [
     "VelocityTarget",
     "VelocityTracker",
     "WheelRegressor",
+    "ZeroInput",
     "describe",
     "design_position_gains",
     "design_velocity_gains",

@@ -9,6 +9,7 @@ from rnc_pin.collision import Obstacle
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import OutputNames, output_names
+from rnc_pin.visualization.drawn_ground import grounds_of
 from rnc_pin.visualization.view import View
 
 
@@ -46,9 +47,9 @@ class DrawnModel:
         return replace(self, robot=reduced.robot, reduced=reduced)
 
     def ground_height(self, view: View) -> float | None:
-        """Height of the grid [m]; None for no grid."""
+        """Height of the grid [m]; None for no grid, and by default on other ground than z = 0."""
         if view.ground == "auto":
-            return None if self._floats() else 0.0
+            return None if self._floats() or grounds_of(self.reduced) else 0.0
         return view.ground
 
     def _floats(self) -> bool:

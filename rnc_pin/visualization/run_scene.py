@@ -12,6 +12,7 @@ import pinocchio as pin
 from rnc_pin.simulation import PlannedPath, RunInfo, TaskNames, Trajectory
 from rnc_pin.visualization import elements as e
 from rnc_pin.visualization.camera import VIEW_DIRECTION, Follower, enlarged_box, fitting_camera, with_plan
+from rnc_pin.visualization.drawn_ground import GroundElement, ground_patch, grounds_of
 from rnc_pin.visualization.drawn_model import DrawnModel
 from rnc_pin.visualization.drawn_obstacles import ObstacleElement, corners_over_time
 from rnc_pin.visualization.drawn_state import DrawnState, tracked_frames
@@ -158,13 +159,22 @@ class RunScene:
 
     def _elements(self, first: DrawnState) -> list[e.Element]:
         found: list[e.Element] = []
-        for part in (self._obstacles, self._plan, self._references, self._paths, self._tracks, self._constraints,
-                     self._null_motion, self._margin, self._compared):  # fmt: skip
+        for part in (self._obstacles, self._grounds, self._plan, self._references, self._paths, self._tracks,
+                     self._constraints, self._null_motion, self._margin, self._compared):  # fmt: skip
             found += part(first)
         return found
 
     def _obstacles(self, first: DrawnState) -> list[e.Element]:
         return [ObstacleElement(obstacle) for obstacle in self.shown.drawn_model.obstacles]
+
+    def _grounds(self, first: DrawnState) -> list[e.Element]:
+        run = self.shown.trajectory
+        moments = first.q[None] if run is None else run.q[:: max(1, len(run.q) // 50)]
+        places = np.stack([self.kinematics.center_of_mass(q) for q in moments])
+        return [
+            GroundElement(str(k), *ground_patch(ground, places, self.size))
+            for k, ground in enumerate(grounds_of(self.reduced))
+        ]
 
     @property
     def _width(self) -> float:

@@ -12,7 +12,7 @@ from rnc_pin.errors import ConfigurationError, nearest
 
 Layer = Literal[
     "path", "reference", "goal", "plan", "tracks", "constraint directions", "constraint forces", "null motion",
-    "margin", "compared", "obstacles",
+    "margin", "compared", "obstacles", "surface",
 ]  # fmt: skip
 LAYERS: tuple[Layer, ...] = get_args(Layer)
 Point = Annotated[Sequence[float], Len(3, 3)]

@@ -14,6 +14,7 @@ from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import RunInfo
 from rnc_pin.visualization.browser.access import RequestFilter, viser_request_filter
 from rnc_pin.visualization.camera import VIEW_DIRECTION, Follower, fitting_camera, with_plan
+from rnc_pin.visualization.drawn_ground import ground_patch, grounds_of
 from rnc_pin.visualization.drawn_model import DrawnModel
 from rnc_pin.visualization.drawn_state import DrawnState
 from rnc_pin.visualization.meshcat_library import BaseVisualizer, ViserVisualizer
@@ -22,6 +23,7 @@ from rnc_pin.visualization.scene_kinematics import SceneKinematics
 from rnc_pin.visualization.view import View
 
 _PIECE = 15  # frames per piece of a path
+_SURFACE = (0, 158, 115)
 _COLORS = ((213, 94, 0), (0, 114, 178), (0, 158, 115), (204, 121, 167))
 
 
@@ -80,6 +82,7 @@ class ViserViewer:
         self._visualizer.initViewer(viewer=self._server)
         self._visualizer.loadViewerModel(rootNodeName="robot")
         self._ground = drawn_model.ground_height(view)
+        self._surfaces = grounds_of(drawn_model.reduced)
         self._follower: Follower | None = None
         self._kinematics, self._view, self._plan = SceneKinematics(robot), view, info.provenance.path
         self._trails = {frame: self._kinematics.point(frame) for frame in view.trail}
@@ -124,6 +127,10 @@ class ViserViewer:
         if self._ground is not None:
             height = (float(target[0]), float(target[1]), self._ground)
             self._server.scene.add_grid("ground", 20.0, 20.0, position=height)
+        size = float(np.linalg.norm(np.ptp(points, axis=0))) / 2
+        for k, surface in enumerate(self._surfaces):
+            patch = ground_patch(surface, self._kinematics.center_of_mass(state.q)[None], size)
+            self._server.scene.add_mesh_simple(f"surface/{k}", *patch, color=_SURFACE, opacity=0.35)
         close = view.camera is None and self._plan is None
         self._follower = Follower(camera, target, self._kinematics.center_of_mass(state.q), close)
         self._placed = True

@@ -91,7 +91,7 @@ def test_a_knife_edge_moves_with_the_turntable_that_carries_it(robot):
 def test_only_planes_carry_wheels_and_balls(robot):
     for kind, what in (
         (rnc.RollingWheel("body", 0.3, "y", ground=0.1), "wheel"),
-        (rnc.RollingBall("body", 0.3, 1), "ball"),
+        (rnc.RollingBall("body", 0.3, 1), "rolling body"),
     ):
         with pytest.raises(
             rnc.ConstraintError, match=rf"ground of {what} 'body': expected a GroundPlane, found .*RollingBody"

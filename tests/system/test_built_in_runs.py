@@ -20,6 +20,7 @@ PAPER = {  # largest errors with the paper's gains, as in docs/paper.md, and a t
 }  # fmt: skip
 
 LONG = ("space-robot-uncertain", "mobile-manipulator-two-phase")  # of a minute, whose errors are largest at first
+FREE = ("rattleback", "ball-in-bowl", "ball-on-turntable")  # which have no goals
 ENOUGH = {  # [s]; of scenarios that go on and on, after which nothing new happens
     "space-robot-uncertain": 12.0,
     "wheels-uncertain": 12.0,
@@ -94,7 +95,7 @@ def respects_its_limits(summary):
     assert nearest is None or nearest["distance"] > 0.0, nearest
 
 
-@pytest.mark.parametrize("name", [name for name in built_in_names() if name not in ("fire-truck", "grasp")])
+@pytest.mark.parametrize("name", [name for name in built_in_names() if name not in ("fire-truck", "grasp", *FREE)])
 def test_scaled_gains_end_within_two_hundredths_of_every_goal(name):
     """At four times their period where gains suit that, for a quarter of the time."""
     options = {"simulation.dt": PERIODS.get(name, 0.008)}
@@ -102,6 +103,24 @@ def test_scaled_gains_end_within_two_hundredths_of_every_goal(name):
     summary = summary_of(name, **options)
     ends_at_its_goals(summary)
     respects_its_limits(summary)
+
+
+def test_free_motions_are_those_of_textbooks():
+    """The rattleback reverses its spin; the ball on a turntable is back after a turn of 2/7 of the table's."""
+    options = {"comparisons": {}, "plots": {}}
+    stone = execute(plan("rattleback", {**options, "simulation.duration": 0.8, "simulation.dt": 0.004})).trajectory
+    assert stone.v2[0, 2] == -5.0
+    assert stone.v2[-1, 2] == pytest.approx(5.0, abs=0.3)  # the rest of the energy is still in the rattling
+    assert np.ptp(stone.energy) < 1e-4 * (stone.energy[0] - 9.81 * 0.01)  # above that at rest
+    ball = execute(
+        plan("ball-on-turntable", {**options, "simulation.duration": 6.28, "simulation.dt": 0.04})
+    ).trajectory
+    angle = 2 / 7 * 3.5 * ball.time
+    circle = np.column_stack([0.9 * np.cos(angle) - 0.3, 0.9 * np.sin(angle)])
+    np.testing.assert_allclose(ball.q[:, :2], circle, atol=1e-5)
+    bowl = execute(plan("ball-in-bowl", {**options, "simulation.duration": 0.6})).trajectory
+    np.testing.assert_allclose(np.linalg.norm(bowl.q[:, :3] - [0, 0, 1.2], axis=1), 1.0, atol=1e-9)
+    assert np.ptp(bowl.energy) < 1e-5 * bowl.energy[0]
 
 
 def test_figure_8():

@@ -21,6 +21,7 @@ from rnc_pin.control.gain_design import OUTER_GAINS
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.scenario.controllers import (  # noqa: F401
+    over_nothing,
     over_plan,
     over_position_tracker,
     over_state_feedback,

@@ -330,6 +330,15 @@ class InverseDynamicsSettings(WholeBodySettings):
     have a limit."""
 
 
+class NoControlSettings(ControllerSettings):
+    """No control: the robot moves freely."""
+
+    follows: ClassVar[frozenset[str]] = frozenset()
+
+    type: Literal["none"]
+    """Free motion: all actuator inputs are zero, and no output has a goal."""
+
+
 _AnyType = (
     RedundancySettings
     | ReducingOutputsSettings
@@ -341,6 +350,7 @@ _AnyType = (
     | InverseDynamicsSettings
     | PlanFeedbackSettings
     | TwoPhaseSettings
+    | NoControlSettings
 )
 
 TYPES: dict[str, type[ControllerSettings]] = {

@@ -1,0 +1,40 @@
+"""Drawn patches lie on their surfaces, under the motion."""
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.visualization.drawn_ground import ground_patch, grounds_of
+from rnc_pin.visualization.drawn_model import DrawnModel
+from rnc_pin.visualization.view import View
+
+GROUNDS = {
+    "plane": rnc.GroundPlane(normal=(0.2, -0.3, 1.0), point=(0.1, 0.2, 0.3)),
+    "bowl": rnc.SphericalGround(2.0, (0.0, 0.0, 1.9)),
+    "pipe": rnc.CylindricalGround(2.0, (0.2, 1.0, 0.3), (0.1, 0.2, 1.9)),
+    "trough": rnc.HeightField(lambda x, y: 0.1 * x * x, lambda x, y: (0.2 * x, 0.0), lambda x, y: (0.2, 0.0, 0.0)),
+}
+
+
+@pytest.mark.parametrize("name", GROUNDS)
+def test_patches_are_on_the_surface_under_the_motion(name):
+    ground, places = GROUNDS[name], np.array([[0.0, 0.0, 0.2], [0.6, 0.1, 0.4]])
+    vertices, triangles = ground_patch(ground, places, 0.2)
+    if name == "plane":
+        levels = (vertices - ground.point) @ ground.axes[2]
+    else:
+        levels = ground.level(vertices)
+    np.testing.assert_allclose(levels, 0.0, atol=1e-12)
+    assert sorted(set(triangles.ravel().tolist())) == list(range(len(vertices)))
+    feet = places[:, :2]
+    assert (vertices[:, :2].min(axis=0) <= feet.min(axis=0)).all()
+    assert (vertices[:, :2].max(axis=0) >= feet.max(axis=0)).all()
+
+
+def test_other_ground_replaces_the_grid():
+    robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
+    for ground, count in ((None, 0), (GROUNDS["bowl"], 1)):
+        reduced = rnc.NonholonomicSystem(robot, [rnc.RollingBall("ball", 0.2, ground)]).reduce()
+        assert len(grounds_of(reduced)) == count
+        assert DrawnModel.of(reduced).ground_height(View()) == (None if count else 0.0)
+        assert DrawnModel.of(reduced).ground_height(View(ground=0.5)) == 0.5
