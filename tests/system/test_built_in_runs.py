@@ -106,19 +106,19 @@ def test_scaled_gains_end_within_two_hundredths_of_every_goal(name):
 
 
 def test_free_motions_are_those_of_textbooks():
-    """The rattleback reverses its spin; the ball on a turntable is back after a turn of 2/7 of the table's."""
+    """The rattleback reverses its spin; a ball goes round at 2/7 of the rate of its turntable."""
     options = {"comparisons": {}, "plots": {}}
-    stone = execute(plan("rattleback", {**options, "simulation.duration": 0.8, "simulation.dt": 0.004})).trajectory
+    short = {"simulation.duration": 1.0, "simulation.dt": 0.004, "simulation.substeps": 4}
+    stone = execute(plan("rattleback", {**options, **short})).trajectory
     assert stone.v2[0, 2] == -5.0
-    assert stone.v2[-1, 2] == pytest.approx(5.0, abs=0.3)  # the rest of the energy is still in the rattling
-    assert np.ptp(stone.energy) < 1e-4 * (stone.energy[0] - 9.81 * 0.01)  # above that at rest
-    ball = execute(
-        plan("ball-on-turntable", {**options, "simulation.duration": 6.28, "simulation.dt": 0.04})
-    ).trajectory
+    # By Newton's and Euler's equations in benchmarks/validation/rolling_body.py; the plant's steps are constant.
+    assert stone.v2[-1, 2] == pytest.approx(4.83667908093643, abs=1e-3)
+    half = {"simulation.duration": 3.16, "simulation.dt": 0.04}
+    ball = execute(plan("ball-on-turntable", {**options, **half})).trajectory
     angle = 2 / 7 * 3.5 * ball.time
     circle = np.column_stack([0.9 * np.cos(angle) - 0.3, 0.9 * np.sin(angle)])
-    np.testing.assert_allclose(ball.q[:, :2], circle, atol=1e-5)
-    bowl = execute(plan("ball-in-bowl", {**options, "simulation.duration": 0.6})).trajectory
+    np.testing.assert_allclose(ball.q[:, :2], circle, atol=2e-4)
+    bowl = execute(plan("ball-in-bowl", {**options, "simulation.duration": 0.3})).trajectory
     np.testing.assert_allclose(np.linalg.norm(bowl.q[:, :3] - [0, 0, 1.2], axis=1), 1.0, atol=1e-9)
     assert np.ptp(bowl.energy) < 1e-5 * bowl.energy[0]
 

@@ -20,10 +20,7 @@ GROUNDS = {
 def test_patches_are_on_the_surface_under_the_motion(name):
     ground, places = GROUNDS[name], np.array([[0.0, 0.0, 0.2], [0.6, 0.1, 0.4]])
     vertices, triangles = ground_patch(ground, places, 0.2)
-    if name == "plane":
-        levels = (vertices - ground.point) @ ground.axes[2]
-    else:
-        levels = ground.level(vertices)
+    levels = (vertices - ground.point) @ ground.axes[2] if name == "plane" else ground.level(vertices)
     np.testing.assert_allclose(levels, 0.0, atol=1e-12)
     assert sorted(set(triangles.ravel().tolist())) == list(range(len(vertices)))
     feet = places[:, :2]
