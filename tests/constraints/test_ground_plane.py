@@ -93,9 +93,7 @@ def test_only_planes_carry_wheels_and_balls(robot):
         (rnc.RollingWheel("body", 0.3, "y", ground=0.1), "wheel"),
         (rnc.RollingBall("body", 0.3, 1), "rolling body"),
     ):
-        with pytest.raises(
-            rnc.ConstraintError, match=rf"ground of {what} 'body': expected a GroundPlane, found .*RollingBody"
-        ):
+        with pytest.raises(rnc.ConstraintError, match=rf"ground of {what} 'body': expected a GroundPlane, .*found"):
             kind.bind(robot)
     assert rnc.RollingBall("body", 0.3, rnc.GroundPlane(point=(5.0, 3.0, 0.0))).bind(robot).ground is None
 
