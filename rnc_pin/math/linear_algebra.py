@@ -66,11 +66,19 @@ def solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def solve_positive_definite(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solve ``matrix @ x = right`` for symmetric positive definite (..., n, n) and (..., n)."""
+    """Solve ``matrix @ x = right`` for symmetric positive definite (..., n, n) and (..., n); NaN for singular ones."""
     if matrix.ndim == 2 and right.ndim == 1:
         _, solution, info = scipy.linalg.lapack.dposv(matrix, right)
         return np.full_like(right, np.nan) if info else solution
-    return np.linalg.solve(matrix, right[..., None])[..., 0]
+    try:
+        return np.linalg.solve(matrix, right[..., None])[..., 0]
+    except np.linalg.LinAlgError:  # one singular matrix fails the whole call
+        batch = np.broadcast_shapes(matrix.shape[:-2], right.shape[:-1])
+        found = np.empty((*batch, right.shape[-1]))
+        matrices, rights = np.broadcast_to(matrix, (*batch, *matrix.shape[-2:])), np.broadcast_to(right, found.shape)
+        for i in np.ndindex(batch):
+            found[i] = solve_positive_definite(matrices[i], rights[i])
+        return found
 
 
 def solve_positive_definite_columns(matrix: np.ndarray, columns: np.ndarray) -> np.ndarray | None:

@@ -163,7 +163,7 @@ class SequentialQuadratic:
             after = self.problem.moved(at, direction.x, direction.u, float(length))
             try:
                 result = self.problem.values(after)
-            except (RncError, np.linalg.LinAlgError):  # a singular configuration: shorter steps may avoid it
+            except RncError:  # a singular configuration: shorter steps may avoid it
                 continue
             now = self._merit(result, sizes)
             if np.isfinite(now) and now <= merit - _SUFFICIENT * length * max(0.0, predicted) + rounding:
