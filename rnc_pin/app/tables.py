@@ -41,7 +41,7 @@ def print_summary(summary: Summary, outputs: OutputNames | None = None) -> None:
     if summary["position_residual_max"]:
         invariants.add_row("position residual, largest", f"{summary['position_residual_max']:.1e} m or rad")
     if summary["energy_drift"] is not None:  # needs the work of the plant
-        invariants.add_row("energy less work, drift", f"{summary['energy_drift']:.1e} of its range")
+        invariants.add_row("energy less work, drift", f"{summary['energy_drift']:.1e} (relative)")
     if summary["min_singular_value"] is not None:
         invariants.add_row("singular value of E, smallest", f"{summary['min_singular_value']:.3g} (0: singular)")
     if "off_tracking_max" in summary:

@@ -11,6 +11,8 @@ from rnc_pin.analysis import first_lift_off
 from rnc_pin.simulation.limit_replay import LIMIT_KINDS, LimitReplay
 from rnc_pin.simulation.trajectory import Trajectory
 
+_CONSTANT = 1e-6  # range of the energy, relative to its size, that counts as the error of the integration
+
 
 class Learning(TypedDict, total=False):
     """Results of an adaptive controller; "late" means the second half of the run."""
@@ -77,8 +79,8 @@ class PhaseSummary(TypedDict):
 class Summary(Compared):
     """Errors and invariants of a run, as JSON content.
 
-    ``energy_drift`` is the largest change of ``energy - work``, relative to the range of energy in the run. It is None
-    if the plant does not provide work. ``lift_off`` is None if no contact lifts off, or if normal forces are unknown.
+    ``energy_drift`` is the largest change of ``energy - work``, relative to the range of energy in the run, or to the
+    energy itself where that is constant. It is None if the plant does not provide work. ``lift_off`` is None if no contact lifts off, or if normal forces are unknown.
     ``joint_limits`` has the worst limit of each kind. ``smallest_distance`` is None if no bodies come near. Both are in
     summaries of scenarios. ``limits_gave_way`` has the largest amounts by which limits of a whole-body program
     gave way to others; it is missing if none did. ``goals_missed`` has the errors of goals that a completed run of a
@@ -142,7 +144,6 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> Summary
     errors = {name: error[~np.isnan(error)] for name, error in tracking_errors(trajectory).items()}
     duration = float(trajectory.time[-1]) if len(trajectory.time) else 0.0
     balance = trajectory.energy - trajectory.work
-    scale = max(float(np.ptp(trajectory.energy)) if len(balance) else 0.0, 1e-12)
     summary: Summary = {
         "scenario": info.provenance.scenario,
         "outcome": str(trajectory.outcome),
@@ -159,7 +160,7 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> Summary
         "rms_error": {name: float(np.sqrt(np.mean(error**2))) for name, error in errors.items() if len(error)},
         "constraint_residual_max": float(trajectory.constraint_residual.max(initial=0.0)),
         "position_residual_max": float(trajectory.position_residual.max(initial=0.0)),
-        "energy_drift": _drift(balance, scale),
+        "energy_drift": _drift(balance, trajectory.energy),
         "min_singular_value": float(trajectory.singular_value.min()) if len(balance) else None,
         "lift_off": _lift_off(trajectory),
         "max_input": {
@@ -212,10 +213,15 @@ def _lift_off(trajectory: Trajectory) -> LiftedOff | None:
     return {"contact": found.contact, "time": found.time, "force": found.force, "lowest": found.lowest}
 
 
-def _drift(balance: np.ndarray, scale: float) -> float | None:
-    if np.isnan(balance).all() and len(balance):
+def _drift(balance: np.ndarray, energy: np.ndarray) -> float | None:
+    if not len(balance):
+        return 0.0
+    if np.isnan(balance).all():
         return None
-    return float(np.abs(balance - balance[0]).max() / scale) if len(balance) else 0.0
+    scale, size = float(np.ptp(energy)), float(np.abs(energy).max())
+    if scale < _CONSTANT * size:
+        scale = size
+    return float(np.abs(balance - balance[0]).max() / max(scale, 1e-12))
 
 
 def _add_learning(summary: Summary, trajectory: Trajectory) -> None:
