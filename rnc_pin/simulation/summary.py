@@ -80,7 +80,8 @@ class Summary(Compared):
     """Errors and invariants of a run, as JSON content.
 
     ``energy_drift`` is the largest change of ``energy - work``, relative to the range of energy in the run, or to the
-    energy itself where that is constant. It is None if the plant does not provide work. ``lift_off`` is None if no contact lifts off, or if normal forces are unknown.
+    energy itself where that is constant. It is None if the plant does not provide work.
+    ``lift_off`` is None if no contact lifts off, or if normal forces are unknown.
     ``joint_limits`` has the worst limit of each kind. ``smallest_distance`` is None if no bodies come near. Both are in
     summaries of scenarios. ``limits_gave_way`` has the largest amounts by which limits of a whole-body program
     gave way to others; it is missing if none did. ``goals_missed`` has the errors of goals that a completed run of a

@@ -11,7 +11,8 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.collision import CollisionDistances
 
-FILES = sorted((Path(__file__).parents[2] / "urdf").glob("*.urdf"))
+APART = {"drifting_body", "rattleback"}  # a part of other robots; a stone that a mesh draws, with nothing to collide
+FILES = sorted(file for file in (Path(__file__).parents[2] / "urdf").glob("*.urdf") if file.stem not in APART)
 MARKS = {"rolling_ball": 0.015, "rolling_hoop": 0.01}
 """Marks that show the turning of a wheel extend beyond its rolling surface [m]. They are drawn only."""
 

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Mapping
 from functools import cache
 from itertools import pairwise
-from typing import Annotated, Any, ClassVar, get_args
+from typing import Annotated, Any, ClassVar, get_args, get_origin
 
 from pydantic import (
     AfterValidator,
@@ -66,6 +66,7 @@ def _hint(model: type[BaseModel], key: str) -> str:
     below = [
         f"'{name}.{key}'"
         for name, field in model.model_fields.items()
+        if get_origin(field.annotation) is not list  # whose entries have no name
         for each in (field.annotation, *get_args(field.annotation))
         if isinstance(each, type) and issubclass(each, BaseModel) and key in each.model_fields
     ]

@@ -29,6 +29,7 @@ NEEDED = {
     "plan_feedback": {},
     "qp": {"tasks": [{"damping": {"weight": 0.1}}, {"output": {"output": {"frame_position": {"frame": "tip"}}}}]},
     "inverse_dynamics": {"tasks": [{"damping": {"weight": 0.1}}]},
+    "none": {},
 }
 VALUES = {  # of every setting that some type has
     "preset": "scaled",
@@ -118,7 +119,7 @@ def test_null_takes_a_setting_away_so_that_a_comparison_may_change_the_type():
             {"type": "redundancy", "preset": "normalised", "inertia_bound": [9, 0, 9]},
             "inertia_bound: expected positive numbers, found",
         ),
-        ({"type": ["steering"]}, r"controller.type: expected 'redundancy', .* or 'two_phase', found \['steering'\]"),
+        ({"type": ["steering"]}, r"controller.type: expected 'redundancy', .* or 'none', found \['steering'\]"),
         ("steering", "controller: expected a mapping, found 'steering'"),
     ],
 )
