@@ -61,7 +61,7 @@ class Pfaffian:
 
 class _PfaffianRows(Rows):
     def __init__(self, kind: Pfaffian, robot: Robot) -> None:
-        self.rheonomic = kind.rheonomic
+        self.rheonomic = self.turning = kind.rheonomic
         first = (robot.configuration(), *((0.0,) if kind.rheonomic else ()))
         sample = np.atleast_1d(np.asarray(kind.rows(*first), dtype=float))
         self._shape = (sample.shape[0], robot.nv)

@@ -40,5 +40,5 @@ class ComputedTorque(ReprMixin):
     def step(self, t: float, measurement: Measurement, state: object) -> tuple[Command, object]:
         target, state = self.target.step(t, measurement, state)
         rate = target.v2_dot + self.k * (target.v2 - measurement.v2)
-        F = self._reduced.inverse_dynamics(measurement.q, measurement.v2, rate)
+        F = self._reduced.at(measurement.q, measurement.v2, t=t).inverse_dynamics(rate)
         return command_towards(target, F), state

@@ -143,7 +143,7 @@ class JointLimits(ReprMixin):
         over = np.maximum(q - self._begin_high, 0.0) / self._zone
         under = np.maximum(self._begin_low - q, 0.0) / self._zone
         gradient, hessian = (over**2 - under**2) / self._zone, 2.0 * (over + under) / self._zone**2
-        state = self._reduced.at(measurement.q, v=measurement.v)
+        state = self._reduced.at(measurement.q, v=measurement.v, t=t)
         J, J_dot = (each[..., self._v, :][..., self._redundant] for each in (state.R, state.R_dot))
         z_dot = apply_transposed(J_dot, gradient) + apply_transposed(J, hessian * v)
         return -self.k * apply_transposed(J, gradient), -self.k * z_dot

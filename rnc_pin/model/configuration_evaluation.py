@@ -59,13 +59,10 @@ class ConfigurationEvaluation(UsesKernel):
         """Evaluation at admitted configurations (..., nq), which become read-only, and times t (...).
 
         Raises:
-            InputError: the constraints are rheonomic, and t is missing.
+            InputError: the rows of the constraints depend on time, and t is missing.
         """
-        if t is None and data.rheonomic:
-            raise InputError(
-                f"{', '.join(rheonomic_names(data.rows))}: the constraints depend on time; give it, as in "
-                "reduced.at(q, v2, t=0.0), or use the model at one time, reduced.frozen(t=0.0)"
-            )
+        if t is None and data.turning:
+            raise no_time(data)
         if q.ndim > 1:
             q = np.ascontiguousarray(q)
         q.setflags(write=False)
@@ -100,6 +97,11 @@ class ConfigurationEvaluation(UsesKernel):
             if hasattr(StateEvaluation, name):
                 raise InputError(f"'{name}' needs a velocity: use at(q, v2), or at(q, v=v) with a measured velocity")
             raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
+
+    def _check_time(self) -> None:
+        """Raise an error for a quantity that needs the time of rheonomic constraints, if it is unknown."""
+        if self.t is None and self._data.rheonomic:
+            raise no_time(self._data)
 
     @property
     def batch(self) -> tuple[int, ...]:
@@ -199,6 +201,7 @@ class ConfigurationEvaluation(UsesKernel):
     @cached_property
     def mu(self) -> Float[Array, "*batch m"]:
         """Right-hand side of the constraints, ``A v = mu``."""
+        self._check_time()
         data = self._data
         if self.factorization.kept is None:
             return data.constraints.rate(self.position)
@@ -318,3 +321,11 @@ class ConfigurationEvaluation(UsesKernel):
             condition=float(values[0] / max(values[-1], 1e-300)),
             rows=[name for name, weight in zip(names, weights, strict=True) if weight > 0.1 * weights.max()],
         )
+
+
+def no_time(data: ReductionData) -> InputError:
+    """Error for an evaluation without the time that the constraints need."""
+    return InputError(
+        f"{', '.join(rheonomic_names(data.rows))}: the constraints depend on time; give it, as in "
+        "reduced.at(q, v2, t=0.0), or use the model at one time, reduced.frozen(t=0.0)"
+    )

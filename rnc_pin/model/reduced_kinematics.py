@@ -48,6 +48,7 @@ class ReducedKinematics(ConfigurationEvaluation):
             configuration.configuration if isinstance(configuration, ReducedKinematics) else configuration
         )
         super().__init__(configuration._data, configuration.q, self.configuration, configuration.t)
+        self._check_time()
         self._v2, self._v, self._motion = v2, v, motion
 
     # ------------------------------------------------------------------ velocities

@@ -164,7 +164,8 @@ class ReducedModel(FormerMethods, SummaryMixin):
             q: configurations (..., nq).
             v2: reduced velocities (..., r).
             v: measured full velocities (..., nv), instead of v2; they need not satisfy the constraints.
-            t: times (...) [s], one number or one for each state. Rheonomic constraints need them, others ignore them.
+            t: times (...) [s], one number or one for each state. States of rheonomic constraints need them, and
+                configurations too if the rows depend on time. Other constraints ignore them.
 
         Raises:
             InputError: also for a rheonomic system without t.

@@ -44,7 +44,7 @@ class ReductionData(UsesKernel):
         basis, multiplied: index of the columns of E^-1 that form R, and of the columns of the multipliers.
         template: E with the values of its constant rows.
         constraint_scales, output_scales: typical lengths of all constraint rows and of the reducing outputs.
-        affine, rheonomic: True if the constraints move; True if evaluations need the time.
+        affine, rheonomic, turning: True if the constraints move; if states need the time; if configurations need it.
     """
 
     def __init__(
@@ -70,6 +70,7 @@ class ReductionData(UsesKernel):
         self.n, self.m, self.r, self.p = robot.nv, self.constraints.size, reducing.size, actuation.size
         self.kinematics = Kinematics(robot) if kinematics is None else kinematics
         self.affine, self.rheonomic = rows.affine, rows.rheonomic and not self.kinematics.frozen
+        self.turning = rows.turning and self.rheonomic
         self.basis, self.multiplied = (..., slice(self.m, None)), (..., slice(None, self.m))
         self.template = self.stack.template(self.n)
         self.constraint_scales, self.output_scales = lengths[: rows.size], lengths[rows.size :]

@@ -53,7 +53,7 @@ class RowStack:
     Attributes:
         names, units, holonomic: name, unit and holonomic flag of each row, (size,).
         size: number of rows.
-        affine, rheonomic: True if any block is.
+        affine, rheonomic, turning: True if any block is.
         places: blocks with the positions of their rows.
     """
 
@@ -76,6 +76,7 @@ class RowStack:
         )
         self.affine = any(place.block.affine for place in self.places)
         self.rheonomic = any(place.block.rheonomic for place in self.places)
+        self.turning = any(place.block.turning for place in self.places)
         self._varying = _varying(self.places)
         self._constant: np.ndarray | None = None
 
@@ -91,6 +92,7 @@ class RowStack:
             whole.size += stack.size
             whole.affine |= stack.affine
             whole.rheonomic |= stack.rheonomic
+            whole.turning |= stack.turning
         whole._varying = _varying(whole.places)
         return whole
 

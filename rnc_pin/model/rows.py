@@ -34,6 +34,7 @@ class Rows(ABC):
             rows have no reaction force.
         affine: True if mu is not zero.
         rheonomic: True if the rows, mu or the residual depend on the time ``at.t``; rates then include its flow.
+        turning: True if the Jacobian of rheonomic rows does, so that ``R`` depends on time too.
         holonomic: True for each row that keeps a function of q at zero, (k,); ``residual`` returns its value. Empty
             if no row does. A row with False may still be integrable together with others.
         on_ground: True if holonomic rows that no joint can move are ignored, e.g. the height of a wheel on a planar
@@ -48,6 +49,7 @@ class Rows(ABC):
     conserved: slice | None = None
     affine: bool = False
     rheonomic: bool = False
+    turning: bool = False
     holonomic: tuple[bool, ...] = ()
     on_ground: bool = False
     ground: GroundSurface | None = None

@@ -75,6 +75,7 @@ def live_state(reduced: ReducedModel, sample: Sample) -> DrawnState:
     """State at a sample of a live run."""
     measurement, command = sample.measurement, sample.command
     q, v2 = measurement.q, measurement.v2
+    state = reduced.at(q, v2, t=sample.time)
 
     def goal(name: str, size: int) -> np.ndarray:
         value = getattr(command, name)
@@ -88,8 +89,8 @@ def live_state(reduced: ReducedModel, sample: Sample) -> DrawnState:
         measurement.x2,
         goal("x1_desired", reduced.vertical.size),
         goal("x2_desired", reduced.r),
-        reduced.multipliers(q, v2, sample.T),
-        float(reduced.at(q).smallest_singular_value),
+        state.multipliers(sample.T),
+        float(state.smallest_singular_value),
     )
 
 

@@ -8,8 +8,9 @@ import pytest
 import scipy
 
 import rnc_pin as rnc
+from rnc_pin.control.whole_body.tasks import DampingTask, OutputTask
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.planning import Harmonic, MinimumJerk
+from rnc_pin.planning import Harmonic, Hold, MinimumJerk
 
 LENGTH, MASS, GRAVITY = 0.4, 1.3, 9.81
 
@@ -168,6 +169,25 @@ def test_a_motion_of_another_size_is_refused(pendulum):
         rnc.PrescribedMotion(rnc.JointPosition("pivot"), Harmonic([0, 0], 1.0, 1.0)).bind(pendulum.robot)
     with pytest.raises(rnc.ConstraintError, match=r"expected a Reference of size 1, found 0\.3"):
         rnc.PrescribedMotion(rnc.JointPosition("pivot"), 0.3).bind(pendulum.robot)
+
+
+def test_controllers_with_a_model_follow_on_a_base_that_moves():
+    """Of the space robot, the first joint swings and the others follow a reference; then a scenario file says it."""
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    driven = rnc.PrescribedMotion(rnc.JointPosition("joint_1"), Harmonic([0.0], [0.4], 0.5))
+    outputs = [rnc.JointPosition(name) for name in ("platform", "joint_2", "joint_3")]
+    reduced = rnc.NonholonomicSystem(robot, [driven], ["platform", "joint_2", "joint_3"]).reduce(outputs)
+    goal = MinimumJerk(np.zeros(3), [0.2, 0.1, -0.1], 0.5)
+    follow = rnc.control.ReducingOutputController(reduced, goal)
+    run = rnc.simulate(
+        reduced, rnc.control.ComputedTorque(reduced, follow, k=50.0), robot.configuration(), 0.5, dt=0.005
+    )
+    np.testing.assert_allclose(run.x2[-1], [0.2, 0.1, -0.1], atol=2e-3)
+    assert abs(run.q[-1, 1] - driven.motion.at(0.5).position[0]) < 1e-10
+    hand = OutputTask(rnc.JointPosition("joint_2"), Hold([0.1]), gain=5.0)
+    program = rnc.control.VelocityQP(reduced, [hand, DampingTask(weight=1e-6)], [], dt=0.005)
+    _, path = rnc.kinematic_rollout(reduced, program, robot.configuration(), 0.5, dt=0.005)
+    assert abs(path[-1, 1] - driven.motion.at(0.5).position[0]) < 1e-9
 
 
 def test_phases_refuse_a_prescribed_motion_by_name(pendulum):

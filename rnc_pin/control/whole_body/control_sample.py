@@ -35,7 +35,8 @@ class ControlSample:
 
     def __init__(self, reduced: ReducedModel, time: float, q: np.ndarray, v2: np.ndarray, dt: float) -> None:
         self.time, self.dt = time + dt, dt
-        self.start: StateEvaluation = reduced.at(q, v2)
+        self.start: StateEvaluation = reduced.at(q, v2, t=time)
         self.end: StateEvaluation = self.start
         if dt:
-            self.end = reduced.at(pin.integrate(reduced.robot.model, self.start.q, dt * self.start.v), v2)
+            ahead = pin.integrate(reduced.robot.model, self.start.q, dt * self.start.v)
+            self.end = reduced.at(ahead, v2, t=self.time)

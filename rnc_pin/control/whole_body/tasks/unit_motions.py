@@ -15,4 +15,5 @@ def along_unit_motions(reduced: ReducedModel, sample: ControlSample) -> StateEva
     Rates of this evaluation are derivatives along single reducing outputs.
     """
     columns = sample.end.R.T
-    return reduced.at(np.broadcast_to(sample.end.q, (len(columns), reduced.robot.nq)), v=columns)
+    q = np.broadcast_to(sample.end.q, (len(columns), reduced.robot.nq))
+    return reduced.at(q, v=columns, t=sample.time)
