@@ -307,7 +307,7 @@ def test_joints_of_several_freedoms_leave_the_ends_of_each():
         model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
     generator = np.random.default_rng(9)
     R, R_dot, gains = *generator.normal(size=(2, 5, 2)), np.array([0.5, 2.0])
-    reduced = SimpleNamespace(robot=rnc.Robot(model), at=lambda q, v: SimpleNamespace(R=R, R_dot=R_dot))
+    reduced = SimpleNamespace(robot=rnc.Robot(model), at=lambda q, v, t: SimpleNamespace(R=R, R_dot=R_dot))
     objective = JointLimits(reduced, SimpleNamespace(redundant=np.arange(2)), gains, 0.25)
     assert objective.describe()["zone"] == [0.5, 0.75, 0.5]
     q, v = np.array([0.9, 50.0, -0.2, 1.2, 2.0]), generator.normal(size=5)
