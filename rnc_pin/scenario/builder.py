@@ -12,7 +12,7 @@ import numpy as np
 
 from rnc_pin.analysis import Grip
 from rnc_pin.collision import Obstacle
-from rnc_pin.control import Controller, SlitheringReference, describe
+from rnc_pin.control import Controller, SlitheringReference, ZeroInput, describe
 from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, nearest
 from rnc_pin.io.json import Json
 from rnc_pin.loop import LoopOptions
@@ -36,7 +36,7 @@ from rnc_pin.scenario.schema.controllers import VelocityTrackerSettings
 from rnc_pin.scenario.schema.obstacles import build_obstacles
 from rnc_pin.simulation import Phase, PlannedPath, Provenance, TaskNames, sample_count
 from rnc_pin.simulation.friction_demand import iterate_time_scale
-from rnc_pin.simulation.phases import NoInputs, PhaseStart
+from rnc_pin.simulation.phases import PhaseStart
 from rnc_pin.simulation.run_info import provenance_of
 from rnc_pin.visualization.drawn_model import DrawnModel
 
@@ -164,7 +164,7 @@ def experiment_at(
         plant = build_plant(scenario, reduced, q0, folder)
         notes = provenance_of(None)
         return Experiment(
-            scenario, reduced, NoInputs(reduced), plant, q0, v2_0, scenario.simulation, (), notes, obstacles
+            scenario, reduced, ZeroInput(reduced), plant, q0, v2_0, scenario.simulation, (), notes, obstacles
         )
     references, given = _references(scenario, reduced, task, q0, motion)
     path = _plan_path(scenario, reduced, task, q0)

@@ -9,7 +9,8 @@ from typing import Literal, TypeAlias, cast
 import numpy as np
 import scipy
 
-from rnc_pin.control.controller import Command, Controller, Description, State, describe
+from rnc_pin.control import ZeroInput
+from rnc_pin.control.controller import Controller, describe
 from rnc_pin.errors import (
     ConfigurationError,
     ConstraintError,
@@ -20,11 +21,11 @@ from rnc_pin.errors import (
 )
 from rnc_pin.loop.options import type_name
 from rnc_pin.model.impact import Impact, Restitution, impact
-from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import rheonomic_names
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.plants import ReducedPlant
+from rnc_pin.plants.reduced.reduced_plant import Checkpoint
 from rnc_pin.simulation.ending import Progress, complete_run
 from rnc_pin.simulation.phase_events import BoundEvent, Event, LiftOffMonitor, PushingForces
 from rnc_pin.simulation.phase_record import PhasePart, joined
@@ -227,11 +228,11 @@ class _PhasedRun:
         capacity = sample_count(phase.duration, self._dt)
         v2 = self._v2_0 if jump is None else phase.reduced.at(self._q, v=jump.v).v2
         self._run = SampledRun(
-            phase.reduced, phase.controller or NoInputs(phase.reduced), self._q, self._dt, capacity, v2_0=v2,
+            phase.reduced, phase.controller or ZeroInput(phase.reduced), self._q, self._dt, capacity, v2_0=v2,
             plant=phase.plant or ReducedPlant(phase.reduced), options=self._options, start=self._time,
         )  # fmt: skip
         self._reduced = phase.reduced
-        name, controller = self._name(number, phase), phase.controller or NoInputs(phase.reduced)
+        name, controller = self._name(number, phase), phase.controller or ZeroInput(phase.reduced)
         self._info = PhaseInfo(name, self._samples, self._time, controller=describe(controller))
         if jump is not None and np.abs(jump.v - jump.v_before).max() > _SAME * np.abs(jump.v_before).max():
             self._info = replace(self._info, impulses=dict(jump.impulses), energy_loss=jump.loss)
@@ -333,26 +334,6 @@ class _PhasedRun:
         self._run = None
 
 
-class NoInputs:
-    """Controller without inputs.
-
-    Args:
-        reduced: the model.
-    """
-
-    def __init__(self, reduced: ReducedModel) -> None:
-        self._command = Command(T=np.zeros(reduced.p))
-
-    def describe(self) -> Description:
-        return {"type": "NoInputs"}
-
-    def initial_state(self, measurement: Measurement) -> State:
-        return None
-
-    def step(self, t: float, measurement: Measurement, state: State) -> tuple[Command, State]:
-        return self._command, state
-
-
 def _value(event: BoundEvent, plant: ReducedPlant) -> float:
     return event.value(plant.state, plant.applied, plant.external)
 
@@ -364,13 +345,13 @@ def _events(phase: Phase) -> list[BoundEvent]:
     return events
 
 
-def _time_of_crossing(event: BoundEvent, plant: ReducedPlant, here: object, dt: float, before: float) -> float:
+def _time_of_crossing(event: BoundEvent, plant: ReducedPlant, here: Checkpoint, dt: float, before: float) -> float:
     """Time in (0, dt] at which the value of an event crosses zero [s]."""
 
     def value(elapsed: float) -> float:
         if elapsed == 0.0:
             return before
-        plant.rollback(here)  # type: ignore[arg-type]
+        plant.rollback(here)
         plant.advance(elapsed)
         return _value(event, plant)
 
