@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from rnc_pin.constraints.body_shapes import BodyShape
 from rnc_pin.constraints.curved_grounds import CurvedGround
-from rnc_pin.math.linear_algebra import complex_step, cross_columns, vector_product
+from rnc_pin.math.linear_algebra import apply, complex_step, cross_columns, vector_product
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.mechanisms import Phrases
 from rnc_pin.model.rows import Rows, check_defined
@@ -85,8 +85,8 @@ class SurfaceContactRows(Rows):
         bent = self._surface.hessian(point) / length[..., None]
         turning = bent - normal[..., :, None] * (normal[..., None, :] @ bent)
         axes = rotation @ self._turned
-        outward = -_apply(axes.mT, normal)
-        arm = _apply(rotation, self._center) + _apply(axes, self._shape.point(outward))
+        outward = -apply(axes.mT, normal)
+        arm = apply(rotation, self._center) + apply(axes, self._shape.point(outward))
         each = np.broadcast_to(outward[..., None, :], (*outward.shape[:-1], 3, 3))
         columns = self._shape.point_rate(each, axes)  # along the world's x, y and z
         return _Contact(point, gap, normal, turning, arm, axes @ columns.mT)
@@ -104,7 +104,7 @@ class SurfaceContactRows(Rows):
         """Contact at configurations; raises an error if it is not one point."""
         rotation, origin = at.placement(self._frame)
         with np.errstate(all="ignore"):
-            point = self._surface.below(origin + _apply(rotation, self._center))
+            point = self._surface.below(origin + apply(rotation, self._center))
             found = self._at(rotation, point, np.zeros(point.shape[:-1]))
             gap = _dot(origin + found.arm - point, found.normal)[..., 0]
             found = found._replace(gap=gap)
@@ -117,7 +117,7 @@ class SurfaceContactRows(Rows):
                     break
             known = np.where(np.isnan(at.q).any(axis=-1), np.nan, (last <= 1e3 * _ACCURATE * size).astype(float))
             check_defined("the contact of a body with curved ground is not found", at, known, _FLAT, self.names)
-            regularity = self._shape.regularity(-_apply((rotation @ self._turned).mT, found.normal))
+            regularity = self._shape.regularity(-apply((rotation @ self._turned).mT, found.normal))
             separate = np.minimum(regularity, _smaller_eigenvalue(found.relative))
         check_defined("a body touches curved ground at more than one point", at, separate, _FLAT, self.names)
         return found
@@ -131,11 +131,11 @@ class SurfaceContactRows(Rows):
 
     def _rates(self, found: _Contact, v: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rates (..., 3) of the arm and of the normal, for velocities of the frame (..., 3)."""
-        turned = _apply(found.spread, vector_product(w, found.normal))
+        turned = apply(found.spread, vector_product(w, found.normal))
         moved = v + vector_product(w, found.arm)
         along = moved + turned - _dot(found.normal, moved) * found.normal
-        normal = _apply(found.turning, _solve(found.relative, along[..., None])[..., 0])
-        return vector_product(w, found.arm) + turned - _apply(found.spread, normal), normal
+        normal = apply(found.turning, _solve(found.relative, along[..., None])[..., 0])
+        return vector_product(w, found.arm) + turned - apply(found.spread, normal), normal
 
     def _axes(self, normal: np.ndarray) -> np.ndarray:
         """Two directions along the surface and its normal, as rows (..., 3, 3)."""
@@ -202,7 +202,7 @@ class SurfaceContactRows(Rows):
         )
 
     def _components(self, axes: np.ndarray, linear: np.ndarray, angular: np.ndarray) -> np.ndarray:
-        rows = _apply(axes, linear)
+        rows = apply(axes, linear)
         return rows if self._pivots else np.concatenate([rows, _dot(axes[..., 2, :], angular)], axis=-1)
 
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
@@ -258,10 +258,6 @@ class SurfaceContactRows(Rows):
 
     def phrases(self) -> Phrases:
         return Phrases("rolling body", prevents="slip at", where=self._body)
-
-
-def _apply(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    return np.asarray((matrix @ vector[..., None])[..., 0])
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
