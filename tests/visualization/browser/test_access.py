@@ -6,21 +6,17 @@ import socket
 import struct
 import threading
 import tracemalloc
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 import rnc_pin as rnc
+from held_memory import holding_at_most
+from patience import PATIENCE
 from rnc_pin.visualization.browser.access import RequestFilter
 from rnc_pin.visualization.browser.drawing_commands import SceneWindow
 from rnc_pin.visualization.live import LiveView
-
-PATIENCE = 20.0  # [s]
-
-
-def memory():
-    """Resident memory of this process [MB]."""
-    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 def sockets():
@@ -128,21 +124,17 @@ def closed(connection):
 
 def test_messages_that_are_not_finished_cost_nothing(port):
     headers = f"Host: localhost:{port}", f"Origin: http://localhost:{port}"
-    before, connections = memory(), []
-    for k in range(12):
-        connection, code = asked(port, "/", *headers, upgrade=True)
-        assert code == 101
-        connections.append(connection)
-        try:
-            if k % 2:
-                connection.sendall(frame(10_000_000, 9_900_000))
-            else:
-                for _ in range(200):
-                    connection.sendall(frame(50_000, 50_000, opcode=0 if _ else 2, final=False))
-        except (BrokenPipeError, ConnectionResetError):
-            pass
-    assert all(map(closed, connections))
-    assert memory() < before + 15
+    begun, first, further = frame(10_000_000, 9_900_000), *(frame(50_000, 50_000, code, final=False) for code in (2, 0))
+    connections = []
+    with holding_at_most(15):  # 120 MB are sent
+        for k in range(12):
+            connection, code = asked(port, "/", *headers, upgrade=True)
+            assert code == 101
+            connections.append(connection)
+            with suppress(BrokenPipeError, ConnectionResetError):
+                for piece in [begun] if k % 2 else [first, *[further] * 199]:
+                    connection.sendall(piece)
+        assert all(map(closed, connections))
     for connection in connections:
         connection.close()
 
