@@ -16,7 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define INTERFACE 14 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
+#define INTERFACE 15 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
 #define INTEGERS 8  /* of a row: kind, first and second frame, five more */
 #define NUMBERS 12  /* of a row */
 #define FLAT 1e-6   /* sine below which an axis counts as vertical */
@@ -1204,14 +1204,16 @@ static double constraint_power(const Evaluator *ev, const double *P, const doubl
 }
 
 /* State derivative at one state: v (n), v2_dot (r), J1 v (k), and the power of forces and moving constraints.
-   Forces are those of T, further ones (n) and damping (n), unless NULL. 0: the general way has to decide; -1: an error */
+   Forces are those of T, further ones (n) and damping (n), unless NULL. known: kinematics at q, or NULL.
+   0: the general way has to decide; -1: an error */
 static int derivative(Evaluator *ev, const double *q, const double *v2, const double *T, const double *further,
-                      const double *damping, double *out)
+                      const double *damping, const double *known, double *out)
 {
     Py_ssize_t n = ev->n, r = ev->r, k = ev->k;
     double *P = ev->scratch + ev->work, *F = P + kinematics_size(ev), *S = F + 2 * n * n + n;
     double *force = S + dynamics_size(ev), *v = out, *v2_dot = v + n, *rates_of_J1 = v2_dot + r, *row = ev->scratch;
-    if (!take_position(ev, q, P)) return -1;
+    if (known) memcpy(P, known, (size_t)kinematics_size(ev) * sizeof(double));
+    else if (!take_position(ev, q, P)) return -1;
     if (!factorize(ev, q, P, NULL, F)) return 0;
     input_force(ev, q, P, T, force, ev->scratch);
     velocity(ev, F, ev->mu, v2, v);
@@ -1242,7 +1244,7 @@ static PyObject *state_derivative(Evaluator *ev, PyObject *const *args, Py_ssize
         ok = ev->fused && !ev->external_vertical;
         for (Py_ssize_t i = 0; i < all.count && ok > 0; i++)
             ok = derivative(ev, q + i * ev->nq, v2 + i * r, T + i * ev->p, further ? further + i * n : NULL,
-                            damping ? damping + i * n : NULL, out + i * size);
+                            damping ? damping + i * n : NULL, NULL, out + i * size);
     }
     return result(&all, ok);
 }
@@ -1323,8 +1325,9 @@ static int displace(Evaluator *ev, const double *q, const double *u, double *out
 
 static Py_ssize_t stages_size(const Evaluator *ev) { return 3 * (ev->n + ev->r + ev->k + 1) + ev->nq; }
 
-/* One step of the method of lie_runge_kutta.py: q and y = [v2, integrals of J1 v, work] after a time h. */
-static int step(Evaluator *ev, const double *T, double h, double *q, double *y)
+/* One step of the method of lie_runge_kutta.py: q and y = [v2, integrals of J1 v, work] after a time h. known: kinematics at
+   q, or NULL. */
+static int step(Evaluator *ev, const double *T, double h, const double *known, double *q, double *y)
 {
     static const double fraction[4] = {0.0, 0.5, 0.5, 1.0}, weight[4] = {1.0, 2.0, 2.0, 1.0};
     Py_ssize_t n = ev->n, s = ev->r + ev->k + 1;
@@ -1337,7 +1340,7 @@ static int step(Evaluator *ev, const double *T, double h, double *q, double *y)
         for (Py_ssize_t i = 0; i < s; i++) y_at[i] = y[i] + fraction[stage] * h * rate[n + i];
         if (!(dot(u, u, n) < FARTHEST)) return 0;
         if (stage && !displace(ev, q, u, q_at)) return -1;
-        int ok = derivative(ev, q_at, y_at, T, NULL, NULL, rate);
+        int ok = derivative(ev, q_at, y_at, T, NULL, NULL, stage ? NULL : known, rate);
         if (ok <= 0) return ok;
         coordinate_rates(ev, u, rate);
         add(sum, weight[stage], rate, n + s);
@@ -1365,7 +1368,7 @@ static PyObject *integrate(Evaluator *ev, PyObject *const *args, Py_ssize_t give
             memcpy(out, q, (size_t)ev->nq * sizeof(double));
             memcpy(out + ev->nq, y, (size_t)s * sizeof(double));
         }
-        for (Py_ssize_t i = 0; i < steps && ok > 0; i++) ok = step(ev, T, h, out, out + ev->nq);
+        for (Py_ssize_t i = 0; i < steps && ok > 0; i++) ok = step(ev, T, h, NULL, out, out + ev->nq);
     }
     return result(&all, ok);
 }
@@ -1382,7 +1385,7 @@ static PyObject *chart_rate(Evaluator *ev, PyObject *const *args, Py_ssize_t giv
         && take(&all, args[4], n + s, WRITE, &out)) {
         ok = ev->fused && !ev->external_vertical && ev->curved && dot(x, x, n) < FARTHEST;
         if (ok && !displace(ev, q, x, ev->stages)) ok = -1;
-        if (ok > 0) ok = derivative(ev, ev->stages, x + n, T, NULL, damping, out);
+        if (ok > 0) ok = derivative(ev, ev->stages, x + n, T, NULL, damping, NULL, out);
         if (ok > 0) coordinate_rates(ev, x, out);
     }
     return result(&all, ok);
@@ -1512,6 +1515,7 @@ static PyObject *track(PyObject *module, PyObject *const *args, Py_ssize_t given
 #include "laws.h"
 #include "derivatives.h"
 #include "sampling.h"
+#include "batches.h"
 #include "riccati.h"
 
 /* ------------------------------------------------------------------ creation */
@@ -1739,6 +1743,9 @@ static PyMethodDef methods[] = {
     {"admissible_velocity", (PyCFunction)(void (*)(void))admissible_velocity, METH_FASTCALL, NULL},
     {"state_derivatives", (PyCFunction)(void (*)(void))state_derivatives, METH_FASTCALL, NULL},
     {"row_velocities", (PyCFunction)(void (*)(void))row_velocities, METH_FASTCALL, NULL},
+    {"velocities_of_runs", (PyCFunction)(void (*)(void))velocities_of_runs, METH_FASTCALL, NULL},
+    {"measure_runs", (PyCFunction)(void (*)(void))measure_runs, METH_FASTCALL, NULL},
+    {"integrate_runs", (PyCFunction)(void (*)(void))integrate_runs, METH_FASTCALL, NULL},
     {"measure", (PyCFunction)(void (*)(void))measure, METH_FASTCALL, NULL},
     {"terms", (PyCFunction)(void (*)(void))terms, METH_FASTCALL, NULL},
     {NULL, NULL, 0, NULL},

@@ -5,6 +5,18 @@ static Py_ssize_t measured_size(const Evaluator *ev)
     return kinematics_size(ev) + 2 * ev->n * ev->n + rates_size(ev) + ev->r + ev->k;
 }
 
+/* Record of measure at one state; it starts with the kinematics at q. 0: the general way has to decide; -1: an error */
+static int measured(Evaluator *ev, const double *q, const double *v, double *P)
+{
+    double *F = P + kinematics_size(ev), *D = F + 2 * ev->n * ev->n, *x = D + rates_size(ev);
+    if (ev->external || ev->external_vertical || !factorize(ev, q, P, NULL, F)) return 0;
+    take_state(ev, q, v);
+    if (ev->rates_need_C && !called(ev, P_C, 1)) return -1;
+    if (!rates(ev, q, P, F, v, NULL, NULL, NULL, D, ev->scratch)) return 0;
+    values(ev, q, P, x);
+    return 1;
+}
+
 /* q, v, record of kinematics, E and E^-1, rates, and values of the outputs. False if the general way has to decide. */
 static PyObject *measure(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
@@ -13,16 +25,7 @@ static PyObject *measure(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
     int ok = -1;
     if (expect(ev, given, 3) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], ev->n, READ, &v)
         && take(&all, args[2], measured_size(ev), WRITE, &P)) {
-        double *F = P + kinematics_size(ev), *D = F + 2 * ev->n * ev->n, *x = D + rates_size(ev);
-        ok = !ev->external && !ev->external_vertical;
-        if (ok && !take_position(ev, q, P)) ok = -1;
-        if (ok > 0) ok = factorize(ev, q, P, NULL, F);
-        if (ok > 0) {
-            take_state(ev, q, v);
-            if (ev->rates_need_C && !called(ev, P_C, 1)) ok = -1;
-        }
-        if (ok > 0) ok = rates(ev, q, P, F, v, NULL, NULL, NULL, D, ev->scratch);
-        if (ok > 0) values(ev, q, P, x);
+        ok = take_position(ev, q, P) ? measured(ev, q, v, P) : -1;
     }
     return result(&all, ok);
 }

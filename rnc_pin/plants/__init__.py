@@ -4,9 +4,9 @@ from rnc_pin.deprecation import former_exports
 from rnc_pin.plants.changing import ChangingPlant
 from rnc_pin.plants.faults import Faults, FaultyPlant
 from rnc_pin.plants.plant import Plant
-from rnc_pin.plants.reduced import ReducedPlant, VelocityPlant
+from rnc_pin.plants.reduced import ReducedPlant, ReducedPlantBatch, VelocityPlant
 
-__all__ = ["ChangingPlant", "Faults", "FaultyPlant", "Plant", "ReducedPlant", "VelocityPlant"]
+__all__ = ["ChangingPlant", "Faults", "FaultyPlant", "Plant", "ReducedPlant", "ReducedPlantBatch", "VelocityPlant"]
 
 __getattr__ = former_exports(
     __name__, {"Machine": "Plant", "FaultyMachine": "FaultyPlant", "ChangingMachine": "ChangingPlant"}

@@ -88,10 +88,12 @@ class ConstrainedDynamics:
 
     # ------------------------------------------------------------------ states
 
-    def initial(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return the initial y at time zero, in a chart centred at q."""
+    def initial(self, q: np.ndarray, v: np.ndarray, chart: VelocityChart | None = None) -> np.ndarray:
+        """Return the initial y at time zero, in a chart centred at q; ``chart`` is that chart, if it exists."""
         rheonomic = self.reduced.rheonomic
-        self.chart = VelocityChart(self.reduced.reduction_data, q, self._integrands, 0.0 if rheonomic else None)
+        if chart is None:
+            chart = VelocityChart(self.reduced.reduction_data, q, self._integrands, 0.0 if rheonomic else None)
+        self.chart = chart
         return np.concatenate([self.chart.W @ v, np.zeros(len(self._where) + 1 + rheonomic)])
 
     def time(self, y: np.ndarray) -> Any:
@@ -128,6 +130,10 @@ class ConstrainedDynamics:
             self.chart = VelocityChart(self.reduced.reduction_data, q, self._integrands, t)
             y = np.concatenate([self.chart.W @ v, y[self._r :]])
         return StateEvaluation.measured(self.reduced.reduction_data, q, v, t), y
+
+    def measured(self, q: np.ndarray, v: np.ndarray, y: np.ndarray) -> StateEvaluation:
+        """State (q, v) in the reduction of the model, at the time of y."""
+        return StateEvaluation.measured(self.reduced.reduction_data, q, v, self.time(y))
 
     def project(self, q: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Configuration near q that satisfies the holonomic rows at the time of y."""

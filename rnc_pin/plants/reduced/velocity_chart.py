@@ -7,12 +7,14 @@ import numpy as np
 from rnc_pin.math.components import Component
 from rnc_pin.math.linear_algebra import null_space
 from rnc_pin.model.compiled import CompiledReduction
+from rnc_pin.model.compiled_runs import evaluator_of
 from rnc_pin.model.factorization import factorize
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 
-_MAX_GROWTH = 3.0  # growth of |R|^2 at which the chart is replaced: some velocity is then 60 degrees off the basis
+MAX_GROWTH = 3.0
+"""Growth of ``|R|^2`` at which a chart is replaced: some velocity is then 60 degrees off the basis."""
 
 
 class VelocityChart:
@@ -76,6 +78,11 @@ class VelocityChart:
         data = self.reduction_data
         return None if data.rheonomic else data.compiled
 
+    @property
+    def evaluator(self) -> object:
+        """Evaluator of the kernel for whole evaluations; None without it."""
+        return evaluator_of(self._whole_kernel)
+
     def velocity(self, q: np.ndarray, w: np.ndarray, t: float | None = None) -> tuple[np.ndarray, bool]:
         """Full velocity at (q, w), and True if this state needs a new chart."""
         compiled = self._whole_kernel
@@ -84,7 +91,7 @@ class VelocityChart:
             state = self.at(q, w, t)
             found = state.v, float(np.square(state.R).sum())
         v, size = found
-        return v, not size < self.reduction_data.r + _MAX_GROWTH
+        return v, not size < self.reduction_data.r + MAX_GROWTH
 
 
 def state_rates(

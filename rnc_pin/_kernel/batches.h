@@ -1,0 +1,116 @@
+/* Runs side by side, each with the bits of a run alone. Included at the end of kernel.c.
+
+   Each run has a velocity chart, and so an evaluator of its own. status (count): 1 where the kernel decided, 0 where the
+   general way has to decide; other runs do not notice it. */
+
+/* Evaluator of run i, or NULL: without one, or with an error if it is of another robot. */
+static Evaluator *of_run(const Evaluator *ev, PyObject *evaluators, Py_ssize_t i)
+{
+    PyObject *object = PyTuple_GetItem(evaluators, i);
+    if (!object || object == Py_None) return NULL;
+    Evaluator *found = (Evaluator *)object;
+    if (Py_TYPE(object) == Py_TYPE((PyObject *)ev) && found->ready && found->nq == ev->nq && found->n == ev->n
+        && found->p == ev->p && found->joints == ev->joints)
+        return found;
+    PyErr_SetString(PyExc_ValueError, "kernel: the runs of a batch are of one robot");
+    return NULL;
+}
+
+/* Row length of an array with a row for each run; -1 if it is shorter than size. */
+static Py_ssize_t row_length(const Arrays *all, Py_ssize_t size)
+{
+    const Py_buffer *view = all->views + all->open - 1;
+    Py_ssize_t length = all->count > 0 ? view->len / (all->count * (Py_ssize_t)sizeof(double)) : size;
+    return length < size || length * all->count * (Py_ssize_t)sizeof(double) != view->len ? -1 : length;
+}
+
+static int take_rows(Arrays *all, PyObject *object, Py_ssize_t size, int flags, double **out, Py_ssize_t *length)
+{
+    Py_buffer *view = all->views + all->open;
+    *out = NULL;
+    if (PyObject_GetBuffer(object, view, flags) < 0) return 0;
+    all->open++, *out = view->buf, *length = row_length(all, size);
+    if (*length < 0) PyErr_SetString(PyExc_ValueError, "kernel: an array of a batch has short rows");
+    return *length >= 0;
+}
+
+/* Tuple of evaluators; q (nq), y that starts with the velocities of the chart, largest |R|^2, records that start with the
+   kinematics, v (n), status. */
+static PyObject *velocities_of_runs(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+{
+    Arrays all = {.count = -1};
+    double *q, *y, *records, *v, *status;
+    Py_ssize_t n = ev->n, in_y = 0, stride = 0;
+    int ok = -1;
+    if (expect(ev, given, 7) && (all.count = PyTuple_Size(args[0])) >= 0 && take(&all, args[1], ev->nq, READ, &q)
+        && take_rows(&all, args[2], 0, READ, &y, &in_y)
+        && take_rows(&all, args[4], kinematics_size(ev), WRITE, &records, &stride) && take(&all, args[5], n, WRITE, &v)
+        && take(&all, args[6], 1, WRITE, &status)) {
+        double limit = PyFloat_AsDouble(args[3]);
+        ok = PyErr_Occurred() ? -1 : 1;
+        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, q += ev->nq, v += n) {
+            Evaluator *chart = of_run(ev, args[0], i);
+            double *P = records + i * stride, size = 0.0;
+            status[i] = 0.0;
+            if (PyErr_Occurred() || !take_position(ev, q, P)) ok = -1;
+            if (ok < 0 || !chart || !chart->fused || chart->r > in_y) continue;
+            double *F = chart->scratch + chart->work + kinematics_size(chart), *R = F + n * n + chart->m;
+            if (!all_finite(y + i * in_y, in_y) || !factorize(chart, q, P, NULL, F)) continue;
+            velocity(chart, F, chart->mu, y + i * in_y, v);
+            for (Py_ssize_t j = 0; j < n; j++) size += dot(R + j * n, R + j * n, chart->r);
+            if (size < limit) status[i] = 1.0;
+        }
+    }
+    return result(&all, ok);
+}
+
+/* q (nq), v (n), records as of measure that start with the kinematics, status: only runs with 1 are measured. */
+static PyObject *measure_runs(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+{
+    Arrays all = {.count = -1};
+    double *q, *v, *P, *status;
+    int ok = -1;
+    if (expect(ev, given, 4) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], ev->n, READ, &v)
+        && take(&all, args[2], measured_size(ev), WRITE, &P) && take(&all, args[3], 1, WRITE, &status)) {
+        ok = 1;
+        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, q += ev->nq, v += ev->n, P += measured_size(ev)) {
+            if (status[i] != 1.0) continue;
+            int found = measured(ev, q, v, P);
+            if (found < 0) ok = -1;
+            status[i] = found > 0;
+        }
+    }
+    return result(&all, ok);
+}
+
+/* Tuple of evaluators; q (nq), y (s) and T (p), step, number of steps, records that start with the kinematics at q, or None;
+   q and y at the end, status. Where it is 0, they are undefined. */
+static PyObject *integrate_runs(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+{
+    Arrays all = {.count = -1};
+    double *q, *y, *T, *records = NULL, *q_end, *y_end, *status;
+    Py_ssize_t s = 0, stride = 0;
+    int ok = -1;
+    if (expect(ev, given, 10) && (all.count = PyTuple_Size(args[0])) >= 0 && take(&all, args[1], ev->nq, READ, &q)
+        && take_rows(&all, args[2], 0, READ, &y, &s) && take(&all, args[3], ev->p, READ, &T)
+        && (args[6] == Py_None || take_rows(&all, args[6], kinematics_size(ev), READ, &records, &stride))
+        && take(&all, args[7], ev->nq, WRITE, &q_end) && take(&all, args[8], s, WRITE, &y_end)
+        && take(&all, args[9], 1, WRITE, &status)) {
+        double h = PyFloat_AsDouble(args[4]);
+        Py_ssize_t steps = PyErr_Occurred() ? 0 : PyLong_AsSsize_t(args[5]);
+        ok = PyErr_Occurred() ? -1 : 1;
+        memcpy(q_end, q, (size_t)(all.count * ev->nq) * sizeof(double));
+        memcpy(y_end, y, (size_t)(all.count * s) * sizeof(double));
+        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, T += ev->p, q_end += ev->nq, y_end += s) {
+            Evaluator *chart = of_run(ev, args[0], i);
+            int done = chart && chart->fused && !chart->external_vertical && chart->curved && s == chart->r + chart->k + 1
+                && all_finite(T, ev->p);
+            if (PyErr_Occurred()) ok = -1;
+            for (Py_ssize_t j = 0; j < steps && ok > 0 && done > 0; j++)
+                done = step(chart, T, h, j || !records ? NULL : records + i * stride, q_end, y_end);
+            if (done < 0) ok = -1;
+            status[i] = done > 0;
+        }
+    }
+    return result(&all, ok);
+}
