@@ -6,14 +6,14 @@ from collections import Counter
 
 import pytest
 
-from places import ROOT
+from places import ROOT, pages
 
 MODULES = sorted(
     path for folder in ("rnc_pin", "benchmarks", "docs", "examples", "tests") for path in (ROOT / folder).rglob("*.py")
 )
 QUESTION = re.compile(r"(What|Where|Whether|Who|Whose|Whoever|Which|How)\b")
 LONGEST_SENTENCE = 30  # words
-PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = pages()
 
 
 def docstrings(path):

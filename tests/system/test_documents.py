@@ -9,17 +9,17 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
-from places import ROOT
+from places import ROOT, pages
 from rnc_pin.scenario.loading import validate
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
-AT_THE_TOP = ("README.md", "CONTRIBUTING.md", "SECURITY.md")
-DOCUMENTS = [*(ROOT / name for name in AT_THE_TOP), *sorted((ROOT / "docs").glob("*.md"))]
-BLOCKS = [
-    pytest.param(block, id=f"{path.name}-{k}")
-    for path in DOCUMENTS
-    for k, block in enumerate(re.findall(r"```python\n(.*?)```", path.read_text(), flags=re.DOTALL))
-]
+DOCUMENTS = pages()
+BLOCK = re.compile(r"^```python\n(.*?)^```", flags=re.DOTALL | re.MULTILINE)
+WITH_BLOCKS = [path for path in DOCUMENTS if BLOCK.search(path.read_text())]
+
+
+def page_name(path):
+    return path.relative_to(ROOT).as_posix()
 
 
 @pytest.fixture
@@ -50,10 +50,21 @@ def test_example_runs(example, brief, tmp_path, monkeypatch, capsys):
     assert capsys.readouterr().out.strip()
 
 
-@pytest.mark.parametrize("block", BLOCKS)
-def test_python_block_runs(block, brief, tmp_path, monkeypatch):
+@pytest.mark.parametrize("page", WITH_BLOCKS, ids=page_name)
+def test_python_blocks_run(page, brief, tmp_path, monkeypatch):
+    """In one namespace, from top to bottom, as a reader runs them; a traceback has the line of the page."""
     monkeypatch.chdir(tmp_path)
-    exec(compile(block, "block", "exec"), {"__name__": "__main__"})
+    text, names = page.read_text(), {"__name__": "__main__"}
+    for block in BLOCK.finditer(text):
+        lines_before = text.count("\n", 0, block.start(1))
+        exec(compile("\n" * lines_before + block[1], str(page), "exec"), names)
+
+
+def test_every_python_block_is_found():
+    """Those with other fences or indentation would not run."""
+    fence = re.compile(r"(?:`{3,}|~{3,}|:{3,})\s*\{?(?:code.*)?python")
+    for page in DOCUMENTS:
+        assert len(BLOCK.findall(page.read_text())) == len(fence.findall(page.read_text())), page
 
 
 def test_first_scenario_of_the_page_is_complete():
@@ -80,7 +91,7 @@ def test_the_readme_has_the_two_commands():
     assert "    pip install '.[test]' && pytest\n" in text
 
 
-@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+@pytest.mark.parametrize("document", DOCUMENTS, ids=page_name)
 def test_links_lead_to_files(document):
     for target in re.findall(r"\]\(([^)#]+)\)", document.read_text()):
         if not target.startswith(("http:", "https:")):

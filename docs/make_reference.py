@@ -1,0 +1,84 @@
+"""Pages of the reference: one for the exports of ``rnc_pin`` and one for each public package, by ``__all__``.
+
+The text comes from docstrings, by Sphinx's autodoc. Sphinx calls :func:`reference_pages` before it looks for pages.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+from collections.abc import Iterator
+from types import ModuleType
+
+import rnc_pin
+
+PACKAGES = (
+    "analysis",
+    "collision",
+    "constraints",
+    "control",
+    "control.whole_body.tasks",
+    "control.whole_body.limits",
+    "forces",
+    "integrators",
+    "loop",
+    "optimal",
+    "outputs",
+    "planning",
+    "plants",
+    "plants.mujoco",
+    "simulation",
+)
+
+
+def underlined(title: str, line: str = "=") -> str:
+    return f"{title}\n{line * len(title)}\n"
+
+
+def entries(names: list[str], module: str) -> Iterator[str]:
+    """Sections of one page: a table of the names, then each with its docstring."""
+    yield ".. autosummary::\n   :nosignatures:\n"
+    yield "".join(f"   {name}\n" for name in names)
+    for name in names:
+        thing = getattr(importlib.import_module(module), name)
+        if inspect.isclass(thing):
+            directive = "autoexception" if issubclass(thing, BaseException) else "autoclass"
+        else:
+            directive = "autofunction" if callable(thing) else "autodata"
+        yield f".. {directive}:: {name}\n"
+
+
+def reference_pages() -> dict[str, str]:
+    """Return the pages by their place below ``docs``."""
+    root = sorted(name for name in rnc_pin.__all__ if is_entry(getattr(rnc_pin, name)))
+    pages = {"reference/rnc_pin.rst": page("rnc_pin", "Exports of the package: ``import rnc_pin as rnc``.", root)}
+    known = {id(getattr(rnc_pin, name)) for name in root}
+    for package in PACKAGES:
+        module = importlib.import_module(f"rnc_pin.{package}")
+        public = [name for name in module.__all__ if is_entry(getattr(module, name))]
+        others = [name for name in public if id(getattr(module, name)) not in known]
+        known |= {id(getattr(module, name)) for name in others}
+        again = [name for name in public if name not in others]
+        pages[f"reference/{package}.rst"] = page(f"rnc_pin.{package}", inspect.getdoc(module) or "", others, again)
+    listed = "".join(f"   {place.removeprefix('reference/').removesuffix('.rst')}\n" for place in pages)
+    pages["reference/index.rst"] = (
+        underlined("Python reference")
+        + "\nGenerated from docstrings: shapes, units, frames, errors and sources.\n\n.. toctree::\n   :maxdepth: 1\n\n"
+        + listed
+    )
+    return pages
+
+
+def is_entry(thing: object) -> bool:
+    """True for all but modules and constants without a docstring of their own."""
+    return not isinstance(thing, ModuleType | str)
+
+
+def page(module: str, text: str, names: list[str], again: list[str] | None = None) -> str:
+    """One page of the reference."""
+    parts = [underlined(f"``{module}``"), text + "\n", f".. module:: {module}\n"]
+    if again:
+        parts.append("Also here: " + ", ".join(f":py:obj:`{name} <rnc_pin.{name}>`" for name in again) + ".\n")
+    if names:
+        parts.extend(entries(names, module))
+    return "\n".join(parts)

@@ -1,0 +1,135 @@
+"""Sphinx extension: pages of the root, the generated reference, and links that hold on GitHub and on the site.
+
+A page links to ``../README.md`` or to a source file as GitHub wants it. Here the link leads to the copy of the page in
+``project/``, or offers the file.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+from docutils import nodes
+from make_reference import reference_pages
+from sphinx import addnodes
+from sphinx.application import Sphinx
+
+DOCS = Path(__file__).parent.resolve()
+ROOT = DOCS.parent
+AT_THE_TOP = {
+    "README.md": "project/readme.md",
+    "CONTRIBUTING.md": "project/contributing.md",
+    "CHANGELOG.md": "project/changelog.md",
+    "SECURITY.md": "project/security.md",
+    "LICENSE": "project/license.md",
+}
+SECTIONS = {
+    "Start": ["project/readme", "own_robot", "gallery"],
+    "Tutorials": ["tutorials/*"],
+    "Topics": ["*"],
+    "Explanation": ["explanation/*", "paper", "glossary", "limits"],
+    "Reference": ["commands", "scenarios", "errors", "reference/*"],
+    "Evidence": ["validation", "reliability", "performance", "random_tasks", "zoo"],
+    "Project": ["maintainers", "project/contributing", "project/changelog", "project/security", "project/license"],
+}
+"""Parts of the table of contents; a pattern stands for the pages that no part names."""
+_LINK = re.compile(r"(\]\()(?![a-z]+:|#|/)([^)\s#]+)(#[^)\s]*)?(\))")
+
+
+def site_links(text: str, folder: Path) -> str:
+    """Return the text of a page in ``folder``; its links to pages of the root and to source files suit the site."""
+
+    def moved(match: re.Match[str]) -> str:
+        target = (folder / match[2]).resolve()
+        if not target.is_relative_to(ROOT):
+            return match[0]
+        name = target.relative_to(ROOT).as_posix()
+        if name in AT_THE_TOP:
+            place = "/" + AT_THE_TOP[name]
+        elif target.is_relative_to(DOCS):
+            place = "/" + target.relative_to(DOCS).as_posix()
+        else:
+            place = "/" + os.path.relpath(target, DOCS)
+        return f"{match[1]}{place}{match[3] or ''}{match[4]}"
+
+    return _LINK.sub(moved, text)
+
+
+def table_of_contents(pages: set[str]) -> str:
+    """Return the hidden table of contents: all pages, in the order of ``SECTIONS``."""
+    named = {name for names in SECTIONS.values() for name in names} | {"index"}
+    parts = []
+    for caption, names in SECTIONS.items():
+        found: list[str] = []
+        for name in names:
+            if name.endswith("*"):
+                folder = name.rpartition("/")[0]
+                beside = sorted(page for page in pages - named if page.rpartition("/")[0] == folder)
+                index = f"{folder}/index"
+                found.extend([index] if index in beside and folder == "reference" else beside)
+            elif name in pages:
+                found.append(name)
+        if found:
+            lines = "\n".join(f"/{name}" for name in found)
+            parts.append(f"```{{toctree}}\n:caption: {caption}\n:hidden:\n\n{lines}\n```\n")
+    return "\n".join(parts)
+
+
+def project_pages() -> dict[str, str]:
+    """Return the pages of the repository root by their place on the site."""
+    pages = {}
+    for name, place in AT_THE_TOP.items():
+        text = (ROOT / name).read_text()
+        pages[place] = f"# License\n\n```text\n{text}```\n" if name == "LICENSE" else site_links(text, ROOT)
+    return pages
+
+
+def write_pages(app: Sphinx, config: Any) -> None:
+    """Write all generated pages; an unchanged one keeps its time, so that Sphinx does not read it again."""
+    pages = {**project_pages(), **reference_pages()}
+    for place, text in pages.items():
+        path = DOCS / place
+        path.parent.mkdir(exist_ok=True)
+        if not path.is_file() or path.read_text() != text:
+            path.write_text(text)
+    for folder in ("project", "reference"):
+        for path in (DOCS / folder).iterdir():
+            if f"{folder}/{path.name}" not in pages:
+                path.unlink()
+
+
+def relink(app: Sphinx, name: str, source: list[str]) -> None:
+    """Make the links of one page for the site."""
+    path = Path(app.env.doc2path(name))
+    if path.suffix == ".md":
+        source[0] = site_links(source[0], path.parent)
+    if name == "index":
+        source[0] += "\n" + table_of_contents(app.env.found_docs)
+
+
+def without_dimensions(app: Sphinx, doctree: nodes.document) -> None:
+    """Make plain text of dimensions in signatures, ``Float[Array, p]``: their letters name no object."""
+    for reference in list(doctree.findall(addnodes.pending_xref)):
+        target = reference.get("reftarget", "")
+        if reference.get("refdomain") == "py" and target.isidentifier() and target.islower() and len(target) < 3:
+            reference.replace_self(reference.children)
+
+
+def copy_mathjax(app: Sphinx, error: Exception | None) -> None:
+    """Put the one script of MathJax into the site."""
+    if error is None and app.builder.format == "html":
+        folder = Path(app.outdir) / "_static" / "mathjax"
+        folder.mkdir(parents=True, exist_ok=True)
+        shutil.copy(app.config.mathjax_folder / "tex-svg.js", folder)
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    app.add_config_value("mathjax_folder", None, "", [])
+    app.connect("config-inited", write_pages)
+    app.connect("source-read", relink)
+    app.connect("doctree-read", without_dimensions)
+    app.connect("build-finished", copy_mathjax)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,0 +1,40 @@
+"""Parts of the documentation site; ``.ci/run`` builds all of it, and checks that it loads nothing from other hosts."""
+
+import importlib.util
+
+import pytest
+
+from places import ROOT
+
+
+def docs_script(name):
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize(
+    ("page", "fault"),
+    [
+        ('<script src="https://cdn.example/x.js"></script>', "loads https://cdn.example/x.js"),
+        ('<link rel="stylesheet" href="//cdn.example/x.css"/>', "loads //cdn.example/x.css"),
+        ("<style>@font-face { src: url('https://cdn.example/f.woff') }</style>", "loads https://cdn.example/f.woff"),
+        ('<p style="background: url(http://cdn.example/p.png)">', "loads http://cdn.example/p.png"),
+        ('<iframe src="scenes/missing.html"></iframe>', "has no file scenes/missing.html"),
+    ],
+)
+def test_loads_from_other_hosts_and_missing_files_are_found(page, fault, tmp_path):
+    assert list(docs_script("check_site").faults_of_page(page, tmp_path)) == [fault]
+
+
+def test_links_and_files_of_the_site_are_no_fault(tmp_path):
+    (tmp_path / "here.js").touch()
+    page = (
+        '<a href="https://example.org">a</a> <script src="here.js?v=1"></script> <img src="data:image/png;base64,AA">'
+    )
+    assert list(docs_script("check_site").faults_of_page(page, tmp_path)) == []
+
+
+def test_an_empty_site_is_a_fault(tmp_path):
+    assert list(docs_script("check_site").faults_of_site(tmp_path)) == [f"{tmp_path}: no page"]
