@@ -22,9 +22,11 @@ _HALVINGS = 50
 _VANISHES = 1e-7  # smallest singular value, with unit rows, that counts as zero
 _WORST = 3
 _TAKES_PART = 0.1  # weight in the weakest combination, relative to the largest, above which a row takes part
+_PRESENT = 1e-6  # the same, above which a weight at a point on a singular surface is not zero by its structure
 
 MatrixOf = Callable[[np.ndarray], np.ndarray]
 SignOf = Callable[[np.ndarray], float]
+Support = frozenset[int] | None  # rows with a weight in the dependence; None for a sample beside a surface
 
 
 @dataclass(frozen=True)
@@ -93,20 +95,21 @@ def _search(
         return []
     scale = float(np.median([np.linalg.norm(each, 2) for _, each in samples]))
 
-    def found(q: np.ndarray, value: np.ndarray, located: bool) -> Singularity:
+    def found(q: np.ndarray, value: np.ndarray, located: bool) -> tuple[Singularity, Support]:
         left, values, _ = np.linalg.svd(value)
         weights = np.abs(left[:, len(values) - 1])
         rows = tuple(name for name, weight in zip(names, weights, strict=True) if weight > _TAKES_PART * weights.max())
-        return Singularity(what, rows, float(values[-1]), located, reduced.robot.joint_values(q))
+        support = frozenset(np.flatnonzero(weights > _PRESENT * weights.max()).tolist()) if located else None
+        return Singularity(what, rows, float(values[-1]), located, reduced.robot.joint_values(q)), support
 
-    points: list[Singularity] = []
+    points: list[tuple[Singularity, Support]] = []
     for low, high in _pairs([q for q, _ in samples], sign, reduced.robot):
         try:
             q = _between(sign, reduced, low, high)
             point = found(q, matrix(q), True)
         except (SingularityError, ConstraintError):  # the path meets an undefined matrix, or a loop opens
             continue
-        if point.smallest_singular_value < _VANISHES * scale:
+        if point[0].smallest_singular_value < _VANISHES * scale:
             points.append(point)
     if points:
         return _apart(points)
@@ -114,13 +117,18 @@ def _search(
     return _apart([found(q, value, False) for q, value in worst])
 
 
-def _apart(points: Sequence[Singularity]) -> list[Singularity]:
-    """Of points that share a row, keep only the one with most rows: it shows the complete dependence."""
-    kept: list[Singularity] = []
-    for point in sorted(points, key=lambda each: (-len(each.rows), each.smallest_singular_value)):
-        if not any(set(point.rows) & set(other.rows) for other in kept):
-            kept.append(point)
-    return kept
+def _apart(points: Sequence[tuple[Singularity, Support]]) -> list[Singularity]:
+    """One point of each dependence: the one with most rows, which shows it best.
+
+    Points on one surface have the same support. Two surfaces can share rows, such as a straight arm and a platform
+    that faces sideways. Of samples beside a surface, those that share a row count as one.
+    """
+    kept: list[tuple[Singularity, Support]] = []
+    for point, support in sorted(points, key=lambda each: (-len(each[0].rows), each[0].smallest_singular_value)):
+        same = (set(point.rows) & set(other.rows) if support is None else support == of for other, of in kept)
+        if not any(same):
+            kept.append((point, support))
+    return [point for point, _ in kept]
 
 
 def _pairs(samples: Sequence[np.ndarray], sign: SignOf, robot: Robot) -> list[tuple[np.ndarray, np.ndarray]]:

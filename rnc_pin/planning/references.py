@@ -155,7 +155,8 @@ class ViaPoints(_Polynomial):
     def __init__(self, times: ArrayLike, points: ArrayLike) -> None:
         knots, values = _admit(times, "times of via points"), np.asarray(points, dtype=float)
         if len(knots) < 2 or len(knots) != len(values) or not (np.diff(knots) > 0).all():
-            raise InputError("via points need at least two increasing times, and one point each")
+            found = f"found {len(values)} points at the times {knots.tolist()}"
+            raise InputError(f"via points need at least two increasing times, and one point each: {found}")
         _admit(values, "via points")
         values = values.reshape(len(knots), -1)
         zero = np.zeros(values.shape[1])

@@ -101,15 +101,27 @@ def test_a_way_that_meets_an_undefined_output_does_not_end_the_search():
     assert abs(found.configuration["s1"]) < 1e-9
 
 
-def test_of_two_sets_that_share_a_row_the_one_with_most_is_told():
+def test_two_singular_sets_that_share_rows_are_both_found():
     """a and b agree where q1 is zero, and c lies in their plane where q2 is."""
     reduced = rnc.NonholonomicSystem(rail_sliders(3), []).reduce(
         [rates_of(lambda q: [[1, 0, 0], [1, q[1], 0], [1, 1, q[2]]], ["a", "b", "c"])]
     )
     samples = [[0.1, y, z] for y, z in ((0.7, 0.3), (-0.4, 0.3), (0.7, -0.2), (0.1, 0.5))]
+    found = {each.rows: each for each in stack_singularities(reduced, np.array(samples))}
+    assert set(found) == {("a", "b", "c"), ("a", "b")}
+    assert abs(found["a", "b", "c"].configuration["s2"]) < 1e-9
+    assert abs(found["a", "b"].configuration["s1"]) < 1e-9
+
+
+def test_of_one_singular_set_the_point_with_most_rows_is_told():
+    """``b = a + q0 c`` where q1 is zero: at small q0, c has a small part in the same dependence."""
+    reduced = rnc.NonholonomicSystem(rail_sliders(3), []).reduce(
+        [rates_of(lambda q: [[1, 0, 0], [1, q[1], q[0]], [0, 0, 1]], ["a", "b", "c"])]
+    )
+    samples = [[0.01, 0.5, 0.0], [0.01, -0.5, 0.0], [0.9, 0.5, 0.0], [0.9, -0.5, 0.0]]
     (found,) = stack_singularities(reduced, np.array(samples))
     assert found.rows == ("a", "b", "c")
-    assert abs(found.configuration["s2"]) < 1e-9
+    assert found.configuration["s0"] == pytest.approx(0.9)
 
 
 def test_rows_of_a_long_chain_all_take_part():

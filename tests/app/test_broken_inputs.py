@@ -341,6 +341,10 @@ MEETINGS = {
         {"reference.primary": {"via_points": {"times": [1, 2], "points": [[1, 1]]}}},
         ["reference.primary", "2 times for 1 points"],
     ),
+    "point at time zero": (
+        {"reference.primary": {"via_points": {"times": [0, 2], "points": [[1, 1], [2, 2]]}}},
+        ["reference.primary", "via_points.times", "greater than 0; found 0"],
+    ),
     "points of different length": (
         {"reference.primary": {"via_points": {"times": [1, 2], "points": [[1, 1], [1]]}}},
         ["reference.primary", "1 values for 2"],

@@ -60,6 +60,11 @@ class ViaReference(Strict):
         a = self.via_points
         if len(a.times) != len(a.points):
             raise ConfigurationError(f"via_points has {len(a.times)} times for {len(a.points)} points")
+        if a.times and not a.times[0] > 0:
+            raise ConfigurationError(
+                f"via_points.times: the initial value is the point at time 0, so the first time is greater than 0;"
+                f" found {a.times[0]:g}"
+            )
         points = [start, *(_sized(np.array(point), start) for point in a.points)]
         return planning.ViaPoints([0.0, *a.times], points)
 

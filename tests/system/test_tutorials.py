@@ -1,0 +1,62 @@
+"""Tutorials and explanations can be followed: files are saved, commands and Python blocks run in their order."""
+
+import importlib.util
+import re
+import shlex
+
+import pytest
+
+from places import ROOT
+
+_SPEC = importlib.util.spec_from_file_location("make_tutorial_pictures", ROOT / "docs" / "make_tutorial_pictures.py")
+tutorials = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(tutorials)
+
+TUTORIALS = [page for page in sorted(tutorials.PAGES.glob("*.md")) if page.name != "index.md"]
+EXPLANATIONS = sorted((ROOT / "docs" / "explanation").glob("*.md"))
+LARGEST_PICTURE = 80_000  # bytes
+
+
+@pytest.mark.parametrize("page", [*TUTORIALS, *EXPLANATIONS], ids=lambda page: page.name)
+def test_page_can_be_followed(page, call, no_pictures, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def command(line):
+        status, _, complaint = call(*shlex.split(line)[1:])
+        assert status == 0, complaint
+
+    tutorials.follow(page, tmp_path, command)
+    written = {path.name for path in tmp_path.rglob("*.png")}
+    missing = set(tutorials.pictures(page)) - written
+    assert not missing or any("rnc-pin" in step.text for step in tutorials.steps(page))  # whose pictures are left out
+
+
+@pytest.mark.parametrize("page", TUTORIALS, ids=lambda page: page.name)
+def test_tutorial_shows_what_it_makes(page):
+    text = page.read_text()
+    assert text.splitlines()[2].startswith("**At the end you have")
+    names = tutorials.pictures(page)
+    assert names
+    for name in names:
+        assert (tutorials.PICTURES / name).stat().st_size < LARGEST_PICTURE
+    assert "## Read on" in text
+
+
+def test_index_lists_all_tutorials():
+    listed = re.findall(r"\]\((\w+\.md)\)", (tutorials.PAGES / "index.md").read_text())
+    assert sorted(listed) == [page.name for page in TUTORIALS]
+
+
+def test_a_block_prints_what_its_page_says(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("```python\nprint(1)\n```\n\n    2\n")
+    with pytest.raises(ValueError, match="printed\n1\ninstead of\n2"):
+        tutorials.follow(page, tmp_path, print)
+
+
+def test_a_step_that_cannot_be_followed_is_refused(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("Save this as `a.txt`:\n\n```yaml\na: 1\n```\n\n```bash\nrm -r a\n```\n")
+    with pytest.raises(ValueError, match="rm -r a"):
+        tutorials.follow(page, tmp_path, print)
+    assert (tmp_path / "a.txt").read_text() == "a: 1\n"
