@@ -25,8 +25,8 @@ def docstrings(path):
 
 
 def sentences(text):
-    """Sentences outside code; items of lists and cells of tables are sentences of their own."""
-    text = re.sub(r"```.*?```", "", text, flags=re.DOTALL)
+    """Sentences outside code and formulas; items of lists and cells of tables are sentences of their own."""
+    text = re.sub(r"```.*?```|\$\$.*?\$\$", "", text, flags=re.DOTALL)
     text = re.sub(r"^    .*$", "", text, flags=re.MULTILINE)
     text = re.sub(r"\]\([^)]*\)", "]", text)
     text = re.sub(r"\n(?=[*#|-]|\d+\.|\n)|\|", "\n\n", text)

@@ -15,7 +15,8 @@ from rnc_pin.scenario.loading import validate
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 DOCUMENTS = pages()
 BLOCK = re.compile(r"^```python\n(.*?)^```", flags=re.DOTALL | re.MULTILINE)
-WITH_BLOCKS = [path for path in DOCUMENTS if BLOCK.search(path.read_text())]
+FOLLOWED = ("tutorials", "explanation")  # folders whose pages test_tutorials follows, with their files and commands
+WITH_BLOCKS = [path for path in DOCUMENTS if BLOCK.search(path.read_text()) and path.parent.name not in FOLLOWED]
 
 
 def page_name(path):
