@@ -22,7 +22,9 @@ from typing import NamedTuple
 
 PAGES = Path(__file__).parent / "tutorials"
 PICTURES = Path(__file__).parent / "images" / "tutorials"
-_STEP = re.compile(r"^(?:[^\n]*`([\w.-]+)`[^`\n]*:\n\n)?```(\w+)\n(.*?)^```$(?:\n\n((?:    [^\n]*\n)+))?", re.DOTALL | re.MULTILINE)
+_STEP = re.compile(
+    r"^(?:[^\n]*`([\w.-]+)`[^`\n]*:\n\n)?```(\w+)\n(.*?)^```$(?:\n\n((?:    [^\n]*\n)+))?", re.DOTALL | re.MULTILINE
+)
 _PICTURE = re.compile(r"!\[[^\]]+\]\(\.\./images/tutorials/([\w.-]+)\)")
 _PREPARATION = ("python3 -m venv ", ". env/bin/activate", "pip install ", "mkdir ", "cd ")
 
