@@ -12,29 +12,28 @@ import numpy as np
 
 from rnc_pin.analysis import Grip
 from rnc_pin.collision import Obstacle
-from rnc_pin.control import Controller, SlitheringReference, ZeroInput, describe
+from rnc_pin.control import Controller, ZeroInput, describe
 from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, nearest
 from rnc_pin.io.json import Json
 from rnc_pin.loop import LoopOptions
-from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.model.task import Task
 from rnc_pin.optimal.motion_plan import MotionPlan
-from rnc_pin.planning import CarPath, Hold, Reference, Slowed
+from rnc_pin.planning import Slowed
 from rnc_pin.planning.driven_path import continued_back, distances
-from rnc_pin.planning.steering_geometry import SteeringGeometry
 from rnc_pin.plants import Plant
 from rnc_pin.scenario.controllers import BuiltController, ControllerContext, build_controller
 from rnc_pin.scenario.controllers.context import reduced_velocity, refuse_or_warn
 from rnc_pin.scenario.controllers.task_goals import TaskGoals
 from rnc_pin.scenario.frame_poses import frame_poses
+from rnc_pin.scenario.output_references import plan_path, task_references
 from rnc_pin.scenario.planner_builder import Plans, Start, planned_path
 from rnc_pin.scenario.plant_builder import build_plant
 from rnc_pin.scenario.schema import Scenario, SimulationSettings
 from rnc_pin.scenario.schema.controllers import VelocityTrackerSettings
 from rnc_pin.scenario.schema.obstacles import build_obstacles
-from rnc_pin.simulation import Phase, PlannedPath, Provenance, TaskNames, sample_count
+from rnc_pin.simulation import Phase, Provenance, TaskNames, sample_count
 from rnc_pin.simulation.friction_demand import iterate_time_scale
 from rnc_pin.simulation.phases import PhaseStart
 from rnc_pin.simulation.run_info import provenance_of
@@ -166,8 +165,8 @@ def experiment_at(
         return Experiment(
             scenario, reduced, ZeroInput(reduced), plant, q0, v2_0, scenario.simulation, (), notes, obstacles
         )
-    references, given = _references(scenario, reduced, task, q0, motion)
-    path = _plan_path(scenario, reduced, task, q0)
+    references, given = task_references(scenario, reduced, task, q0, motion)
+    path = plan_path(scenario, reduced, task, q0)
     built = _build_controller(
         scenario,
         ControllerContext(
@@ -208,34 +207,6 @@ def experiment_at(
         plan=motion,
         goals=built.goals,
     )
-
-
-def _references(
-    scenario: Scenario, reduced: ReducedModel, task: Task, q0: np.ndarray, motion: MotionPlan | None
-) -> tuple[dict[str, Reference], tuple[str, ...]]:
-    """References of the task's outputs, and the names of those that the scenario or its plan gives."""
-    assert scenario.controller is not None
-    if motion is not None and scenario.reference.path is not None:
-        raise ConfigurationError("reference.path: 'planner' plans the motion; remove one of them")
-    x1, x2 = reduced.at(q0).outputs()
-    starts = {"primary": x2[task.primary], "redundant": x2[task.redundant], "vertical": x1[task.vertical]}
-    references: dict[str, Reference] = {}
-    given = []
-    for name, start in starts.items():
-        settings, outputs = getattr(scenario.reference, name), getattr(task, f"{name}_names")
-        try:
-            coordinates: Coordinates = getattr(task, f"{name}_coordinates")
-            if settings is not None:
-                references[name] = settings.build(start, coordinates)
-            elif motion is not None and outputs and name in scenario.controller.followed:
-                references[name] = motion.reference(outputs)
-            else:
-                references[name] = Hold(start)
-                continue
-            given.append(name)
-        except (ConfigurationError, InputError) as error:
-            raise ConfigurationError(f"reference.{name}: {error}") from None
-    return references, tuple(given)
 
 
 def _shown_frame(scenario: Scenario, reduced: ReducedModel) -> str:
@@ -313,66 +284,6 @@ def _initial(scenario: Scenario, reduced: ReducedModel) -> np.ndarray:
         return reduced.assembled(q0, named)
     except ConstraintError as error:
         raise ConfigurationError(f"initial.q: {error}") from None
-
-
-@dataclass(frozen=True)
-class _PathPlan:
-    """Planned path of a vehicle and its references; all None without a planned path."""
-
-    primary: Reference | None = None
-    """Travelled distance and steering angle."""
-    slithering: SlitheringReference | None = None
-    """Reference of the trailer's heading."""
-    monitored: tuple[np.ndarray, Reference] | None = None
-    """Indices in x1 and reference of the x and y of the frame, for the record."""
-    planned: PlannedPath | None = None
-    """For plots: the frame, its trailer, and the poses of the path."""
-
-
-def _plan_path(scenario: Scenario, reduced: ReducedModel, task: Task, q0: np.ndarray) -> _PathPlan:
-    """Plan the path of ``reference.path``."""
-    settings = scenario.reference.path
-    if settings is None:
-        return _PathPlan()
-    if scenario.reference.primary is not None or (settings.trailer and scenario.reference.vertical is not None):
-        raise ConfigurationError("reference.path: replaces 'primary' and, with a trailer, 'vertical'; remove those")
-    if len(task.primary) != 2 or reduced.reducing.quasi[task.primary].tolist() != [True, False]:
-        raise ConfigurationError(
-            "reference.path: primary outputs must be forward speed and steering angle, in this order"
-        )
-    speed, steering = (int(index) for index in task.primary)
-    start = frame_poses(reduced.robot, settings.frame, q0[None]).planar[0]
-    trailer, slithering = settings.trailer, None
-    try:
-        path = CarPath(
-            start,
-            settings.to,
-            settings.duration,
-            settings.wheelbase,
-            via=settings.via,
-            max_steering=settings.max_steering,
-            forward_only=trailer is not None or bool(settings.forward_only),
-            geometry=SteeringGeometry(
-                reduced,
-                q0,
-                settings.frame,
-                speed=speed,
-                steering=steering,
-                largest=np.tan(settings.max_steering) / settings.wheelbase,
-            ),
-        )
-        if trailer is not None:
-            slithering = SlitheringReference(reduced, task, settings.frame, trailer.frame, trailer.kingpin)
-    except ConfigurationError as error:
-        raise type(error)(f"reference.path: {error}") from None
-    poses = np.round(path.poses[:: max(1, len(path.poses) // 400)], 5).tolist()
-    trailing = None if trailer is None else trailer.frame
-    names = [f"{settings.frame}_{axis}" for axis in "xy"]
-    monitored = None
-    if all(name in reduced.vertical.names for name in names):
-        monitored = (np.array([reduced.vertical.names.index(name) for name in names]), path.position)
-    planned = PlannedPath(settings.frame, trailing, tuple((x, y, heading) for x, y, heading in poses))
-    return _PathPlan(path.reference, slithering, monitored, planned)
 
 
 def off_tracking(experiment: Experiment, configurations: np.ndarray) -> float | None:

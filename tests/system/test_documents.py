@@ -41,7 +41,8 @@ def test_example_fits_on_a_screen(example):
 
 @pytest.mark.parametrize(
     "example",
-    [path for path in EXAMPLES if path.name != "two_phases.py"],  # tests/control/test_split.py runs it
+    # tests/control/test_split.py and tests/gym/test_learning.py run the others.
+    [path for path in EXAMPLES if path.name not in ("two_phases.py", "learn_reaching.py")],
     ids=lambda path: path.name,
 )
 def test_example_runs(example, brief, tmp_path, monkeypatch, capsys):
