@@ -34,23 +34,22 @@ static int take_rows(Arrays *all, PyObject *object, Py_ssize_t size, int flags, 
     return *length >= 0;
 }
 
-/* Tuple of evaluators; q (nq), y that starts with the velocities of the chart, largest |R|^2, records that start with the
-   kinematics, v (n), status. */
+/* Tuple of evaluators; q (nq), y that starts with the velocities of the chart, largest |R|^2, kinematics, v (n), status. */
 static PyObject *velocities_of_runs(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = -1};
-    double *q, *y, *records, *v, *status;
-    Py_ssize_t n = ev->n, in_y = 0, stride = 0;
+    double *q, *y, *P, *v, *status;
+    Py_ssize_t n = ev->n, in_y = 0;
     int ok = -1;
     if (expect(ev, given, 7) && (all.count = PyTuple_Size(args[0])) >= 0 && take(&all, args[1], ev->nq, READ, &q)
         && take_rows(&all, args[2], 0, READ, &y, &in_y)
-        && take_rows(&all, args[4], kinematics_size(ev), WRITE, &records, &stride) && take(&all, args[5], n, WRITE, &v)
+        && take(&all, args[4], kinematics_size(ev), WRITE, &P) && take(&all, args[5], n, WRITE, &v)
         && take(&all, args[6], 1, WRITE, &status)) {
         double limit = PyFloat_AsDouble(args[3]);
         ok = PyErr_Occurred() ? -1 : 1;
-        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, q += ev->nq, v += n) {
+        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, q += ev->nq, v += n, P += kinematics_size(ev)) {
             Evaluator *chart = of_run(ev, args[0], i);
-            double *P = records + i * stride, size = 0.0;
+            double size = 0.0;
             status[i] = 0.0;
             if (PyErr_Occurred() || !take_position(ev, q, P)) ok = -1;
             if (ok < 0 || !chart || !chart->fused || chart->r > in_y) continue;
@@ -64,18 +63,22 @@ static PyObject *velocities_of_runs(Evaluator *ev, PyObject *const *args, Py_ssi
     return result(&all, ok);
 }
 
-/* q (nq), v (n), records as of measure that start with the kinematics, status: only runs with 1 are measured. */
+/* q (nq), v (n), kinematics; E and E^-1, rates, values of the outputs, status: only runs with 1 are measured. */
 static PyObject *measure_runs(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = -1};
-    double *q, *v, *P, *status;
+    double *q, *v, *P, *F, *D, *x, *status;
+    Py_ssize_t square = 2 * ev->n * ev->n, outputs = ev->r + ev->k;
     int ok = -1;
-    if (expect(ev, given, 4) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], ev->n, READ, &v)
-        && take(&all, args[2], measured_size(ev), WRITE, &P) && take(&all, args[3], 1, WRITE, &status)) {
+    if (expect(ev, given, 7) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], ev->n, READ, &v)
+        && take(&all, args[2], kinematics_size(ev), READ, &P) && take(&all, args[3], square, WRITE, &F)
+        && take(&all, args[4], rates_size(ev), WRITE, &D) && take(&all, args[5], outputs, WRITE, &x)
+        && take(&all, args[6], 1, WRITE, &status)) {
         ok = 1;
-        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, q += ev->nq, v += ev->n, P += measured_size(ev)) {
+        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++) {
             if (status[i] != 1.0) continue;
-            int found = measured(ev, q, v, P);
+            int found = measured(ev, q + i * ev->nq, v + i * ev->n, P + i * kinematics_size(ev), F + i * square,
+                                 D + i * rates_size(ev), x + i * outputs);
             if (found < 0) ok = -1;
             status[i] = found > 0;
         }
@@ -83,17 +86,16 @@ static PyObject *measure_runs(Evaluator *ev, PyObject *const *args, Py_ssize_t g
     return result(&all, ok);
 }
 
-/* Tuple of evaluators; q (nq), y (s) and T (p), step, number of steps, records that start with the kinematics at q, or None;
-   q and y at the end, status. Where it is 0, they are undefined. */
+/* Tuple of evaluators; q (nq), y (s) and T (p), step, number of steps, kinematics at q, or None; q and y at the end, status. Where it is 0, they are undefined. */
 static PyObject *integrate_runs(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = -1};
-    double *q, *y, *T, *records = NULL, *q_end, *y_end, *status;
-    Py_ssize_t s = 0, stride = 0;
+    double *q, *y, *T, *P, *q_end, *y_end, *status;
+    Py_ssize_t s = 0;
     int ok = -1;
     if (expect(ev, given, 10) && (all.count = PyTuple_Size(args[0])) >= 0 && take(&all, args[1], ev->nq, READ, &q)
         && take_rows(&all, args[2], 0, READ, &y, &s) && take(&all, args[3], ev->p, READ, &T)
-        && (args[6] == Py_None || take_rows(&all, args[6], kinematics_size(ev), READ, &records, &stride))
+        && optional(&all, args[6], kinematics_size(ev), &P)
         && take(&all, args[7], ev->nq, WRITE, &q_end) && take(&all, args[8], s, WRITE, &y_end)
         && take(&all, args[9], 1, WRITE, &status)) {
         double h = PyFloat_AsDouble(args[4]);
@@ -107,7 +109,7 @@ static PyObject *integrate_runs(Evaluator *ev, PyObject *const *args, Py_ssize_t
                 && all_finite(T, ev->p);
             if (PyErr_Occurred()) ok = -1;
             for (Py_ssize_t j = 0; j < steps && ok > 0 && done > 0; j++)
-                done = step(chart, T, h, j || !records ? NULL : records + i * stride, q_end, y_end);
+                done = step(chart, T, h, j || !P ? NULL : P + i * kinematics_size(ev), q_end, y_end);
             if (done < 0) ok = -1;
             status[i] = done > 0;
         }

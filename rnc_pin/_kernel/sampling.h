@@ -5,10 +5,9 @@ static Py_ssize_t measured_size(const Evaluator *ev)
     return kinematics_size(ev) + 2 * ev->n * ev->n + rates_size(ev) + ev->r + ev->k;
 }
 
-/* Record of measure at one state; it starts with the kinematics at q. 0: the general way has to decide; -1: an error */
-static int measured(Evaluator *ev, const double *q, const double *v, double *P)
+/* E and E^-1, rates, and values of the outputs at one state with kinematics P. 0: the general way has to decide; -1: an error */
+static int measured(Evaluator *ev, const double *q, const double *v, const double *P, double *F, double *D, double *x)
 {
-    double *F = P + kinematics_size(ev), *D = F + 2 * ev->n * ev->n, *x = D + rates_size(ev);
     if (ev->external || ev->external_vertical || !factorize(ev, q, P, NULL, F)) return 0;
     take_state(ev, q, v);
     if (ev->rates_need_C && !called(ev, P_C, 1)) return -1;
@@ -25,7 +24,8 @@ static PyObject *measure(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
     int ok = -1;
     if (expect(ev, given, 3) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], ev->n, READ, &v)
         && take(&all, args[2], measured_size(ev), WRITE, &P)) {
-        ok = take_position(ev, q, P) ? measured(ev, q, v, P) : -1;
+        double *F = P + kinematics_size(ev), *D = F + 2 * ev->n * ev->n, *x = D + rates_size(ev);
+        ok = take_position(ev, q, P) ? measured(ev, q, v, P, F, D, x) : -1;
     }
     return result(&all, ok);
 }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy import ndarray as Array
 
@@ -13,6 +15,20 @@ def evaluator_of(reduction: CompiledReduction | None) -> object:
     return None if reduction is None else reduction._evaluator
 
 
+class RunRecords(NamedTuple):
+    """Quantities of states (..., size) each; rows of runs that were not measured are undefined."""
+
+    kinematics: Array
+    inverse: Array
+    rates: Array
+    values: Array
+    """Values of the reducing outputs, then of the vertical ones."""
+
+    def of(self, run: int) -> RunRecords:
+        """Copy of one run."""
+        return RunRecords(*(array[run].copy() for array in self))
+
+
 class CompiledRuns:
     """Kernel of a reduction, for runs side by side. All arrays are contiguous floats.
 
@@ -21,16 +37,14 @@ class CompiledRuns:
 
     Attributes:
         kinematics_size: numbers in a record of kinematics.
-        measured_size: numbers in a record of ``measure``; it starts with the kinematics.
     """
 
     def __init__(self, reduction: CompiledReduction) -> None:
         self._reduction, self._evaluator = reduction, reduction._evaluator
         self.kinematics_size = reduction.kinematics.itemsize // 8
-        self.measured_size = reduction._measured.itemsize // 8
 
     def velocities(
-        self, charts: tuple[object, ...], q: Array, y: Array, limit: float, records: Array, v: Array, status: Array
+        self, charts: tuple[object, ...], q: Array, y: Array, limit: float, kinematics: Array, v: Array, status: Array
     ) -> None:
         """Full velocities of B runs in their charts, and kinematics of all; as ``admissible_velocity``.
 
@@ -39,18 +53,23 @@ class CompiledRuns:
             q: configurations (B, nq).
             y: states (B, s) that start with the velocities of the charts.
             limit: sum of the squares of R from which a run is left out.
-            records: result: rows (B, ...) that start with the record of kinematics.
+            kinematics: result: records of kinematics (B, ``kinematics_size``).
             v: result: full velocities (B, nv).
             status: result (B,): 1 where v is valid, 0 where the other path has to decide.
         """
-        self._evaluator.velocities_of_runs(charts, q, y, limit, records, v, status)
+        self._evaluator.velocities_of_runs(charts, q, y, limit, kinematics, v, status)
 
-    def measure(self, q: Array, v: Array, records: Array, status: Array) -> None:
-        """Complete the records (B, ``measured_size``) of states (q, v) from their kinematics.
+    def measure(self, q: Array, v: Array, kinematics: Array, status: Array) -> RunRecords:
+        """Quantities of states (q, v) with records of kinematics.
 
         Only runs with status 1 are measured; the status becomes 0 where the other path has to decide.
         """
-        self._evaluator.measure_runs(q, v, records, status)
+        reduction, count = self._reduction, len(q)
+        sizes = reduction.inverse.itemsize // 8, reduction.rates.itemsize // 8
+        values = reduction._data.r + reduction._data.vertical.size
+        found = [np.empty((count, size)) for size in (*sizes, values)]
+        self._evaluator.measure_runs(q, v, kinematics, *found, status)
+        return RunRecords(kinematics, *found)
 
     def integrate(
         self,
@@ -69,23 +88,26 @@ class CompiledRuns:
             q, y, T: states (B, nq) and (B, s), and inputs (B, p).
             h: duration of each step [s].
             steps: number of steps.
-            kinematics: rows (B, ...) that start with the record of kinematics at q, if known.
+            kinematics: records of kinematics at q, if known.
         """
         q_end, y_end, status = np.empty_like(q), np.empty_like(y), np.zeros(len(q))
         self._evaluator.integrate_runs(charts, q, y, T, h, steps, kinematics, q_end, y_end, status)
         return q_end, y_end, status
 
     def place(self, q: Array, record: Array) -> None:
-        """Write the kinematics at one configuration (nq,) to the start of a record."""
+        """Write the kinematics at one configuration (nq,) into a record."""
         numbers, inverse = np.empty(self.kinematics_size), np.empty(self._reduction.inverse.itemsize // 8)
         self._evaluator.configure(q, numbers, inverse, None, False)
-        record[: len(numbers)] = numbers
+        record[:] = numbers
 
-    def states(self, q: Array, v: Array, records: Array) -> tuple[CompiledState, Array, Array]:
-        """States (B, ...) from records of ``measure``, and their values x1 and x2, read-only."""
-        records.setflags(write=False)
-        found = np.ndarray(q.shape[:-1], self._reduction._measured, records)
-        at = CompiledConfiguration(self._reduction, q, None, found["kinematics"], found["inverse"])
-        state = CompiledState(at, v, None)
-        state.rates = found["rates"]
-        return state, found["x1"], found["x2"]
+    def states(self, q: Array, v: Array, records: RunRecords) -> tuple[CompiledState, Array, Array]:
+        """States (...) from their records, and values x1 and x2, read-only."""
+        reduction, batch = self._reduction, q.shape[:-1]
+        for array in records:
+            array.setflags(write=False)
+        kinematics = np.ndarray(batch, reduction.kinematics, records.kinematics)
+        inverse = np.ndarray(batch, reduction.inverse, records.inverse)
+        state = CompiledState(CompiledConfiguration(reduction, q, None, kinematics, inverse), v, None)
+        state.rates = np.ndarray(batch, reduction.rates, records.rates)
+        r = reduction._data.r
+        return state, records.values[..., r:], records.values[..., :r]

@@ -23,6 +23,7 @@ from rnc_pin.math.linear_algebra import (
     solve_positive_definite_columns,
 )
 from rnc_pin.model.cached_property import cached_property
+from rnc_pin.model.compiled_runs import CompiledRuns, RunRecords
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.passive_forces import ForceSums
@@ -59,6 +60,17 @@ class StateEvaluation(ReducedKinematics):
             motion, x1, x2 = found
             state.compiled_motion, state._values = motion, (x1, x2)
             state.compiled = state.configuration.compiled = motion.at
+        return state
+
+    @classmethod
+    def recorded(
+        cls, data: ReductionData, q: Array, v: Array, runs: CompiledRuns, records: RunRecords
+    ) -> StateEvaluation:
+        """Evaluation at states (..., nq), (..., nv) with records of ``CompiledRuns.measure``; as ``measured``."""
+        state = cls.at(data, q, v=v)
+        motion, x1, x2 = runs.states(state.q, v, records)
+        state.compiled_motion, state._values = motion, (x1, x2)
+        state.compiled = state.configuration.compiled = motion.at
         return state
 
     def in_reduction(self, data: ReductionData) -> StateEvaluation:

@@ -27,6 +27,7 @@ from rnc_pin.simulation.simulation_options import Observer, Sample, SimulationOp
 from rnc_pin.simulation.stop import Stop
 from rnc_pin.simulation.summary import Summary, add_limits, summarize, tracking_errors
 from rnc_pin.simulation.trajectory import Trajectory
+from rnc_pin.simulation.trajectory_batch import TrajectoryBatch
 from rnc_pin.simulation.tuned_tracker import tuned_tracker
 
 __all__ = [
@@ -56,6 +57,7 @@ __all__ = [
     "Summary",
     "TaskNames",
     "Trajectory",
+    "TrajectoryBatch",
     "add_limits",
     "free_motion",
     "grip_along",

@@ -45,7 +45,7 @@ def complete_run(advance: Callable[[Progress], str | None], finish: Finish) -> T
             outcome = Outcome.INTERRUPTED
         except Exception as error:
             failure = run_error(error, progress.active_component, progress.time)
-            failure.trajectory = finish(_outcome_of(failure), str(failure))
+            failure.trajectory = finish(outcome_of(failure), str(failure))
             raise failure  # noqa: B904 (run_error sets the cause)
         return finish(outcome if reason is None else Outcome.FAILED, reason)
 
@@ -72,5 +72,6 @@ def run_error(error: Exception, component: str, t: float) -> RncError:
     return failure
 
 
-def _outcome_of(error: RncError) -> Outcome:
+def outcome_of(error: RncError) -> Outcome:
+    """Outcome of a run that an error ended."""
     return next((outcome for kind, outcome in _OUTCOMES.items() if isinstance(error, kind)), Outcome.FAILED)

@@ -10,6 +10,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import Plant, ReducedPlant
 from rnc_pin.plants.plant import takes_velocities
+from rnc_pin.plants.reduced import Checkpoint
 
 _EMPTY = np.zeros(0)
 
@@ -58,6 +59,11 @@ class PlantAdapter:
         if not (np.isfinite(q).all() and np.isfinite(v).all()):
             raise DivergenceError("plant state is not finite")
         return self._reduced.at(q, v=v, t=t)
+
+    def restore(self, checkpoint: Checkpoint) -> None:
+        """Return a ``ReducedPlant`` of the controller's model to the state of a checkpoint."""
+        assert self._exact is not None
+        self._exact.rollback(checkpoint)
 
     def compute_input(self, loop: ControlLoop, t: float) -> np.ndarray:
         """Return the inputs (p,) of a loop for the last measurement."""

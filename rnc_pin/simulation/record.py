@@ -63,6 +63,24 @@ class Record:
         self._external: np.ndarray | None = None
         self._normal: NormalForces | None = None
 
+    @property
+    def width(self) -> int:
+        """Numbers of a sample."""
+        return sum(self._columns.values())
+
+    def use(self, rows: np.ndarray) -> None:
+        """Record into rows (N, ``width``) of an array of many runs; before the first sample."""
+        self.capacity = len(rows)
+        self.arrays = {name: np.zeros((self.capacity, 0)) for name in _OPTIONAL}
+        self._use_rows(rows)
+        self._integrals[:] = 0.0
+
+    def written(self, count: int, first_word: int | None) -> None:
+        """Set the number of samples that somebody else wrote into the rows, and the first one with a goal."""
+        if not self._models and count:
+            self._models.append((0, self.reduced))
+        self.count, self._first_word = count, first_word
+
     def _use_rows(self, rows: np.ndarray) -> None:
         """Set the array of all samples; the arrays by name are views of it."""
         ends = dict(zip(self._columns, accumulate(self._columns.values()), strict=True))
@@ -126,11 +144,14 @@ class Record:
         x1, x2 = state.outputs(integrals) if outputs is None else outputs
         row[0], row[1] = t, work
         np.concatenate((state.q, state.v, state.v2, x1, x2, state.v1, T, integrals, *goals), out=row[2:])
-        optional = command.estimates, command.prediction_error, v_measured, friction_used
-        for name, value in zip(_OPTIONAL, optional, strict=True):
+        self.add_optional(command.estimates, command.prediction_error, v_measured, friction_used)
+        self.count += 1
+
+    def add_optional(self, *values: np.ndarray | None) -> None:
+        """Add the values of the present sample that not every run has, in the order of their names."""
+        for name, value in zip(_OPTIONAL, values, strict=False):
             if value is not None and np.size(value):
                 self._add_optional(name, value)
-        self.count += 1
 
     def _add_optional(self, name: str, value: np.ndarray) -> None:
         """Add an array that not every run has."""

@@ -16,7 +16,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import Plant, ReducedPlant
 from rnc_pin.plants.plant import takes_velocities
-from rnc_pin.plants.reduced import integrated_outputs
+from rnc_pin.plants.reduced import Checkpoint, integrated_outputs
 from rnc_pin.simulation.ending import MODEL, Progress
 from rnc_pin.simulation.phase_events import lift_off_monitor
 from rnc_pin.simulation.plant_adapter import PlantAdapter
@@ -40,6 +40,8 @@ class SampledRun:
 
     Attributes:
         loop: control loop of the controller.
+        record: recorder of the run.
+        stop: monitor of the stop conditions.
         samples: number of samples so far.
 
     Raises:
@@ -65,7 +67,7 @@ class SampledRun:
         loop_options: LoopOptions = {**adapter.loop_options, "max_speed": options.stop.speed, **options.loop}
         kind = VelocityInputLoop if takes_velocities(plant) else ControlLoop
         self.loop: ControlLoop = kind(reduced, controller, dt, **loop_options)
-        self._stop, self._dt, self.samples = StopMonitor(options.stop, reduced.robot), dt, 0
+        self.stop, self._dt, self.samples = StopMonitor(options.stop, reduced.robot), dt, 0
         self._start, self._lift_off = start, lift_off_monitor(options.stop, adapter.model, reduced)
         self._zeros = zeros = np.zeros(reduced.r)
         first = reduced.at(assembled_start(reduced, numbers_of(q0, "q0")), zeros if v2_0 is None else v2_0, t=0.0)
@@ -74,7 +76,7 @@ class SampledRun:
         if state is None:
             state = controller.initial_state(adapter.read_state(0.0).measure(zeros))
         self.loop.resume(LoopState(begin=0.0, controller=state))
-        self._record = Record(reduced, capacity, integrated_outputs(reduced), adapter.friction_names)
+        self.record = Record(reduced, capacity, integrated_outputs(reduced), adapter.friction_names)
 
     @property
     def plant(self) -> Plant:
@@ -95,7 +97,7 @@ class SampledRun:
         adapter, loop = self._adapter, self.loop
         progress.time = t = self._start + self.time
         state = adapter.read_state(t)
-        self._stop.check(t, state)
+        self.stop.check(t, state)
         T = _compute_input(adapter, loop, self.time, progress)
         T = adapter.apply(loop, T)
         if self._lift_off is not None:
@@ -114,11 +116,23 @@ class SampledRun:
         adapter, loop = self._adapter, self.loop
         measurement, command = _last_decision(loop, state)
         integrals = loop.state.integrals if loop.state.integrals is not None else self._zeros
-        self._record.moves(adapter.model, adapter.external)
+        self.record.moves(adapter.model, adapter.external)
         outputs = (measurement.x1, measurement.x2) if measurement.q is state.q else None  # not of a sensor's state
         sensed = adapter.v_measured, adapter.friction_used
-        self._record.add(t, state, integrals, command, T, adapter.work, *sensed, outputs)
+        self.record.add(t, state, integrals, command, T, adapter.work, *sensed, outputs)
         return measurement, command
+
+    def continue_from(self, samples: int, checkpoint: Checkpoint, state: LoopState) -> None:
+        """Continue after samples that somebody else computed and recorded.
+
+        Args:
+            samples: number of samples before.
+            checkpoint: state of the plant, a ``ReducedPlant``.
+            state: state of the control loop.
+        """
+        self.samples = samples
+        self.loop.resume(state)
+        self._adapter.restore(checkpoint)
 
     def advance(self) -> None:
         """Advance the plant to the next sample."""
@@ -135,8 +149,8 @@ class SampledRun:
         adapter = self._adapter
         t = self._start + self.time - self._dt + elapsed
         state = adapter.read_state(t)
-        self._record.moves(adapter.model, adapter.external)
-        self._record.add(t, state, integrals, _last_decision(self.loop, state)[1], T, adapter.work)
+        self.record.moves(adapter.model, adapter.external)
+        self.record.add(t, state, integrals, _last_decision(self.loop, state)[1], T, adapter.work)
 
     @property
     def failure(self) -> str | None:
@@ -144,9 +158,9 @@ class SampledRun:
         state = self.loop.state
         return f"the loop gave the safe command until the end: {state.fault}" if state.failed else None
 
-    def finish(self, outcome: Outcome, message: str | None = None) -> Trajectory:
-        """Return the trajectory so far."""
-        return self._record.finish(self._dt, self._provenance, outcome, message)
+    def finish(self, outcome: Outcome, message: str | None = None, deferred: bool = False) -> Trajectory:
+        """Return the trajectory so far; ``deferred`` as for ``Record.finish``."""
+        return self.record.finish(self._dt, self._provenance, outcome, message, deferred)
 
 
 def _check_arguments(reduced: Any, controller: Any, plant: Any, options: Any) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from rnc_pin.control.controller import Controller
@@ -10,6 +12,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants import Plant
 from rnc_pin.simulation.ending import Progress, complete_run
 from rnc_pin.simulation.former_arguments import accept_former_arguments
+from rnc_pin.simulation.many_runs import ManyRuns, is_batch, simulate_many
 from rnc_pin.simulation.sampled_run import SampledRun
 from rnc_pin.simulation.simulation_options import DEFAULT_OPTIONS, SimulationOptions
 from rnc_pin.simulation.trajectory import Trajectory
@@ -53,13 +56,17 @@ def simulate(
     So only the outputs of the controller can be singular. At every sample a projection removes the drift of holonomic
     rows, such as wheel height and loop closure. The correction has zero momentum along the admissible velocities.
 
+    Many runs are described by q0 or v2_0 with a row for each run, or by a list of controllers, plants or controller
+    states. The result is then a ``TrajectoryBatch``. Each run has the bits of a run alone, and an error ends only its
+    run. On a ``ReducedPlant`` of the model without damping and friction, the runs advance in lock-step.
+
     Args:
         reduced: reduced model.
         controller: controller with the protocol of ``rnc_pin.control``.
-        q0: initial configuration (nq,).
+        q0: initial configuration (nq,), or many (B, nq).
         duration: duration [s], rounded to a multiple of ``dt``.
         dt: sampling period [s].
-        v2_0: initial reduced velocity (r,); zero by default.
+        v2_0: initial reduced velocity (r,), or many (B, r); zero by default.
         plant: what moves: a ``ReducedPlant`` with damping, friction or actuator limits, a model that differs from the
             nominal one, velocity servos (for an ``ActuatorVelocityController``), sensors with faults, another
             simulator, or hardware. ``ReducedPlant(reduced)`` by default.
@@ -90,6 +97,9 @@ def simulate(
         0.5
     """
     samples = sample_count(duration, dt)
+    if is_batch(controller, q0, v2_0, plant, options):
+        runs: Any = simulate_many(ManyRuns(reduced, controller, q0, dt, samples, v2_0, plant, options))
+        return runs
     run = SampledRun(reduced, controller, q0, dt, samples, v2_0=v2_0, plant=plant, options=options)
 
     def advance(progress: Progress) -> str | None:

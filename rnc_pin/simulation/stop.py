@@ -69,6 +69,13 @@ class StopMonitor:
             return True
         return any(not ((low <= states.q[:, k]) & (states.q[:, k] <= high)).all() for _, k, low, high in self._ranges)
 
+    def stopped(self, states: StateEvaluation) -> np.ndarray:
+        """Mask (count,) of the states for which ``check`` raises an error."""
+        stopped = ~(np.abs(states.v2).max(axis=-1, initial=0.0) < self._speed)
+        for _, k, low, high in self._ranges:
+            stopped |= ~((low <= states.q[:, k]) & (states.q[:, k] <= high))
+        return stopped
+
     def check(self, t: float, state: StateEvaluation) -> None:
         """Raise an error if a state meets a stop condition.
 

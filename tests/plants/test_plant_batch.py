@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from support import systems
+import systems
 
 DT = 0.02
 

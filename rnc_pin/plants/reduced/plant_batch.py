@@ -9,9 +9,10 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import InputError
-from rnc_pin.model.compiled_runs import CompiledRuns
+from rnc_pin.model.compiled_runs import CompiledRuns, RunRecords
 from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.reduced.reduced_plant import Checkpoint, ReducedPlant
 from rnc_pin.plants.reduced.velocity_chart import MAX_GROWTH, VelocityChart
 
@@ -31,6 +32,7 @@ class ReducedPlantBatch:
     Attributes:
         applied: applied inputs (B, p).
         failed: mask (B,) of the runs that failed.
+        measures: True if ``measure`` is possible.
         errors: error of each run that failed, None for the others.
 
     Raises:
@@ -48,7 +50,7 @@ class ReducedPlantBatch:
         array([False, False,  True])
         >>> q, v = plants.read()
         >>> v[:, 1].round(4)
-        array([0.    , 0.0012,    nan])
+        array([0.    , 0.0028,    nan])
     """
 
     def __init__(
@@ -65,16 +67,19 @@ class ReducedPlantBatch:
         self._single = ReducedPlant(reduced, joint_damping, actuator_limits, joint_friction, substeps)
         self.reduced, self.size = reduced, int(size)
         data = reduced.reduction_data
-        self._kernel = None if data.rheonomic or data.compiled is None else CompiledRuns(data.compiled)
+        compiled = None if data.rheonomic else data.compiled
+        self._kernel = None if compiled is None else CompiledRuns(compiled)
+        self.measures = compiled is not None and compiled.measures and not data.affine
         self._limit = 0.0
         self._q = np.full((self.size, reduced.robot.nq), np.nan)
         self._v = np.full((self.size, reduced.n), np.nan)
         self._y = np.zeros((self.size, 0))
         self.applied = np.zeros((self.size, reduced.p))
         self._charts: list[VelocityChart | None] = [None] * self.size
-        self._records = np.empty((self.size, 0))
+        self._kinematics = np.empty((self.size, 0 if self._kernel is None else self._kernel.kinematics_size))
+        self._records: RunRecords | None = None
         self._current = np.zeros(self.size, dtype=bool)  # runs whose ``_v`` and kinematics are those of the state
-        self._known = np.zeros(self.size, dtype=bool)  # runs whose kinematics are in ``_records``
+        self._known = np.zeros(self.size, dtype=bool)  # runs whose kinematics are in ``_kinematics``
         self.errors: list[Exception | None] = [None] * self.size
         self.failed = np.zeros(self.size, dtype=bool)
 
@@ -137,7 +142,7 @@ class ReducedPlantBatch:
         """States (m, nq) and (m, s) of runs after equal steps, and the status (m,) of the kernel."""
         assert self._kernel is not None
         select = slice(None) if len(moving) == self.size else moving
-        kinematics = self._records[select] if self._known[select].all() else None
+        kinematics = self._kinematics[select] if self._known[select].all() else None
         arrays = self._q[select], self._y[select], self.applied[select]
         return self._kernel.integrate(self._evaluators(moving), *arrays, h, steps, kinematics)
 
@@ -198,6 +203,45 @@ class ReducedPlantBatch:
             self._v[run] = state.v
         self.errors[run], self.failed[run] = None, False
 
+    def keep(self, runs: Array) -> None:
+        """Keep only these runs, by a mask (B,) or by indices."""
+        which = np.arange(self.size)[runs]
+        self.size = len(which)
+        for name in ("_q", "_v", "_y", "applied", "_kinematics", "_current", "_known", "failed"):
+            setattr(self, name, getattr(self, name)[which])
+        self._charts = [self._charts[run] for run in which]
+        self.errors = [self.errors[run] for run in which]
+
+    def measure(self) -> tuple[StateEvaluation, Array]:
+        """Return the states (B,) in the reduction of the model, and the mask (B,) of those that the kernel measures.
+
+        A run outside the mask has failed, or needs the formulas of a single state; its quantities are undefined.
+
+        Raises:
+            InputError: ``measures`` is False.
+        """
+        if self._kernel is None or not self.measures:
+            raise InputError("the compiled kernel cannot measure this model: measure one state at a time")
+        self._locate()
+        unknown = np.flatnonzero(self._current & ~self._known).tolist()
+        if unknown:
+            self._kinematics = self._kinematics.copy()
+        for run in unknown:
+            self._kernel.place(self._q[run], self._kinematics[run])
+            self._known[run] = True
+        status = self._current.astype(float)
+        q, v = self._q.copy(), self._v.copy()
+        self._records = self._kernel.measure(q, v, self._kinematics, status)
+        states = StateEvaluation.recorded(self.reduced.reduction_data, q, v, self._kernel, self._records)
+        return states, status == 1.0
+
+    def state(self, states: StateEvaluation, run: int) -> StateEvaluation:
+        """Return one of the states (B,) that ``measure`` returned last."""
+        assert self._kernel is not None
+        assert self._records is not None
+        q, v = states.q[run].copy(), states.v[run].copy()
+        return StateEvaluation.recorded(self.reduced.reduction_data, q, v, self._kernel, self._records.of(run))
+
     # ------------------------------------------------------------------ velocities
 
     def _evaluators(self, runs: Array) -> tuple[object, ...]:
@@ -207,23 +251,22 @@ class ReducedPlantBatch:
     def _locate(self) -> None:
         """Bring the velocities of all runs up to date, in charts that are regular there."""
         kernel = self._kernel
-        room = 0 if kernel is None else kernel.kinematics_size
-        if self._records.shape[1] < room:
-            self._records, self._known = np.empty((self.size, room)), np.zeros(self.size, dtype=bool)
         behind = np.flatnonzero(~self._current & ~self.failed)
         if not len(behind):
             return
         missing = behind
         if kernel is not None and self._y.shape[1]:
-            every = len(behind) == self.size
-            select = slice(None) if every else behind
-            records = self._records if every else self._records[behind]
+            select = slice(None) if len(behind) == self.size else behind
+            kinematics = np.empty((len(behind), kernel.kinematics_size))
             v, status = np.empty((len(behind), self.reduced.n)), np.zeros(len(behind))
-            arrays = self._q[select], self._y[select], self._limit, records, v, status
+            arrays = self._q[select], self._y[select], self._limit, kinematics, v, status
             kernel.velocities(self._evaluators(behind), *arrays)
             done = status == 1.0
-            if not every:
-                self._records[behind] = records
+            if len(behind) < self.size:
+                whole = self._kinematics.copy()  # ``measure`` may have given the other away
+                whole[behind] = kinematics
+                kinematics = whole
+            self._kinematics = kinematics
             self._v[behind[done]] = v[done]
             self._current[behind[done]], self._known[behind] = True, True
             missing = behind[~done]

@@ -125,6 +125,11 @@ class ReducedPlant:
         self._dissipative.friction.set_actuators(limit)
 
     @property
+    def dissipates(self) -> bool:
+        """True if damping or friction is active."""
+        return self._dissipative.needed
+
+    @property
     def external(self) -> np.ndarray | None:
         """Current generalized forces (nv,) of damping and friction; None without them."""
         if not self._dissipative.needed:

@@ -1,0 +1,206 @@
+"""Runs that advance in lock-step, each with the bits of a run alone.
+
+Only regular samples are computed together. A run that meets anything else (a singular state, a stop condition, an error
+of its controller) leaves the others before that sample and goes on alone, which raises the errors of a run alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from rnc_pin.control.controller import Command, Controller, State
+from rnc_pin.loop import LoopState
+from rnc_pin.math.linear_algebra import apply, clipped
+from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.plants import ReducedPlant, ReducedPlantBatch
+from rnc_pin.simulation.ending import Progress
+from rnc_pin.simulation.sampled_run import SampledRun
+from rnc_pin.simulation.steps_of_runs import StepsOfRuns, steps_of_runs
+
+_GOALS = ("v2_desired", "x1_desired", "x2_desired")
+
+
+class Leaver(NamedTuple):
+    """Run that goes on alone."""
+
+    place: int
+    """Index among all runs."""
+    sampled: bool
+    """True if it leaves between a sample and the next, False before a sample."""
+
+
+class LockStep:
+    """Runs of one model with equal sampling times.
+
+    Args:
+        runs: runs before their first sample, on a ``ReducedPlant`` each with equal options.
+        controllers: controller of each run.
+        states: initial states of the controllers.
+        dt: sampling period [s].
+        samples: number of samples.
+
+    Attributes:
+        leavers: runs that left so far.
+        places: indices of the runs that are still here.
+        samples_done: number of complete samples of these.
+    """
+
+    def __init__(
+        self,
+        runs: Sequence[SampledRun],
+        controllers: Sequence[Controller],
+        states: Sequence[State],
+        dt: float,
+        samples: int,
+    ) -> None:
+        plant = runs[0].plant
+        assert isinstance(plant, ReducedPlant)
+        self._runs, self._dt, self._samples, self.samples_done = list(runs), dt, samples, 0
+        self._plants = ReducedPlantBatch(
+            plant.reduced, len(runs), actuator_limits=plant.actuator_limits, substeps=plant.substeps
+        )
+        self._limits = plant.reduced.actuation.limits if plant.actuator_limits else None
+        self._rows = np.full((len(runs), samples, runs[0].record.width), np.nan)
+        for place, (run, rows) in enumerate(zip(runs, self._rows, strict=True)):
+            assert isinstance(run.plant, ReducedPlant)
+            self._plants.rollback(place, run.plant.checkpoint())
+            run.record.use(rows)
+        self._steps: StepsOfRuns = steps_of_runs(controllers, states)
+        self._deficit: Array | None = None
+        self._first_word = np.full(len(runs), -1)
+        self.places = np.arange(len(runs))
+        self.leavers: list[Leaver] = []
+
+    def advance(self, progress: Progress) -> None:
+        """Advance all runs to their end, or until they leave.
+
+        Args:
+            progress: receives the time.
+        """
+        for sample in range(self._samples):
+            if not len(self.places):
+                return
+            progress.time = sample * self._dt
+            while len(self.places) and not self._sample(sample):
+                pass
+            self.samples_done = sample + 1
+            if sample + 1 < self._samples and len(self.places):
+                self._plants.advance(self._dt)
+                if self._plants.failed.any():
+                    self._leave(self._plants.failed, sample + 1, sampled=True)
+
+    def settle(self) -> None:
+        """Complete the records of the runs that are still here."""
+        for run, first in zip(self.places.tolist(), self._first_word.tolist(), strict=True):
+            self._runs[run].record.written(self.samples_done, None if first < 0 else first)
+
+    # ------------------------------------------------------------------ a sample
+
+    def _sample(self, sample: int) -> bool:
+        """Compute and record a sample. False if runs left instead: then the others have to be sampled again."""
+        plants, t = self._plants, sample * self._dt
+        states, valid = plants.measure()
+        if not valid.all():
+            return self._leave(~valid, sample)
+        stopped = self._runs[0].stop.stopped(states)
+        if stopped.any():
+            return self._leave(stopped, sample)
+        integrals = plants.integrals
+        measurement = self._measurement(states, integrals)
+        answer = self._steps.step(t, measurement)
+        if answer.failed.any():
+            return self._leave(answer.failed, sample)
+        requested, failed = self._inputs(states, answer.command)
+        if failed.any():
+            return self._leave(failed, sample)
+        T = requested if self._limits is None else clipped(requested, self._limits)
+        plants.apply(T)
+        self._deficit = None if T is requested or np.array_equal(requested, T) else requested - T
+        self._steps.commit(answer)
+        self._record(sample, measurement, integrals, answer.command)
+        return True
+
+    def _measurement(self, states: StateEvaluation, integrals: Array) -> Measurement:
+        """Measurement of all runs, in contiguous arrays, with the deficits of the last sample."""
+        measured = states.measure(integrals)
+        fields = [None if field is None else np.ascontiguousarray(field) for field in measured]
+        measurement, deficit = Measurement._make(fields), self._deficit
+        if deficit is None:
+            return measurement
+        force = np.zeros(measurement.v2.shape)
+        for run in np.flatnonzero(deficit.any(axis=1)).tolist():
+            force[run] = apply(self._plants.state(states, run).input_matrix, deficit[run])
+        return measurement._replace(input_deficit=deficit, force_deficit=force)
+
+    def _inputs(self, states: StateEvaluation, command: Command) -> tuple[Array, Array]:
+        """Inputs (B, p) of a command, and the mask (B,) of the runs that have to find theirs alone."""
+        reduced, count = self._plants.reduced, self._plants.size
+        every, T = np.ones(count, dtype=bool), np.zeros((count, reduced.p))
+        if (command.F is None) == (command.T is None):
+            return T, every
+        if command.T is not None:
+            T = np.asarray(command.T, dtype=float)
+            return T, every if T.shape != (count, reduced.p) else ~np.asarray(np.isfinite(T).all(axis=1))
+        F = np.asarray(command.F, dtype=float)
+        if F.shape != (count, reduced.r):
+            return T, every
+        failed = ~np.isfinite(F).all(axis=1)
+        assert states.compiled is not None
+        found = None if failed.any() else states.compiled.allocate(F)
+        if found is not None:
+            return found, failed
+        for run in np.flatnonzero(~failed).tolist():
+            try:
+                T[run] = self._plants.state(states, run).allocate(F[run])
+            except Exception:  # alone it raises the same error
+                failed[run] = True
+        return T, failed
+
+    def _record(self, sample: int, measurement: Measurement, integrals: Array, command: Command) -> None:
+        plants, count = self._plants, self._plants.size
+        given = [getattr(command, name) for name in _GOALS]
+        x1, x2 = measurement.x1, measurement.x2
+        goals = [
+            np.full(of.shape, np.nan) if goal is None else goal
+            for goal, of in zip(given, (measurement.v2, x1, x2), strict=True)
+        ]
+        numbers = (
+            np.full((count, 1), sample * self._dt), plants.work[:, None], measurement.q, measurement.v, measurement.v2,
+            x1, x2, measurement.v1, plants.applied, integrals, *goals,
+        )  # fmt: skip
+        np.concatenate(numbers, axis=1, out=(rows := np.empty((count, self._rows.shape[2]))))
+        self._rows[self.places, sample] = rows
+        spoken = self._steps.spoken(count, any(goal is not None for goal in given))
+        self._first_word[spoken & (self._first_word < 0)] = sample
+        if command.estimates is not None or command.prediction_error is not None:
+            for place, run in enumerate(self.places.tolist()):
+                record = self._runs[run].record
+                record.written(sample, None)
+                optional = command.estimates, command.prediction_error
+                record.add_optional(*(None if each is None else each[place] for each in optional))
+
+    # ------------------------------------------------------------------ runs that leave
+
+    def _leave(self, leaving: Array, samples: int, sampled: bool = False) -> bool:
+        """Let runs go on alone after a number of samples; return False. ``sampled`` as of a ``Leaver``."""
+        for place in np.flatnonzero(leaving).tolist():
+            number, first = int(self.places[place]), int(self._first_word[place])
+            run = self._runs[number]
+            deficit = None if self._deficit is None else self._deficit[place]
+            if deficit is not None and not deficit.any():
+                deficit = None
+            state = LoopState(begin=0.0, input_deficit=deficit, controller=self._steps.state(place))
+            run.continue_from(samples, self._plants.checkpoint(place), state)
+            run.record.written(samples, None if first < 0 else first)
+            self.leavers.append(Leaver(number, sampled))
+        staying = ~leaving
+        self._plants.keep(staying)
+        self._steps.keep(staying)
+        self.places, self._first_word = self.places[staying], self._first_word[staying]
+        self._deficit = None if self._deficit is None else self._deficit[staying]
+        return False

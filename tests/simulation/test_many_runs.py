@@ -1,0 +1,225 @@
+"""Many runs of ``simulate`` against runs alone: the same bits, outcomes and errors."""
+
+import pickle
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+import systems
+from rnc_pin.control import Command, ComputedTorque, ReducingOutputController, VelocityTracker
+from rnc_pin.planning import Hold, MinimumJerk
+from simple_controllers import Inputs
+
+DT, DURATION = 0.01, 0.12
+
+
+def alone(*arguments, **options):
+    """A run, however it ends, and its error."""
+    try:
+        return rnc.simulate(*arguments, **options), None
+    except rnc.RncError as error:
+        return error.trajectory, error
+
+
+def check_same(run, single):
+    for field in fields(single):
+        ours, theirs = getattr(run, field.name), getattr(single, field.name)
+        if field.name == "info":
+            assert ours.to_json() == theirs.to_json()
+        else:
+            assert np.array_equal(ours, theirs, equal_nan=True), field.name
+
+
+def check_all(reduced, controller, q0, v2_0=None, plant=None, options=None, **alike):
+    """Compare a batch with its runs alone, whose arguments are rows of those of the batch."""
+    options = options or rnc.SimulationOptions()
+    runs = rnc.simulate(reduced, controller, q0, DURATION, DT, v2_0=v2_0, plant=plant, options=options, **alike)
+    for place, run in enumerate(runs):
+        each = controller[place] if isinstance(controller, list) else controller
+        v2 = v2_0 if v2_0 is None or np.ndim(v2_0) == 1 else v2_0[place]
+        q = q0 if np.ndim(q0) == 1 else q0[place]
+        single, error = alone(reduced, each, q, DURATION, DT, v2_0=v2, plant=plant, options=options, **alike)
+        check_same(run, single)
+        assert runs.outcomes[place] is single.outcome
+        assert str(runs.errors[place]) == str(error)
+        assert type(runs.errors[place]) is type(error)
+    return runs
+
+
+def starts(reduced, count):
+    states = systems.random_states(reduced, count, seed=5)
+    return np.array([q for q, _ in states]), np.array([0.3 * v2 for _, v2 in states])
+
+
+def hold(reduced, k2=2.0):
+    return ReducingOutputController(reduced, Hold(np.linspace(-0.5, 0.5, reduced.r)), k2)
+
+
+@pytest.fixture(scope="module")
+def sleigh():
+    return systems.sleigh()
+
+
+@pytest.fixture(scope="module")
+def at_rest(sleigh):
+    return sleigh.robot.configuration()
+
+
+@pytest.mark.parametrize("name", ["mobile_manipulator", "fire_truck"])
+def test_a_tracker_and_a_model_based_controller_have_the_bits_of_runs_alone(name):
+    reduced = systems.ALL[name]()
+    q0, v2_0 = starts(reduced, 3)
+    target = hold(reduced)
+    for controller in (VelocityTracker(target), ComputedTorque(reduced, target)):
+        assert check_all(reduced, controller, q0, v2_0).outcomes == (rnc.Outcome.COMPLETED,) * 3
+
+
+def test_a_task_of_redundant_outputs_and_its_angles():
+    reduced = systems.space_robot()
+    task = rnc.Task.of(reduced, primary=["tip_x", "tip_y"], redundant=["joint_1"])
+    q0 = reduced.robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
+    x1, x2 = reduced.at(q0).outputs()
+    reference = MinimumJerk(x2[:2], x2[:2] + 0.2, duration=1.0)
+    kinematic = rnc.control.RedundancyController(task, reference, Hold(x1), k21=1.0)
+    near = q0 + 0.02 * np.random.default_rng(0).standard_normal((3, len(q0)))
+    check_all(reduced, VelocityTracker(kinematic), near)
+
+
+def test_runs_end_for_themselves(sleigh, at_rest):
+    v2_0 = np.array([[0.1, 0.2], [30.0, 0.0], [0.0, -0.1], [2e3, 0.0]])
+    options = rnc.SimulationOptions(stop=rnc.Stop(speed=30.1))
+    runs = check_all(sleigh, Inputs(lambda t: [20.0, 0.0]), at_rest, v2_0, options=options)
+    assert [str(outcome) for outcome in runs.outcomes] == ["completed", "diverged", "completed", "diverged"]
+    assert [len(run.time) for run in runs] == [13, len(runs[1].time), 13, 0]
+    assert 0 < len(runs[1].time) < 13
+
+
+def test_a_joint_that_leaves_its_range_ends_only_its_run():
+    robot = rnc.Robot.from_example("panda", lock={"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0})
+    reduced = rnc.NonholonomicSystem(robot, [], [f"panda_joint{k}" for k in range(1, 8)]).reduce()
+    q0 = np.array([0.0, 0.0, 0.0, -1.5, 0.0, 1.5, 0.0])
+    v2_0 = np.zeros((2, 7))
+    v2_0[1, 3] = 15.0  # towards the stop of the elbow
+    options = rnc.SimulationOptions(stop=rnc.Stop(position_limits=True))
+    runs = check_all(reduced, rnc.control.ZeroInput(reduced), q0, v2_0, options=options)
+    assert [str(outcome) for outcome in runs.outcomes] == ["completed", "limit"]
+
+
+def test_a_controller_for_each_run_and_states_that_go_on(sleigh, at_rest):
+    controllers = [VelocityTracker(ReducingOutputController(sleigh, Hold([goal, 0.1]))) for goal in (0.2, 0.5)]
+    check_all(sleigh, controllers, at_rest)
+
+    seen = []
+    for v2 in ([0.1, 0.0], [0.3, 0.0]):
+        observed = rnc.SimulationOptions(observer=seen.append)
+        rnc.simulate(sleigh, controllers[0], at_rest, DURATION, DT, v2_0=v2, options=observed)
+    states = [seen[12].state, seen[25].state]
+    states = [state._replace(time=None) for state in states]
+    runs = rnc.simulate(
+        sleigh, controllers[0], at_rest, DURATION, DT, options=rnc.SimulationOptions(controller_state=states)
+    )
+    for run, state in zip(runs, states, strict=True):
+        options = rnc.SimulationOptions(controller_state=state)
+        check_same(run, rnc.simulate(sleigh, controllers[0], at_rest, DURATION, DT, options=options))
+
+
+def test_limits_of_the_actuators_and_the_windup_of_each_run(sleigh, at_rest):
+    limited = rnc.NonholonomicSystem(
+        sleigh.robot,
+        [rnc.NoSideSlip("sleigh")],
+        [rnc.FrameForce("sleigh", "x", limit=3.0), rnc.FrameTorque("sleigh", "z", limit=0.2)],
+    ).reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+    v2_0 = np.array([[0.0, 0.0], [0.95, 0.0], [4.0, 1.0]])
+    tracker = VelocityTracker(ReducingOutputController(limited, Hold([1.0, 0.0]), 0.1))
+    plant = rnc.ReducedPlant(limited, actuator_limits=True, substeps=2)
+    runs = check_all(limited, tracker, at_rest, v2_0, plant=plant)
+    saturated = [(np.abs(run.T) == [3.0, 0.2]).any() for run in runs]
+    assert any(saturated)
+    assert not all(saturated)
+
+
+class Shy:
+    """A controller that refuses high speeds."""
+
+    def initial_state(self, measurement):
+        return None
+
+    def step(self, t, measurement, state):
+        if measurement.v2[0] > 0.5:
+            raise ValueError("too fast for me")
+        return Command(F=np.array([10.0, 0.0]), x2_desired=measurement.x2 if t > 0.05 else None), state
+
+
+def test_an_error_of_a_controller_ends_only_its_run(sleigh, at_rest):
+    v2_0 = np.array([[-1.0, 0.0], [0.4, 0.0], [-2.0, 0.1]])
+    runs = check_all(sleigh, Shy(), at_rest, v2_0)
+    assert [str(outcome) for outcome in runs.outcomes] == ["completed", "failed", "completed"]
+    assert isinstance(runs.errors[1].__cause__, ValueError)
+
+
+def test_a_plant_with_damping_takes_one_run_after_the_other(sleigh, at_rest):
+    robot = rnc.Robot.from_example("panda", lock={"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0})
+    robot.model.damping[:] = 0.5
+    reduced = rnc.NonholonomicSystem(robot, [], [f"panda_joint{k}" for k in range(1, 8)]).reduce()
+    q0, v2_0 = starts(reduced, 2)
+    plant = rnc.ReducedPlant(reduced, joint_damping=True)
+    check_all(reduced, rnc.control.ZeroInput(reduced), q0, v2_0, plant=plant)
+
+
+class Impatient(Shy):
+    """A controller whose user presses Ctrl-C."""
+
+    def step(self, t, measurement, state):
+        if t > 0.055:
+            raise KeyboardInterrupt
+        return super().step(t, measurement, state)
+
+
+def test_an_interruption_ends_all_runs(sleigh, at_rest):
+    runs = rnc.simulate(sleigh, Impatient(), np.stack([at_rest, at_rest]), DURATION, DT)
+    assert [str(outcome) for outcome in runs.outcomes] == ["interrupted", "interrupted"]
+    assert [len(run.time) for run in runs] == [6, 6]
+
+
+def test_a_singular_start_has_an_outcome_and_no_run():
+    reduced = systems.space_robot()
+    straight = reduced.robot.configuration()
+    bent = reduced.robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
+    runs = rnc.simulate(reduced, rnc.control.ZeroInput(reduced), np.stack([straight, bent]), DURATION, DT)
+    assert [str(outcome) for outcome in runs.outcomes] == ["singular", "completed"]
+    with pytest.raises(rnc.SingularityError):
+        _ = runs[0]
+    assert np.isnan(runs.stack("q")[0]).all()
+    assert np.array_equal(runs.stack("q")[1], runs[1].q)
+
+
+def test_runs_can_be_sliced_and_stored(sleigh, at_rest):
+    v2_0 = np.array([[0.1, 0.0], [0.2, 0.0], [0.3, 0.0]])
+    runs = rnc.simulate(sleigh, rnc.control.ZeroInput(sleigh), at_rest, DURATION, DT, v2_0=v2_0)
+    assert str(runs) == "TrajectoryBatch of 3 runs: 3 completed"
+    assert [run.v2[0, 0] for run in runs[1:]] == [0.2, 0.3]
+    check_same(pickle.loads(pickle.dumps(runs))[2], runs[2])
+    assert runs.stack("energy").shape == (3, 13)
+    with pytest.raises(rnc.InputError, match="no array 'energies'"):
+        runs.stack("energies")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"v2_0": np.zeros((2, 2)), "q0": np.zeros((3, 4))}, rnc.InputError, "q0 has 3, v2_0 has 2"),
+        ({"v2_0": np.zeros((2, 3))}, rnc.InputError, "run 0: "),
+        ({"v2_0": np.zeros((0, 2))}, rnc.InputError, "at least one: v2_0 has 0"),
+        ({"q0": np.zeros((2, 2, 4))}, rnc.InputError, "expected one row or a row for each run"),
+        (
+            {"v2_0": np.zeros((2, 2)), "options": rnc.SimulationOptions(observer=print)},
+            rnc.ConfigurationError,
+            "cannot tell the runs of a batch apart",
+        ),
+    ],
+)
+def test_wrong_arguments_are_refused(sleigh, at_rest, arguments, error, message):
+    with pytest.raises(error, match=message):
+        rnc.simulate(sleigh, rnc.control.ZeroInput(sleigh), **{"q0": at_rest, "duration": 0.1, "dt": 0.01, **arguments})
