@@ -7,10 +7,14 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import re
 from collections.abc import Iterator
 from types import ModuleType
 
+import click
+
 import rnc_pin
+from rnc_pin.app.usage import cli
 
 PACKAGES = (
     "analysis",
@@ -29,6 +33,11 @@ PACKAGES = (
     "plants.mujoco",
     "simulation",
 )
+RESULTS = {
+    "rnc_pin.model.state_evaluation": ["StateEvaluation"],
+    "rnc_pin.model.result_types": ["ReducedTerms", "LagrangianTerms", "StateDerivative"],
+}
+"""Results of ``ReducedModel`` that no public package exports."""
 
 
 def underlined(title: str, line: str = "=") -> str:
@@ -60,6 +69,8 @@ def reference_pages() -> dict[str, str]:
         known |= {id(getattr(module, name)) for name in others}
         again = [name for name in public if name not in others]
         pages[f"reference/{package}.rst"] = page(f"rnc_pin.{package}", inspect.getdoc(module) or "", others, again)
+    pages["reference/results.rst"] = results_page()
+    pages["reference/command_line.rst"] = command_line_page()
     listed = "".join(f"   {place.removeprefix('reference/').removesuffix('.rst')}\n" for place in pages)
     pages["reference/index.rst"] = (
         underlined("Python reference")
@@ -82,3 +93,38 @@ def page(module: str, text: str, names: list[str], again: list[str] | None = Non
     if names:
         parts.extend(entries(names, module))
     return "\n".join(parts)
+
+
+def results_page() -> str:
+    """One page for the results of ``ReducedModel.at`` and its methods."""
+    parts = [underlined("Results of ``ReducedModel``")]
+    parts.append("``reduced.at(q, v2)`` computes each quantity once, at its first use; arrays are read-only.\n")
+    for module, names in RESULTS.items():
+        parts.append(f".. currentmodule:: {module}\n")
+        for name in names:
+            parts.append(
+                f".. autoclass:: {name}\n   :inherited-members: tuple\n   :exclude-members: as_seen_by, at, measured, in_reduction\n"
+            )
+    return "\n".join(parts)
+
+
+def command_line_page() -> str:
+    """Usage, arguments and options of each command, as ``--help`` tells."""
+    parts = [underlined("Command line"), "``rnc-pin COMMAND --help`` prints the same.\n"]
+    parts.append("See also :doc:`/commands`, which has the files of a run.\n")
+    for name, command in sorted(cli.commands.items()):
+        context = click.Context(command, info_name=f"rnc-pin {name}")
+        usage = command.get_usage(context).removeprefix("Usage: ")
+        parts += [underlined(f"``rnc-pin {name}``", "-"), ".. code-block:: text\n", f"   {' '.join(usage.split())}\n"]
+        parts.append(inspect.cleandoc(command.help or "") + "\n")
+        records = [each for option in command.params if (each := option.get_help_record(context)) is not None]
+        if records:
+            parts.append(".. list-table::\n   :widths: 35 65\n")
+        parts += [f"   * - ``{usage}``\n     - {rst_text(text)}" for usage, text in records]
+        parts.append("")
+    return "\n".join(parts)
+
+
+def rst_text(text: str) -> str:
+    """Return text without the characters that RST takes for markup."""
+    return " ".join(re.sub(r"([*`_|\\])", r"\\\1", text).split())

@@ -1,7 +1,7 @@
 """Record scenarios as interactive scenes of the documentation site: ``python docs/make_scenes.py [SCENARIO...]``.
 
-Each run writes a page of 1 to 3 MB into ``docs/_scenes``, which git ignores. The site shows it behind the picture of the
-same scenario. ``--out FOLDER`` writes elsewhere, and ``--all`` records every built-in scenario.
+Each run writes a page of 1 to 8 MB into ``docs/_scenes``, which git ignores. The site shows it behind the picture of
+the same scenario. ``--out FOLDER`` writes elsewhere, and ``--all`` records every built-in scenario.
 """
 
 from __future__ import annotations

@@ -69,7 +69,9 @@ def table_of_contents(pages: set[str]) -> str:
                 folder = name.rpartition("/")[0]
                 beside = sorted(page for page in pages - named if page.rpartition("/")[0] == folder)
                 index = f"{folder}/index"
-                found.extend([index] if index in beside and folder == "reference" else beside)
+                if index in beside:  # first; the reference lists its pages there
+                    beside = [index, *(page for page in beside if page != index and folder != "reference")]
+                found.extend(beside)
             elif name in pages:
                 found.append(name)
         if found:
