@@ -24,6 +24,7 @@ PACKAGES = (
     "control.whole_body.tasks",
     "control.whole_body.limits",
     "forces",
+    "gym",
     "integrators",
     "loop",
     "optimal",
@@ -102,9 +103,8 @@ def results_page() -> str:
     for module, names in RESULTS.items():
         parts.append(f".. currentmodule:: {module}\n")
         for name in names:
-            parts.append(
-                f".. autoclass:: {name}\n   :inherited-members: tuple\n   :exclude-members: as_seen_by, at, measured, in_reduction\n"
-            )
+            options = [":inherited-members: tuple", ":exclude-members: as_seen_by, at, measured, in_reduction"]
+            parts.append("\n   ".join([f".. autoclass:: {name}", *options]) + "\n")
     return "\n".join(parts)
 
 
