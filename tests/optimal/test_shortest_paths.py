@@ -22,6 +22,6 @@ def test_no_random_word_is_shorter_than_the_closed_forms():
 
 @pytest.mark.parametrize("pose", [(3.0, 1.0, -0.5), (1.0, 2.0, 2.5)])
 def test_the_limit_of_a_small_effort_weight_is_the_path_of_dubins(pose):
-    plan = shortest_plan(car(), pose, 0.0, starts=0, weights=[0.1, 0.01])
+    plan = shortest_plan(car(), pose, 0.0, starts=1, weights=[0.01])
     assert driven_length(plan) == pytest.approx(dubins_length(*pose), rel=1e-2)
     assert plan.info.verification.violation < 1e-2

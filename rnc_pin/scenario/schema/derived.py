@@ -20,6 +20,7 @@ import numpy as np
 from pydantic import (
     AfterValidator,
     BaseModel,
+    BeforeValidator,
     Discriminator,
     Field,
     GetCoreSchemaHandler,
@@ -30,7 +31,7 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
-from rnc_pin.errors import RncError
+from rnc_pin.errors import RncError, nearest
 from rnc_pin.scenario.schema.base import BY_KIND, NAME, PLAIN, Strict
 
 
@@ -138,8 +139,18 @@ def plain_or(plain: type, /, **entries: type) -> object:
         key = next(iter(raw)) if isinstance(raw, Mapping) and len(raw) == 1 else None
         return key if key in entries else PLAIN
 
+    def known(raw: object) -> object:
+        names = [*Entry(plain).model.model_fields, *entries]  # the reader of one kind does not know the other kinds
+        mapping = raw if isinstance(raw, Mapping) else {}
+        for key in mapping:
+            if key in entries and len(mapping) > 1:
+                raise ValueError(f"'{key}' has no other key beside it, found {', '.join(map(str, mapping))}")
+            if key not in names:
+                raise ValueError(f"'{key}' is not known{nearest(str(key), names)}")
+        return raw
+
     items = [Annotated[plain, Entry(plain), Tag(PLAIN)], *(_keyed(key, Entry(each)) for key, each in entries.items())]
-    return _ReadAs(Annotated[_either(items), Discriminator(tag)])
+    return _ReadAs(Annotated[_either(items), Discriminator(tag), BeforeValidator(known)])
 
 
 @dataclass(frozen=True)

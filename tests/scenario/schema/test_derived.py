@@ -167,6 +167,12 @@ def test_a_rolling_body_is_written_with_its_shape_and_ground():
     assert reader.validate_python({"rolling_body": said}) == expected
     with pytest.raises(ValidationError, match="normal of the ground has no length"):
         reader.validate_python({"rolling_body": {**said, "ground": {"normal": [0, 0, 0]}}})
+    refused = {"shere": "did you mean 'sphere'", "spinn": "did you mean 'spin'", "wall": "normal, point, .*, cylinder"}
+    for key, reason in refused.items():  # a plain ground knows the keys of the others
+        with pytest.raises(ValidationError, match=f"'{key}' is not known.*{reason}"):
+            reader.validate_python({"rolling_body": {**said, "ground": {key: 1.0}}})
+    with pytest.raises(ValidationError, match="'sphere' has no other key beside it, found spin, sphere"):
+        reader.validate_python({"rolling_body": {**said, "ground": {"spin": 1.0, "sphere": {"radius": 2.0}}}})
 
 
 def test_a_prescribed_motion_is_written_with_an_output_a_start_and_a_reference():
