@@ -236,9 +236,7 @@ def shortest_plan(
     return found[0]
 
 
-def random_drives(
-    reduced: rnc.ReducedModel, pose: tuple[float, float, float], slowest: float, count: int
-) -> list[Any]:
+def random_drives(reduced: rnc.ReducedModel, pose: tuple[float, float, float], slowest: float, count: int) -> list[Any]:
     """Configurations along random drives: of many, those that end nearest to a pose, each with another order of turns.
 
     Args:
