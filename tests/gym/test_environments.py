@@ -182,7 +182,7 @@ REFUSED = {
     "phases": ("grasp", {}),
     "faults": ("space-robot", {"options": {"faults": {"delay": 0.01}}}),
     "plant": ("space-robot", {"options": {"plant": "mujoco"}}),
-    "actuators: there are none": ("rattleback", {"options": {"simulation.duration": 1}}),
+    "actuators: there are none": ("space-robot", {"options": {"actuators": []}}),
     "no multiple of simulation.dt": ("space-robot", {"period": 0.0155}),
     "draws: 'robot.urdf'": ("space-robot", {"draws": {"robot.urdf": [0, 1]}}),
     "expected \\[minimum, maximum\\]": ("space-robot", {"draws": {"initial.q.joint_1": [1, 0]}}),

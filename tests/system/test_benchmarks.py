@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import reduction
+from benchmarks import latency, reduction
 from benchmarks.states import regular_states
 from rnc_pin.scenario.execution import plan
 
@@ -114,3 +114,15 @@ def test_json_has_what_is_documented(tmp_path, capsys):
     shown = capsys.readouterr().out
     assert SYSTEM in shown
     assert "rnc-pin --help" in shown
+
+
+def test_the_latency_of_each_tick_is_measured_and_the_loop_repeats_its_run(experiment):
+    """Three repetitions of nine ticks; ``latency`` itself raises an error if their inputs differ from the run's."""
+    run = latency.recorded(experiment, 10)
+    found = latency.latency(SYSTEM, experiment, run, 25)
+    assert found.wall.shape == found.processor.shape == (25,)
+    assert found.wall.min() > 0
+    assert len(found.first) == 3
+    assert len(found.cells()) == len(latency.COLUMNS) + 1
+    with pytest.raises(RuntimeError, match="differ from those of the run"):
+        latency.latency(SYSTEM, experiment, [tick._replace(T=tick.T + 1e-12) for tick in run], 2)
