@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import latency, reduction
+from benchmarks import latency, reduction, scaling
 from benchmarks.states import regular_states
 from rnc_pin.scenario.execution import plan
 
@@ -126,3 +126,24 @@ def test_the_latency_of_each_tick_is_measured_and_the_loop_repeats_its_run(exper
     assert len(found.cells()) == len(latency.COLUMNS) + 1
     with pytest.raises(RuntimeError, match="differ from those of the run"):
         latency.latency(SYSTEM, experiment, [tick._replace(T=tick.T + 1e-12) for tick in run], 2)
+
+
+def test_generated_systems_have_their_sizes_and_the_tables_their_rows():
+    chain, train = scaling.chain_on_base(4), scaling.train(5, bodies=6)
+    assert (chain.n, chain.m, chain.p) == (7, 1, 6)
+    assert (train.n, train.m, train.r) == (8, 5, 3)
+    found = scaling.costs(scaling.chain_on_base, (2, 3), rounds=1)
+    assert found.us.shape == (2, len(scaling.FUNCTIONS))
+    batches = scaling.batch_costs((1, 64), rounds=1)
+    assert batches.us.min() > 0
+    assert 8 * chain.n**2 < 1024 * batches.kib[0] < 1024 * batches.kib[1]  # at least one matrix
+
+
+def test_the_plots_of_scaling_show_each_function_over_the_sizes():
+    sizes, us = (2, 4), np.array([[1.0, 2.0, 3.0, 4.0], [2.0, 4.0, 6.0, 8.0]])
+    figure = scaling.size_figure(scaling.Costs(sizes, us), scaling.Costs(sizes, us))
+    lines = figure.axes[0].get_lines()
+    assert [each.get_label() for each in lines] == list(scaling.FUNCTIONS)
+    assert np.array_equal(np.array([each.get_ydata() for each in lines]).T, us)
+    batches = scaling.batch_figure(scaling.BatchCosts(sizes, us[:, 0], us[:, 1]))
+    assert batches.axes[1].get_lines()[0].get_ydata().tolist() == [1.0, 1.0]  # KiB of one state
