@@ -8,7 +8,7 @@
 Costs of single states are processor times in microseconds, of ``terms``, ``forward_dynamics`` and
 ``state_derivatives``, beside the Pinocchio calls ``computeJointJacobians``, ``crba``, ``forwardKinematics`` and
 ``nonLinearEffects``. All sizes are measured in turn; figures are medians. Memory is the largest allocated amount during
-a call, by ``tracemalloc``. ``--markdown`` prints Markdown tables. ``--pictures FOLDER`` also writes ``scaling_size.png``
+a call, by ``tracemalloc``. ``--markdown`` prints Markdown. ``--pictures FOLDER`` also writes ``scaling_size.png``
 and ``scaling_batch.png`` there.
 """
 
