@@ -14,6 +14,7 @@ from rnc_pin.constraints.prescribed_motion import PrescribedMotion
 from rnc_pin.constraints.rolling_ball import RollingBall
 from rnc_pin.constraints.rolling_body import RollingBody
 from rnc_pin.constraints.rolling_wheel import RollingRows, RollingWheel
+from rnc_pin.model.rows import Rows
 
 __all__ = [
     "AckermannSteering",
@@ -33,6 +34,7 @@ __all__ = [
     "RollingBody",
     "RollingRows",
     "RollingWheel",
+    "Rows",
     "Sphere",
     "SphericalGround",
     "Torus",
