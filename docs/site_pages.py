@@ -30,7 +30,7 @@ SECTIONS = {
     "Start": ["project/readme", "own_robot", "gallery"],
     "Tutorials": ["tutorials/*"],
     "Topics": ["*"],
-    "Explanation": ["explanation/*", "paper", "glossary", "limits"],
+    "Explanation": ["explanation/*", "paper", "glossary", "comparison", "limits"],
     "Reference": ["commands", "scenarios", "errors", "reference/*"],
     "Evidence": ["validation", "reliability", "performance", "latency", "scaling", "random_tasks", "zoo"],
     "Project": ["maintainers", "project/contributing", "project/changelog", "project/security", "project/license"],

@@ -84,7 +84,7 @@ def test_tables_of_scenario_keys_are_current():
 
 
 def test_the_readme_is_short():
-    assert len((ROOT / "README.md").read_text().split()) <= 800
+    assert len((ROOT / "README.md").read_text().split()) <= 600
 
 
 def test_the_readme_has_the_two_commands():

@@ -2,6 +2,7 @@
 
 import importlib.util
 import re
+import tomllib
 
 import pytest
 
@@ -50,3 +51,14 @@ def test_every_public_error_has_causes_and_remedies():
     ]
     assert sorted(sections) == sorted(public)
     assert all("remedy" in sections[name] for name in {*public} - {"RncError", "SimulationError"})
+
+
+def test_the_maintainers_page_has_the_layers_and_paths_of_the_code():
+    text = (ROOT / "docs" / "maintainers.md").read_text()
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    layers = [line.replace("rnc_pin.", "").split(" | ") for line in contracts[0]["layers"]]
+    table = text.partition("## Layers")[2].partition("## Path")[0]
+    assert [re.findall(r"`(\w+)`", row.split("|")[1]) for row in re.findall(r"^\| `.*", table, re.MULTILINE)] == layers
+    paths = re.findall(r"`((?:rnc_pin|tests|docs)/[\w./]+)`", text)
+    assert len(paths) > 30
+    assert [path for path in paths if not (ROOT / path).exists()] == []
