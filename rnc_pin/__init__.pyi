@@ -15,6 +15,7 @@ from . import (
     plants,
     robots,
     simulation,
+    sweeps,
 )
 from ._kernel import kernel
 from .analysis import (
@@ -105,6 +106,7 @@ from .simulation import (
     summarize,
     tuned_tracker,
 )
+from .sweeps import SweepResults, load_sweep, sweep
 from .version import __version__
 
 __all__ = [
@@ -172,6 +174,7 @@ __all__ = [
     "SphericalGround",
     "SteadyMotion",
     "Stop",
+    "SweepResults",
     "Task",
     "Torus",
     "Trajectory",
@@ -193,6 +196,7 @@ __all__ = [
     "kernel",
     "kinematic_rollout",
     "linearize",
+    "load_sweep",
     "loop",
     "lqr",
     "optimal",
@@ -207,6 +211,8 @@ __all__ = [
     "solve_ik",
     "state_derivatives",
     "summarize",
+    "sweep",
+    "sweeps",
     "tuned_tracker",
     "tvlqr",
 ]

@@ -46,6 +46,10 @@ class ProgressBar:
         self._bar.start()
         return self._advance
 
+    def begin_at(self, done: float) -> None:
+        """Count this much as done before the start: the estimate of the remaining time leaves it out."""
+        self._bar.reset(self._task, completed=int(done))
+
     def _advance(self, done: float, text: str | None = None) -> None:
         # Called at every sample: update the bar only at visible changes.
         if done >= self._shown or text != self._text:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.table import Table
 
-from rnc_pin.scenario.sweep_table import SweepStatistics
 from rnc_pin.simulation import OutputNames, Summary
+
+if TYPE_CHECKING:
+    from rnc_pin.sweeps.sweep_statistics import SweepStatistics  # sweeps import joblib
 
 
 def print_summary(summary: Summary, outputs: OutputNames | None = None) -> None:
@@ -92,4 +95,4 @@ def print_sweep_statistics(scenario: str, summary: SweepStatistics, folder: Path
     for name, figures in summary["final_error"].items():
         table.add_row(name, *(f"{figure:.2e}" for figure in (figures["median"], figures["95 %"], figures["max"])))
     console.print(table)
-    console.print(f"in {folder}: sweep.csv, sweep.json and a folder for each run", highlight=False)
+    console.print(f"in {folder}: runs/*.parquet, distributions.png, sweep.json", highlight=False)

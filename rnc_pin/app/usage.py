@@ -209,15 +209,17 @@ def replay(**given: Given) -> None:
 @click.option("--jobs", type=int, default=1, help="Local processes; -1 for all cores.")
 @click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler to run on.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for results.")
+@click.option("--trajectories", is_flag=True, help="Write the trajectory of each run too.")
 @_options
 @_plant
 @_json
 @_force
 @_debug
 def sweep(**given: Given) -> int:
-    """Run a SCENARIO many times with values drawn from the ranges in its 'sweep'.
+    """Run a SCENARIO many times with values drawn from the distributions in its 'sweep'.
 
-    A task that fails preflight is drawn again; '--set preflight=warn' runs it anyway.
+    A task that fails preflight is drawn again; '--set preflight=warn' runs it anyway. If the command is killed, the
+    same command continues.
     """
     find_scenario(given["scenario"])
     announce(f"{given['scenario']}: reading the scenario", given["as_json"])

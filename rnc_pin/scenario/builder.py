@@ -102,13 +102,15 @@ class Experiment:
         return self.provenance.to_json()
 
 
-def build_experiment(scenario: Scenario, folder: Path, plans: Plans | None = None) -> Experiment:
+def build_experiment(
+    scenario: Scenario, folder: Path, plans: Plans | None = None, reduced: ReducedModel | None = None
+) -> Experiment:
     """Build a run from a scenario without phases; ``build_phased`` builds the others.
 
     Args:
         scenario: a validated scenario.
         folder: base of relative paths.
-        plans: optimal motions of other runs, which runs with equal problems share.
+        plans, reduced: optimal motions, and the model of equal systems and outputs, of other runs, to share.
 
     Raises:
         RncError: a part of the scenario does not fit the robot.
@@ -119,11 +121,11 @@ def build_experiment(scenario: Scenario, folder: Path, plans: Plans | None = Non
         raise ConfigurationError("simulation: is missing; a run needs {duration: ..., dt: ...}")
     if scenario.controller is None:
         raise ConfigurationError("controller: is missing; a run needs {type: ..., preset: ...}")
-    try:  # raise this error before files are written
+    try:
         sample_count(scenario.simulation.duration, scenario.simulation.dt)
     except InputError as error:
         raise ConfigurationError(f"simulation: {error}") from None
-    _, reduced = build_reduced(scenario, folder)
+    reduced = build_reduced(scenario, folder)[1] if reduced is None else reduced
     check_plots(scenario, [reduced])
     return experiment_at(scenario, folder, reduced, *start_of(scenario, reduced), plans)
 
@@ -147,8 +149,7 @@ def experiment_at(
         scenario: a validated scenario with ``simulation``.
         folder: base of relative paths.
         reduced: model of the scenario.
-        q0: initial configuration (nq,).
-        v2_0: initial reduced velocity (r,).
+        q0, v2_0: initial configuration (nq,) and initial reduced velocity (r,).
         plans: optimal motions of other runs.
     """
     assert scenario.simulation is not None

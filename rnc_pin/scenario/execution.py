@@ -15,6 +15,7 @@ from rnc_pin.control.controller import State
 from rnc_pin.control.whole_body.whole_body_program import report_within
 from rnc_pin.errors import ConfigurationError, RncError, SingularityError
 from rnc_pin.io.json import Json, dump_json
+from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.scenario.builder import Experiment, build_experiment, off_tracking
 from rnc_pin.scenario.files import apply_options, find_scenario, is_built_in, read_yaml, with_options
 from rnc_pin.scenario.loading import validate
@@ -111,7 +112,7 @@ def plan(scenario: str, options: Mapping[str, Json] | None = None) -> Plan:
     source = path.name if scenario != path.stem else scenario
     checked = validate(raw, source)
     plans = Plans()
-    experiment = _located(source, checked, path.parent, plans)
+    experiment = located_experiment(source, checked, path.parent, plans)
     comparisons: dict[str, Experiment] = {}
     slugs: dict[str, str] = {}
     for label, changes in checked.comparisons.items():
@@ -119,16 +120,26 @@ def plan(scenario: str, options: Mapping[str, Json] | None = None) -> Plan:
         other = validate(with_options(raw, {"preflight": "warn", **changes}), f"{source}: comparisons.{label}")
         if slugs.setdefault(slug(label), label) != label:
             raise ConfigurationError(f"{source}: comparisons: '{label}' and '{slugs[slug(label)]}' give one file name")
-        comparisons[label] = _located(f"{source}: comparisons.{label}", other, path.parent, plans)
+        comparisons[label] = located_experiment(f"{source}: comparisons.{label}", other, path.parent, plans)
     return Plan(path.stem, raw, path.parent, experiment, comparisons, is_built_in(path))
 
 
-def _located(source: str, scenario: Scenario, folder: Path, plans: Plans) -> Experiment:
-    """Build an experiment and prepend the source file to errors."""
+def located_experiment(
+    source: str, scenario: Scenario, folder: Path, plans: Plans, reduced: ReducedModel | None = None
+) -> Experiment:
+    """Build an experiment and prepend the source file to errors.
+
+    Args:
+        source: name of the scenario in errors.
+        scenario: a validated scenario.
+        folder: base of relative paths.
+        plans: optimal motions of other runs.
+        reduced: model of the scenario; runs with phases build their own.
+    """
     try:
         if scenario.phases:
             return build_phased(scenario, folder)
-        return build_experiment(scenario, folder, plans)
+        return build_experiment(scenario, folder, plans, reduced)
     except SingularityError as error:
         error.what = f"{source}: {error.what}"
         raise

@@ -12,7 +12,7 @@ from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.io.json import Json
 from rnc_pin.scenario.files import short_text
 from rnc_pin.scenario.schema import Scenario
-from rnc_pin.scenario.schema.base import PLAIN
+from rnc_pin.scenario.schema.base import LIST, PLAIN
 from rnc_pin.scenario.schema.controllers import TYPES
 
 
@@ -49,11 +49,12 @@ def _explain(error: ErrorDetails) -> str:
         return f"{where}.type: expected {types}, found {short_text(error['input']['type'])}"
     if kind == "union_tag_invalid":
         expected = [each.strip(" '") for each in str(context["expected_tags"]).split(",")]
-        words = ", ".join("a joint's name" if each == "name" else each for each in expected)
+        words = ", ".join("a joint's name" if each == "name" else each for each in expected if each != LIST)
+        of_list = f"{LIST} or " if LIST in expected else ""
         found = error["input"]
         if isinstance(found, dict) and len(found) == 1:
             return f"{where}: '{context['tag']}' is not known{nearest(context['tag'], expected)}"
-        return f"{where}: expected a mapping with one key of {words}; found {short_text(found)}"
+        return f"{where}: expected {of_list}a mapping with one key of {words}; found {short_text(found)}"
     if kind in ("too_short", "too_long"):
         bound = context.get("min_length", context.get("max_length"))
         most = "at least" if kind == "too_short" else "at most"
@@ -68,7 +69,8 @@ def _explain(error: ErrorDetails) -> str:
 
 
 _WHOLE = "(top level)"  # place of an error of the whole file; it is not shown
-_UNION_MEMBERS = {"float", "str", "list[float]", "constrained-list", "name", "unknown_masses", "unknown_wheels", PLAIN}
+_UNION_MEMBERS = {"float", "str", "list[float]", "constrained-list", "name", "unknown_masses", "unknown_wheels"}
+_UNION_MEMBERS |= {PLAIN, LIST}
 
 
 def _path(location: Sequence[str | int]) -> str:

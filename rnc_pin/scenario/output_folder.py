@@ -51,7 +51,7 @@ class OutputFolder:
                 if not self._created and not self.path.is_dir():
                     raise ConfigurationError(f"--out {self.path}: is a file, expected a folder")
                 self.path.mkdir(parents=True, exist_ok=True)
-                self._lock = _lock(self.path)
+                self._lock = lock_folder(self.path)
                 earlier = self._admit(names)
                 self._had_results = any(os.path.lexists(self.path / name) for name in (*earlier.digests, *names))
                 self.fresh.mkdir()
@@ -190,7 +190,7 @@ def _is_folder(path: Path) -> bool:
     return path.is_dir() and not path.is_symlink()
 
 
-def _lock(folder: Path) -> int:
+def lock_folder(folder: Path) -> int:
     """Open and lock a folder until it is closed. The operating system releases the lock when the process ends."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:

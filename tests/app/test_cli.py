@@ -2,6 +2,7 @@
 
 import io
 import json
+import shlex
 import subprocess
 import sys
 import sysconfig
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 import yaml
 
+import rnc_pin as rnc
 from patience import PATIENCE
 from rnc_pin.app.cli import main
 from rnc_pin.app.messages import complain, warn
@@ -468,21 +470,22 @@ def test_a_trajectory_that_does_not_name_its_outputs_has_no_summary(first_run, c
 
 
 def test_a_sweep_has_the_same_results_on_any_number_of_processes(call, tmp_path):
-    arguments = ["sweep", "space-robot", "--set", "simulation.duration=0.05", "--runs", "3"]
+    arguments = ["sweep", "space-robot", "--set", "simulation.duration=0.05", "--runs", "3", "--trajectories"]
     one, two = tmp_path / "one", tmp_path / "two"
     assert call(*arguments, "--jobs", 1, "--out", one)[0] == 0
     status, out, error = call(*arguments, "--jobs", "2", "--json", "--out", two)
     assert (status, error) == (0, "")
     assert parsed(out) == parsed((two / "sweep.json").read_text())
     assert parsed(out)["outcomes"] == {"completed": 3}
-    assert (one / "sweep.csv").read_text() == (two / "sweep.csv").read_text()
     assert (one / "sweep.json").read_text() == (two / "sweep.json").read_text()
-    starts = []
-    for run in ("run_0000", "run_0001", "run_0002"):
-        here, there = arrays(one / run / "trajectory.npz"), arrays(two / run / "trajectory.npz")
+    first, second = (rnc.load_sweep(folder) for folder in (one, two))
+    for here, there in zip(first.rows(), second.rows(), strict=True):
+        assert {**here, "wall_time": 0} == {**there, "wall_time": 0}
+    assert len(set(first["initial.q.joint_2"])) == 3
+    for run in range(3):
+        here, there = (arrays(folder / "trajectories" / f"run_{run:07d}.npz") for folder in (one, two))
         assert all((here[name] == there[name]).all() for name in here)
-        starts.append(tuple(here["q"][0]))
-    assert len(set(starts)) == 3
+        assert here["q"][0, 2] == first["initial.q.joint_2"][run]
 
 
 def test_a_sweep_with_runs_that_fail_says_so(call, tmp_path):
@@ -492,7 +495,32 @@ def test_a_sweep_with_runs_that_fail_says_so(call, tmp_path):
     status, out, _ = call("sweep", "space-robot", "--set", ranges, *twice, "--json", "--out", tmp_path)
     assert status == 1
     assert parsed(out)["outcomes"] == {"infeasible": 2}
-    assert "singular configuration" in (tmp_path / "sweep.csv").read_text()
+    first, command, *_ = (tmp_path / "failures.txt").read_text().splitlines()
+    assert first.startswith("# run 0: infeasible: ")
+    assert "singular configuration" in first
+    status, _, error = call(*shlex.split(command)[1:], "--out", tmp_path / "again")
+    assert status == 2
+    assert "singular configuration" in error
+
+
+def test_the_command_of_a_failed_run_repeats_it(call, no_pictures, tmp_path):
+    """To the bit: drawn values, the seed of its faults, and its failure."""
+    draws = {
+        "sweep": "{initial.q.joint_2: [1.6, 2.0], faults.position_noise: {log_uniform: [1.0e-5, 1.0e-4]},"
+        " faults.garbage: {choice: [0, 0.5]}}",
+        "simulation.duration": 0.05,
+    }
+    options = [each for key, value in draws.items() for each in ("--set", f"{key}={value}")]
+    assert call("sweep", "space-robot", *options, "--runs", 4, "--trajectories", "--out", tmp_path / "all")[0] == 1
+    results = rnc.load_sweep(tmp_path / "all")
+    row = next(results.failures())
+    assert call(*shlex.split(results.command(row))[1:], "--out", tmp_path / "one")[0] == 1
+    here, there = results.trajectory(row["run"]), rnc.Trajectory.load(tmp_path / "one" / "trajectory.npz")
+    assert here.info.message == there.info.message == row["message"]
+    assert len(here.time) > 1
+    assert (here.q == there.q).all()
+    assert (here.T == there.T).all()
+    assert len(set(results["seed"])) == 4  # each run has its own noise
 
 
 # ---------------------------------------------------------------------- wrong usage

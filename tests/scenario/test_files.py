@@ -13,7 +13,7 @@ from rnc_pin.robots.robot_files import shipped_directory
 from rnc_pin.scenario.execution import plan
 from rnc_pin.scenario.files import built_in_names, find_scenario, parse_option, read_yaml, with_options
 from rnc_pin.scenario.loading import validate
-from rnc_pin.scenario.seeded_sweep import draw_options, drawn_keys
+from rnc_pin.sweeps.seeded_draws import draws_of
 
 # Comparisons would build everything twice; a roll-out of one second is enough for gains.
 SPACE_ROBOT = with_options(
@@ -152,7 +152,7 @@ def test_a_reference_that_nothing_follows_is_refused(changes, words, tmp_path):
 def test_a_sweep_draws_within_its_ranges_and_the_same_every_time():
     ranges = {"initial.q.joint_2": [1.6, 2.0], "reference.primary.minimum_jerk.to.0": [1.0, 1.3]}
     drawn, again, other = (
-        [next(draw_options("space-robot", {"sweep": ranges, "seed": seed}, run)) for run in range(8)]
+        [next(draws_of("space-robot", {"sweep": ranges, "seed": seed}).of_run(run)) for run in range(8)]
         for seed in (0, 0, 1)
     )
     assert drawn == again
@@ -437,7 +437,7 @@ def test_a_key_that_is_not_known_is_named_without_a_place():
     ],
 )
 def test_a_sweep_of_nothing_is_refused(ranges, words):
-    assert words in refusal(lambda: drawn_keys("space-robot", {"sweep": ranges}))
+    assert words in refusal(lambda: draws_of("space-robot", {"sweep": ranges}))
 
 
 def test_every_part_of_a_scenario_says_what_it_does_not_know():

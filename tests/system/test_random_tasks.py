@@ -4,7 +4,8 @@ import pytest
 
 from rnc_pin.errors import InfeasibleError
 from rnc_pin.scenario.execution import plan
-from rnc_pin.scenario.seeded_sweep import one_run
+from rnc_pin.sweeps.scenario_runs import ScenarioRuns
+from rnc_pin.sweeps.seeded_draws import draws_of
 
 # A path next to the edge of the region counts as well as one through its middle: the largest error is what matters.
 LARGEST = {
@@ -29,9 +30,15 @@ QUICK = {
 }
 
 
+def rows_of(scenario, options, runs):
+    draws = draws_of(scenario, options)
+    source = ScenarioRuns(scenario, options, draws, draws.seed)
+    return [source.row(run) for run in runs]
+
+
 @pytest.mark.parametrize(("scenario", "run"), [(name, run) for name, runs in SAMPLE.items() for run in runs])
-def test_a_random_task_that_passes_preflight_is_done(scenario, run, tmp_path):
-    row = one_run(scenario, QUICK.get(scenario, {}), run, tmp_path)
+def test_a_random_task_that_passes_preflight_is_done(scenario, run):
+    (row,) = rows_of(scenario, QUICK.get(scenario, {}), [run])
     assert row["outcome"] == "completed", row["message"]
     errors = {key: value for key, value in row.items() if key.startswith("final_error.")}
     assert errors
@@ -50,7 +57,7 @@ def test_preflight_refuses_or_warns_as_it_is_told():
     assert all("singular configuration" in each for each in warnings)
 
 
-def test_a_task_that_does_not_pass_is_drawn_again(tmp_path):
+def test_a_task_that_does_not_pass_is_drawn_again():
     quick = {"reference.primary.minimum_jerk.duration": 1.5, "reference.vertical.minimum_jerk.duration": 1.5}
     ranges = {
         **quick,
@@ -58,7 +65,7 @@ def test_a_task_that_does_not_pass_is_drawn_again(tmp_path):
         "simulation.duration": 2.0,
         **COARSE,
     }
-    rows = [one_run("space-robot", ranges, run, tmp_path / str(run)) for run in range(4)]
+    rows = rows_of("space-robot", ranges, range(4))
     assert {row["outcome"] for row in rows} == {"completed"}
     assert sum(row["redrawn"] for row in rows) > 0
     kept = [row["reference.primary.minimum_jerk.to.0"] for row in rows]

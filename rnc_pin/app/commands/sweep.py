@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from pathlib import Path
 
+import click
 from rich.console import Console
 
 from rnc_pin.app.messages import complain, print_json
 from rnc_pin.app.progress import ProgressBar
 from rnc_pin.app.status import DONE, FAILED
 from rnc_pin.app.tables import print_sweep_statistics
-from rnc_pin.errors import ConfigurationError
-from rnc_pin.interruption import interruptible, uninterrupted
-from rnc_pin.io.json import dump_json
+from rnc_pin.errors import SimulationError
 from rnc_pin.scenario.files import parse_options, plant_option
-from rnc_pin.scenario.output_folder import OutputFolder
-from rnc_pin.scenario.seeded_sweep import drawn_keys, run_files, run_folders, sweep
-from rnc_pin.scenario.sweep_table import Row, sweep_statistics, write_table
+from rnc_pin.sweeps import SweepResults, sweep
+from rnc_pin.sweeps.sweep_reports import failure_lines
+from rnc_pin.sweeps.sweep_statistics import SweepStatistics, sweep_statistics
 
-_TABLES = 100  # tables written during a sweep, so that an abort loses little
+_SHOWN = 5  # failures on the terminal
 
 
 def sweep_scenario(
@@ -27,46 +27,54 @@ def sweep_scenario(
     jobs: int,
     scheduler: str | None,
     out: Path,
+    trajectories: bool,
     options: tuple[str, ...],
     plant: str | None,
     as_json: bool,
     force: bool,
 ) -> int:
-    """Run a scenario many times with drawn values, write a table and return the exit status."""
-    if jobs == 0:
-        raise ConfigurationError("--jobs 0: expected a number of processes, or -1 for all cores")
-    parsed = {**plant_option(scenario, plant), **parse_options(options)}
-    drawn_keys(scenario, parsed)
-    rows: list[Row] = []
-    folders, names = run_folders(runs), [*run_files(runs), "sweep.csv", "sweep.json"]
-    with uninterrupted(), OutputFolder(out, force, names) as folder:
-        interrupted = False
-        bar = ProgressBar(Console(stderr=True), runs, f"{scenario} x {runs}", quiet=as_json)
-        try:
-            with bar as advance, interruptible():
-                for row in sweep(scenario, parsed, runs, folder.fresh, jobs, scheduler):
-                    with uninterrupted():
-                        rows.append(row)
-                        if len(rows) % max(1, runs // _TABLES) == 0:
-                            with folder.writing() as fresh:
-                                write_table(rows, fresh / "sweep.csv")
-                            folder.keep_so_far(without=folders[len(rows) :])
-                    advance(len(rows))
-        except KeyboardInterrupt:
-            interrupted = True
-        if interrupted and not rows:
-            complain("interrupted before the end of the first run")
-            return FAILED
-        figures = sweep_statistics(rows)
-        summary = {"scenario": scenario, **figures}
-        with folder.writing() as fresh:
-            write_table(rows, fresh / "sweep.csv")
-            (fresh / "sweep.json").write_text(dump_json(summary) + "\n", encoding="utf-8")
-        folder.keep(without=folders[len(rows) :])
+    """Run a scenario many times with drawn values, write a data set and return the exit status."""
+    bar = ProgressBar(Console(stderr=True), runs, f"{scenario} x {runs}", quiet=as_json)
+    reached = 0
+    try:
+        with bar as advance:
+
+            def progress(done: int, total: int | None) -> None:
+                nonlocal reached
+                if done and not reached:
+                    bar.begin_at(done)
+                reached = done
+                advance(done, f"{scenario}: {done} of {runs} runs")
+
+            results = sweep(
+                scenario,
+                runs,
+                out=out,
+                jobs=jobs,
+                options={**plant_option(scenario, plant), **parse_options(options)},
+                scheduler=scheduler,
+                trajectories=trajectories,
+                progress=progress,
+                force=force,
+            )
+    except KeyboardInterrupt:
+        complain(f"interrupted after {reached} of {runs} runs, which are in {out}; the same command continues")
+        return FAILED
+    except SimulationError as error:
+        complain(str(error))
+        return FAILED
+    figures: SweepStatistics = sweep_statistics(results)
     if as_json:
-        print_json(summary)
+        print_json({"scenario": results.specification["scenario"], **figures})
     else:
-        print_sweep_statistics(scenario, figures, folder.path)
-    if interrupted:
-        complain(f"interrupted after {len(rows)} of {runs} runs; results so far are in {folder.path}")
+        print_sweep_statistics(scenario, figures, out)
+        _print_failures(results, runs - figures["outcomes"].get("completed", 0))
     return DONE if figures["outcomes"].get("completed", 0) == runs else FAILED
+
+
+def _print_failures(results: SweepResults, count: int) -> None:
+    for row in islice(results.failures(), _SHOWN):
+        for line in failure_lines(results, row):
+            click.echo(line)
+    if count > _SHOWN:
+        click.echo(f"# and {count - _SHOWN} more in {results.path / 'failures.txt'}")

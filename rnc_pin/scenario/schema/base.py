@@ -148,6 +148,8 @@ class Strict(BaseModel):
 NAME, _OTHER = "name", "other"
 PLAIN = "without a key"
 """Tag of a mapping of fields beside mappings with one key."""
+LIST = "a list"
+"""Tag of a list beside mappings with one key."""
 
 
 def _kind(raw: object) -> str:

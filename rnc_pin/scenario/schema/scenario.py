@@ -23,6 +23,7 @@ from rnc_pin.scenario.schema.plant_settings import FaultSettings, LoopSettings, 
 from rnc_pin.scenario.schema.reference_settings import References
 from rnc_pin.scenario.schema.robot_source import RobotSource
 from rnc_pin.scenario.schema.simulation_settings import GripSettings, SimulationSettings
+from rnc_pin.scenario.schema.sweep_settings import Distribution
 from rnc_pin.visualization.view import View
 
 
@@ -113,8 +114,9 @@ class Scenario(Strict):
     """Name of the entry of ``variants`` to run; none by default."""
     variants: dict[str, dict[str, Any]] = {}
     """Variants of the scenario, such as other coordinates or another task: name to dotted keys and their values."""
-    sweep: dict[str, Annotated[list[float], Field(min_length=2, max_length=2)]] = {}
-    """Ranges for ``rnc-pin sweep``: dotted key to [minimum, maximum] of a uniform distribution."""
+    sweep: dict[str, Distribution] = {}
+    """Values that ``rnc-pin sweep`` draws for each run: dotted key to [minimum, maximum] of a uniform distribution, or
+    to another distribution."""
     plots: dict[FileName, PlotSettings] = {}
     """Plots to write: file name without extension to plot."""
     view: Annotated[View, Entry(View)] = View()

@@ -1,0 +1,124 @@
+"""Runs of a scenario with drawn options. What draws do not change is built once in each process."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterable, Mapping
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rnc_pin.errors import InfeasibleError, RncError, SingularityError
+from rnc_pin.io.json import Json
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.scenario.builder import build_reduced
+from rnc_pin.scenario.execution import Plan, execute, located_experiment
+from rnc_pin.scenario.files import apply_options, find_scenario, is_built_in, read_yaml
+from rnc_pin.scenario.loading import validate
+from rnc_pin.scenario.planner_builder import Plans
+from rnc_pin.scenario.schema import Scenario
+from rnc_pin.sweeps.seeded_draws import Draw, SeededDraws
+from rnc_pin.sweeps.swept_run import Row, refused, results_of, save_trajectory, with_options_of_sweeps
+
+MOST_DRAWS = 20
+"""Largest number of draws for one run; then its outcome is "infeasible"."""
+_STRUCTURE = ("robot", "constraints", "ground", "mimic", "actuators", "forces", "outputs")
+_MOST_MODELS = 8  # models that a process keeps
+
+
+class ScenarioRuns:
+    """Runs of a scenario with drawn options.
+
+    A task is drawn again if preflight refuses it or no gains fit; ``redrawn`` counts these draws.
+
+    Args:
+        scenario: a built-in name or a file.
+        options: dotted keys and values that all runs share.
+        draws: seeded draws; None if every run gets its values.
+        seed: seed of the scenario. A run with faults has its own seed, which follows from this one and its number.
+        trajectories: folder of the sweep, for trajectories; None writes none.
+    """
+
+    def __init__(
+        self,
+        scenario: str,
+        options: Mapping[str, Json],
+        draws: SeededDraws | None,
+        seed: int,
+        trajectories: str | None = None,
+    ) -> None:
+        path = find_scenario(scenario).resolve()
+        self._folder, self._name, self._built_in = path.parent, path.stem, is_built_in(path)
+        self._source = path.name if scenario != path.stem else scenario
+        self._options, self._draws, self._seed, self._trajectories = dict(options), draws, seed, trajectories
+        self._raw = read_yaml(path)
+        self._models: dict[str, ReducedModel] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_models": {}}
+
+    def row(self, run: int, draw: Draw | None = None) -> Row:
+        start = time.perf_counter()
+        found = self._row(run, draw)
+        return {"run": run, **found, "wall_time": time.perf_counter() - start}
+
+    def options_of(self, run: int, drawn: Draw) -> dict[str, Json]:
+        """Options of a run with drawn values, which ``rnc-pin run`` takes too."""
+        options: dict[str, Json] = {**with_options_of_sweeps(self._options), "seed": self._seed, **drawn}
+        if "seed" not in drawn and ("faults" in self._raw or any(key.split(".")[0] == "faults" for key in options)):
+            options["seed"] = int(np.random.SeedSequence([self._seed, run]).generate_state(1)[0])
+        return options
+
+    def _row(self, run: int, draw: Draw | None) -> Row:
+        draws: Iterable[Draw]
+        if draw is None:
+            assert self._draws is not None
+            draws = islice(self._draws.of_run(run), MOST_DRAWS)
+        else:
+            draws = (draw,)
+        for redrawn, drawn in enumerate(draws):
+            options = self.options_of(run, drawn)
+            row = {"redrawn": redrawn, **drawn, "seed": options["seed"]}
+            try:
+                prepared = self._plan(options)
+            except (InfeasibleError, SingularityError) as error:
+                failure: RncError = error
+                continue
+            except RncError as error:
+                return {**row, **refused("refused", error)}
+            return {**row, **self._executed(run, prepared)}
+        return {**row, **refused("infeasible", failure)}
+
+    def _executed(self, run: int, prepared: Plan) -> Row:
+        try:
+            result = execute(prepared)
+        except RncError as error:
+            return refused("refused", error)
+        if result.interrupted:
+            raise KeyboardInterrupt
+        save_trajectory(result.trajectory, self._trajectories, run)
+        return results_of(result.summary)
+
+    def _plan(self, options: Mapping[str, Json]) -> Plan:
+        """Build the objects of a run, like ``execution.plan``."""
+        raw = apply_options(self._raw, options)
+        scenario = validate(raw, self._source)
+        reduced = None if scenario.phases else self._reduced(raw, scenario)
+        experiment = located_experiment(self._source, scenario, self._folder, Plans(), reduced)
+        return Plan(self._name, raw, Path(self._folder), experiment, {}, self._built_in)
+
+    def _reduced(self, raw: Mapping[str, Json], scenario: Scenario) -> ReducedModel | None:
+        """Model of a scenario, shared with the runs of this process that have the same system and outputs."""
+        key = json.dumps([raw.get(each) for each in _STRUCTURE], default=repr)
+        if key not in self._models:
+            try:
+                reduced = build_reduced(scenario, self._folder)[1]
+            except RncError:
+                return None  # the builder of the experiment raises it with the place in the file
+            if len(self._models) >= _MOST_MODELS:
+                self._models.pop(next(iter(self._models)))
+            self._models[key] = reduced
+        return self._models[key]

@@ -1,0 +1,97 @@
+"""Reports of a complete sweep: statistics, failures with the commands that repeat them, and distributions."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rnc_pin.io.atomic_write import atomic_file
+from rnc_pin.io.json import dump_json
+from rnc_pin.sweeps.sweep_results import SweepResults
+from rnc_pin.sweeps.sweep_statistics import sweep_statistics
+from rnc_pin.sweeps.swept_run import Row
+
+if TYPE_CHECKING:
+    from rnc_pin.visualization.sweep_plots import Histogram
+
+_MOST_PANELS = 24
+_BINS = (10, 40)  # smallest and largest number
+
+
+def write_reports(results: SweepResults) -> None:
+    """Write ``sweep.json``, ``failures.txt`` and ``distributions.png`` into the folder of a sweep."""
+    if not len(results):
+        return
+    of = results.specification.get("scenario") or results.specification.get("build")
+    with atomic_file(results.path / "sweep.json") as partial:
+        partial.write_text(dump_json({"scenario": of, **sweep_statistics(results)}) + "\n", encoding="utf-8")
+    failures = results.path / "failures.txt"
+    if set(results.outcomes) - {"completed"}:
+        with atomic_file(failures) as partial, partial.open("w", encoding="utf-8") as file:
+            file.writelines(f"{line}\n" for row in results.failures() for line in failure_lines(results, row))
+    else:
+        failures.unlink(missing_ok=True)
+    write_distributions(results, results.path / "distributions.png")
+
+
+def failure_lines(results: SweepResults, row: Row) -> Iterator[str]:
+    """Two lines about a run that did not complete: outcome and message, and the command that repeats it."""
+    yield f"# run {row['run']}: {row['outcome']}: {row['message']}"
+    if "scenario" in results.specification:
+        yield results.command(row)
+    else:
+        drawn = {name: row[name] for name in results.drawn if row[name] is not None}
+        yield f"{results.specification['build']}({json.dumps(drawn)})"
+
+
+def write_distributions(results: SweepResults, path: Path) -> None:
+    """Draw the distributions of errors, of other results and of drawn values."""
+    from rnc_pin.visualization.plot_style import save
+    from rnc_pin.visualization.sweep_plots import plot_distributions
+
+    names = [name for name in results.columns if name.startswith("final_error.")]
+    names += [name for name in ("min_singular_value",) if name in results.columns]
+    names += results.drawn
+    panels = [panel for name in names[:_MOST_PANELS] if (panel := _histogram(results, name)) is not None]
+    if panels:
+        of = str(results.specification.get("scenario") or results.specification.get("build"))
+        save(plot_distributions(panels, f"{Path(of).stem}: {len(results)} runs"), path)
+
+
+def _histogram(results: SweepResults, name: str) -> Histogram | None:
+    """Histogram of a column of numbers, of completed and of other runs; None if it has no two different numbers."""
+    import pyarrow as pa
+
+    from rnc_pin.visualization.sweep_plots import Histogram
+
+    kind = results.table_schema.field(name).type
+    if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
+        return None
+
+    def chunks() -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        for table in results.tables([name, "outcome"]):
+            values = np.asarray(table.column(0).to_numpy(), dtype=float)
+            done = np.asarray(table.column(1).to_numpy() == "completed", dtype=bool)
+            fine = np.isfinite(values)
+            yield values[fine], done[fine]
+
+    low, high, positive = np.inf, -np.inf, np.inf
+    for values, _ in chunks():
+        if len(values):
+            low, high = min(low, values.min()), max(high, values.max())
+            positive = min(positive, values[values > 0].min(initial=np.inf))
+    if not low < high:
+        return None
+    logarithmic = low >= 0.0 and np.isfinite(positive) and high > 100.0 * positive
+    bins = int(np.clip(np.sqrt(len(results)), *_BINS))
+    edges = np.geomspace(positive, high, bins + 1) if logarithmic else np.linspace(low, high, bins + 1)
+    completed, others = np.zeros(bins, dtype=int), np.zeros(bins, dtype=int)
+    for values, done in chunks():
+        inside = np.clip(values, edges[0], edges[-1])  # zeros go into the first bin of a logarithmic axis
+        completed += np.histogram(inside[done], edges)[0]
+        others += np.histogram(inside[~done], edges)[0]
+    return Histogram(name, edges, completed, others, logarithmic)

@@ -1,0 +1,98 @@
+"""Row of a sweep's table: the values of one run and its results."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Protocol, TypeAlias
+
+from rnc_pin.errors import RncError
+from rnc_pin.simulation import Summary, Trajectory
+from rnc_pin.sweeps.seeded_draws import Draw
+
+Row: TypeAlias = dict[str, Any]
+"""One run of a sweep: number, drawn values and results by column."""
+
+ERRORS = ("final_error", "max_error", "rms_error")
+"""Results by output; a column has the name of the output behind a point."""
+RESULTS = (
+    "outcome",
+    "message",
+    "redrawn",
+    "duration",
+    "min_singular_value",
+    "constraint_residual_max",
+    "position_residual_max",
+    "energy_drift",
+    "off_tracking_max",
+    "goals_missed",
+    "lowest_normal_force",
+    "wall_time",
+)
+"""Other columns of results."""
+
+
+class Runs(Protocol):
+    """Source of the rows of a sweep. It is pickled, and what it keeps between runs is not."""
+
+    def row(self, run: int, draw: Draw | None = None) -> Row:
+        """Simulate a run and return its row.
+
+        Args:
+            run: number of the run.
+            draw: given values; None draws them by the number of the run.
+        """
+        ...
+
+
+def is_result_column(column: str) -> bool:
+    """True for columns of results; False for drawn values."""
+    return column == "run" or column in RESULTS or column.partition(".")[0] in ERRORS
+
+
+def results_of(summary: Summary) -> Row:
+    """Columns of results from the summary of a run."""
+    lift_off = summary["lift_off"]
+    errors = {
+        f"{kind}.{name}": value
+        for kind, found in zip(
+            ERRORS, (summary["final_error"], summary["max_error"], summary["rms_error"]), strict=True
+        )
+        for name, value in found.items()
+    }
+    return {
+        "outcome": summary["outcome"],
+        "message": summary.get("message", ""),
+        "duration": summary["duration"],
+        **errors,
+        "min_singular_value": summary["min_singular_value"],
+        "constraint_residual_max": summary["constraint_residual_max"],
+        "position_residual_max": summary["position_residual_max"],
+        "energy_drift": summary["energy_drift"],
+        **({"off_tracking_max": summary["off_tracking_max"]} if "off_tracking_max" in summary else {}),
+        "goals_missed": len(summary.get("goals_missed", ())),
+        "lowest_normal_force": None if lift_off is None else lift_off["lowest"],
+    }
+
+
+def refused(outcome: str, error: RncError) -> Row:
+    """Columns of results of a run that could not start."""
+    return {"outcome": outcome, "message": str(error)}
+
+
+def trajectory_file(folder: Path, run: int) -> Path:
+    """File of the trajectory of a run, in the folder of its sweep."""
+    return folder / "trajectories" / f"run_{run:07d}.npz"
+
+
+def save_trajectory(trajectory: Trajectory, folder: str | None, run: int) -> None:
+    """Write the trajectory of a run, complete or not at all; without a folder do nothing."""
+    if folder is not None:
+        path = trajectory_file(Path(folder), run)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        trajectory.save(path)
+
+
+def with_options_of_sweeps(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options of every run of a sweep: no comparisons and plots, and preflight refuses instead of warning."""
+    return {"preflight": "refuse", **options, "comparisons": {}, "plots": {}}

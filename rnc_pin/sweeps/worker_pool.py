@@ -1,0 +1,211 @@
+"""Execution of the runs of a sweep: in this process, in local processes, or on a Dask cluster.
+
+Workers get batches of runs. If a worker ends unexpectedly, its batches go to another one.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from contextlib import contextmanager
+from typing import Any, NamedTuple, cast
+
+import cloudpickle
+from joblib import cpu_count
+from joblib.externals.loky import get_reusable_executor
+
+from rnc_pin._kernel import kernel
+from rnc_pin.errors import ConfigurationError, InputError, SimulationError
+from rnc_pin.interruption import interruptible
+from rnc_pin.sweeps.seeded_draws import Draw
+from rnc_pin.sweeps.swept_run import Row, Runs
+from rnc_pin.sweeps.worker_processes import exit_with_parent
+from rnc_pin.version import __version__
+
+Numbered = tuple[int, Draw | None]
+"""Number of a run, and its given values."""
+
+_BATCH_TIME = 0.2  # time that a batch should take [s]
+_LARGEST_BATCH = 200
+_AHEAD = 3  # batches per worker that are handed out at a time
+_MOST_ENDS = 4  # times that a batch may see its worker end
+_THREADS = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}
+_local = threading.local()
+
+
+class _Batch(NamedTuple):
+    """Runs that a worker gets at a time, and the number of workers that ended meanwhile."""
+
+    runs: list[Numbered]
+    ends: int = 0
+
+
+def run_batch(
+    pickled: bytes, key: str, versions: tuple[str, str], batch: list[Numbered], parent: int | None
+) -> list[Row]:
+    """Rows of a batch of runs, in a worker. Each thread of it unpickles the source of a sweep's runs once.
+
+    Args:
+        pickled: source of the runs.
+        key: digest of ``pickled``.
+        versions: release and kernel of the process that asks.
+        batch: the runs.
+        parent: process with which a local worker ends.
+
+    Raises:
+        ConfigurationError: the worker has another release or kernel, whose results could differ.
+    """
+    if parent is not None:
+        exit_with_parent(parent)
+    if versions != (__version__, kernel):
+        raise ConfigurationError(
+            f"a worker has rnc_pin {__version__} with kernel '{kernel}', the sweep {versions[0]} with '{versions[1]}'"
+        )
+    if getattr(_local, "key", None) != key:
+        _local.key, _local.runs = key, cloudpickle.loads(pickled)
+    return [_local.runs.row(run, draw) for run, draw in batch]
+
+
+def finished_runs(runs: Runs, numbered: Iterator[Numbered], jobs: int, scheduler: str | None) -> Iterator[list[Row]]:
+    """Yield rows as runs finish, in any order.
+
+    Args:
+        runs: source of the rows.
+        numbered: numbers of the runs, and their given values; read as workers become free.
+        jobs: local processes; -1 for all cores. With one, this process computes.
+        scheduler: address of a Dask scheduler to run on instead.
+
+    Raises:
+        ConfigurationError: the scheduler cannot be reached.
+        SimulationError: workers that got the same runs ended again and again.
+    """
+    if scheduler is None and (jobs == 1 or (jobs == -1 and cpu_count() == 1)):
+        for run, draw in numbered:
+            with interruptible():
+                row = runs.row(run, draw)
+            yield [row]
+        return
+    try:
+        pickled = cloudpickle.dumps(runs)
+    except Exception as error:  # whatever the objects of a user raise
+        raise InputError(f"build cannot be pickled for other processes: {error}") from error
+    pool = _local_pool(cpu_count() if jobs == -1 else jobs) if scheduler is None else _dask_pool(scheduler)
+    with pool as (executor, workers):
+        yield from _Dispatch(pickled, executor, workers, os.getpid() if scheduler is None else None).rows(numbered)
+
+
+class _Dispatch:
+    """Batches on their way to workers."""
+
+    def __init__(
+        self, pickled: bytes, executor: Callable[[], Executor], workers: Callable[[], int], parent: int | None
+    ) -> None:
+        self._common = pickled, hashlib.sha256(pickled).hexdigest(), (__version__, kernel)
+        self._executor, self._workers, self._parent = executor, workers, parent
+        self._pending: dict[Future[list[Row]], _Batch] = {}
+        self._size = 1
+
+    def rows(self, numbered: Iterator[Numbered]) -> Iterator[list[Row]]:
+        waiting: list[_Batch] = []
+        more = True
+        while more or waiting or self._pending:
+            while len(self._pending) < _AHEAD * self._workers() and (more or waiting):
+                batch = waiting.pop() if waiting else self._next(numbered)
+                if not batch.runs:
+                    more = False
+                    break
+                if not self._submit(batch):
+                    waiting.append(batch)
+                    break
+            if not self._pending:
+                continue
+            with interruptible():
+                done = wait(self._pending, timeout=1.0, return_when=FIRST_COMPLETED).done
+            for future in done:
+                batch = self._pending.pop(future)
+                try:
+                    found = future.result()
+                except BrokenExecutor:
+                    waiting.append(_once_more(batch))
+                except Exception as error:
+                    if type(error).__name__ != "KilledWorker":  # of Dask, which need not be installed
+                        raise
+                    waiting.append(_once_more(batch._replace(ends=batch.ends + 1)))
+                else:
+                    self._adapt(found)
+                    yield found
+
+    def _next(self, numbered: Iterator[Numbered]) -> _Batch:
+        runs = []
+        for each in numbered:
+            runs.append(each)
+            if len(runs) == self._size:
+                break
+        return _Batch(runs)
+
+    def _submit(self, batch: _Batch) -> bool:
+        try:
+            future = self._executor().submit(run_batch, *self._common, batch.runs, self._parent)
+        except BrokenExecutor:  # the batches on their way bring the news too
+            return False
+        self._pending[future] = batch
+        return True
+
+    def _adapt(self, rows: list[Row]) -> None:
+        """Let batches grow at most twofold at a time, until they take long enough."""
+        mean = sum(float(row["wall_time"]) for row in rows) / len(rows)
+        fitting = int(_BATCH_TIME / max(mean, 1e-6))
+        self._size = max(1, min(fitting, 2 * self._size, _LARGEST_BATCH))
+
+
+def _once_more(batch: _Batch) -> _Batch:
+    if batch.ends + 1 >= _MOST_ENDS:
+        numbers = f"{batch.runs[0][0]}" + (f" to {batch.runs[-1][0]}" if len(batch.runs) > 1 else "")
+        raise SimulationError(
+            f"{_MOST_ENDS} workers ended unexpectedly while run {numbers} waited or was under way, perhaps for lack of "
+            "memory; finished runs are kept, and the same command continues"
+        )
+    return _Batch(batch.runs, batch.ends + 1)
+
+
+@contextmanager
+def _local_pool(jobs: int) -> Iterator[tuple[Callable[[], Executor], Callable[[], int]]]:
+    def executor() -> Executor:
+        return get_reusable_executor(jobs, timeout=300, env=_THREADS)  # a new one if the last one broke
+
+    try:
+        yield executor, lambda: jobs
+    except BaseException:
+        # Otherwise this process waits until the workers finish their runs.
+        get_reusable_executor(jobs, timeout=300, env=_THREADS).shutdown(wait=False, kill_workers=True)
+        raise
+
+
+@contextmanager
+def _dask_pool(scheduler: str) -> Iterator[tuple[Callable[[], Executor], Callable[[], int]]]:
+    try:
+        from dask.distributed import Client
+    except ImportError:
+        raise ConfigurationError("--scheduler needs Dask: pip install 'rnc_pin[dask]'") from None
+    try:
+        client = cast(Any, Client)(scheduler, timeout=10, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise ConfigurationError(f"--scheduler {scheduler}: cannot be reached: {error}") from None
+    counted, count = -1.0, 1
+
+    def workers() -> int:  # they come and go
+        nonlocal counted, count
+        if time.monotonic() - counted > 2.0:
+            counted, count = time.monotonic(), max(1, sum(client.nthreads().values()))
+        return count
+
+    executor = client.get_executor(pure=False)
+    try:
+        yield lambda: executor, workers
+    finally:
+        executor.shutdown(wait=False)
+        client.close()
