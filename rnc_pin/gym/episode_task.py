@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -17,6 +17,7 @@ from rnc_pin.scenario.output_references import OutputReference, output_reference
 from rnc_pin.scenario.schema import Scenario, SimulationSettings
 from rnc_pin.scenario.schema.reference_settings import References
 from rnc_pin.scenario.schema.scenario import Initial
+from rnc_pin.scenario.schema.sweep_settings import Distribution, Distributions
 from rnc_pin.simulation import sample_count
 from rnc_pin.simulation.sampled_run import assembled_start
 
@@ -66,7 +67,7 @@ class EpisodeTask:
         self,
         scenario: str,
         options: Mapping[str, Json],
-        draws: Mapping[str, Sequence[float]] | None,
+        draws: Mapping[str, object] | None,
         period: float | None,
         min_singular_value: float,
     ) -> None:
@@ -86,7 +87,7 @@ class EpisodeTask:
             raise ConfigurationError(f"{self._name}: actuators: there are none, so there are no actions")
         self._task = build_task(self.scenario, self.reduced)
         self._raw: dict[str, Json] = {key: raw.get(key) or {} for key in _DRAWN}
-        self._draws = self._ranges(draws)
+        self._draws = self._distributions(draws)
         self.nominal = self._start(self._raw)
         """Start without draws."""
 
@@ -99,7 +100,7 @@ class EpisodeTask:
         if not self._draws:
             return self.nominal
         for _ in range(_MOST_DRAWS):
-            values: dict[str, Json] = {key: float(generator.uniform(*each)) for key, each in self._draws.items()}
+            values: dict[str, Json] = {key: each.draw(generator) for key, each in self._draws.items()}
             try:
                 return self._start(with_options(self._raw, values))
             except RncError as error:
@@ -120,23 +121,20 @@ class EpisodeTask:
             )
         return EpisodeStart(state.q, state.v, output_references(scenario, reduced, self._task, q0))
 
-    def _ranges(self, draws: Mapping[str, Sequence[float]] | None) -> dict[str, tuple[float, float]]:
-        """Admitted ranges. Those of the scenario's controller mean nothing to an agent."""
-        given = self.scenario.sweep if draws is None else draws
-        ranges = {}
-        for key, bounds in given.items():
+    def _distributions(self, draws: Mapping[str, object] | None) -> dict[str, Distribution]:
+        """Admitted distributions. Those of the scenario's controller mean nothing to an agent."""
+        given = self.scenario.sweep if draws is None else admitted(Distributions, draws, "draws").root
+        distributions = {}
+        for key, distribution in given.items():
             part = key.partition(".")[0]
             if draws is None and part == "controller":
                 continue
             if part not in _DRAWN:
                 raise ConfigurationError(f"draws: '{key}': expected a key under 'initial' or 'reference'")
-            numbers = [each for each in bounds if isinstance(each, int | float)]
-            if len(numbers) != 2 or len(bounds) != 2 or not numbers[0] <= numbers[1]:
-                raise ConfigurationError(f"draws: '{key}': expected [minimum, maximum], found {bounds!r}")
-            ranges[key] = (float(numbers[0]), float(numbers[1]))
+            distributions[key] = distribution
             with suppress(InfeasibleError, SingularityError):  # an unknown name is an error now, not at the first reset
-                self._start(with_options(self._raw, {key: ranges[key][0]}))
-        return ranges
+                self._start(with_options(self._raw, {key: distribution.examples()[0]}))
+        return distributions
 
 
 def _mapping(raw: Json) -> Mapping[str, Json]:

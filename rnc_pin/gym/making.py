@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -23,7 +23,7 @@ def make(
     scenario: str,
     *,
     options: Mapping[str, Json] | None = None,
-    draws: Mapping[str, Sequence[float]] | None = None,
+    draws: Mapping[str, object] | None = None,
     period: float | None = None,
     limits: EpisodeLimits | None = None,
     reward: Reward | None = None,
@@ -60,7 +60,7 @@ def make_vec(
     num_envs: int,
     *,
     options: Mapping[str, Json] | None = None,
-    draws: Mapping[str, Sequence[float]] | None = None,
+    draws: Mapping[str, object] | None = None,
     period: float | None = None,
     limits: EpisodeLimits | None = None,
     reward: Reward | None = None,
@@ -97,7 +97,7 @@ def make_vec(
 def _batch(
     scenario: str,
     options: Mapping[str, Json] | None,
-    draws: Mapping[str, Sequence[float]] | None,
+    draws: Mapping[str, object] | None,
     period: float | None,
     limits: EpisodeLimits | None,
     reward: Reward | None,

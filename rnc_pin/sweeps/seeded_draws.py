@@ -7,20 +7,15 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
-from pydantic import RootModel
 
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.io.json import Json
 from rnc_pin.scenario.files import apply_options, find_scenario, read_yaml
 from rnc_pin.scenario.loading import admitted, validate
-from rnc_pin.scenario.schema.sweep_settings import ChoiceDistribution, Distribution
+from rnc_pin.scenario.schema.sweep_settings import ChoiceDistribution, Distribution, Distributions
 
 Draw: TypeAlias = Mapping[str, Any]
 """Values of a run by name; in sweeps of a scenario, options by dotted key."""
-
-
-class _Distributions(RootModel[dict[str, Distribution]]):
-    """Distributions by name."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +37,7 @@ class SeededDraws:
         Raises:
             ConfigurationError: a distribution is invalid.
         """
-        return cls(admitted(_Distributions, distributions, "distributions").root, seed)  # type: ignore[arg-type]
+        return cls(admitted(Distributions, distributions, "distributions").root, seed)  # type: ignore[arg-type]
 
     def of_run(self, run: int) -> Iterator[dict[str, Json]]:
         """Yield the values of a run, then replacements for them."""

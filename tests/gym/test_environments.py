@@ -185,7 +185,7 @@ REFUSED = {
     "actuators: there are none": ("space-robot", {"options": {"actuators": []}}),
     "no multiple of simulation.dt": ("space-robot", {"period": 0.0155}),
     "draws: 'robot.urdf'": ("space-robot", {"draws": {"robot.urdf": [0, 1]}}),
-    "expected \\[minimum, maximum\\]": ("space-robot", {"draws": {"initial.q.joint_1": [1, 0]}}),
+    "minimum 1 is greater than maximum 0": ("space-robot", {"draws": {"initial.q.joint_1": [1, 0]}}),
     "give a function as 'reward'": ("space-robot", {"options": {"reference": {}}, "draws": {}, "limits": LIMITS}),
     "limits.speed: expected a number or 3": ("space-robot", {"limits": rnc.gym.EpisodeLimits(speed=[1.0, 2.0])}),
     "limits.input: expected positive": ("space-robot", {"limits": rnc.gym.EpisodeLimits(input=0.0)}),

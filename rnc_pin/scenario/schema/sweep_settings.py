@@ -170,3 +170,7 @@ Distribution = Annotated[
     Discriminator(_kind),
 ]
 """Distribution of a drawn value."""
+
+
+class Distributions(RootModel[dict[str, Distribution]]):
+    """Distributions by name."""
