@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError, SingularityError
-from rnc_pin.io.json import Json
+from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.scenario.builder import build_reduced, build_task, start_of
 from rnc_pin.scenario.files import apply_options, find_scenario, read_yaml, with_options
 from rnc_pin.scenario.loading import admitted, validate
@@ -123,7 +123,11 @@ class EpisodeTask:
 
     def _distributions(self, draws: Mapping[str, object] | None) -> dict[str, Distribution]:
         """Admitted distributions. Those of the scenario's controller mean nothing to an agent."""
-        given = self.scenario.sweep if draws is None else admitted(Distributions, draws, "draws").root
+        given = (
+            self.scenario.sweep
+            if draws is None
+            else admitted(Distributions, to_json_mapping(draws, "draws"), "draws").root
+        )
         distributions = {}
         for key, distribution in given.items():
             part = key.partition(".")[0]

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.io.json import Json
+from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.scenario.files import apply_options, find_scenario, read_yaml
 from rnc_pin.scenario.loading import admitted, validate
 from rnc_pin.scenario.schema.sweep_settings import ChoiceDistribution, Distribution, Distributions
@@ -37,7 +37,7 @@ class SeededDraws:
         Raises:
             ConfigurationError: a distribution is invalid.
         """
-        return cls(admitted(Distributions, distributions, "distributions").root, seed)  # type: ignore[arg-type]
+        return cls(admitted(Distributions, to_json_mapping(distributions, "distributions"), "distributions").root, seed)
 
     def of_run(self, run: int) -> Iterator[dict[str, Json]]:
         """Yield the values of a run, then replacements for them."""
