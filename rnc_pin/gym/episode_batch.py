@@ -7,11 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rnc_pin.errors import ConfigurationError, DivergenceError, InputError, LimitError, RncError, SingularityError
+from rnc_pin.errors import ConfigurationError, DivergenceError, InputError, LimitError, SingularityError
 from rnc_pin.gym.episode_limits import SpaceBounds
 from rnc_pin.gym.episode_task import EpisodeStart, EpisodeTask
 from rnc_pin.math.coordinates import wrapped
-from rnc_pin.plants import ReducedPlant
+from rnc_pin.model.configuration_evaluation import scaled_rows
+from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.plants import ReducedPlantBatch
 from rnc_pin.plants.reduced.reduced_plant import Checkpoint
 from rnc_pin.simulation.stop import Stop, StopMonitor
 
@@ -70,9 +72,9 @@ class EpisodeBatch:
         settings, reduced = task.scenario.simulation, task.reduced
         assert settings is not None
         damped, rubbing, substeps = settings.joint_damping, settings.joint_friction, settings.substeps * task.samples
-        self._plants = [ReducedPlant(reduced, damped, True, rubbing, substeps) for _ in range(size)]
-        self._plants[0].reset(task.nominal.q, task.nominal.v)
-        self._nominal = self._plants[0].checkpoint()
+        self._plants = ReducedPlantBatch(reduced, size, damped, False, rubbing, substeps)  # ``step`` clips
+        self._plants.reset(task.nominal.q, task.nominal.v)
+        self._nominal = self._plants.checkpoint(0)
         self._stop = StopMonitor(Stop(speed=np.inf, position_limits=True), reduced.robot)
         self._starts: list[EpisodeStart] = [task.nominal] * size
         k, r = reduced.vertical.size, reduced.r
@@ -114,18 +116,20 @@ class EpisodeBatch:
             ConfigurationError: no draw gives a start.
         """
         start = self._task.start(generator)
-        plant, nominal, r = self._plants[i], self._nominal, self._r
+        plants, nominal, r = self._plants, self._nominal, self._r
         # The chart of the nominal start serves all others that it covers: a new one costs as much as many steps.
         y = nominal.y.copy()
         y[:r] = nominal.chart.W @ start.v
         try:
-            plant.rollback(Checkpoint(start.q, y, None, np.zeros(self._reduced.p), nominal.chart))
-            _ = plant.state
-        except (SingularityError, DivergenceError):
-            plant.reset(start.q, start.v)
+            nominal.chart.velocity(start.q, y[:r], 0.0)
+            plants.rollback(i, Checkpoint(start.q, y, None, np.zeros(self._reduced.p), nominal.chart))
+        except SingularityError:
+            plants.reset(start.q, start.v, [i])
         self._starts[i], self._counts[i], self.failures[i] = start, 0, ""
         self._over[i] = False
-        self._observe(i)
+        state = self._reduced.at(start.q, v=start.v, t=0.0)
+        x1, x2 = state.outputs(np.zeros(r))
+        self._observe(np.array([i]), state.q[None], x1[None], x2[None], state.v2[None])
 
     def step(self, T: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Advance some episodes by one period.
@@ -146,10 +150,11 @@ class EpisodeBatch:
         T = np.asarray(T, dtype=float)
         if T.shape != (size, p) or not np.isfinite(T[chosen]).all():
             raise InputError(f"actions: expected finite numbers of shape {(size, p)}, found shape {T.shape}: {T}")
-        T = np.clip(T, -self._bounds.input, self._bounds.input)
-        for i in chosen:
-            self._counts[i] += 1
-            self.failures[i] = self._advance(int(i), T[i])
+        T = np.clip(np.where(self._over[:, None], 0.0, T), -self._bounds.input, self._bounds.input)
+        self._counts[chosen] += 1
+        self._plants.apply(T)
+        self._plants.advance(self._task.period)  # those that are over move too; nothing reads them
+        self._measure(chosen)
         failed = np.array([self.failures[i] != "" for i in chosen], dtype=bool)
         x1, x2, error, v2 = np.split(self._values[chosen], np.cumsum([self._k, self._r, self._g]), axis=1)
         rewards = np.asarray(self._reward(Transition(self.times[chosen], x1, x2, error, v2, T[chosen], failed)), float)
@@ -169,44 +174,68 @@ class EpisodeBatch:
         errors = np.minimum(np.abs(step.error) / self.error_high, 1.0).mean(axis=-1)
         return np.where(step.failed, -(duration - step.time + period), -period * errors)
 
-    def _advance(self, i: int, T: np.ndarray) -> str:
-        """Advance one episode and return its failure."""
-        plant, task = self._plants[i], self._task
-        try:
-            plant.apply(T)
-            plant.advance(task.period)
-            state = plant.state
-            self._stop.check(0.0, state)
-            self._observe(i)
-            if not (np.abs(state.v2) < self._bounds.speed).all():
-                return "diverged"
-            singular = state.smallest_singular_value < task.min_singular_value
-            return "singular" if singular else ""
-        except LimitError:
-            self._observe(i)
-            return "limit"
-        except DivergenceError:
-            return "diverged"
-        except RncError:
-            return "singular"
+    def _measure(self, chosen: np.ndarray) -> None:
+        """Observe episodes after a step, and find their failures."""
+        plants, data = self._plants, self._reduced.reduction_data
+        integrals, known = plants.integrals, np.zeros(self.size, dtype=bool)
+        if plants.measures:
+            states, known = plants.measure()
+            known &= ~plants.failed  # a run that failed may keep the state before
+            together = chosen[known[chosen]]
+            x1, x2 = (each[together] for each in states.outputs(integrals))
+            v2, singular_values = states.v2[together], _smallest_singular_values(states.E[together], data.lengths)
+            self._observe(together, states.q[together], x1, x2, v2)
+            stopping = self._stop.may_stop(states)
+            for i, speed, value in zip(together.tolist(), v2, singular_values, strict=True):
+                state = plants.state(states, i) if stopping else None
+                self.failures[i] = self._failure(state, speed, float(value))
+        else:
+            plants.read()
+        for i in chosen[~known[chosen]].tolist():
+            state = None if plants.failed[i] else plants.checkpoint(i).state
+            if state is None:
+                self.failures[i] = "diverged" if isinstance(plants.errors[i], DivergenceError) else "singular"
+                continue
+            x1, x2 = state.outputs(integrals[i])
+            self._observe(np.array([i]), state.q[None], x1[None], x2[None], state.v2[None])
+            self.failures[i] = self._failure(state, state.v2, float(state.smallest_singular_value))
 
-    def _observe(self, i: int) -> None:
-        """Read the outputs, errors and velocities of one episode."""
-        plant, reduced, t = self._plants[i], self._reduced, float(self._counts[i] * self._task.period)
-        state = plant.state
-        x1, x2 = state.outputs(plant.integrals)
+    def _failure(self, state: StateEvaluation | None, v2: np.ndarray, singular_value: float) -> str:
+        """Failure at a measured state, which is None if all joints are within their limits."""
+        if state is not None:
+            try:
+                self._stop.check(0.0, state)
+            except LimitError:
+                return "limit"
+            except DivergenceError:
+                return "diverged"
+        if not (np.abs(v2) < self._bounds.speed).all():
+            return "diverged"
+        return "singular" if singular_value < self._task.min_singular_value else ""
+
+    def _observe(self, which: np.ndarray, q: np.ndarray, x1: np.ndarray, x2: np.ndarray, v2: np.ndarray) -> None:
+        """Write configurations, outputs, errors and velocities of some episodes, a row each."""
         desired_1, desired_2 = x1.copy(), x2.copy()
-        for is_vertical, places, reference in self._starts[i].references:
-            (desired_1 if is_vertical else desired_2)[places] = reference.at(t).position
-        self._q[i], values = state.q, np.concatenate([x1, x2])
-        self._values[i] = np.concatenate(
+        for row, i in enumerate(which.tolist()):
+            t = float(self._counts[i] * self._task.period)
+            for is_vertical, places, reference in self._starts[i].references:
+                (desired_1 if is_vertical else desired_2)[row, places] = reference.at(t).position
+        values, reduced = np.concatenate([x1, x2], axis=1), self._reduced
+        self._q[which] = q
+        self._values[which] = np.concatenate(
             [
                 np.where(self._angular, wrapped(values), values),
-                reduced.vertical.coordinates.difference(desired_1, x1)[self._goals_1],
-                reduced.reducing.coordinates.difference(desired_2, x2)[self._goals_2],
-                state.v2,
-            ]
+                reduced.vertical.coordinates.difference(desired_1, x1)[:, self._goals_1],
+                reduced.reducing.coordinates.difference(desired_2, x2)[:, self._goals_2],
+                v2,
+            ],
+            axis=1,
         )
+
+
+def _smallest_singular_values(E: np.ndarray, typical: np.ndarray) -> np.ndarray:
+    """Smallest singular values (b,) of stacks E (b, nv, nv) with scaled rows."""
+    return np.linalg.svd(scaled_rows(E, typical), compute_uv=False)[:, -1]
 
 
 def _places(start: EpisodeStart, is_vertical: bool) -> np.ndarray:

@@ -26,7 +26,8 @@ class EpisodeLimits:
     same unit, no limit is below a tenth of the largest one. A limit that is still zero becomes one unit.
 
     Args:
-        input: largest actuator inputs (p,) [N or N m], or one number: the action space.
+        input: largest actuator inputs (p,) [N or N m], or one number: the action space. The effort limits of
+            the model hold too.
         speed: largest reduced velocities (r,), or one number; a larger one ends the episode as diverged.
         output: largest outputs x1 and x2 (k + r,), or one number; larger observations are clipped. Angles have pi.
 
@@ -67,9 +68,10 @@ class EpisodeLimits:
             }
             needed["input"] = np.where(np.isfinite(effort), effort, needed["input"])
             limits = {name: needed[name] if limit is None else limit for name, limit in limits.items()}
+        largest = np.minimum(np.array(limits["input"]), effort)
         output = np.array(limits["output"])
         output[np.concatenate([x1.coordinates.kinds, x2.coordinates.kinds]) > 0] = np.pi  # angles, rotation vectors
-        return SpaceBounds(np.array(limits["input"]), np.array(limits["speed"]), output)
+        return SpaceBounds(largest, np.array(limits["speed"]), output)
 
 
 @dataclass(frozen=True)

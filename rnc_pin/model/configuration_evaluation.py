@@ -235,8 +235,7 @@ class ConfigurationEvaluation(UsesKernel):
     @cached_property
     def scaled_stack(self) -> Float[Array, "*batch nv nv"]:
         """E with rows divided by the larger of their length and their typical length at other configurations."""
-        lengths = np.fmax(np.linalg.norm(self.E, axis=-1), row_lengths(self._data, self.factorization.kept, self.batch))
-        return self.E / np.where(lengths > 0, lengths, 1.0)[..., None]
+        return scaled_rows(self.E, row_lengths(self._data, self.factorization.kept, self.batch))
 
     @cached_property
     def _singular_values(self) -> Array:
@@ -329,3 +328,9 @@ def no_time(data: ReductionData) -> InputError:
         f"{', '.join(rheonomic_names(data.rows))}: the constraints depend on time; give it, as in "
         "reduced.at(q, v2, t=0.0), or use the model at one time, reduced.frozen(t=0.0)"
     )
+
+
+def scaled_rows(E: Array, typical: Array) -> Float[Array, "*batch nv nv"]:
+    """Rows of E (..., nv, nv) divided by the larger of their length and their typical length (nv,) or (..., nv)."""
+    lengths = np.fmax(np.linalg.norm(E, axis=-1), typical)
+    return E / np.where(lengths > 0, lengths, 1.0)[..., None]

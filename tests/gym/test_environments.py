@@ -227,3 +227,34 @@ def test_without_gymnasium_one_line_names_the_extra(monkeypatch):
     monkeypatch.setattr(builtins, "__import__", missing)
     with pytest.raises(rnc.ConfigurationError, match=re.escape("pip install 'rnc_pin[gym]'")):
         rnc.gym.make("space-robot")
+
+
+def test_states_that_the_kernel_does_not_measure_are_measured_alone():
+    """Both ways agree; the second is also that of models without compiled measurements."""
+    together, alone = (rnc.gym.make_vec("space-robot", 2, **SETTINGS) for _ in range(2))
+    alone.batch._plants.measures = False
+    actions = np.random.default_rng(2).uniform(-20, 20, (4, 2, 3))
+    for envs in (together, alone):
+        envs.reset(seed=1)
+    for each in actions:
+        (observations, rewards, *ends, _), (others, as_much, *same, _) = together.step(each), alone.step(each)
+        assert np.abs(observations - others).max() < 1e-12
+        assert np.abs(rewards - as_much).max() < 1e-12
+        assert equal(np.array(ends), np.array(same))
+
+
+def test_an_episode_whose_state_overflows_fails_and_leaves_the_others_alone():
+    limits = rnc.gym.EpisodeLimits(input=1e200, speed=1e250, output=3.0)
+    envs, single = (
+        rnc.gym.make_vec("mobile-manipulator", 2, limits=limits),
+        rnc.gym.make("mobile-manipulator", limits=limits),
+    )
+    assert single.action_space.high.tolist() == [1e200, 1e200, 400.0, 400.0]  # the joints have effort limits
+    before, _ = envs.reset(seed=0)
+    single.reset(seed=0)
+    with np.errstate(over="ignore", invalid="ignore"):
+        observations, _, terminated, _, info = envs.step(np.array([[0.1, 0.2, 0.3, 0.4], [1e200, 1e200, 0.0, 0.0]]))
+    assert terminated.tolist() == [False, True]
+    assert info["failure"].tolist() == ["", "diverged"]
+    assert equal(observations[0], single.step(np.array([0.1, 0.2, 0.3, 0.4]))[0])
+    assert equal(observations[1], before[1])  # the last regular one
