@@ -1,12 +1,15 @@
 """Make docs/gallery.md and the pictures of the documentation: run scenarios, plot them, photograph their animations.
 
 Needs Chromium and Playwright (``pip install '.[test]'``). ``python docs/make_gallery.py`` does all built-in scenarios,
-``python docs/make_gallery.py car tiago`` some again. With ``--recordings FOLDER`` it keeps the animations, too.
+``python docs/make_gallery.py car tiago`` some again, ``--page`` none: it writes the page from ``gallery.json``. With
+``--recordings FOLDER`` it keeps the animations, too.
 """
 
 import argparse
 import io
+import itertools
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,7 +19,7 @@ import pinocchio as pin
 from PIL import Image
 
 from rnc_pin.scenario.execution import Plan, Result, execute, plan, write
-from rnc_pin.scenario.files import built_in_names
+from rnc_pin.scenario.files import built_in_names, find_scenario
 from rnc_pin.scenario.pictures import draw_pictures
 from rnc_pin.scenario.saved_run import view_of
 from rnc_pin.visualization.capture import take_pictures
@@ -24,12 +27,15 @@ from rnc_pin.visualization.recording import Recording
 
 DOCS = Path(__file__).parent
 IMAGES = DOCS / "images"
-FACTS = DOCS / "gallery.json"
+FACTS, PAGE = DOCS / "gallery.json", DOCS / "gallery.md"
+ACROSS = 4
+"""Thumbnails in a row."""
 SIZE = (1000, 600)
 HEAD = """# Gallery
 
 This page shows every built-in scenario, as `rnc-pin run NAME` draws it. `python docs/make_gallery.py` writes the page.
-Each run also writes an animation, which plays offline in any browser.
+Each run also writes an animation, which plays offline in any browser. On the documentation site, pictures with a button
+show their animation in place, if `python docs/make_scenes.py` recorded it before the build.
 
 | in the pictures | meaning |
 |---|---|
@@ -45,17 +51,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scenarios", nargs="*", help="built-in names; all by default")
     parser.add_argument("--recordings", type=Path, help="keep the animations in this folder")
+    parser.add_argument("--page", action="store_true", help="run nothing; write the page from the last runs")
     arguments = parser.parse_args()
     IMAGES.mkdir(exist_ok=True)
     facts = json.loads(FACTS.read_text()) if FACTS.is_file() else {}
-    for name in arguments.scenarios or built_in_names():
+    for name in [] if arguments.page else arguments.scenarios or built_in_names():
         prepared = plan(name)
         result = execute(prepared)
         facts[name] = picture(prepared, result, arguments.recordings)
         print(f"{name}: {facts[name]}", flush=True)
     facts = {name: facts[name] for name in built_in_names() if name in facts}
     FACTS.write_text(json.dumps(facts, indent=1) + "\n")
-    (DOCS / "gallery.md").write_text("\n".join([HEAD, *page(facts)]))
+    PAGE.write_text(page(facts))
 
 
 def picture(prepared: Plan, result: Result, recordings: Path | None) -> dict:
@@ -108,11 +115,41 @@ def shrink(image: Image.Image, path: Path, colors: int | None = None) -> None:
     image.save(path, optimize=True)
 
 
-def page(facts: dict) -> Iterator[str]:
-    """The page, scenario by scenario."""
+def explanation(name: str) -> str:
+    """Return the comment at the head of a scenario file."""
+    head = itertools.takewhile(lambda line: line.startswith("#"), find_scenario(name).read_text().splitlines())
+    return " ".join(line.removeprefix("#").strip() for line in head)
+
+
+def thumbnails(facts: dict) -> Iterator[str]:
+    """A table of pictures that link to their sections: GitHub and the site show the same."""
+    cells = [
+        f"[![{fact['title']}](images/{name.replace('-', '_')}.png)](#{anchor(fact['title'])})"
+        for name, fact in facts.items()
+    ]
+    cells += [" "] * (-len(cells) % ACROSS)
+    rows = [cells[k : k + ACROSS] for k in range(0, len(cells), ACROSS)]
+    yield "|" + " |" * ACROSS
+    yield "|" + "---|" * ACROSS
+    yield from (f"|{'|'.join(row)}|" for row in rows)
+    yield ""
+
+
+def anchor(title: str) -> str:
+    """Return GitHub's anchor of a heading."""
+    return re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-")
+
+
+def page(facts: dict) -> str:
+    """Return the page: thumbnails, then scenario by scenario."""
+    return "\n".join([HEAD, *thumbnails(facts), *sections(facts)])
+
+
+def sections(facts: dict) -> Iterator[str]:
     for name, fact in facts.items():
         yield f"## {fact['title']}\n"
         yield f"![{fact['title']}](images/{name.replace('-', '_')}.png)\n"
+        yield f"{explanation(name)}\n"
         errors = "; ".join(f"{key.replace('_', ' ')} {value:g}" for key, value in fact["error"].items())
         told = f"Final errors [m, rad]: {errors}." if errors else ""
         yield f"    rnc-pin run {name}\n"

@@ -4,7 +4,7 @@
   const names = new Set(window.sceneNames || []);
   for (const picture of document.querySelectorAll("article img")) {
     const name = decodeURIComponent(picture.src.split("/").pop()).replace(/\.\w+$/, "");
-    if (!names.has(name)) continue;
+    if (!names.has(name) || picture.closest("table")) continue;
     const frame = document.createElement("div");
     frame.className = "scene";
     const button = document.createElement("button");

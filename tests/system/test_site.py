@@ -1,6 +1,7 @@
 """Parts of the documentation site; ``.ci/run`` builds all of it, and checks that it loads nothing from other hosts."""
 
 import importlib.util
+import json
 import re
 import tomllib
 
@@ -8,6 +9,7 @@ import pytest
 
 import rnc_pin as rnc
 from places import ROOT
+from rnc_pin.scenario.files import built_in_names
 
 
 def docs_script(name):
@@ -62,3 +64,10 @@ def test_the_maintainers_page_has_the_layers_and_paths_of_the_code():
     paths = re.findall(r"`((?:rnc_pin|tests|docs)/[\w./]+)`", text)
     assert len(paths) > 30
     assert [path for path in paths if not (ROOT / path).exists()] == []
+
+
+def test_the_gallery_has_every_scenario_with_its_explanation():
+    gallery = docs_script("make_gallery")
+    facts = json.loads(gallery.FACTS.read_text())
+    assert list(facts) == built_in_names()
+    assert gallery.PAGE.read_text() == gallery.page(facts), "run python docs/make_gallery.py --page"
