@@ -65,8 +65,7 @@ class TrajectoryBatch(SummaryMixin, Sequence[Trajectory]):
         >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators)
         >>> reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
         >>> target = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold([0.5, 0.0]))
-        >>> starts = np.array([[0.1, 0.0], [0.2, 0.0], [2e3, 0.0]])
-        >>> tracker = rnc.control.VelocityTracker(target)
+        >>> starts, tracker = [[0.1, 0.0], [0.2, 0.0], [2e3, 0.0]], rnc.control.VelocityTracker(target)
         >>> runs = rnc.simulate(reduced, tracker, robot.configuration(), 1.0, dt=0.01, v2_0=starts)
         >>> runs
         TrajectoryBatch of 3 runs: 2 completed, 1 diverged
