@@ -5,10 +5,11 @@ The keys of the JSON form are fixed, because other programs read the files too. 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from functools import cache
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast
 
 from rnc_pin.errors import ConfigurationError, printable
 from rnc_pin.io.json import Json, to_json_mapping
@@ -310,17 +311,26 @@ def _names(record: Any) -> list[str]:
     return [each.name for each in fields(record)]
 
 
+@cache
+def _adapter(kind: Hashable) -> Any:
+    """Reader of a kind of record; making it takes longer than a short run."""
+    from pydantic import TypeAdapter
+
+    return TypeAdapter(kind)
+
+
 def _read(kind: type[_Record], content: Mapping[str, object]) -> _Record:
     """Read the fields of a record. Other keys and None values are ignored.
 
     Raises:
         ConfigurationError: names the key, the value and the expected type.
     """
-    from pydantic import TypeAdapter, ValidationError  # simulations that read no file start without it
+    from pydantic import ValidationError  # simulations that read no file start without it
 
     found = {name: content[name] for name in _names(kind) if content.get(name) is not None}
     try:
-        return TypeAdapter(kind).validate_python(found)
+        record: _Record = _adapter(cast(Hashable, kind)).validate_python(found)
+        return record
     except ValidationError as error:
         wrong = error.errors(include_url=False)[0]
     key = "".join(f"[{each}]" if isinstance(each, int) else f".{each}" for each in wrong["loc"]).removeprefix(".")

@@ -33,6 +33,7 @@ _BATCH_TIME = 0.2  # time that a batch should take [s]
 _LARGEST_BATCH = 200
 _AHEAD = 3  # batches per worker that are handed out at a time
 _MOST_ENDS = 4  # times that a batch may see its worker end
+_ANSWER = 10.0  # time in which a scheduler has to answer [s]
 _THREADS = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}
 _local = threading.local()
 

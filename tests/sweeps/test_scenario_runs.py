@@ -1,0 +1,55 @@
+"""A run of a scenario has the same bits whether its model served other runs before or not."""
+
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.sweeps.scenario_runs import ScenarioRuns
+from rnc_pin.sweeps.seeded_draws import SeededDraws
+
+QUICK = {"simulation.duration": 0.06, "simulation.dt": 0.01}
+CASES = {
+    "space-robot": {"initial.q.joint_2": [1.6, 2.0], "faults.masses": [0.0, 0.1], "faults.position_noise": [0, 1e-4]},
+    "mobile-manipulator": {"initial.q.joint_1": [0.3, 0.7], "controller.preset": {"choice": ["scaled", "paper"]}},
+    "unicycle": {"initial.v2": {"choice": [{}]}, "faults.delay": {"integers": [0, 2]}},
+}
+
+
+def runs(scenario, folder=None, **options):
+    draws = SeededDraws.of(CASES[scenario], seed=2)
+    shared = {"preflight": "warn", **QUICK, **options}
+    return ScenarioRuns(scenario, shared, draws, 2, None if folder is None else str(folder))
+
+
+@pytest.mark.parametrize("scenario", CASES)
+def test_a_shared_model_does_not_change_a_run(scenario, tmp_path):
+    together, alone = runs(scenario, tmp_path / "together"), [runs(scenario, tmp_path / "alone") for _ in range(3)]
+    for run in range(3):
+        here, there = together.row(run), alone[run].row(run)
+        assert {**here, "wall_time": 0} == {**there, "wall_time": 0}
+        assert here["outcome"] == "completed", here["message"]
+        first, second = (
+            rnc.Trajectory.load(tmp_path / kind / "trajectories" / f"run_{run:07d}.npz")
+            for kind in ("together", "alone")
+        )
+        assert (first.q == second.q).all()
+        assert (first.T == second.T).all()
+
+
+def test_a_drawn_part_of_the_system_has_a_model_of_its_own():
+    """Gains follow the inertia, so errors differ; the same runs in the other order agree."""
+    draws = [{"robot.masses": {"link_2": mass}} for mass in (5.0, 20.0)]
+    source = ScenarioRuns("space-robot", {**QUICK, "preflight": "warn"}, None, 0)
+    forward = [source.row(run, draw)["rms_error.tip_x"] for run, draw in enumerate(draws)]
+    other = ScenarioRuns("space-robot", {**QUICK, "preflight": "warn"}, None, 0)
+    backward = [other.row(run, draws[run])["rms_error.tip_x"] for run in (1, 0)]
+    assert forward == backward[::-1]
+    assert forward[0] != forward[1]
+
+
+def test_seeds_of_runs_with_faults_differ_and_others_have_that_of_the_scenario():
+    with_faults, without = runs("space-robot"), ScenarioRuns("space-robot", {}, None, 5)
+    seeds = [with_faults.options_of(run, {"faults.masses": 0.1})["seed"] for run in range(50)]
+    assert len(set(seeds)) == 50
+    assert with_faults.options_of(3, {"faults.masses": 0.1})["seed"] == seeds[3]
+    assert without.options_of(3, {"initial.q.joint_2": 1.7})["seed"] == 5
+    assert with_faults.options_of(3, {"faults.masses": 0.1, "seed": 9})["seed"] == 9
