@@ -316,7 +316,8 @@ def _adapter(kind: Hashable) -> Any:
     """Reader of a kind of record; making it takes longer than a short run."""
     from pydantic import TypeAdapter
 
-    return TypeAdapter(kind)
+    reader: Any = TypeAdapter
+    return reader(kind)
 
 
 def _read(kind: type[_Record], content: Mapping[str, object]) -> _Record:

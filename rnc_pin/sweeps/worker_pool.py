@@ -193,7 +193,7 @@ def _dask_pool(scheduler: str) -> Iterator[tuple[Callable[[], Executor], Callabl
     except ImportError:
         raise ConfigurationError("--scheduler needs Dask: pip install 'rnc_pin[dask]'") from None
     try:
-        client = cast(Any, Client)(scheduler, timeout=10, set_as_default=False)
+        client = cast(Any, Client)(scheduler, timeout=_ANSWER, set_as_default=False)
     except (OSError, ValueError) as error:
         raise ConfigurationError(f"--scheduler {scheduler}: cannot be reached: {error}") from None
     counted, count = -1.0, 1
