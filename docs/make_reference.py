@@ -25,6 +25,7 @@ PACKAGES = (
     "control.whole_body.limits",
     "forces",
     "gym",
+    "gym",
     "integrators",
     "loop",
     "optimal",
