@@ -23,7 +23,7 @@ def test_page_can_be_followed(page, call, no_pictures, tmp_path, monkeypatch):
 
     def command(line):
         status, _, complaint = call(*shlex.split(line)[1:])
-        assert status == 0, complaint
+        assert status == tutorials.expected_status(line), complaint
 
     tutorials.follow(page, tmp_path, command)
     written = {path.name for path in tmp_path.rglob("*.png")}
