@@ -6,9 +6,13 @@ A page links to ``../README.md`` or to a source file as GitHub wants it. Here th
 
 from __future__ import annotations
 
+import builtins
+import collections.abc
+import inspect
 import os
 import re
 import shutil
+import typing
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +40,8 @@ SECTIONS = {
     "Project": ["maintainers", "project/contributing", "project/changelog", "project/security", "project/license"],
 }
 """Parts of the table of contents; a pattern stands for the pages that no part names."""
+ELSEWHERE = {*dir(builtins), *typing.__all__, *collections.abc.__all__, "Array", "ndarray", "Float", "Path"}
+"""Types in annotations that the site does not document."""
 _LINK = re.compile(r"(\]\()(?![a-z]+:|#|/)([^)\s#]+)(#[^)\s]*)?(\))")
 
 
@@ -112,12 +118,21 @@ def relink(app: Sphinx, name: str, source: list[str]) -> None:
         source[0] += "\n" + table_of_contents(app.env.found_docs)
 
 
-def without_dimensions(app: Sphinx, doctree: nodes.document) -> None:
-    """Make plain text of dimensions in signatures, ``Float[Array, p]``: their letters name no object."""
+def plain_annotations(app: Sphinx, doctree: nodes.document) -> None:
+    """Make plain text of dimensions in signatures, ``Float[Array, p]``, and of types that the site does not document.
+
+    Letters name no object, and Sphinx would search all objects for each ``float``.
+    """
     for reference in list(doctree.findall(addnodes.pending_xref)):
         target = reference.get("reftarget", "")
-        if reference.get("refdomain") == "py" and target.isidentifier() and target.islower() and len(target) < 3:
+        dimension = target.isidentifier() and target.islower() and len(target) < 3
+        if reference.get("refdomain") == "py" and (dimension or target.rpartition(".")[2] in ELSEWHERE):
             reference.replace_self(reference.children)
+
+
+def skip_fields(app: Sphinx, what: str, name: str, thing: object, skip: bool, options: object) -> bool | None:
+    """Leave out the fields of named tuples: their classes describe them."""
+    return True if (inspect.getdoc(thing) or "").startswith("Alias for field number") else None
 
 
 def copy_mathjax(app: Sphinx, error: Exception | None) -> None:
@@ -132,6 +147,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.add_config_value("mathjax_folder", None, "", [])
     app.connect("config-inited", write_pages)
     app.connect("source-read", relink)
-    app.connect("doctree-read", without_dimensions)
+    app.connect("doctree-read", plain_annotations)
+    app.connect("autodoc-skip-member", skip_fields)
     app.connect("build-finished", copy_mathjax)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
