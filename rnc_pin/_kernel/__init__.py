@@ -12,7 +12,7 @@ from typing import Any
 
 from rnc_pin.errors import ConfigurationError
 
-_VARIABLE, _INTERFACE = "RNC_PIN_KERNEL", 16
+_VARIABLE, _INTERFACE = "RNC_PIN_KERNEL", 17
 
 
 def _load() -> Any:

@@ -16,7 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define INTERFACE 16 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
+#define INTERFACE 17 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
 #define INTEGERS 8  /* of a row: kind, first and second frame, five more */
 #define NUMBERS 12  /* of a row */
 #define FLAT 1e-6   /* sine below which an axis counts as vertical */
@@ -1461,53 +1461,71 @@ static double *numbers(Arrays *all, PyObject *object, Py_ssize_t size)
     return view->format && !strcmp(view->format, "d") && view->len == size * (Py_ssize_t)sizeof(double) ? view->buf : NULL;
 }
 
+/* Sizes of one row of numbers, or of a stack of rows; false for other arrays. */
+static int stacked(PyObject *object, Py_ssize_t *count, Py_ssize_t *size)
+{
+    Py_buffer view;
+    if (PyObject_GetBuffer(object, &view, PyBUF_ND) < 0) return PyErr_Clear(), 0;
+    int ok = view.ndim == 1 || view.ndim == 2;
+    *count = view.ndim == 2 ? view.shape[0] : 1, *size = ok ? view.shape[view.ndim - 1] : 0;
+    PyBuffer_Release(&view);
+    return ok && *count < 1 << 20 && *size < 1 << 15;
+}
+
 /* Law (10) over one sample; see velocity_tracker.py. v2, v2d, v2d_dot (r), deficit of force (r) or None, g (r), C (r, r),
-   D (r, r^2), gains (4, r) or (4, 1): k, beta, dead zone, compensation; True with a dead zone, decay, time of the leak, record of
-   F, g, C, D. False if the arrays need the other path. */
+   D (r, r^2), each of one run or of a stack of runs; gains (4, r) or (4, 1): k, beta, dead zone, compensation; True with a dead
+   zone, decay, time of the leak, record of F, g, C, D, each of all runs. False if the arrays need the other path. */
 static PyObject *track(PyObject *module, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = 1};
-    double *x[8] = {NULL}, *out = NULL, decay, leak, square = 1.0;
+    double *x[8] = {NULL}, *out = NULL, decay, leak;
+    Py_ssize_t r = 0, runs = 0;
     (void)module;
     if (given != 12) return PyErr_SetString(PyExc_TypeError, "kernel: track takes 12 arguments"), NULL;
-    Py_ssize_t r = PyObject_Size(args[0]), sizes[8] = {r, r, r, r, r, r * r, r * r * r};
+    int ok = stacked(args[0], &runs, &r), zone = args[8] == Py_True;
+    Py_ssize_t sizes[8] = {r, r, r, r, r, r * r, r * r * r};
     decay = PyFloat_AsDouble(args[9]), leak = PyFloat_AsDouble(args[10]);
-    if (r < 0 || PyErr_Occurred()) return NULL;
-    int ok = r < 1 << 15, zone = args[8] == Py_True;
+    if (PyErr_Occurred()) return NULL;
     for (int i = 0; i < 7 && ok; i++) {
-        x[i] = i == 3 && args[i] == Py_None ? NULL : numbers(&all, args[i], sizes[i]);
+        x[i] = i == 3 && args[i] == Py_None ? NULL : numbers(&all, args[i], runs * sizes[i]);
         ok = x[i] || (i == 3 && args[i] == Py_None);
     }
     Py_ssize_t each = 1; /* gains of each output, or one for all */
     if (ok && !(x[7] = numbers(&all, args[7], 4 * r))) ok = (x[7] = numbers(&all, args[7], 4)) != NULL, each = 0;
     Py_ssize_t next = each ? r : 1;
-    if (ok && !(out = numbers(&all, args[11], 2 * r + r * r + r * r * r))) ok = 0;
+    if (ok && !(out = numbers(&all, args[11], runs * (2 * r + r * r + r * r * r)))) ok = 0;
     if (ok && all.views[all.open - 1].readonly) ok = 0;
-    const double *v2 = x[0], *v2d = x[1], *v2d_dot = x[2], *k = x[7];
-    for (Py_ssize_t i = 0; i < r && ok; i++) {
-        square += v2d_dot[i] * v2d_dot[i];
-        for (Py_ssize_t j = 0; j < r; j++) square += v2[i] * v2d[j] * (v2[i] * v2d[j]);
-    }
-    for (Py_ssize_t i = 0; i < r && ok; i++) {
-        double feedback = k[each * i], beta = k[next + each * i], size = k[2 * next + each * i], keep = decay;
-        double error = v2d[i] - v2[i], beyond = error - fmin(fmax(error, -size), size);
-        double step = leak * beta / (1.0 + leak * beta * square / feedback) * beyond;
-        if (zone && beyond == 0.0) keep = 1.0;
-        if (x[3] && x[3][i] * error > 0.0) step = 0.0, keep = 1.0;
-        double *g = out + r + i, *C = out + 2 * r + i * r, *D = out + 2 * r + r * r + i * r * r;
-        const double *C_before = x[5] + i * r, *D_before = x[6] + i * r * r;
-        *g = keep * x[4][i] + step;
-        double force = *g + feedback * error + k[3 * next + each * i];
-        for (Py_ssize_t j = 0; j < r; j++) {
-            C[j] = keep * C_before[j] + step * v2d_dot[j];
-            force += C[j] * v2d_dot[j];
+    const double *k = x[7];
+    double *g_out = out + runs * r, *C_out = g_out + runs * r, *D_out = C_out + runs * r * r;
+    for (Py_ssize_t run = 0; run < runs && ok; run++) {
+        const double *v2 = x[0] + run * r, *v2d = x[1] + run * r, *v2d_dot = x[2] + run * r;
+        double square = 1.0;
+        for (Py_ssize_t i = 0; i < r; i++) {
+            square += v2d_dot[i] * v2d_dot[i];
+            for (Py_ssize_t j = 0; j < r; j++) square += v2[i] * v2d[j] * (v2[i] * v2d[j]);
         }
-        for (Py_ssize_t a = 0; a < r; a++)
-            for (Py_ssize_t b = 0; b < r; b++) {
-                D[a * r + b] = keep * D_before[a * r + b] + step * (v2[a] * v2d[b]);
-                force += D[a * r + b] * (v2[a] * v2d[b]);
+        for (Py_ssize_t i = 0; i < r; i++) {
+            double feedback = k[each * i], beta = k[next + each * i], size = k[2 * next + each * i], keep = decay;
+            double error = v2d[i] - v2[i], beyond = error - fmin(fmax(error, -size), size);
+            double step = leak * beta / (1.0 + leak * beta * square / feedback) * beyond;
+            Py_ssize_t at = run * r + i;
+            if (zone && beyond == 0.0) keep = 1.0;
+            if (x[3] && x[3][at] * error > 0.0) step = 0.0, keep = 1.0;
+            double *g = g_out + at, *C = C_out + at * r, *D = D_out + at * r * r;
+            const double *C_before = x[5] + at * r, *D_before = x[6] + at * r * r;
+            *g = keep * x[4][at] + step;
+            double force = *g + feedback * error + k[3 * next + each * i];
+            for (Py_ssize_t j = 0; j < r; j++) {
+                C[j] = keep * C_before[j] + step * v2d_dot[j];
+                force += C[j] * v2d_dot[j];
             }
-        out[i] = force;
+            for (Py_ssize_t a = 0; a < r; a++)
+                for (Py_ssize_t b = 0; b < r; b++) {
+                    D[a * r + b] = keep * D_before[a * r + b] + step * (v2[a] * v2d[b]);
+                    force += D[a * r + b] * (v2[a] * v2d[b]);
+                }
+            out[at] = force;
+        }
     }
     return result(&all, ok);
 }

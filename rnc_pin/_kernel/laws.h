@@ -50,20 +50,22 @@ static int feed_back(Py_ssize_t k, double *const point[3], const double *x, cons
     return 1;
 }
 
-/* Position, velocity and acceleration of a reference (k), values and rates of the outputs (k), table (2, k) of gains and of
-   kinds, record of both sums of feed_back (2, k). False if the arrays or the numbers need the other path. */
+/* Position, velocity and acceleration of a reference (k), values and rates of the outputs of one run (k) or of a stack of runs,
+   table (2, k) of gains and of kinds, record of the first sum of feed_back of all runs, then of the second. False if the arrays
+   or the numbers need the other path. */
 static PyObject *feedback(PyObject *module, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = 1};
     double *x[7] = {NULL};
+    Py_ssize_t k = 0, runs = 0;
     (void)module;
     if (given != 7) return PyErr_SetString(PyExc_TypeError, "kernel: feedback takes 7 arguments"), NULL;
-    Py_ssize_t k = PyObject_Size(args[0]);
-    if (k < 0) return NULL;
-    int ok = 1;
-    for (int i = 0; i < 7 && ok; i++) ok = (x[i] = numbers(&all, args[i], i < 5 ? k : 2 * k)) != NULL;
+    int ok = stacked(args[3], &runs, &k);
+    Py_ssize_t sizes[7] = {k, k, k, runs * k, runs * k, 2 * k, 2 * runs * k};
+    for (int i = 0; i < 7 && ok; i++) ok = (x[i] = numbers(&all, args[i], sizes[i])) != NULL;
     if (ok && all.views[all.open - 1].readonly) ok = 0;
-    if (ok) ok = feed_back(k, x, x[3], x[4], NULL, x[5], x[5] + k, x[6], x[6] + k);
+    for (Py_ssize_t at = 0; at < runs * k && ok; at += k)
+        ok = feed_back(k, x, x[3] + at, x[4] + at, NULL, x[5], x[5] + k, x[6] + at, x[6] + runs * k + at);
     return result(&all, ok);
 }
 
@@ -168,7 +170,8 @@ static PyObject *spread(PyObject *module, PyObject *const *args, Py_ssize_t give
 /* Class 1 with its feedback, (12): A_star, A_star_dot (k, r), indices as for spread, position, velocity and acceleration of the
    primary reference (b each), then of the vertical one (a each), x2, v2 (r), x1, v1 (k), table of gains and of kinds
    of the primary outputs (b each), then of the vertical ones (a each), then cost^-1 (c); offset of v1 and its rate (k) or
-   None, secondary rates and theirs (c) or None, a, b, record of v2, v2_dot, x2 and x1 desired (r, r, r, k).
+   None, secondary rates and theirs (c) or None, a, b, record of v2, v2_dot, x2 and x1 desired (r, r, r, k). The references are
+   those of all runs; all else may be a stack of runs, and the record then has v2 of all runs, v2_dot of all runs, and so on.
    False if the arrays need the other path, or A4 is nearly singular. */
 static PyObject *pursue(PyObject *module, PyObject *const *args, Py_ssize_t given)
 {
@@ -178,15 +181,17 @@ static PyObject *pursue(PyObject *module, PyObject *const *args, Py_ssize_t give
     long *places = NULL;
     (void)module;
     if (given != 21) return PyErr_SetString(PyExc_TypeError, "kernel: pursue takes 21 arguments"), NULL;
-    Py_ssize_t a = PyLong_AsSsize_t(args[18]), b = PyLong_AsSsize_t(args[19]);
-    Py_ssize_t r = PyObject_Size(args[X2]), k = PyObject_Size(args[X1]);
-    if (r < 0 || k < 0 || PyErr_Occurred()) return NULL;
+    Py_ssize_t a = PyLong_AsSsize_t(args[18]), b = PyLong_AsSsize_t(args[19]), r = 0, k = 0, runs = 0, same = 0;
+    if (PyErr_Occurred()) return NULL;
+    int ok = stacked(args[X2], &runs, &r) && stacked(args[X1], &same, &k) && runs == same;
     Task task = {.a = a, .b = b, .c = r - b, .k = k, .r = r};
     Py_ssize_t c = task.c, sizes[OUT + 1] = {k * r, k * r, r + a, b, b, b, a, a, a, r, r, k, k, 2 * b + 2 * a + c, k, k, c, c, 3 * r + k};
-    int ok = a > 0 && b >= 0 && c >= a && k < 1 << 15 && r < 1 << 15;
+    ok = ok && a > 0 && b >= 0 && c >= a;
     for (int i = 0; i <= OUT && ok; i++) {
         PyObject *array = args[i == OUT ? 20 : i];
-        if (i != AT && (i < OFFSET || i == OUT || array != Py_None)) ok = (x[i] = numbers(&all, array, sizes[i])) != NULL;
+        int of_each = i < AT || (i >= X2 && i != TABLE); /* the others are those of all runs */
+        if (i != AT && (i < OFFSET || i == OUT || array != Py_None))
+            ok = (x[i] = numbers(&all, array, (of_each ? runs : 1) * sizes[i])) != NULL;
     }
     if (!ok || !x[FREE_RATES] != !x[FREE_RATES + 1] || all.views[all.open - 1].readonly) return result(&all, 0);
     if (!take(&all, args[AT], r + a, READ, (double **)&places) || !(sums = malloc((size_t)(2 * (a + b)) * 8))) {
@@ -194,16 +199,22 @@ static PyObject *pursue(PyObject *module, PyObject *const *args, Py_ssize_t give
         return result(&all, -1);
     }
     const double *gains = x[TABLE];
-    double *first[2] = {sums, sums + b}, *wanted[2] = {sums + 2 * b, sums + 2 * b + a};
-    double *out = x[OUT], *rates[2] = {out, out + r}, *x2 = out + 2 * r, *x1 = x2 + r;
-    ok = placed(&task, places)
-        && feed_back(b, x + FIRST, x[X2], x[V2], task.primary, gains, gains + b, first[0], first[1])
-        && feed_back(a, x + BASE, x[X1], x[V1], task.vertical, gains + 2 * b, gains + 2 * b + a, wanted[0], wanted[1]);
-    for (int rate = 0; rate < 2 && ok; rate++)
-        for (Py_ssize_t i = 0; i < a && x[OFFSET + rate]; i++) wanted[rate][i] -= x[OFFSET + rate][task.vertical[i]];
-    if (ok) ok = spread_out(&task, x, first, wanted, gains + 2 * (a + b), x[FREE_RATES] ? x + FREE_RATES : NULL, rates);
-    if (ok > 0) {
-        for (Py_ssize_t i = 0; i < r + k; i++) x2[i] = NAN; /* no goal */
+    double *first[2] = {sums, sums + b}, *wanted[2] = {sums + 2 * b, sums + 2 * b + a}, *out = x[OUT];
+    ok = placed(&task, places);
+    for (Py_ssize_t run = 0; run < runs && ok > 0; run++) {
+        double *A[2] = {x[0] + run * k * r, x[1] + run * k * r}, *rates[2] = {out + run * r, out + (runs + run) * r};
+        double *x2 = out + (2 * runs + run) * r, *x1 = out + 3 * runs * r + run * k, *free_rates[2] = {NULL, NULL};
+        for (int rate = 0; rate < 2 && x[FREE_RATES]; rate++) free_rates[rate] = x[FREE_RATES + rate] + run * c;
+        ok = feed_back(b, x + FIRST, x[X2] + run * r, x[V2] + run * r, task.primary, gains, gains + b, first[0], first[1])
+            && feed_back(a, x + BASE, x[X1] + run * k, x[V1] + run * k, task.vertical, gains + 2 * b, gains + 2 * b + a,
+                         wanted[0], wanted[1]);
+        for (int rate = 0; rate < 2 && ok; rate++)
+            for (Py_ssize_t i = 0; i < a && x[OFFSET + rate]; i++)
+                wanted[rate][i] -= x[OFFSET + rate][run * k + task.vertical[i]];
+        if (ok) ok = spread_out(&task, A, first, wanted, gains + 2 * (a + b), x[FREE_RATES] ? free_rates : NULL, rates);
+        if (ok <= 0) break;
+        for (Py_ssize_t i = 0; i < r; i++) x2[i] = NAN; /* no goal */
+        for (Py_ssize_t i = 0; i < k; i++) x1[i] = NAN;
         for (Py_ssize_t i = 0; i < b; i++) x2[task.primary[i]] = x[FIRST][i];
         for (Py_ssize_t i = 0; i < a; i++) x1[task.vertical[i]] = x[BASE][i];
     }

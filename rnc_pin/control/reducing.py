@@ -40,6 +40,8 @@ class ReducingOutputController(ReprMixin):
         self._feedback = Feedback(reduced.reducing.coordinates, k2)
 
     watched = former_name("monitored")
+    accepts_batches = True
+    """All runs have one reference."""
 
     def describe(self) -> Description:
         """Return the gain."""

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rnc_pin import _kernel
+from rnc_pin.control.batches import step_in_turn
 from rnc_pin.control.controller import Description, VelocityTarget, check_size, describe, goals_at, listed
 from rnc_pin.control.deviation import deviation, fed_back
 from rnc_pin.control.secondary import Secondary
@@ -104,6 +105,11 @@ class RedundancyController(ReprMixin):
             check_freedom(task)
         self.secondary = secondary
 
+    @property
+    def accepts_batches(self) -> bool:
+        """True without a secondary objective."""
+        return self.secondary is None
+
     def _gains(self) -> np.ndarray:
         """Gains and kinds of the outputs for the kernel."""
         task = self.task
@@ -128,15 +134,26 @@ class RedundancyController(ReprMixin):
         x21d, x1d = self.primary.at(t), self.vertical.at(t)
         secondary = _NONE if self.secondary is None else self.secondary(t, measurement)
         target = self._by_kernel(x21d, x1d, secondary, measurement)
+        if target is None and self._in_turn(measurement):
+            try:
+                return step_in_turn(self, t, measurement, state)  # NumPy rounds differently
+            except SingularityError:
+                self._by_numpy(x21d, x1d, secondary, measurement)  # raises the error of all runs
+                raise
         return (self._by_numpy(x21d, x1d, secondary, measurement) if target is None else target), None
+
+    def _in_turn(self, m: Measurement) -> bool:
+        """True for runs that the kernel declines together."""
+        return _kernel.library is not None and self.accepts_batches and m.x2.ndim == 2
 
     def _by_kernel(
         self, x21d: ReferencePoint, x1d: ReferencePoint, secondary: _Secondary, m: Measurement
     ) -> VelocityTarget | None:
         """Target from one call of the compiled kernel; None for arrays that it does not take, or a singular A4."""
-        if _kernel.library is None or m.x2.ndim != 1:
+        if _kernel.library is None or m.x2.ndim > 1 + self.accepts_batches:
             return None
-        r, k, counts = self.task.r, len(m.x1), (len(self.task.vertical), len(self.task.primary))
+        batch, counts = m.x2.shape[:-1], (len(self.task.vertical), len(self.task.primary))
+        r, k = m.x2.size, m.x1.size  # of all runs
         found = np.empty(3 * r + k)
         actual = m.x2, m.v2, m.x1, m.v1, self._table, m.v1_offset, m.v1_offset_dot
         first = x21d.position, x21d.velocity, x21d.acceleration
@@ -144,7 +161,10 @@ class RedundancyController(ReprMixin):
         arrays = m.A_star, m.A_star_dot, self._places, *first, *base, *actual, *secondary
         if not _kernel.library.pursue(*arrays, *counts, found):
             return None
-        return VelocityTarget(found[:r], found[r : 2 * r], found[3 * r :], found[2 * r : 3 * r])
+        v2, v2_dot, x2, x1 = found[:r], found[r : 2 * r], found[2 * r : 3 * r], found[3 * r :]
+        if batch:
+            v2, v2_dot, x2, x1 = (each.reshape(*batch, -1) for each in (v2, v2_dot, x2, x1))
+        return VelocityTarget(v2, v2_dot, x1, x2)
 
     def _by_numpy(
         self, x21d: ReferencePoint, x1d: ReferencePoint, secondary: _Secondary, m: Measurement

@@ -10,6 +10,7 @@ from numpy import ndarray as Array
 
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
+from rnc_pin.control.batches import accepts_batches, step_in_turn
 from rnc_pin.control.controller import (
     Command,
     Description,
@@ -83,6 +84,11 @@ class VelocityTracker(ReprMixin):
 
     held = former_name("gravity_compensation")
 
+    @property
+    def accepts_batches(self) -> bool:
+        """True if the kinematic controller accepts batches."""
+        return accepts_batches(self.target)
+
     def describe(self) -> Description:
         """Return the gains, the gravity compensation, and the kinematic controller."""
         return {
@@ -113,6 +119,8 @@ class VelocityTracker(ReprMixin):
         elapsed = elapsed_time(t, state.time)
         target, target_state = self.target.step(t, measurement, state.target)
         found = self._by_kernel(elapsed, measurement, target, state)
+        if found is None and _kernel.library is not None and measurement.v2.ndim == 2:
+            return step_in_turn(self, t, measurement, state)  # NumPy rounds differently
         F, g, C, D = self._by_numpy(elapsed, measurement, target, state) if found is None else found
         return command_towards(target, F), TrackerState(t, g, C, D, target_state)
 
@@ -121,17 +129,19 @@ class VelocityTracker(ReprMixin):
     ) -> _Learnt | None:
         """Force, and learnt g, C and D, from the compiled kernel; None for arrays that it does not take."""
         v2, sigma = measurement.v2, self.gains.sigma
-        if _kernel.library is None or v2.ndim != 1:
+        if _kernel.library is None or v2.ndim > 2:
             return None
-        r = len(v2)
+        r, square = v2.shape[-1], (*v2.shape, v2.shape[-1])
         decay = exp(-sigma * elapsed)
         leak_time = -expm1(-sigma * elapsed) / sigma if sigma else elapsed
-        out = np.empty(r * (2 + r + r * r))
+        out, n = np.empty(v2.size * (2 + r + r * r)), v2.size
         arrays = v2, target.v2, target.v2_dot, measurement.force_deficit, state.g, state.C, state.D, self._table
         if not _kernel.library.track(*arrays, self._has_dead_zone, decay, leak_time, out):
             return None
-        F, g, C, D = out[:r], out[r : 2 * r], out[2 * r : r * (2 + r)], out[r * (2 + r) :]
-        return F, g, C.reshape(r, r), D.reshape(r, r * r)
+        F, g, C, D = out[:n], out[n : 2 * n], out[2 * n : n * (2 + r)], out[n * (2 + r) :]
+        if v2.ndim == 2:
+            F, g = F.reshape(v2.shape), g.reshape(v2.shape)
+        return F, g, C.reshape(square), D.reshape((*v2.shape, r * r))
 
     def _by_numpy(
         self, elapsed: float, measurement: Measurement, target: VelocityTarget, state: TrackerState

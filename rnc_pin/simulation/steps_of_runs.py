@@ -85,7 +85,10 @@ class StepsTogether(StepsOfRuns):
             found = alone.step(t, measurement)
             if found.failed.any():
                 return found
-            return found._replace(failed=np.ones(self._count, dtype=bool))  # not an error of a single run
+            try:
+                return found._replace(states=stack_states(found.states[0]))
+            except NotStackable:
+                return found._replace(failed=np.ones(self._count, dtype=bool))
 
     def commit(self, answer: Answer) -> None:
         self._state = answer.states

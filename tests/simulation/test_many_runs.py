@@ -9,6 +9,7 @@ import pytest
 import rnc_pin as rnc
 import systems
 from rnc_pin.control import Command, ComputedTorque, ReducingOutputController, VelocityTracker
+from rnc_pin.control.batches import accepts_batches, stack_states, state_of_runs
 from rnc_pin.planning import Hold, MinimumJerk
 from simple_controllers import Inputs
 
@@ -85,6 +86,23 @@ def test_a_task_of_redundant_outputs_and_its_angles():
     kinematic = rnc.control.RedundancyController(task, reference, Hold(x1), k21=1.0)
     near = q0 + 0.02 * np.random.default_rng(0).standard_normal((3, len(q0)))
     check_all(reduced, VelocityTracker(kinematic), near)
+
+
+def test_the_controllers_of_tasks_take_all_runs_at_once(sleigh):
+    target = hold(sleigh)
+    for controller in (target, VelocityTracker(target), ComputedTorque(sleigh, target)):
+        assert accepts_batches(controller)
+    assert not accepts_batches(Shy())
+    states = [sleigh.at(q, v2).measure(np.zeros(2)) for q, v2 in systems.random_states(sleigh, 3)]
+    tracker = VelocityTracker(target)
+    alone = [tracker.step(0.0, each, tracker.initial_state(each)) for each in states]
+    fields = (None if parts[0] is None else np.stack(parts) for parts in zip(*states, strict=True))
+    command, state = tracker.step(
+        0.0, type(states[0])(*fields), stack_states([tracker.initial_state(m) for m in states])
+    )
+    for run, (command_alone, state_alone) in enumerate(alone):
+        assert np.array_equal(command.F[run], command_alone.F)
+        assert np.array_equal(state_of_runs(state, run).D, state_alone.D)
 
 
 def test_runs_end_for_themselves(sleigh, at_rest):

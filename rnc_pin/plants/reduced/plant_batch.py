@@ -76,6 +76,7 @@ class ReducedPlantBatch:
         self._y = np.zeros((self.size, 0))
         self.applied = np.zeros((self.size, reduced.p))
         self._charts: list[VelocityChart | None] = [None] * self.size
+        self._kernels: list[object] = [None] * self.size
         self._kinematics = np.empty((self.size, 0 if self._kernel is None else self._kernel.kinematics_size))
         self._records: RunRecords | None = None
         self._current = np.zeros(self.size, dtype=bool)  # runs whose ``_v`` and kinematics are those of the state
@@ -197,7 +198,9 @@ class ReducedPlantBatch:
         if self._y.shape[1] != len(y):
             self._y = np.zeros((self.size, len(y)))
         self._limit = chart.reduction_data.r + MAX_GROWTH
-        self._q[run], self._y[run], self.applied[run], self._charts[run] = q, y, applied, chart
+        self._q[run], self._y[run], self.applied[run] = q, y, applied
+        if chart is not self._charts[run]:
+            self._charts[run], self._kernels[run] = chart, chart.evaluator
         self._known[run], self._current[run] = False, state is not None
         if state is not None:
             self._v[run] = state.v
@@ -210,6 +213,7 @@ class ReducedPlantBatch:
         for name in ("_q", "_v", "_y", "applied", "_kinematics", "_current", "_known", "failed"):
             setattr(self, name, getattr(self, name)[which])
         self._charts = [self._charts[run] for run in which]
+        self._kernels = [self._kernels[run] for run in which]
         self.errors = [self.errors[run] for run in which]
 
     def measure(self) -> tuple[StateEvaluation, Array]:
@@ -246,7 +250,8 @@ class ReducedPlantBatch:
 
     def _evaluators(self, runs: Array) -> tuple[object, ...]:
         """Kernel of the chart of each run; None where it has none."""
-        return tuple(chart.evaluator if (chart := self._charts[run]) is not None else None for run in runs.tolist())
+        kernels = self._kernels
+        return tuple(kernels) if len(runs) == self.size else tuple(kernels[run] for run in runs.tolist())
 
     def _locate(self) -> None:
         """Bring the velocities of all runs up to date, in charts that are regular there."""

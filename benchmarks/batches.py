@@ -1,0 +1,113 @@
+"""Throughput of batches: ``python -m benchmarks.batches [SAMPLES]``.
+
+Runs of a scenario from starts close to its own, at once and one after the other. All is processor time of one process,
+with the start of the runs; both leave forces and energies of a run to its first use or, alone, to its end. Every batch
+is compared with runs alone, to the bit.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+import tracemalloc
+from collections.abc import Callable
+from dataclasses import fields
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+import rnc_pin as rnc
+from rnc_pin.control import ComputedTorque, ReducingOutputController
+from rnc_pin.planning import Hold
+from rnc_pin.scenario.execution import plan
+from rnc_pin.simulation.ending import Progress
+from rnc_pin.simulation.sampled_run import SampledRun
+
+SIZES = (1, 16, 64, 256)
+DT = 0.002
+SINGLES = 8  # runs alone in each round
+NAMES = ("space-robot", "mobile-manipulator", "fire-truck", "computed torque")
+
+
+def prepared(name: str) -> tuple[rnc.ReducedModel, Any, np.ndarray]:
+    """Model, controller and start of a scenario; computed torque is that of the manipulator, at its start."""
+    experiment = plan("mobile-manipulator" if name == "computed torque" else name).experiment
+    reduced, controller = experiment.reduced, experiment.controller
+    if name == "computed torque":
+        _, x2 = reduced.at(experiment.q0).outputs()
+        controller = ComputedTorque(reduced, ReducingOutputController(reduced, Hold(x2)))
+    return reduced, controller, experiment.q0
+
+
+def starts(reduced: rnc.ReducedModel, q0: np.ndarray, count: int) -> np.ndarray:
+    """Configurations (count, nq) close to one."""
+    drawn = 0.01 * np.random.default_rng(0).standard_normal((count, reduced.n))
+    return np.array([reduced.assembled(pin.integrate(reduced.robot.model, q0, each)) for each in drawn])
+
+
+def seconds(function: Callable[[], object]) -> float:
+    """Processor time of a call [s]."""
+    start = time.process_time()
+    function()
+    return time.process_time() - start
+
+
+def bare(reduced: rnc.ReducedModel, controller: Any, q0: np.ndarray, samples: int) -> float:
+    """Processor time of a run alone without its derived quantities, which a batch defers [s]."""
+
+    def run() -> None:
+        one = SampledRun(reduced, controller, q0, DT, samples)
+        progress = Progress()
+        for sample in range(samples):
+            one.sample(progress)
+            if sample + 1 < samples:
+                one.advance()
+
+    return seconds(run)
+
+
+def same(run: rnc.Trajectory, other: rnc.Trajectory) -> bool:
+    """True if all arrays of two runs have the same bits."""
+    names = [each.name for each in fields(run) if each.name != "info"]
+    return all(np.array_equal(getattr(run, name), getattr(other, name), equal_nan=True) for name in names)
+
+
+def rows(name: str, samples: int) -> list[str]:
+    """Rows of the table of one scenario."""
+    reduced, controller, q0 = prepared(name)
+    q = starts(reduced, q0, max(SIZES))
+    duration = (samples - 1) * DT
+    rnc.simulate(reduced, controller, q[:2], 5 * DT, DT)  # imports, tables
+    found = []
+    for size in SIZES:
+        few = q[0] if size == 1 else q[:size]
+        alone = [bare(reduced, controller, each, samples) for each in q[:SINGLES]]
+        taken = seconds(lambda few=few: rnc.simulate(reduced, controller, few, duration, DT))
+        alone += [bare(reduced, controller, each, samples) for each in q[:SINGLES]]
+        single = float(np.median(alone))
+        if size == 1:
+            taken = single
+        found.append((size, size * samples / taken, size * single / taken))
+    tracemalloc.start()
+    runs = rnc.simulate(reduced, controller, q[:64], duration, DT)
+    memory = tracemalloc.get_traced_memory()[1] / 64 / samples
+    tracemalloc.stop()
+    whole = rnc.simulate(reduced, controller, q[3], duration, DT)
+    bits = "same" if same(runs[3], whole) else "other"
+    return [f"| {name} | {n} | {rate:,.0f} | {ratio:.1f} | {memory:,.0f} | {bits} |" for n, rate, ratio in found]
+
+
+def main() -> None:
+    """Print the table."""
+    samples = int(sys.argv[1]) if len(sys.argv) > 1 else 200
+    assert all(a < b for a, b in pairwise(SIZES))
+    print("| scenario | runs | samples/s | ratio to runs alone | bytes a sample (64 runs) | bits |")
+    print("|---|---|---|---|---|---|")
+    for name in NAMES:
+        print("\n".join(rows(name, samples)), flush=True)
+
+
+if __name__ == "__main__":
+    main()
