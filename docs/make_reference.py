@@ -34,6 +34,7 @@ PACKAGES = (
     "plants",
     "plants.mujoco",
     "simulation",
+    "sweeps",
 )
 RESULTS = {
     "rnc_pin.model.state_evaluation": ["StateEvaluation"],
