@@ -39,12 +39,12 @@ from rnc_pin.plants.mujoco import MuJoCoPlant
 from rnc_pin.robots.vehicles import tractor_trailers_urdf
 
 NODES, ROUNDS = 40, 7
-SHORTEST = {"dubins": (0.0, dubins_length), "reeds-shepp": (-1.0, reeds_shepp_length)}
-"""Smallest speed, and length in closed form."""
 LIMIT = (0.01, 0.001, 0.0001)
 """Weights of the effort that tend to the shortest path."""
-STEERING = 200.0
-"""Largest rate of the steering [rad/s]; the closed forms have no limit."""
+SHORTEST = {"dubins": (0.0, dubins_length, (0.1, *LIMIT)), "reeds-shepp": (-1.0, reeds_shepp_length, LIMIT)}
+"""Smallest speed, length in closed form, and weights of the effort. A large first weight removes cusps."""
+STEERING = {0.0: 20.0, -1.0: 200.0}
+"""Largest rate of the steering [rad/s] by smallest speed. The closed forms have no limit, and turn at once at cusps."""
 CANDIDATES = 3
 """Local optima of the first weight that become guesses for the next."""
 
@@ -214,7 +214,8 @@ def shortest_plan(
     """
     goal = {rnc.FramePosition("rear_axle", "xy"): pose[:2], rnc.FrameYaw("chassis"): pose[2]}
     steering = OutputBound(rnc.JointPosition("front_steering"), -np.pi / 4, np.pi / 4)
-    bounds = [InputBound([slowest, -STEERING], [1.0, STEERING]), steering]
+    rate = STEERING[slowest]
+    bounds = [InputBound([slowest, -rate], [1.0, rate]), steering]
     start = reduced.robot.configuration()
     shortest = max(0.5, float(np.hypot(*pose[:2])))  # the straight line keeps guesses from a vanishing duration
     found = random_drives(reduced, pose, slowest, starts)
@@ -280,13 +281,13 @@ def driven_length(plan: rnc.optimal.MotionPlan) -> float:
 def shortest(kind: str, count: int, starts: int = 12) -> None:
     """Lengths of planned paths beside closed forms, for random poses within 4 turning radii."""
     reduced, generator = car(), np.random.default_rng(0)
-    slowest, exact = SHORTEST[kind]
+    slowest, exact, weights = SHORTEST[kind]
     ratios, taken = [], []
     for number in range(1, count + 1):
         x, y, heading = generator.uniform([-4.0, -4.0, -np.pi], [4.0, 4.0, np.pi]).tolist()
         begin = time.process_time()
         try:
-            found = driven_length(shortest_plan(reduced, (x, y, heading), slowest, starts))
+            found = driven_length(shortest_plan(reduced, (x, y, heading), slowest, starts, weights))
         except InfeasibleError as error:
             print(f"  {number}: ({x:.2f}, {y:.2f}, {heading:.2f}): {error}", flush=True)
             found = np.inf
