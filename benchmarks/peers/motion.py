@@ -44,32 +44,36 @@ class Motion:
     Args:
         case: system.
         duration: [s].
+
+    Attributes:
+        q0, v2_0: initial state.
+        times: times of the samples [s].
     """
 
     def __init__(self, case: Case, duration: float = DURATION) -> None:
         self._case, self._duration = case, duration
         start = regular_states(case.reduced, case.q0, 1)
-        self._q0, self._v2 = start.q[0], SLOWER * start.v2[0]
+        self.q0, self.v2_0 = start.q[0], SLOWER * start.v2[0]
         self._no_input = np.zeros(case.reduced.p)
-        self._times = np.linspace(0.0, duration, round(duration / DT) + 1)
+        self.times = np.linspace(0.0, duration, round(duration / DT) + 1)
 
     def ours(self, rtol: float) -> np.ndarray:
         """Samples (count, nq) of ``free_motion``."""
-        run = rnc.free_motion(self._case.reduced, self._q0, self._v2, self._duration, DT, rtol=rtol, atol=rtol)
+        run = rnc.free_motion(self._case.reduced, self.q0, self.v2_0, self._duration, DT, rtol=rtol, atol=rtol)
         return run.q
 
     def theirs(self, rtol: float) -> np.ndarray:
         """Coordinates (count, n) by DOP853."""
-        start = np.concatenate([self._case.coordinates.of(self._q0), self._v2])
+        start = np.concatenate([self._case.coordinates.of(self.q0), self.v2_0])
         span = (0.0, self._duration)
-        found = solve_ivp(self._rate, span, start, "DOP853", self._times, rtol=rtol, atol=rtol)
+        found = solve_ivp(self._rate, span, start, "DOP853", self.times, rtol=rtol, atol=rtol)
         if not found.success:
             raise RuntimeError(f"{self._case.name}: DOP853 stopped at t = {found.t[-1]:g} s: {found.message}")
-        return found.y[: -len(self._v2)].T
+        return found.y[: -len(self.v2_0)].T
 
     def _rate(self, t: float, y: np.ndarray) -> np.ndarray:
         """Rates of the coordinates and of v2."""
-        coordinates, r = self._case.coordinates, len(self._v2)
+        coordinates, r = self._case.coordinates, len(self.v2_0)
         q = coordinates.configuration(y[:-r])
         v2_dot, v, _ = self._case.by_hand(q, y[-r:], self._no_input)
         return np.concatenate([coordinates.rate(q, v), v2_dot])
