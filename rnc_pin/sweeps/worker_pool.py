@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, cast
 
 import cloudpickle
 from joblib import cpu_count
-from joblib.externals.loky import get_reusable_executor
+from joblib.executor import get_memmapping_executor  # the pool of joblib.Parallel, which fails beside another kind
 
 from rnc_pin._kernel import kernel
 from rnc_pin.errors import ConfigurationError, InputError, SimulationError
@@ -176,13 +176,13 @@ def _once_more(batch: _Batch) -> _Batch:
 @contextmanager
 def _local_pool(jobs: int) -> Iterator[tuple[Callable[[], Executor], Callable[[], int]]]:
     def executor() -> Executor:
-        return get_reusable_executor(jobs, timeout=300, env=_THREADS)  # a new one if the last one broke
+        return get_memmapping_executor(jobs, timeout=300, env=_THREADS)  # a new one if the last one broke
 
     try:
         yield executor, lambda: jobs
     except BaseException:
         # Otherwise this process waits until the workers finish their runs.
-        get_reusable_executor(jobs, timeout=300, env=_THREADS).shutdown(wait=False, kill_workers=True)
+        get_memmapping_executor(jobs, timeout=300, env=_THREADS).shutdown(wait=False, kill_workers=True)
         raise
 
 

@@ -507,7 +507,7 @@ def test_the_command_of_a_failed_run_repeats_it(call, no_pictures, tmp_path):
     """To the bit: drawn values, the seed of its faults, and its failure."""
     draws = {
         "sweep": "{initial.q.joint_2: [1.6, 2.0], faults.position_noise: {log_uniform: [1.0e-5, 1.0e-4]},"
-        " faults.garbage: {choice: [0, 0.5]}}",
+        " faults.velocity_noise: {choice: [30, 40]}}",
         "simulation.duration": 0.05,
     }
     options = [each for key, value in draws.items() for each in ("--set", f"{key}={value}")]
