@@ -1,8 +1,8 @@
 """Error over cost of free motions: ``python -m benchmarks.peers.work_precision [--systems NAME...] [--picture FILE]``.
 
-All ways start at the same state and give samples over the same ten seconds. The error is the largest displacement of a
-sample from that of DOP853 over the solution by hand at its finest tolerance. Costs are processor times, medians of
-rounds taken in turn.
+All ways start at the same state and move for ten seconds. Adaptive ways give a sample every 20 ms, others one at each
+of their fixed steps. The error is the largest displacement of a sample from that of DOP853 over the solution by hand at
+its finest tolerance. Costs are processor times, medians of rounds taken in turn.
 
 * ``free_motion``: ours, adaptive steps, at several tolerances;
 * ``ReducedPlant``: ours, fixed Runge-Kutta steps of order 4, as ``simulate`` takes them;
@@ -29,17 +29,18 @@ from scipy.linalg.lapack import dposv
 
 import rnc_pin as rnc
 from benchmarks.peers.cases import CASES, Case
-from benchmarks.peers.motion import DT, FINEST, Motion
+from benchmarks.peers.motion import FINEST, Motion
 from benchmarks.peers.sympy_equations import BASES, reduced_equations
 from benchmarks.reduction import machine
 from benchmarks.timing import in_turn, used_by
 from rnc_pin.plants.mujoco.settings import MuJoCoSettings
 from rnc_pin.visualization.plot_style import PrintFigure, line, save, styled
 
-DURATION, ROUNDS = 10.0, 3
+DURATION, ROUNDS = 10.0, 7
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
-SUBSTEPS = (1, 2, 4, 8)
-"""Steps of fixed length in each sample."""
+STEPS = (0.5, 0.2, 0.1, 0.04, 0.02)
+"""Lengths of fixed steps [s], multiples of the time between two samples."""
+TICKS = (2, 5, 10, 20, 50, 100, 200, 500)
 SYSTEMS = ("space-robot", "mobile-manipulator", "tiago", "free-panda-joints")
 
 
@@ -49,7 +50,7 @@ class Way:
 
     Attributes:
         name: short name.
-        settings: tolerances, or steps in each sample.
+        settings: tolerances, or steps [s].
         samples: function from one of these to configurations (count, nq).
     """
 
@@ -71,34 +72,34 @@ class Curve:
 def ways(case: Case, motion: Motion) -> Iterator[Way]:
     """Ways that can express a system and are installed."""
     yield Way("free_motion", TOLERANCES, motion.ours)
-    yield Way("ReducedPlant", SUBSTEPS, lambda steps: plant_motion(case, motion, int(steps)))
+    yield Way("ReducedPlant", STEPS, lambda step: plant_motion(case, motion, step))
     yield Way("KKT by hand", TOLERANCES, lambda rtol: motion.configurations(motion.theirs(rtol)))
     if case.name in BASES:
         yield Way("SymPy", TOLERANCES, sympy_motion(case, motion))
     if case.free and importlib.util.find_spec("mujoco"):
-        yield Way("MuJoCo", SUBSTEPS, lambda steps: mujoco_motion(case, motion, int(steps)))
+        yield Way("MuJoCo", STEPS, lambda step: mujoco_motion(case, motion, step))
 
 
-def plant_motion(case: Case, motion: Motion, steps: int) -> np.ndarray:
-    """Samples (count, nq) of a plant with so many steps in each."""
-    plant = rnc.ReducedPlant(case.reduced, actuator_limits=False, joint_damping=False, substeps=steps)
-    return _advanced(plant, case, motion)
+def plant_motion(case: Case, motion: Motion, step: float) -> np.ndarray:
+    """Samples (count, nq) of a plant, one at each step [s]."""
+    plant = rnc.ReducedPlant(case.reduced, actuator_limits=False, joint_damping=False)
+    return _advanced(plant, case, motion, step)
 
 
-def mujoco_motion(case: Case, motion: Motion, steps: int) -> np.ndarray:
-    """Samples (count, nq) of MuJoCo with so many steps in each."""
+def mujoco_motion(case: Case, motion: Motion, step: float) -> np.ndarray:
+    """Samples (count, nq) of MuJoCo, one at each step [s]."""
     from rnc_pin.plants.mujoco import MuJoCoPlant
 
-    settings = MuJoCoSettings(step=DT / steps, integrator="RK4", joint_limits=False, joint_damping=False)
-    return _advanced(MuJoCoPlant(case.reduced, settings, motion.q0), case, motion)
+    settings = MuJoCoSettings(step=step, integrator="RK4", joint_limits=False, joint_damping=False)
+    return _advanced(MuJoCoPlant(case.reduced, settings, motion.q0), case, motion, step)
 
 
-def _advanced(plant: rnc.plants.Plant, case: Case, motion: Motion) -> np.ndarray:
+def _advanced(plant: rnc.plants.Plant, case: Case, motion: Motion, step: float) -> np.ndarray:
     plant.reset(motion.q0, np.array(case.reduced.at(motion.q0, motion.v2_0).v))
     plant.apply(np.zeros(case.reduced.p))
     found = [motion.q0]
-    for _ in motion.times[1:]:
-        plant.advance(DT)
+    for _ in range(round(motion.times[-1] / step)):
+        plant.advance(step)
         found.append(np.array(plant.read()[0]))
     return np.array(found)
 
@@ -131,7 +132,8 @@ def curves(case: Case, duration: float, rounds: int) -> list[Curve]:
     reference = motion.configurations(motion.theirs(FINEST))
     found = list(ways(case, motion))
     runs = [(way, setting) for way in found for setting in way.settings]
-    errors = [motion.displacement(way.samples(setting), reference) for way, setting in runs]
+    samples = [way.samples(setting) for way, setting in runs]
+    errors = [motion.displacement(each, reference[:: (len(reference) - 1) // (len(each) - 1)]) for each in samples]
     measured = [used_by(lambda way=way, setting=setting: way.samples(setting), 1) for way, setting in runs]
     seconds = [float(figure[0]) for figure in in_turn(measured, rounds)]
     made = []
@@ -139,6 +141,11 @@ def curves(case: Case, duration: float, rounds: int) -> list[Curve]:
         here = [k for k, (each, _) in enumerate(runs) if each is way]
         made.append(Curve(way.name, way.settings, np.array(errors)[here], np.array(seconds)[here]))
     return made
+
+
+def _range_of(values: np.ndarray) -> tuple[float, float]:
+    """Limits of a logarithmic axis with a margin."""
+    return 0.8 * float(values.min()), 1.25 * float(values.max())
 
 
 @styled
@@ -154,6 +161,9 @@ def figure_of(found: dict[str, list[Curve]]) -> Figure:
             k = names.index(curve.name)
             line(axes, k, len(names), 1e3 * curve.seconds, curve.errors).set(label=curve.name, markevery=None)
         axes.set(xscale="log", yscale="log", xlabel="processor time [ms]")
+        axes.set_xticks(TICKS, [str(each) for each in TICKS])
+        axes.set_xlim(*_range_of(1e3 * np.concatenate([curve.seconds for curve in each])))
+        axes.minorticks_off()
         axes.set_title(system, loc="left")
     for axes in panels[::columns]:
         axes.set_ylabel("largest error [m or rad]")
