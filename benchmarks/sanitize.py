@@ -17,7 +17,10 @@ from hatch_build import compile_kernel
 
 ROOT = Path(__file__).parent.parent
 FLAGS = ("-O1", "-g", "-fno-omit-frame-pointer", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
-TESTS = ("tests/model/test_compiled.py", "tests/analysis/test_derivatives.py", "tests/optimal/test_riccati.py")
+TESTS = (
+    "tests/model/test_compiled.py", "tests/analysis/test_derivatives.py", "tests/optimal/test_riccati.py",
+    "tests/plants/test_plant_batch.py", "tests/simulation/test_many_runs.py",
+)  # fmt: skip
 RUN = """
 import importlib.util, sys
 spec = importlib.util.spec_from_file_location("rnc_pin._kernel.compiled", sys.argv[1])
