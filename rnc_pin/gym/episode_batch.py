@@ -180,7 +180,6 @@ class EpisodeBatch:
         integrals, known = plants.integrals, np.zeros(self.size, dtype=bool)
         if plants.measures:
             states, known = plants.measure()
-            known &= ~plants.failed  # a run that failed may keep the state before
             together = chosen[known[chosen]]
             x1, x2 = (each[together] for each in states.outputs(integrals))
             v2, singular_values = states.v2[together], _smallest_singular_values(states.E[together], data.lengths)

@@ -209,11 +209,7 @@ def _result(run: SampledRun, samples: int, advance_first: bool = False) -> RunRe
         if advance_first:
             progress.time = run.time
             run.advance()
-        for sample in range(run.samples, samples):
-            run.sample(progress)
-            if sample + 1 < samples:
-                run.advance()
-        return run.failure
+        return run.run_to(samples, progress)
 
     try:
         trajectory = complete_run(advance, run.finish)

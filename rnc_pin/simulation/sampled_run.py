@@ -138,6 +138,19 @@ class SampledRun:
         """Advance the plant to the next sample."""
         self._adapter.plant.advance(self._dt)
 
+    def run_to(self, samples: int, progress: Progress) -> str | None:
+        """Take samples, and advance between them, until there are so many; return ``failure``.
+
+        Args:
+            samples: number of samples at the end.
+            progress: as for ``sample``.
+        """
+        for sample in range(self.samples, samples):
+            self.sample(progress)
+            if sample + 1 < samples:
+                self.advance()
+        return self.failure
+
     def record_between(self, elapsed: float, integrals: np.ndarray, T: np.ndarray) -> None:
         """Record the state of the plant at a time after the last sample, under its inputs, as the end of the run.
 

@@ -10,7 +10,7 @@ from rnc_pin.control.controller import Controller
 from rnc_pin.errors import InputError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants import Plant
-from rnc_pin.simulation.ending import Progress, complete_run
+from rnc_pin.simulation.ending import complete_run
 from rnc_pin.simulation.former_arguments import accept_former_arguments
 from rnc_pin.simulation.many_runs import ManyRuns, is_batch, simulate_many
 from rnc_pin.simulation.sampled_run import SampledRun
@@ -101,12 +101,4 @@ def simulate(
         runs: Any = simulate_many(ManyRuns(reduced, controller, q0, dt, samples, v2_0, plant, options))
         return runs
     run = SampledRun(reduced, controller, q0, dt, samples, v2_0=v2_0, plant=plant, options=options)
-
-    def advance(progress: Progress) -> str | None:
-        for sample in range(samples):
-            run.sample(progress)
-            if sample + 1 < samples:
-                run.advance()
-        return run.failure
-
-    return complete_run(advance, run.finish)
+    return complete_run(lambda progress: run.run_to(samples, progress), run.finish)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -14,6 +15,7 @@ from rnc_pin.sweeps.swept_run import Row, is_result_column
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    import pyarrow.parquet as pq
 
 Kinds: TypeAlias = dict[str, str]
 """Kind of each drawn value: "bool", "integer", "number", "numbers", "text" or "json"."""
@@ -110,8 +112,9 @@ def write_part(table: pa.Table, path: Path) -> None:
             os.fsync(file.fileno())
 
 
-def read_part(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
-    """Read a Parquet file of ``write_part``; columns that it does not have are missing.
+@contextmanager
+def _opened(path: Path) -> Iterator[pq.ParquetFile]:
+    """Parquet file, open inside the ``with`` block.
 
     Raises:
         ConfigurationError: the file cannot be read.
@@ -121,10 +124,20 @@ def read_part(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
 
     try:
         with pq.ParquetFile(path) as file:
-            known = set(file.schema_arrow.names)
-            return file.read(None if columns is None else [name for name in columns if name in known])
+            yield file
     except (OSError, pa.ArrowException) as error:
         raise ConfigurationError(f"{path}: cannot be read: {str(error).splitlines()[0]}") from None
+
+
+def read_part(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
+    """Read a Parquet file of ``write_part``; columns that it does not have are missing.
+
+    Raises:
+        ConfigurationError: the file cannot be read.
+    """
+    with _opened(path) as file:
+        known = set(file.schema_arrow.names)
+        return file.read(None if columns is None else [name for name in columns if name in known])
 
 
 def schema_of(path: Path) -> tuple[pa.Schema, int]:
@@ -133,14 +146,8 @@ def schema_of(path: Path) -> tuple[pa.Schema, int]:
     Raises:
         ConfigurationError: the file cannot be read.
     """
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        with pq.ParquetFile(path) as file:
-            return file.schema_arrow, file.metadata.num_rows
-    except (OSError, pa.ArrowException) as error:
-        raise ConfigurationError(f"{path}: cannot be read: {str(error).splitlines()[0]}") from None
+    with _opened(path) as file:
+        return file.schema_arrow, file.metadata.num_rows
 
 
 def common_schema(schemas: Sequence[pa.Schema]) -> pa.Schema:

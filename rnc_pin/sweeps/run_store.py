@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from itertools import groupby
 from pathlib import Path
 
@@ -114,11 +114,6 @@ class RunStore:
         """Largest number of a finished run; -1 without any."""
         ends = [BLOCK * (block + 1) - 1 for block in self._complete]
         return max([*ends, *(run for runs in self._open.values() for run in runs)], default=-1)
-
-    def rows(self) -> Iterator[Row]:
-        """Rows of all finished runs in order."""
-        for block in sorted(self._complete | self._open.keys()):
-            yield from block_rows(self._folder, block)
 
     def add(self, rows: Iterable[Row]) -> None:
         """Record finished runs."""

@@ -6,7 +6,6 @@ import json
 import time
 from collections.abc import Iterable, Mapping
 from itertools import islice
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -108,7 +107,7 @@ class ScenarioRuns:
         scenario = validate(raw, self._source)
         reduced = None if scenario.phases else self._reduced(raw, scenario)
         experiment = located_experiment(self._source, scenario, self._folder, Plans(), reduced)
-        return Plan(self._name, raw, Path(self._folder), experiment, {}, self._built_in)
+        return Plan(self._name, raw, self._folder, experiment, {}, self._built_in)
 
     def _reduced(self, raw: Mapping[str, Json], scenario: Scenario) -> ReducedModel | None:
         """Model of a scenario, shared with the runs of this process that have the same system and outputs."""

@@ -159,7 +159,7 @@ def _difference(place: str, old: object, new: object) -> tuple[str, object, obje
 
 def _clean(path: Path, everything: bool) -> None:
     """Delete files of killed sweeps, and with ``everything`` those of an earlier sweep."""
-    for folder in (path, path / RUNS, path / "trajectories"):
+    for folder in (path, path / "trajectories"):  # the run store cleans its own
         for leftover in folder.glob(f"{TEMPORARY_PREFIX}*"):
             if leftover.is_file() or leftover.is_symlink():
                 leftover.unlink()

@@ -233,7 +233,7 @@ class ReducedPlantBatch:
         for run in unknown:
             self._kernel.place(self._q[run], self._kinematics[run])
             self._known[run] = True
-        status = self._current.astype(float)
+        status = (self._current & ~self.failed).astype(float)  # a run that failed may keep the state before
         q, v = self._q.copy(), self._v.copy()
         self._records = self._kernel.measure(q, v, self._kinematics, status)
         states = StateEvaluation.recorded(self.reduced.reduction_data, q, v, self._kernel, self._records)
