@@ -13,7 +13,7 @@ from rnc_pin.model.offset_frame import triple
 from rnc_pin.model.parameter_types import Positive, Vector
 
 _EYE = np.eye(3)
-_FINE = 24  # edges of drawn patches
+_FINE = 48  # edges of drawn patches
 _CAP = 1.4  # largest half angle of a drawn cap [rad]
 _SAMPLES, _SAME = 5, 1e-9  # points at which derivatives of a height are compared, relative difference
 

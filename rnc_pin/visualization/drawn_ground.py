@@ -27,6 +27,8 @@ def grounds_of(reduced: ReducedModel | None) -> list[GroundSurface]:
 def ground_patch(ground: GroundSurface, places: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (n, 3) and triangles (m, 3), seen from both sides, of the part of a surface under a motion.
 
+    Each side has its own vertices: a vertex of both would have no normal, and shades at random.
+
     Args:
         ground: the surface.
         places: centres of mass of the robot over the motion (N, 3) [m].
@@ -35,7 +37,7 @@ def ground_patch(ground: GroundSurface, places: np.ndarray, size: float) -> tupl
     middle = (places.min(axis=0) + places.max(axis=0)) / 2
     half = _WIDER * float(np.linalg.norm(places - middle, axis=1).max()) + 2.0 * size
     vertices, triangles = ground.mesh(middle, half)
-    return vertices, np.concatenate([triangles, triangles[:, ::-1]])
+    return np.concatenate([vertices, vertices]), np.concatenate([triangles, triangles[:, ::-1] + len(vertices)])
 
 
 class GroundElement(Element):

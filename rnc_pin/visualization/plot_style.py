@@ -30,6 +30,8 @@ Dashes = tuple[int, tuple[float, ...]]
 DOTS: Dashes = (0, (1, 1.6))
 DASHES: list[Dashes] = [(0, (6, 3)), (0, (6, 2, 1, 2)), (0, (3, 2)), (0, (8, 2, 1, 2, 1, 2)), (0, (1, 4)), (0, (10, 4))]
 _LONGEST_LINE = 30  # characters per line of a legend; longer lines would leave too little room for the axes
+_ROUNDS = 3  # layouts of a figure at most
+_CLOSE = 0.01  # distance of labels that needs no other layout [inches]
 _MARKS = 7  # number of markers on a line
 STYLE: dict[Any, Any] = {
     "font.size": 10.0,
@@ -59,7 +61,8 @@ class AlignedLayout(ConstrainedLayoutEngine):
     """Constrained layout with aligned labels of vertical axes.
 
     Matplotlib's ``align_ylabels`` measures all tick labels of a column for the label of each of its axes, several times
-    for a picture. This layout measures each once before it places the axes, and once after.
+    for a picture. This layout measures each once before it places the axes, and once after. It repeats that if the
+    size of the axes gave them wider tick labels, for which there was no room.
     """
 
     def __init__(self) -> None:
@@ -76,16 +79,24 @@ class AlignedLayout(ConstrainedLayoutEngine):
 
     def execute(self, fig: Figure) -> None:
         """Place the axes of a figure, and the labels of their vertical axes."""
-        self._place_labels(fig)
-        super().execute(fig)
-        self._place_labels(fig)
+        room = self._place_labels(fig)
+        for _ in range(_ROUNDS):
+            super().execute(fig)
+            needed = self._place_labels(fig)
+            if all(distance <= given + _CLOSE for distance, given in zip(needed, room, strict=True)):
+                break
+            room = needed
 
-    def _place_labels(self, fig: Figure) -> None:
+    def _place_labels(self, fig: Figure) -> list[float]:
+        """Place the labels and return the distance of each column from its axes [inches]."""
+        distances = []
         for column in self._columns:
             distance = max(_label_distance(axes) for axes in column) / fig.dpi
+            distances.append(distance)
             for axes in column:
                 away = ScaledTranslation(-distance, 0.0, fig.dpi_scale_trans)
                 axes.yaxis.set_label_coords(0.0, 0.5, axes.transAxes + away)
+        return distances
 
 
 def _label_distance(axes: Axes) -> float:
