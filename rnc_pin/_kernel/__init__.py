@@ -7,36 +7,47 @@ has it. See ``rnc_pin/model/compiled.py``.
 from __future__ import annotations
 
 import os
+import warnings
 from importlib import import_module
 from typing import Any
 
-from rnc_pin.errors import ConfigurationError
+from rnc_pin.errors import ConfigurationError, ModelWarning
 
-_VARIABLE, _INTERFACE = "RNC_PIN_KERNEL", 17
+_VARIABLE, _INTERFACE = "RNC_PIN_KERNEL", 18
+_REINSTALL = "reinstall with pip install -e ."
+_NONE = "this installation has no compiled kernel: reinstall with a C compiler"
 
 
-def _load() -> Any:
-    """The compiled module; None if the installation has none, or one for other sources."""
+def _load() -> tuple[Any, str]:
+    """Compiled module, or None with the reason; no reason if the installation has none."""
     try:
         compiled = import_module("rnc_pin._kernel.compiled")
     except ImportError:
-        return None
-    return compiled if compiled.INTERFACE == _INTERFACE else None
+        return None, ""
+    if compiled.INTERFACE == _INTERFACE:
+        return compiled, ""
+    return None, f"compiled kernel is of interface {compiled.INTERFACE}, {_INTERFACE} expected"
 
 
-def _chosen() -> Any:
+def _chosen() -> tuple[Any, str]:
     asked = os.environ.get(_VARIABLE, "")
     if asked not in ("", "c", "numpy"):
         raise ConfigurationError(f"{_VARIABLE} is '{asked}': expected 'c' or 'numpy'")
-    found = None if asked == "numpy" else _load()
+    if asked == "numpy":
+        return None, ""
+    found, reason = _load()
     if asked == "c" and found is None:
-        raise ConfigurationError(
-            f"{_VARIABLE} is 'c', but this installation has no compiled kernel: reinstall with a C compiler"
-        )
-    return found
+        why = f"the {reason}: {_REINSTALL}" if reason else _NONE
+        raise ConfigurationError(f"{_VARIABLE} is 'c', but {why}")
+    if reason:
+        warnings.warn(f"rnc_pin: {reason}; using NumPy; {_REINSTALL}", ModelWarning, stacklevel=2)
+    return found, reason
 
 
-library: Any = _chosen()
+library: Any
 """Extension module with the class ``Evaluator``; None if NumPy evaluates."""
+outdated: str
+"""Reason why the compiled kernel of this installation is not used; empty if there is none."""
+library, outdated = _chosen()
 kernel: str = "numpy" if library is None else "c"
 """Path that evaluates models: "c" or "numpy"."""

@@ -30,6 +30,7 @@ struct Derivatives {
     double *tau, *acceleration, *multipliers, *unit;      /* (n) each; the last is zero between uses */
     double *RM, *Q, *Z, *L;                               /* R^T M (r, n), (r, n) twice, (r, r) */
     double *columns;                                      /* of E^-1 that belong to varying rows (n, n) */
+    double *passive;                                      /* of the laws (forces) */
     long *varying;         /* rows of E that are not constant (n) */
     void *memory;
 };
@@ -64,7 +65,7 @@ static int prepare_derivatives(Evaluator *ev) /* false with an error if there is
 {
     if (ev->derivatives) return 1;
     size_t n = (size_t)ev->n, r = (size_t)ev->r, joints = (size_t)ev->joints, frames = (size_t)ev->frames;
-    size_t numbers = 18 * joints + 3 * frames + 2 * frames * n * CHANGE + 8 * n * n + 4 * n + 3 * n * r + r * r;
+    size_t numbers = 18 * joints + 3 * frames + 2 * frames * n * CHANGE + 8 * n * n + 4 * n + 3 * n * r + r * r + (size_t)ev->forced;
     size_t bytes = numbers * sizeof(double) + (2 * n + joints) * sizeof(long) + joints * n;
     Derivatives *d = ev->derivatives = calloc(1, sizeof(Derivatives));
     if (d) d->memory = calloc(bytes + 1, 1);
@@ -85,6 +86,7 @@ static int prepare_derivatives(Evaluator *ev) /* false with an error if there is
     for (int i = 0; i < 3; i++) *wide[i] = next, next += n * r;
     d->L = next, next += r * r;
     d->columns = next, next += n * n;
+    d->passive = next, next += ev->forced;
     d->joint = (long *)next;
     d->varying = d->joint + n;
     d->parent = d->varying + n;
@@ -185,6 +187,19 @@ static void vary_frames(Evaluator *ev, Derivatives *d, const double *J)
 
 /* ------------------------------------------------------------------ rows of E, and their forces */
 
+/* derivative of the velocity of a row by q */
+static void rate_slopes(const Evaluator *ev, const Derivatives *d, const Row *row, const Slopes *slopes, double *Ev_q)
+{
+    for (int side = 0; side < (row->kind < DISTANCE ? 1 : 2); side++) {
+        long f = side ? row->b : row->a, joint = ev->frame[f].joint;
+        const double *K = (const double *)(slopes->velocity + side);
+        for (long s = ev->start[joint]; s < ev->start[joint + 1]; s++) {
+            long c = ev->support[s];
+            Ev_q[c] += dot(K, (const double *)(d->by_q + f * ev->n + c), UP_TO_VELOCITY);
+        }
+    }
+}
+
 static void wrench_row(const Evaluator *ev, const Derivatives *d, const Row *row, const Slopes *slopes, double *Ev_q,
                        double *Ew_q, double *Ew_v)
 {
@@ -278,17 +293,18 @@ static void add_force(Evaluator *ev, Derivatives *d, const Row *row, double forc
     }
 }
 
-/* forces of A^T lambda - B T on the joints, or their rates along a column of J */
+/* forces of A^T lambda - B T and of the laws on the joints, or their rates along a column of J */
 static void add_forces(Evaluator *ev, Derivatives *d, const double *T, long along_column)
 {
-    Py_ssize_t first = ev->n + ev->k;
+    Py_ssize_t first = ev->n + ev->k, last = ev->count - ev->forced;
     memset(d->forces, 0, (size_t)(6 * ev->joints) * sizeof(double));
     for (Py_ssize_t i = 0; i < ev->m; i++) add_force(ev, d, ev->rows + i, d->multipliers[i], along_column);
-    for (Py_ssize_t i = first; i < ev->count; i++)
+    for (Py_ssize_t i = first; i < last; i++)
         add_force(ev, d, ev->rows + i, -T[ev->columns[i - first]], along_column);
+    for (Py_ssize_t i = last; i < ev->count; i++) add_force(ev, d, ev->rows + i, -d->passive[i - last], along_column);
 }
 
-/* N: derivative of A^T lambda - B T by q, at frozen lambda and T. Overwrites the velocities of the frames. */
+/* N: derivative of A^T lambda - B T, less the forces of the laws, by q, at frozen lambda, T and laws. Overwrites the velocities of the frames. */
 static void vary_forces(Evaluator *ev, Derivatives *d, const double *q, const double *J, const double *T)
 {
     Py_ssize_t n = ev->n;
@@ -332,6 +348,32 @@ static void vary_forces(Evaluator *ev, Derivatives *d, const double *q, const do
         ackermann(row, q, f);
         N[l * n + l] -= force * f[0], N[r * n + r] -= force * f[0];
         N[l * n + r] += both * f[3], N[r * n + l] += both * f[3];
+    }
+}
+
+/* Subtract the derivatives of the laws, times their rows, from those of tau; then keep the laws. The frames move. */
+static void vary_laws(Evaluator *ev, Derivatives *d, const double *q, const double *P, const double *v)
+{
+    Py_ssize_t n = ev->n, first = ev->count - ev->forced;
+    double *rate_q = d->tau; /* of no use any more */
+    for (Py_ssize_t f = 0; f < ev->forced; f++) {
+        const Row *row = ev->rows + first + f;
+        const double *of = ev->laws + f * FORCE_NUMBERS, *J = ev->force_row;
+        double unused;
+        Slopes slopes;
+        assemble(ev, q, P, NULL, first + f, first + f + 1, ev->force_row);
+        double w = dot(J, v, n), curved = of[F_LIMIT] != 0.0 ? tanh(w / of[F_SPEED]) : 0.0;
+        double by_rate = -of[F_DAMPING] - (of[F_LIMIT] != 0.0 ? of[F_LIMIT] / of[F_SPEED] * (1.0 - curved * curved) : 0.0);
+        d->passive[f] = law(ev, f, q, w, &unused);
+        if (by_rate == 0.0 && of[F_STIFFNESS] == 0.0) continue;
+        memset(rate_q, 0, (size_t)n * sizeof(double));
+        if (row_slopes(ev, d->origin, row, &slopes)) rate_slopes(ev, d, row, &slopes, rate_q);
+        for (Py_ssize_t i = 0; i < n; i++) {
+            if (J[i] == 0.0) continue;
+            add(d->tau_q + i * n, J[i] * of[F_STIFFNESS], J, n);
+            add(d->tau_q + i * n, -J[i] * by_rate, rate_q, n);
+            add(d->tau_v + i * n, -J[i] * by_rate, J, n);
+        }
     }
 }
 
@@ -461,13 +503,15 @@ static PyObject *state_derivatives(Evaluator *ev, PyObject *const *args, Py_ssiz
         input_matrix(ev, q, P, B, ev->scratch);
         for (Py_ssize_t j = 0; j < n; j++) force[j] = dot(B + j * ev->p, T, ev->p);
         velocity(ev, F, ev->mu, v2, v);
-        if (!biases(ev, q, P, F, v, NULL, S)) ok = -1;
+        if (!add_passive(ev, q, P, v, force, NULL)) ok = 0;
+        if (ok > 0 && !biases(ev, q, P, F, v, NULL, S)) ok = -1;
         if (ok > 0) ok = accelerate(ev, F, S, force, v2_dot, ev->scratch);
         if (ok > 0 && !solve_motion(ev, d, q, P, F, S, force, v, v2_dot)) ok = -1;
         if (ok <= 0) break;
         move_joints(ev, d, J, v, d->acceleration);
         vary_frames(ev, d, J);
         Py_ssize_t varying = vary_rows(ev, d, q, P, v);
+        vary_laws(ev, d, q, P, v);
         vary_forces(ev, d, q, J, T);
         ok = solve_variations(ev, d, P, F, S + 4 * n, B, varying, out);
     }

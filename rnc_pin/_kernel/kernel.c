@@ -16,7 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define INTERFACE 17 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
+#define INTERFACE 18 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
 #define INTEGERS 8  /* of a row: kind, first and second frame, five more */
 #define NUMBERS 12  /* of a row */
 #define FLAT 1e-6   /* sine below which an axis counts as vertical */
@@ -59,17 +59,18 @@ typedef struct {
     Py_ssize_t nq, n, m, r, k, p, joints, frames; /* k rows of J1, p inputs */
     Py_ssize_t external, external_vertical; /* rows of the user in E and in J1 */
     int normalized, fused, rates_need_C, ready;
-    Row *rows;               /* of E, then of J1, then of inputs on frames */
+    Row *rows;               /* of E, then of J1, then of inputs on frames, then of forces */
     Py_ssize_t count;        /* number of rows */
     long *columns;           /* columns of B of the inputs on frames */
     Frame *frame;
     long *support, *start;   /* entries of v that move each joint, in the order from the root */
     long *owner;             /* joint of each entry of v (n) */
-    double *constant;        /* constant rows of E and J1 (n + k, n) */
+    double *constant;        /* constant rows (count, n); zero for the others */
     double *B, *mu, *lengths; /* constant part of B (n, p); (m); typical lengths of the rows of E (n) */
     double fast_length, fast_limit;
-    double *joint_forces;    /* springs, dampers and friction of single joints, FORCE_NUMBERS each */
+    double *laws;            /* of the forces that follow from the state, FORCE_NUMBERS each */
     Py_ssize_t forced;       /* their number */
+    double *force_row;       /* one row (n), then forces of springs (n) */
     long *curved;            /* joints with curved coordinates: kind and first entry of v; NULL if one has no formula */
     Py_ssize_t curves;       /* their number */
     Py_ssize_t work;         /* size of the part of scratch for work; states of one call follow */
@@ -82,7 +83,9 @@ typedef struct {
     Derivatives *derivatives; /* NULL until they are used */
 } Evaluator;
 
-enum { F_V, F_Q, F_STIFFNESS, F_REST, F_DAMPING, F_LIMIT, F_SPEED, FORCE_NUMBERS }; /* entries of v and q, then numbers */
+/* Law of a row with value y and rate w: constant + stiffness (rest - y) - damping w - limit tanh(w / speed). The
+   difference of values that turn is in (-pi, pi]. */
+enum { F_CONSTANT, F_STIFFNESS, F_REST, F_TURNS, F_DAMPING, F_LIMIT, F_SPEED, FORCE_NUMBERS };
 enum { V_M, V_J, V_NLE, V_C, V_PLACES, V_Q, V_V, V_A, V_TAU_Q, V_TAU_V, VIEWS };
 enum {
     P_MODEL, P_DATA, P_Q, P_V, P_CONVENTION, P_CRBA, P_NLE, P_C, P_NORMALIZED, P_EPS, P_EMPTY, P_INTEGRATE, P_A, P_RNEA,
@@ -127,6 +130,11 @@ static void add(double *restrict out, double factor, const double *restrict x, P
 static void turn(const double *R, const double *x, double *out) /* R x */
 {
     for (int i = 0; i < 3; i++) out[i] = dot(R + 3 * i, x, 3);
+}
+
+static void subtract(const double *a, const double *b, double *out, Py_ssize_t n)
+{
+    for (Py_ssize_t i = 0; i < n; i++) out[i] = a[i] - b[i];
 }
 
 static int all_finite(const double *x, Py_ssize_t n)
@@ -545,10 +553,7 @@ static int assemble(Evaluator *ev, const double *q, const double *P, const doubl
 {
     Py_ssize_t n = ev->n;
     const double *J = P + n * n, *places = J + 6 * n;
-    if (last <= n + ev->k)
-        memcpy(out, ev->constant + first * n, (size_t)((last - first) * n) * sizeof(double));
-    else
-        memset(out, 0, (size_t)((last - first) * n) * sizeof(double));
+    memcpy(out, ev->constant + first * n, (size_t)((last - first) * n) * sizeof(double));
     for (Py_ssize_t i = first; i < last; i++, out += n) {
         const Row *row = ev->rows + i;
         Wrench on[2];
@@ -674,10 +679,10 @@ static int accelerate(const Evaluator *ev, const double *F, const double *S, con
 /* B (n, p) with the columns of inputs on frames; work: n */
 static void input_matrix(Evaluator *ev, const double *q, const double *P, double *B, double *work)
 {
-    Py_ssize_t n = ev->n, p = ev->p, first = n + ev->k;
+    Py_ssize_t n = ev->n, p = ev->p, first = n + ev->k, last = ev->count - ev->forced;
     memcpy(B, ev->B, (size_t)(n * p) * sizeof(double));
-    if (ev->count > first) place(ev, P + n * n + 6 * n);
-    for (Py_ssize_t i = first; i < ev->count; i++) {
+    if (last > first) place(ev, P + n * n + 6 * n);
+    for (Py_ssize_t i = first; i < last; i++) {
         assemble(ev, q, P, NULL, i, i + 1, work);
         for (Py_ssize_t j = 0; j < n; j++) B[j * p + ev->columns[i - first]] = work[j];
     }
@@ -686,9 +691,9 @@ static void input_matrix(Evaluator *ev, const double *q, const double *P, double
 /* force = B T; work: n */
 static void input_force(Evaluator *ev, const double *q, const double *P, const double *T, double *force, double *work)
 {
-    Py_ssize_t n = ev->n, p = ev->p, first = n + ev->k;
+    Py_ssize_t n = ev->n, p = ev->p, first = n + ev->k, last = ev->count - ev->forced;
     for (Py_ssize_t i = 0; i < n; i++) force[i] = dot(ev->B + i * p, T, p);
-    for (Py_ssize_t i = first; i < ev->count; i++) {
+    for (Py_ssize_t i = first; i < last; i++) {
         assemble(ev, q, P, NULL, i, i + 1, work);
         add(force, T[ev->columns[i - first]], work, n);
     }
@@ -773,39 +778,64 @@ static int rates(Evaluator *ev, const double *q, const double *P, const double *
     return 1;
 }
 
+/* Value of a row at q, where the frames are placed; zero if Python evaluates it. */
+static double value(const Evaluator *ev, const Row *row, const double *q)
+{
+    const Motion *a = ev->motion + row->a, *b = ev->motion + row->b;
+    double d[3];
+    switch (row->i[4]) {
+    case JOINT:
+        return q[row->i[3]];
+    case CONTINUOUS_JOINT:
+        return atan2(q[row->i[3] + 1], q[row->i[3]]);
+    case COORDINATE:
+        return a->p[row->i[3]];
+    case HEADING:
+        return atan2(a->R[3 + row->i[0]], a->R[row->i[0]]);
+    case ELEVATION:
+        return atan2(a->R[6 + row->i[0]], hypot(a->R[row->i[0]], a->R[3 + row->i[0]]));
+    case LENGTH:
+        for (int c = 0; c < 3; c++) d[c] = b->p[c] - a->p[c];
+        return sqrt(dot(d, d, 3));
+    }
+    return 0.0;
+}
+
 /* Values of the reducing outputs (r), then of the vertical outputs (k); zero for those that Python evaluates. */
 static void values(Evaluator *ev, const double *q, const double *P, double *x)
 {
     Py_ssize_t n = ev->n;
     place(ev, P + n * n + 6 * n);
-    for (Py_ssize_t i = ev->m; i < n + ev->k; i++, x++) {
-        const Row *row = ev->rows + i;
-        const Motion *a = ev->motion + row->a, *b = ev->motion + row->b;
-        double d[3] = {0.0};
-        switch (row->i[4]) {
-        case JOINT:
-            *x = q[row->i[3]];
-            break;
-        case CONTINUOUS_JOINT:
-            *x = atan2(q[row->i[3] + 1], q[row->i[3]]);
-            break;
-        case COORDINATE:
-            *x = a->p[row->i[3]];
-            break;
-        case HEADING:
-            *x = atan2(a->R[3 + row->i[0]], a->R[row->i[0]]);
-            break;
-        case ELEVATION:
-            *x = atan2(a->R[6 + row->i[0]], hypot(a->R[row->i[0]], a->R[3 + row->i[0]]));
-            break;
-        case LENGTH:
-            for (int c = 0; c < 3; c++) d[c] = b->p[c] - a->p[c];
-            *x = sqrt(dot(d, d, 3));
-            break;
-        default:
-            *x = 0.0;
-        }
+    for (Py_ssize_t i = ev->m; i < n + ev->k; i++) *x++ = value(ev, ev->rows + i, q);
+}
+
+/* Law of force f at q, where the frames are placed, with the rate w of its row; spring: its part with a potential. */
+static double law(const Evaluator *ev, Py_ssize_t f, const double *q, double w, double *spring)
+{
+    const double *of = ev->laws + f * FORCE_NUMBERS;
+    double force = of[F_CONSTANT] - of[F_DAMPING] * w;
+    *spring = 0.0;
+    if (of[F_STIFFNESS] != 0.0) {
+        double apart = of[F_REST] - value(ev, ev->rows + ev->count - ev->forced + f, q), turn = 2 * M_PI;
+        if (of[F_TURNS] != 0.0) apart = (M_PI - apart) / turn, apart = M_PI - turn * (apart - floor(apart));
+        *spring = of[F_STIFFNESS] * apart;
     }
+    if (of[F_LIMIT] != 0.0) force -= of[F_LIMIT] * tanh(w / of[F_SPEED]);
+    return force + *spring;
+}
+
+/* Add the forces that follow from the state, and those of the springs unless NULL. The frames are placed. False if a row
+   is not defined here. */
+static int add_passive(Evaluator *ev, const double *q, const double *P, const double *v, double *force, double *springs)
+{
+    double spring;
+    Py_ssize_t n = ev->n, first = ev->count - ev->forced;
+    for (Py_ssize_t f = 0; f < ev->forced; f++) {
+        if (!assemble(ev, q, P, NULL, first + f, first + f + 1, ev->force_row)) return 0;
+        add(force, law(ev, f, q, dot(ev->force_row, v, n), &spring), ev->force_row, n);
+        if (springs && spring != 0.0) add(springs, spring, ev->force_row, n);
+    }
+    return 1;
 }
 
 /* K: C (n, n), V (r, r), g (n), G (r). Pinocchio's C is current. work: 2 n * r */
@@ -1010,6 +1040,25 @@ static PyObject *row_rates(Evaluator *ev, PyObject *const *args, Py_ssize_t give
     return result(&all, ok);
 }
 
+/* q, P, v, record of the forces that follow from the state (n) and of those of springs (n) */
+static PyObject *passive_forces(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+{
+    Arrays all = {.count = -1};
+    double *q, *P, *v, *out;
+    Py_ssize_t n = ev->n;
+    int ok = -1;
+    if (expect(ev, given, 4) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], kinematics_size(ev), READ, &P)
+        && take(&all, args[2], n, READ, &v) && take(&all, args[3], 2 * n, WRITE, &out)) {
+        ok = 1;
+        memset(out, 0, (size_t)(all.count * 2 * n) * sizeof(double));
+        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, q += ev->nq, P += kinematics_size(ev), v += n, out += 2 * n) {
+            place(ev, P + n * n + 6 * n);
+            ok = add_passive(ev, q, P, v, out, out + n);
+        }
+    }
+    return result(&all, ok);
+}
+
 static PyObject *output_values(Evaluator *ev, PyObject *const *args, Py_ssize_t given) /* q, P, values */
 {
     Arrays all = {.count = -1};
@@ -1145,20 +1194,6 @@ static PyObject *answer(Arrays *all, PyObject *array, int ok)
     Py_RETURN_NONE;
 }
 
-/* Add the forces of springs, dampers and friction of joints; return the power of the springs, which store it. */
-static double add_joint_forces(const Evaluator *ev, const double *q, const double *v, double *force)
-{
-    double stored = 0.0;
-    for (const double *f = ev->joint_forces, *end = f + ev->forced * FORCE_NUMBERS; f < end; f += FORCE_NUMBERS) {
-        Py_ssize_t j = (Py_ssize_t)f[F_V];
-        double spring = f[F_STIFFNESS] != 0.0 ? f[F_STIFFNESS] * (f[F_REST] - q[(Py_ssize_t)f[F_Q]]) : 0.0;
-        stored += spring * v[j];
-        force[j] += spring - f[F_DAMPING] * v[j];
-        if (f[F_LIMIT] != 0.0) force[j] -= f[F_LIMIT] * tanh(v[j] / f[F_SPEED]);
-    }
-    return stored;
-}
-
 /* q, v2, T -> v2_dot of one state or of a stack of states (count, ...); None if the general way has to decide. */
 static PyObject *forward_dynamics(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
@@ -1179,8 +1214,8 @@ static PyObject *forward_dynamics(Evaluator *ev, PyObject *const *args, Py_ssize
         if (ok <= 0) break;
         input_force(ev, q, P, T, force, ev->scratch);
         velocity(ev, F, ev->mu, v2, v);
-        add_joint_forces(ev, q, v, force);
-        if (!biases(ev, q, P, F, v, NULL, S)) ok = -1;
+        if (!add_passive(ev, q, P, v, force, NULL)) ok = 0;
+        if (ok > 0 && !biases(ev, q, P, F, v, NULL, S)) ok = -1;
         if (ok > 0) ok = accelerate(ev, F, S, force, v2_dot, ev->scratch);
     }
     return answer(&all, out, ok);
@@ -1219,7 +1254,10 @@ static int derivative(Evaluator *ev, const double *q, const double *v2, const do
     velocity(ev, F, ev->mu, v2, v);
     if (further) add(force, 1.0, further, n);
     for (Py_ssize_t j = 0; j < n && damping; j++) force[j] -= damping[j] * v[j];
-    double stored = add_joint_forces(ev, q, v, force);
+    double *springs = ev->force_row + n;
+    memset(springs, 0, (size_t)n * sizeof(double));
+    if (!add_passive(ev, q, P, v, force, springs)) return 0;
+    double stored = dot(springs, v, n);
     if (!biases(ev, q, P, F, v, NULL, S)) return -1;
     if (!accelerate(ev, F, S, force, v2_dot, ev->scratch)) return 0;
     for (Py_ssize_t j = 0; j < k; j++) {
@@ -1435,9 +1473,11 @@ static PyObject *terms(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
         velocity(ev, F, NULL, v2, v);
         take_state(ev, q, v);
         if (!called(ev, P_NLE, 1)) ok = -1;
-        memcpy(bias, ev->views[V_NLE].buf, (size_t)n * sizeof(double));
         if (ok > 0 && !called(ev, P_C, 1)) ok = -1;
         if (ok <= 0) break;
+        memset(bias, 0, (size_t)n * sizeof(double));
+        if (!(ok = add_passive(ev, q, P, v, bias, NULL))) break;
+        subtract(ev->views[V_NLE].buf, bias, bias, n);
         if (!rates(ev, q, P, F, v, NULL, NULL, NULL, D, ev->scratch)) ok = 0;
         coriolis(ev, P, F, v, bias, D, K, ev->scratch);
         inertia(ev, P, F, H, ev->scratch);
@@ -1593,7 +1633,7 @@ static int valid(const Evaluator *ev, const Row *row, Py_ssize_t external, int o
 
 static int checked(Evaluator *ev)
 {
-    Py_ssize_t last = ev->start[ev->joints];
+    Py_ssize_t last = ev->start[ev->joints], forces = ev->count - ev->forced;
     for (Py_ssize_t j = 0; j < ev->joints; j++)
         if (ev->start[j] < 0 || ev->start[j] > ev->start[j + 1] || ev->start[j + 1] > last) return 0;
     for (Py_ssize_t s = 0; s < last; s++)
@@ -1602,8 +1642,11 @@ static int checked(Evaluator *ev)
         if (!within(ev->frame[f].joint, ev->joints)) return 0;
     for (Py_ssize_t i = 0; i < ev->count; i++) {
         Py_ssize_t external = i < ev->n ? ev->external : i < ev->n + ev->k ? ev->external_vertical : 0;
-        if (!valid(ev, ev->rows + i, external, i >= ev->m && i < ev->n + ev->k)) return 0;
-        if (i >= ev->n + ev->k && (ev->rows[i].kind != OWN || !within(ev->columns[i - ev->n - ev->k], ev->p))) return 0;
+        if (!valid(ev, ev->rows + i, external, i >= ev->m && (i < ev->n + ev->k || i >= forces))) return 0;
+        if (i >= ev->n + ev->k && i < forces
+            && (ev->rows[i].kind != OWN || !within(ev->columns[i - ev->n - ev->k], ev->p)))
+            return 0;
+        if (i >= forces && (ev->rows[i].kind > POINT || ev->rows[i].kind == EXTERNAL)) return 0;
         if (ev->rows[i].kind == MOMENTUM) ev->rates_need_C = 1;
     }
     return 1;
@@ -1676,7 +1719,7 @@ static int initialize(PyObject *self, PyObject *args, PyObject *keywords)
     Py_ssize_t n = ev->n, sizes[] = {ev->nq, n, ev->m, ev->k, ev->p, ev->joints, ev->frames, ev->count, supported, ev->forced};
     for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++)
         if (!within((long)sizes[i], 1 << 15)) return PyErr_SetString(PyExc_ValueError, "kernel: size out of range"), -1; /* products do not overflow */
-    if (n < 1 || ev->m > n || ev->joints < 1 || ev->count < n + ev->k || PyTuple_Size(refs) != REFS
+    if (n < 1 || ev->m > n || ev->joints < 1 || ev->count < n + ev->k + ev->forced || PyTuple_Size(refs) != REFS
         || PyTuple_Size(views) != VIEWS)
         return PyErr_SetString(PyExc_ValueError, "kernel: sizes do not fit together"), -1;
     ev->r = n - ev->m;
@@ -1684,15 +1727,15 @@ static int initialize(PyObject *self, PyObject *args, PyObject *keywords)
     ev->refs = refs;
     if (opened(ev, views) && (table = copied(integers, ev->count * INTEGERS, sizeof(long)))
         && (weights = copied(numbers, ev->count * NUMBERS, sizeof(double)))
-        && (ev->columns = copied(columns, ev->count - n - ev->k, sizeof(long)))
+        && (ev->columns = copied(columns, ev->count - n - ev->k - ev->forced, sizeof(long)))
         && (on = copied(joints, ev->frames, sizeof(long))) && (placed = copied(placements, ev->frames * 12, sizeof(double)))
         && (ev->start = copied(start, ev->joints + 1, sizeof(long)))
         && (ev->support = copied(support, supported, sizeof(long)))
-        && (ev->constant = copied(constant, (n + ev->k) * n, sizeof(double)))
+        && (ev->constant = copied(constant, ev->count * n, sizeof(double)))
         && (ev->B = copied(B, n * ev->p, sizeof(double)))
         && (mu == Py_None || (ev->mu = copied(mu, ev->m, sizeof(double))))
         && (ev->lengths = copied(lengths, n, sizeof(double)))
-        && (ev->joint_forces = copied(forces, ev->forced * FORCE_NUMBERS, sizeof(double))) && bent(ev, curved)) {
+        && (ev->laws = copied(forces, ev->forced * FORCE_NUMBERS, sizeof(double))) && bent(ev, curved)) {
         Py_ssize_t wide = n > ev->k ? n : ev->k, work = 2 * n * n + 6 * n + wide * n;
         Py_ssize_t states = kinematics_size(ev) + 2 * n * n + n + dynamics_size(ev) + n;
         ev->work = work;
@@ -1700,8 +1743,9 @@ static int initialize(PyObject *self, PyObject *args, PyObject *keywords)
         ev->owner = calloc((size_t)n, sizeof(long));
         ev->frame = calloc((size_t)ev->frames + 1, sizeof(Frame));
         ev->motion = calloc((size_t)ev->frames + 1, sizeof(Motion));
-        ev->scratch = calloc((size_t)(work + states + stages_size(ev)), sizeof(double));
+        ev->scratch = calloc((size_t)(work + states + stages_size(ev) + 2 * n), sizeof(double));
         ev->stages = ev->scratch ? ev->scratch + work + states : NULL;
+        ev->force_row = ev->scratch ? ev->stages + stages_size(ev) : NULL;
         if (!ev->rows || !ev->owner || !ev->frame || !ev->motion || !ev->scratch) PyErr_NoMemory();
         else {
             for (Py_ssize_t i = 0; i < ev->count; i++) {
@@ -1717,8 +1761,6 @@ static int initialize(PyObject *self, PyObject *args, PyObject *keywords)
                 memcpy(ev->frame[f].p, placed + 12 * f + 9, sizeof ev->frame->p);
             }
             ok = checked(ev) && ev->start[0] == 0 && ev->start[ev->joints] == supported;
-            for (const double *f = ev->joint_forces; f < ev->joint_forces + ev->forced * FORCE_NUMBERS; f += FORCE_NUMBERS)
-                ok = ok && within((long)f[F_V], n) && within((long)f[F_Q], ev->nq);
             if (ok) find_owners(ev);
             else PyErr_SetString(PyExc_ValueError, "kernel: a row refers to something that does not exist");
         }
@@ -1735,7 +1777,7 @@ static void destroy(PyObject *self)
     while (ev->open) PyBuffer_Release(ev->views + --ev->open);
     free(ev->rows), free(ev->columns), free(ev->frame), free(ev->support), free(ev->start), free(ev->constant);
     free(ev->owner), free(ev->B), free(ev->mu), free(ev->lengths), free(ev->motion), free(ev->scratch), free(ev->curved);
-    free(ev->joint_forces);
+    free(ev->laws);
     release_derivatives(ev);
     Py_CLEAR(ev->refs);
     PyObject_Free(self);
@@ -1752,6 +1794,7 @@ static PyMethodDef methods[] = {
     {"allocate", (PyCFunction)(void (*)(void))allocation, METH_FASTCALL, NULL},
     {"set_numbers", (PyCFunction)(void (*)(void))set_numbers, METH_FASTCALL, NULL},
     {"vertical", (PyCFunction)(void (*)(void))vertical_rows, METH_FASTCALL, NULL},
+    {"passive_forces", (PyCFunction)(void (*)(void))passive_forces, METH_FASTCALL, NULL},
     {"values", (PyCFunction)(void (*)(void))output_values, METH_FASTCALL, NULL},
     {"rates", (PyCFunction)(void (*)(void))row_rates, METH_FASTCALL, NULL},
     {"forward_dynamics", (PyCFunction)(void (*)(void))forward_dynamics, METH_FASTCALL, NULL},

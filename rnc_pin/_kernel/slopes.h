@@ -8,11 +8,6 @@ typedef struct {
 
 enum { CHANGE = sizeof(Change) / sizeof(double), UP_TO_VELOCITY = 12, FROM_VELOCITY = 6 };
 
-static void subtract(const double *a, const double *b, double *out, int size)
-{
-    for (int i = 0; i < size; i++) out[i] = a[i] - b[i];
-}
-
 /* Slopes of a row and of its acceleration, with respect to the motion of its first and second frame. */
 typedef struct {
     Change velocity[2], acceleration[2];

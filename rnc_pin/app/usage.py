@@ -5,6 +5,7 @@ Help and shell completion need only this module, so it imports little besides Cl
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
@@ -54,10 +55,13 @@ def _command(name: str) -> Callable[..., Given]:
 
 def _print_version(context: click.Context, parameter: click.Parameter, asked: bool) -> None:
     if asked and not context.resilient_parsing:
-        from rnc_pin._kernel import kernel
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the line says it
+            from rnc_pin._kernel import kernel, outdated
         from rnc_pin.version import __version__
 
-        click.echo(f"rnc-pin, version {__version__}, kernel {kernel}")
+        why = f" ({outdated})" if outdated else ""
+        click.echo(f"rnc-pin, version {__version__}, kernel {kernel}{why}")
         context.exit()
 
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rnc_pin.forces.output_force_law import Numeric, OutputForceLaw
+from rnc_pin.forces.output_force_law import OutputForceLaw
+from rnc_pin.model.kernel_rows import KernelForce
 from rnc_pin.model.parameter_types import Numbers
 from rnc_pin.model.passive_forces import PassiveForce, admit_coefficients
 from rnc_pin.model.rows import OutputKind
@@ -50,5 +51,5 @@ class _Damper(OutputForceLaw):
     def slopes(self, y: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         return np.zeros((len(y), len(y))), -np.diag(self._damping), 0.0
 
-    def joint_numbers(self) -> tuple[Numeric, Numeric, Numeric, Numeric, Numeric]:
-        return 0.0, 0.0, self._damping, 0.0, 1.0
+    def kernel_laws(self) -> list[KernelForce]:
+        return [KernelForce(damping=each) for each in self._damping.tolist()]

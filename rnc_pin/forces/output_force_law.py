@@ -7,13 +7,11 @@ from abc import abstractmethod
 import numpy as np
 
 from rnc_pin.math.linear_algebra import apply, apply_transposed
-from rnc_pin.model.kernel_rows import Value
+from rnc_pin.model.kernel_rows import FORMS_OF_FORCES, KernelForce, KernelRow, Value
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.passive_forces import ForceGradient, PassiveForce
 from rnc_pin.model.rows import ConstantRows, OutputKind
 from rnc_pin.robots.robot import Robot
-
-Numeric = float | np.ndarray
 
 
 class OutputForceLaw(PassiveForce):
@@ -52,17 +50,18 @@ class OutputForceLaw(PassiveForce):
         turned = np.einsum("jka,k->aj", J_q, self.law(y, rate))
         return ForceGradient(turned + J.T @ moved, J.T @ by_rate @ J, error * float(np.square(J).sum()))
 
-    def joint_form(self) -> np.ndarray | None:
-        numbers, rows = self.joint_numbers(), self.rows.kernel_rows(self._model)
-        if numbers is None or not isinstance(self.rows, ConstantRows) or rows is None:
+    def kernel_forces(self) -> list[tuple[KernelRow, KernelForce]] | None:
+        laws, rows = self.kernel_laws(), self.rows.kernel_rows(self._model)
+        if laws is None or rows is None or any(row.form not in FORMS_OF_FORCES for row in rows):
             return None
-        if any(row.value[0] != Value.JOINT for row in rows):  # the angle of a continuous joint has turns
+        if any(law.stiffness and row.value[0] == Value.NONE for law, row in zip(laws, rows, strict=True)):
             return None
-        places = [[int(np.argmax(line)), row.value[1]] for line, row in zip(self.rows.matrix, rows, strict=True)]
-        return np.column_stack([places, *np.broadcast_arrays(*numbers, np.zeros(len(places)))[:-1]])
+        if isinstance(self.rows, ConstantRows):
+            rows = [row._replace(constant=line) for row, line in zip(rows, self.rows.matrix, strict=True)]
+        return list(zip(rows, laws, strict=True))
 
-    def joint_numbers(self) -> tuple[Numeric, Numeric, Numeric, Numeric, Numeric] | None:
-        """Stiffness, rest, damping, limit of friction and its speed, for a law with these numbers; None for others."""
+    def kernel_laws(self) -> list[KernelForce] | None:
+        """Law of each row, (k,); None for other laws."""
         return None
 
     def energy(self, y: np.ndarray) -> np.ndarray:

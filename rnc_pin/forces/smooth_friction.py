@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin.errors import InputError
-from rnc_pin.forces.output_force_law import Numeric, OutputForceLaw
+from rnc_pin.forces.output_force_law import OutputForceLaw
+from rnc_pin.model.kernel_rows import KernelForce
 from rnc_pin.model.parameter_types import Numbers, Positive
 from rnc_pin.model.passive_forces import PassiveForce, admit_coefficients
 from rnc_pin.model.rows import OutputKind
@@ -57,5 +58,5 @@ class _SmoothFriction(OutputForceLaw):
         slope = -self._limit / self._speed * (1.0 - np.square(np.tanh(rate / self._speed)))
         return np.zeros((len(y), len(y))), np.diag(slope), 0.0
 
-    def joint_numbers(self) -> tuple[Numeric, Numeric, Numeric, Numeric, Numeric]:
-        return 0.0, 0.0, 0.0, self._limit, self._speed
+    def kernel_laws(self) -> list[KernelForce]:
+        return [KernelForce(limit=each, speed=self._speed) for each in self._limit.tolist()]

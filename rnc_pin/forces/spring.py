@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin.errors import ConstraintError
-from rnc_pin.forces.output_force_law import Numeric, OutputForceLaw
+from rnc_pin.forces.output_force_law import OutputForceLaw
 from rnc_pin.math.coordinates import Coordinates
+from rnc_pin.model.kernel_rows import KernelForce
 from rnc_pin.model.parameter_types import Numbers
 from rnc_pin.model.passive_forces import PassiveForce, admit_coefficients
 from rnc_pin.model.rows import OutputKind
@@ -65,8 +66,9 @@ class _Spring(OutputForceLaw):
     def slopes(self, y: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         return -np.diag(self._stiffness), np.zeros((len(y), len(y))), 0.0
 
-    def joint_numbers(self) -> tuple[Numeric, Numeric, Numeric, Numeric, Numeric]:
-        return self._stiffness, self._rest, 0.0, 0.0, 1.0
+    def kernel_laws(self) -> list[KernelForce]:
+        numbers = zip(self._stiffness.tolist(), self._rest.tolist(), self._coordinates.kinds.tolist(), strict=True)
+        return [KernelForce(stiffness=stiffness, rest=rest, turns=turns) for stiffness, rest, turns in numbers]
 
     def energy(self, y: np.ndarray) -> np.ndarray:
         return 0.5 * (self._stiffness * np.square(self._coordinates.difference(self._rest, y))).sum(axis=-1)

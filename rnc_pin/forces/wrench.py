@@ -9,6 +9,7 @@ import numpy as np
 
 from rnc_pin.errors import InputError
 from rnc_pin.math.linear_algebra import apply_transposed
+from rnc_pin.model.kernel_rows import Form, KernelForce, KernelRow, attached
 from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES, VelocityKinematics
 from rnc_pin.model.parameter_types import Vector
 from rnc_pin.model.passive_forces import ForceGradient, PassiveForce
@@ -53,13 +54,18 @@ class _Wrench(PassiveForce):
             raise InputError(f"{self.name}: expected three finite components of force and of torque")
         if kind.axes not in ("world", "own"):
             raise InputError(f"{self.name}: axes '{kind.axes}': expected 'world' or 'own'")
-        self._axes = OWN_AXES if kind.axes == "own" else WORLD_AXES
+        self._model, self._axes = robot.model, OWN_AXES if kind.axes == "own" else WORLD_AXES
         self._wrench = np.concatenate(parts)
 
     def force(self, at: VelocityKinematics) -> np.ndarray:
         return apply_transposed(
             at.jacobian(self._frame, self._axes), np.broadcast_to(self._wrench, (*at.v.shape[:-1], 6))
         )
+
+    def kernel_forces(self) -> list[tuple[KernelRow, KernelForce]]:
+        form = Form.OWN if self._axes == OWN_AXES else Form.WORLD
+        row = KernelRow(form, (attached(self._model, self._frame),), (), self._wrench.tolist())
+        return [(row, KernelForce(constant=1.0))]
 
     def gradient(self, at: VelocityKinematics, along: VelocityKinematics) -> ForceGradient:
         turned = np.einsum("jka,k->aj", along.jacobian_dot(self._frame, self._axes), self._wrench)

@@ -49,10 +49,9 @@ class CompiledReduction:
         self.python_rows = bool(table.external or table.external_vertical)
         """True if Python evaluates rows of E or of J1."""
         parts = data.actuation.parts
-        self.has_inputs = parts is not None
+        self.has_inputs, self.fused = parts is not None, table.fused
         mu = np.array(table.rates) if data.affine else None
-        fused = self.has_inputs and not table.external
-        self._evaluator = kernel_evaluator(data, table, mu, data.forces.joint_form() if fused else None)
+        self._evaluator = kernel_evaluator(data, table, mu)
         self.forward_dynamics: Callable[[object, object, object], Array | None] = self._evaluator.forward_dynamics
         """Reduced accelerations for q, v2 and T; None if the arrays or the state need the other path."""
         n, r, k, p = data.n, data.r, data.vertical.size, data.p
@@ -173,7 +172,7 @@ class CompiledReduction:
 
         None if the arrays or the states need the other path.
         """
-        numbers = None if self._data.forces else self._evaluator.state_derivatives(q, v2, T)
+        numbers = self._evaluator.state_derivatives(q, v2, T)
         if numbers is None:
             return None
         numbers.setflags(write=False)
@@ -182,7 +181,7 @@ class CompiledReduction:
 
     def terms(self, q: object, v2: object) -> ReducedTerms | None:
         """All matrices at states (q, v2), as read-only views; None if the arrays or the states need the other path."""
-        numbers = None if self._data.forces else self._evaluator.terms(q, v2)
+        numbers = self._evaluator.terms(q, v2)
         if numbers is None:
             return None
         numbers.setflags(write=False)
@@ -341,6 +340,17 @@ class CompiledState:
         v2_dot = np.empty((*at.batch, at.reduction._data.r))
         force = np.ascontiguousarray(force)
         return v2_dot if self._evaluator.accelerate(at.inverse, self.biases, force, v2_dot) else None
+
+    @cached_property
+    def passive(self) -> tuple[Array, Array] | None:
+        """Forces that follow from the state, and those of springs (..., nv); None if Python evaluates them."""
+        if not self.at.reduction.fused:
+            return None
+        found = np.empty((*self._v.shape[:-1], 2, self._v.shape[-1]))
+        if not self._evaluator.passive_forces(self.at.q, self.at.kinematics, self._v, found):
+            return None
+        found.setflags(write=False)
+        return found[..., 0, :], found[..., 1, :]
 
     @cached_property
     def row_velocities(self) -> Array:

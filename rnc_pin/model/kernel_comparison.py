@@ -53,7 +53,7 @@ def _difference(found: CompiledReduction, data: ReductionData) -> float | None:
         q, v = data.robot.random_configuration(generator), generator.uniform(-1.0, 1.0, data.n)
         rates = kinematics.position(q).with_velocity(v)
         with suppress(SingularityError, NotImplementedError):  # a row is undefined at q, or has no rate
-            expected, computed = _by_numpy(data, rates), _by_kernel(found, rates)
+            expected, computed = _by_numpy(data, rates), _by_kernel(found, data, rates)
             if computed is not None:
                 return max(_relative(computed[name], value) for name, value in expected.items())
     return None
@@ -61,6 +61,7 @@ def _difference(found: CompiledReduction, data: ReductionData) -> float | None:
 
 def _by_numpy(data: ReductionData, at: VelocityKinematics) -> dict[str, Array]:
     return {
+        "passive": data.forces.sums(at).total,
         "M": at.M,
         "E": data.stack.jacobian(at),
         "bias": at.bias,
@@ -71,7 +72,7 @@ def _by_numpy(data: ReductionData, at: VelocityKinematics) -> dict[str, Array]:
     }
 
 
-def _by_kernel(found: CompiledReduction, at: VelocityKinematics) -> dict[str, Array] | None:
+def _by_kernel(found: CompiledReduction, data: ReductionData, at: VelocityKinematics) -> dict[str, Array] | None:
     configuration = found.configuration(at.q, at)
     if configuration is None:
         return None
@@ -79,7 +80,9 @@ def _by_kernel(found: CompiledReduction, at: VelocityKinematics) -> dict[str, Ar
     if state.rates is None:
         return None
     records = configuration.kinematics, configuration.inverse, state.biases, state.rates
-    return {name: each[name] for each in records for name in each.dtype.names or ()}
+    passive = np.zeros(at.v.shape) if state.passive is None else state.passive[0]
+    named = {name: each[name] for each in records for name in each.dtype.names or ()}
+    return {**named, "passive": passive if found.fused else data.forces.sums(at).total}
 
 
 def _relative(found: Array, expected: Array) -> float:

@@ -47,6 +47,10 @@ class Form(IntEnum):
     Numbers: track over wheelbase, sign of the left joint, of the right joint."""
 
 
+FORMS_OF_FORCES = frozenset({Form.CONSTANT, *(form for form in Form if Form.WORLD <= form <= Form.POINT)})
+"""Formulas of rows along which a force may act."""
+
+
 class Value(IntEnum):
     """Formula of an output's value; the numbers are those of ``kernel.c``."""
 
@@ -64,6 +68,22 @@ class Value(IntEnum):
     """Tilt of the axis of a row ``Form.TILT``."""
     LENGTH = 6
     """Distance of a row ``Form.DISTANCE``."""
+
+
+class KernelForce(NamedTuple):
+    """Force that follows from the value y and the rate w of a row.
+
+    ``constant + stiffness (rest - y) - damping w - limit tanh(w / speed)``. The order is that of ``kernel.c``.
+    """
+
+    constant: float = 0.0
+    stiffness: float = 0.0
+    rest: float = 0.0
+    turns: float = 0.0
+    """1.0 if values are angles, which are compared modulo a full turn."""
+    damping: float = 0.0
+    limit: float = 0.0
+    speed: float = 1.0
 
 
 class AttachedFrame(NamedTuple):
@@ -85,6 +105,8 @@ class KernelRow(NamedTuple):
     """Joint of a momentum row."""
     value: tuple[Value, int] = (Value.NONE, 0)
     """Value of an output, with its parameter."""
+    constant: np.ndarray | None = None
+    """Jacobian (nv,) of a constant row that is in no stack of rows, such as that of a force."""
 
 
 def attached(model: pin.Model, frame: int, offset: pin.SE3 | None = None) -> AttachedFrame:

@@ -14,6 +14,7 @@ from rnc_pin.model.kernel_rows import (
     NUMBERS,
     AttachedFrame,
     Form,
+    KernelForce,
     KernelRow,
     Value,
     attached,
@@ -30,11 +31,14 @@ _CURVED = {"JointModelPlanar": 0, "JointModelSpherical": 1, "JointModelFreeFlyer
 
 
 class RowTable:
-    """Rows of E, of J1 and of inputs on frames, as arrays.
+    """Rows of E, of J1, of inputs on frames and of forces, as arrays.
 
     Attributes:
         external, external_vertical: blocks of E and of J1 that Python evaluates.
         rates: right-hand sides mu of the constraint rows (m,).
+        fused: True if the kernel knows all rows of E, all inputs and all forces.
+        laws: numbers of the forces that follow from the state, whose rows come last (forces, 7).
+        constant: constant rows (rows, nv); zero for the others.
         integers, numbers: (rows, 8) and (rows, 12); ``frames``: the frames of all rows.
     """
 
@@ -46,7 +50,15 @@ class RowTable:
         inputs = [] if parts is None else parts[1]
         self.columns = np.array([column for column, _, _ in inputs], dtype=np.int64)
         forces = [KernelRow(Form.OWN, (attached(self._model, frame),), (), np.eye(6)[row]) for _, frame, row in inputs]
-        rows = [*stacked, *vertical, *forces]
+        passive = data.forces.kernel_forces()
+        self.fused = parts is not None and not self.external and passive is not None
+        laws = passive if self.fused and passive is not None else []
+        rows = [*stacked, *vertical, *forces, *(row for row, _ in laws)]
+        self.laws = np.array([law for _, law in laws], dtype=float).reshape(-1, len(KernelForce._fields))
+        constant = [row.constant for row in rows[data.n + data.vertical.size :]]
+        zero = np.zeros(data.n)
+        others = [zero if row is None else row for row in constant]
+        self.constant = np.vstack([data.template, data.vertical.template(data.n), *others])
         self.rates = [row.rate for row in stacked[: data.m]]
         self._constraints = data.constraints
         self.frames: list[AttachedFrame] = []
@@ -100,14 +112,13 @@ def blocks_valued_by_python(stack: OutputStack, model: pin.Model) -> list[tuple[
     return found
 
 
-def kernel_evaluator(data: ReductionData, table: RowTable, mu: Array | None, joint_forces: Array | None) -> Any:
+def kernel_evaluator(data: ReductionData, table: RowTable, mu: Array | None) -> Any:
     """The kernel's object, with Pinocchio data of its own.
 
     Args:
         data: the reduction.
         table: its rows.
         mu: right-hand side of the constraints (m,); None for zero.
-        joint_forces: forces of joints, see ``PassiveForce.joint_form``; None if Python evaluates a part of each state.
     """
     robot, model = data.robot, data.robot.model
     pinocchio = model.createData()
@@ -147,10 +158,9 @@ def kernel_evaluator(data: ReductionData, table: RowTable, mu: Array | None, joi
         for places in (table.external, table.external_vertical)
     ]
     sizes = (robot.nq, n, data.m, k, data.p, joints, len(table.frames), *external, len(table.integers))
-    forces = np.ascontiguousarray(np.zeros((0, 7)) if joint_forces is None else joint_forces, dtype=float)
     placements = np.array([placement_numbers(frame.placement) for frame in table.frames])
     return _kernel.library.Evaluator(
-        (*sizes, sum(map(len, moved)), robot.nq != robot.nv, joint_forces is not None, len(forces)),
+        (*sizes, sum(map(len, moved)), robot.nq != robot.nv, table.fused, len(table.laws)),
         references,
         views,
         table.integers,
@@ -160,12 +170,12 @@ def kernel_evaluator(data: ReductionData, table: RowTable, mu: Array | None, joi
         placements,
         np.cumsum([0, *map(len, moved)], dtype=np.int64),
         np.array([entry for entries in moved for entry in entries], np.int64),
-        np.ascontiguousarray(np.vstack([data.template, data.vertical.template(n)])),
+        np.ascontiguousarray(table.constant),
         np.ascontiguousarray(constant),
         mu,
         np.ascontiguousarray(data.lengths),
         _curved_joints(model),
-        forces,
+        table.laws,
         data.fast_length,
         data.fast_limit,
     )

@@ -14,6 +14,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from rnc_pin.errors import ConstraintError, InputError
+from rnc_pin.model.kernel_rows import KernelForce, KernelRow
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.robots.robot import Robot
 
@@ -35,10 +36,6 @@ class ForceSums(NamedTuple):
     total: np.ndarray
     without_potential: np.ndarray
     """Sum of the forces that are not conservative."""
-
-
-JOINT_FORM = ("entry of v", "entry of q", "stiffness", "rest", "damping", "limit of friction", "its speed")
-"""Numbers of a force on a joint: ``stiffness (rest - q) - damping v - limit tanh(v / speed)``."""
 
 
 class PassiveForce(ABC):
@@ -70,10 +67,8 @@ class PassiveForce(ABC):
         """Potential energy (...) [J]; zero if not ``conservative``."""
         return np.zeros(at.q.shape[:-1])
 
-    def joint_form(self) -> np.ndarray | None:
-        """Numbers (k, 7) for the compiled kernel if the force acts on single joints, ``JOINT_FORM``; None if Python
-        evaluates it.
-        """
+    def kernel_forces(self) -> list[tuple[KernelRow, KernelForce]] | None:
+        """Rows along which the force acts, with their laws, for the compiled kernel; None if Python evaluates it."""
         return None
 
 
@@ -122,11 +117,11 @@ class PassiveForces:
                 without_potential += force
         return ForceSums(total, without_potential)
 
-    def joint_form(self) -> np.ndarray | None:
-        """Numbers (k, 7) of all forces for the compiled kernel; None if Python evaluates one of them."""
-        found = [each.joint_form() for each in self._forces]
-        forms = [each for each in found if each is not None]
-        return np.concatenate([np.zeros((0, len(JOINT_FORM))), *forms]) if len(forms) == len(found) else None
+    def kernel_forces(self) -> list[tuple[KernelRow, KernelForce]] | None:
+        """Rows and laws of all forces for the compiled kernel; None if Python evaluates one of them."""
+        found = [each.kernel_forces() for each in self._forces]
+        known = [each for each in found if each is not None]
+        return [pair for pairs in known for pair in pairs] if len(known) == len(found) else None
 
     def potential(self, at: PositionKinematics) -> np.ndarray:
         """Potential energy of all conservative forces (...) [J]."""

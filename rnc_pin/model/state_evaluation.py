@@ -110,6 +110,9 @@ class StateEvaluation(ReducedKinematics):
 
     @cached_property
     def _passive(self) -> ForceSums:
+        found = None if self.compiled_motion is None else self.compiled_motion.passive
+        if found is not None:
+            return ForceSums(found[0], found[0] - found[1])
         return self._data.forces.sums(self.motion)
 
     @cached_property

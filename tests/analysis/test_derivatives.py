@@ -22,6 +22,7 @@ from systems import (
     random_states,
     sleigh,
     spinning_space_robot,
+    sprung_arm,
     tiago,
 )
 from textbook_systems import rail_sliders
@@ -275,6 +276,22 @@ def test_derivatives_of_whole_robots_are_those_of_differences(make):
     for q, v2 in random_states(reduced, 2, seed=8):
         T = np.linspace(-1.0, 2.0, reduced.p)
         check_differences(reduced, state_derivatives(reduced, q, v2, T), q, v2, T, 1e-8)
+
+
+def test_forces_of_every_kind_are_in_closed_form():
+    """The compiled kernel, NumPy, and differences of the dynamics. Friction is not quadratic in v2."""
+    reduced = sprung_arm()
+    q, v2 = random_states(reduced, 1)[0]
+    T = np.linspace(-1.0, 1.0, reduced.p)
+    found, expected = both_ways(reduced, q, v2, T)
+    for name in BLOCKS:
+        near(getattr(found, name), getattr(expected, name), BOTH_WAYS, name)
+    assert found.difference_error == 0.0
+    by_q = gradient(reduced.robot.model, lambda p: reduced.forward_dynamics(p, v2, T), q, 1e-3)
+    near(found.v2_dot_q, by_q, 1e-7, "v2_dot_q")
+    steps = 1e-4 * np.eye(reduced.r)
+    by_v2 = [reduced.forward_dynamics(q, v2 + h, T) - reduced.forward_dynamics(q, v2 - h, T) for h in steps]
+    near(found.v2_dot_v2, np.transpose(by_v2) / 2e-4, 1e-7, "v2_dot_v2")
 
 
 def test_forces_conjugate_to_outputs_are_in_closed_form():

@@ -96,50 +96,19 @@ def test_blocks_of_states_are_the_single_states(arm):
     np.testing.assert_allclose(arm.energy(q, v2), [arm.energy(*each) for each in states], rtol=1e-13)
 
 
-JOINT_FORCES = [
-    Spring(rnc.JointPosition("joint_1"), 40.0, 0.3),
-    Damper(rnc.JointPosition("joint_2"), 0.7),
-    SmoothFriction(rnc.JointPosition("joint_1"), 2.0, 0.4),
-]
-
-
-def test_forces_of_joints_are_in_calls_for_whole_states():
-    """The compiled kernel has them in forward dynamics and in the plant; the evaluation of a state takes Python's."""
-    arm = of_arm(JOINT_FORCES)
-    form = arm.reduction_data.forces.joint_form()
-    joints = [arm.robot.model.joints[arm.robot.joint_id(name)] for name in ("joint_1", "joint_2", "joint_1")]
-    assert form[:, :2].tolist() == [[joint.idx_v, joint.idx_q] for joint in joints]
-    assert form[:, 2:].tolist() == [[40.0, 0.3, 0.0, 0.0, 1.0], [0.0, 0.0, 0.7, 0.0, 1.0], [0.0, 0.0, 0.0, 2.0, 0.4]]
-    q, v2 = (np.stack(each) for each in zip(*random_states(arm, 5), strict=True))
-    T = np.linspace(-1.0, 1.0, 5 * arm.p).reshape(5, -1)
-    state = arm.at(q, v2)
-    np.testing.assert_allclose(arm.forward_dynamics(q, v2, T), state.v2_dot(T), rtol=1e-10)
-    for k in range(5):
-        np.testing.assert_allclose(
-            arm.forward_dynamics(q[k], v2[k], T[k]), arm.at(q[k], v2[k]).v2_dot(T[k]), rtol=1e-10
-        )
-        lagrangian = arm.lagrangian_terms(q[k], v2[k])
-        alone = of_arm([]).lagrangian_terms(q[k], v2[k])
-        np.testing.assert_allclose(alone.g - lagrangian.g, arm.at(q[k], v2[k]).passive_force, atol=1e-9)
-    run = rnc.free_motion(arm, q[0], v2[0], 0.5, 0.1)
+def test_work_of_forces_in_the_plant_is_that_of_dampers_and_friction_alone():
+    """Springs store what they take."""
+    arm = of_arm(FORCES[:5])
+    q, v2 = random_states(arm, 1)[0]
+    run = rnc.free_motion(arm, q, v2, 0.5, 0.1)
     assert np.ptp(run.energy - run.work) < 1e-9 * run.energy.max()
-    assert run.work[-1] < -0.01  # of damper and friction; the spring stores what it takes
-    if rnc.kernel == "c":
-        compiled = arm.reduction_data.compiled
-        found = compiled.state_derivative(q[0].copy(), v2[0].copy(), T[0].copy(), None, None)
-        power = arm.at(q[0], v2[0]).flow(T[0]).power
-        assert found[1][-1] == pytest.approx(power, rel=1e-10)
-        assert compiled.terms(q[0], v2[0]) is None
+    assert run.work[-1] < -0.01
 
 
-@pytest.mark.parametrize("force", [Spring(HAND, 5.0), Spring(rnc.JointPosition("turn"), 2.0), FORCES[-1]])
-def test_other_forces_have_no_joint_form(force):
-    """Frames, functions, and continuous joints, whose angle has turns."""
-    model = pin.Model()
-    turn = model.addJoint(0, pin.JointModelRUBZ(), pin.SE3.Identity(), "turn")
-    model.appendBodyToJoint(turn, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
-    model.addFrame(pin.Frame("tip", turn, 0, pin.SE3(np.eye(3), np.ones(3)), pin.FrameType.OP_FRAME))
-    assert force.bind(rnc.Robot(model)).joint_form() is None
+@pytest.mark.parametrize("force", FORCES[-2:])
+def test_forces_of_a_user_stay_in_python(force):
+    assert of_arm([]).reduction_data.forces.kernel_forces() == []
+    assert of_arm([FORCES[0], force]).reduction_data.forces.kernel_forces() is None
 
 
 def test_derivatives_are_those_of_differences(arm):

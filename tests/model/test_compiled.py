@@ -1,5 +1,6 @@
 """The compiled kernel and NumPy evaluate the same quantities, for all kinds of rows and for random systems."""
 
+import os
 import subprocess
 import sys
 from copy import copy, deepcopy
@@ -29,6 +30,7 @@ from systems import (
     mobile_manipulator,
     random_states,
     spinning_space_robot,
+    sprung_arm,
     tiago,
     tumbling_panda,
 )
@@ -38,7 +40,22 @@ needs_library = pytest.mark.skipif(
 )
 
 CONFIGURATION = ("M", "B", "E", "E_inverse", "R", "H", "J1", "A_star", "input_matrix", "b")
-STATE = ("v", "v1", "v2", "gamma", "residual", "bias", "E_dot", "R_dot", "J1_dot", "A_star_dot", "V", "G", "b_dot")
+STATE = (
+    "v",
+    "v1",
+    "v2",
+    "gamma",
+    "residual",
+    "bias",
+    "E_dot",
+    "R_dot",
+    "J1_dot",
+    "A_star_dot",
+    "V",
+    "G",
+    "b_dot",
+    "passive_force",
+)
 
 
 def outputs_of_all_kinds():
@@ -101,6 +118,7 @@ SYSTEMS = (
     mobile_manipulator,
     outputs_of_all_kinds,
     spinning_space_robot,
+    sprung_arm,
     tiago,
     tumbling_panda,
 )
@@ -197,7 +215,7 @@ def test_random_systems_agree(recipe):
 
 
 @needs_library
-@pytest.mark.parametrize("make", [mobile_manipulator, tiago, spinning_space_robot, tumbling_panda])
+@pytest.mark.parametrize("make", [mobile_manipulator, sprung_arm, tiago, spinning_space_robot, tumbling_panda])
 def test_integration_agrees(make):
     """Steps of the kernel are those of ``LieRungeKutta4``."""
     compare_steps(make(), h=0.002, steps=3)
@@ -237,7 +255,7 @@ def test_a_step_that_is_too_long_is_left_to_python():
 @needs_library
 def test_an_integrator_needs_no_evaluation():
     """The fused state derivative serves all built-in rows, moving constraints included; rows of the user decline."""
-    for make in (mobile_manipulator, tiago, spinning_space_robot, drifting_manipulator):
+    for make in (mobile_manipulator, sprung_arm, tiago, spinning_space_robot, drifting_manipulator):
         reduced = make()
         ((q, v2),) = random_states(reduced, 1)
         assert reduced.reduction_data.compiled.state_derivative(q, v2, np.ones(reduced.p), None, None) is not None
@@ -354,7 +372,7 @@ def test_the_kernel_refuses_arrays_of_other_sizes():
         unmade.forward_dynamics(q, v2, q)
 
 
-@pytest.mark.parametrize(("asked", "expected"), [("numpy", "numpy"), ("", "c" if _kernel._load() else "numpy")])
+@pytest.mark.parametrize(("asked", "expected"), [("numpy", "numpy"), ("", "c" if _kernel._load()[0] else "numpy")])
 def test_the_environment_selects_the_path(asked, expected, tmp_path):
     script = "import rnc_pin; print(rnc_pin.kernel)"
     command, environment = [sys.executable, "-c", script], {"RNC_PIN_KERNEL": asked}
@@ -371,3 +389,33 @@ def test_an_unknown_path_is_refused():
         env={"RNC_PIN_KERNEL": "fortran"},
     )
     assert "RNC_PIN_KERNEL is 'fortran': expected 'c' or 'numpy'" in found.stderr
+
+
+OUTDATED = """
+import sys, types
+sys.modules["rnc_pin._kernel.compiled"] = types.SimpleNamespace(INTERFACE=3)
+"""
+
+
+@pytest.mark.parametrize(
+    ("what", "asked", "stream", "line"),
+    [
+        ("import rnc_pin; print(rnc_pin.kernel)", "", "stderr", "using NumPy; reinstall with pip install -e ."),
+        (
+            "from rnc_pin.app.usage import cli; cli(['--version'])",
+            "",
+            "stdout",
+            ", kernel numpy (compiled kernel is of",
+        ),
+        ("import rnc_pin; rnc_pin.kernel", "c", "stderr", "RNC_PIN_KERNEL is 'c', but the compiled kernel is of"),
+    ],
+)
+def test_a_library_of_other_sources_is_named(what, asked, stream, line, tmp_path):
+    environment = {**os.environ, "RNC_PIN_KERNEL": asked}
+    command = [sys.executable, "-c", OUTDATED + what]
+    found = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=tmp_path)
+    text = getattr(found, stream)
+    assert line in text
+    assert f"of interface 3, {_kernel._INTERFACE} expected" in text
+    if not asked:
+        assert found.stderr.count("compiled kernel") == (stream == "stderr")

@@ -345,3 +345,34 @@ def reacting(reduced: rnc.ReducedModel) -> np.ndarray:
     for block, where, _ in reduced.constraints.places:
         rows[where] = block.conserved is None
     return rows
+
+
+def sprung_arm():
+    """Free base with a continuous joint and a slider, and a force of every kind."""
+    model = pin.Model()
+    base = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
+    placement = pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.2, 0.5), np.array([0.4, 0.1, 0.3]))
+    arm = model.addJoint(base, pin.JointModelRUBY(), placement, "arm")
+    hand = model.addJoint(arm, pin.JointModelPZ(), placement, "hand")
+    for joint, name in ((base, "base"), (arm, "upper"), (hand, "tip")):
+        model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.2), placement)
+        model.addFrame(pin.Frame(name, joint, 0, placement, pin.FrameType.OP_FRAME))
+    of = rnc.forces
+    forces = [
+        of.Spring(rnc.JointPosition("hand"), 40.0, 0.3),
+        of.Spring(rnc.JointPosition("arm"), 2.0, 3.0),
+        of.SmoothFriction(rnc.JointPosition("arm"), 0.7, 0.4),
+        of.Spring(rnc.Distance("base", "tip"), 20.0, 0.3),
+        of.Damper(rnc.Distance("base", "tip"), 3.0),
+        of.Spring(rnc.FramePosition("tip", "zx"), (5.0, 2.0), (0.1, -0.2)),
+        of.SmoothFriction(rnc.FramePosition("upper", "y"), 1.0, 0.6),
+        of.Spring(rnc.FrameYaw("tip", "x"), 1.5, -3.0),
+        of.Damper(rnc.FrameTilt("tip", "y"), 1.1),
+        of.Damper(rnc.FrameOrientation("upper"), (0.2, 0.3, 0.4)),
+        of.Damper(rnc.FrameSpeed("base", "z"), 0.8),
+        of.Wrench("tip", (1.0, -2.0, 0.5), (0.3, 0.2, 0.7)),
+        of.Wrench("upper", (4.0, 1.0, 0.0), (0.0, 0.0, 0.6), axes="own"),
+    ]
+    drives = [rnc.FrameForce("tip", "x"), rnc.FrameTorque("base", "z"), "arm", "hand"]
+    constraints = [rnc.NoSideSlip("base", "y"), rnc.NoSideSlip("upper", "z")]
+    return rnc.NonholonomicSystem(rnc.Robot(model), constraints, drives, forces=forces).reduce()
