@@ -35,23 +35,32 @@ def bicycle() -> rnc.ReducedModel:
     )
 
 
-def upright() -> np.ndarray:
+def upright(reduced: rnc.ReducedModel | None = None, rear: float = REAR) -> np.ndarray:
     """The configuration that stands upright, heading along x."""
-    return bicycle().robot.configuration({"root_joint": (0, 0, REAR, 0, 0, 0, 1)})
+    return (reduced or bicycle()).robot.configuration({"root_joint": (0, 0, rear, 0, 0, 0, 1)})
 
 
-def linear(speed: float) -> rnc.Linearization:
-    """State (lean, steer, their rates) about rolling straight ahead at a speed [m/s]."""
-    reduced = bicycle()
+def linear(speed: float, reduced: rnc.ReducedModel | None = None, rear: float = REAR) -> rnc.Linearization:
+    """State (lean, steer, their rates) about rolling straight ahead at a speed [m/s].
+
+    Args:
+        speed: of the bicycle.
+        reduced: another bicycle than the benchmark, with the same outputs.
+        rear: radius of its rear wheel [m].
+    """
+    reduced = reduced or bicycle()
     kept = [reduced.reducing.names[i] for i in (0, 1)]
-    return rnc.linearize(reduced, upright(), [0.0, 0.0, speed / REAR], coordinates=[LEAN, STEER], rates=kept)
+    q = upright(reduced, rear)
+    return rnc.linearize(reduced, q, [0.0, 0.0, speed / rear], coordinates=[LEAN, STEER], rates=kept)
 
 
-def matrices() -> dict[str, np.ndarray]:
-    """M, C1, K0 and K2 of ``M x'' + v C1 x' + (g K0 + v^2 K2) x = f``."""
-    g, v = REFERENCE["parameters"]["g"], 5.0
-    M = bicycle().at(upright()).H[:2, :2]
-    at_rest, moving = (-M @ linear(speed).A[2:] for speed in (0.0, v))
+def matrices(
+    reduced: rnc.ReducedModel | None = None, rear: float = REAR, g: float = REFERENCE["parameters"]["g"]
+) -> dict[str, np.ndarray]:
+    """M, C1, K0 and K2 of ``M x'' + v C1 x' + (g K0 + v^2 K2) x = f``, of the benchmark or another bicycle."""
+    v, model = 5.0, reduced or bicycle()
+    M = model.at(upright(model, rear)).H[:2, :2]
+    at_rest, moving = (-M @ linear(speed, model, rear).A[2:] for speed in (0.0, v))
     return {
         "M": M,
         "C1": moving[:, 2:] / v,
@@ -98,6 +107,11 @@ def small_motion(speed: float, duration: float, size: float = 2e-4) -> tuple[np.
     return nonlinear, scipy.linalg.expm(A * duration) @ np.array([0.0, 0.0, 1.0, 0.0])
 
 
+def in_order(values: np.ndarray) -> np.ndarray:
+    """Eigenvalues by real part, then by imaginary part, up to rounding: conjugate pairs may come in either order."""
+    return values[np.lexsort((values.imag, values.real.round(9)))]
+
+
 def rows() -> list[Row]:
     """Matrices, eigenvalues at eleven speeds, critical speeds, and nonlinear motions."""
     found = matrices()
@@ -105,10 +119,7 @@ def rows() -> list[Row]:
     for speed in range(11):
         published = REFERENCE["linear"]["eigenvalues"][str(speed)]
         expected = np.array(published["real"]) + 1j * np.array(published["imag"])
-        ours = linear(float(speed)).eigenvalues
-        # Conjugate pairs may come in either order: by real part, then by imaginary part, up to rounding.
-        ours = ours[np.lexsort((ours.imag, ours.real.round(9)))]
-        expected = expected[np.lexsort((expected.imag, expected.real.round(9)))]
+        ours, expected = in_order(linear(float(speed)).eigenvalues), in_order(expected)
         worst = np.abs(ours - expected) / np.abs(expected)
         k = int(np.argmax(worst))
         result.append(Row(SOURCE, f"eigenvalues at {speed} m/s, worst of 4", expected[k], complex(ours[k]), EIGENVALUE))

@@ -2,14 +2,14 @@
 
 import sys
 
-from . import bicycle_linear, chaplygin_sleigh, space_robot
+from . import bicycle_linear, chaplygin_sleigh, moore_bicycles, space_robot
 from .comparison import differences, read
 
 LIMIT = 1e-12
 
 if __name__ == "__main__":
     far = False
-    for module in (space_robot, chaplygin_sleigh, bicycle_linear):
+    for module in (space_robot, chaplygin_sleigh, bicycle_linear, moore_bicycles):
         name = module.__name__.rpartition(".")[2]
         data = read(name)
         found = list(differences(module.derived(data), data))

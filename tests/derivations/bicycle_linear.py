@@ -13,7 +13,7 @@ assert mp.mp.dps == mechanics.DIGITS
 def matrices(parameters):
     """M, C1, K0 and K2 (2, 2), in roll and steer; exact but for sines and cosines of the steering axis's tilt."""
     p = SimpleNamespace(**{name: sp.Rational(repr(value)) for name, value in parameters.items()})
-    tilt = sp.pi * p.lam_deg / 180
+    tilt = sp.pi * p.lam_deg / 180 if hasattr(p, "lam_deg") else p.lam
     s, k = sp.sin(tilt), sp.cos(tilt)
     # The whole bicycle.
     m_t = p.mR + p.mB + p.mH + p.mF

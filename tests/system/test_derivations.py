@@ -24,3 +24,13 @@ def test_the_matrices_of_the_bicycle_are_those_of_its_parameters():
     assert (
         max(each for _, each in differences(bicycle_linear.matrices(wrong)["M"].tolist(), data["linear"]["M"])) > 1e-6
     )
+
+
+def test_the_matrices_of_measured_bicycles_are_those_of_their_parameters():
+    from derivations import bicycle_linear
+
+    bicycles = read("moore_bicycles")["bicycles"]
+    assert len(bicycles) == 10
+    for bicycle in bicycles.values():
+        found = {name: matrix.tolist() for name, matrix in bicycle_linear.matrices(bicycle["parameters"]).items()}
+        assert max(each for _, each in differences(found, bicycle["linear"])) < EXACT
