@@ -15,6 +15,7 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import SingularityError
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
+from rnc_pin.model.once_per_model import once_per_model
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import Place
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -116,6 +117,38 @@ def _contacts(place: Place, acting: Array) -> list[Contact]:
     return found
 
 
+@once_per_model
+def _carriers(reduced: ReducedModel) -> tuple[tuple[Contact, ...], Array]:
+    """Contacts that carry, and the mask of those whose height a constraint row keeps."""
+    model, data, found = reduced.robot.model, reduced.robot.model.createData(), contacts_of(reduced)
+    random = reduced.robot.random_configuration(np.random.default_rng(0))
+    sizes = np.zeros(reduced.all_constraints.size)
+    for position in _defined(reduced):
+        sizes = np.fmax(sizes, np.abs(reduced.all_constraints.jacobian(position)).max(axis=1, initial=0.0))
+    carrying = [each.up is not None and bool(sizes[each.up] > _SMALL) for each in found]
+    down = bool(found) and float(model.gravity.linear[2]) < 0
+    planar = down and _moves_along(model, data, random, 0) and _moves_along(model, data, random, 1)
+    planar = planar and not _moves_along(model, data, random, 2)
+    kept = [(each, carries) for each, carries in zip(found, carrying, strict=True) if down and (carries or planar)]
+    carried_by_row = np.array([carries for _, carries in kept], dtype=bool)
+    carried_by_row.setflags(write=False)
+    return tuple(each for each, _ in kept), carried_by_row
+
+
+def _moves_along(model: pin.Model, data: pin.Data, q: Array, axis: int) -> bool:
+    """True if the whole robot can translate along a world axis, constraints ignored."""
+    pin.computeJointJacobians(model, data, q)
+    frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    heavy = [joint for joint in range(1, model.njoints) if model.inertias[joint].mass > 0]
+    jacobians = [pin.getJointJacobian(model, data, joint, frame) for joint in heavy]
+    if not heavy:
+        return False
+    stack = np.vstack([each.reshape(6, model.nv) for each in jacobians])  # one degree of freedom comes flat
+    wanted = np.tile(np.eye(6)[axis], len(heavy))
+    left = wanted - stack @ np.linalg.lstsq(stack, wanted, rcond=_SMALL)[0]
+    return bool(np.abs(left).max() < _SMALL)
+
+
 class NormalForces:
     """Upward forces of the ground on each contact; below zero if the model pulls the contact down.
 
@@ -149,34 +182,10 @@ class NormalForces:
     def __init__(self, reduced: ReducedModel) -> None:
         self._reduced, self._model = reduced, reduced.robot.model
         self._kinematics, self._data = Kinematics(reduced.robot), self._model.createData()
-        found = contacts_of(reduced)
-        random = reduced.robot.random_configuration(np.random.default_rng(0))
-        sizes = np.zeros(reduced.all_constraints.size)
-        for position in _defined(reduced):
-            sizes = np.fmax(sizes, np.abs(reduced.all_constraints.jacobian(position)).max(axis=1, initial=0.0))
-        carrying = [each.up is not None and bool(sizes[each.up] > _SMALL) for each in found]
-        down = bool(found) and float(self._model.gravity.linear[2]) < 0
-        planar = down and self._moves_along(random, 0) and self._moves_along(random, 1)
-        planar = planar and not self._moves_along(random, 2)
         self._roots = [joint for joint in range(1, self._model.njoints) if self._model.parents[joint] == 0]
-        kept = [(each, carries) for each, carries in zip(found, carrying, strict=True) if down and (carries or planar)]
-        self.contacts = [each for each, _ in kept]
+        contacts, self.carried_by_row = _carriers(reduced)
+        self.contacts = list(contacts)
         self.names = tuple(each.name for each in self.contacts)
-        self.carried_by_row = np.array([carries for _, carries in kept], dtype=bool)
-        self.carried_by_row.setflags(write=False)
-
-    def _moves_along(self, q: Array, axis: int) -> bool:
-        """True if the whole robot can translate along a world axis, constraints ignored."""
-        pin.computeJointJacobians(self._model, self._data, q)
-        frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        heavy = [joint for joint in range(1, self._model.njoints) if self._model.inertias[joint].mass > 0]
-        jacobians = [pin.getJointJacobian(self._model, self._data, joint, frame) for joint in heavy]
-        if not heavy:
-            return False
-        stack = np.vstack([each.reshape(6, self._model.nv) for each in jacobians])  # one degree of freedom comes flat
-        wanted = np.tile(np.eye(6)[axis], len(heavy))
-        left = wanted - stack @ np.linalg.lstsq(stack, wanted, rcond=_SMALL)[0]
-        return bool(np.abs(left).max() < _SMALL)
 
     def at(self, state: StateEvaluation, T: Array, external: Array | None = None) -> Float[Array, "*batch c"]:
         """Return the normal forces [N].

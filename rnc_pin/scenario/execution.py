@@ -236,13 +236,7 @@ def _executed(plan: Plan, runs: _Runs, observer: Observer | None, measure_limits
     # The wall time of the summary is that of the simulation, without building and drawing.
     start = time.perf_counter()
     trajectory, error, gave_way = runs.main(observer)
-    summary = _summary(plan.experiment, trajectory, time.perf_counter() - start)
-    if gave_way:
-        summary["limits_gave_way"] = gave_way
-    summary["goal_tolerance"] = plan.experiment.scenario.goal_tolerance
-    missed = _missed_goals(plan.experiment, trajectory, summary)
-    if missed:
-        summary["goals_missed"] = missed
+    summary = whole_summary(plan, trajectory, gave_way, time.perf_counter() - start)
     limits = _replay(plan.experiment, trajectory) if measure_limits else None
     if limits is not None:
         add_limits(summary, limits)
@@ -255,6 +249,25 @@ def _executed(plan: Plan, runs: _Runs, observer: Observer | None, measure_limits
                 compared["message"] = str(failure)
             summary.setdefault("comparisons", {})[label] = compared
     return Result(trajectory, summary, error, others, limits)
+
+
+def whole_summary(plan: Plan, trajectory: Trajectory, gave_way: Mapping[str, float], wall_time: float) -> Summary:
+    """Summary of the run of a plan, with the goals that it missed.
+
+    Args:
+        plan: the plan.
+        trajectory: the run.
+        gave_way: largest amounts by which limits gave way, by name.
+        wall_time: computing time [s].
+    """
+    summary = _summary(plan.experiment, trajectory, wall_time)
+    if gave_way:
+        summary["limits_gave_way"] = dict(gave_way)
+    summary["goal_tolerance"] = plan.experiment.scenario.goal_tolerance
+    missed = _missed_goals(plan.experiment, trajectory, summary)
+    if missed:
+        summary["goals_missed"] = missed
+    return summary
 
 
 def _summary(experiment: Experiment, trajectory: Trajectory, wall_time: float | None = None) -> Summary:
@@ -297,8 +310,8 @@ def _gave_way(experiment: Experiment, state: State) -> dict[str, float]:
     return {} if report is None else dict(report.worst)
 
 
-def _simulate(plan: Plan, experiment: Experiment, observer: Observer) -> tuple[Trajectory, RncError | None]:
-    settings = experiment.simulation
+def run_options(plan: Plan, experiment: Experiment, observer: Observer | None = None) -> SimulationOptions:
+    """Options of one of the runs of a plan, with its provenance."""
     provenance = replace(
         experiment.provenance,
         scenario=plan.name,
@@ -306,7 +319,12 @@ def _simulate(plan: Plan, experiment: Experiment, observer: Observer) -> tuple[T
         config=plan.raw,
         folder=None if plan.built_in else str(plan.folder),
     )
-    options = SimulationOptions(stop=settings.stop, loop=experiment.loop, observer=observer, meta=provenance)
+    stop = experiment.simulation.stop
+    return SimulationOptions(stop=stop, loop=experiment.loop, observer=observer, meta=provenance)
+
+
+def _simulate(plan: Plan, experiment: Experiment, observer: Observer) -> tuple[Trajectory, RncError | None]:
+    settings, options = experiment.simulation, run_options(plan, experiment, observer)
     try:
         if experiment.phases:
             start = experiment.q0, settings.dt

@@ -12,6 +12,7 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.mechanisms import GroundContact
+from rnc_pin.model.once_per_model import once_per_model
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
 
@@ -54,6 +55,7 @@ class GroundBody(NamedTuple):
         return np.stack([place[..., 0], place[..., 1], np.arctan2(-left[..., 0], left[..., 1])], axis=-1)
 
 
+@once_per_model
 def ground_bodies(reduced: ReducedModel) -> tuple[GroundBody, ...]:
     """Bodies of a system that move on the ground, ordered from the base.
 

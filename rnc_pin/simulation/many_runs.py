@@ -40,6 +40,15 @@ def _states(options: object) -> object:
     return options.controller_state if isinstance(options, SimulationOptions) else None
 
 
+def fits_lock_step(reduced: ReducedModel, plant: object, options: SimulationOptions) -> bool:
+    """True if a run can advance in lock-step with others of the same model, plant options and stop conditions."""
+    data = reduced.reduction_data
+    plain = plant is None or (type(plant) is ReducedPlant and plant.reduced is reduced and not plant.dissipates)
+    simple = not options.loop and not options.stop.lift_off
+    kernel = None if data.rheonomic or data.affine else data.compiled
+    return plain and simple and kernel is not None and kernel.measures
+
+
 class ManyRuns:
     """Arguments of many runs of ``simulate``.
 
@@ -102,16 +111,9 @@ class ManyRuns:
 
     def _fit_together(self) -> bool:
         """True if the runs can advance in lock-step."""
-        data, options, plants = self._reduced.reduction_data, self._options[0], self._plants
-        plain = plants[0] is None or (
-            type(plants[0]) is ReducedPlant
-            and plants[0].reduced is self._reduced
-            and not plants[0].dissipates
-            and all(plant is plants[0] for plant in plants)
-        )
-        simple = not options.loop and not options.stop.lift_off
-        kernel = None if data.rheonomic or data.affine else data.compiled
-        return plain and simple and kernel is not None and kernel.measures and self.count > 1
+        first = self._plants[0]
+        same = all(plant is first for plant in self._plants)
+        return same and self.count > 1 and fits_lock_step(self._reduced, first, self._options[0])
 
     def run(self, number: int) -> SampledRun:
         """Return one run before its first sample, on a plant of its own."""
@@ -122,7 +124,7 @@ class ManyRuns:
 
     def alone(self, number: int) -> RunResult:
         """Compute one run without the others."""
-        return _result(self._started(number, self._plants[number], self._samples), self._samples)
+        return result_alone(self._started(number, self._plants[number], self._samples), self._samples)
 
     def _started(self, number: int, plant: Any, capacity: int) -> SampledRun:
         return SampledRun(
@@ -138,27 +140,40 @@ class ManyRuns:
 
     def together(self, runs: Sequence[SampledRun], numbers: Sequence[int]) -> list[RunResult]:
         """Compute runs that advance together."""
-        controllers = [self.controllers[number] for number in numbers]
-        states = [run.loop.state.controller for run in runs]
-        batch = LockStep(runs, controllers, states, self._dt, self._samples)
-        outcome = Outcome.COMPLETED
-        with uninterrupted():
-            try:
-                with interruptible():
-                    batch.advance(Progress())
-            except KeyboardInterrupt:
-                outcome = Outcome.INTERRUPTED
-            batch.settle()
-            results: dict[int, RunResult] = {}
-            for number, sampled in batch.leavers:
-                if outcome is Outcome.INTERRUPTED:
-                    results[number] = _ended(runs[number], outcome)
-                    continue
-                results[number] = _result(runs[number], self._samples, advance_first=sampled)
-                outcome = results[number].outcome if results[number].outcome is Outcome.INTERRUPTED else outcome
-        for number in batch.places.tolist():
-            results[number] = _ended(runs[number], outcome)
-        return [results[number] for number in range(len(runs))]
+        return advance_together(runs, [self.controllers[number] for number in numbers], self._dt, self._samples)
+
+
+def advance_together(
+    runs: Sequence[SampledRun], controllers: Sequence[Controller], dt: float, samples: int
+) -> list[RunResult]:
+    """Compute runs of one model and of equal options in lock-step, each with the bits of a run alone.
+
+    Args:
+        runs: runs before their first sample, as for ``LockStep``.
+        controllers: controller of each run.
+        dt: sampling period [s].
+        samples: number of samples.
+    """
+    states = [run.loop.state.controller for run in runs]
+    batch = LockStep(runs, controllers, states, dt, samples)
+    outcome = Outcome.COMPLETED
+    with uninterrupted():
+        try:
+            with interruptible():
+                batch.advance(Progress())
+        except KeyboardInterrupt:
+            outcome = Outcome.INTERRUPTED
+        batch.settle()
+        results: dict[int, RunResult] = {}
+        for number, sampled in batch.leavers:
+            if outcome is Outcome.INTERRUPTED:
+                results[number] = _ended(runs[number], outcome)
+                continue
+            results[number] = result_alone(runs[number], samples, advance_first=sampled)
+            outcome = results[number].outcome if results[number].outcome is Outcome.INTERRUPTED else outcome
+    for number in batch.places.tolist():
+        results[number] = _ended(runs[number], outcome)
+    return [results[number] for number in range(len(runs))]
 
 
 def simulate_many(many: ManyRuns) -> TrajectoryBatch:
@@ -202,7 +217,7 @@ def _of_run(error: RncError, number: int) -> RncError:
     return type(error)(f"run {number}: {error}")
 
 
-def _result(run: SampledRun, samples: int, advance_first: bool = False) -> RunResult:
+def result_alone(run: SampledRun, samples: int, advance_first: bool = False) -> RunResult:
     """Result of a run that goes on alone to its end."""
 
     def advance(progress: Progress) -> str | None:

@@ -13,20 +13,25 @@ import pinocchio as pin
 from rnc_pin.analysis import NormalForces
 from rnc_pin.control.controller import Command
 from rnc_pin.errors import InputError
-from rnc_pin.math.linear_algebra import apply, apply_transposed
+from rnc_pin.model.once_per_model import once_per_model
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.reduction_data import best_entries
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.simulation.ground_bodies import GroundBody, ground_bodies, ground_poses
+from rnc_pin.simulation.derived_quantities import (
+    MATRICES,
+    BlockOfStates,
+    StatesOfRun,
+    blocks,
+    by_name,
+    empty_quantities,
+    quantities_of_runs,
+)
+from rnc_pin.simulation.ground_bodies import GroundBody, ground_bodies
 from rnc_pin.simulation.run_info import Columns, Outcome, OutputNames, Provenance, RunInfo
 from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.version import __version__
 
 _NOTHING = np.zeros(0)
-_BLOCK = 1000  # largest number of samples in a block
-_ROOM = 16e6  # memory for the matrices of a block [bytes]
-_MATRICES = 8  # temporary (n, n) matrices per sample
 _GOALS = ("v2_desired", "x1_desired", "x2_desired")
 _OPTIONAL = ("estimates", "prediction_error", "v_measured", "friction_used")
 
@@ -62,6 +67,8 @@ class Record:
         self._models: list[tuple[int, ReducedModel | None]] = []  # first sample and plant model
         self._external: np.ndarray | None = None
         self._normal: NormalForces | None = None
+        self.derived: dict[str, np.ndarray] | None = None
+        """Derived quantities that somebody else computed."""
 
     @property
     def width(self) -> int:
@@ -230,23 +237,22 @@ class Record:
     def _derived(
         self, t: np.ndarray, q: np.ndarray, v: np.ndarray, T: np.ndarray, bodies: Sequence[GroundBody]
     ) -> dict[str, np.ndarray]:
+        if self.derived is not None:
+            return self.derived
         reduced, N, names = self.reduced, len(q), self._normal_names()
-        sizes = {
-            "F": (reduced.r,), "multipliers": (reduced.m,), "contact_forces": (reduced.all_constraints.size,),
-            "normal_forces": (len(names),), "slip": (reduced.m,), "energy": (), "constraint_residual": (),
-            "position_residual": (), "singular_value": (), "ground_poses": (3 * len(bodies),),
-        }  # fmt: skip
-        derived = {name: np.empty((N, *size)) for name, size in sizes.items()}
+        derived = empty_quantities(reduced, N, len(names), len(bodies))
         for start, end, plant in self._stretches(N):
             own = self._normal if plant is self.reduced else None
             normal = (own or NormalForces(plant)) if names else None
             known = () if normal is None else normal.names
-            for inner in _blocks(end - start, _MATRICES * reduced.n**2):
+            for inner in blocks(end - start, MATRICES * reduced.n**2):
                 block = slice(start + inner.start, start + inner.stop)
                 external = None if self._external is None else self._external[block]
-                found = _block(reduced, plant, normal, t[block], q[block], v[block], T[block], external, bodies)
+                states = BlockOfStates(reduced, plant, t[block], q[block], v[block])
+                found = states.quantities(states.entries(), normal, T[block], external, bodies)
+                assert found is not None
                 for name, values in found.items():
-                    derived[name][block] = values if name != "normal_forces" else _by_name(names, known, values)
+                    derived[name][block] = values if name != "normal_forces" else by_name(names, known, values)
         return derived
 
     def _normal_names(self) -> tuple[str, ...]:
@@ -266,53 +272,18 @@ class Record:
                 yield start, end, self.reduced if model is None else model
 
 
-def _block(
-    reduced: ReducedModel,
-    plant: ReducedModel,
-    normal: NormalForces | None,
-    t: np.ndarray,
-    q: np.ndarray,
-    v: np.ndarray,
-    T: np.ndarray,
-    external: np.ndarray | None,
-    bodies: Sequence[GroundBody],
-) -> dict[str, np.ndarray]:
-    """Derived quantities of a block: outputs of the controller's model, forces and energy of the plant."""
-    seen = StateEvaluation.at(reduced.reduction_data, q, v=v, t=t)
-    # Contact forces do not depend on the choice of outputs, nor on their singularities.
-    own = seen if plant is reduced else StateEvaluation.at(plant.reduction_data, q, v=v, t=t)
-    moved = own.in_reduction(plant.reduction_data.in_entries(best_entries(own.A[0], plant.r), free=True))
-    regular = seen.regular
-    F = np.full((len(q), reduced.r), np.nan)
-    if regular.any():
-        good = seen if regular.all() else reduced.at(q[regular], v=v[regular], t=t[regular])
-        F[regular] = apply_transposed(good.R, apply(good.B, T[regular]))
-    return {
-        "F": F,
-        "multipliers": _by_name(reduced.constraints.names, plant.constraints.names, moved.multipliers(T, external)),
-        "contact_forces": _by_name(
-            reduced.all_constraints.names, plant.all_constraints.names, moved.contact_forces(T, external)
-        ),
-        "normal_forces": np.zeros((len(q), 0)) if normal is None else normal.at(moved, T, external),
-        "energy": own.energy,
-        "slip": seen.residual,
-        "constraint_residual": np.abs(seen.residual).max(axis=-1, initial=0.0),
-        "position_residual": np.abs(reduced.assembly.residual(q, t)).max(axis=-1, initial=0.0),
-        "singular_value": seen.smallest_singular_value,
-        "ground_poses": ground_poses(bodies, seen.position),
-    }
-
-
-def _by_name(wanted: tuple[str, ...], known: tuple[str, ...], values: np.ndarray) -> np.ndarray:
-    """Select columns of values (N, k) by name; NaN for unknown names."""
-    if wanted == known:
-        return values
-    columns = {name: column for column, name in enumerate(known)}
-    found = np.full((len(values), len(wanted)), np.nan)
-    for place, name in enumerate(wanted):
-        if name in columns:
-            found[:, place] = values[:, columns[name]]
-    return found
+def derive_together(records: Sequence[Record]) -> None:
+    """Compute the derived quantities of complete runs of one model at once, each with the bits of a run alone."""
+    reduced = records[0].reduced
+    whole = [(0, reduced)]
+    plain = [each for each in records if each._models == whole and each._external is None]
+    if len(plain) < 2 or reduced.rheonomic:
+        return
+    runs = [StatesOfRun(*(each.arrays[name][: each.count] for name in ("time", "q", "v", "T"))) for each in plain]
+    normal = NormalForces(reduced)
+    derived = quantities_of_runs(reduced, runs, normal if normal.names else None, ground_bodies(reduced))
+    for each, found in zip(plain, derived, strict=True):
+        each.derived = found
 
 
 def _expect(name: str, value: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
@@ -323,23 +294,11 @@ def _expect(name: str, value: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     return value
 
 
-def _blocks(samples: int, numbers: int) -> Iterator[slice]:
-    """Yield blocks of samples, so that memory does not grow with the length of the run.
-
-    Args:
-        samples: number of samples.
-        numbers: temporary numbers per sample.
-    """
-    length = max(1, min(_BLOCK, int(_ROOM / (8 * max(numbers, 1)))))
-    for start in range(0, samples, length):
-        yield slice(start, min(start + length, samples))
-
-
 def _integrated(values: np.ndarray, rates: np.ndarray, time: np.ndarray) -> np.ndarray:
     """First values plus the integral of the rates (N, k), by the trapezoidal rule."""
     whole = np.empty_like(values)
     whole[:1] = 0.0
-    for block in _blocks(len(values) - 1, 4 * values.shape[1]):
+    for block in blocks(len(values) - 1, 4 * values.shape[1]):
         after = slice(block.start + 1, block.stop + 1)
         steps = 0.5 * np.diff(time[block.start : block.stop + 1])[:, None] * (rates[after] + rates[block])
         steps[0] += whole[block.start]
@@ -359,6 +318,7 @@ def _fill_desired(x2_desired: np.ndarray, v2_desired: np.ndarray, x2: np.ndarray
         x2_desired[1:, column] = start + np.cumsum(0.5 * dt * (rates[1:] + rates[:-1]))
 
 
+@once_per_model
 def output_names(reduced: ReducedModel) -> OutputNames:
     """Names, units and coordinate types of the columns in runs of a model."""
     return OutputNames(

@@ -29,6 +29,16 @@ class RunResult:
         self.outcome, self.error, self._trajectory = outcome, error, trajectory
 
     @property
+    def pending(self) -> bool:
+        """True if the trajectory is made when somebody reads it."""
+        return self._trajectory is not None and not isinstance(self._trajectory, Trajectory)
+
+    @property
+    def started(self) -> bool:
+        """True if the run has a trajectory."""
+        return self._trajectory is not None
+
+    @property
     def trajectory(self) -> Trajectory:
         """The run so far.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -12,7 +12,7 @@ from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.scenario.execution import Plan, execute
 from rnc_pin.simulation import Outcome, Summary, Trajectory, simulate, summarize
 from rnc_pin.sweeps.seeded_draws import Draw, SeededDraws
-from rnc_pin.sweeps.swept_run import Row, is_result_column, refused, results_of, save_trajectory
+from rnc_pin.sweeps.swept_run import Numbered, Row, is_result_column, refused, results_of, save_trajectory
 
 Build: TypeAlias = Callable[[dict[str, Any]], "Mapping[str, Any] | Trajectory | Plan"]
 """Function of drawn values that returns the arguments of ``simulate`` by name, or a finished run."""
@@ -27,10 +27,17 @@ class FunctionRuns:
         trajectories: folder of the sweep, for trajectories; None writes none.
     """
 
+    advance_together = False
+
     def __init__(self, build: Build, draws: SeededDraws | None, trajectories: str | None = None) -> None:
         self._build, self._draws, self._trajectories = build, draws, trajectories
 
+    def rows(self, batch: Sequence[Numbered]) -> list[Row]:
+        """Simulate the runs one after the other and return their rows."""
+        return [self.row(run, draw) for run, draw in batch]
+
     def row(self, run: int, draw: Draw | None = None) -> Row:
+        """Simulate a run and return its row."""
         start = time.perf_counter()
         if draw is None:
             assert self._draws is not None

@@ -20,8 +20,8 @@ from rnc_pin.sweeps.seeded_draws import Draw, SeededDraws, draws_of
 from rnc_pin.sweeps.specification import RUNS, describe_function, describe_scenario, specification_of, sweep_folder
 from rnc_pin.sweeps.sweep_reports import write_reports
 from rnc_pin.sweeps.sweep_results import SweepResults
-from rnc_pin.sweeps.swept_run import Runs
-from rnc_pin.sweeps.worker_pool import Numbered, finished_runs
+from rnc_pin.sweeps.swept_run import Numbered, Runs
+from rnc_pin.sweeps.worker_pool import finished_runs
 
 SweepProgress = Callable[[int, int | None], object]
 """Callback that takes the number of finished runs, and that of all runs if it is known."""

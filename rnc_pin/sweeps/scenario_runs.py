@@ -4,27 +4,29 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from itertools import islice
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from rnc_pin.errors import InfeasibleError, RncError, SingularityError
 from rnc_pin.io.json import Json
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.scenario.batch_execution import batch_key, execute_together
 from rnc_pin.scenario.builder import build_reduced
-from rnc_pin.scenario.execution import Plan, execute, located_experiment
+from rnc_pin.scenario.execution import Plan, Result, execute, located_experiment
 from rnc_pin.scenario.files import apply_options, find_scenario, is_built_in, read_yaml
 from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.planner_builder import Plans
 from rnc_pin.scenario.schema import Scenario
 from rnc_pin.sweeps.seeded_draws import Draw, SeededDraws
-from rnc_pin.sweeps.swept_run import Row, refused, results_of, save_trajectory, with_options_of_sweeps
+from rnc_pin.sweeps.swept_run import Numbered, Row, refused, results_of, save_trajectory, with_options_of_sweeps
 
 MOST_DRAWS = 20
 """Largest number of draws for one run; then its outcome is "infeasible"."""
 _STRUCTURE = ("robot", "constraints", "ground", "mimic", "actuators", "forces", "outputs")
+_MOST_SAMPLES = 100_000  # of runs that advance together; they are in memory at the same time
 _MOST_MODELS = 8  # models that a process keeps
 
 
@@ -40,6 +42,8 @@ class ScenarioRuns:
         seed: seed of the scenario. A run with faults has its own seed, which follows from this one and its number.
         trajectories: folder of the sweep, for trajectories; None writes none.
     """
+
+    advance_together = True
 
     def __init__(
         self,
@@ -60,9 +64,27 @@ class ScenarioRuns:
         return {**self.__dict__, "_models": {}}
 
     def row(self, run: int, draw: Draw | None = None) -> Row:
-        start = time.perf_counter()
-        found = self._row(run, draw)
-        return {"run": run, **found, "wall_time": time.perf_counter() - start}
+        """Simulate a run and return its row."""
+        return self.rows([(run, draw)])[0]
+
+    def rows(self, batch: Sequence[Numbered]) -> list[Row]:
+        """Simulate a batch of runs and return their rows. Runs that fit together advance in lock-step."""
+        rows: dict[int, Row] = {}
+        waiting: dict[Hashable, list[_Prepared]] = {}
+        for place, (run, draw) in enumerate(batch):
+            start = time.perf_counter()
+            found, plan = self._prepared(run, draw)
+            row = {"run": run, **found}
+            if plan is None:
+                rows[place] = {**row, "wall_time": time.perf_counter() - start}
+                continue
+            key = batch_key(plan) or place
+            waiting.setdefault(key, []).append(_Prepared(place, row, plan, time.perf_counter() - start))
+        for some in waiting.values():
+            size = max(1, _MOST_SAMPLES // _samples(some[0].plan))
+            for begin in range(0, len(some), size):
+                rows |= self._finished(some[begin : begin + size])
+        return [rows[place] for place in range(len(batch))]
 
     def options_of(self, run: int, drawn: Draw) -> dict[str, Json]:
         """Options of a run with drawn values, which ``rnc-pin run`` takes too."""
@@ -71,7 +93,8 @@ class ScenarioRuns:
             options["seed"] = int(np.random.SeedSequence([self._seed, run]).generate_state(1)[0])
         return options
 
-    def _row(self, run: int, draw: Draw | None) -> Row:
+    def _prepared(self, run: int, draw: Draw | None) -> tuple[Row, Plan | None]:
+        """Drawn values of a run and its plan; without a plan also the results of a run that cannot start."""
         draws: Iterable[Draw]
         if draw is None:
             assert self._draws is not None
@@ -82,24 +105,29 @@ class ScenarioRuns:
             options = self.options_of(run, drawn)
             row = {"redrawn": redrawn, **drawn, "seed": options["seed"]}
             try:
-                prepared = self._plan(options)
+                return row, self._plan(options)
             except (InfeasibleError, SingularityError) as error:
                 failure: RncError = error
-                continue
             except RncError as error:
-                return {**row, **refused("refused", error)}
-            return {**row, **self._executed(run, prepared)}
-        return {**row, **refused("infeasible", failure)}
+                return {**row, **refused("refused", error)}, None
+        return {**row, **refused("infeasible", failure)}, None
 
-    def _executed(self, run: int, prepared: Plan) -> Row:
-        try:
-            result = execute(prepared)
-        except RncError as error:
-            return refused("refused", error)
-        if result.interrupted:
-            raise KeyboardInterrupt
-        save_trajectory(result.trajectory, self._trajectories, run)
-        return results_of(result.summary)
+    def _finished(self, some: Sequence[_Prepared]) -> dict[int, Row]:
+        """Rows of runs that fit together, by their places."""
+        start = time.perf_counter()
+        found = _executed_alone(some[0].plan) if len(some) == 1 else execute_together([each.plan for each in some])
+        rows = {}
+        for each, result in zip(some, found, strict=True):
+            if isinstance(result, RncError):
+                results = refused("refused", result)
+            elif result.interrupted:
+                raise KeyboardInterrupt
+            else:
+                save_trajectory(result.trajectory, self._trajectories, each.row["run"])
+                results = results_of(result.summary)
+            rows[each.place] = {**each.row, **results}
+        share = (time.perf_counter() - start) / len(some)
+        return {each.place: {**rows[each.place], "wall_time": each.time + share} for each in some}
 
     def _plan(self, options: Mapping[str, Json]) -> Plan:
         """Build the objects of a run, like ``execution.plan``."""
@@ -121,3 +149,26 @@ class ScenarioRuns:
                 self._models.pop(next(iter(self._models)))
             self._models[key] = reduced
         return self._models[key]
+
+
+class _Prepared(NamedTuple):
+    """Run that is ready to be simulated."""
+
+    place: int
+    """Index in its batch."""
+    row: Row
+    plan: Plan
+    time: float
+    """Time of the preparation [s]."""
+
+
+def _samples(plan: Plan) -> int:
+    settings = plan.experiment.simulation
+    return max(1, round(settings.duration / settings.dt))
+
+
+def _executed_alone(plan: Plan) -> list[Result | RncError]:
+    try:
+        return [execute(plan)]
+    except RncError as error:
+        return [error]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
 
@@ -32,16 +32,20 @@ RESULTS = (
 """Other columns of results."""
 
 
+Numbered: TypeAlias = tuple[int, Draw | None]
+"""Number of a run, and its given values; None draws them by the number of the run."""
+
+
 class Runs(Protocol):
     """Source of the rows of a sweep. It is pickled, and what it keeps between runs is not."""
 
-    def row(self, run: int, draw: Draw | None = None) -> Row:
-        """Simulate a run and return its row.
+    @property
+    def advance_together(self) -> bool:
+        """True if runs of a batch advance together, and so cost less."""
+        ...
 
-        Args:
-            run: number of the run.
-            draw: given values; None draws them by the number of the run.
-        """
+    def rows(self, batch: Sequence[Numbered]) -> list[Row]:
+        """Simulate a batch of runs and return their rows, none of which depends on the others."""
         ...
 
 

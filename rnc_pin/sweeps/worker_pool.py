@@ -9,9 +9,10 @@ import hashlib
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import contextmanager
+from itertools import islice
 from typing import Any, NamedTuple, cast
 
 import cloudpickle
@@ -21,16 +22,12 @@ from joblib.executor import get_memmapping_executor  # the pool of joblib.Parall
 from rnc_pin._kernel import kernel
 from rnc_pin.errors import ConfigurationError, InputError, SimulationError
 from rnc_pin.interruption import interruptible
-from rnc_pin.sweeps.seeded_draws import Draw
-from rnc_pin.sweeps.swept_run import Row, Runs
+from rnc_pin.sweeps.swept_run import Numbered, Row, Runs
 from rnc_pin.sweeps.worker_processes import exit_with_parent
 from rnc_pin.version import __version__
 
-Numbered = tuple[int, Draw | None]
-"""Number of a run, and its given values."""
-
-_BATCH_TIME = 0.2  # time that a batch should take [s]
-_LARGEST_BATCH = 200
+_BATCH_TIME, _LARGEST_BATCH = 0.2, 200  # time that a batch should take [s], and its largest number of runs
+_TIME_TOGETHER, _MOST_TOGETHER = 4.0, 64  # of runs that advance together; beyond, they gain little
 _AHEAD = 3  # batches per worker that are handed out at a time
 _MOST_ENDS = 4  # times that a batch may see its worker end
 _ANSWER = 10.0  # time in which a scheduler has to answer [s]
@@ -68,7 +65,8 @@ def run_batch(
         )
     if getattr(_local, "key", None) != key:
         _local.key, _local.runs = key, cloudpickle.loads(pickled)
-    return [_local.runs.row(run, draw) for run, draw in batch]
+    rows: list[Row] = _local.runs.rows(batch)
+    return rows
 
 
 def finished_runs(runs: Runs, numbered: Iterator[Numbered], jobs: int, scheduler: str | None) -> Iterator[list[Row]]:
@@ -85,26 +83,35 @@ def finished_runs(runs: Runs, numbered: Iterator[Numbered], jobs: int, scheduler
         SimulationError: workers that got the same runs ended again and again.
     """
     if scheduler is None and (jobs == 1 or (jobs == -1 and cpu_count() == 1)):
-        for run, draw in numbered:
+        size = 1
+        while batch := list(islice(numbered, size)):
             with interruptible():
-                row = runs.row(run, draw)
-            yield [row]
+                rows = runs.rows(batch)
+            size = _next_size(size, rows, True) if runs.advance_together else 1
+            yield rows
         return
     try:
         pickled = cloudpickle.dumps(runs)
     except Exception as error:  # whatever the objects of a user raise
         raise InputError(f"build cannot be pickled for other processes: {error}") from error
     pool = _local_pool(cpu_count() if jobs == -1 else jobs) if scheduler is None else _dask_pool(scheduler)
+    parent = os.getpid() if scheduler is None else None
     with pool as (executor, workers):
-        yield from _Dispatch(pickled, executor, workers, os.getpid() if scheduler is None else None).rows(numbered)
+        yield from _Dispatch(pickled, executor, workers, parent, runs.advance_together).rows(numbered)
 
 
 class _Dispatch:
     """Batches on their way to workers."""
 
     def __init__(
-        self, pickled: bytes, executor: Callable[[], Executor], workers: Callable[[], int], parent: int | None
+        self,
+        pickled: bytes,
+        executor: Callable[[], Executor],
+        workers: Callable[[], int],
+        parent: int | None,
+        together: bool,
     ) -> None:
+        self._together = together
         self._common = pickled, hashlib.sha256(pickled).hexdigest(), (__version__, kernel)
         self._executor, self._workers, self._parent = executor, workers, parent
         self._pending: dict[Future[list[Row]], _Batch] = {}
@@ -137,16 +144,11 @@ class _Dispatch:
                         raise
                     waiting.append(_once_more(batch._replace(ends=batch.ends + 1)))
                 else:
-                    self._adapt(found)
+                    self._size = _next_size(self._size, found, self._together)
                     yield found
 
     def _next(self, numbered: Iterator[Numbered]) -> _Batch:
-        runs = []
-        for each in numbered:
-            runs.append(each)
-            if len(runs) == self._size:
-                break
-        return _Batch(runs)
+        return _Batch(list(islice(numbered, self._size)))
 
     def _submit(self, batch: _Batch) -> bool:
         try:
@@ -156,11 +158,12 @@ class _Dispatch:
         self._pending[future] = batch
         return True
 
-    def _adapt(self, rows: list[Row]) -> None:
-        """Let batches grow at most twofold at a time, until they take long enough."""
-        mean = sum(float(row["wall_time"]) for row in rows) / len(rows)
-        fitting = int(_BATCH_TIME / max(mean, 1e-6))
-        self._size = max(1, min(fitting, 2 * self._size, _LARGEST_BATCH))
+
+def _next_size(size: int, rows: Sequence[Row], together: bool) -> int:
+    """Size of the next batches: it grows at most twofold at a time, until they take long enough."""
+    mean = sum(float(row["wall_time"]) for row in rows) / len(rows)
+    time, most = (_TIME_TOGETHER, _MOST_TOGETHER) if together else (_BATCH_TIME, _LARGEST_BATCH)
+    return max(1, min(int(time / max(mean, 1e-6)), 2 * size, most))
 
 
 def _once_more(batch: _Batch) -> _Batch:

@@ -12,7 +12,7 @@ import pytest
 import rnc_pin as rnc
 from places import DATA
 from rnc_pin.integrators import LieRungeKutta4
-from rnc_pin.simulation import record as record_module
+from rnc_pin.simulation import derived_quantities
 from rnc_pin.simulation.record import Record
 from rnc_pin.simulation.run_info import Provenance
 from simple_controllers import Inputs
@@ -294,7 +294,7 @@ def test_the_end_of_a_run_takes_bounded_memory(monkeypatch):
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 30e6  # it was 157 MB
-    monkeypatch.setattr(record_module, "_ROOM", 1e12)
+    monkeypatch.setattr(derived_quantities, "_ROOM", 1e12)
     record.arrays = kept
     at_once = record.finish(0.01, Provenance())
     for field in dataclasses.fields(run):

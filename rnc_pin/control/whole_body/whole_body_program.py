@@ -106,6 +106,13 @@ def report_within(controller: object, state: Any) -> LimitReport | None:
     return controller.report(state) if hasattr(state, "worst_excess") else None
 
 
+def has_program(controller: object) -> bool:
+    """True if a controller is or contains, as its ``target``, a whole-body program."""
+    while controller is not None and not isinstance(controller, WholeBodyProgram):
+        controller = getattr(controller, "target", None)
+    return controller is not None
+
+
 def limit_report(names: Sequence[str], multipliers: Array, excess: Array, worst: Array) -> LimitReport:
     """Return the effect of limits, from their multipliers (levels, k) and their excess (k,)."""
     active = np.any(multipliers, axis=0).tolist()

@@ -29,11 +29,19 @@ class VelocityChart:
         q: centre of the chart (nq,).
         integrated: outputs whose rates ``derivative`` returns.
         t: time for rheonomic constraints [s].
+        at_entries: reduction of the system to any entries of v, if it exists.
     """
 
-    def __init__(self, data: ReductionData, q: np.ndarray, integrated: OutputStack, t: float | None = None) -> None:
+    def __init__(
+        self,
+        data: ReductionData,
+        q: np.ndarray,
+        integrated: OutputStack,
+        t: float | None = None,
+        at_entries: ReductionData | None = None,
+    ) -> None:
         m = data.m
-        at_entries = data.in_entries(range(data.r), free=True)
+        at_entries = data.in_entries(range(data.r), free=True) if at_entries is None else at_entries
         position = data.kinematics.position(q, t)
         A = factorize(at_entries, position).E[:m]  # not worth a kernel of its own
         self._scale = data.lengths[:m]
