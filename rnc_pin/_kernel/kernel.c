@@ -16,7 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define INTERFACE 18 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
+#define INTERFACE 19 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
 #define INTEGERS 8  /* of a row: kind, first and second frame, five more */
 #define NUMBERS 12  /* of a row */
 #define FLAT 1e-6   /* sine below which an axis counts as vertical */
@@ -1221,6 +1221,42 @@ static PyObject *forward_dynamics(Evaluator *ev, PyObject *const *args, Py_ssize
     return answer(&all, out, ok);
 }
 
+/* q, v2, v2_dot -> reduced forces R^T (M (R v2_dot - E^-1 gamma) + bias) of one state or of a stack of states (count, ...); None
+   if the general way has to decide. */
+static PyObject *inverse_dynamics(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+{
+    Py_ssize_t sizes[3] = {ev->nq, ev->r, ev->r}, n = ev->n, r = ev->r;
+    Arrays all = {.count = -1};
+    PyObject *out = NULL;
+    double *x[3], *F_reduced;
+    if (!expect(ev, given, 3)) return NULL;
+    int ok = ev->fused && ev->r && states(args, 3, sizes, &all, x);
+    if (ok && !(out = made(ev, &all, r, &F_reduced))) ok = -1;
+    double *P = ev->scratch + ev->work, *F = P + kinematics_size(ev), *v = F + 2 * n * n, *S = v + n;
+    double *passive = S + dynamics_size(ev), *acceleration = ev->scratch;
+    for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, F_reduced += r) {
+        const double *q = x[0] + i * ev->nq, *v2 = x[1] + i * r, *v2_dot = x[2] + i * r;
+        ok = all_finite(v2_dot, r) ? admissible(ev, q, v2, NULL) : 0;
+        if (ok > 0 && !take_position(ev, q, P)) ok = -1;
+        if (ok > 0) ok = factorize(ev, q, P, NULL, F);
+        if (ok <= 0) break;
+        velocity(ev, F, ev->mu, v2, v);
+        memset(passive, 0, (size_t)n * sizeof(double));
+        if (!add_passive(ev, q, P, v, passive, NULL)) ok = 0;
+        if (ok > 0 && !biases(ev, q, P, F, v, NULL, S)) ok = -1;
+        if (ok <= 0) break;
+        const double *R = F + n * n + ev->m, *solved = S + 2 * n;
+        memset(F_reduced, 0, (size_t)r * sizeof(double));
+        for (Py_ssize_t j = 0; j < n; j++) acceleration[j] = dot(R + j * n, v2_dot, r) - solved[j];
+        for (Py_ssize_t j = 0; j < n; j++) {
+            double force = dot(P + j * n, acceleration, n) + (S[j] - passive[j]);
+            add(F_reduced, force, R + j * n, r);
+        }
+        if (!all_finite(F_reduced, r)) ok = 0;
+    }
+    return answer(&all, out, ok);
+}
+
 /* -mu^T lambda: power of moving constraints, with lambda from force = bias + M vdot + A^T lambda. work: 2 n */
 static double constraint_power(const Evaluator *ev, const double *P, const double *F, const double *S,
                                const double *force, const double *v2_dot, double *work)
@@ -1797,6 +1833,7 @@ static PyMethodDef methods[] = {
     {"passive_forces", (PyCFunction)(void (*)(void))passive_forces, METH_FASTCALL, NULL},
     {"values", (PyCFunction)(void (*)(void))output_values, METH_FASTCALL, NULL},
     {"rates", (PyCFunction)(void (*)(void))row_rates, METH_FASTCALL, NULL},
+    {"inverse_dynamics", (PyCFunction)(void (*)(void))inverse_dynamics, METH_FASTCALL, NULL},
     {"forward_dynamics", (PyCFunction)(void (*)(void))forward_dynamics, METH_FASTCALL, NULL},
     {"state_derivative", (PyCFunction)(void (*)(void))state_derivative, METH_FASTCALL, NULL},
     {"chart_rate", (PyCFunction)(void (*)(void))chart_rate, METH_FASTCALL, NULL},

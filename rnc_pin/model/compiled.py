@@ -54,6 +54,8 @@ class CompiledReduction:
         self._evaluator = kernel_evaluator(data, table, mu)
         self.forward_dynamics: Callable[[object, object, object], Array | None] = self._evaluator.forward_dynamics
         """Reduced accelerations for q, v2 and T; None if the arrays or the state need the other path."""
+        self.inverse_dynamics: Callable[[object, object, object], Array | None] = self._evaluator.inverse_dynamics
+        """Reduced forces for q, v2 and v2_dot; None if the arrays or the state need the other path."""
         n, r, k, p = data.n, data.r, data.vertical.size, data.p
         kinematics = {"M": (n, n), "J": (6, n), "placements": (data.robot.model.njoints, 12)}
         inverse = {"E": (n, n), "E_inverse": (n, n)}

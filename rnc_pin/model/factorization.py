@@ -59,6 +59,15 @@ def factorize(data: ReductionData, position: PositionKinematics) -> Factorizatio
     return Factorization(E, E_inverse, worst < data.singularity_limit, kept)
 
 
+def constraint_rows(data: ReductionData, position: PositionKinematics) -> Float[Array, "m nv"]:
+    """Independent constraint rows A at one configuration, selected among all; the default rows where they are too few."""
+    if data.rows.size == data.m:
+        return data.constraints.jacobian(position)
+    rows = data.rows.jacobian(position)
+    kept = _best_rows(data, rows)
+    return rows[list(data.kept) if kept is None else kept]
+
+
 def row_lengths(data: ReductionData, kept: Array | None, batch: tuple[int, ...]) -> Float[Array, "*batch nv"]:
     """Typical length of each row of E at other configurations."""
     if kept is None:

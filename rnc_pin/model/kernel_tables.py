@@ -22,6 +22,7 @@ from rnc_pin.model.kernel_rows import (
 )
 from rnc_pin.model.row_stack import OutputStack, Place, RowStack
 from rnc_pin.model.rows import OutputRows
+from rnc_pin.robots.robot import Robot
 
 if TYPE_CHECKING:
     from rnc_pin.model.reduction_data import ReductionData
@@ -112,45 +113,66 @@ def blocks_valued_by_python(stack: OutputStack, model: pin.Model) -> list[tuple[
     return found
 
 
+class _Workspace:
+    """Pinocchio data with views of its memory, and tables of the joints, for all evaluators of one ``Kinematics``.
+
+    Each call of the kernel sets the state first, so evaluators can share the data.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        model, n, joints = robot.model, robot.nv, robot.model.njoints
+        pinocchio = model.createData()
+        moved = [_entries(model, joint) for joint in range(joints)]
+        q, v, acceleration = robot.configuration(), np.zeros(n), np.zeros(n)
+        self.views = (
+            _view(pinocchio.M, (n, n)),
+            _view(pinocchio.J, (6, n)),
+            _view(pinocchio.nle, (n,)),
+            _view(pinocchio.C, (n, n)),
+            _placements(pinocchio, joints),
+            q,
+            v,
+            acceleration,
+            *(each.reshape((n, n)).T for each in (pinocchio.dtau_dq, pinocchio.dtau_dv)),  # stored by rows
+        )
+        functions = (pin.crba, pin.nonLinearEffects, pin.computeCoriolisMatrix)
+        self.references = (
+            model,
+            pinocchio,
+            q,
+            v,
+            pin.Convention.WORLD,
+            *functions,
+            pin.isNormalized,
+            1e-6,
+            np.empty,
+            pin.integrate,
+            acceleration,
+            pin.computeRNEADerivatives,
+        )
+        self.ends = np.cumsum([0, *map(len, moved)], dtype=np.int64)
+        self.entries = np.array([entry for entries in moved for entry in entries], np.int64)
+        self.curved = _curved_joints(model)
+
+
+def _workspace(data: ReductionData) -> _Workspace:
+    kinematics = data.kinematics
+    if not isinstance(kinematics.kernel_workspace, _Workspace):
+        kinematics.kernel_workspace = _Workspace(data.robot)
+    assert isinstance(kinematics.kernel_workspace, _Workspace)
+    return kinematics.kernel_workspace
+
+
 def kernel_evaluator(data: ReductionData, table: RowTable, mu: Array | None) -> Any:
-    """The kernel's object, with Pinocchio data of its own.
+    """The kernel's object.
 
     Args:
         data: the reduction.
         table: its rows.
         mu: right-hand side of the constraints (m,); None for zero.
     """
-    robot, model = data.robot, data.robot.model
-    pinocchio = model.createData()
-    n, k, joints = data.n, data.vertical.size, model.njoints
-    moved = [_entries(model, joint) for joint in range(joints)]
-    q, v, acceleration = robot.configuration(), np.zeros(n), np.zeros(n)
-    views = (
-        _view(pinocchio.M, (n, n)),
-        _view(pinocchio.J, (6, n)),
-        _view(pinocchio.nle, (n,)),
-        _view(pinocchio.C, (n, n)),
-        _placements(pinocchio, joints),
-        q,
-        v,
-        acceleration,
-        *(each.reshape((n, n)).T for each in (pinocchio.dtau_dq, pinocchio.dtau_dv)),  # stored by rows
-    )
-    functions = (pin.crba, pin.nonLinearEffects, pin.computeCoriolisMatrix)
-    references = (
-        model,
-        pinocchio,
-        q,
-        v,
-        pin.Convention.WORLD,
-        *functions,
-        pin.isNormalized,
-        1e-6,
-        np.empty,
-        pin.integrate,
-        acceleration,
-        pin.computeRNEADerivatives,
-    )
+    robot, workspace = data.robot, _workspace(data)
+    n, k, joints = data.n, data.vertical.size, robot.model.njoints
     parts = data.actuation.parts
     constant = np.zeros((n, data.p)) if parts is None else parts[0]
     external = [
@@ -160,21 +182,21 @@ def kernel_evaluator(data: ReductionData, table: RowTable, mu: Array | None) -> 
     sizes = (robot.nq, n, data.m, k, data.p, joints, len(table.frames), *external, len(table.integers))
     placements = np.array([placement_numbers(frame.placement) for frame in table.frames])
     return _kernel.library.Evaluator(
-        (*sizes, sum(map(len, moved)), robot.nq != robot.nv, table.fused, len(table.laws)),
-        references,
-        views,
+        (*sizes, len(workspace.entries), robot.nq != robot.nv, table.fused, len(table.laws)),
+        workspace.references,
+        workspace.views,
         table.integers,
         table.numbers,
         table.columns,
         np.array([frame.joint for frame in table.frames], np.int64),
         placements,
-        np.cumsum([0, *map(len, moved)], dtype=np.int64),
-        np.array([entry for entries in moved for entry in entries], np.int64),
+        workspace.ends,
+        workspace.entries,
         np.ascontiguousarray(table.constant),
         np.ascontiguousarray(constant),
         mu,
         np.ascontiguousarray(data.lengths),
-        _curved_joints(model),
+        workspace.curved,
         table.laws,
         data.fast_length,
         data.fast_limit,

@@ -60,7 +60,10 @@ class Kinematics:
         current: quantities for whose state the data are current; None if there is no such state.
         frozen: True if the time is given.
         requested: for each update, quantities that the last states were asked for, with their shapes.
+        kernel_workspace: memory that the compiled kernels of all reductions share; None until one is made.
     """
+
+    kernel_workspace: object = None
 
     def __init__(self, robot: Robot, time: float | None = None) -> None:
         self._robot, self._time, self.frozen = robot, time, time is not None

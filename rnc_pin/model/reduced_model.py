@@ -214,9 +214,13 @@ class ReducedModel(FormerMethods, SummaryMixin):
         found = None if compiled is None else compiled.forward_dynamics(q, v2, T)
         return self.at(q, v2).v2_dot(T) if found is None else found
 
-    def inverse_dynamics(self, q: ArrayInput, v2: ArrayInput, v2_dot: ArrayInput) -> Float[Array, "*batch r"]:
-        """Reduced forces ``F = H v2_dot + V v2 + G``."""
-        return self.at(q, v2).inverse_dynamics(v2_dot)
+    def inverse_dynamics(
+        self, q: ArrayInput, v2: ArrayInput, v2_dot: ArrayInput, *, t: ArrayInput | None = None
+    ) -> Float[Array, "*batch r"]:
+        """Reduced forces ``F = H v2_dot + V v2 + G``; rheonomic constraints need the times t (...) [s]."""
+        compiled = None if self._data.rheonomic else self._data.compiled
+        found = None if compiled is None else compiled.inverse_dynamics(q, v2, v2_dot)
+        return self.at(q, v2, t=t).inverse_dynamics(v2_dot) if found is None else found
 
     def allocate(self, q: ArrayInput, F: ArrayInput) -> Float[Array, "*batch p"]:
         """Actuator inputs T with ``R^T B T = F``; those of least norm if they are not unique.

@@ -38,6 +38,7 @@ class ReductionData(UsesKernel):
         kinematics: a workspace to share with another reduction of the same system.
         compared: reduction of the same system with the same rows that vary, for which the kernel was compared.
         forces: passive forces; None for none.
+        constraints: the rows kept by default, if a reduction has made them.
 
     Attributes:
         constraints: the rows kept by default; ``stack``: E.
@@ -61,11 +62,14 @@ class ReductionData(UsesKernel):
         kinematics: Kinematics | None = None,
         compared: ReductionData | None = None,
         forces: PassiveForces | None = None,
+        constraints: RowStack | None = None,
     ) -> None:
         self.robot, self.rows, self.kept, self.actuation = robot, rows, tuple(kept), actuation
         self.reducing, self.vertical, self.free, self._compared = reducing, vertical, free, compared
         self.forces = PassiveForces((), robot) if forces is None else forces
-        self.constraints = RowStack([block for block, *_ in rows.places], self.kept)
+        if constraints is None:
+            constraints = RowStack([block for block, *_ in rows.places], self.kept)
+        self.constraints = constraints
         self.stack = RowStack.joined(self.constraints, reducing)
         self.n, self.m, self.r, self.p = robot.nv, self.constraints.size, reducing.size, actuation.size
         self.kinematics = Kinematics(robot) if kinematics is None else kinematics
@@ -149,6 +153,7 @@ class ReductionData(UsesKernel):
             self.kinematics if kinematics is None else kinematics,
             compared,
             self.forces,
+            self.constraints if kept is self.kept else None,
         )
 
 

@@ -11,9 +11,7 @@ from rnc_pin.errors import ConstraintError
 from rnc_pin.integrators import LieRungeKutta4, Rate
 from rnc_pin.math.linear_algebra import clipped
 from rnc_pin.model.input_validation import vector
-from rnc_pin.model.once_per_model import once_per_model
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.rows import ConstantRows, OutputRows
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -27,12 +25,6 @@ def integrated_outputs(reduced: ReducedModel) -> np.ndarray:
     for block, where, *_ in x2.places:
         mask[where] = x2.quasi[where].any() or (x2.angular[where].any() and isinstance(block, ConstantRows))
     return mask
-
-
-@once_per_model
-def _at_entries(reduced: ReducedModel) -> ReductionData:
-    """Reduction to the first entries of v, which every chart needs."""
-    return reduced.reduction_data.in_entries(range(reduced.r), free=True)
 
 
 def check_conserved(reduced: ReducedModel, coefficients: np.ndarray, effect: str) -> None:
@@ -105,7 +97,7 @@ class ConstrainedDynamics:
         return np.concatenate([self.chart.W @ v, np.zeros(len(self._where) + 1 + rheonomic)])
 
     def _chart_at(self, q: np.ndarray, t: float | None) -> VelocityChart:
-        return VelocityChart(self.reduced.reduction_data, q, self._integrands, t, _at_entries(self.reduced))
+        return VelocityChart(self.reduced.reduction_data, q, self._integrands, t)
 
     def time(self, y: np.ndarray) -> Any:
         """Times (...) of states [s]; None if the constraints do not depend on it."""

@@ -8,7 +8,7 @@ from rnc_pin.math.components import Component
 from rnc_pin.math.linear_algebra import null_space
 from rnc_pin.model.compiled import CompiledReduction
 from rnc_pin.model.compiled_runs import evaluator_of
-from rnc_pin.model.factorization import factorize
+from rnc_pin.model.factorization import constraint_rows
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -29,21 +29,11 @@ class VelocityChart:
         q: centre of the chart (nq,).
         integrated: outputs whose rates ``derivative`` returns.
         t: time for rheonomic constraints [s].
-        at_entries: reduction of the system to any entries of v, if it exists.
     """
 
-    def __init__(
-        self,
-        data: ReductionData,
-        q: np.ndarray,
-        integrated: OutputStack,
-        t: float | None = None,
-        at_entries: ReductionData | None = None,
-    ) -> None:
+    def __init__(self, data: ReductionData, q: np.ndarray, integrated: OutputStack, t: float | None = None) -> None:
         m = data.m
-        at_entries = data.in_entries(range(data.r), free=True) if at_entries is None else at_entries
-        position = data.kinematics.position(q, t)
-        A = factorize(at_entries, position).E[:m]  # not worth a kernel of its own
+        A = constraint_rows(data, data.kinematics.position(q, t))
         self._scale = data.lengths[:m]
         self.W = null_space(A / np.where(self._scale > 0, self._scale, 1.0)[:, None]).T
         self.reduction_data = data.in_velocities(self.W, vertical=integrated)
