@@ -60,7 +60,7 @@ def factorize(data: ReductionData, position: PositionKinematics) -> Factorizatio
 
 
 def constraint_rows(data: ReductionData, position: PositionKinematics) -> Float[Array, "m nv"]:
-    """Independent constraint rows A at one configuration, selected among all; the default rows where they are too few."""
+    """Independent constraint rows A at one configuration; the default rows where there are too few."""
     if data.rows.size == data.m:
         return data.constraints.jacobian(position)
     rows = data.rows.jacobian(position)
