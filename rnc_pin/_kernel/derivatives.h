@@ -190,7 +190,7 @@ static void vary_frames(Evaluator *ev, Derivatives *d, const double *J)
 /* derivative of the velocity of a row by q */
 static void rate_slopes(const Evaluator *ev, const Derivatives *d, const Row *row, const Slopes *slopes, double *Ev_q)
 {
-    for (int side = 0; side < (row->kind < DISTANCE ? 1 : 2); side++) {
+    for (int side = 0; side < sides_of(row); side++) {
         long f = side ? row->b : row->a, joint = ev->frame[f].joint;
         const double *K = (const double *)(slopes->velocity + side);
         for (long s = ev->start[joint]; s < ev->start[joint + 1]; s++) {
@@ -203,7 +203,7 @@ static void rate_slopes(const Evaluator *ev, const Derivatives *d, const Row *ro
 static void wrench_row(const Evaluator *ev, const Derivatives *d, const Row *row, const Slopes *slopes, double *Ev_q,
                        double *Ew_q, double *Ew_v)
 {
-    int sides = row->kind < DISTANCE ? 1 : 2;
+    int sides = sides_of(row);
     for (int side = 0; side < sides; side++) {
         long f = side ? row->b : row->a, joint = ev->frame[f].joint;
         const double *K = (const double *)(slopes->velocity + side), *G = (const double *)(slopes->acceleration + side);
@@ -281,9 +281,9 @@ static void add_force(Evaluator *ev, Derivatives *d, const Row *row, double forc
 {
     Wrench on[2];
     double W[6];
-    if (row->kind < WORLD || row->kind > POINT) return; /* momenta have no reaction force */
+    if (!sides_of(row)) return; /* momenta have no reaction force */
     if (along_column >= 0 && !d->moves[ev->frame[row->a].joint * ev->n + along_column]
-        && !(row->kind >= DISTANCE && d->moves[ev->frame[row->b].joint * ev->n + along_column]))
+        && !(sides_of(row) == 2 && d->moves[ev->frame[row->b].joint * ev->n + along_column]))
         return;
     int sides = wrenches(ev, row, on);
     for (int side = 0; side < sides; side++) {
@@ -488,7 +488,7 @@ static PyObject *state_derivatives(Evaluator *ev, PyObject *const *args, Py_ssiz
     double *x[3], *out, *B = NULL;
     if (!expect(ev, given, 3) || !prepare_derivatives(ev)) return NULL;
     Derivatives *d = ev->derivatives;
-    int ok = ev->fused && r && states(args, 3, sizes, &all, x);
+    int ok = ev->fused && r && !ev->no_slopes && states(args, 3, sizes, &all, x);
     if (ok && !(array = made(ev, &all, derivatives_size(ev), &out))) ok = -1;
     double *P = ev->scratch + ev->work, *F = P + kinematics_size(ev), *S = F + 2 * n * n;
     double *force = S + dynamics_size(ev), *J = P + n * n;

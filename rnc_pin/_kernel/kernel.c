@@ -18,14 +18,14 @@
 
 #define INTERFACE 19 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
 #define INTEGERS 8  /* of a row: kind, first and second frame, five more */
-#define NUMBERS 12  /* of a row */
+#define NUMBERS 20  /* of a row */
 #define FLAT 1e-6   /* sine below which an axis counts as vertical */
 #define TOGETHER 1e-9 /* distance below which frames coincide [m] */
 #define AMPLIFIED 1e10 /* amplification of rounding errors above which actuators count as dependent */
 #define STEEP 1e8     /* rates per wanted rate above which A4 counts as singular */
 #define FARTHEST 1e4  /* square of the longest step of the integrator [rad or m] */
 
-enum { CONSTANT, EXTERNAL, WORLD, OWN, WHEEL, YAW, TILT, DISTANCE, CLOSURE, POINT, MOMENTUM, ACKERMANN };
+enum { CONSTANT, EXTERNAL, WORLD, OWN, WHEEL, YAW, TILT, DISTANCE, CLOSURE, POINT, MOMENTUM, ACKERMANN, ROLLING };
 
 /* Values of outputs, i[4] of their rows. */
 enum { NO_VALUE, JOINT, CONTINUOUS_JOINT, COORDINATE, HEADING, ELEVATION, LENGTH };
@@ -66,7 +66,8 @@ typedef struct {
     long *support, *start;   /* entries of v that move each joint, in the order from the root */
     long *owner;             /* joint of each entry of v (n) */
     double *constant;        /* constant rows (count, n); zero for the others */
-    double *B, *mu, *lengths; /* constant part of B (n, p); (m); typical lengths of the rows of E (n) */
+    double *B, *mu, *lengths; /* constant part of B (n, p); (m) at the last configuration; typical lengths of the rows of E (n) */
+    int slides, no_slopes;   /* ground moves; a constraint row has no derivatives */
     double fast_length, fast_limit;
     double *laws;            /* of the forces that follow from the state, FORCE_NUMBERS each */
     Py_ssize_t forced;       /* their number */
@@ -327,6 +328,18 @@ static int wheel(const Row *row, const Motion *at, Wrench *out)
     return 1;
 }
 
+#include "rolling.h"
+
+static int wheel_on_plane(const Row *row, const Motion *at, Wrench *out)
+{
+    Motion local;
+    if (!row->i[0]) return wheel(row, at, out);
+    to_plane(row, at, &local);
+    if (!wheel(row, &local, out)) return 0;
+    from_plane(row, out->f), from_plane(row, out->m), from_plane(row, out->fd), from_plane(row, out->md);
+    return 1;
+}
+
 /* Yaw or tilt of one of the frame's axes, i[0]; see frame_yaw.py and frame_tilt.py. */
 static int angle(const Row *row, const Motion *at, Wrench *out)
 {
@@ -383,10 +396,16 @@ static void closure(const Row *row, const Motion *a, const Motion *b, Wrench *ou
     memcpy(out->pd, point->v, sizeof out->pd);
 }
 
+/* Number of frames of a row that consists of wrenches; 0 for other rows */
+static int sides_of(const Row *row)
+{
+    return row->kind == ROLLING || (row->kind >= WORLD && row->kind < DISTANCE) ? 1 : row->kind >= DISTANCE && row->kind <= POINT ? 2 : 0;
+}
+
 /* Wrenches of a row on its frames; returns their number, 0 for a row that is not defined here, -1 for other rows. */
 static int wrenches(Evaluator *ev, const Row *row, Wrench out[2])
 {
-    if (row->kind < WORLD || row->kind > POINT) return -1;
+    if (!sides_of(row)) return -1;
     const Motion *a = ev->motion + row->a, *b = ev->motion + row->b;
     out[0].joint = ev->frame[row->a].joint;
     along(out, a);
@@ -402,7 +421,9 @@ static int wrenches(Evaluator *ev, const Row *row, Wrench out[2])
         cross(a->V + 3, out->m, out->md);
         return 1;
     case WHEEL:
-        return wheel(row, a, out);
+        return wheel_on_plane(row, a, out);
+    case ROLLING:
+        return rolling(row, a, out);
     case YAW:
     case TILT:
         return angle(row, a, out);
@@ -591,6 +612,13 @@ static int factorize(Evaluator *ev, const double *q, const double *P, const doub
         memset(ev->motion[f].v, 0, sizeof ev->motion[f].v);
     }
     if (!assemble(ev, q, P, external, 0, n, F) || !invert(F, inverse, ev->scratch, n)) return 0;
+    for (Py_ssize_t i = 0; i < ev->m && ev->slides; i++)
+        if (on_moving_ground(ev->rows + i)) {
+            Wrench on[2];
+            double unused;
+            wrenches(ev, ev->rows + i, on);
+            ev->mu[i] = slide(ev->rows + i, ev->motion + ev->rows[i].a, on, &unused);
+        }
     rows += dot(F, F, n * n);
     columns = dot(inverse, inverse, n * n);
     if (rows * columns < ev->fast_limit) return 1; /* a bound on the dependence of every row */
@@ -645,6 +673,11 @@ static int biases(Evaluator *ev, const double *q, const double *P, const double 
             sum += dot(W, frame->A, 6);
             rate_about_origin(on + side, W);
             sum += dot(W, frame->V, 6);
+        }
+        if (on_moving_ground(row)) {
+            double grows;
+            slide(row, ev->motion + row->a, on, &grows);
+            sum -= grows;
         }
         if (row->kind == EXTERNAL) sum = external[row->i[0]];
         if (row->kind == MOMENTUM) {
@@ -1659,9 +1692,12 @@ static int valid(const Evaluator *ev, const Row *row, Py_ssize_t external, int o
     case YAW:
     case TILT:
         return within(row->a, ev->frames) && within(i[0], 3);
+    case ROLLING:
+        return within(row->a, ev->frames) && within(i[0], TORUS + 1) && within(i[3], 3) && (!i[1] || ev->mu);
+    case WHEEL:
+        return within(row->a, ev->frames) && (!i[1] || ev->mu);
     case WORLD:
     case OWN:
-    case WHEEL:
         return within(row->a, ev->frames);
     }
     return 0;
@@ -1682,8 +1718,11 @@ static int checked(Evaluator *ev)
         if (i >= ev->n + ev->k && i < forces
             && (ev->rows[i].kind != OWN || !within(ev->columns[i - ev->n - ev->k], ev->p)))
             return 0;
-        if (i >= forces && (ev->rows[i].kind > POINT || ev->rows[i].kind == EXTERNAL)) return 0;
+        if (i >= forces && ev->rows[i].kind != CONSTANT && !sides_of(ev->rows + i)) return 0;
         if (ev->rows[i].kind == MOMENTUM) ev->rates_need_C = 1;
+        if (on_moving_ground(ev->rows + i) && i >= ev->m) return 0;
+        if (on_moving_ground(ev->rows + i)) ev->slides = 1;
+        if (on_moving_ground(ev->rows + i) && ev->rows[i].kind == WHEEL) ev->no_slopes = 1;
     }
     return 1;
 }

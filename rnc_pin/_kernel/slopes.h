@@ -120,6 +120,72 @@ static void wheel_slopes(const Row *row, const Motion *at, const double *origin,
     put(G->v, 1.0, now.fd), put(G->w, 1.0, now.md), put(G->a, 1.0, now.f), put(G->b, 1.0, now.m);
 }
 
+static void wheel_slopes_on_plane(const Row *row, const Motion *at, const double *origin, Slopes *out)
+{
+    Motion local;
+    double there[3];
+    if (!row->i[0]) {
+        wheel_slopes(row, at, origin, out);
+        return;
+    }
+    to_plane(row, at, &local);
+    turn(row->w + AT_PLANE, origin, there);
+    wheel_slopes(row, &local, there, out);
+    for (int i = 0; i < CHANGE; i += 3)
+        from_plane(row, (double *)out->velocity + i), from_plane(row, (double *)out->acceleration + i);
+}
+
+/* out += arm x x + n x B x: the gradient of x . arm by the rotation */
+static void by_rotation(const Contact *at, const double *n, const double *x, double *out)
+{
+    double spread[3];
+    turn(at->spread, x, spread);
+    add_cross(out, at->arm, x);
+    add_cross(out, n, spread);
+}
+
+/* T(x, y), in world axes; see rolling.h */
+static void bend(const Contact *of, const double *R, const double *x, const double *y, double *out)
+{
+    double a[3], b[3], Na[3], Nb[3], own[3];
+    turn_back(R, x, a), turn_back(R, y, b);
+    turn(of->N, a, Na), turn(of->N, b, Nb);
+    double Pa = dot(of->P, a, 3), Pb = dot(of->P, b, 3), both = dot(a, Nb, 3);
+    for (int i = 0; i < 3; i++) own[i] = -of->scale * (Na[i] * Pb + Nb[i] * Pa + of->P[i] * both) / of->l;
+    turn(R, own, out);
+}
+
+/* Velocity f . (v + w x arm) less that of the ground, and acceleration f . (a + b x arm + w x arm') less its rate. With the
+   arm's rate arm' = w x arm + B (w x n), its factor is e = f x w - f x W, where the ground turns at W. */
+static void rolling_slopes(const Row *row, const Motion *at, Slopes *out)
+{
+    Change *K = out->velocity, *G = out->acceleration;
+    const double *f = row->w, *n = row->w + AT_NORMAL, *w = at->V + 3, *b = at->A + 3, spin = row->w[AT_SPIN];
+    Contact found;
+    if (row->i[2]) {
+        put(K->w, 1.0, n), put(G->b, 1.0, n);
+        return;
+    }
+    touch(row, at, &found);
+    double W[3] = {spin * n[0], spin * n[1], spin * n[2]}, g[3], e[3], y[3], By[3], Be[3], x[3], rate[3], part[3];
+    cross(f, W, g), cross(f, w, e), subtract(e, g, e, 3);
+    cross(w, n, y);
+    turn(found.spread, y, By), turn(found.spread, e, Be);
+    memcpy(rate, By, sizeof rate), add_cross(rate, w, found.arm);
+    put(K->v, 1.0, f), put(K->p, -1.0, g);
+    cross(found.arm, f, K->w);
+    by_rotation(&found, n, e, K->s);
+    put(G->a, 1.0, f), put(G->v, -1.0, g);
+    cross(found.arm, f, G->b);
+    cross(rate, f, G->w);
+    by_rotation(&found, n, e, G->w);
+    cross(f, b, x), add_cross(x, e, w);
+    by_rotation(&found, n, x, G->s);
+    add_cross(G->s, By, e), add_cross(G->s, Be, y);
+    bend(&found, at->R, e, y, part);
+    add_cross(G->s, n, part);
+}
+
 /* Slopes with respect to a vector from the first to the second frame, its rate and its second rate. */
 static void of_vector(Change *out, const double *e, const double *e1, const double *e2)
 {
@@ -184,7 +250,7 @@ static void closure_slopes(const Row *row, const Motion *a, const Motion *b, con
 /* Slopes of a row that consists of wrenches; false for other rows. origins: accelerations of the frames' origins */
 static int row_slopes(const Evaluator *ev, const double *origins, const Row *row, Slopes *out)
 {
-    if (row->kind < WORLD || row->kind > POINT) return 0;
+    if (!sides_of(row)) return 0;
     const Motion *a = ev->motion + row->a, *b = ev->motion + row->b;
     const double *origin = origins + 3 * row->a;
     Change *K = out->velocity, *G = out->acceleration;
@@ -202,7 +268,10 @@ static int row_slopes(const Evaluator *ev, const double *origins, const Row *row
         put(G->a, 1.0, f), put(G->b, 1.0, m);
         return 1;
     case WHEEL:
-        wheel_slopes(row, a, origin, out);
+        wheel_slopes_on_plane(row, a, origin, out);
+        return 1;
+    case ROLLING:
+        rolling_slopes(row, a, out);
         return 1;
     case YAW:
     case TILT:

@@ -142,6 +142,17 @@ class Torus:
         return np.linalg.norm(self._radial(normal), axis=-1)
 
 
+def kernel_shape(shape: BodyShape) -> tuple[int, int, list[float]] | None:
+    """Kind, axis and numbers of a shape for the compiled kernel; None for a shape of the user."""
+    if type(shape) is Sphere:
+        return 0, 0, [float(shape.radius) ** 2] * 3
+    if type(shape) is Ellipsoid:
+        return 0, 0, np.square(np.asarray(shape.semi_axes, dtype=float)).tolist()
+    if type(shape) is Torus:
+        return 1, axis_index(shape.axis), [float(shape.radius), float(shape.tube), 0.0]
+    return None
+
+
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Scalar product (..., 1) without conjugation."""
     return np.asarray((a * b).sum(axis=-1, keepdims=True))

@@ -13,7 +13,7 @@ from rnc_pin.constraints.ground_plane import GroundPlane
 from rnc_pin.constraints.rolling_body import RollingBody
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply
-from rnc_pin.model.kernel_rows import Form, KernelRow, attached
+from rnc_pin.model.kernel_rows import Form, KernelRow, attached, plane_motion, rolling_rows
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.mechanisms import GroundContact, Phrases
 from rnc_pin.model.parameter_types import Positive
@@ -123,8 +123,11 @@ class _RollingBallRows(Rows):
         return Phrases("rolling ball", prevents="slip at", where=self._ball.frame)
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
-        if self._plane.spin:
-            return None  # the velocity of the material depends on the place
+        if self._plane.spin:  # the velocity of the material depends on the place
+            plane, axes = self._plane, self._axes
+            motion = plane_motion(np.asarray(plane.velocity), plane.spin, axes[2], np.asarray(plane.point))
+            squares = [self._ball.radius**2] * 3
+            return rolling_rows((0, 0, squares), attached(model, self._frame), axes, motion)[:3]
         frame, rates = attached(model, self._frame), self._axes @ self._plane.velocity
         return [
             KernelRow(Form.WORLD, (frame,), (), wrench, rate)

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.constraints.body_shapes import BodyShape
+from rnc_pin.constraints.body_shapes import BodyShape, kernel_shape
 from rnc_pin.constraints.curved_grounds import CurvedGround
 from rnc_pin.constraints.ground_plane import GroundPlane
 from rnc_pin.constraints.surface_contact import SurfaceContactRows
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply, apply_transposed, complex_step, cross_columns, vector_product
+from rnc_pin.model.kernel_rows import KernelRow, attached, plane_motion, rolling_rows
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.mechanisms import Phrases
 from rnc_pin.model.offset_frame import triple
@@ -205,6 +206,13 @@ class _RollingBodyRows(Rows):
         return ((contact - self._point) @ self._normal)[..., None] * self.holonomic
 
     # ------------------------------------------------------------------ descriptions
+
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
+        """Rows of the kernel; None for a shape of the user."""
+        shape, placement = kernel_shape(self._shape), pin.SE3(self._turned, self._center)
+        motion = plane_motion(self._sliding, self._spin, self._normal, self._point)
+        frame = attached(model, self._frame, placement)
+        return None if shape is None else rolling_rows(shape, frame, self._axes, motion)[: len(self.names)]
 
     def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
         contact = at.placement(self._frame).translation + self._contact_arm(at)

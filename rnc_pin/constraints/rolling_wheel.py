@@ -15,7 +15,7 @@ from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.math.components import Component, components, cross, packed, packed_vector, smallest
 from rnc_pin.math.linear_algebra import apply, complex_step, product
 from rnc_pin.model.frame_velocity import axis_index
-from rnc_pin.model.kernel_rows import Form, KernelRow, attached
+from rnc_pin.model.kernel_rows import Form, KernelRow, attached, plane_motion
 from rnc_pin.model.kinematics import (
     OWN_AXES,
     Kinematics,
@@ -321,8 +321,11 @@ class _RowsOnPlane(RollingRows):
         return [turn * aside - spin * moved_aside, spin * moved_ahead - turn * ahead, 0.0 * x]
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
-        """Rows of the kernel; None except on level ground at rest, because the kernel's wheels roll on level ground."""
-        return super().kernel_rows(model) if self._level and not self.affine else None
+        plane, axes = self._plane, self._plane.axes
+        motion = plane_motion(np.asarray(plane.velocity), plane.spin, axes[2], np.asarray(plane.point))
+        of_plane, integers = [*axes.ravel().tolist(), *motion], (int(not self._level), int(self.affine))
+        rows = super().kernel_rows(model) or []
+        return [row._replace(integers=integers, numbers=[*row.numbers, *of_plane]) for row in rows]
 
 
 def _friction(kind: RollingWheel) -> Friction:

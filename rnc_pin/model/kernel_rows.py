@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-INTEGERS, NUMBERS = 5, 12
+INTEGERS, NUMBERS = 5, 20
 """Largest number of integers and of floats in a ``KernelRow``."""
+_MOTION = 16  # place of the motion of a plane in the numbers of a row
 
 
 class Form(IntEnum):
@@ -28,7 +29,8 @@ class Form(IntEnum):
     OWN = 3
     """The same, constant in the frame's own axes."""
     WHEEL = 4
-    """Contact of a rolling wheel. Numbers: radius, axle (3), weights of rolling, lateral and vertical rows (3)."""
+    """Contact of a rolling wheel. Integers: 1 if the plane slopes, 1 if its material moves. Numbers: radius, axle (3),
+    weights of rolling, lateral and vertical rows (3), axes of the plane by rows (9), its motion (4)."""
     YAW = 5
     """Yaw of a frame's axis. Integers: axis."""
     TILT = 6
@@ -45,6 +47,10 @@ class Form(IntEnum):
     ACKERMANN = 11
     """Steering linkage. Integers: index in q and v of the left joint, of the right joint, bits of continuous joints.
     Numbers: track over wheelbase, sign of the left joint, of the right joint."""
+    ROLLING = 12
+    """Contact of a body on a plane; the frame has the axes of its shape. Integers: 0 for an ellipsoid and 1 for a torus,
+    1 if the material moves, 1 for the angular velocity about the normal, axis of the torus. Numbers: direction (3),
+    normal (3), squares of the semi-axes or radius and tube (3), 7 unused, motion of the plane (4)."""
 
 
 FORMS_OF_FORCES = frozenset({Form.CONSTANT, *(form for form in Form if Form.WORLD <= form <= Form.POINT)})
@@ -116,9 +122,37 @@ def attached(model: pin.Model, frame: int, offset: pin.SE3 | None = None) -> Att
     return AttachedFrame(found.parentJoint, pin.SE3(placement))
 
 
+def rolling_rows(
+    shape: tuple[int, int, Sequence[float]], frame: AttachedFrame, axes: np.ndarray, motion: Sequence[float]
+) -> list[KernelRow]:
+    """Rows of a rolling body: along the axes (3, 3) of its plane, and about the normal.
+
+    Args:
+        shape: 0 for an ellipsoid with the squares of its semi-axes, or 1 for a torus with its axis, radius and tube.
+        frame: frame with the axes of the shape.
+        axes: two directions along the plane, and its normal, as rows.
+        motion: motion of the plane's material, ``plane_motion``.
+    """
+    kind, axis, sizes = shape
+    numbers = [*sizes, *[0.0] * (_MOTION - 6 - len(sizes)), *motion]
+    moves = int(any(motion))
+    parts = [(direction, 0) for direction in axes] + [(axes[2], 1)]
+    return [
+        KernelRow(
+            Form.ROLLING, (frame,), (kind, moves, pivot, axis), [*direction.tolist(), *axes[2].tolist(), *numbers]
+        )
+        for direction, pivot in parts
+    ]
+
+
 def component_rows(form: Form, frame: AttachedFrame, components: Sequence[int]) -> list[KernelRow]:
     """Components of a frame's velocity (linear x, y, z, then angular), in world axes or in its own axes."""
     return [KernelRow(form, (frame,), (), np.eye(6)[k].tolist()) for k in components]
+
+
+def plane_motion(velocity: np.ndarray, spin: float, normal: np.ndarray, point: np.ndarray) -> list[float]:
+    """Spin of a plane's material, and its velocity at the world's origin as if it reached there, (4,)."""
+    return [float(spin), *(np.asarray(velocity) - spin * np.cross(normal, point)).tolist()]
 
 
 def placement_numbers(placement: pin.SE3) -> list[float]:

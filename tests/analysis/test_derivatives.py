@@ -20,6 +20,7 @@ from systems import (
     mecanum,
     mobile_manipulator,
     random_states,
+    rolling_bodies,
     sleigh,
     spinning_space_robot,
     sprung_arm,
@@ -225,6 +226,7 @@ SYSTEMS = {
     "steering": ackermann_car,
     "loop": four_bar,
     "disk that leans": leaning_wheel,
+    "bodies that roll": rolling_bodies,
 }
 ILL_SCALED = ("distance", "momentum of a free base", "steering")  # rows of different lengths
 BLOCKS = ("v", "v2_dot", "v_q", "v_v2", "v2_dot_q", "v2_dot_v2", "v2_dot_T")

@@ -29,10 +29,12 @@ from systems import (
     mecanum,
     mobile_manipulator,
     random_states,
+    rolling_bodies,
     spinning_space_robot,
     sprung_arm,
     tiago,
     tumbling_panda,
+    wheels_on_moving_ground,
 )
 
 needs_library = pytest.mark.skipif(
@@ -117,10 +119,12 @@ SYSTEMS = (
     mecanum,
     mobile_manipulator,
     outputs_of_all_kinds,
+    rolling_bodies,
     spinning_space_robot,
     sprung_arm,
     tiago,
     tumbling_panda,
+    wheels_on_moving_ground,
 )
 
 
@@ -216,7 +220,7 @@ def test_random_systems_agree(recipe):
 
 
 @needs_library
-@pytest.mark.parametrize("make", [mobile_manipulator, sprung_arm, tiago, spinning_space_robot, tumbling_panda])
+@pytest.mark.parametrize("make", [mobile_manipulator, rolling_bodies, sprung_arm, tiago, tumbling_panda])
 def test_integration_agrees(make):
     """Steps of the kernel are those of ``LieRungeKutta4``."""
     compare_steps(make(), h=0.002, steps=3)
@@ -256,7 +260,15 @@ def test_a_step_that_is_too_long_is_left_to_python():
 @needs_library
 def test_an_integrator_needs_no_evaluation():
     """The fused state derivative serves all built-in rows, moving constraints included; rows of the user decline."""
-    for make in (mobile_manipulator, sprung_arm, tiago, spinning_space_robot, drifting_manipulator):
+    for make in (
+        mobile_manipulator,
+        rolling_bodies,
+        wheels_on_moving_ground,
+        sprung_arm,
+        tiago,
+        spinning_space_robot,
+        drifting_manipulator,
+    ):
         reduced = make()
         ((q, v2),) = random_states(reduced, 1)
         assert reduced.reduction_data.compiled.state_derivative(q, v2, np.ones(reduced.p), None, None) is not None

@@ -376,3 +376,44 @@ def sprung_arm():
     drives = [rnc.FrameForce("tip", "x"), rnc.FrameTorque("base", "z"), "arm", "hand"]
     constraints = [rnc.NoSideSlip("base", "y"), rnc.NoSideSlip("upper", "z")]
     return rnc.NonholonomicSystem(rnc.Robot(model), constraints, drives, forces=forces).reduce()
+
+
+def free_bodies(*names):
+    """Free bodies with different inertias, each with a frame of its name."""
+    model = pin.Model()
+    for number, name in enumerate(names):
+        joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), f"{name}_root")
+        inertia = pin.Inertia(
+            1.0 + number, np.array([0.01, 0.02, -0.03]), np.diag([20.0, 30.0, 40.0])
+        )  # found by moving, not by turning
+        model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+        model.addFrame(pin.Frame(name, joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    return rnc.Robot(model)
+
+
+SLOPE = rnc.GroundPlane(normal=(0.2, -0.3, 1.0), point=(0.1, 0.2, 0.3), spin=-0.7)
+TURNTABLE = rnc.GroundPlane(spin=1.3, point=(0.2, -0.1, 0.0), velocity=(0.3, -0.2, 0.0))
+
+
+@cache
+def rolling_bodies():
+    """An egg on a turning slope, a tyre that cannot pivot on a turntable, a ball, and a wheel on a slope."""
+    egg, slope = rnc.Ellipsoid((0.4, 0.2, 0.1)), rnc.GroundPlane((0.2, -0.3, 1.0), (0.1, 0.2, 0.3))
+    rows = [
+        rnc.RollingBody("egg", egg, at=(0.0, 0.01, 0.03), rpy=(0.2, 0.1, -0.5), ground=SLOPE),
+        rnc.RollingBody("tyre", rnc.Torus(0.3, 0.05, "y"), pivoting=False, ground=TURNTABLE),
+        rnc.RollingBall("ball", 0.2, ground=TURNTABLE),
+        rnc.RollingWheel("wheel", 0.3, "x", roller=0.6, ground=slope),
+    ]
+    return rnc.NonholonomicSystem(free_bodies("egg", "tyre", "ball", "wheel"), rows).reduce()
+
+
+@cache
+def wheels_on_moving_ground():
+    """A leaning wheel on a turning slope, a wheel that skids on a turntable, and a coin at rest."""
+    rows = [
+        rnc.RollingWheel("one", 0.3, "x", ground=SLOPE),
+        rnc.RollingWheel("two", 0.2, "y", lateral=False, ground=TURNTABLE),
+        rnc.RollingBody("three", rnc.Torus(0.3, axis="x"), at=(0.1, 0.0, 0.0)),
+    ]
+    return rnc.NonholonomicSystem(free_bodies("one", "two", "three"), rows).reduce()
