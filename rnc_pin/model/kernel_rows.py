@@ -48,7 +48,7 @@ class Form(IntEnum):
     """Steering linkage. Integers: index in q and v of the left joint, of the right joint, bits of continuous joints.
     Numbers: track over wheelbase, sign of the left joint, of the right joint."""
     ROLLING = 12
-    """Contact of a body on a plane; the frame has the axes of its shape. Integers: 0 for an ellipsoid and 1 for a torus,
+    """Contact of a body on a plane; the frame has the axes of its shape. Integers: 0 for an ellipsoid, 1 for a torus,
     1 if the material moves, 1 for the angular velocity about the normal, axis of the torus. Numbers: direction (3),
     normal (3), squares of the semi-axes or radius and tube (3), 7 unused, motion of the plane (4)."""
 
