@@ -147,14 +147,19 @@ def _speeds(model: ActionModel, q: Array, h: float) -> Array:
     return np.einsum("kri,ki->kr", model.reduced.at(q[:-1]).J2, v)
 
 
-def halved(model: ActionModel, at: Iterate) -> Iterate:
-    """The same motion over twice as many intervals."""
-    K = len(at.u)
-    half = np.full(K, at.duration / K / 2)
-    middle = model.step(Nodes(at.q[:-1], at.w[:-1]), at.u, half)
-    q, w = np.repeat(at.q, 2, axis=0)[:-1], np.repeat(at.w, 2, axis=0)[:-1]
-    q[1::2], w[1::2] = middle.q, middle.w
-    return Iterate(q, w, np.repeat(at.u, 2, axis=0), at.duration)
+def resampled(model: ActionModel, at: Iterate, K: int) -> Iterate:
+    """The same motion over K intervals. Inputs are their means over each interval: exact if K is a multiple."""
+    count = len(at.u)
+    places = np.linspace(0.0, count, K + 1)
+    before = np.minimum((places + 1e-9).astype(int), count - 1)
+    since = np.maximum(places - before, 0.0) * at.duration / count
+    found = model.step(Nodes(at.q[before], at.w[before]), at.u[before], since)
+    q, w = np.array(found.q), np.array(found.w)
+    q[-1], w[-1] = at.q[-1], at.w[-1]
+    total = np.concatenate([np.zeros((1, at.u.shape[1])), np.cumsum(at.u, axis=0)])
+    part = (places - before)[:, None]
+    u = np.diff((1 - part) * total[before] + part * total[before + 1], axis=0) * K / count
+    return Iterate(q, w, u, at.duration)
 
 
 def goal_configuration(reduced: ReducedModel, q0: Array, goal: Any) -> Array:
@@ -177,9 +182,10 @@ def _given(problem: Transcription, given: Any, duration: float) -> Iterate:
         return given
     if isinstance(given, MotionPlan):
         inside = np.clip(given.duration, *problem.duration)
-        if given.info.form == model.form and len(given.u) == K:
-            return Iterate(np.array(given.q), np.array(given.w), np.array(given.u), float(inside))
-        return along(model, _resampled(model, given.q, K), float(inside))
+        if given.info.form == model.form and given.info.input_names == model.input_names:
+            same = Iterate(np.array(given.q), np.array(given.w), np.array(given.u), given.duration)
+            return resampled(model, same, K)._replace(duration=float(inside))
+        return along(model, _spaced(model, given.q, K), float(inside))
     try:
         rows = np.asarray(given, dtype=float)
     except (TypeError, ValueError):
@@ -187,10 +193,10 @@ def _given(problem: Transcription, given: Any, duration: float) -> Iterate:
     if rows.ndim != 2 or rows.shape[1] != model.reduced.robot.nq or len(rows) < 2:
         raise InputError(f"guess: expected configurations (n, {model.reduced.robot.nq}), found shape {rows.shape}")
     rows = ConfigurationValidator(model.reduced.robot).validate(rows)
-    return along(model, _resampled(model, rows, K), duration)
+    return along(model, _spaced(model, rows, K), duration)
 
 
-def _resampled(model: ActionModel, q: Array, K: int) -> Array:
+def _spaced(model: ActionModel, q: Array, K: int) -> Array:
     """Configurations (K + 1, nq) at equal times along others."""
     places = np.linspace(0.0, len(q) - 1.0, K + 1)
     found = []

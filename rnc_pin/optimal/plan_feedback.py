@@ -7,13 +7,13 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Description, listed
-from rnc_pin.errors import ConfigurationError, ConstraintError
+from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.action_models import ActionModel, Form, Nodes, action_model
 from rnc_pin.optimal.costs import Weight, weights_of
-from rnc_pin.optimal.guesses import inputs_for
 from rnc_pin.optimal.motion_plan import MotionPlan
+from rnc_pin.optimal.plan_end import End, PlanEnd
 from rnc_pin.optimal.riccati import RiccatiFactors
 from rnc_pin.printing import ReprMixin
 
@@ -22,13 +22,18 @@ class PlanFeedback(ReprMixin):
     """``u + K dx`` along a plan, with dx the measured state minus the planned one along the tangent space.
 
     It reads the model. The dynamic form commands inputs T; the others command the reduced force of the acceleration
-    that results. After its end the plan stands still. Reads from the measurement ``q, v2``. One state at a time.
+    that results. Reads from the measurement ``q, v2``. One state at a time.
+
+    A plan that ends at rest stands still after its end. Other plans brake with ``end="stop"``: the planned reduced
+    velocities fall linearly to zero, within the largest accelerations of the plan, and at most in its duration. With
+    ``end="continue"`` they keep their last values. In the kinematic form the planned velocity jumps to zero.
 
     Args:
         reduced: the model.
         plan: the plan.
-        K: gains (intervals, inputs, states); those of the plan by default.
+        K: gains (intervals, inputs, states); those of the plan by default. The last ones hold after the end.
         bandwidth: decay rate of the velocity error in the kinematic form [1/s].
+        end: "stop" or "continue".
 
     Raises:
         ConfigurationError: plan, gains and model do not fit.
@@ -40,13 +45,14 @@ class PlanFeedback(ReprMixin):
         plan: MotionPlan,
         K: Float[Array, "K nu nx"] | None = None,
         bandwidth: float = 20.0,
+        end: End = "stop",
     ) -> None:
         self.plan, self.bandwidth = plan, bandwidth
         self._reduced, self._model = reduced, fitting_model(reduced, plan)
         self.K = np.array(plan.K if K is None else K, dtype=float)
         if self.K.shape != plan.K.shape or not np.isfinite(self.K).all():
             raise ConfigurationError(f"gains of shape {self.K.shape}: expected finite numbers {plan.K.shape}")
-        self._end = _standing(self._model, plan)
+        self.end, self._after = end, PlanEnd(self._model, plan, end)
         names = (*reduced.reducing.names, *reduced.vertical.names)
         self._outputs = plan.reference() if plan.info.output_names == names else None
 
@@ -60,6 +66,7 @@ class PlanFeedback(ReprMixin):
             "intervals": len(self.plan.u),
             "cost": info.cost,
             "outcome": info.outcome,
+            "end": self.end,
             "bandwidth": self.bandwidth,
             "gains": listed(np.abs(self.K).max(axis=0)),
         }
@@ -71,8 +78,7 @@ class PlanFeedback(ReprMixin):
         """State (one node), input and gains of the plan at a time [s]."""
         plan = self.plan
         if t >= plan.duration:
-            w = np.zeros((1, self._model.nw))
-            return Nodes(plan.q[-1:], w), self._end, self.K[-1]
+            return *self._after.at(t - plan.duration), self.K[-1]
         k = min(max(int(np.searchsorted(plan.time, t, side="right")) - 1, 0), len(plan.u) - 1)
         start = Nodes(plan.q[k : k + 1], plan.w[k : k + 1])
         since = np.array([max(0.0, t - plan.time[k])])
@@ -89,7 +95,8 @@ class PlanFeedback(ReprMixin):
         q, v2 = np.asarray(measurement.q), np.asarray(measurement.v2)
         u, v2_desired = self.input_at(t, q, v2)
         x1, x2 = None, None
-        if self._outputs is not None:  # a plan for other outputs of the same inputs has none of these
+        over = t - self.plan.duration > 0 and self._after.duration > 0  # the plan has no outputs after its end
+        if self._outputs is not None and not over:  # a plan for other outputs of the same inputs has none of these
             x2, x1 = np.split(self._outputs.at(t).position, [self._model.r])
         desired = Command(v2_desired=v2_desired, x1_desired=x1, x2_desired=x2)
         if self._model.form == "dynamic":
@@ -104,6 +111,7 @@ def tvlqr(
     state_cost: Weight = 1.0,
     input_cost: Weight = 1.0,
     final_cost: Weight | None = None,
+    end: End = "stop",
 ) -> PlanFeedback:
     """Return a time-varying linear-quadratic regulator about a plan.
 
@@ -116,6 +124,7 @@ def tvlqr(
         state_cost: weights Q: a number, one for each state, or weights by name of ``plan.info.state_names``.
         input_cost: weights R in the same forms, positive.
         final_cost: weights of the last state; ten times Q by default.
+        end: "stop" or "continue", the motion after the end of the plan.
 
     Raises:
         ConfigurationError: a weight is negative, or names an unknown state; the plan does not fit the model.
@@ -140,7 +149,7 @@ def tvlqr(
     steps = model.step_derivatives(Nodes(plan.q[:-1], plan.w[:-1]), plan.u, h)
     H = h[:, None, None] * np.diag(np.concatenate([Q, R]))
     factors = RiccatiFactors(np.concatenate([steps.x, steps.u], axis=2), H, np.diag(last))
-    return PlanFeedback(reduced, plan, factors.K)
+    return PlanFeedback(reduced, plan, factors.K, end=end)
 
 
 def fitting_model(reduced: ReducedModel, plan: MotionPlan) -> ActionModel:
@@ -160,14 +169,3 @@ def fitting_model(reduced: ReducedModel, plan: MotionPlan) -> ActionModel:
     if plan.q.shape[1] != reduced.robot.nq:
         raise ConfigurationError(f"the plan has {plan.q.shape[1]} coordinates, the robot {reduced.robot.nq}")
     return model
-
-
-def _standing(model: ActionModel, plan: MotionPlan) -> Array:
-    """Input that holds the last configuration."""
-    if model.form != "dynamic":
-        return np.zeros(model.nu)
-    zeros = np.zeros((1, model.nw))
-    try:
-        return inputs_for(model, Nodes(plan.q[-1:], zeros), zeros)[0]
-    except ConstraintError:
-        return np.array(plan.u[-1])

@@ -15,7 +15,7 @@ from rnc_pin.optimal.action_models import ActionModel, Form, Nodes, action_model
 from rnc_pin.optimal.bounds import DISTANCE, BoundKind, DistanceBound, GoalRows
 from rnc_pin.optimal.costs import CostKind, EffortCost, OutputCost
 from rnc_pin.optimal.feedback_gains import feedback_gains
-from rnc_pin.optimal.guesses import guesses, halved
+from rnc_pin.optimal.guesses import guesses, resampled
 from rnc_pin.optimal.motion_plan import MotionPlan, PlanInfo
 from rnc_pin.optimal.plan_outputs import output_nodes
 from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic, Solution, SolverSettings
@@ -73,6 +73,9 @@ def plan_motion(
         ConfigurationError: unknown form or output, or a combination that is not possible.
         InputError: wrong shapes, or a duration that is not positive.
 
+    Warns:
+        ModelWarning: refinements do not reach the accuracy, or derivatives are finite differences.
+
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
         >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce(
@@ -109,11 +112,12 @@ def plan_motion(
         if made.info.verification.violation <= settings.accuracy:
             break
         problem = problem.with_intervals(2 * problem.K)
-        finer = SequentialQuadratic(problem, settings).solve(halved(problem.model, best.iterate))
+        finer = SequentialQuadratic(problem, settings).solve(resampled(problem.model, best.iterate, problem.K))
         if finer.outcome == "infeasible":
             break
         finer.iterations += best.iterations
         best, made = finer, _completed(problem, name, finer, settings)
+    _warn_of_inaccuracy(made, settings)
     return made
 
 
@@ -197,6 +201,16 @@ def _warn_of_differences(problem: Transcription) -> None:
     if error > 0:
         text = f"derivatives of user-defined rows or outputs are finite differences (error {error:.1g} at the start)"
         warnings.warn(f"plan: {text}; nodes are evaluated one at a time", ModelWarning, stacklevel=3)
+
+
+def _warn_of_inaccuracy(made: MotionPlan, settings: SolverSettings) -> None:
+    """Warn if refinements were allowed and the verification still finds more than the accuracy."""
+    found = made.info.verification
+    if settings.refinements and found.violation > settings.accuracy > 0:
+        text = f"{found.name} is violated by {found.violation:.2g} at t = {found.at:.3g} s without feedback"
+        remedy = "allow more refinements, or judge a run with feedback if the motion is unstable"
+        text = f"{text}, above the accuracy {settings.accuracy:g}, with {len(made.u)} intervals"
+        warnings.warn(f"plan: {text}; {remedy}", ModelWarning, stacklevel=3)
 
 
 def _without_distances(problem: Transcription, settings: SolverSettings) -> SequentialQuadratic | None:

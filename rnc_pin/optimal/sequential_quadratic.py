@@ -40,7 +40,8 @@ class SolverSettings:
         substeps: integrator steps of the verification in each interval.
         refinements: how often the planner may halve the intervals and solve again from the plan so far, because the
             verification finds a violation above ``accuracy``.
-        accuracy: largest violation after verification that needs no refinement [their units].
+        accuracy: largest violation after verification that needs no refinement [their units]. ``plan`` warns if the
+            refinements do not reach it; with 0 all are made, without a warning.
 
     Example:
         >>> rnc.optimal.SolverSettings(nodes=60).iterations

@@ -35,6 +35,41 @@ def test_gains_of_the_plan_keep_it_on_its_path():
     assert np.abs(run.v2[-1]).max() < 1e-2
 
 
+@cache
+def moving(form):
+    """Plan that ends in motion."""
+    reduced = systems.sleigh()
+    goal = {rnc.FramePosition("sleigh", "xy"): [1.5, 0.6], rnc.FrameYaw("sleigh"): 0.5}
+    start = reduced.robot.configuration()
+    return reduced, rnc.optimal.plan(reduced, start, goal, 2.0, form=form, at_rest=False, v2_0=[0.8, 0.0])
+
+
+@pytest.mark.parametrize("form", ["acceleration", "dynamic"])
+def test_after_a_plan_that_ends_in_motion_the_velocity_falls_linearly_to_zero(form):
+    reduced, plan = moving(form)
+    controller = rnc.optimal.PlanFeedback(reduced, plan)
+    largest, last = np.abs(plan.acceleration[:, :, :2]).max(axis=(0, 1)), plan.w[-1]
+    stop = np.max(np.abs(last) / np.maximum(largest, np.abs(last) / plan.duration))
+    for part in (0.0, 0.3, 0.8, 1.0, 1.5):
+        state, _, _ = controller.planned(plan.duration + part * stop)
+        np.testing.assert_allclose(state.w[0], max(0.0, 1 - part) * last, atol=2e-3)
+    run = rnc.simulate(reduced, controller, plan.q[0], 2.2 + stop, dt=0.02, v2_0=plan.w[0])
+    assert np.abs(run.v2[-1]).max() < 2e-2
+    assert np.abs(np.diff(run.v2, axis=0)).max() < 0.05  # no jump at the end of the plan
+
+
+def test_after_a_plan_that_continues_the_sleigh_drives_on_a_circle():
+    reduced, plan = moving("acceleration")
+    state, u, _ = rnc.tvlqr(reduced, plan, end="continue").planned(plan.duration + 3.0)
+    (v, turn), (x, y, c, s) = plan.w[-1], plan.q[-1]
+    angle, radius = 3.0 * turn, v / turn
+    forward, left = radius * np.sin(angle), radius * (1 - np.cos(angle))
+    np.testing.assert_allclose(state.q[0, :2], [x + c * forward - s * left, y + s * forward + c * left], atol=1e-6)
+    assert not u.any()
+    with pytest.raises(rnc.ConfigurationError, match="end 'hold': expected 'stop' or 'continue'"):
+        rnc.tvlqr(reduced, plan, end="hold")
+
+
 def test_regulator_is_the_dense_optimum():
     """The first input of the regulator minimises the whole quadratic cost, found by least squares."""
     reduced, plan = curve("acceleration")

@@ -6,6 +6,8 @@ import pytest
 import rnc_pin as rnc
 import systems
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError
+from rnc_pin.optimal.guesses import resampled
+from rnc_pin.optimal.transcription import Iterate
 
 
 def sleigh_goal(x, y, yaw):
@@ -137,7 +139,8 @@ def test_refinement_reduces_the_violation_after_verification():
     reduced, goal = systems.sleigh(), sleigh_goal(1.0, 0.5, 0.5)
     start, coarse = reduced.robot.configuration(), rnc.optimal.SolverSettings(nodes=10)
     finer = rnc.optimal.SolverSettings(nodes=10, refinements=1, accuracy=1e-9)
-    plans = [rnc.optimal.plan(reduced, start, goal, 2.0, settings=each) for each in (coarse, finer)]
+    with pytest.warns(rnc.ModelWarning, match="goal sleigh_y is violated .* above the accuracy 1e-09"):
+        plans = [rnc.optimal.plan(reduced, start, goal, 2.0, settings=each) for each in (coarse, finer)]
     assert len(plans[1].u) == 20
     first, second = (plan.info.verification.violation for plan in plans)
     assert first / second == pytest.approx(4.0, rel=0.25)
@@ -167,3 +170,14 @@ def test_a_reference_of_the_reducing_outputs_is_driven():
     np.testing.assert_allclose(q[-1], [0.0, 1.0, -1.0, 0.0], atol=1e-3)
     with pytest.raises(ConfigurationError, match="reference of 1 outputs: the model has 2"):
         rnc.optimal.driven_configurations(reduced, q[0], rnc.planning.MinimumJerk([0.0], [1.0], 1.0))
+
+
+def test_a_plan_is_a_guess_over_other_intervals_with_the_same_motion():
+    reduced, coarse = systems.sleigh(), rnc.optimal.SolverSettings(nodes=10)
+    plan = rnc.optimal.plan(reduced, reduced.robot.configuration(), sleigh_goal(1.0, 0.5, 0.5), 2.0, settings=coarse)
+    at = Iterate(plan.q, plan.w, plan.u, plan.duration)
+    model = rnc.optimal.action_model(reduced, "acceleration")
+    twice, more = resampled(model, at, 20), resampled(model, at, 25)
+    np.testing.assert_allclose(twice.u, np.repeat(plan.u, 2, axis=0), atol=1e-12)
+    np.testing.assert_allclose(twice.q[::2], plan.q, atol=1e-12)
+    np.testing.assert_allclose(np.diff(more.w, axis=0), more.u * 2.0 / 25, atol=1e-7)  # inputs are means

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from benchmarks.optimal import car, driven_length, shortest_plan
+from benchmarks.path_lengths import driven_length, forward_plan, turning_plan
+from benchmarks.planned_models import car
 from benchmarks.shortest_paths import drive, dubins_length, reeds_shepp_length
 
 
@@ -22,6 +23,13 @@ def test_no_random_word_is_shorter_than_the_closed_forms():
 
 @pytest.mark.parametrize("pose", [(3.0, 1.0, -0.5), (1.0, 2.0, 2.5)])
 def test_the_limit_of_a_small_effort_weight_is_the_path_of_dubins(pose):
-    plan = shortest_plan(car(), pose, 0.0, starts=1, weights=[0.01])
+    plan = forward_plan(car(), pose, starts=1, finer=[(40, 0.01)])
     assert driven_length(plan) == pytest.approx(dubins_length(*pose), rel=1e-2)
+    assert plan.info.verification.violation < 1e-2
+
+
+def test_the_fastest_motion_with_bounded_turning_rate_takes_the_length_of_reeds_and_shepp():
+    pose = (0.85, 1.84, 0.27)
+    plan = turning_plan(pose, nodes=30, solutions=1)
+    assert plan.duration == pytest.approx(reeds_shepp_length(*pose), rel=2e-3)
     assert plan.info.verification.violation < 1e-2

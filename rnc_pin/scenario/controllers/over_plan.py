@@ -25,10 +25,10 @@ def _plan_feedback(settings: PlanFeedbackSettings, context: ControllerContext) -
         raise ConfigurationError("controller.type: 'plan_feedback' requires a plan: set 'planner'")
     with at_key("controller"):
         if settings.gains == "plan":
-            controller = PlanFeedback(reduced, plan, bandwidth=settings.bandwidth)
+            controller = PlanFeedback(reduced, plan, bandwidth=settings.bandwidth, end=settings.end)
         else:
             gains = tvlqr(reduced, plan, settings.state_cost, settings.input_cost).K
-            controller = PlanFeedback(reduced, plan, gains, settings.bandwidth)
+            controller = PlanFeedback(reduced, plan, gains, settings.bandwidth, settings.end)
     smallest = float(np.min(reduced.at(plan.q).smallest_singular_value))
     near = f"the plan is near a singular configuration: smallest singular value {smallest:.2g}"
     passed = obstacles_passed(reduced.robot, plan.time, plan.q, context.obstacles)

@@ -264,6 +264,9 @@ class PlanFeedbackSettings(ControllerSettings):
     """Weights of the inputs of the plan for "tvlqr": one number, one for each, or a mapping by name."""
     bandwidth: Positive = 20.0
     """Decay rate of velocity errors for plans of the form "kinematic" [1/s]."""
+    end: Literal["stop", "continue"] = "stop"
+    """Motion after a plan that does not end at rest: "stop" brakes within the accelerations of the plan; "continue"
+    keeps its last reduced velocities."""
 
     @model_validator(mode="after")
     def _weights_belong_to_tvlqr(self) -> PlanFeedbackSettings:

@@ -1,0 +1,41 @@
+"""Models whose motions the benchmarks of optimal control plan."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import rnc_pin as rnc
+from rnc_pin.robots.vehicles import tractor_trailers_urdf
+
+
+def knife_edge() -> rnc.ReducedModel:
+    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")])
+    return system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+
+
+def car() -> rnc.ReducedModel:
+    robot = rnc.Robot.from_urdf("car.urdf", base="planar")
+    rows = [rnc.NoSideSlip("front_axle"), rnc.NoSideSlip("rear_axle")]
+    system = rnc.NonholonomicSystem(robot, rows, [rnc.FrameForce("rear_axle", "x"), "front_steering"])
+    return system.reduce([rnc.FrameSpeed("rear_axle"), rnc.JointPosition("front_steering")])
+
+
+def mobile_manipulator() -> rnc.ReducedModel:
+    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+    inputs = [rnc.FrameForce("base", "x"), rnc.FrameTorque("base", "z"), "joint_1", "joint_2"]
+    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")], inputs)
+    joints = [rnc.JointPosition("joint_1"), rnc.JointPosition("joint_2")]
+    return system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base"), *joints])
+
+
+def tractor(trailers: int) -> rnc.ReducedModel:
+    """Tractor with trailers, each hitched on the axle before."""
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "tractor.urdf"
+        file.write_text(tractor_trailers_urdf(trailers))
+        robot = rnc.Robot.from_urdf(file, base="planar")
+    axles = ["front_axle", "tractor_axle", *(f"axle_{k}" for k in range(1, trailers + 1))]
+    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip(axle) for axle in axles])
+    return system.reduce([rnc.FrameSpeed("tractor"), rnc.JointPosition("front_steering")])

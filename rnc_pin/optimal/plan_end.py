@@ -1,0 +1,109 @@
+"""Motion after the end of a plan: a stop within the accelerations of the plan, or the last velocities for ever."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy import ndarray as Array
+
+from rnc_pin.errors import ConfigurationError, ConstraintError, nearest
+from rnc_pin.optimal.action_models import ActionModel, Nodes
+from rnc_pin.optimal.guesses import inputs_for
+from rnc_pin.optimal.motion_plan import MotionPlan
+
+End = Literal["stop", "continue"]
+_AT_REST = 1e-3  # part of an interval: a plan that brakes in less time ends at rest
+
+
+class PlanEnd:
+    """Motion after the end of a plan.
+
+    ``"stop"``: the reduced velocities fall linearly to zero. No acceleration exceeds the largest of the plan, unless
+    the stop would take longer than the plan. A plan that ends at rest stands still, and in the kinematic form the
+    velocity jumps to zero, as it jumps between intervals. ``"continue"``: the reduced velocities stay. An underactuated
+    system comes as near to both as its inputs allow.
+
+    Args:
+        model: action model of the plan.
+        plan: the plan.
+        end: "stop" or "continue".
+
+    Attributes:
+        duration: time until the motion stands still [s]; infinite for "continue".
+
+    Raises:
+        ConfigurationError: unknown end.
+    """
+
+    def __init__(self, model: ActionModel, plan: MotionPlan, end: End = "stop") -> None:
+        if end not in ("stop", "continue"):
+            raise ConfigurationError(
+                f"end '{end}': expected 'stop' or 'continue'{nearest(str(end), ['stop', 'continue'])}"
+            )
+        self._model, self._u_last = model, np.array(plan.u[-1])
+        self._h = float(plan.time[-1] - plan.time[-2])
+        self._nodes = [Nodes(plan.q[-1:], plan.w[-1:])]
+        self._inputs: list[Array] = []
+        self._rates = np.zeros((1, model.r))
+        self.duration = np.inf if end == "continue" else self._braking(plan)
+        self._stand: tuple[Nodes, Array] | None = None
+
+    def at(self, since: float) -> tuple[Nodes, Array]:
+        """State (one node) and input at a time after the end of the plan [s]."""
+        if since >= self.duration:
+            if self._stand is None:
+                self._stand = self._standing()
+            return self._stand
+        k = int(since / self._h)
+        if self.duration < np.inf:
+            k = min(k, round(self.duration / self._h) - 1)
+        self._extend(k)
+        step = np.array([since - k * self._h])
+        return self._model.step(self._nodes[k], self._inputs[k][None], step), self._inputs[k]
+
+    def _braking(self, plan: MotionPlan) -> float:
+        """Duration of the stop, a whole number of intervals; it sets their length and the reduced acceleration."""
+        if not self._model.nw:
+            return 0.0
+        largest = np.abs(plan.acceleration[:, :, : self._model.r]).max(axis=(0, 1))
+        speed = np.abs(plan.w[-1])
+        total = min(
+            float((speed / np.maximum(largest, speed / plan.duration)).max(initial=0.0, where=speed > 0)), plan.duration
+        )
+        if total < _AT_REST * self._h:
+            return 0.0
+        count = int(np.ceil(total / self._h - 1e-9))
+        self._h, self._rates = total / count, -plan.w[-1:] / total
+        return total
+
+    def _extend(self, k: int) -> None:
+        """Compute the intervals up to the k-th."""
+        while len(self._inputs) <= k:
+            now = self._nodes[-1]
+            first = self._input(now, self._rates)
+            middle = self._model.step(now, first[None], np.array([self._h / 2]))
+            u = self._input(middle, self._rates)  # constant over the interval, so that of its middle is nearest
+            self._inputs.append(u)
+            self._nodes.append(self._model.step(now, u[None], np.array([self._h])))
+
+    def _input(self, at: Nodes, rates: Array) -> Array:
+        """Input of the form that gives reduced accelerations (1, r), or comes nearest to them."""
+        if self._model.form == "kinematic":
+            return self._u_last
+        if self._model.form == "acceleration":
+            return rates[0]
+        try:
+            return inputs_for(self._model, at, rates)[0]
+        except ConstraintError:
+            return self._u_last
+
+    def _standing(self) -> tuple[Nodes, Array]:
+        """State at rest after the stop, and the input that holds it."""
+        if self.duration > 0:
+            self._extend(round(self.duration / self._h) - 1)
+        zeros = np.zeros((1, self._model.nw))
+        rest = Nodes(self._nodes[-1].q, zeros)
+        if self._model.form != "dynamic":
+            return rest, np.zeros(self._model.nu)
+        return rest, self._input(rest, zeros)
