@@ -18,7 +18,8 @@ from rnc_pin.io.safe_read import open_regular
 
 MANIFEST = ".rnc_pin"
 _RESULT = re.compile(
-    r"(run_\d{4,}/)?(trajectory(_\w+)?\.npz|summary\.json|commands\.json|scenario\.yaml|animation\.html|sweep\.(csv|json)|[^/\0]+\.png)"
+    r"(run_\d{4,}/)?(trajectory(_\w+)?\.npz|plan\.npz|summary\.json|commands\.json|scenario\.yaml|animation\.html"
+    r"|sweep\.(csv|json)|[^/\0]+\.png)"
 )
 _MAX_SIZE = 64_000_000  # [bytes]
 

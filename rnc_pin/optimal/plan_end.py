@@ -68,9 +68,9 @@ class PlanEnd:
             return 0.0
         largest = np.abs(plan.acceleration[:, :, : self._model.r]).max(axis=(0, 1))
         speed = np.abs(plan.w[-1])
-        total = min(
-            float((speed / np.maximum(largest, speed / plan.duration)).max(initial=0.0, where=speed > 0)), plan.duration
-        )
+        moves = speed > 0
+        least = speed[moves] / plan.duration  # a stop takes no longer than the plan
+        total = float((speed[moves] / np.maximum(largest[moves], least)).max(initial=0.0))
         if total < _AT_REST * self._h:
             return 0.0
         count = int(np.ceil(total / self._h - 1e-9))

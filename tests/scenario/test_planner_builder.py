@@ -5,6 +5,7 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
+from rnc_pin.io.manifest import is_result
 from rnc_pin.scenario.execution import execute, plan, write
 
 SCENARIO = """
@@ -47,7 +48,9 @@ def test_a_run_plans_and_tracks_its_plan(tmp_path):
     path = prepared.experiment.provenance.path
     assert path.frame == "sleigh"
     np.testing.assert_allclose(path.poses[-1], [1.0, 0.0, 0.0], atol=1e-3)
-    assert "plan.npz" in write(prepared, run, tmp_path)
+    names = write(prepared, run, tmp_path)
+    assert "plan.npz" in names
+    assert all(map(is_result, names))  # only these leave the fresh folder of a run
     again = rnc.optimal.MotionPlan.load(tmp_path / "plan.npz")
     assert again.info.bounds == (
         ("velocity", "sleigh_speed_x", -np.inf, 0.7),
