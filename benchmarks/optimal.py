@@ -1,7 +1,7 @@
-"""Optimal control: processor time of an iteration, known optima, random problems, and model-predictive control.
+"""Optimal control: processor time of an iteration, known optima, random problems, predictive control, and feedback.
 
 Run it by ``python -m benchmarks.optimal iteration|optima|predictive``, or with a number of problems by
-``python -m benchmarks.optimal parking|docking|dubins|reeds-shepp N``. Without a name all run.
+``python -m benchmarks.optimal parking|docking|dubins|reeds-shepp|regions N``. Without a name all run.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 import rnc_pin as rnc
 from benchmarks.path_lengths import compare
 from benchmarks.planned_models import car, knife_edge, mobile_manipulator, tractor
+from benchmarks.regions import regions
 from benchmarks.whole_body import model as tiago
 from rnc_pin.errors import InfeasibleError
 from rnc_pin.model.kinematics import Kinematics
@@ -202,6 +203,7 @@ PARTS: dict[str, Callable[[], None]] = {
     "dubins": dubins,
     "reeds-shepp": reeds_shepp,
     "predictive": predictive,
+    "regions": lambda: regions(_count(10)),
 }
 
 if __name__ == "__main__":

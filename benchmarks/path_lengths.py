@@ -23,6 +23,8 @@ FINER = ((40, 1e-2), (40, 1e-3), (80, 1e-3), (160, 1e-3), (320, 1e-3), (320, 1e-
 """Intervals and weights of the effort. Each plan is the guess of the next; a step that fails is left out."""
 CANDIDATES = 3
 """Local optima of the first weight that become guesses for the next."""
+BLOCKS = (5, 6, 8)
+"""Numbers of blocks of the speed, for guesses where the knife edge turns while it hardly moves."""
 DRIVES, NODES = 12, 40
 FORWARD_RATE, BOTH_RATE = 20.0, 200.0
 """Largest rate of the steering [rad/s]. The closed forms have no limit, and turn at once at cusps."""
@@ -101,9 +103,11 @@ def reversing_plan(reduced: rnc.ReducedModel, pose: Pose, finer: Sequence[tuple[
     around = (0.5 * edge.duration, 1.5 * edge.duration)
     for nodes, weight in finer:
         settings = SolverSettings(nodes=nodes, iterations=100, tolerance=1e-4, substeps=4)
-        guess = _along_edge(reduced, edge) if found is None else found
-        with suppress(InfeasibleError):
-            found = _fastest(reduced, pose, (-1.0, BOTH_RATE), around, weight, settings, guess)
+        guesses = [_along_edge(reduced, edge), *(_in_blocks(reduced, edge, blocks) for blocks in BLOCKS)]
+        for guess in guesses if found is None else [found]:
+            with suppress(InfeasibleError):
+                found = _fastest(reduced, pose, (-1.0, BOTH_RATE), around, weight, settings, guess)
+                break
     if found is None:
         raise InfeasibleError("the plan of the knife edge does not lead to one of the car")
     return found
@@ -155,6 +159,29 @@ def _along_edge(reduced: rnc.ReducedModel, edge: MotionPlan) -> np.ndarray:
         [
             reduced.robot.configuration({"root_joint": pose, "front_steering": float(angle)})
             for pose, angle in zip(poses, steering, strict=True)
+        ]
+    )
+
+
+def _in_blocks(reduced: rnc.ReducedModel, edge: MotionPlan, blocks: int) -> np.ndarray:
+    """Configurations of the car like a plan of the knife edge, but with full speed in one direction in each block.
+
+    The knife edge may turn while it hardly moves, which takes as long as a turn in several arcs. Signs of the speed
+    follow from sum-up rounding (S. Sager, "Numerical methods for mixed-integer optimal control problems", 2005).
+    """
+    K, missing = len(edge.u), 0.0
+    block = np.arange(K) * blocks // K
+    signs = np.empty(K)
+    for k in range(blocks):
+        missing += float(edge.u[block == k, 0].mean())
+        signs[block == k] = 1.0 if missing >= 0 else -1.0
+        missing -= 1.0 if missing >= 0 else -1.0
+    turns = np.where(np.abs(edge.u[:, 1]) > 0.5, np.sign(edge.u[:, 1]) * signs, 0.0).astype(int).tolist()
+    word = list(zip(turns, (signs * edge.duration / K).tolist(), strict=True))
+    return np.array(
+        [
+            reduced.robot.configuration({"root_joint": drive(word[:k]), "front_steering": np.pi / 4 * turn})
+            for k, turn in enumerate([0, *turns])
         ]
     )
 

@@ -37,5 +37,6 @@ def tractor(trailers: int) -> rnc.ReducedModel:
         file.write_text(tractor_trailers_urdf(trailers))
         robot = rnc.Robot.from_urdf(file, base="planar")
     axles = ["front_axle", "tractor_axle", *(f"axle_{k}" for k in range(1, trailers + 1))]
-    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip(axle) for axle in axles])
+    drives = [rnc.FrameForce("tractor", "x"), "front_steering"]
+    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip(axle) for axle in axles], drives)
     return system.reduce([rnc.FrameSpeed("tractor"), rnc.JointPosition("front_steering")])

@@ -6,7 +6,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.optimal.linear_quadratic import LinearQuadratic, input_scales, typical_sizes
+from rnc_pin.optimal.linear_quadratic import LinearQuadratic
 from rnc_pin.optimal.riccati import RiccatiFactors
 from rnc_pin.optimal.transcription import Iterate, Transcription
 
@@ -37,8 +37,7 @@ def feedback_gains(problem: Transcription, at: Iterate) -> Float[Array, "K nu nx
 def gains_of(linear: LinearQuadratic) -> Float[Array, "K nu nx"]:
     """Gains of a subproblem at its current motion."""
     N, nx, nu = linear.B.shape
-    inputs = input_scales(linear)
-    rows, _ = typical_sizes(linear, inputs)
+    inputs, (rows, _) = linear.input_scales, linear.typical_sizes
     scale = np.concatenate([np.ones((N, nx)), inputs], axis=1)
     H = linear.H * scale[:, :, None] * scale[:, None, :]
     H[:, np.arange(nx, nx + nu), np.arange(nx, nx + nu)] += 1e-6

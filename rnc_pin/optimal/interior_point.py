@@ -15,12 +15,11 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import SimulationError
-from rnc_pin.optimal.linear_quadratic import Direction, LinearQuadratic, input_scales, typical_sizes
+from rnc_pin.optimal.linear_quadratic import Direction, LinearQuadratic
 from rnc_pin.optimal.riccati import RiccatiFactors
 
 _MOST = 40
 _BOUNDARY = 0.995  # part of the way to the boundary that a step may go
-_PARALLEL = 1e-12
 _STIFFEST = 1e11  # largest weight of a row in the Newton matrix, which rounding allows
 _ENOUGH = 1e-5  # complementarity of a point that is of use
 
@@ -80,7 +79,8 @@ class InteriorPointSolver:
             raise SimulationError("the linear-quadratic subproblem has no finite solution")
         return Direction(z[:, :nx], z[:-1, nx:] * scaled.inputs, costate, iterations)
 
-    def _iterate(self, p: _Scaled, weight: float) -> tuple[Array, Array, int]:
+    def _iterate(self, whole: _Scaled, weight: float) -> tuple[Array, Array, int]:
+        p = _packed(whole)
         N, nx, _ = p.AB.shape
         count = max(1, int(p.active.sum()))
         point = _start(p, weight)
@@ -93,15 +93,14 @@ class InteriorPointSolver:
                 if iteration > 1 and mu <= _ENOUGH * scale:  # rounding ends the iterations early
                     return point.z, costate, iteration
                 raise
-            flat = p.active * (point.s * point.y + point.e * (weight - point.y))
-            mu = float(flat.sum()) / (2 * count)
-            step, _ = _newton(p, point, weight, factors, W, 0.0, None)
-            length = _length(p, point, step, weight)
-            ahead = _moved(point, step, length)
-            mu_ahead = float((p.active * (ahead.s * ahead.y + ahead.e * (weight - ahead.y))).sum()) / (2 * count)
+            now = _residuals(p, point, weight)
+            mu = _complementarity(p, point, weight) / (2 * count)
+            step, _ = _newton(p, point, now, factors, W, 0.0, None)
+            ahead = _moved(point, step, _length(now, point, step))
+            mu_ahead = _complementarity(p, ahead, weight) / (2 * count)
             sigma = min(1.0, max(mu_ahead, 0.0) / max(mu, 1e-300)) ** 3
-            step, costate = _newton(p, point, weight, factors, W, sigma * mu, step)
-            length = min(1.0, _BOUNDARY * _length(p, point, step, weight))
+            step, costate = _newton(p, point, now, factors, W, sigma * mu, step)
+            length = min(1.0, _BOUNDARY * _length(now, point, step))
             point = _moved(point, step, length)
             if mu <= self._tolerance * scale and length > 0.9:
                 return point.z, costate, iteration
@@ -111,8 +110,7 @@ class InteriorPointSolver:
 def _scaled(problem: LinearQuadratic, damping: float) -> tuple[_Scaled, Array]:
     """Scaled subproblem, and the mask of its equations at the end (k,)."""
     N, nx, nu = problem.B.shape
-    inputs = input_scales(problem)
-    rows, _ = typical_sizes(problem, inputs)
+    inputs, (rows, _) = problem.input_scales, problem.typical_sizes
     scale = np.concatenate([np.ones((N, nx)), inputs], axis=1)
     H = problem.H * scale[:, :, None] * scale[:, None, :]
     H[:, np.arange(nx, nx + nu), np.arange(nx, nx + nu)] += damping
@@ -169,59 +167,85 @@ def _without_bounds(
     return whole, costate @ combination, 0
 
 
+def _packed(p: _Scaled) -> _Scaled:
+    """Subproblem with the rows that have a limit first in each node, and no more of the others than needed."""
+    most = int(p.active.sum(axis=1).max(initial=0))
+    order = np.argsort(~p.active, axis=1, kind="stable")[:, :most]
+    G = np.take_along_axis(p.G, order[:, :, None], axis=1)
+    limit, active = (np.take_along_axis(each, order, axis=1) for each in (p.limit, p.active))
+    return p._replace(G=G, limit=limit, active=active.astype(float))
+
+
 def _start(p: _Scaled, weight: float) -> _Point:
-    """Start at zero, with slacks and multipliers inside their limits."""
+    """Start at zero, with slacks and multipliers inside their limits. Those of rows without a limit never change."""
     shape = p.limit.shape
     z = np.zeros((shape[0], p.AB.shape[2]))
     s = np.where(p.active, np.maximum(p.limit, 0.1), 1.0)
     e = np.where(p.active, np.maximum(s - p.limit, 0.1), 1.0)
-    return _Point(z, s, e, np.where(p.active, min(1.0, weight / 2), 0.0))
+    return _Point(z, s, e, np.full(shape, min(1.0, weight / 2)))
+
+
+def _complementarity(p: _Scaled, at: _Point, weight: float) -> float:
+    return float((p.active * (at.s * at.y + at.e * (weight - at.y))).sum())
 
 
 def _factors(p: _Scaled, at: _Point, weight: float) -> tuple[RiccatiFactors, Array]:
     """Factors of the Newton matrix, and the weights of the rows in it."""
     nx = p.AB.shape[1]
-    y = np.where(p.active, at.y, 1.0)
-    other = np.where(p.active, weight - at.y, 1.0)
-    W = np.minimum(p.active / (at.s / y + at.e / other), _STIFFEST)
+    W = np.minimum(p.active / (at.s / at.y + at.e / (weight - at.y)), _STIFFEST)
     weighted = np.sqrt(W)[:, :, None] * p.G
     added = weighted.mT @ weighted
     return RiccatiFactors(p.AB, p.H + added[:-1], p.H_end + added[-1, :nx, :nx]), W
 
 
+class _Residuals(NamedTuple):
+    """Parts of the Newton equations that predictor and corrector share."""
+
+    other: Array
+    """Multipliers of the elastic slacks."""
+    primal: Array
+    g: Array
+    g_end: Array
+    gap: Array
+
+
+def _residuals(p: _Scaled, at: _Point, weight: float) -> _Residuals:
+    nx, z = p.AB.shape[1], at.z
+    return _Residuals(
+        other=weight - at.y,
+        primal=np.einsum("nkz,nz->nk", p.G, z) + at.s - at.e - p.limit,
+        g=np.einsum("nij,nj->ni", p.H, z[:-1]) + p.g,
+        g_end=p.H_end @ z[-1, :nx] + p.g_end,
+        gap=p.gap + np.einsum("nij,nj->ni", p.AB, z[:-1]) - z[1:, :nx],
+    )
+
+
 def _newton(
-    p: _Scaled, at: _Point, weight: float, factors: RiccatiFactors, W: Array, mu: float, predictor: _Point | None
+    p: _Scaled, at: _Point, now: _Residuals, factors: RiccatiFactors, W: Array, mu: float, predictor: _Point | None
 ) -> tuple[_Point, Array]:
     """Newton step to complementarity mu, and the costate after it; the predictor gives terms of second order."""
     nx = p.AB.shape[1]
-    y = np.where(p.active, at.y, 1.0)
-    other = np.where(p.active, weight - at.y, 1.0)
-    first, second = mu - at.s * y, mu - at.e * other
+    first, second = mu - at.s * at.y, mu - at.e * now.other
     if predictor is not None:
         first, second = first - predictor.s * predictor.y, second + predictor.e * predictor.y
-    primal = np.einsum("nkz,nz->nk", p.G, at.z) + at.s - at.e - p.limit
-    t = primal + first / y - second / other
-    force = np.where(p.active, at.y + W * t, 0.0)
-    z = at.z
-    g = np.einsum("nij,nj->ni", p.H, z[:-1]) + p.g + np.einsum("nkz,nk->nz", p.G[:-1], force[:-1])
-    g_end = p.H_end @ z[-1, :nx] + p.g_end + p.G[-1, :, :nx].T @ force[-1]
-    gap = p.gap + np.einsum("nij,nj->ni", p.AB, z[:-1]) - z[1:, :nx]
-    dz, dx, costate = factors.solve(g[:, :, None], g_end[:, None], gap[:, :, None])
-    step = np.zeros_like(z)
+    t = now.primal + first / at.y - second / now.other
+    force = p.active * (at.y + W * t)
+    g = now.g + np.einsum("nkz,nk->nz", p.G[:-1], force[:-1])
+    g_end = now.g_end + p.G[-1, :, :nx].T @ force[-1]
+    dz, dx, costate = factors.solve(g[:, :, None], g_end[:, None], now.gap[:, :, None])
+    step = np.zeros_like(at.z)
     step[:-1], step[-1, :nx] = dz[:, :, 0], dx[:, 0]
     dy = W * (np.einsum("nkz,nz->nk", p.G, step) + t)
-    ds, de = (first - at.s * dy) / y, (second + at.e * dy) / other
-    return _Point(step, *(np.where(p.active, each, 0.0) for each in (ds, de, dy))), costate[:, :, 0]
+    ds = p.active * (first - at.s * dy) / at.y
+    de = p.active * (second + at.e * dy) / now.other
+    return _Point(step, ds, de, dy), costate[:, :, 0]
 
 
-def _length(p: _Scaled, at: _Point, step: _Point, weight: float) -> float:
+def _length(now: _Residuals, at: _Point, step: _Point) -> float:
     """Longest part of a step, up to 1, that keeps slacks and multipliers positive."""
-    longest = 1.0
-    for value, change in ((at.s, step.s), (at.e, step.e), (at.y, step.y), (weight - at.y, -step.y)):
-        falling = p.active & (change < -_PARALLEL)
-        if falling.any():
-            longest = min(longest, float((-value[falling] / change[falling]).min()))
-    return longest
+    pairs = ((at.s, step.s), (at.e, step.e), (at.y, step.y), (now.other, -step.y))
+    fastest = max(float((change / value).min(initial=0.0)) * -1.0 for value, change in pairs)
+    return 1.0 / fastest if fastest > 1.0 else 1.0
 
 
 def _moved(at: _Point, step: _Point, length: float) -> _Point:

@@ -1,4 +1,4 @@
-"""Linear-quadratic subproblem of one iteration, and its scales."""
+"""Linear-quadratic subproblem of one iteration, its scales and its solution."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
+from rnc_pin.model.cached_property import cached_property
 
 _LEAST = 1e-12
 
@@ -32,6 +33,37 @@ class LinearQuadratic:
     upper: Float[Array, "N1 k"]
     """Rows ``lower <= C x + D u <= upper`` of every stage and of the end, where ``D`` is zero."""
 
+    @cached_property
+    def input_scales(self) -> Float[Array, "N nu"]:
+        """Scales of the inputs that give each a weight of about one.
+
+        Weights that vanish get the mean of the others.
+        """
+        nx = self.A.shape[1]
+        weights = np.einsum("nii->ni", self.H)[:, nx:].mean(axis=0)
+        positive = weights[weights > _LEAST]
+        usual = float(np.median(positive)) if len(positive) else 1.0
+        scales = 1.0 / np.sqrt(np.maximum(weights, 1e-6 * usual))
+        return np.broadcast_to(scales, (len(self.A), len(scales)))
+
+    @cached_property
+    def typical_sizes(self) -> tuple[Float[Array, "N1 k"], Float[Array, "N1 nx"]]:
+        """Typical sizes of the rows of each stage, and of the states.
+
+        They are standard deviations under random inputs of the size of their scales, independent from stage to stage.
+        """
+        N, nx, _ = self.B.shape
+        inputs = self.input_scales
+        P = np.zeros((N + 1, nx, nx))
+        noise = self.B * inputs[:, None, :]
+        spread = noise @ noise.mT
+        for k in range(N):
+            P[k + 1] = self.A[k] @ P[k] @ self.A[k].T + spread[k]
+        square = ((self.C @ P) * self.C).sum(axis=2)
+        square[:-1] += ((self.D[:-1] * inputs[:, None, :]) ** 2).sum(axis=2)
+        rows, sizes = np.sqrt(square), np.sqrt(np.einsum("nii->ni", P))
+        return np.maximum(rows, max(1e-4 * float(rows.max(initial=0.0)), _LEAST)), sizes
+
 
 @dataclass(frozen=True)
 class Direction:
@@ -43,30 +75,3 @@ class Direction:
     """Multipliers of the dynamics."""
     iterations: int
     """Iterations of the subproblem; 0 if no bound is active."""
-
-
-def input_scales(problem: LinearQuadratic) -> Float[Array, "N nu"]:
-    """Scales of the inputs that give each a weight of about one; weights that vanish get the mean of the others."""
-    nx = problem.A.shape[1]
-    weights = np.einsum("nii->ni", problem.H)[:, nx:].mean(axis=0)
-    positive = weights[weights > _LEAST]
-    usual = float(np.median(positive)) if len(positive) else 1.0
-    scales = 1.0 / np.sqrt(np.maximum(weights, 1e-6 * usual))
-    return np.broadcast_to(scales, (len(problem.A), len(scales)))
-
-
-def typical_sizes(problem: LinearQuadratic, inputs: Array) -> tuple[Float[Array, "N1 k"], Float[Array, "N1 nx"]]:
-    """Typical sizes of the rows of each stage, and of the states.
-
-    They are standard deviations under random inputs of the size of their scales, independent from stage to stage.
-    """
-    N, nx, _ = problem.B.shape
-    P = np.zeros((N + 1, nx, nx))
-    noise = problem.B * inputs[:, None, :]
-    spread = noise @ noise.mT
-    for k in range(N):
-        P[k + 1] = problem.A[k] @ P[k] @ problem.A[k].T + spread[k]
-    square = ((problem.C @ P) * problem.C).sum(axis=2)
-    square[:-1] += ((problem.D[:-1] * inputs[:, None, :]) ** 2).sum(axis=2)
-    rows, sizes = np.sqrt(square), np.sqrt(np.einsum("nii->ni", P))
-    return np.maximum(rows, max(1e-4 * float(rows.max(initial=0.0)), _LEAST)), sizes

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Literal
 
 import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.errors import ConfigurationError, ConstraintError, nearest
-from rnc_pin.optimal.action_models import ActionModel, Nodes
+from rnc_pin.optimal.action_models import ActionModel, KinematicModel, Nodes
 from rnc_pin.optimal.guesses import inputs_for
 from rnc_pin.optimal.motion_plan import MotionPlan
 
@@ -21,8 +22,8 @@ class PlanEnd:
 
     ``"stop"``: the reduced velocities fall linearly to zero. No acceleration exceeds the largest of the plan, unless
     the stop would take longer than the plan. A plan that ends at rest stands still, and in the kinematic form the
-    velocity jumps to zero, as it jumps between intervals. ``"continue"``: the reduced velocities stay. An underactuated
-    system comes as near to both as its inputs allow.
+    velocity jumps to zero, as it jumps between intervals. ``"continue"``: the reduced velocities stay. The inputs are
+    those of this motion; of an underactuated system, those that come nearest to it.
 
     Args:
         model: action model of the plan.
@@ -41,9 +42,10 @@ class PlanEnd:
             raise ConfigurationError(
                 f"end '{end}': expected 'stop' or 'continue'{nearest(str(end), ['stop', 'continue'])}"
             )
-        self._model, self._u_last = model, np.array(plan.u[-1])
+        self._model, self._plan = model, plan
+        self._driven = KinematicModel(model.reduced)
         self._h = float(plan.time[-1] - plan.time[-2])
-        self._nodes = [Nodes(plan.q[-1:], plan.w[-1:])]
+        self._q: list[Array] = [plan.q[-1:]]
         self._inputs: list[Array] = []
         self._rates = np.zeros((1, model.r))
         self.duration = np.inf if end == "continue" else self._braking(plan)
@@ -59,8 +61,18 @@ class PlanEnd:
         if self.duration < np.inf:
             k = min(k, round(self.duration / self._h) - 1)
         self._extend(k)
-        step = np.array([since - k * self._h])
-        return self._model.step(self._nodes[k], self._inputs[k][None], step), self._inputs[k]
+        q = self._moved(self._q[k], k * self._h, since - k * self._h)
+        return Nodes(q, self._velocity(since) if self._model.nw else self._plan.w[-1:]), self._inputs[k]
+
+    def _velocity(self, since: float) -> Array:
+        """Reduced velocity (1, r) at a time after the end of the plan."""
+        last = self._plan.w if self._model.nw else self._plan.u
+        return last[-1:] + since * self._rates
+
+    def _moved(self, q: Array, since: float, step: float) -> Array:
+        """Configuration (1, nq) after a step from a time on, with the velocity of its middle."""
+        speed = self._velocity(since + step / 2)
+        return self._driven.step(Nodes(q, np.empty((1, 0))), speed, np.array([step])).q
 
     def _braking(self, plan: MotionPlan) -> float:
         """Duration of the stop, a whole number of intervals; it sets their length and the reduced acceleration."""
@@ -79,31 +91,27 @@ class PlanEnd:
 
     def _extend(self, k: int) -> None:
         """Compute the intervals up to the k-th."""
-        while len(self._inputs) <= k:
-            now = self._nodes[-1]
-            first = self._input(now, self._rates)
-            middle = self._model.step(now, first[None], np.array([self._h / 2]))
-            u = self._input(middle, self._rates)  # constant over the interval, so that of its middle is nearest
-            self._inputs.append(u)
-            self._nodes.append(self._model.step(now, u[None], np.array([self._h])))
+        for count in range(len(self._inputs), k + 1):
+            q, begin = self._q[-1], count * self._h
+            middle = Nodes(self._moved(q, begin, self._h / 2), self._velocity(begin + self._h / 2))
+            self._inputs.append(self._input(middle, self._rates))  # constant over the interval: that of its middle
+            self._q.append(self._moved(q, begin, self._h))
 
     def _input(self, at: Nodes, rates: Array) -> Array:
         """Input of the form that gives reduced accelerations (1, r), or comes nearest to them."""
-        if self._model.form == "kinematic":
-            return self._u_last
         if self._model.form == "acceleration":
             return rates[0]
-        try:
-            return inputs_for(self._model, at, rates)[0]
-        except ConstraintError:
-            return self._u_last
+        if self._model.form == "dynamic":
+            with suppress(ConstraintError):
+                return inputs_for(self._model, at, rates)[0]
+        return np.array(self._plan.u[-1])
 
     def _standing(self) -> tuple[Nodes, Array]:
         """State at rest after the stop, and the input that holds it."""
         if self.duration > 0:
             self._extend(round(self.duration / self._h) - 1)
         zeros = np.zeros((1, self._model.nw))
-        rest = Nodes(self._nodes[-1].q, zeros)
+        rest = Nodes(self._q[-1], zeros)
         if self._model.form != "dynamic":
             return rest, np.zeros(self._model.nu)
         return rest, self._input(rest, zeros)

@@ -15,7 +15,7 @@ import numpy as np
 
 from rnc_pin.errors import RncError, SimulationError
 from rnc_pin.optimal.interior_point import InteriorPointSolver
-from rnc_pin.optimal.linear_quadratic import Direction, LinearQuadratic, input_scales, typical_sizes
+from rnc_pin.optimal.linear_quadratic import Direction, LinearQuadratic
 from rnc_pin.optimal.transcription import Iterate, Transcription, Values, Violation
 
 _LENGTHS = 0.5 ** np.arange(8)
@@ -172,7 +172,7 @@ class SequentialQuadratic:
         return None
 
     def _sizes(self, problem: LinearQuadratic) -> _Sizes:
-        rows, states = typical_sizes(problem, input_scales(problem))
+        rows, states = problem.typical_sizes
         if self.problem.free:
             rows, states = rows[1:, :-1], states[1:, :-1]
         floor = max(1e-3 * float(states.max()), 1e-9)
