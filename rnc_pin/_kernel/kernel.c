@@ -16,7 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define INTERFACE 21 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
+#define INTERFACE 22 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
 #define INTEGERS 8  /* of a row: kind, first and second frame, five more */
 #define NUMBERS 20  /* of a row */
 #define FLAT 1e-6   /* sine below which an axis counts as vertical */
@@ -1254,6 +1254,41 @@ static PyObject *forward_dynamics(Evaluator *ev, PyObject *const *args, Py_ssize
     return answer(&all, out, ok);
 }
 
+/* q of one state or of a stack of states, indices (s) of reducing outputs, record (s, k, r) of the rates of A_star while one of
+   them moves at unit rate. False if the general way has to decide. */
+static PyObject *output_slopes(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+{
+    Py_ssize_t n = ev->n, r = ev->r, k = ev->k, sizes[1] = {ev->nq}, moved = given > 1 ? PyObject_Size(args[1]) : 0;
+    Arrays all = {.count = -1};
+    double *q, *along = NULL, *out = NULL, *D = NULL;
+    if (moved < 0 || !expect(ev, given, 3)) return NULL;
+    if (ev->external || ev->external_vertical || ev->mu || !moved || moved > r || !states(args, 1, sizes, &all, &q))
+        return result(&all, 0);
+    Py_ssize_t count = all.count;
+    int ok = take(&all, args[2], moved * k * r, WRITE, &out) ? 1 : -1;
+    all.count = 1;
+    if (ok > 0 && !take(&all, args[1], moved, READ, &along)) ok = -1;
+    const long *at = (const long *)(const void *)along;
+    for (Py_ssize_t j = 0; j < moved && ok > 0; j++) ok = within(at[j], r);
+    if (ok > 0 && !(D = malloc((size_t)rates_size(ev) * sizeof(double)))) PyErr_NoMemory(), ok = -1;
+    double *P = ev->scratch + ev->work, *F = P + kinematics_size(ev), *v = F + 2 * n * n;
+    const double *A_star_dot = D ? D + n * n + n * r + k * (n + r) + k * n : NULL;
+    for (Py_ssize_t i = 0; i < count && ok > 0; i++, q += ev->nq) {
+        ok = admissible(ev, q, q, NULL); /* r is at most nq */
+        if (ok > 0 && !take_position(ev, q, P)) ok = -1;
+        if (ok > 0) ok = factorize(ev, q, P, NULL, F);
+        for (Py_ssize_t j = 0; j < moved && ok > 0; j++, out += k * r) {
+            for (Py_ssize_t e = 0; e < n; e++) v[e] = F[n * n + e * n + ev->m + at[j]];
+            take_state(ev, q, v);
+            if (ev->rates_need_C && !called(ev, P_C, 1)) ok = -1;
+            if (ok > 0) ok = rates(ev, q, P, F, v, NULL, NULL, NULL, D, ev->scratch);
+            if (ok > 0) memcpy(out, A_star_dot, (size_t)(k * r) * sizeof(double));
+        }
+    }
+    free(D);
+    return result(&all, ok);
+}
+
 /* q, v2, v2_dot -> reduced forces R^T (M (R v2_dot - E^-1 gamma) + bias) of one state or of a stack of states (count, ...); None
    if the general way has to decide. */
 static PyObject *inverse_dynamics(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
@@ -1640,6 +1675,7 @@ static PyObject *track(PyObject *module, PyObject *const *args, Py_ssize_t given
 }
 
 #include "laws.h"
+#include "driven_path.h"
 #include "derivatives.h"
 #include "sampling.h"
 #include "batches.h"
@@ -1872,6 +1908,7 @@ static PyMethodDef methods[] = {
     {"passive_forces", (PyCFunction)(void (*)(void))passive_forces, METH_FASTCALL, NULL},
     {"values", (PyCFunction)(void (*)(void))output_values, METH_FASTCALL, NULL},
     {"rates", (PyCFunction)(void (*)(void))row_rates, METH_FASTCALL, NULL},
+    {"output_slopes", (PyCFunction)(void (*)(void))output_slopes, METH_FASTCALL, NULL},
     {"inverse_dynamics", (PyCFunction)(void (*)(void))inverse_dynamics, METH_FASTCALL, NULL},
     {"forward_dynamics", (PyCFunction)(void (*)(void))forward_dynamics, METH_FASTCALL, NULL},
     {"state_derivative", (PyCFunction)(void (*)(void))state_derivative, METH_FASTCALL, NULL},
@@ -1907,6 +1944,7 @@ static PyMethodDef functions[] = {
     {"feedback", (PyCFunction)(void (*)(void))feedback, METH_FASTCALL, NULL},
     {"track", (PyCFunction)(void (*)(void))track, METH_FASTCALL, NULL},
     {"adapt", (PyCFunction)(void (*)(void))adapt, METH_FASTCALL, NULL},
+    {"slither", (PyCFunction)(void (*)(void))slither, METH_FASTCALL, NULL},
     {"steer", (PyCFunction)(void (*)(void))steer, METH_FASTCALL, NULL},
     {"harmonic", (PyCFunction)(void (*)(void))harmonic, METH_FASTCALL, NULL},
     {"riccati_factors", (PyCFunction)(void (*)(void))riccati_factors, METH_FASTCALL, NULL},

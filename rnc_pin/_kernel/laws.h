@@ -368,50 +368,31 @@ static PyObject *harmonic(PyObject *module, PyObject *const *args, Py_ssize_t gi
     return result(&all, 1);
 }
 
-/* Rates of steering outputs; see steering.py. A_star, A_star_dot (k, r), slopes of A_star along each redundant output (a, k, r),
-   indices of the vertical, primary and redundant outputs (a, b, a), v2 (r), primary rates and theirs (b each), x1 (k), position,
-   velocity and acceleration of the vertical reference (a each), table of gains and of kinds of the vertical outputs (2, a),
-   k4, damping, largest rate, number a, record of the redundant rates (a). False if the arrays or the numbers need the other
-   path. */
-static PyObject *steer(PyObject *module, PyObject *const *args, Py_ssize_t given)
+/* Redundant rates (a) of one run of ``steer``, with its arrays x and numbers k4, damping and largest rate. */
+static int steering_rates(const Task *task, double *const *x, const double *number, double *work, double *out)
 {
-    enum { A_STAR, A_DOT, SLOPES, AT, V2, V21D, V21D_DOT, X1, POINT, TABLE = POINT + 3, ARRAYS };
-    Arrays all = {.count = 1};
-    double *x[ARRAYS] = {NULL}, number[3], *out = NULL, *work = NULL;
-    long *places = NULL;
-    (void)module;
-    if (given != ARRAYS + 5) return PyErr_SetString(PyExc_TypeError, "kernel: steer takes 17 arguments"), NULL;
-    for (int i = 0; i < 3; i++) number[i] = PyFloat_AsDouble(args[ARRAYS + i]);
-    Py_ssize_t a = PyLong_AsSsize_t(args[ARRAYS + 3]), r = PyObject_Size(args[V2]), k = PyObject_Size(args[X1]), b = PyObject_Size(args[V21D]);
-    if (r < 0 || k < 0 || b < 0 || PyErr_Occurred()) return NULL;
-    Task task = {.a = a, .b = b, .c = a, .k = k, .r = r};
-    Py_ssize_t sizes[ARRAYS] = {k * r, k * r, a * k * r, 0, r, b, b, k, a, a, a, 2 * a};
-    int ok = a > 0 && a + b <= r && a <= k && k < 1 << 10 && r < 1 << 10;
-    for (int i = 0; i < ARRAYS && ok; i++)
-        if (i != AT) ok = (x[i] = numbers(&all, args[i], sizes[i])) != NULL;
-    if (!ok || !(out = numbers(&all, args[ARRAYS + 4], a)) || all.views[all.open - 1].readonly) return result(&all, 0);
-    if (!take(&all, args[AT], 2 * a + b, READ, (double **)&places)) return result(&all, -1);
-    if (!placed(&task, places)) return result(&all, 0);
-    if (!(work = malloc((size_t)(k + 5 * a + 3 * a * a) * sizeof(double)))) return PyErr_NoMemory(), result(&all, -1);
+    enum { A_STAR, A_DOT, SLOPES, AT, V2, V21D, V21D_DOT, X1, POINT, TABLE = POINT + 3 };
+    Py_ssize_t a = task->a, b = task->b, k = task->k, r = task->r;
     double *v1 = work, *wanted = v1 + k, *wanted_dot = wanted + a, *right = wanted_dot + a, *rest = right + a, *rate = rest + a;
     double *N = rate + a, *square = N + a * a, *factor = square + a * a, *point[3] = {x[POINT], x[POINT + 1], x[POINT + 2]};
     memset(v1, 0, (size_t)k * sizeof(double));
     for (Py_ssize_t i = 0; i < a; i++) {
-        long row = task.vertical[i];
+        long row = task->vertical[i];
         rate[i] = rest[i] = 0.0;
         for (Py_ssize_t j = 0; j < b; j++) {
-            long column = task.primary[j];
+            long column = task->primary[j];
             rate[i] += x[A_STAR][row * r + column] * x[V2][column];
             rest[i] += x[A_DOT][row * r + column] * x[V2][column] + x[A_STAR][row * r + column] * x[V21D_DOT][j];
         }
         for (Py_ssize_t c = 0; c < a; c++) {
             N[i * a + c] = 0.0;
-            for (Py_ssize_t j = 0; j < b; j++) N[i * a + c] += x[SLOPES][(c * k + row) * r + task.primary[j]] * x[V2][task.primary[j]];
-            rest[i] -= N[i * a + c] * x[V2][task.redundant[c]];
+            for (Py_ssize_t j = 0; j < b; j++)
+                N[i * a + c] += x[SLOPES][(c * k + row) * r + task->primary[j]] * x[V2][task->primary[j]];
+            rest[i] -= N[i * a + c] * x[V2][task->redundant[c]];
         }
         v1[row] = rate[i];
     }
-    ok = feed_back(a, point, x[X1], v1, task.vertical, x[TABLE], x[TABLE] + a, wanted, wanted_dot);
+    int ok = feed_back(a, point, x[X1], v1, task->vertical, x[TABLE], x[TABLE] + a, wanted, wanted_dot);
     for (Py_ssize_t i = 0; i < a; i++) right[i] = wanted_dot[i] + number[0] * (wanted[i] - rate[i]) - rest[i];
     for (Py_ssize_t i = 0; i < a; i++) {
         out[i] = 0.0;
@@ -422,6 +403,41 @@ static PyObject *steer(PyObject *module, PyObject *const *args, Py_ssize_t given
     }
     ok = ok && solve_positive_definite(square, out, factor, a);
     for (Py_ssize_t i = 0; i < a; i++) out[i] = fmin(fmax(out[i], -number[2]), number[2]);
+    return ok;
+}
+
+/* Rates of steering outputs; see steering.py. Of one run or of a stack of runs: A_star, A_star_dot (k, r), slopes of A_star along
+   each redundant output (a, k, r); indices of the vertical, primary and redundant outputs (a, b, a); of each run v2 (r), primary
+   rates and theirs (b each), x1 (k), position, velocity and acceleration of the vertical reference (a each); table of gains and
+   of kinds of the vertical outputs (2, a), k4, damping, largest rate, number a, record of the redundant rates (a). False if the
+   arrays or the numbers need the other path. */
+static PyObject *steer(PyObject *module, PyObject *const *args, Py_ssize_t given)
+{
+    enum { A_STAR, A_DOT, SLOPES, AT, V2, V21D, V21D_DOT, X1, POINT, TABLE = POINT + 3, ARRAYS };
+    Arrays all = {.count = 1};
+    double *x[ARRAYS] = {NULL}, number[3], *out = NULL, *work = NULL;
+    long *places = NULL;
+    (void)module;
+    if (given != ARRAYS + 5) return PyErr_SetString(PyExc_TypeError, "kernel: steer takes 17 arguments"), NULL;
+    for (int i = 0; i < 3; i++) number[i] = PyFloat_AsDouble(args[ARRAYS + i]);
+    Py_ssize_t a = PyLong_AsSsize_t(args[ARRAYS + 3]), r = 0, k = 0, b = 0, runs = 0, of_b = 0, of_k = 0;
+    if (PyErr_Occurred()) return NULL;
+    int ok = stacked(args[V2], &runs, &r) && stacked(args[V21D], &of_b, &b) && stacked(args[X1], &of_k, &k) && of_b == runs
+        && of_k == runs && a > 0 && a + b <= r && a <= k && k < 1 << 10 && r < 1 << 10;
+    Task task = {.a = a, .b = b, .c = a, .k = k, .r = r};
+    Py_ssize_t sizes[ARRAYS] = {k * r, k * r, a * k * r, 0, r, b, b, k, a, a, a};
+    for (int i = 0; i < ARRAYS && ok; i++)
+        if (i != AT) ok = (x[i] = numbers(&all, args[i], i == TABLE ? 2 * a : runs * sizes[i])) != NULL;
+    if (!ok || !(out = numbers(&all, args[ARRAYS + 4], runs * a)) || all.views[all.open - 1].readonly) return result(&all, 0);
+    if (!take(&all, args[AT], 2 * a + b, READ, (double **)&places)) return result(&all, -1);
+    if (!placed(&task, places)) return result(&all, 0);
+    if (!(work = malloc((size_t)(k + 5 * a + 3 * a * a) * sizeof(double)))) return PyErr_NoMemory(), result(&all, -1);
+    for (Py_ssize_t run = 0; run < runs && ok; run++, out += a) {
+        double *one[TABLE + 1];
+        for (int i = 0; i < TABLE; i++) one[i] = i == AT ? NULL : x[i] + run * sizes[i];
+        one[TABLE] = x[TABLE];
+        ok = steering_rates(&task, one, number, work, out);
+    }
     free(work);
     return result(&all, ok);
 }

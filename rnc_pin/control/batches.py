@@ -3,6 +3,7 @@
 A controller whose attribute ``accepts_batches`` is True also takes the measurements of B runs, each field with a
 leading axis (B, ...), and returns commands with that axis. Every row has the bits of a step of that run alone.
 Its state then consists of nested tuples of arrays (B, ...), and of values that all runs share, such as the time.
+A state of another form has a method ``together(states)`` that returns a ``RunStates``.
 An error of a step in which several runs take part names no run; the runs are then stepped one by one.
 
 ``simulate`` steps other controllers once for each run of a batch.
@@ -10,6 +11,7 @@ An error of a step in which several runs take part names no run; the runs are th
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any
 
@@ -21,6 +23,14 @@ from rnc_pin.model.measurement import Measurement
 
 class NotStackable(ValueError):
     """States of runs that one state cannot hold."""
+
+
+class RunStates(ABC):
+    """States of many runs that arrays (B, ...) cannot hold, because their sizes differ."""
+
+    @abstractmethod
+    def of_runs(self, runs: Any) -> State:
+        """Return the states of some runs, by a mask or indices, or the state of one run, by its index."""
 
 
 def accepts_batches(controller: object) -> bool:
@@ -39,6 +49,10 @@ def stack_states(states: Sequence[State]) -> State:
         if any(not isinstance(each, np.ndarray) or each.shape != first.shape for each in states):
             raise NotStackable
         return np.stack(states)
+    if hasattr(first, "together"):
+        if any(type(each) is not type(first) for each in states):
+            raise NotStackable
+        return first.together(states)
     if isinstance(first, tuple):
         if any(type(each) is not type(first) or len(each) != len(first) for each in states):
             raise NotStackable
@@ -52,6 +66,8 @@ def state_of_runs(state: State, runs: Any) -> State:
     """State of some runs, by a mask or indices, or of one run, by its index."""
     if isinstance(state, np.ndarray):
         return state[runs]
+    if isinstance(state, RunStates):
+        return state.of_runs(runs)
     if isinstance(state, tuple):
         return _like(state, [state_of_runs(part, runs) for part in state])
     return state

@@ -72,6 +72,8 @@ class Feedback:
         """Return both sums (..., k) for outputs (..., k) and their rates (..., k)."""
         if self._table is not None and actual.ndim <= 2:
             found = np.empty((2, *actual.shape))
+            if actual.ndim == 2:  # selected columns of many runs are stored by columns
+                actual, rate = np.ascontiguousarray(actual), np.ascontiguousarray(rate)
             point = desired.position, desired.velocity, desired.acceleration
             if _kernel.library.feedback(*point, actual, rate, self._table, found):
                 return found[0], found[1]

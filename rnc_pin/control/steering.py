@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from math import isfinite
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from rnc_pin import _kernel
+from rnc_pin.control.batches import step_in_turn
 from rnc_pin.control.controller import Description, VelocityTarget, check_size, goals_at, listed
 from rnc_pin.control.deviation import Feedback
-from rnc_pin.control.slithering import DrivenPath, SlitheringReference
+from rnc_pin.control.slithering import PathState, SlitheringReference
 from rnc_pin.deprecation import former_keywords, former_name
 from rnc_pin.errors import ConfigurationError, InputError, SingularityError
 from rnc_pin.math.linear_algebra import apply, apply_transposed, clipped, solve
@@ -35,7 +36,7 @@ class SteeringController(ReprMixin):
     with N from the exact gradient of A_star. N vanishes with v21, because a standing vehicle cannot be steered. Near
     v21 = 0 the inverse is damped, and x22 rests.
 
-    Reads from the measurement: ``q, v2, v1, x1, x2, A_star, A_star_dot``. One state at a time.
+    Reads from the measurement: ``q, v2, v1, x1, x2, A_star, A_star_dot``.
 
     Args:
         reduced: model that provides the kinematics.
@@ -87,11 +88,17 @@ class SteeringController(ReprMixin):
         self._in_A3: Any = (..., *np.ix_(task.vertical, task.primary))
         self._damped = damping**2 * np.eye(len(task.redundant))
         self._places = np.concatenate([task.vertical, task.primary, task.redundant])
+        self._redundant = np.array(task.redundant, dtype=np.int64)
         gains = np.broadcast_to(k3, len(task.vertical)), task.vertical_coordinates.kinds
         self._table = np.concatenate(gains, dtype=float)  # for the compiled kernel
 
     fastest = former_name("max_rate")
     watched = former_name("monitored")
+
+    @property
+    def accepts_batches(self) -> bool:
+        """True if the compiled kernel evaluates the model."""
+        return self._reduced.reduction_data.compiled is not None and not self._reduced.rheonomic
 
     def describe(self) -> Description:
         """Return the gains."""
@@ -104,7 +111,7 @@ class SteeringController(ReprMixin):
             "max_rate": self.max_rate,
         }
 
-    def initial_state(self, measurement: Measurement) -> DrivenPath | None:
+    def initial_state(self, measurement: Measurement) -> PathState | None:
         """Return the state of the vertical reference, if any; raise an error if redundant rates move x11."""
         A4 = measurement.A_star[..., self.task.vertical, :][..., self.task.redundant]
         if np.abs(A4).max() > _A4_ZERO:
@@ -115,9 +122,13 @@ class SteeringController(ReprMixin):
         return self.vertical.initial_state(measurement) if isinstance(self.vertical, SlitheringReference) else None
 
     def step(
-        self, t: float, measurement: Measurement, state: DrivenPath | None = None
-    ) -> tuple[VelocityTarget, DrivenPath | None]:
+        self, t: float, measurement: Measurement, state: PathState | None = None
+    ) -> tuple[VelocityTarget, PathState | None]:
         task, m = self.task, measurement
+        slopes = self._slopes(m.q)
+        if slopes is None and m.v2.ndim == 2:  # NumPy rounds differently
+            return cast(tuple[VelocityTarget, PathState | None], step_in_turn(self, t, m, state))
+        given = state
         if state is None and isinstance(self.vertical, SlitheringReference):
             raise InputError("steering along the driven path needs the last step's state, at first initial_state's")
         x21d = self.primary.at(t)
@@ -129,9 +140,15 @@ class SteeringController(ReprMixin):
             x11d, state = self.vertical.step(m, v2_dot, state)
         else:
             x11d = self.vertical.at(t)
-        gradient = kinematic_gradient(self._reduced.at(m.q), task.redundant)
-        v22 = self._by_kernel(m, gradient, v21d, v21d_dot, x11d)
+        gradient = None
+        if slopes is None:
+            gradient = kinematic_gradient(self._reduced.at(m.q), task.redundant)
+            slopes = np.ascontiguousarray(np.moveaxis(gradient, -1, 0))
+        v22 = self._by_kernel(m, slopes, v21d, v21d_dot, x11d)
+        if v22 is None and m.v2.ndim == 2:
+            return cast(tuple[VelocityTarget, PathState | None], step_in_turn(self, t, m, given))
         if v22 is None:
+            gradient = np.moveaxis(slopes, 0, -1) if gradient is None else gradient
             v22 = self._by_numpy(m, gradient, v21d_dot, x11d)
         v2 = np.empty(m.v2.shape)
         v2[..., task.primary] = v21d
@@ -146,15 +163,22 @@ class SteeringController(ReprMixin):
             x2=goals_at(x21d.position, task.primary, m.x2.shape),
         ), state
 
+    def _slopes(self, q: np.ndarray) -> np.ndarray | None:
+        """Slopes (..., a, k, r) of A_star along the redundant outputs, from the compiled kernel; None if it cannot."""
+        compiled = None if self._reduced.rheonomic else self._reduced.reduction_data.compiled
+        return None if compiled is None else compiled.output_slopes(q, self._redundant)
+
     def _by_kernel(
-        self, m: Measurement, gradient: np.ndarray, v21d: np.ndarray, v21d_dot: np.ndarray, x11d: ReferencePoint
+        self, m: Measurement, slopes: np.ndarray, v21d: np.ndarray, v21d_dot: np.ndarray, x11d: ReferencePoint
     ) -> np.ndarray | None:
-        """Redundant rates (a,) from one call of the compiled kernel; None for other arrays, or a singular N."""
-        if _kernel.library is None or m.v2.ndim != 1:
+        """Redundant rates (..., a) from one call of the compiled kernel; None for other arrays, or a singular N."""
+        if _kernel.library is None:
             return None
-        found = np.empty(len(self._places) - len(v21d) - len(self.task.vertical))
-        slopes = np.ascontiguousarray(np.moveaxis(gradient, -1, 0))
-        point = x11d.position, x11d.velocity, x11d.acceleration
+        found = np.empty((*m.v2.shape[:-1], len(self._redundant)))
+        point = [
+            np.ascontiguousarray(np.broadcast_to(each, (*m.v2.shape[:-1], len(self.task.vertical))))
+            for each in (x11d.position, x11d.velocity, x11d.acceleration)
+        ]
         arrays = m.A_star, m.A_star_dot, slopes, self._places, m.v2, v21d, v21d_dot, m.x1, *point, self._table
         settings = self.k4, self.damping, self.max_rate
         return found if _kernel.library.steer(*arrays, *settings, len(self.task.vertical), found) else None

@@ -119,6 +119,16 @@ class CompiledReduction:
         state.rates = found["rates"]
         return state, found["x1"], found["x2"]
 
+    def output_slopes(self, q: Array, along: Array) -> Array | None:
+        """Rates (..., s, k, r) of A_star in the motions of single reducing outputs; None if the other path decides.
+
+        Args:
+            q: configurations (nq,) or (B, nq).
+            along: indices of the outputs (s,).
+        """
+        found = np.empty((*q.shape[:-1], len(along), self._data.vertical.size, self._data.r))
+        return found if self._evaluator.output_slopes(q, along, found) else None
+
     def state_derivative(
         self, q: Array, v2: Array, T: Array, external: Array | None, damping: Array | None
     ) -> tuple[Array, Array] | None:

@@ -79,7 +79,8 @@ def written_down(monkeypatch):
 
 def steering(gradient, **changes):
     """Three primary, two redundant and two of three vertical outputs of a system that is written down."""
-    reduced = SimpleNamespace(affine=False, at=lambda q: gradient)
+    without_kernel = SimpleNamespace(compiled=None)
+    reduced = SimpleNamespace(affine=False, rheonomic=False, reduction_data=without_kernel, at=lambda q: gradient)
     chosen = task_at(*PLACES)
     first, base = Cubic(*ORDERS[:, :3]), Cubic(*ORDERS[:, 3:])
     return SteeringController(reduced, chosen, first, base, **changes), first, base

@@ -8,9 +8,17 @@ import pytest
 
 import rnc_pin as rnc
 import systems
-from rnc_pin.control import Command, ComputedTorque, ReducingOutputController, VelocityTracker
+from controlled_tasks import TASK
+from rnc_pin.control import (
+    Command,
+    ComputedTorque,
+    ReducingOutputController,
+    SlitheringReference,
+    SteeringController,
+    VelocityTracker,
+)
 from rnc_pin.control.batches import accepts_batches, stack_states, state_of_runs
-from rnc_pin.planning import Hold, MinimumJerk
+from rnc_pin.planning import CarPath, Hold, MinimumJerk
 from simple_controllers import Inputs
 
 DT, DURATION = 0.01, 0.12
@@ -86,6 +94,20 @@ def test_a_task_of_redundant_outputs_and_its_angles():
     kinematic = rnc.control.RedundancyController(task, reference, Hold(x1), k21=1.0)
     near = q0 + 0.02 * np.random.default_rng(0).standard_normal((3, len(q0)))
     check_all(reduced, VelocityTracker(kinematic), near)
+
+
+def test_a_trailer_that_steers_after_its_tractor():
+    """Runs record places at different times, and the last one turns until its trailer would stand across the path."""
+    reduced = systems.fire_truck()
+    task, path = rnc.Task.of(reduced, *TASK), CarPath((-8, 3, 0), (0, 0, 0), 12.0, 1.0)
+    slithering = SlitheringReference(reduced, task, "tractor", "rear_axle")
+    tracker = VelocityTracker(SteeringController(reduced, task, path.reference, slithering))
+    assert accepts_batches(tracker)
+    q0 = np.tile(reduced.robot.configuration({"root_joint": [-8, 3, 0]}), (4, 1))
+    q0[3, 4] = 1.2  # front steering
+    v2_0 = np.array([[0.5, 0.0, 0.0], [1.5, 0.3, -0.2], [-0.9, 0.0, 0.1], [25.0, 0.0, 0.0]])
+    runs = check_all(reduced, tracker, q0, v2_0)
+    assert [str(outcome) for outcome in runs.outcomes] == ["completed"] * 3 + ["singular"]
 
 
 def test_the_controllers_of_tasks_take_all_runs_at_once(sleigh):
