@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from rnc_pin.errors import ConfigurationError
+from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.model.offset_frame import triple
 from rnc_pin.model.parameter_types import Positive, Vector
 
@@ -333,6 +333,21 @@ class HeightField:
         steps = np.linspace(-size, size, 2 * _FINE)
         places = np.stack([*np.meshgrid(center[0] + steps, center[1] + steps), np.zeros((2 * _FINE,) * 2)], axis=-1)
         return self.below(places).reshape(-1, 3), _grid_triangles(2 * _FINE, 2 * _FINE)
+
+
+def admit_ground(ground: CurvedGround, body: str) -> CurvedGround:
+    """Return the ground of a constraint.
+
+    Raises:
+        ConstraintError: an object without the methods of a ``CurvedGround``.
+    """
+    missing = [name for name in ("level", "gradient", "hessian", "below") if not hasattr(ground, name)]
+    if missing or isinstance(ground, type):
+        raise ConstraintError(
+            f"ground of {body}: expected a GroundPlane, SphericalGround, CylindricalGround, HeightField or an object "
+            f"with the methods of a CurvedGround, found {ground!r}"
+        )
+    return ground
 
 
 def _spread(values: Sequence[object], like: np.ndarray) -> np.ndarray:

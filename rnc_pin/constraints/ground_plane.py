@@ -105,7 +105,7 @@ def plane_below(ground: object, body: str) -> GroundPlane | None:
     """
     if ground is not None and not isinstance(ground, GroundPlane):
         raise ConstraintError(
-            f"ground of {body}: expected a GroundPlane, found {ground!r}; a RollingBody rolls on curved grounds, "
-            "a wheel with the shape Torus and a ball with the shape Sphere"
+            f"ground of {body}: expected a GroundPlane, found {ground!r}; RollingWheel, RollingBall and RollingBody "
+            "roll on curved grounds"
         )
     return None if ground is None or ground.is_default else ground

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.constraints.body_shapes import BodyShape, kernel_shape
-from rnc_pin.constraints.curved_grounds import CurvedGround
+from rnc_pin.constraints.curved_grounds import CurvedGround, admit_ground
 from rnc_pin.constraints.ground_plane import GroundPlane
 from rnc_pin.constraints.surface_contact import SurfaceContactRows
 from rnc_pin.errors import ConstraintError
@@ -71,16 +71,11 @@ class RollingBody:
             )
         if self.ground is None or isinstance(self.ground, GroundPlane):
             return _RollingBodyRows(self, self.ground or GroundPlane(), robot)
-        missing = [name for name in ("level", "gradient", "hessian", "below") if not hasattr(self.ground, name)]
-        if missing or isinstance(self.ground, type):
-            raise ConstraintError(
-                f"ground of rolling body '{self.frame}': expected a GroundPlane, SphericalGround, CylindricalGround, "
-                f"HeightField or an object with the methods of a CurvedGround, found {self.ground!r}"
-            )
+        ground = admit_ground(self.ground, f"rolling body '{self.frame}'")
         center = triple(self.at, f"centre of rolling body '{self.frame}'")
         turned = pin.rpy.rpyToMatrix(triple(self.rpy, f"rpy of rolling body '{self.frame}'"))
         placement = pin.SE3(turned, center)
-        return SurfaceContactRows(self.frame, self.shape, placement, self.pivoting, self.ground, robot)
+        return SurfaceContactRows(self.frame, self.shape, placement, self.pivoting, ground, robot)
 
 
 class _RollingBodyRows(Rows):

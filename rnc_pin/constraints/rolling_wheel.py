@@ -9,8 +9,10 @@ from typing import TypeAlias, cast
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.constraints.curved_grounds import CurvedGround, admit_ground
 from rnc_pin.constraints.ground_axes import InGroundAxes
-from rnc_pin.constraints.ground_plane import GroundPlane, plane_below
+from rnc_pin.constraints.ground_plane import GroundPlane
+from rnc_pin.constraints.wheel_on_surface import Disk, WheelOnSurfaceRows
 from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.math.components import Component, components, cross, packed, packed_vector, smallest
 from rnc_pin.math.linear_algebra import apply, complex_step, product
@@ -55,12 +57,14 @@ class RollingWheel:
         lateral: True if the wheel resists sideways motion; False for a wheel that skids.
         vertical: True if the lowest point keeps its height. Use False on a planar base if the wheel is steered about an
             inclined axis: steering would lift the base, which a planar base cannot do.
-        ground: the plane; None for z = 0 at rest. "Lowest", "height" and "heading" then refer to the plane.
+        ground: a ``GroundPlane``, ``SphericalGround``, ``CylindricalGround``, ``HeightField``, or an object with the
+            methods of a ``CurvedGround``; None for z = 0 at rest. "Lowest", "height" and "heading" then refer to its
+            tangent plane at the contact point. The wheel has to be curved more than the ground.
 
     Raises:
         ModelError: unknown frame.
         ConstraintError: the radius is not positive, no axis is given and the joint has none, the axis of the roller
-            is across the wheel, or the ground is no plane.
+            is across the wheel, or the ground has no such methods.
         ConfigurationError: a roller for a wheel that skids.
         SingularityError: during evaluation, the wheel lies flat.
 
@@ -79,7 +83,7 @@ class RollingWheel:
     roller: float | None = None
     lateral: bool = True
     vertical: bool = True
-    ground: GroundPlane | None = None
+    ground: GroundPlane | CurvedGround | None = None
 
     def bind(self, robot: Robot) -> Rows:
         if not (np.isfinite(self.radius) and self.radius > 0):
@@ -91,7 +95,11 @@ class RollingWheel:
             )
         if self.roller is not None and not self.lateral:
             raise ConfigurationError(f"wheel '{self.frame}' has both roller and lateral=False: omit one of them")
-        plane = plane_below(self.ground, f"wheel '{self.frame}'")
+        if self.ground is not None and not isinstance(self.ground, GroundPlane):
+            ground, (parts, combination) = admit_ground(self.ground, f"wheel '{self.frame}'"), _parts(self)
+            disk = Disk(self.frame, self.radius, _axle(self, robot), parts, combination)
+            return WheelOnSurfaceRows(disk, ground, robot)
+        plane = None if self.ground is None or self.ground.is_default else self.ground
         return RollingRows(self, robot) if plane is None else _RowsOnPlane(self, plane, robot)
 
 
@@ -127,7 +135,7 @@ class RollingRows(Rows):
         self.wheel, self.frame = kind.frame, robot.frame_id(kind.frame)
         self.radius = kind.radius
         self._seen: tuple[np.ndarray | None, Axle] = None, (0.0, 0.0, 0.0, 0.0)
-        self.axle = _joint_axis(kind.frame, robot) if kind.axis is None else np.eye(3)[axis_index(kind.axis)]
+        self.axle = _axle(kind, robot)
 
     def _axis(self, at: PositionKinematics) -> Axle:
         """Axle in world axes, and the length of its horizontal part."""
@@ -368,6 +376,11 @@ def _bias_acceleration(
         -turn * h_v + (x * ax + y * ay) / s + radius * (y * bx - x * by + dy * wx - dx * wy),
         az + radius * (s * h_w * h_w + z * turn * c_w + z * h_b),
     ]
+
+
+def _axle(kind: RollingWheel, robot: Robot) -> np.ndarray:
+    """Axle in the frame's own axes (3,)."""
+    return _joint_axis(kind.frame, robot) if kind.axis is None else np.asarray(np.eye(3)[axis_index(kind.axis)])
 
 
 def _joint_axis(name: str, robot: Robot) -> np.ndarray:

@@ -21,7 +21,7 @@ _LEANS = 0.9  # component of the normal along a direction above which another di
 _EYE = np.eye(3)
 
 
-class _Contact(NamedTuple):
+class Contact(NamedTuple):
     """Contact of body and surface: nearest points, in world axes."""
 
     point: np.ndarray
@@ -36,6 +36,8 @@ class _Contact(NamedTuple):
     """From the frame's origin to the contact point of the body (..., 3)."""
     spread: np.ndarray
     """Derivative B of that point by the body's outward normal, (..., 3, 3)."""
+    along: np.ndarray
+    """Direction (..., 3) whose projection on the surface is the first axis."""
 
     @property
     def relative(self) -> np.ndarray:
@@ -73,11 +75,11 @@ class SurfaceContactRows(Rows):
         self.names = tuple(f"{part}({frame})" for part in parts)
         self.units = ("m/s",) * 3 + ("rad/s",) * (len(parts) - 3)
         self.holonomic = tuple(part == "vertical" for part in parts)
-        self._seen: tuple[np.ndarray | None, _Contact | None] = None, None
+        self._seen: tuple[np.ndarray | None, Contact | None] = None, None
 
     # ------------------------------------------------------------------ contact point; formulas take complex numbers
 
-    def _at(self, rotation: np.ndarray, point: np.ndarray, gap: np.ndarray) -> _Contact:
+    def _at(self, rotation: np.ndarray, point: np.ndarray, gap: np.ndarray) -> Contact:
         """Both surfaces where the ground has the normal of one of its points."""
         gradient = self._surface.gradient(point)
         length = _dot(gradient, gradient) ** 0.5
@@ -89,9 +91,9 @@ class SurfaceContactRows(Rows):
         arm = apply(rotation, self._center) + apply(axes, self._shape.point(outward))
         each = np.broadcast_to(outward[..., None, :], (*outward.shape[:-1], 3, 3))
         columns = self._shape.point_rate(each, axes)  # along the world's x, y and z
-        return _Contact(point, gap, normal, turning, arm, axes @ columns.mT)
+        return Contact(point, gap, normal, turning, arm, axes @ columns.mT, self._direction(rotation, normal))
 
-    def _stepped(self, rotation: np.ndarray, origin: np.ndarray, found: _Contact) -> tuple[np.ndarray, np.ndarray]:
+    def _stepped(self, rotation: np.ndarray, origin: np.ndarray, found: Contact) -> tuple[np.ndarray, np.ndarray]:
         """Newton step (..., 3) and (...) of point and gap."""
         apart = origin + found.arm - found.point - found.gap[..., None] * found.normal
         solved = _solve(found.relative, np.stack([apart, found.normal], axis=-1))
@@ -100,7 +102,7 @@ class SurfaceContactRows(Rows):
         wider = to_gap / _dot(gradient, solved[..., 1])[..., 0]
         return solved[..., 0] - wider[..., None] * solved[..., 1], wider
 
-    def _solved(self, at: PositionKinematics) -> _Contact:
+    def _solved(self, at: PositionKinematics) -> Contact:
         """Contact at configurations; raises an error if it is not one point."""
         rotation, origin = at.placement(self._frame)
         with np.errstate(all="ignore"):
@@ -122,14 +124,14 @@ class SurfaceContactRows(Rows):
         check_defined("a body touches curved ground at more than one point", at, separate, _FLAT, self.names)
         return found
 
-    def _contact(self, at: PositionKinematics) -> _Contact:
+    def _contact(self, at: PositionKinematics) -> Contact:
         if self._seen[0] is not at.q or self._seen[1] is None:
             self._seen = at.q, self._solved(at)  # the Jacobian and the bias acceleration share it
         found = self._seen[1]
         assert found is not None
         return found
 
-    def _rates(self, found: _Contact, v: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _rates(self, found: Contact, v: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rates (..., 3) of the arm and of the normal, for velocities of the frame (..., 3)."""
         turned = apply(found.spread, vector_product(w, found.normal))
         moved = v + vector_product(w, found.arm)
@@ -137,33 +139,38 @@ class SurfaceContactRows(Rows):
         normal = apply(found.turning, _solve(found.relative, along[..., None])[..., 0])
         return vector_product(w, found.arm) + turned - apply(found.spread, normal), normal
 
-    def _axes(self, normal: np.ndarray) -> np.ndarray:
+    def _axes(self, found: Contact) -> np.ndarray:
         """Two directions along the surface and its normal, as rows (..., 3, 3)."""
-        direction = self._direction(normal)
+        direction, normal = found.along, found.normal
         along = direction - normal * _dot(normal, direction)
         first = along / _dot(along, along) ** 0.5
         return np.stack([first, vector_product(normal, first), normal], axis=-2)
 
-    def _axes_rate(self, normal: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        """Rate of the axes (..., 3, 3) for a rate of the normal (..., 3)."""
-        direction = self._direction(normal)
+    def _axes_rate(self, found: Contact, rate: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """Rate of the axes (..., 3, 3) for a rate of the normal (..., 3) and the body's angular velocity (..., 3)."""
+        direction, normal, moved = found.along, found.normal, self._direction_rate(found, w)
         along = direction - normal * _dot(normal, direction)
         length = _dot(along, along) ** 0.5
-        first, turned = along / length, -rate * _dot(normal, direction) - normal * _dot(rate, direction)
+        first, leaning = along / length, _dot(rate, direction) + _dot(normal, moved)
+        turned = moved - rate * _dot(normal, direction) - normal * leaning
         turned = (turned - first * _dot(first, turned)) / length
         return np.stack([turned, vector_product(rate, first) + vector_product(normal, turned), rate], axis=-2)
 
-    def _direction(self, normal: np.ndarray) -> np.ndarray:
-        """Constant direction (..., 3) that is projected on the surface; another one where that has no length."""
+    def _direction(self, rotation: np.ndarray, normal: np.ndarray) -> np.ndarray:
+        """Direction (..., 3) that is projected on the surface: a constant one, or another where that has no length."""
         along = self._surface.along
         other = _EYE[int(np.argmin(np.abs(along)))]
         return np.where(np.abs(_dot(normal, along)) > _LEANS, other, along)
+
+    def _direction_rate(self, found: Contact, w: np.ndarray) -> np.ndarray:
+        """Rate of the direction (..., 3) for an angular velocity of the body (..., 3)."""
+        return np.zeros_like(w)
 
     # ------------------------------------------------------------------ rows
 
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
         found = self._contact(at)
-        return self._rows(at.jacobian(self._frame), found.arm, self._axes(found.normal))
+        return self._rows(at.jacobian(self._frame), found.arm, self._axes(found))
 
     def _rows(self, J: np.ndarray, arm: np.ndarray, axes: np.ndarray) -> np.ndarray:
         rows = axes @ (J[..., :3, :] - cross_columns(arm, J[..., 3:, :]))
@@ -172,9 +179,9 @@ class SurfaceContactRows(Rows):
     def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
         found, J, velocity = self._contact(at), at.jacobian(self._frame), at.velocity(self._frame)
         arm_rate, normal_rate = self._rates(found, velocity[..., :3], velocity[..., 3:])
-        axes = self._axes(found.normal)
+        axes = self._axes(found)
         rows = self._rows(at.jacobian_dot(self._frame), found.arm, axes)
-        rows += self._rows(J, found.arm, self._axes_rate(found.normal, normal_rate))
+        rows += self._rows(J, found.arm, self._axes_rate(found, normal_rate, velocity[..., 3:]))
         rows[..., :3, :] -= axes @ cross_columns(arm_rate, J[..., 3:, :])
         return rows
 
@@ -184,7 +191,7 @@ class SurfaceContactRows(Rows):
         found = self._contact(at)
         place = at.placement(self._frame).translation + found.arm
         return self._components(
-            self._axes(found.normal),
+            self._axes(found),
             self._surface.material_velocity(place),
             np.broadcast_to(self._angular, place.shape),
         )
@@ -197,8 +204,8 @@ class SurfaceContactRows(Rows):
         place = at.placement(self._frame).translation + found.arm
         spinning = np.broadcast_to(self._angular, place.shape)
         turned = vector_product(self._angular, velocity[..., :3] + arm_rate)
-        return self._components(self._axes(found.normal), turned, np.zeros_like(turned)) + self._components(
-            self._axes_rate(found.normal, normal_rate), self._surface.material_velocity(place), spinning
+        return self._components(self._axes(found), turned, np.zeros_like(turned)) + self._components(
+            self._axes_rate(found, normal_rate, velocity[..., 3:]), self._surface.material_velocity(place), spinning
         )
 
     def _components(self, axes: np.ndarray, linear: np.ndarray, angular: np.ndarray) -> np.ndarray:
@@ -209,7 +216,7 @@ class SurfaceContactRows(Rows):
         place = at.placement(self._frame).translation
         return self._bias(self._contact(at), place, at.velocity(self._frame), at.acceleration(self._frame))
 
-    def _bias(self, found: _Contact, origin: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+    def _bias(self, found: Contact, origin: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
         v, w, angular = velocity[..., :3], velocity[..., 3:], acceleration[..., 3:]
         arm_rate, normal_rate = self._rates(found, v, w)
         linear = acceleration[..., :3] + vector_product(angular, found.arm) + vector_product(w, arm_rate)
@@ -217,8 +224,8 @@ class SurfaceContactRows(Rows):
         if self.affine:
             linear = linear - vector_product(self._angular, v + arm_rate)
             slip, spinning = slip - self._surface.material_velocity(origin + found.arm), w - self._angular
-        rates = self._components(self._axes_rate(found.normal, normal_rate), slip, spinning)
-        return self._components(self._axes(found.normal), linear, angular) + rates
+        rates = self._components(self._axes_rate(found, normal_rate, w), slip, spinning)
+        return self._components(self._axes(found), linear, angular) + rates
 
     def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
         motion, (rotation, origin), found = (
@@ -248,12 +255,16 @@ class SurfaceContactRows(Rows):
 
     # ------------------------------------------------------------------ descriptions
 
-    def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
+    def _contact_axes(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
+        """Contact point (..., 3), and the axes there as rows (..., 3, 3)."""
         found = self._contact(at)
-        contact = at.placement(self._frame).translation + found.arm
+        return at.placement(self._frame).translation + found.arm, self._axes(found)
+
+    def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
+        contact, axes = self._contact_axes(at)
         points = np.full((*contact.shape[:-1], len(self.names), 3), np.nan)
         directions = points.copy()
-        points[..., :3, :], directions[..., :3, :] = contact[..., None, :], self._axes(found.normal)
+        points[..., :3, :], directions[..., :3, :] = contact[..., None, :], axes
         return points, directions
 
     def phrases(self) -> Phrases:

@@ -161,3 +161,82 @@ def test_ground_that_cannot_carry_is_refused(robot):
     tight = rnc.RollingBody("body", EGG, ground=rnc.SphericalGround(0.3)).bind(robot)
     with pytest.raises(rnc.SingularityError, match="a body touches curved ground at more than one point"):
         tight.jacobian(Kinematics(robot).position(robot.configuration({"root_joint": [0, 0, -0.2, 0, 0, 0, 1]})))
+
+
+WHEELS = {
+    "in a turning bowl": rnc.RollingWheel("body", 0.3, "y", ground=BOWL),
+    "in a drum, skidding": rnc.RollingWheel("body", 0.3, "x", lateral=False, ground=DRUM),
+    "on a ball, without a vertical row": rnc.RollingWheel("body", 0.3, "y", vertical=False, ground=BALL),
+}
+
+
+@pytest.mark.parametrize("name", WHEELS)
+def test_rows_of_a_wheel_are_the_slip_along_its_heading_and_axle(name, robot):
+    """The contact is the point of the rim nearest to the surface, by search; rates are those of differences."""
+    kind = WHEELS[name]
+    rows, generator = kind.bind(robot), np.random.default_rng(3)
+    q, v = robot.random_configuration(generator), generator.normal(size=6)
+    q[:3] = 0.1, -0.2, 0.05
+    at = Kinematics(robot).position(q).with_velocity(v)
+    pose, velocity = pin.XYZQUATToSE3(q), at.velocity(robot.frame_id("body"))
+    contact = rows.lines_of_action(at)[0][0]
+    index = "xyz".index(kind.axis)
+    angles = np.linspace(0.0, 2 * np.pi, 20001)
+    rim = np.zeros((len(angles), 3))
+    rim[:, (index + 1) % 3], rim[:, (index + 2) % 3] = 0.3 * np.cos(angles), 0.3 * np.sin(angles)
+    rim = rim @ pose.rotation.T + pose.translation
+    # The level of these grounds is a function of the distance.
+    np.testing.assert_allclose(contact, rim[np.argmin(kind.ground.level(rim))], atol=1e-4)
+    normal = kind.ground.gradient(contact)
+    normal /= np.linalg.norm(normal)
+    sideways = pose.rotation[:, index] - normal * (normal @ pose.rotation[:, index])
+    sideways /= np.linalg.norm(sideways)
+    slip = velocity[:3] + np.cross(velocity[3:], contact - q[:3]) - kind.ground.material_velocity(contact)
+    along = {"rolling": np.cross(sideways, normal), "lateral": sideways, "vertical": normal}
+    wanted = [along[label.split("(")[0]] @ slip for label in rows.names]
+    np.testing.assert_allclose(rows.jacobian(at) @ v - rows.rate(at), wanted, atol=1e-9)
+    check_rates(rows, robot, q, v)
+
+
+def test_rates_of_a_roller_on_waves_are_those_of_differences(robot):
+    rows, generator = rnc.RollingWheel("body", 0.3, "z", roller=0.6, ground=WAVES).bind(robot), np.random.default_rng(3)
+    q, v = robot.random_configuration(generator), generator.normal(size=6)
+    q[:3] = 0.1, -0.2, 0.05
+    assert rows.names == ("roller(body)", "vertical(body)")
+    check_rates(rows, robot, q, v)
+
+
+def test_a_wheel_rolls_at_the_bottom_of_a_drum_as_a_pendulum():
+    """Upright disk whose axle is parallel to the drum: (1 + I / (m r^2)) (R - r) angle'' = -g sin(angle)."""
+    mass, radius, spin, drum = 1.5, 0.2, 0.05, rnc.CylindricalGround(1.0, (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    robot = rigid_body(mass, (0.03, spin, 0.03))
+    rows = [rnc.RollingWheel("body", radius, "y", ground=drum)]
+    reduced = rnc.NonholonomicSystem(robot, rows).reduce([rnc.FrameAngularVelocity("body", axis) for axis in "xyz"])
+    length = 1.0 - radius
+    for angle, turn in ((0.4, 0.0), (-1.1, 3.0)):
+        out, ahead = np.array([np.sin(angle), 0.0, -np.cos(angle)]), np.array([np.cos(angle), 0.0, np.sin(angle)])
+        q = robot.configuration({"root_joint": [*(length * out + [0, 0, 1.0]), 0, np.sin(0.35), 0, np.cos(0.35)]})
+        state = reduced.at(q, np.array([0.0, turn, 0.0]))
+        R, v, v_dot = pin.XYZQUATToSE3(q).rotation, state.v, state.v_dot(state.v2_dot([]))
+        rate = (R @ v[:3]) @ ahead / length
+        assert abs(rate) == pytest.approx(abs(turn) * radius / length, abs=1e-12)
+        own = R @ (v_dot[:3] + np.cross(v[3:], v[:3]))
+        fall = -9.81 * np.sin(angle) / (1.0 + spin / (mass * radius**2))
+        np.testing.assert_allclose(own, fall * ahead - length * rate**2 * out, atol=1e-10)
+
+
+def test_a_wheel_is_a_torus_without_a_tube(robot):
+    """The same motion as that of a rolling body, in directions of its own; energy stays."""
+    ground = rnc.SphericalGround(2.0, (0.0, 0.0, 2.0))
+    wheel, torus = (
+        rnc.NonholonomicSystem(robot, [kind]).reduce([rnc.FrameAngularVelocity("body", axis) for axis in "xyz"])
+        for kind in (
+            rnc.RollingWheel("body", 0.3, "y", ground=ground),
+            rnc.RollingBody("body", rnc.Torus(0.3, axis="y"), ground=ground),
+        )
+    )
+    q, w = wheel.assembled(at_place(wheel, (0.5, -0.3, 0.4))), np.array([1.0, -2.0, 3.0])
+    np.testing.assert_allclose(wheel.forward_dynamics(q, w, []), torus.forward_dynamics(q, w, []), rtol=1e-9)
+    flat = rnc.RollingWheel("body", 0.3, "y", ground=3.0)
+    with pytest.raises(rnc.ConstraintError, match="ground of wheel 'body': expected a GroundPlane, SphericalGround"):
+        flat.bind(robot)
