@@ -12,7 +12,7 @@ import pinocchio as pin
 from rnc_pin.constraints.curved_grounds import CurvedGround, admit_ground
 from rnc_pin.constraints.ground_axes import InGroundAxes
 from rnc_pin.constraints.ground_plane import GroundPlane
-from rnc_pin.constraints.wheel_on_surface import Disk, WheelOnSurfaceRows
+from rnc_pin.constraints.wheel_on_surface import WheelDisk, WheelOnSurfaceRows
 from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.math.components import Component, components, cross, packed, packed_vector, smallest
 from rnc_pin.math.linear_algebra import apply, complex_step, product
@@ -97,7 +97,7 @@ class RollingWheel:
             raise ConfigurationError(f"wheel '{self.frame}' has both roller and lateral=False: omit one of them")
         if self.ground is not None and not isinstance(self.ground, GroundPlane):
             ground, (parts, combination) = admit_ground(self.ground, f"wheel '{self.frame}'"), _parts(self)
-            disk = Disk(self.frame, self.radius, _axle(self, robot), parts, combination)
+            disk = WheelDisk(self.frame, self.radius, _axle(self, robot), parts, combination)
             return WheelOnSurfaceRows(disk, ground, robot)
         plane = None if self.ground is None or self.ground.is_default else self.ground
         return RollingRows(self, robot) if plane is None else _RowsOnPlane(self, plane, robot)

@@ -21,7 +21,7 @@ _LEANS = 0.9  # component of the normal along a direction above which another di
 _EYE = np.eye(3)
 
 
-class Contact(NamedTuple):
+class SurfaceContact(NamedTuple):
     """Contact of body and surface: nearest points, in world axes."""
 
     point: np.ndarray
@@ -75,11 +75,11 @@ class SurfaceContactRows(Rows):
         self.names = tuple(f"{part}({frame})" for part in parts)
         self.units = ("m/s",) * 3 + ("rad/s",) * (len(parts) - 3)
         self.holonomic = tuple(part == "vertical" for part in parts)
-        self._seen: tuple[np.ndarray | None, Contact | None] = None, None
+        self._seen: tuple[np.ndarray | None, SurfaceContact | None] = None, None
 
     # ------------------------------------------------------------------ contact point; formulas take complex numbers
 
-    def _at(self, rotation: np.ndarray, point: np.ndarray, gap: np.ndarray) -> Contact:
+    def _at(self, rotation: np.ndarray, point: np.ndarray, gap: np.ndarray) -> SurfaceContact:
         """Both surfaces where the ground has the normal of one of its points."""
         gradient = self._surface.gradient(point)
         length = _dot(gradient, gradient) ** 0.5
@@ -91,9 +91,11 @@ class SurfaceContactRows(Rows):
         arm = apply(rotation, self._center) + apply(axes, self._shape.point(outward))
         each = np.broadcast_to(outward[..., None, :], (*outward.shape[:-1], 3, 3))
         columns = self._shape.point_rate(each, axes)  # along the world's x, y and z
-        return Contact(point, gap, normal, turning, arm, axes @ columns.mT, self._direction(rotation, normal))
+        return SurfaceContact(point, gap, normal, turning, arm, axes @ columns.mT, self._direction(rotation, normal))
 
-    def _stepped(self, rotation: np.ndarray, origin: np.ndarray, found: Contact) -> tuple[np.ndarray, np.ndarray]:
+    def _stepped(
+        self, rotation: np.ndarray, origin: np.ndarray, found: SurfaceContact
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Newton step (..., 3) and (...) of point and gap."""
         apart = origin + found.arm - found.point - found.gap[..., None] * found.normal
         solved = _solve(found.relative, np.stack([apart, found.normal], axis=-1))
@@ -102,7 +104,7 @@ class SurfaceContactRows(Rows):
         wider = to_gap / _dot(gradient, solved[..., 1])[..., 0]
         return solved[..., 0] - wider[..., None] * solved[..., 1], wider
 
-    def _solved(self, at: PositionKinematics) -> Contact:
+    def _solved(self, at: PositionKinematics) -> SurfaceContact:
         """Contact at configurations; raises an error if it is not one point."""
         rotation, origin = at.placement(self._frame)
         with np.errstate(all="ignore"):
@@ -124,14 +126,14 @@ class SurfaceContactRows(Rows):
         check_defined("a body touches curved ground at more than one point", at, separate, _FLAT, self.names)
         return found
 
-    def _contact(self, at: PositionKinematics) -> Contact:
+    def _contact(self, at: PositionKinematics) -> SurfaceContact:
         if self._seen[0] is not at.q or self._seen[1] is None:
             self._seen = at.q, self._solved(at)  # the Jacobian and the bias acceleration share it
         found = self._seen[1]
         assert found is not None
         return found
 
-    def _rates(self, found: Contact, v: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _rates(self, found: SurfaceContact, v: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rates (..., 3) of the arm and of the normal, for velocities of the frame (..., 3)."""
         turned = apply(found.spread, vector_product(w, found.normal))
         moved = v + vector_product(w, found.arm)
@@ -139,14 +141,14 @@ class SurfaceContactRows(Rows):
         normal = apply(found.turning, _solve(found.relative, along[..., None])[..., 0])
         return vector_product(w, found.arm) + turned - apply(found.spread, normal), normal
 
-    def _axes(self, found: Contact) -> np.ndarray:
+    def _axes(self, found: SurfaceContact) -> np.ndarray:
         """Two directions along the surface and its normal, as rows (..., 3, 3)."""
         direction, normal = found.along, found.normal
         along = direction - normal * _dot(normal, direction)
         first = along / _dot(along, along) ** 0.5
         return np.stack([first, vector_product(normal, first), normal], axis=-2)
 
-    def _axes_rate(self, found: Contact, rate: np.ndarray, w: np.ndarray) -> np.ndarray:
+    def _axes_rate(self, found: SurfaceContact, rate: np.ndarray, w: np.ndarray) -> np.ndarray:
         """Rate of the axes (..., 3, 3) for a rate of the normal (..., 3) and the body's angular velocity (..., 3)."""
         direction, normal, moved = found.along, found.normal, self._direction_rate(found, w)
         along = direction - normal * _dot(normal, direction)
@@ -162,7 +164,7 @@ class SurfaceContactRows(Rows):
         other = _EYE[int(np.argmin(np.abs(along)))]
         return np.where(np.abs(_dot(normal, along)) > _LEANS, other, along)
 
-    def _direction_rate(self, found: Contact, w: np.ndarray) -> np.ndarray:
+    def _direction_rate(self, found: SurfaceContact, w: np.ndarray) -> np.ndarray:
         """Rate of the direction (..., 3) for an angular velocity of the body (..., 3)."""
         return np.zeros_like(w)
 
@@ -216,7 +218,9 @@ class SurfaceContactRows(Rows):
         place = at.placement(self._frame).translation
         return self._bias(self._contact(at), place, at.velocity(self._frame), at.acceleration(self._frame))
 
-    def _bias(self, found: Contact, origin: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+    def _bias(
+        self, found: SurfaceContact, origin: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
+    ) -> np.ndarray:
         v, w, angular = velocity[..., :3], velocity[..., 3:], acceleration[..., 3:]
         arm_rate, normal_rate = self._rates(found, v, w)
         linear = acceleration[..., :3] + vector_product(angular, found.arm) + vector_product(w, arm_rate)

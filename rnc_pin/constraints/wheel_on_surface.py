@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from rnc_pin.constraints.body_shapes import Torus
 from rnc_pin.constraints.curved_grounds import CurvedGround
-from rnc_pin.constraints.surface_contact import Contact, SurfaceContactRows
+from rnc_pin.constraints.surface_contact import SurfaceContact, SurfaceContactRows
 from rnc_pin.math.linear_algebra import apply, vector_product
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.mechanisms import Phrases
@@ -18,7 +18,7 @@ from rnc_pin.robots.robot import Robot
 _TO_HEADING = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # from the axes of a contact
 
 
-class Disk(NamedTuple):
+class WheelDisk(NamedTuple):
     """Wheel without a tyre."""
 
     frame: str
@@ -45,7 +45,7 @@ class WheelOnSurfaceRows(SurfaceContactRows):
         robot: the robot.
     """
 
-    def __init__(self, disk: Disk, ground: CurvedGround, robot: Robot) -> None:
+    def __init__(self, disk: WheelDisk, ground: CurvedGround, robot: Robot) -> None:
         turned = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), disk.axle).matrix()
         placement = pin.SE3(turned, np.zeros(3))
         super().__init__(disk.frame, Torus(disk.radius), placement, True, ground, robot)
@@ -58,7 +58,7 @@ class WheelOnSurfaceRows(SurfaceContactRows):
     def _direction(self, rotation: np.ndarray, normal: np.ndarray) -> np.ndarray:
         return apply(rotation, self._axle)
 
-    def _direction_rate(self, found: Contact, w: np.ndarray) -> np.ndarray:
+    def _direction_rate(self, found: SurfaceContact, w: np.ndarray) -> np.ndarray:
         return vector_product(w, found.along)
 
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
