@@ -16,7 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define INTERFACE 22 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
+#define INTERFACE 23 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
 #define INTEGERS 8  /* of a row: kind, first and second frame, five more */
 #define NUMBERS 20  /* of a row */
 #define FLAT 1e-6   /* sine below which an axis counts as vertical */
@@ -946,7 +946,7 @@ static int expect(const Evaluator *ev, Py_ssize_t found, Py_ssize_t expected)
 static Py_ssize_t terms_size(const Evaluator *ev)
 {
     Py_ssize_t n = ev->n, r = ev->r;
-    return kinematics_size(ev) + 2 * n * n + n + rates_size(ev) + n * n + r * r + n + r + n + r * r + (n + r) * ev->p;
+    return kinematics_size(ev) + 2 * n * n + n + rates_size(ev) + n * n + r * r + n + r + n + r * r + (n + r) * ev->p + 2 * n;
 }
 
 static PyObject *configure(Evaluator *ev, PyObject *const *args, Py_ssize_t given) /* q, P, F, external, known */
@@ -1555,7 +1555,31 @@ static PyObject *admissible_velocity(Evaluator *ev, PyObject *const *args, Py_ss
     return result(&all, ok);
 }
 
-/* q, v2 -> record of all matrices of one state or of a stack of states: kinematics, F, v, D, K, bias, H, B, R^T B. None if the general way has to decide. */
+/* Velocity b of v = R v2 + b, and its rate; their forces are added to G. The frames move. work: 2 n */
+static void add_offset(Evaluator *ev, const double *P, const double *F, const double *D, double *K, double *b,
+                       double *b_dot, double *work)
+{
+    Py_ssize_t n = ev->n, m = ev->m, r = ev->r;
+    const double *inverse = F + n * n, *R = inverse + m;
+    double *rest = work, *force = work + n, *G = K + n * n + r * r + n;
+    for (Py_ssize_t i = 0; i < n; i++) b[i] = dot(inverse + i * n, ev->mu, m);
+    for (Py_ssize_t i = 0; i < n; i++) {
+        const Row *row = ev->rows + i;
+        rest[i] = -dot(D + i * n, b, n);
+        if (on_moving_ground(row)) {
+            Wrench on[2];
+            double grows;
+            wrenches(ev, row, on);
+            slide(row, ev->motion + row->a, on, &grows);
+            rest[i] += grows;
+        }
+    }
+    for (Py_ssize_t i = 0; i < n; i++) b_dot[i] = dot(inverse + i * n, rest, n);
+    for (Py_ssize_t i = 0; i < n; i++) force[i] = dot(P + i * n, b_dot, n) + dot(K + i * n, b, n);
+    for (Py_ssize_t i = 0; i < n; i++) add(G, force[i], R + i * n, r);
+}
+
+/* q, v2 -> record of all matrices of one state or of a stack of states: kinematics, F, v, D, K, bias, H, B, R^T B, b, its rate. None if the general way has to decide. */
 static PyObject *terms(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Py_ssize_t sizes[2] = {ev->nq, ev->r}, n = ev->n, r = ev->r;
@@ -1563,18 +1587,18 @@ static PyObject *terms(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
     PyObject *out = NULL;
     double *x[2], *record;
     if (!expect(ev, given, 2)) return NULL;
-    int ok = ev->fused && !ev->external_vertical && !ev->mu && states(args, 2, sizes, &all, x);
+    int ok = ev->fused && !ev->external_vertical && states(args, 2, sizes, &all, x);
     if (ok && !(out = made(ev, &all, terms_size(ev), &record))) ok = -1;
     for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, record += terms_size(ev)) {
         const double *q = x[0] + i * ev->nq, *v2 = x[1] + i * r;
         double *P = record, *F = P + kinematics_size(ev), *v = F + 2 * n * n, *D = v + n;
         double *K = D + rates_size(ev), *bias = K + n * n + r * r + n + r, *H = bias + n, *B = H + r * r;
-        double *input = B + n * ev->p;
+        double *input = B + n * ev->p, *b = input + r * ev->p;
         ok = admissible(ev, q, v2, NULL);
         if (ok > 0 && !take_position(ev, q, P)) ok = -1;
         if (ok > 0) ok = factorize(ev, q, P, NULL, F);
         if (ok <= 0) break;
-        velocity(ev, F, NULL, v2, v);
+        velocity(ev, F, ev->mu, v2, v);
         take_state(ev, q, v);
         if (!called(ev, P_NLE, 1)) ok = -1;
         if (ok > 0 && !called(ev, P_C, 1)) ok = -1;
@@ -1582,8 +1606,10 @@ static PyObject *terms(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
         memset(bias, 0, (size_t)n * sizeof(double));
         if (!(ok = add_passive(ev, q, P, v, bias, NULL))) break;
         subtract(ev->views[V_NLE].buf, bias, bias, n);
-        if (!rates(ev, q, P, F, v, NULL, NULL, NULL, D, ev->scratch)) ok = 0;
+        if (!(ok = rates(ev, q, P, F, v, NULL, NULL, NULL, D, ev->scratch))) break;
         coriolis(ev, P, F, v, bias, D, K, ev->scratch);
+        if (ev->mu) add_offset(ev, P, F, D, K, b, b + n, ev->scratch);
+        else memset(b, 0, (size_t)(2 * n) * sizeof(double));
         inertia(ev, P, F, H, ev->scratch);
         input_matrix(ev, q, P, B, ev->scratch);
         multiply_transposed(F + n * n + ev->m, n, B, ev->p, input, r, n, ev->p);

@@ -64,7 +64,7 @@ class CompiledReduction:
         velocities = {"velocities": (n,), "v1": (k,)}
         rates = {"E_dot": (n, n), "R_dot": (n, r), **rows, "J1_dot": (k, n), "A_star_dot": (k, r), **velocities}
         coriolis = {"C": (n, n), "V": (r, r), "g": (n,), "G": (r,)}
-        forces = {"bias": (n,), "H": (r, r), "B": (n, p), "input_matrix": (r, p)}
+        forces = {"bias": (n,), "H": (r, r), "B": (n, p), "input_matrix": (r, p), "b": (n,), "b_dot": (n,)}
         self.kinematics, self.inverse, self.rows = _record(kinematics), _record(inverse), _record(rows)
         self.biases, self.rates = _record(biases), _record(rates)
         self._terms = _record({**kinematics, **inverse, "v": (n,), **rates, **coriolis, **forces})
@@ -198,8 +198,7 @@ class CompiledReduction:
             return None
         numbers.setflags(write=False)
         record = np.ndarray(numbers.shape[:-1], self._terms, numbers)
-        m, v = self._data.m, record["v"]
-        zero = np.zeros(v.shape)
+        m = self._data.m
         terms = object.__new__(ReducedTerms)  # its own constructor takes as long as all matrices of a small system
         vars(terms).update(
             R=record["E_inverse"][..., m:],
@@ -212,9 +211,9 @@ class CompiledReduction:
             A_dot=record["E_dot"][..., :m, :],
             A_star=record["A_star"],
             A_star_dot=record["A_star_dot"],
-            v=v,
-            b=zero,
-            b_dot=zero,
+            v=record["v"],
+            b=record["b"],
+            b_dot=record["b_dot"],
         )
         return terms
 
