@@ -1,13 +1,14 @@
 """Optimal control: processor time of an iteration, known optima, random problems, predictive control, and feedback.
 
 Run it by ``python -m benchmarks.optimal iteration|optima|predictive``, or with a number of problems by
-``python -m benchmarks.optimal parking|docking|dubins|reeds-shepp|regions N``. Without a name all run.
+``python -m benchmarks.optimal parking|docking|dubins|reeds-shepp|turning|regions N``. Without a name all run.
 """
 
 from __future__ import annotations
 
 import sys
 import time
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -18,7 +19,7 @@ from benchmarks.path_lengths import compare
 from benchmarks.planned_models import car, knife_edge, mobile_manipulator, tractor
 from benchmarks.regions import regions
 from benchmarks.whole_body import model as tiago
-from rnc_pin.errors import InfeasibleError
+from rnc_pin.errors import InfeasibleError, ModelWarning
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.optimal import (
@@ -74,6 +75,18 @@ def optima() -> None:
     print(f"  least squared acceleration over 1 m in 2 s: {plan.info.cost:.5f} {0.75:.5f}")
     plan = rnc.optimal.plan(reduced, start, goal, (0.5, 10.0), time_weight=2.0)
     print(f"  free duration, effort against time: {plan.duration:.4f} {9.0**0.25:.4f}")
+    print(f"  sideways motion of least velocity (Brockett): {_sideways(reduced, 1e-3):.6f} {2e-3 * np.pi:.6f}")
+
+
+def _sideways(reduced: rnc.ReducedModel, y: float) -> float:
+    """Cost of a motion aside by a small distance in one second, from a circle of the integrals of the velocities."""
+    phase = np.linspace(0, 2 * np.pi, 61)
+    x, yaw = np.sqrt(y / np.pi) * np.sin(phase), np.sqrt(y / np.pi) * (1 - np.cos(phase))
+    side = -np.concatenate([[0.0], np.cumsum((yaw[1:] + yaw[:-1]) / 2 * np.diff(x))])
+    guess = np.column_stack([x, -np.sign(side[-1]) * side, np.cos(yaw), np.sin(yaw)])
+    goal = {rnc.FramePosition("sleigh", "xy"): [0.0, y], rnc.FrameYaw("sleigh"): 0.0}
+    settings = SolverSettings(nodes=60, tolerance=1e-8)
+    return rnc.optimal.plan(reduced, guess[0], goal, 1.0, form="kinematic", guess=guess, settings=settings).info.cost
 
 
 Problem = dict[str, Any]
@@ -88,7 +101,9 @@ def problems(name: str, reduced: rnc.ReducedModel, draw: Callable[[np.random.Gen
     for number in range(1, count + 1):
         problem, begin = draw(generator), time.process_time()
         try:
-            plans.append(rnc.optimal.plan(reduced, **problem, settings=settings))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ModelWarning)  # the statistics tell the violations
+                plans.append(rnc.optimal.plan(reduced, **problem, settings=settings))
         except InfeasibleError as error:
             print(f"  {number}: {error}", flush=True)
         taken.append(time.process_time() - begin)
@@ -158,6 +173,11 @@ def reeds_shepp() -> None:
     compare("reeds-shepp", _count(10))
 
 
+def turning() -> None:
+    """Shortest durations of a knife edge with bounded speed and turning rate, which are lengths of Reeds and Shepp."""
+    compare("turning", _count(10))
+
+
 def predictive() -> None:
     """Model-predictive control at 20 Hz in MuJoCo, whose wheels slip and whose contacts are soft."""
     cases: dict[str, tuple[rnc.ReducedModel, list[object], list[float]]] = {
@@ -202,6 +222,7 @@ PARTS: dict[str, Callable[[], None]] = {
     "docking": docking,
     "dubins": dubins,
     "reeds-shepp": reeds_shepp,
+    "turning": turning,
     "predictive": predictive,
     "regions": lambda: regions(_count(10)),
 }

@@ -19,14 +19,16 @@ Pose = tuple[float, float, float]
 """x, y and heading at the end."""
 LIMIT = ((40, 0.1), (40, 0.01), (40, 0.001), (40, 1e-4), (80, 1e-4), (160, 1e-4), (320, 1e-4))
 """Intervals and weights of the effort that tend to the shortest path. The large first weight removes cusps."""
-FINER = ((40, 1e-2), (40, 1e-3), (80, 1e-3), (160, 1e-3), (320, 1e-3), (320, 1e-4))
+FINER = ((40, 1e-2), (40, 1e-3), (80, 1e-3), (160, 1e-3), (320, 1e-3), (320, 1e-4), (640, 1e-4))
 """Intervals and weights of the effort. Each plan is the guess of the next; a step that fails is left out."""
+CLOSE = 1.008
+"""Length at which the steps end, in durations of the knife edge, which are a lower bound."""
 CANDIDATES = 3
 """Local optima of the first weight that become guesses for the next."""
-BLOCKS = (5, 6, 8)
+BLOCKS = (3, 4, 5, 6, 8, 10)
 """Numbers of blocks of the speed, for guesses where the knife edge turns while it hardly moves."""
 DRIVES, NODES = 12, 40
-FORWARD_RATE, BOTH_RATE = 20.0, 200.0
+FORWARD_RATE, BOTH_RATES = 20.0, (200.0, 50.0)
 """Largest rate of the steering [rad/s]. The closed forms have no limit, and turn at once at cusps."""
 
 
@@ -39,7 +41,7 @@ def compare(kind: str, count: int) -> None:
         x, y, heading = generator.uniform([-4.0, -4.0, -np.pi], [4.0, 4.0, np.pi]).tolist()
         begin = time.process_time()
         try:
-            found = driven_length(planned(reduced, (x, y, heading)))
+            found = planned(reduced, (x, y, heading))
         except InfeasibleError as error:
             print(f"  {number}: ({x:.2f}, {y:.2f}, {heading:.2f}): {error}", flush=True)
             found = np.inf
@@ -99,18 +101,27 @@ def reversing_plan(reduced: rnc.ReducedModel, pose: Pose, finer: Sequence[tuple[
         InfeasibleError: no guess leads to the pose.
     """
     edge = turning_plan(pose)
-    found: MotionPlan | None = None
     around = (0.5 * edge.duration, 1.5 * edge.duration)
-    for nodes, weight in finer:
-        settings = SolverSettings(nodes=nodes, iterations=100, tolerance=1e-4, substeps=4)
-        guesses = [_along_edge(reduced, edge), *(_in_blocks(reduced, edge, blocks) for blocks in BLOCKS)]
-        for guess in guesses if found is None else [found]:
-            with suppress(InfeasibleError):
-                found = _fastest(reduced, pose, (-1.0, BOTH_RATE), around, weight, settings, guess)
-                break
-    if found is None:
+
+    def improved(guesses: Sequence[Any], nodes: int, weight: float) -> list[MotionPlan]:
+        settings, plans = SolverSettings(nodes=nodes, iterations=100, tolerance=1e-4, substeps=4), []
+        for guess in guesses:
+            for rate in BOTH_RATES:  # a slower steering converges where a faster one does not
+                with suppress(InfeasibleError):
+                    plans.append(_fastest(reduced, pose, (-1.0, rate), around, weight, settings, guess))
+                    break
+        return plans
+
+    plans = improved([_along_edge(reduced, edge)], *finer[0])
+    plans = plans or improved([_in_blocks(reduced, edge, blocks) for blocks in BLOCKS], *finer[0])
+    if not plans:
         raise InfeasibleError("the plan of the knife edge does not lead to one of the car")
-    return found
+    best = min(plans, key=driven_length)
+    for nodes, weight in finer[1:]:
+        if driven_length(best) < CLOSE * edge.duration:
+            break
+        best = next(iter(improved([best], nodes, weight)), best)
+    return best
 
 
 def turning_plan(pose: Pose, nodes: int = NODES, solutions: int = 3) -> MotionPlan:
@@ -219,8 +230,9 @@ def _configurations(reduced: rnc.ReducedModel, word: list[tuple[int, float]]) ->
     return np.array(found)
 
 
-KINDS: dict[str, tuple[Callable[[float, float, float], float], Callable[[rnc.ReducedModel, Pose], MotionPlan]]] = {
-    "dubins": (dubins_length, forward_plan),
-    "reeds-shepp": (reeds_shepp_length, reversing_plan),
+KINDS: dict[str, tuple[Callable[[float, float, float], float], Callable[[rnc.ReducedModel, Pose], float]]] = {
+    "dubins": (dubins_length, lambda reduced, pose: driven_length(forward_plan(reduced, pose))),
+    "reeds-shepp": (reeds_shepp_length, lambda reduced, pose: driven_length(reversing_plan(reduced, pose))),
+    "turning": (reeds_shepp_length, lambda _, pose: turning_plan(pose).duration),
 }
-"""Length in closed form and planner."""
+"""Length in closed form, and that of a plan."""

@@ -145,7 +145,8 @@ def _draw(rates: dict[str, dict[str, list[float]]]) -> None:
     figure = Figure(figsize=(7.0, 3.6), layout="constrained")
     axes = figure.add_subplot(xscale="log", xlabel="initial error [m, rad]", ylabel="share that reaches the goal")
     for number, (name, kinds) in enumerate(rates.items()):
-        for (kind, found), line in zip(kinds.items(), ("-", "--"), strict=True):
+        for kind, found in kinds.items():
+            line = "-" if kind == "rnc.tvlqr" else "--"
             axes.plot(SIZES, found, line, color=f"C{number}", marker="o", markersize=3, label=f"{name}: {kind}")
     axes.set_xticks(SIZES, [f"{size:g}" for size in SIZES])
     axes.minorticks_off()
