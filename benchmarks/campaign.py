@@ -13,7 +13,9 @@ from __future__ import annotations
 
 import argparse
 import csv
+import os
 import sys
+import time
 from collections import Counter
 from pathlib import Path
 
@@ -23,6 +25,9 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.faulty_runs import LARGEST, SCENARIOS, Row, one, reference
+
+WHOLE = 64_000
+"""Runs of the whole campaign: 1,000 for each of 16 faults and 4 controllers."""
 
 
 class Kept:
@@ -82,7 +87,7 @@ def main() -> int:
         "scenario", "fault", "largest", "runs", "survived", "95 % do up to", "median error", "worst error",
         "how the others ended",
     )  # fmt: skip
-    kept = Kept(given.out)
+    kept, start, computed = Kept(given.out), time.perf_counter(), 0
     for scenario in given.scenarios:
         clean = reference(scenario)
         table.add_row(
@@ -93,12 +98,20 @@ def main() -> int:
             calls = [joblib.delayed(one)(*key, clean) for key in keys if key not in kept.rows]
             for row in joblib.Parallel(given.jobs, return_as="generator_unordered")(calls):
                 kept.add(row)
+                computed += 1
             cells = line(scenario, fault, [kept.rows[key] for key in keys], clean["error"])
             table.add_row(*cells)
             print(" ".join(cells[:5]), file=sys.stderr, flush=True)
     Console(width=180).print(table)
     nameless = sum(row.broken or not row.outcome for row in kept.rows.values())
     print(f"{nameless} of {len(kept.rows)} runs with NaN or without a named end")
+    elapsed = time.perf_counter() - start
+    rate = computed / elapsed
+    print(
+        f"{computed:,} runs in {elapsed / 60:.1f} minutes on {given.jobs} processes: {rate:.1f} runs/s; "
+        f"{WHOLE:,} runs, {WHOLE // 64} of each kind, at this rate: {WHOLE / max(rate, 1e-9) / 60:.0f} minutes; "
+        f"load {os.getloadavg()[0]:.1f}"
+    )
     return 1 if nameless else 0
 
 

@@ -54,7 +54,7 @@ def sweep(
     """Simulate many runs with drawn values, and write a data set with one row a run.
 
     Memory does not grow with the number of runs. If the process or a worker is killed, the same call continues: no
-    finished run is lost or repeated. Rows are equal to the bit on any number of processes, except ``wall_time``.
+    recorded run is lost or repeated. Rows are equal to the bit on any number of processes, except ``wall_time``.
 
     Args:
         build: function that takes the drawn values as a dict and returns the arguments of ``simulate`` by name, or a
