@@ -212,6 +212,7 @@ def main() -> None:
                 endless.append(f"{mutant.module_path}:{mutant.start_pos[0]} ({mutant.operator_name})")
             if survived:
                 tried_again.append(mutant)
+                print(f"survives the first stage:\n{result.diff}\n", file=sys.stderr)
             print("{} of {} killed".format(*score["all"]), file=sys.stderr)
         first = score["all"][0]
         more = meeting(tried_again, MORE * given.patience)
