@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from rnc_pin.model.compiled import CompiledConfiguration, CompiledReduction, CompiledState
+from rnc_pin.model.compiled import CompiledReduction
+from rnc_pin.model.compiled_states import CompiledConfiguration, CompiledState
 
 
 def evaluator_of(reduction: CompiledReduction | None) -> object:

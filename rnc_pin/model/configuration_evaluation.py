@@ -19,7 +19,8 @@ from rnc_pin.errors import ConstraintError, InputError, SingularityError
 from rnc_pin.math.components import Component
 from rnc_pin.math.linear_algebra import apply, inverse, product
 from rnc_pin.model.cached_property import cached_property
-from rnc_pin.model.compiled import CompiledConfiguration, UsesKernel
+from rnc_pin.model.compiled import UsesKernel
+from rnc_pin.model.compiled_states import CompiledConfiguration
 from rnc_pin.model.factorization import Factorization, factorize, row_lengths
 from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.kinematics import PositionKinematics

@@ -11,7 +11,8 @@ from numpy import ndarray as Array
 
 from rnc_pin import _kernel
 from rnc_pin.errors import SingularityError
-from rnc_pin.model.compiled import CompiledReduction, CompiledState
+from rnc_pin.model.compiled import CompiledReduction
+from rnc_pin.model.compiled_states import CompiledState
 from rnc_pin.model.kinematics import Kinematics, VelocityKinematics
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.math.linear_algebra import apply, product
 from rnc_pin.model.cached_property import cached_property
-from rnc_pin.model.compiled import CompiledState
+from rnc_pin.model.compiled_states import CompiledState
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.input_validation import ArrayInput
 from rnc_pin.model.kinematics import VelocityKinematics

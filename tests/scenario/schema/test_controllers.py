@@ -33,6 +33,7 @@ NEEDED = {
 }
 VALUES = {  # of every setting that some type has
     "preset": "scaled",
+    "end": "continue",
     "gains": "plan",
     "tracker": "computed_torque",
     "gravity_compensation": False,
