@@ -6,8 +6,10 @@ Follow the fields Y_1, Y_2, ... of span(R) in turn, each for a time t, and pull 
 
 So the Taylor coefficients of Z at t = 0 are brackets of each depth with W. W runs through the brackets of two columns
 of R, which are exact. Gauss-Legendre collocation of order 2 c integrates the flow and its derivative, with exact
-derivatives of R. No coefficient up to that order has an integration error. A Chebyshev fit over a time of order one
-then gives the coefficients. The fit loses few digits; nested differences lose two or more per level.
+derivatives of R. No coefficient up to that order has an integration error. If the rows have complex values
+(``complex_motion``), Cauchy's formula on a circle of complex times then gives the coefficients to nearly all digits.
+For other rows, a Chebyshev fit over a time of order one does, and loses about one digit per level; nested differences
+lose two or more.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ import pinocchio as pin
 import scipy
 from numpy.polynomial import chebyshev, legendre
 
+from rnc_pin.analysis.complex_motion import ComplexRows, has_complex_rows
 from rnc_pin.analysis.frame_bracket import frame_bracket
 from rnc_pin.model.reduced_model import ReducedModel
 
@@ -28,6 +31,9 @@ PIECES = 3
 """Number of fields that a flow follows in turn. With three fields, their brackets with brackets of generators span a
 free Lie algebra up to degree 8 and beyond (``tests/analysis/test_bracket_jets.py``). Two fields do not."""
 _SPARE = 8  # degrees of the fit above the requested order
+_TIMES = (0.5, 0.2, 0.05, 0.0125)  # flow times, tried in turn while the error is large
+_FITTED = 3  # largest order of fits on the real line, if there is another way
+_PLACEMENTS = 4  # dimensions of an array of complex configurations
 _SHORT = 1e-12  # functions that never exceed this value are rounding errors
 
 
@@ -58,12 +64,24 @@ class BracketJets:
         R = reduced.at(q).R
         self._scaling = np.linalg.inv(np.linalg.qr(R)[1])
         self.generators: np.ndarray = R @ self._scaling
+        self._rows = ComplexRows(reduced, q, self.generators) if has_complex_rows(reduced) else None
         self._pairs = np.triu_indices(reduced.r, 1)
 
     def pairs(self) -> np.ndarray:
         """Return the exact brackets (nv, pairs) of two generators at q."""
         fields, gradient = self._fields(self.q[None])
         return self._of_pairs(fields, gradient)[0]
+
+    def times(self, order: int) -> tuple[float, ...]:
+        """Flow times that suit an order, longest first.
+
+        Circles of complex times lose no digits, so they may be longer, and deep brackets are larger there.
+        """
+        return (1.0, *_TIMES) if self._on_circle(order) else _TIMES
+
+    def _on_circle(self, order: int) -> bool:
+        """True for deep brackets; a fit costs less, and is accurate enough for others."""
+        return self._rows is not None and order > _FITTED
 
     def draw(self, order: int, time: float, generator: np.random.Generator) -> Jets:
         """Return the Taylor coefficients of brackets pulled back along a random flow.
@@ -73,6 +91,8 @@ class BracketJets:
             time: the flow is sampled from ``-time`` to ``time``; the generators have unit length at q.
             generator: random generator for the fields.
         """
+        if self._on_circle(order):
+            return self._from_circle(order, time, generator)
         degree = order + _SPARE
         count = ceil(1.25 * (degree + 1))
         nodes = np.cos((2 * np.arange(count) + 1) * np.pi / (2 * count))
@@ -81,10 +101,22 @@ class BracketJets:
         fine, coarse = (_fit(nodes, values, each)[: order + 1] for each in (degree, degree - 2))
         return Jets(fine, coarse)
 
+    def _from_circle(self, order: int, time: float, generator: np.random.Generator) -> Jets:
+        """Coefficients from values on the circle of complex times of radius ``time``, by Cauchy's formula."""
+        count = 4 * ceil((order + _SPARE) / 2)
+        times = time * np.exp(2j * np.pi * np.arange(count // 2 + 1) / count)  # the others are conjugate
+        values = self._pulled_back(times, order, generator)
+        values = values / np.maximum(np.abs(values).max(axis=(0, 1)), _SHORT)
+        # Values conjugate for conjugate times have real coefficients.
+        fine = np.fft.hfft(values, axis=0)[: order + 1] / count
+        coarse = np.fft.hfft(values[::2], axis=0)[: order + 1] / (count // 2)
+        return Jets(fine, coarse)
+
     def _pulled_back(self, times: np.ndarray, order: int, generator: np.random.Generator) -> np.ndarray:
         """Brackets of generators at the end of each piece of a flow, pulled back to q, (times, nv, functions)."""
         n, found = self.reduced.n, []
-        q = np.tile(self.q, (len(times), 1))
+        start = self._rows.start if self._rows is not None and np.iscomplexobj(times) else self.q
+        q = np.repeat(start[None], len(times), axis=0)
         back = np.tile(np.eye(n), (len(times), 1, 1))
         for _ in range(PIECES):
             direction = generator.normal(size=self.reduced.r)
@@ -98,16 +130,16 @@ class BracketJets:
     def _flow(
         self, start: np.ndarray, times: np.ndarray, direction: np.ndarray, order: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        """End points (k, nq) of the flow of a combination of generators from k configurations, and its derivatives."""
+        """End points (k, ...) of the flow of a combination of generators from k configurations, and its derivatives."""
         k, n = len(start), self.reduced.n
         weights, ends = _gauss_legendre(order // 2 + 1)
         c = len(ends)
-        column, dt = self._scaling @ direction, times[:, None, None]
-        slopes = np.zeros((k, c, n))
+        dt = times[:, None, None]
+        slopes = np.zeros((k, c, n), dtype=times.dtype)
         for _ in range(order + 2):  # each sweep makes one more coefficient exact
             moved = dt * (weights @ slopes)
             points = self._moved(np.repeat(start, c, axis=0), moved.reshape(k * c, n))
-            velocities = (self.reduced.at(points).R @ column).reshape(k, c, n)
+            velocities = (self._generators(points) @ direction).reshape(k, c, n)
             slopes = self._in_chart(moved, velocities, order)
         fields, gradient = self._fields(points)
         v = (fields @ direction).reshape(k * c, 1, n)
@@ -120,6 +152,8 @@ class BracketJets:
         return self._moved(start, dt[:, 0] * np.einsum("j,pjk->pk", ends, slopes)), step
 
     def _moved(self, q: np.ndarray, tangents: np.ndarray) -> np.ndarray:
+        if self._rows is not None and q.ndim == _PLACEMENTS:
+            return self._rows.moved(q, tangents)
         return np.stack([pin.integrate(self._model, *each) for each in zip(q, tangents, strict=True)])
 
     def _in_chart(self, xi: np.ndarray, v: np.ndarray, order: int) -> np.ndarray:
@@ -132,8 +166,16 @@ class BracketJets:
             total += (-1) ** j * number / factorial(j) * term
         return total
 
+    def _generators(self, points: np.ndarray) -> np.ndarray:
+        """Generators (k, nv, r)."""
+        if self._rows is not None and points.ndim == _PLACEMENTS:
+            return self._rows.generators(points)
+        return self.reduced.at(points).R @ self._scaling
+
     def _fields(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Generators (k, nv, r) and their derivatives (k, nv, r, nv); the last index is the direction."""
+        if self._rows is not None and points.ndim == _PLACEMENTS:
+            return self._rows.fields(points)
         k, n = len(points), self.reduced.n
         states = self.reduced.at(np.repeat(points, n, axis=0), v=np.tile(np.eye(n), (k, 1)))
         gradient = np.moveaxis((states.R_dot @ self._scaling).reshape(k, n, n, -1), 1, -1)

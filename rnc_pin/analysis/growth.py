@@ -17,7 +17,7 @@ import pinocchio as pin
 import scipy
 
 from rnc_pin.analysis.bracket_jets import BracketJets, Jets
-from rnc_pin.errors import InfeasibleError, SingularityError
+from rnc_pin.errors import InfeasibleError, InputError, SingularityError
 from rnc_pin.io.json import Json
 from rnc_pin.model.reduced_model import ReducedModel
 
@@ -26,11 +26,11 @@ _ZERO = 10.0  # ratio to the same values below which a singular value is clearly
 _FIRST = 1e-5  # shortest bracket of unit generators; shorter ones are rounding errors of a file
 _ROUNDED, _SMALLEST = 1e-5, 1e-8  # smallest relative singular value: the first, a tenth per level, at least the second
 _NOTHING = 1e-11  # relative singular value that counts as zero
-_TIMES = (0.5, 0.2, 0.05, 0.0125)  # flow times, tried in turn while the error is large
 _FADES = 0.2  # smallest ratio of the sizes of two successive levels, over the flow time
 _ACCURATE = 1e-8  # relative error of a level below which no shorter time is tried
 _SHALLOW = 3  # order that is sufficient for most systems
-_DEEPEST = 12
+DEEPEST = 12
+"""Default limit of the number of levels after the first brackets."""
 _NEARBY, _AWAY = 3, 0.3  # configurations nearby, and their distance from a configuration [rad or m]
 _SPREAD = 0.8  # of random configurations [rad or m]
 _FEWEST, _MOST, _AGREEING = 8, 32, 3  # samples: least number, largest number, and number that must agree to stop
@@ -93,7 +93,7 @@ class GrowthEvidence:
         return text
 
 
-def growth_vector(reduced: ReducedModel, q: np.ndarray) -> tuple[int, ...]:
+def growth_vector(reduced: ReducedModel, q: np.ndarray, *, deepest: int = DEEPEST) -> tuple[int, ...]:
     """Dimensions of span(R), with first brackets, with second brackets, ... at a configuration, singular ones included.
 
     At singular configurations a level may add nothing, and a deeper one something: (2, 3, 4, 4, 5). The search ends at
@@ -103,16 +103,20 @@ def growth_vector(reduced: ReducedModel, q: np.ndarray) -> tuple[int, ...]:
     Args:
         reduced: the model.
         q: a configuration (nq,).
+        deepest: largest number of levels after the first brackets.
 
     Raises:
         SingularityError: q is singular.
-        InfeasibleError: brackets of depth 13 or more would be needed, or the precision is not sufficient.
+        InfeasibleError: the search ended at ``deepest``, or the precision is not sufficient.
+        InputError: ``deepest`` is not a positive integer.
     """
-    found = grow(reduced, q, _generic_dimension(reduced, q))
+    if not isinstance(deepest, int | np.integer) or deepest < 1:
+        raise InputError(f"deepest: expected a positive integer, found {deepest!r}")
+    found = grow(reduced, q, _generic_dimension(reduced, q), int(deepest))
     if found.cut:
         raise InfeasibleError(
-            f"growth vector: brackets up to depth {_DEEPEST + 1} give the dimensions {found.vector}, and generic "
-            "configurations reach more: the others are deeper, or too small for the precision"
+            f"growth vector: brackets up to depth {deepest + 1} give the dimensions {found.vector}, and generic "
+            "configurations reach more: the others are deeper (raise 'deepest'), or too small for the precision"
         )
     return found.vector
 
@@ -171,7 +175,7 @@ def _largest(vectors: Sequence[tuple[int, ...]]) -> tuple[int, ...]:
     return tuple(whole[: whole.index(whole[-1]) + 1])
 
 
-def grow(reduced: ReducedModel, q: np.ndarray, reach: int = 0) -> Growth:
+def grow(reduced: ReducedModel, q: np.ndarray, reach: int = 0, limit: int = DEEPEST) -> Growth:
     """Return the filtration of span(R) at q, and its involutive closure.
 
     Vector fields are written in the tangent space at q. There the moving frames of planar, spherical and free-flying
@@ -185,6 +189,7 @@ def grow(reduced: ReducedModel, q: np.ndarray, reach: int = 0) -> Growth:
         reduced: the model.
         q: a configuration (nq,).
         reach: dimension up to which levels that add nothing do not end the search; by default the first one does.
+        limit: largest number of levels after the first brackets.
 
     Raises:
         ConstraintError: a joint type has no known bracket.
@@ -193,7 +198,7 @@ def grow(reduced: ReducedModel, q: np.ndarray, reach: int = 0) -> Growth:
     jets = BracketJets(reduced, q)
     basis, margin, rejected = _with_first_brackets(scipy.linalg.orth(jets.generators), jets.pairs())
     first = (reduced.r, basis.shape[1])
-    deepest = _DEEPEST if reach > first[1] else min(reduced.n - first[1], _DEEPEST)
+    deepest = limit if reach > first[1] else min(reduced.n - first[1], limit)
     if first[1] >= reach and (first[0] == first[1] or not deepest):
         doubtful = first[1] < reduced.n and rejected > _SMALLEST
         return Growth(first[: 1 + (first[1] > first[0])], basis, margin, doubtful)
@@ -204,7 +209,7 @@ def grow(reduced: ReducedModel, q: np.ndarray, reach: int = 0) -> Growth:
             break
     assert found is not None
     vector = (*first, *found.dimensions)
-    longest = len(found.dimensions) == _DEEPEST
+    longest = len(found.dimensions) == limit
     last = vector.index(vector[-1]) + 1  # the levels after it add nothing
     return Growth(
         vector[: max(last, 1)],
@@ -232,7 +237,7 @@ def _deeper(jets: BracketJets, basis: np.ndarray, order: int, rejected: float, r
     """Levels up to an order, from the first accurate flow time, or else from the most accurate one."""
     best: _Levels | None = None
     failure: SingularityError | None = None
-    for time in _TIMES:
+    for time in jets.times(order):
         generator = np.random.default_rng(0)
         try:
             drawn = [jets.draw(order, time, generator)]

@@ -8,6 +8,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from rnc_pin.analysis import bracket_jets
 from rnc_pin.analysis.bracket_jets import PIECES, BracketJets
 from systems import ALL, random_states
 from textbook_systems import sliders_with_rows, unicycle_with_trailers
@@ -71,8 +72,9 @@ def in_plain_coordinates(count):
     return system.reduce([rnc.FrameSpeed("body"), rnc.FrameYaw("body")])
 
 
-def test_axes_that_turn_along_make_no_difference():
+def test_axes_that_turn_along_make_no_difference(monkeypatch):
     """At zero yaw a planar joint's axes are those of x, y and yaw, and so are brackets of any depth."""
+    monkeypatch.setattr(bracket_jets, "has_complex_rows", lambda reduced: False)
     hitches = {"hitch_1": 0.5, "hitch_2": -0.3}
     found = []
     for reduced in (unicycle_with_trailers(2), in_plain_coordinates(2)):
@@ -80,6 +82,20 @@ def test_axes_that_turn_along_make_no_difference():
         found.append(jets.draw(5, 0.5, np.random.default_rng(7)).coefficients)
         assert np.abs(found[-1][5]).max() > 1e-5
     np.testing.assert_allclose(found[0], found[1], atol=1e-10)
+
+
+def test_levels_from_complex_times_do_not_depend_on_axes():
+    """Fields differ away from q, but not the space of their first and second brackets, of dimension four of five."""
+    hitches = {"hitch_1": 0.5, "hitch_2": -0.3}
+    spaces = []
+    for reduced in (unicycle_with_trailers(2), in_plain_coordinates(2)):
+        jets = BracketJets(reduced, reduced.robot.configuration(hitches))
+        first, second = jets.draw(5, 1.0, np.random.default_rng(7)).coefficients[:2]
+        left, values, _ = np.linalg.svd(np.column_stack([jets.generators, first, second]))
+        assert values[3] > 1e-3
+        assert values[4] < 1e-13
+        spaces.append(left[:, :4] @ left[:, :4].T)
+    np.testing.assert_allclose(spaces[0], spaces[1], atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["fire_truck", "leaning_wheel", "free_flying_panda"])

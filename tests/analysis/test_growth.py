@@ -272,10 +272,29 @@ def test_growth_vectors_at_singular_configurations(right):
 
 
 def test_a_growth_vector_that_is_not_found_is_refused():
+    """The degree of nonholonomy is 13, the largest of four trailers: the seventh Fibonacci number (Jean 1996)."""
     reduced = unicycle_with_trailers(4)
     q = reduced.robot.configuration({"hitch_1": np.pi / 2, "hitch_2": np.pi / 2, "hitch_3": np.pi / 2})
-    with pytest.raises(rnc.InfeasibleError, match=r"brackets up to depth 13 give the dimensions .2, 3, 4, 4, 5"):
-        growth_vector(reduced, q)  # its degree is 13
+    with pytest.raises(
+        rnc.InfeasibleError, match=r"brackets up to depth 10 give the dimensions .2, 3, 4, 4, 5.*raise 'deepest'"
+    ):
+        growth_vector(reduced, q, deepest=9)
+    found = growth_vector(reduced, q)
+    assert found == jean([True, True, True, False])
+    assert len(found) == 13
+    with pytest.raises(rnc.InputError, match="deepest: expected a positive integer, found 0"):
+        growth_vector(reduced, q, deepest=0)
+
+
+@pytest.mark.parametrize("straight", [True, False])
+def test_ten_trailers_grow_by_one_a_level(straight):
+    """At regular points, the straight one included, the degree of nonholonomy is the dimension less one (Jean 1996)."""
+    reduced = unicycle_with_trailers(10)
+    angles = {} if straight else {f"hitch_{k}": 0.1 + 0.07 * k for k in range(1, 11)}
+    found = grow(reduced, reduced.robot.configuration(angles))
+    assert found.vector == tuple(range(2, 14))
+    assert not found.doubtful
+    assert found.margin > MARGIN
 
 
 def test_the_rounding_of_a_file_is_no_direction_at_any_depth():
