@@ -28,7 +28,7 @@ _FAR = 1.0  # [m] up to which distances are exact
 
 
 @cache
-def _robot() -> Robot:
+def doorway_robot() -> Robot:
     path = find_scenario("doorway")
     return build_system(validate(read_yaml(path), "doorway"), path.parent).robot
 
@@ -49,7 +49,7 @@ def passage(start: Sequence[float], bend: float, goal: Sequence[float], jambs: S
     to_goal, half = np.arctan2(ahead[1], ahead[0]), np.arccos(min(float(np.linalg.norm(ahead)) / 2.0, 1.0))
     first = np.arctan2(*(elbow - hand)[::-1])
     arcs = [(last - first) % (2 * np.pi) - turn for last in (to_goal + half, to_goal - half) for turn in (0, 2 * np.pi)]
-    distances = CollisionDistances(_robot(), jambs, q0=_stretched(hand, first))
+    distances = CollisionDistances(doorway_robot(), jambs, q0=_stretched(hand, first))
     doors = {each.name for each in jambs}
     forearm = [
         k
@@ -72,14 +72,14 @@ def passage(start: Sequence[float], bend: float, goal: Sequence[float], jambs: S
 
 
 def _is_elbow(link: str, shape: int) -> bool:
-    model = _robot().collision_model
+    model = doorway_robot().collision_model
     return link == "link_1" and model is not None and isinstance(model.geometryObjects[shape].geometry, coal.Sphere)
 
 
 def _stretched(hand: np.ndarray, angle: float) -> np.ndarray:
     """Configuration with the elbow at this angle about the hand; the rest of the robot is on the far side."""
     base = hand + 2.0 * np.array([np.cos(angle), np.sin(angle)])
-    return _robot().configuration({"root_joint": [*base, 0.0], "joint_1": angle + np.pi, "joint_2": 0.0})
+    return doorway_robot().configuration({"root_joint": [*base, 0.0], "joint_1": angle + np.pi, "joint_2": 0.0})
 
 
 def main() -> None:

@@ -6,8 +6,10 @@ from collections.abc import Callable
 from functools import cache
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from benchmarks.doorway_passage import CLEARANCE, passage
+from benchmarks.doorway_path import doorway_path
 from rnc_pin.collision import CollisionDistances, Obstacle
 from rnc_pin.io.json import Json
 from rnc_pin.robots.robot import Robot
@@ -22,6 +24,7 @@ _SEED = 2026
 _QUIET: Options = {"comparisons": {}, "plots": {}}
 _RUN: Options = {**_QUIET, "simulation.dt": 0.025, "preflight": "refuse"}
 _FASTEST = 0.5  # [m/s] of people; the base drives 0.7 m/s in every direction
+_VIA_POINTS = 12  # of the planned path through a doorway
 _APART = 1.5  # [m] between the centres of people: the base fits between them
 
 
@@ -31,7 +34,7 @@ def drawn_options(scenario: str, run: int) -> Options:
     while True:
         options = DRAWS[scenario](generator)
         if _free(scenario, options):
-            return {**_RUN, **options}
+            return {**_RUN, **(_follow_path(options) if scenario == "doorway" else options)}
 
 
 def _generator(scenario: str, run: int) -> np.random.Generator:
@@ -86,6 +89,20 @@ def _doorway(generator: np.random.Generator) -> Options:
         options = _any_doorway(generator)
         if passage(*_door_of(options)) >= CLEARANCE:
             return options
+
+
+def _follow_path(options: Options) -> Options:
+    """The same doorway, with a planned path as the platform's reference in place of the straight one."""
+    path = doorway_path(*_door_of(options))
+    if path is None:
+        return options
+    duration = options["controller.tasks.1.base_pose.reference.minimum_jerk.duration"]
+    share = np.linspace(0.0, 1.0, _VIA_POINTS + 1)[1:]
+    way = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)  # of a minimum-jerk motion
+    points = CubicSpline(np.linspace(0.0, 1.0, len(path.poses)), path.poses)(way)
+    via: Json = {"times": (share * duration).tolist(), "points": points.tolist()}
+    kept = {key: value for key, value in options.items() if ".base_pose.reference." not in key}
+    return {**kept, "controller.tasks.1.base_pose.reference": {"via_points": via}}
 
 
 def unrestricted_doorways(count: int) -> list[tuple[list[float], float, list[float], tuple[Obstacle, ...]]]:

@@ -3,11 +3,16 @@
 import json
 from pathlib import Path
 
+import coal
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from benchmarks import latency, reduction, scaling
+from benchmarks.doorway_passage import doorway_robot
+from benchmarks.doorway_path import doorway_path, whole_configuration
 from benchmarks.states import regular_states
+from rnc_pin.collision import Obstacle
 from rnc_pin.scenario.execution import plan
 
 SYSTEM = "snakeboard"
@@ -147,3 +152,34 @@ def test_the_plots_of_scaling_show_each_function_over_the_sizes():
     assert np.array_equal(np.array([each.get_ydata() for each in lines]).T, us)
     batches = scaling.batch_figure(scaling.BatchCosts(sizes, us[:, 0], us[:, 1]))
     assert batches.axes[1].get_lines()[0].get_ydata().tolist() == [1.0, 1.0]  # KiB of one state
+
+
+def test_a_path_through_a_doorway_rolls_and_keeps_the_hand_and_its_clearance():
+    """Hand by forward kinematics, distances of the original shapes by coal, heading along differences of places."""
+    start, bend, goal = (-0.87, -0.17, -0.01), 0.36, (0.89, -0.19, -0.01)
+    sides = [Obstacle(coal.Box(0.15, 1.0, 1.0), position=(0.0, y, 0.32), name=str(y)) for y in (-1.05, 1.15)]
+    path = doorway_path(start, bend, goal, sides)
+    assert path is not None
+    assert path.clearance > 0.05
+    np.testing.assert_allclose(path.poses[[0, -1]], [start, goal], atol=1e-12)
+    between = np.diff(path.poses[:, :2], axis=0)
+    heading = 0.5 * (path.poses[1:, 2] + path.poses[:-1, 2])
+    np.testing.assert_allclose(np.arctan2(between[:, 1], between[:, 0]), heading, atol=5e-3)
+    robot = doorway_robot()
+    model, data, shapes = robot.model, robot.model.createData(), robot.collision_model
+    placed, least, tip = shapes.createData(), np.inf, robot.frame_id("tip")
+    q0 = robot.configuration({"root_joint": list(start), "joint_1": bend, "joint_2": -2 * bend})
+    pin.framesForwardKinematics(model, data, q0)
+    hand = data.oMf[tip].translation.copy()
+    for pose in path.poses.tolist():
+        q = whole_configuration(pose, hand[:2])
+        pin.framesForwardKinematics(model, data, q)
+        np.testing.assert_allclose(data.oMf[tip].translation, hand, atol=1e-12)
+        pin.updateGeometryPlacements(model, data, shapes, placed, q)
+        for shape, at in zip(shapes.geometryObjects, placed.oMg, strict=True):
+            for y in (-1.05, 1.15):
+                box = coal.Transform3s(np.eye(3), np.array([0.0, y, 0.32]))
+                own = coal.Transform3s(at.rotation, at.translation)
+                sides_at = (shape.geometry, own, coal.Box(0.15, 1.0, 1.0), box)
+                least = min(least, coal.distance(*sides_at, coal.DistanceRequest(), coal.DistanceResult()))
+    assert least >= path.clearance - 1e-4
