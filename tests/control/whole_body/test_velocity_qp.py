@@ -139,6 +139,7 @@ def test_samples_join_without_jumps_and_the_rate_is_exact():
     np.testing.assert_array_equal(shorter.v2, target.v2 + (0.016 - 0.01) * target.v2_dot)
     later, _ = program.step(0.05, still, state)  # a late sample: the planned end is held
     np.testing.assert_array_equal(later.v2, target.v2 + 0.01 * target.v2_dot)
+    np.testing.assert_allclose(target.v2_held, (target.v2 + later.v2) / 2, rtol=1e-12, atol=1e-15)  # moves as far
     wheels = reduced.robot.velocity_indices("wheel_left_joint")
     assert abs((reduced.at(q).R @ later.v2)[wheels][0]) <= 0.2 + 1e-9
 
