@@ -24,6 +24,7 @@ from systems import (
     drifting_manipulator,
     fire_truck,
     four_bar,
+    free_arm,
     free_flying_panda,
     leaning_wheel,
     mecanum,
@@ -62,15 +63,7 @@ STATE = (
 
 def outputs_of_all_kinds():
     """Free base: outputs of every kind, a point with an offset, a caster, a force on a frame, and rows of the user."""
-    model = pin.Model()
-    base = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
-    placement = pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.2, 0.5), np.array([0.4, 0.1, 0.3]))
-    arm = model.addJoint(base, pin.JointModelRUBY(), placement, "arm")
-    hand = model.addJoint(arm, pin.JointModelPZ(), placement, "hand")
-    for joint, name in ((base, "base"), (arm, "upper"), (hand, "tip")):
-        model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.2), placement)
-        model.addFrame(pin.Frame(name, joint, 0, placement, pin.FrameType.OP_FRAME))
-    robot = rnc.Robot(model)
+    robot = rnc.Robot(free_arm())
     row = np.linspace(0.2, 1.0, robot.nv)[None]
 
     def turning(q):

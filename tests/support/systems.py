@@ -347,8 +347,8 @@ def reacting(reduced: rnc.ReducedModel) -> np.ndarray:
     return rows
 
 
-def sprung_arm():
-    """Free base with a continuous joint and a slider, and a force of every kind."""
+def free_arm():
+    """Free base with a continuous joint and a slider: bodies and frames "base", "upper" and "tip"."""
     model = pin.Model()
     base = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
     placement = pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.2, 0.5), np.array([0.4, 0.1, 0.3]))
@@ -357,6 +357,11 @@ def sprung_arm():
     for joint, name in ((base, "base"), (arm, "upper"), (hand, "tip")):
         model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.2), placement)
         model.addFrame(pin.Frame(name, joint, 0, placement, pin.FrameType.OP_FRAME))
+    return model
+
+
+def sprung_arm():
+    """Free base with a continuous joint and a slider, and a force of every kind."""
     of = rnc.forces
     forces = [
         of.Spring(rnc.JointPosition("hand"), 40.0, 0.3),
@@ -375,7 +380,7 @@ def sprung_arm():
     ]
     drives = [rnc.FrameForce("tip", "x"), rnc.FrameTorque("base", "z"), "arm", "hand"]
     constraints = [rnc.NoSideSlip("base", "y"), rnc.NoSideSlip("upper", "z")]
-    return rnc.NonholonomicSystem(rnc.Robot(model), constraints, drives, forces=forces).reduce()
+    return rnc.NonholonomicSystem(rnc.Robot(free_arm()), constraints, drives, forces=forces).reduce()
 
 
 def free_bodies(*names):
