@@ -11,7 +11,9 @@ from benchmarks.validation import (
     roller_racer,
     rolling_body,
     sleigh,
+    slope,
     snakeboard,
+    trailers,
 )
 
 PROBLEMS = {
@@ -19,6 +21,7 @@ PROBLEMS = {
     "measured_bicycles": measured_bicycles.rows,
     "disk": disk.rows,
     "sleigh": sleigh.rows,
+    "slope": slope.rows,
     "ball": ball.rows,
     "floating_arm": floating_arm.rows,
     "grasping": grasping.rows,
@@ -26,4 +29,5 @@ PROBLEMS = {
     "roller_racer": roller_racer.rows,
     "rolling_body": rolling_body.rows,
     "kapitza": kapitza.rows,
+    "trailers": trailers.rows,
 }

@@ -39,19 +39,20 @@ def contact_on_turntable() -> rnc.Pfaffian:
     return rnc.Pfaffian(rows, rows_dot, ["x", "y", "height"], rate=table, rate_dot=table_dot)
 
 
-def ball(slope: float = 0.0, turntable: bool = False) -> rnc.ReducedModel:
+def ball(slope: float = 0.0, contact: rnc.Pfaffian | rnc.RollingBall | None = None) -> rnc.ReducedModel:
     """The ball, its three spins as reducing outputs; the plane stays z = 0 and gravity leans by ``slope`` [rad]."""
     gravity = GRAVITY * np.array([np.sin(slope), 0.0, -np.cos(slope)])
     robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free", gravity=gravity)
-    contact = contact_on_turntable() if turntable else rnc.RollingBall("ball", RADIUS)
-    system = rnc.NonholonomicSystem(robot, [contact])
+    system = rnc.NonholonomicSystem(robot, [contact or rnc.RollingBall("ball", RADIUS)])
     return system.reduce([rnc.FrameAngularVelocity("ball", axis) for axis in "xyz"], [rnc.FramePosition("ball", "xyz")])
 
 
-def rolling(reduced: rnc.ReducedModel, place: tuple[float, float] = (0.0, 0.0)) -> rnc.Trajectory:
-    """Let go with a given spin."""
+def rolling(
+    reduced: rnc.ReducedModel, place: tuple[float, float] = (0.0, 0.0), duration: float = DURATION
+) -> rnc.Trajectory:
+    """Let go with a given spin, for some seconds."""
     q0 = reduced.robot.configuration({"root_joint": (*place, RADIUS, 0, 0, 0, 1)})
-    return rnc.free_motion(reduced, q0, SPIN, DURATION, dt=0.1)
+    return rnc.free_motion(reduced, q0, SPIN, duration, dt=0.1)
 
 
 def on_curved_ground() -> list[Row]:
@@ -98,11 +99,16 @@ def rows() -> list[Row]:
     turns = [pin.Quaternion(q[3:7]).toRotationMatrix() for q in run.q]
     spin = np.array([turn @ v2 for turn, v2 in zip(turns, run.v2, strict=True)])
     slope = 0.3
-    down = rolling(ball(slope))
-    fall = 5 / 14 * GRAVITY * np.sin(slope) * run.time[:, None] ** 2 * np.array([1.0, 0.0, 0.0])
+    down = rolling(ball(slope), duration=10.0)
+    fall = 5 / 14 * GRAVITY * np.sin(slope) * down.time[:, None] ** 2 * np.array([1.0, 0.0, 0.0])
     exchanged = GRAVITY * np.sin(slope) * down.x1[-1, 0]  # between height and speed
     place = np.array([0.4, -0.3])
-    on_table = rolling(ball(turntable=True), tuple(place))
+    ground = rnc.GroundPlane(spin=TABLE)
+    tables = [contact_on_turntable(), rnc.RollingBall("ball", RADIUS, ground)]
+    by_hand, on_table = (
+        rolling(ball(contact=each), tuple(place), lasts).x1[:, :2]
+        for each, lasts in zip(tables, (10.0, DURATION), strict=True)
+    )
     rate, velocity = 2 / 7 * TABLE, TABLE * np.array([-place[1], place[0]]) + start[:2]
     angle = rate * run.time
     across = np.array([-velocity[1], velocity[0]])
@@ -111,8 +117,15 @@ def rows() -> list[Row]:
         *on_curved_ground(),
         Row(SOURCE, "ball on a level: centre over 20 s [m]", straight, run.x1, MOTION),
         Row(SOURCE, "ball on a level: spin over 20 s [rad/s]", np.broadcast_to(SPIN, spin.shape), spin, MOTION),
-        Row(SOURCE, "ball on a slope: centre over 20 s [m]", straight + fall, down.x1, MOTION),
-        Row("Earnshaw 1844", "ball on a turntable: centre over 20 s [m]", circle, on_table.x1[:, :2], MOTION),
+        Row(SOURCE, "ball on a slope: centre over 10 s [m]", straight[: len(fall)] + fall, down.x1, MOTION),
+        Row(
+            "Earnshaw 1844",
+            "ball on a turntable, rows by hand: centre over 10 s [m]",
+            circle[: len(by_hand)],
+            by_hand,
+            MOTION,
+        ),
+        Row("Earnshaw 1844", "ball on a turntable, GroundPlane: centre over 20 s [m]", circle, on_table, MOTION),
         Row(
             "conservation", "ball on a level: energy, relative", 0.0, np.ptp(run.energy) / run.energy[0], INVARIANT, 1.0
         ),

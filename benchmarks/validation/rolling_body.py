@@ -11,7 +11,7 @@ import pinocchio as pin
 from scipy.integrate import solve_ivp
 
 import rnc_pin as rnc
-from benchmarks.validation.row import INVARIANT, MOTION, Row
+from benchmarks.validation.row import EIGENVALUE, INVARIANT, MOTION, Row
 
 GRAVITY, UP = 9.81, np.array([0.0, 0.0, 1.0])
 SEMI_AXES, RISE = np.array([0.2, 0.03, 0.02]), -0.01  # m; the centre of mass is below the centre
@@ -37,29 +37,50 @@ def rattleback_inertia() -> np.ndarray:
     return turn @ np.diag(MOMENTS) @ turn.T
 
 
-def newton_and_euler(w0: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Angular velocity (N, 3) of the rattleback in its own axes, from equations that share no code with the package.
+def skew(vector: np.ndarray) -> np.ndarray:
+    """Matrix (3, 3) of the vector product; of complex numbers too."""
+    x, y, z = vector
+    return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
 
-    In the axes of the body, with the arm r from the centre of mass to the contact and the vertical u:
+
+def rates(state: np.ndarray) -> np.ndarray:
+    """Rates of the angular velocity w and of the vertical u (6,) of the rattleback, in its own axes.
+
+    The equations share no code with the package. With the arm r from the centre of mass to the contact,
     ``I wdot + w x I w = r x m (r x wdot + rdot x w + w x (r x w) + g u)`` and ``udot = u x w``.
     """
-    inertia, squares = rattleback_inertia(), SEMI_AXES**2
+    w, u, inertia, squares = state[:3], state[3:], rattleback_inertia(), SEMI_AXES**2
+    support = (u @ (squares * u)) ** 0.5
+    point = -squares * u / support  # from the centre to the contact
+    r = point - np.array([0.0, 0.0, RISE])
+    u_dot = skew(u) @ w
+    r_dot = -squares * u_dot / support + squares * u * (u @ (squares * u_dot)) / support**3
+    arm, turning = skew(r), skew(w)
+    known = skew(r_dot) @ w + turning @ (arm @ w) + GRAVITY * u
+    right = arm @ known - turning @ (inertia @ w)
+    return np.concatenate([np.linalg.solve(inertia - arm @ arm, right), u_dot])
 
-    def rate(_: float, state: np.ndarray) -> np.ndarray:
-        w, u = state[:3], state[3:]
-        support = np.sqrt(u @ (squares * u))
-        point = -squares * u / support  # from the centre to the contact
-        r = point - np.array([0.0, 0.0, RISE])
-        u_dot = pin.skew(u) @ w
-        r_dot = -squares * u_dot / support + squares * u * (u @ (squares * u_dot)) / support**3
-        arm, turning = pin.skew(r), pin.skew(w)
-        known = pin.skew(r_dot) @ w + turning @ (arm @ w) + GRAVITY * u
-        right = arm @ known - turning @ (inertia @ w)
-        w_dot = np.linalg.solve(inertia - arm @ arm, right)
-        return np.concatenate([w_dot, u_dot])
 
-    found = solve_ivp(rate, (0, times[-1]), np.concatenate([w0, UP]), "DOP853", times, rtol=1e-12, atol=1e-13)
+def newton_and_euler(w0: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Angular velocity (N, 3) of the rattleback in its own axes, by SciPy."""
+    start = np.concatenate([w0, UP])
+    found = solve_ivp(lambda _, state: rates(state), (0, times[-1]), start, "DOP853", times, rtol=1e-12, atol=1e-13)
     return np.asarray(found.y[:3].T)
+
+
+def ordered(values: np.ndarray) -> np.ndarray:
+    """The four eigenvalues that are not zero."""
+    kept = values[np.argsort(np.abs(values))[-4:]]
+    return np.asarray(kept[np.lexsort((kept.imag, kept.real.round(6)))])
+
+
+def eigenvalues(stone: rnc.ReducedModel, upright: np.ndarray, spin: float) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues (4,) of a steady spin [rad/s]: by complex steps of the equations here, and by the package."""
+    steady, step = np.array([0.0, 0.0, spin, *UP]), 1e-30
+    expected = np.imag([rates(steady + 1j * step * e) for e in np.eye(6)]).T / step
+    tilts = [rnc.FrameTilt("body", axis) for axis in "xy"]
+    ours = rnc.linearize(stone, upright, steady[:3], coordinates=tilts)
+    return ordered(np.linalg.eigvals(expected)), ordered(ours.eigenvalues)
 
 
 def rows() -> list[Row]:
@@ -81,7 +102,16 @@ def rows() -> list[Row]:
         momenta.append(R @ (BALL_MOMENTS * w) + BALL_MASS * np.cross(arm, np.cross(R @ w, arm)))
     held = np.broadcast_to(momenta[0], (len(momenta), 3))
     equations = "Garcia & Hubbard 1988 (equations)"
+    spins = np.linspace(-20.0, 20.0, 9)  # either direction has a pair that grows
+    linear = np.array([eigenvalues(stone, upright, spin) for spin in spins])
     return [
+        Row(
+            equations,
+            "rattleback: eigenvalues at nine spins from -20 to 20 rad/s, worst of 36",
+            linear[:, 0].ravel(),
+            linear[:, 1].ravel(),
+            EIGENVALUE,
+        ),
         Row(equations, "rattleback: angular velocity over 1 s, reversal included [rad/s]", expected, run.v2, MOTION),
         Row(equations, "rattleback: spin after 1 s, from -5 [rad/s]", expected[-1, 2], run.v2[-1, 2], MOTION),
         Row("conservation", "rattleback: energy, relative", 0.0, np.ptp(run.energy) / kinetic, INVARIANT, 1.0),
