@@ -488,7 +488,7 @@ static PyObject *state_derivatives(Evaluator *ev, PyObject *const *args, Py_ssiz
     double *x[3], *out, *B = NULL;
     if (!expect(ev, given, 3) || !prepare_derivatives(ev)) return NULL;
     Derivatives *d = ev->derivatives;
-    int ok = ev->fused && r && !ev->no_slopes && states(args, 3, sizes, &all, x);
+    int ok = ev->fused && r && states(args, 3, sizes, &all, x);
     if (ok && !(array = made(ev, &all, derivatives_size(ev), &out))) ok = -1;
     double *P = ev->scratch + ev->work, *F = P + kinematics_size(ev), *S = F + 2 * n * n;
     double *force = S + dynamics_size(ev), *J = P + n * n;

@@ -16,9 +16,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define INTERFACE 23 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
+#define INTERFACE 24 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
 #define INTEGERS 8  /* of a row: kind, first and second frame, five more */
-#define NUMBERS 20  /* of a row */
+#define NUMBERS 24  /* of a row */
+#define AT_GROUND 16 /* twist of moving ground about the world's origin, in the numbers of a row */
 #define FLAT 1e-6   /* sine below which an axis counts as vertical */
 #define TOGETHER 1e-9 /* distance below which frames coincide [m] */
 #define AMPLIFIED 1e10 /* amplification of rounding errors above which actuators count as dependent */
@@ -67,7 +68,7 @@ typedef struct {
     long *owner;             /* joint of each entry of v (n) */
     double *constant;        /* constant rows (count, n); zero for the others */
     double *B, *mu, *lengths; /* constant part of B (n, p); (m) at the last configuration; typical lengths of the rows of E (n) */
-    int slides, no_slopes;   /* ground moves; a constraint row has no derivatives */
+    int slides;              /* ground moves */
     double fast_length, fast_limit;
     double *laws;            /* of the forces that follow from the state, FORCE_NUMBERS each */
     Py_ssize_t forced;       /* their number */
@@ -459,6 +460,26 @@ static void rate_about_origin(const Wrench *of, double *W)
     for (int i = 0; i < 3; i++) W[3 + i] += of->md[i] + moved[i];
 }
 
+static int on_moving_ground(const Row *row)
+{
+    return (row->kind == WHEEL || row->kind == ROLLING || row->kind == OWN) && row->i[1];
+}
+
+/* Velocity mu of the ground's material along a row with a wrench on one frame, and its rate. */
+static double slide(const Row *row, const Wrench *on)
+{
+    double W[6];
+    about_origin(on, W);
+    return dot(W, row->w + AT_GROUND, 6);
+}
+
+static double slide_rate(const Row *row, const Wrench *on)
+{
+    double W[6];
+    rate_about_origin(on, W);
+    return dot(W, row->w + AT_GROUND, 6);
+}
+
 /* row += W^T J of a joint */
 static void project(const Evaluator *ev, const double *W, long joint, const double *J, double *row)
 {
@@ -615,9 +636,8 @@ static int factorize(Evaluator *ev, const double *q, const double *P, const doub
     for (Py_ssize_t i = 0; i < ev->m && ev->slides; i++)
         if (on_moving_ground(ev->rows + i)) {
             Wrench on[2];
-            double unused;
             wrenches(ev, ev->rows + i, on);
-            ev->mu[i] = slide(ev->rows + i, ev->motion + ev->rows[i].a, on, &unused);
+            ev->mu[i] = slide(ev->rows + i, on);
         }
     rows += dot(F, F, n * n);
     columns = dot(inverse, inverse, n * n);
@@ -674,11 +694,7 @@ static int biases(Evaluator *ev, const double *q, const double *P, const double 
             rate_about_origin(on + side, W);
             sum += dot(W, frame->V, 6);
         }
-        if (on_moving_ground(row)) {
-            double grows;
-            slide(row, ev->motion + row->a, on, &grows);
-            sum -= grows;
-        }
+        if (on_moving_ground(row)) sum -= slide_rate(row, on);
         if (row->kind == EXTERNAL) sum = external[row->i[0]];
         if (row->kind == MOMENTUM) {
             double X[6], rate[6];
@@ -1568,10 +1584,8 @@ static void add_offset(Evaluator *ev, const double *P, const double *F, const do
         rest[i] = -dot(D + i * n, b, n);
         if (on_moving_ground(row)) {
             Wrench on[2];
-            double grows;
             wrenches(ev, row, on);
-            slide(row, ev->motion + row->a, on, &grows);
-            rest[i] += grows;
+            rest[i] += slide_rate(row, on);
         }
     }
     for (Py_ssize_t i = 0; i < n; i++) b_dot[i] = dot(inverse + i * n, rest, n);
@@ -1758,8 +1772,9 @@ static int valid(const Evaluator *ev, const Row *row, Py_ssize_t external, int o
         return within(row->a, ev->frames) && within(i[0], TORUS + 1) && within(i[3], 3) && (!i[1] || ev->mu);
     case WHEEL:
         return within(row->a, ev->frames) && (!i[1] || ev->mu);
-    case WORLD:
     case OWN:
+        return within(row->a, ev->frames) && (!i[1] || ev->mu);
+    case WORLD:
         return within(row->a, ev->frames);
     }
     return 0;
@@ -1784,7 +1799,6 @@ static int checked(Evaluator *ev)
         if (ev->rows[i].kind == MOMENTUM) ev->rates_need_C = 1;
         if (on_moving_ground(ev->rows + i) && i >= ev->m) return 0;
         if (on_moving_ground(ev->rows + i)) ev->slides = 1;
-        if (on_moving_ground(ev->rows + i) && ev->rows[i].kind == WHEEL) ev->no_slopes = 1;
     }
     return 1;
 }

@@ -1,7 +1,7 @@
-/* Bodies that roll on planes; a part of kernel.c, see rolling_body.py and rolling_wheel.py.
+/* Bodies that roll, and wheels on planes; a part of kernel.c, see rolling_body.py and rolling_wheel.py.
 
    A row of a body is a force f, constant in the world, at the contact point c = p + R point(-R^T n), which moves over the
-   body. The plane has the normal n; its material moves at u + spin n x c. Of the body's surface, with its outward normal,
+   body. The plane has the normal n. Of the body's surface, with its outward normal,
 
        B = R N R^T    is the derivative of the contact point by the normal, symmetric: arm' = w x arm + B (w x n),
        T(x, y)        the derivative of B y along x, less the part that turns with the body, symmetric too.
@@ -10,7 +10,7 @@
    or of the directions across the axle. */
 
 enum { ELLIPSOID, TORUS };
-enum { AT_NORMAL = 3, AT_SHAPE = 6, AT_PLANE = 7, AT_SPIN = 16, AT_SLIDING = 17 }; /* places in the numbers of a row */
+enum { AT_NORMAL = 3, AT_SHAPE = 6, AT_PLANE = 7 }; /* places in the numbers of a row */
 
 typedef struct {
     double arm[3], spread[9];      /* world axes */
@@ -92,37 +92,4 @@ static void from_plane(const Row *row, double *x)
 {
     double here[3] = {x[0], x[1], x[2]};
     turn_back(row->w + AT_PLANE, here, x);
-}
-
-/* Contact point of a wheel up to its height over the plane, and its rate. */
-static void wheel_contact(const Row *row, const Motion *at, double *c, double *rate)
-{
-    Motion local;
-    double a[3], da[3], r = row->w[0];
-    to_plane(row, at, &local);
-    turn(local.R, row->w + 1, a);
-    cross(local.V + 3, a, da);
-    double square = a[0] * a[0] + a[1] * a[1], s = sqrt(square), z = a[2], turned = (a[0] * da[1] - a[1] * da[0]) / square;
-    c[0] = r * z * a[0] / s, c[1] = r * z * a[1] / s, c[2] = 0.0;
-    rate[0] = r * (da[2] * a[0] - z * turned * a[1]) / s, rate[1] = r * (da[2] * a[1] + z * turned * a[0]) / s, rate[2] = 0.0;
-    from_plane(row, c), from_plane(row, rate);
-    for (int i = 0; i < 3; i++) c[i] += at->p[i], rate[i] += at->v[i];
-}
-
-static int on_moving_ground(const Row *row) { return (row->kind == WHEEL || row->kind == ROLLING) && row->i[1]; }
-
-/* Velocity mu of the ground's material along a row, and its rate. */
-static double slide(const Row *row, const Motion *at, const Wrench *on, double *rate)
-{
-    const double *n = row->kind == WHEEL ? row->w + AT_PLANE + 6 : row->w + AT_NORMAL;
-    double spin = row->w[AT_SPIN], W[3] = {spin * n[0], spin * n[1], spin * n[2]}, c[3], cd[3], u[3], ud[3];
-    *rate = 0.0;
-    if (row->kind == ROLLING && row->i[2]) return spin;
-    if (row->kind == WHEEL) wheel_contact(row, at, c, cd);
-    else memcpy(c, on->p, sizeof c), memcpy(cd, on->pd, sizeof cd);
-    memcpy(u, row->w + AT_SLIDING, sizeof u);
-    add_cross(u, W, c);
-    cross(W, cd, ud);
-    *rate = dot(on->fd, u, 3) + dot(on->f, ud, 3);
-    return dot(on->f, u, 3);
 }

@@ -160,14 +160,15 @@ static void bend(const Contact *of, const double *R, const double *x, const doub
 static void rolling_slopes(const Row *row, const Motion *at, Slopes *out)
 {
     Change *K = out->velocity, *G = out->acceleration;
-    const double *f = row->w, *n = row->w + AT_NORMAL, *w = at->V + 3, *b = at->A + 3, spin = row->w[AT_SPIN];
+    const double *f = row->w, *n = row->w + AT_NORMAL, *w = at->V + 3, *b = at->A + 3;
+    const double *W = row->w + AT_GROUND + 3; /* zero for ground at rest */
     Contact found;
     if (row->i[2]) {
         put(K->w, 1.0, n), put(G->b, 1.0, n);
         return;
     }
     touch(row, at, &found);
-    double W[3] = {spin * n[0], spin * n[1], spin * n[2]}, g[3], e[3], y[3], By[3], Be[3], x[3], rate[3], part[3];
+    double g[3], e[3], y[3], By[3], Be[3], x[3], rate[3], part[3];
     cross(f, W, g), cross(f, w, e), subtract(e, g, e, 3);
     cross(w, n, y);
     turn(found.spread, y, By), turn(found.spread, e, Be);
@@ -247,25 +248,60 @@ static void closure_slopes(const Row *row, const Motion *a, const Motion *b, con
     put(K[0].s, 1.0, k), put(G[0].s, 1.0, s), put(G[0].w, 1.0, k);
 }
 
+/* Knife edges: a force f and a torque m that are fixed in the frame */
+static void own_slopes(const Row *row, const Motion *at, const double *origin, Slopes *out)
+{
+    Change *K = out->velocity, *G = out->acceleration;
+    double f[3], m[3], k[3], s[3], fd[3], md[3];
+    turn(at->R, row->w, f), turn(at->R, row->w + 3, m);
+    turn_along(f, m, at->v, at->V + 3, origin, at->A + 3, at->V + 3, k, s, fd, md);
+    put(K->s, 1.0, k), put(K->v, 1.0, f), put(K->w, 1.0, m);
+    put(G->s, 1.0, s), put(G->v, 1.0, fd), put(G->w, 1.0, md), put(G->w, 1.0, k);
+    put(G->a, 1.0, f), put(G->b, 1.0, m);
+}
+
+/* Wheels and knife edges: a row is the same function of the motion relative to the ground, whose material has the constant
+   twist G = (U, W). With the velocity v of the origin p and its acceleration a, angular w and b, the relative motion is
+
+       v - U - W x p,   w - W,   a - W x (2 v - U - W x p),   b - W x w. */
+static int slopes_on_moving_ground(const Row *row, const Motion *at, Slopes *out)
+{
+    Motion relative = *at;
+    Change *K = out->velocity, *G = out->acceleration;
+    const double *ground = row->w + AT_GROUND, *W = ground + 3;
+    double carried[6], origin[3], g[3], twice[3];
+    subtract(at->V, ground, relative.V, 6);
+    cross_motion(ground, at->V, carried);
+    subtract(at->A, carried, relative.A, 6);
+    memcpy(relative.v, relative.V, sizeof relative.v), add_cross(relative.v, relative.V + 3, at->p);
+    memcpy(origin, relative.A, sizeof origin), add_cross(origin, relative.A + 3, at->p);
+    add_cross(origin, relative.V + 3, relative.v);
+    memset(out, 0, sizeof *out);
+    if (row->kind == OWN) own_slopes(row, &relative, origin, out);
+    else wheel_slopes_on_plane(row, &relative, origin, out);
+    add_cross(K->p, W, K->v);
+    cross(W, G->a, g), cross(W, g, twice);
+    put(G->p, 1.0, twice), add_cross(G->p, W, G->v);
+    put(G->v, 2.0, g), add_cross(G->w, W, G->b);
+    return 1;
+}
+
 /* Slopes of a row that consists of wrenches; false for other rows. origins: accelerations of the frames' origins */
 static int row_slopes(const Evaluator *ev, const double *origins, const Row *row, Slopes *out)
 {
     if (!sides_of(row)) return 0;
     const Motion *a = ev->motion + row->a, *b = ev->motion + row->b;
     const double *origin = origins + 3 * row->a;
+    if (on_moving_ground(row) && row->kind != ROLLING) return slopes_on_moving_ground(row, a, out);
     Change *K = out->velocity, *G = out->acceleration;
-    double f[3], m[3], k[3], s[3], fd[3], md[3], e[3], e1[3], e2[3];
+    double e[3], e1[3], e2[3];
     memset(out, 0, sizeof *out);
     switch (row->kind) {
     case WORLD:
         put(K->v, 1.0, row->w), put(K->w, 1.0, row->w + 3), put(G->a, 1.0, row->w), put(G->b, 1.0, row->w + 3);
         return 1;
     case OWN:
-        turn(a->R, row->w, f), turn(a->R, row->w + 3, m);
-        turn_along(f, m, a->v, a->V + 3, origin, a->A + 3, a->V + 3, k, s, fd, md);
-        put(K->s, 1.0, k), put(K->v, 1.0, f), put(K->w, 1.0, m);
-        put(G->s, 1.0, s), put(G->v, 1.0, fd), put(G->w, 1.0, md), put(G->w, 1.0, k);
-        put(G->a, 1.0, f), put(G->b, 1.0, m);
+        own_slopes(row, a, origin, out);
         return 1;
     case WHEEL:
         wheel_slopes_on_plane(row, a, origin, out);

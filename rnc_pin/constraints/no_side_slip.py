@@ -10,7 +10,7 @@ import pinocchio as pin
 from rnc_pin.constraints.ground_plane import GroundPlane, plane_below
 from rnc_pin.math.linear_algebra import complex_step
 from rnc_pin.model.frame_velocity import FrameVelocityRows, axis_index
-from rnc_pin.model.kernel_rows import Form, KernelRow, component_rows
+from rnc_pin.model.kernel_rows import Form, KernelRow, component_rows, on_moving_ground, plane_motion
 from rnc_pin.model.kinematics import (
     OWN_AXES,
     PositionKinematics,
@@ -142,5 +142,7 @@ class _RowOnMovingPlane(_OffsetRow):
         return super().bias_acceleration_gradient(at) - rate
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
-        """None: the velocity of the material depends on the place and heading."""
-        return None
+        plane = self._plane
+        motion = plane_motion(np.asarray(plane.velocity), plane.spin, plane.axes[2], np.asarray(plane.point))
+        frame = self._point.attached(model)
+        return on_moving_ground(component_rows(Form.OWN, frame, [self._axis]), motion)

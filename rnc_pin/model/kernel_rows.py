@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-INTEGERS, NUMBERS = 5, 20
+INTEGERS, NUMBERS = 5, 24
 """Largest number of integers and of floats in a ``KernelRow``."""
-_MOTION = 16  # place of the motion of a plane in the numbers of a row
+_MOTION = 16  # place of the twist of the ground in the numbers of a row
 
 
 class Form(IntEnum):
@@ -27,10 +27,11 @@ class Form(IntEnum):
     WORLD = 2
     """Force and torque at a frame's origin, constant in world axes. Numbers: force (3), torque (3)."""
     OWN = 3
-    """The same, constant in the frame's own axes."""
+    """The same, constant in the frame's own axes. Integers: 0, then 1 if the ground moves. Numbers: 16 to 21 the twist of
+    the ground."""
     WHEEL = 4
     """Contact of a rolling wheel. Integers: 1 if the plane slopes, 1 if its material moves. Numbers: radius, axle (3),
-    weights of rolling, lateral and vertical rows (3), axes of the plane by rows (9), its motion (4)."""
+    weights of rolling, lateral and vertical rows (3), axes of the plane by rows (9), twist of the ground (6)."""
     YAW = 5
     """Yaw of a frame's axis. Integers: axis."""
     TILT = 6
@@ -50,7 +51,7 @@ class Form(IntEnum):
     ROLLING = 12
     """Contact of a body on a plane; the frame has the axes of its shape. Integers: 0 for an ellipsoid, 1 for a torus,
     1 if the material moves, 1 for the angular velocity about the normal, axis of the torus. Numbers: direction (3),
-    normal (3), squares of the semi-axes or radius and tube (3), 7 unused, motion of the plane (4)."""
+    normal (3), squares of the semi-axes or radius and tube (3), 7 unused, twist of the ground (6)."""
 
 
 FORMS_OF_FORCES = frozenset({Form.CONSTANT, *(form for form in Form if Form.WORLD <= form <= Form.POINT)})
@@ -131,7 +132,7 @@ def rolling_rows(
         shape: 0 for an ellipsoid with the squares of its semi-axes, or 1 for a torus with its axis, radius and tube.
         frame: frame with the axes of the shape.
         axes: two directions along the plane, and its normal, as rows.
-        motion: motion of the plane's material, ``plane_motion``.
+        motion: twist of the plane's material, ``plane_motion``.
     """
     kind, axis, sizes = shape
     numbers = [*sizes, *[0.0] * (_MOTION - 6 - len(sizes)), *motion]
@@ -151,8 +152,17 @@ def component_rows(form: Form, frame: AttachedFrame, components: Sequence[int]) 
 
 
 def plane_motion(velocity: np.ndarray, spin: float, normal: np.ndarray, point: np.ndarray) -> list[float]:
-    """Spin of a plane's material, and its velocity at the world's origin as if it reached there, (4,)."""
-    return [float(spin), *(np.asarray(velocity) - spin * np.cross(normal, point)).tolist()]
+    """Twist of a plane's material about the world's origin: velocity as if it reached there, then angular, (6,)."""
+    angular = spin * np.asarray(normal)
+    return [*(np.asarray(velocity) - np.cross(angular, point)).tolist(), *angular.tolist()]
+
+
+def on_moving_ground(rows: Sequence[KernelRow], motion: Sequence[float]) -> list[KernelRow]:
+    """Rows ``Form.OWN`` relative to ground with a twist (6,)."""
+    return [
+        row._replace(integers=(0, 1), numbers=[*row.numbers, *[0.0] * (_MOTION - len(row.numbers)), *motion])
+        for row in rows
+    ]
 
 
 def placement_numbers(placement: pin.SE3) -> list[float]:

@@ -25,6 +25,7 @@ from systems import (
     spinning_space_robot,
     sprung_arm,
     tiago,
+    wheels_on_moving_ground,
 )
 from textbook_systems import rail_sliders
 
@@ -227,6 +228,7 @@ SYSTEMS = {
     "loop": four_bar,
     "disk that leans": leaning_wheel,
     "bodies that roll": rolling_bodies,
+    "wheels on moving ground": wheels_on_moving_ground,
 }
 ILL_SCALED = ("distance", "momentum of a free base", "steering")  # rows of different lengths
 BLOCKS = ("v", "v2_dot", "v_q", "v_v2", "v2_dot_q", "v2_dot_v2", "v2_dot_T")

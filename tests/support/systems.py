@@ -415,10 +415,11 @@ def rolling_bodies():
 
 @cache
 def wheels_on_moving_ground():
-    """A leaning wheel on a turning slope, a wheel that skids on a turntable, and a coin at rest."""
+    """A leaning wheel on a turning slope, a wheel that skids on a turntable, and a coin with a blade on a turntable."""
     rows = [
         rnc.RollingWheel("one", 0.3, "x", ground=SLOPE),
         rnc.RollingWheel("two", 0.2, "y", lateral=False, ground=TURNTABLE),
         rnc.RollingBody("three", rnc.Torus(0.3, axis="x"), at=(0.1, 0.0, 0.0)),
+        rnc.NoSideSlip("three", "z", at=(0.1, -0.2, 0.3), ground=TURNTABLE),
     ]
     return rnc.NonholonomicSystem(free_bodies("one", "two", "three"), rows).reduce()
