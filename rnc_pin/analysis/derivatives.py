@@ -11,6 +11,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import InputError
+from rnc_pin.model.configuration_evaluation import no_time
 from rnc_pin.model.differences import gradient_with_error
 from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.kinematics import Kinematics, VelocityKinematics
@@ -39,7 +40,9 @@ class StateDerivatives:
     """Estimated error of the finite differences in these derivatives [as the rows]; 0.0 if all are in closed form."""
 
 
-def state_derivatives(reduced: ReducedModel, q: ArrayInput, v2: ArrayInput, T: ArrayInput) -> StateDerivatives:
+def state_derivatives(
+    reduced: ReducedModel, q: ArrayInput, v2: ArrayInput, T: ArrayInput, *, t: ArrayInput | None = None
+) -> StateDerivatives:
     """Derivatives of velocity and acceleration of a reduced system by its state and inputs, under the constraints.
 
     Differentiates ``E v = [mu; v2]``, ``E w + Edot v = [mudot; v2dot]`` with w the full acceleration, and the balance
@@ -55,6 +58,7 @@ def state_derivatives(reduced: ReducedModel, q: ArrayInput, v2: ArrayInput, T: A
         q: configurations (..., nq).
         v2: reduced velocities (..., r).
         T: actuator inputs (..., p).
+        t: times (...) of the states [s], at which constraints over time are differentiated; others ignore them.
 
     Raises:
         InputError, SingularityError: as in every method of ``ReducedModel``.
@@ -72,8 +76,10 @@ def state_derivatives(reduced: ReducedModel, q: ArrayInput, v2: ArrayInput, T: A
     found = _compiled(reduced, q, v2, T)
     if found is not None:
         return found
-    state, T = reduced.at(q, v2), vector(T, reduced.p, "T")
+    state, T = reduced.at(q, v2, t=t), vector(T, reduced.p, "T")
     states = state.q.shape[:-1]
+    if state.t is None and reduced.rheonomic:
+        raise no_time(reduced.reduction_data)
     if not states and T.ndim == 1:
         return _read_only(_at_one_state(reduced, state, T))
     try:
@@ -83,7 +89,9 @@ def state_derivatives(reduced: ReducedModel, q: ArrayInput, v2: ArrayInput, T: A
     flat = [_flat(each, batch) for each in (state.q, state.v2, T)]
     found = _compiled(reduced, *flat)
     if found is None:
-        found = _stacked([state_derivatives(reduced, *each) for each in zip(*flat, strict=True)], reduced)
+        times = [None] * len(flat[0]) if state.t is None else np.broadcast_to(state.t, batch).ravel().tolist()
+        states_at = zip(*flat, times, strict=True)
+        found = _stacked([state_derivatives(reduced, *each, t=time) for *each, time in states_at], reduced)
     whole = {name: value.reshape(*batch, *value.shape[1:]) for name, value in _values(found).items()}
     return _read_only(StateDerivatives(**whole))
 
@@ -99,7 +107,7 @@ def _read_only(found: StateDerivatives) -> StateDerivatives:
 def _compiled(reduced: ReducedModel, q: object, v2: object, T: object) -> StateDerivatives | None:
     """Derivatives from the compiled kernel, of one state or a stack of states; None if it cannot."""
     data = reduced.reduction_data
-    if data.compiled is None or not data.kinematics.axes_are_constant:
+    if data.compiled is None or data.rheonomic or not data.kinematics.axes_are_constant:
         return None
     found = data.compiled.state_derivatives(q, v2, T)
     if found is None:
@@ -129,25 +137,31 @@ def _stacked(found: list[StateDerivatives], reduced: ReducedModel) -> StateDeriv
 
 
 def _at_one_state(reduced: ReducedModel, state: StateEvaluation, T: Array) -> StateDerivatives:
-    """Reference of the compiled kernel."""
+    """Reference of the compiled kernel. Derivatives by q of rows over time are those at a constant time."""
+    if reduced.rheonomic and (state.factorization.kept is not None or not _axes_are_constant(reduced)):
+        reduced = reduced.frozen(float(np.asarray(state.t)))
+        state = reduced.at(state.q, state.v2)
     if state.configuration.factorization.kept is not None:  # E has other rows at q than by default
         reduced = reduced.with_basis_at(state.q)
         state = reduced.at(state.q, state.v2)
-    if not reduced.reduction_data.kinematics.axes_are_constant:
+    if not _axes_are_constant(reduced):
         return _by_differences(reduced, state, T)
     v2_dot = state.v2_dot(T)
     q, v, E_inverse, M, B, R = state.q, state.v, state.E_inverse, state.M, state.B, state.R
     n, m = reduced.n, reduced.m
     rows = RowStack.joined(reduced.constraints, reduced.reducing)
-    along = Kinematics(reduced.robot).position(np.tile(q, (n, 1))).with_velocity(np.eye(n))
-    E_q = rows.jacobian_dot(along)  # (nv, nv, nv); the first index is the direction
+    kinematics = Kinematics(reduced.robot, _time(reduced, state))
+    along = kinematics.position(np.tile(q, (n, 1))).with_velocity(np.eye(n))
+    still = kinematics.position(q).with_velocity(np.zeros(n))  # rates of rows over time that do not move
+    E_t = rows.jacobian_dot(still) if rows.turning else np.zeros((n, n))
+    E_q = rows.jacobian_dot(along) - E_t  # (nv, nv, nv); the first index is the direction
     B_q, B_error = _actuation_gradient(reduced, along, q)
     mu_q = np.zeros((n, n))
-    mu_q[:m] = reduced.constraints.rate_dot(along).T
+    mu_q[:m] = (reduced.constraints.rate_dot(along) - reduced.constraints.rate_dot(still)).T
     Ev_q = np.einsum("jab,b->aj", E_q, v) - mu_q
-    E_dot = np.einsum("jab,j->ab", E_q, v)
+    E_dot = np.einsum("jab,j->ab", E_q, v) + E_t
     w = state.v_dot(v2_dot)
-    drift_q, drift_error = _drift_gradient(rows, Kinematics(reduced.robot), q, v)
+    drift_q, drift_error = _drift_gradient(rows, Kinematics(reduced.robot, kinematics.time), q, v)
     Ew_q = np.einsum("jab,b->aj", E_q, w) + drift_q
     Ew_v = E_dot + Ev_q
 
@@ -177,6 +191,15 @@ def _at_one_state(reduced: ReducedModel, state: StateEvaluation, T: Array) -> St
         v2_dot_T=H_inverse_Rt @ B,
         difference_error=B_error * float(np.abs(T).sum()) + drift_error,
     )
+
+
+def _axes_are_constant(reduced: ReducedModel) -> bool:
+    return reduced.reduction_data.kinematics.axes_are_constant
+
+
+def _time(reduced: ReducedModel, state: StateEvaluation) -> float | None:
+    """Time of the rows [s]; None if they do not depend on it."""
+    return reduced.reduction_data.kinematics.time if state.t is None else float(np.asarray(state.t))
 
 
 def _by_differences(reduced: ReducedModel, state: StateEvaluation, T: Array) -> StateDerivatives:
@@ -221,7 +244,7 @@ def _actuation_gradient(reduced: ReducedModel, along: VelocityKinematics, q: Arr
 def _drift_gradient(rows: RowStack, kinematics: Kinematics, q: Array, v: Array) -> tuple[Array, float]:
     """Derivative (nv, nv) of ``Edot v - mudot`` with respect to q at fixed v, and the error of finite differences."""
     out, error = np.zeros((rows.size, kinematics.nv)), 0.0
-    if not v.any():
+    if not (v.any() or rows.rheonomic):
         return out, error
     gradients = kinematics.position(q).with_velocity(v)
     for place in rows.places:

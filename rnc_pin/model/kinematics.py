@@ -84,6 +84,11 @@ class Kinematics:
         """
         return not joints_with_moving_axes(self.model)
 
+    @property
+    def time(self) -> float | None:
+        """Time of a frozen model [s]; None for others."""
+        return self._time
+
     def position(self, q: np.ndarray, t: Component | None = None) -> PositionKinematics:
         """Kinematics at configurations (..., nq) and times t (...), which only rheonomic rows read [s]."""
         if self._time is not None:

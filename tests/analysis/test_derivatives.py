@@ -329,6 +329,31 @@ def test_derivatives_of_random_systems(recipe):
     check_differences(reduced, found, q, v2, T, 1e-7)
 
 
+@pytest.mark.parametrize("moving", [True, False])
+def test_rows_over_time_are_differentiated_at_a_constant_time(moving):
+    """A row and a rate of a user, and the heading of the hand, at a time other than zero; at rest too."""
+    robot = mobile_manipulator().robot
+    swing = rnc.planning.Harmonic([0.1], amplitude=[0.3], frequency=0.5, phase=0.4)
+    row = rnc.Pfaffian(
+        lambda q, t: np.array([[np.sin(t + q[0]), np.cos(t), 0.3 * t, 0.0, q[1] * t]]),
+        rate=lambda q, t: np.array([np.sin(2 * t + q[0] * q[1])]),
+        rheonomic=True,
+    )
+    rows = [row, rnc.PrescribedMotion(rnc.FrameYaw("tip"), swing)]
+    reduced = rnc.NonholonomicSystem(robot, rows, ["joint_1", "joint_2"]).reduce()
+    q = robot.configuration({"root_joint": (0.3, -0.2, 0.9), "joint_1": 0.4, "joint_2": -0.7})
+    v2, T, t = moving * np.array([0.5, -0.3, 0.8])[: reduced.r], np.array([1.0, -2.0]), 0.8
+    found, frozen = state_derivatives(reduced, q, v2, T, t=t), reduced.frozen(t)
+    check_differences(frozen, found, q, v2, T)
+    assert 0 < found.difference_error < 1e-10
+    many = state_derivatives(reduced, np.stack([q, q]), v2, T, t=[0.0, t])
+    for each in BLOCKS:
+        np.testing.assert_array_equal(getattr(many, each)[1], getattr(found, each))
+        near(getattr(state_derivatives(frozen, q, v2, T), each), getattr(found, each), BOTH_WAYS, each)
+    with pytest.raises(rnc.InputError, match=r"prescribed\(tip_yaw\).* t=0.0"):
+        state_derivatives(reduced, q, v2, T)
+
+
 # ---------------------------------------------------------------------- blocks of states
 
 

@@ -67,6 +67,21 @@ def test_deviation_is_the_state():
         assert own not in repr(found)
 
 
+def test_a_ball_near_the_axis_of_a_turntable_circles_at_two_sevenths_of_its_rate():
+    """Earnshaw 1844: the acceleration of its centre is 2/7 of the angular velocity of the table times its velocity."""
+    robot, table = rnc.Robot.from_urdf("rolling_ball.urdf", base="free"), rnc.GroundPlane(spin=1.4)
+    moving = rnc.RollingBall("ball", 0.2, ground=table)
+    reduced = rnc.NonholonomicSystem(robot, [moving]).reduce([rnc.FrameAngularVelocity("ball", a) for a in "xyz"])
+    found = rnc.linearize(
+        reduced,
+        robot.configuration({"root_joint": (0, 0, 0.2, 0, 0, 0, 1)}),
+        coordinates=[rnc.FramePosition("ball", "xy")],
+    )
+    # Place and spin hold anywhere: the rest of five states is one oscillation, and three that stay.
+    np.testing.assert_allclose(found.eigenvalues, [0, 0, 0, -0.4j, 0.4j], atol=1e-9)
+    assert found.difference_error == 0.0
+
+
 def test_rows_of_a_user_say_how_good_their_differences_are():
     from benchmarks.validation.ball import ball
 
