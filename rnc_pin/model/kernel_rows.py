@@ -27,8 +27,8 @@ class Form(IntEnum):
     WORLD = 2
     """Force and torque at a frame's origin, constant in world axes. Numbers: force (3), torque (3)."""
     OWN = 3
-    """The same, constant in the frame's own axes. Integers: 0, 1 if the ground moves. Numbers: 16 to 21 the twist of the
-    ground."""
+    """The same, constant in the frame's own axes. Integers: 0, 1 if the ground moves. Numbers: 16 to 21 for its
+    twist."""
     WHEEL = 4
     """Contact of a rolling wheel. Integers: 1 if the plane slopes, 1 if its material moves. Numbers: radius, axle (3),
     weights of rolling, lateral and vertical rows (3), axes of the plane by rows (9), twist of the ground (6)."""
