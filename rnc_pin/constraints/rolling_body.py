@@ -125,12 +125,14 @@ class _RollingBodyRows(Rows):
         return np.broadcast_to(self._normal, rotation.shape[:-1])
 
     def _contact_arm(self, at: PositionKinematics) -> np.ndarray:
-        if self._seen[0] is not at.q:
+        seen_at, arm = self._seen
+        if seen_at is not at.q:
             rotation = at.rotation(self._frame)
             regularity = self._shape.regularity(self._downward(rotation))
             check_defined("a body touches the ground at more than one point", at, regularity, _FLAT, self.names)
-            self._seen = at.q, self._arm(rotation)  # the Jacobian and the bias acceleration share it
-        return self._seen[1]
+            arm = self._arm(rotation)
+            self._seen = at.q, arm  # the Jacobian and the bias acceleration share it
+        return arm
 
     def _ground_velocity(self, contact: np.ndarray) -> np.ndarray:
         return np.asarray(self._sliding + self._spin * vector_product(self._normal, contact - self._point))

@@ -139,13 +139,15 @@ class RollingRows(Rows):
 
     def _axis(self, at: PositionKinematics) -> Axle:
         """Axle in world axes, and the length of its horizontal part."""
-        if self._seen[0] is not at.q:
+        seen_at, axle = self._seen
+        if seen_at is not at.q:
             x, y, z = components(apply(at.rotation(self.frame), self.axle))
             s = (x * x + y * y) ** 0.5
             if smallest(s) < _FLAT:
                 check_defined("a wheel lies flat on the ground", at, s, _FLAT, self.names)
-            self._seen = at.q, (x, y, z, s)  # the Jacobian and the bias acceleration share it
-        return self._seen[1]
+            axle = x, y, z, s
+            self._seen = at.q, axle  # the Jacobian and the bias acceleration share it
+        return axle
 
     def _combined(self, rows: np.ndarray) -> np.ndarray:
         """Rows of this wheel as combinations of the rolling, lateral and vertical rows (..., 3, l)."""

@@ -100,8 +100,8 @@ class SurfaceContactRows(Rows):
         apart = origin + found.arm - found.point - found.gap[..., None] * found.normal
         solved = _solve(found.relative, np.stack([apart, found.normal], axis=-1))
         gradient = self._surface.gradient(found.point)
-        to_gap = self._surface.level(found.point) + _dot(gradient, solved[..., 0])[..., 0]
-        wider = to_gap / _dot(gradient, solved[..., 1])[..., 0]
+        to_gap = self._surface.level(found.point) + _product(gradient, solved[..., 0])
+        wider = to_gap / _product(gradient, solved[..., 1])
         return solved[..., 0] - wider[..., None] * solved[..., 1], wider
 
     def _solved(self, at: PositionKinematics) -> SurfaceContact:
@@ -110,7 +110,7 @@ class SurfaceContactRows(Rows):
         with np.errstate(all="ignore"):
             point = self._surface.below(origin + apply(rotation, self._center))
             found = self._at(rotation, point, np.zeros(point.shape[:-1]))
-            gap = _dot(origin + found.arm - point, found.normal)[..., 0]
+            gap = _product(origin + found.arm - point, found.normal)
             found = found._replace(gap=gap)
             size = np.linalg.norm(found.arm, axis=-1) + np.linalg.norm(point, axis=-1)
             for _ in range(_STEPS):
@@ -127,10 +127,10 @@ class SurfaceContactRows(Rows):
         return found
 
     def _contact(self, at: PositionKinematics) -> SurfaceContact:
-        if self._seen[0] is not at.q or self._seen[1] is None:
-            self._seen = at.q, self._solved(at)  # the Jacobian and the bias acceleration share it
-        found = self._seen[1]
-        assert found is not None
+        seen_at, found = self._seen
+        if found is None or seen_at is not at.q:
+            found = self._solved(at)
+            self._seen = at.q, found  # the Jacobian and the bias acceleration share it
         return found
 
     def _rates(self, found: SurfaceContact, v: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -275,9 +275,14 @@ class SurfaceContactRows(Rows):
         return Phrases("rolling body", prevents="slip at", where=self._body)
 
 
+def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Scalar product (...) without conjugation."""
+    return np.asarray((a * b).sum(axis=-1))
+
+
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Scalar product (..., 1) without conjugation."""
-    return np.asarray((a * b).sum(axis=-1, keepdims=True))
+    """Scalar product (..., 1), a factor of vectors."""
+    return _product(a, b)[..., None]
 
 
 def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:

@@ -67,8 +67,7 @@ class RowTable:
         self.integers, self.numbers = np.zeros((len(rows), 3 + INTEGERS), np.int64), np.zeros((len(rows), NUMBERS))
         for row, integers, numbers in zip(rows, self.integers, self.numbers, strict=True):
             integers[0], integers[1] = row.form, row.joint
-            if row.value[0] != Value.NONE:
-                integers[7], integers[6] = row.value
+            integers[7], integers[6] = row.value
             integers[3 : 3 + len(row.integers)], numbers[: len(row.numbers)] = row.integers, row.numbers
             for place, frame in enumerate(row.frames):
                 key = frame.joint, np.array(frame.placement.homogeneous).tobytes()

@@ -143,7 +143,7 @@ def admit_coefficients(values: float | Sequence[float], size: int, what: str) ->
         InputError: the numbers are not finite, or not as many as the rows.
     """
     found = np.asarray(values, dtype=float)
-    if found.ndim > 1 or (found.ndim == 1 and len(found) != size) or not np.isfinite(found).all():
+    if found.shape not in ((), (size,)) or not np.isfinite(found).all():
         many = f" or {size}" if size > 1 else ""
         raise InputError(f"{what} {values!r}: expected one finite number{many}")
     return np.array(np.broadcast_to(found, (size,)))

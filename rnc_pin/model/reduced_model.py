@@ -176,8 +176,7 @@ class ReducedModel(FormerMethods, SummaryMixin):
             if v is not None:
                 raise InputError("at() takes v2 or v, not both")
             v2 = vector(v2, self._data.r, "v2").copy()
-            if v2.ndim > 1 or q.ndim > 1:
-                q, v2 = broadcast_states(q, v2, "v2")
+            q, v2 = broadcast_states(q, v2, "v2")
             return StateEvaluation.at(self._data, q, v2, t=t)
         if v is not None:
             q, v = broadcast_states(q, vector(v, self._data.n, "v"), "v")

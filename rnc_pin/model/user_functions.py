@@ -188,4 +188,4 @@ def _flow(
 ) -> np.ndarray:
     """Rate of values along v, and of time if they depend on it, by differences."""
     rate = directional_derivative(model, lambda at: values(at, *t), q, v, step)
-    return rate + central_difference(lambda s: values(q, t[0] + s), step) if t else rate
+    return rate + central_difference(lambda s: values(q, *(now + s for now in t)), step) if t else rate

@@ -13,7 +13,7 @@ from rnc_pin.robots.joint_values import NO_LIMIT
 _STEPS = 150
 _LONGEST = 1.0  # largest step [rad or m]
 _EXACT = 1e-13  # error at which the descent stops
-_STATIONARY = 1e-10  # largest gradient of a minimum
+_STATIONARY = 1e-10  # largest gradient of a minimum, and largest motion to a bound
 _DAMPING, _LEAST, _MOST = 0.5, 1e-10, 1e6  # damping over the square of the error, and its limits
 _STALLS = 8  # number of stalled steps that end a descent
 _BOLDEST = 1e-4  # smallest factor of the damping
@@ -129,21 +129,37 @@ def _merit(at: Residuals) -> float:
 
 
 def _step(at: Residuals, damping: float, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the step (nv,) within the room, and the largest gradient along free directions."""
+    """Return the step (nv,) within the room, and the largest gradient along free directions or motion to a bound.
+
+    Entries beyond their room stay at its end. One that the gradient pulls back inside is free again, in turn.
+    """
     dq = np.zeros(len(low))
-    free = (high - low) > _AT_LIMIT
-    gradient = 0.0
-    for _ in range(len(low) + 1):
+    movable = (high - low) > _AT_LIMIT
+    free, released = movable, 0
+    while True:
         fixed = ~free
         wanted = at.e - at.J[:, fixed] @ dq[fixed]
         found, gradient = _free_step(at.J[:, free], wanted, at.H[:, free], -at.h - at.H[:, fixed] @ dq[fixed], damping)
         dq[free] = found
         beyond = free & ((dq < low) | (dq > high))
-        if not beyond.any():
-            break
-        dq[beyond] = np.clip(dq[beyond], low[beyond], high[beyond])
-        free &= ~beyond
-    return dq, gradient
+        if beyond.any():
+            dq[beyond] = np.clip(dq[beyond], low[beyond], high[beyond])
+            free = free & ~beyond
+            continue
+        inward = np.where(dq > low, -1.0, 1.0) * _slope(at, damping, dq, free)
+        inward[free | ~movable] = 0.0
+        if released == len(low) or inward.max(initial=0.0) <= _STATIONARY:
+            return dq, max(gradient, np.abs(dq[fixed]).max(initial=0.0))
+        released += 1
+        free = free | (np.arange(len(low)) == np.argmax(inward))
+
+
+def _slope(at: Residuals, damping: float, dq: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Return the descent direction (nv,) of the damped problem at a step, without what the equalities take."""
+    slope = at.J.T @ (at.e - at.J @ dq) - damping * dq
+    if len(at.H):
+        slope = slope - at.H.T @ np.linalg.lstsq(at.H[:, free].T, slope[free], rcond=_DEPENDENT)[0]
+    return np.asarray(slope)
 
 
 def _free_step(J: np.ndarray, e: np.ndarray, H: np.ndarray, h: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
@@ -155,7 +171,7 @@ def _free_step(J: np.ndarray, e: np.ndarray, H: np.ndarray, h: np.ndarray, dampi
         g = J.T @ e
         return np.linalg.solve(J.T @ J + damping * np.eye(n), g), float(np.abs(g).max())
     left, values, right = np.linalg.svd(H)
-    rank = int((values > _DEPENDENT * max(values[0], 1e-300)).sum()) if len(values) else 0
+    rank = int((values > _DEPENDENT * max(values[0], 1e-300)).sum())
     first = right[:rank].T @ ((left[:, :rank].T @ h) / values[:rank])
     basis = right[rank:].T
     if not basis.shape[1]:

@@ -27,6 +27,7 @@ _LIMIT = 1e-8  # distance from a limit that counts as active [rad or m]
 _REPULSION = 3.0  # weight of collisions relative to targets
 _EXTRA = 1e-3  # distance beyond the clearance that the search keeps [m]
 _TURN, _AWAY = np.pi, 1.0  # spread of random starts without limits [rad, m]
+_LINEAR = {"JointModelPlanar": 2, "JointModelTranslation": 3, "JointModelFreeFlyer": 3}  # leading velocities [m/s]
 
 
 @dataclass(frozen=True, repr=False)
@@ -216,10 +217,7 @@ class _Problem:
         bounds, model = self.bounds, self._reduced.robot.model
         step = generator.uniform(-_TURN, _TURN, model.nv)
         for joint in list(model.joints)[1:]:
-            if joint.shortname() in ("JointModelPlanar", "JointModelTranslation"):
-                step[joint.idx_v : joint.idx_v + (2 if joint.nv == 3 and joint.nq == 4 else 3)] *= _AWAY / _TURN
-            elif joint.shortname() == "JointModelFreeFlyer":
-                step[joint.idx_v : joint.idx_v + 3] *= _AWAY / _TURN
+            step[joint.idx_v :][: _LINEAR.get(joint.shortname(), 0)] *= _AWAY / _TURN
         step[bounds.held] = 0.0
         q = pin.integrate(model, q0, step)
         here, wide = q0[bounds.q_index], bounds.upper - bounds.lower > 2 * _TURN  # a full turn is enough

@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from rnc_pin.constraints.surface_contact import _smaller_eigenvalue
 from rnc_pin.model.kinematics import Kinematics
 from rolling import check_rates, rigid_body
 from tolerances import ROUNDING
@@ -58,6 +59,7 @@ def test_the_contact_is_where_the_normals_meet(name, robot):
     q[:3] = 0.1, -0.2, 0.05
     at = Kinematics(robot).position(q).with_velocity(v)
     points, directions = rows.lines_of_action(at)
+    assert rows.units == ("m/s", "m/s", "m/s", "rad/s")[: len(rows.names)]
     pose, normal, gap = pin.XYZQUATToSE3(q), directions[2], rows.residual(at)[2]
     own = pose.actInv(points[0])
     assert np.sum((own / AXES) ** 2) == pytest.approx(1.0, abs=ROUNDING)
@@ -75,6 +77,24 @@ def test_the_contact_is_where_the_normals_meet(name, robot):
     if not kind.pivoting:
         assert slip[3] == pytest.approx((velocity[3:] - kind.ground.angular_velocity) @ normal, abs=1e-12)
     check_rates(rows, robot, q, v)
+
+
+def test_axes_of_a_contact_whose_normal_is_the_direction_that_they_follow(robot):
+    """On the walls of a bowl to all sides, one of which is across that direction."""
+    rows = rnc.RollingBody("body", rnc.Sphere(RADIUS), ground=BOWL).bind(robot)
+    for out in np.concatenate([np.eye(3), -np.eye(3)]):
+        q = pin.neutral(robot.model)
+        q[:3] = BOWL.center + (BOWL.radius - RADIUS) * out
+        axes = rows.lines_of_action(Kinematics(robot).position(q))[1][:3]
+        np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=ROUNDING)
+        np.testing.assert_allclose(axes[2], -out, atol=ROUNDING)
+        assert np.linalg.det(axes) > 0
+
+
+def test_the_smaller_relative_curvature():
+    basis = np.array([[2.0, 1.0, 0.0], [0.0, 1.0, 3.0], [1.0, 0.0, 1.0]])
+    many = np.stack([basis @ np.diag([1.0, *pair]) @ np.linalg.inv(basis) for pair in ((0.3, 2.0), (5.0, -0.7))])
+    np.testing.assert_allclose(_smaller_eigenvalue(many), [0.3, -0.7], atol=ROUNDING)
 
 
 def test_a_ball_swings_in_a_bowl_as_a_pendulum_with_five_sevenths_of_gravity():

@@ -161,6 +161,8 @@ def test_rates_of_closure_rows_are_exact_open_or_closed(kind, other):
         difference = (at(ahead, rows.jacobian) - at(behind, rows.jacobian)) / (2 * h)
         np.testing.assert_allclose(J_dot, difference, atol=1e-8 * (1 + np.abs(J_dot).max()))
         np.testing.assert_allclose(bias_acceleration, J_dot @ v, atol=1e-11 * (1 + np.abs(bias_acceleration).max()))
+        both = at(np.stack([ahead, behind]), rows.residual)
+        np.testing.assert_array_equal(both, [at(ahead, rows.residual), at(behind, rows.residual)])
         if kind == "point":  # of a frame only where it is closed, below
             rate = (at(ahead, rows.residual) - at(behind, rows.residual)) / (2 * h)
             np.testing.assert_allclose(J @ v, rate, atol=FINITE_DIFFERENCE)

@@ -104,6 +104,13 @@ def test_actuators_that_leave_a_motion_open_are_counted():
             ActuatorVelocityController(reduced, Wanted(np.ones(3)))
 
 
+def test_without_constraints_actuators_move_their_own_joints():
+    """One slide, and the sum of two others: they share it evenly."""
+    B = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 1.0]])
+    reduced = rnc.NonholonomicSystem(sliders(), [], B).reduce()
+    np.testing.assert_allclose(velocity_from_actuators(reduced.at(np.zeros(3)), np.array([0.4, 3.0])), [0.4, 1.5, 1.5])
+
+
 def test_targets_that_are_none_are_refused():
     reduced = wheeled()
     measurement = reduced.at(reduced.robot.configuration(), np.zeros(2)).measure(np.zeros(2))

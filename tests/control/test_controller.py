@@ -1,8 +1,13 @@
 """Controllers say what they are and with which gains; those of users need not."""
 
+import numpy as np
+import pytest
+
 import rnc_pin as rnc
 from rnc_pin import control
 from rnc_pin.control import Command, Describable, VelocityTracker, describe
+from rnc_pin.control.controller import check_size
+from rnc_pin.planning import Hold
 from rnc_pin.scenario.execution import plan
 from systems import space_robot
 
@@ -38,3 +43,9 @@ def test_a_controller_that_says_nothing_runs_all_the_same():
     assert describe(_Silent()) == {"type": "_Silent"}
     assert len(rnc.simulate(reduced, _Silent(), q0, 0.1, 0.01).time) == 11
     assert describe(VelocityTracker(_Silent()))["target"] == {"type": "_Silent"}
+
+
+def test_a_reference_has_one_value_for_each_output():
+    check_size(Hold(np.zeros(300)), 300, "reducing")
+    with pytest.raises(rnc.ConfigurationError, match="the reducing reference has 300 values for 299 outputs"):
+        check_size(Hold(np.zeros(300)), 299, "reducing")

@@ -11,6 +11,7 @@ from rnc_pin.control import (
     PositionGains,
     VelocityGains,
 )
+from rnc_pin.control.gain_design import OUTER_GAINS
 from tolerances import ROUNDING
 
 
@@ -44,6 +45,9 @@ def test_gains_are_given_up_to_the_edge_of_their_windows():
 def test_paper_preset():
     gains = VelocityGains.paper()
     assert (gains.k, gains.beta, gains.sigma) == (10.0, 10.0, 0.1)
+    outer = OUTER_GAINS["paper"]
+    assert (outer.k21, outer.alpha, outer.k, outer.rate) == (0.0, 1.0, 0.1, 0.2)
+    assert (outer.tolerance, outer.max_speed) == (0.02, (0.3, 0.3))
 
 
 def test_scaled_gains_keep_the_loop_inside_what_sampling_allows():

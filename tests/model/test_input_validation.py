@@ -37,6 +37,8 @@ def test_configurations_are_admitted_by_shape_number_and_length():
             rnc.InputError, match=r"q holds values that are not finite at state 1, 0: \[ 0., +0., nan\]"
         ):
             call()
+    with pytest.raises(rnc.InputError, match=r": \[ 0., 1., 2., 3., nan, 5., 6., 7., 8., 9.\]$"):
+        check_finite("q", np.where(np.arange(10) == 4, np.nan, np.arange(10.0)))
     assert vector([1, 2], 2, "v").tolist() == [1.0, 2.0]
     assert vector(np.ones((5, 2)), 2, "v").shape == (5, 2)
     for wrong in (1.0, np.ones((2, 3))):

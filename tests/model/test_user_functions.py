@@ -22,6 +22,7 @@ def robots():
     model = pin.Model()
     ball = model.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "ball")
     turning = model.addJoint(ball, pin.JointModelRUBZ(), pin.SE3.Random(), "turning")
+    turning = model.addJoint(turning, pin.JointModelRUBX(), pin.SE3.Random(), "next")
     base = model.addJoint(turning, pin.JointModelPlanar(), pin.SE3.Random(), "base")
     model.addJoint(base, pin.JointModelPX(), pin.SE3.Random(), "slide")
     for joint in range(1, model.njoints):
@@ -129,6 +130,34 @@ def test_a_rate_with_a_wrong_sign_is_refused_with_row_entry_and_both_values():
         rnc.Pfaffian(
             lambda q: np.eye(4)[:1], rate=lambda q: np.sin(q[:1]), rate_dot=lambda q, v: np.cos(q[:1]) * v[:1] * 1.001
         ).bind(robot)
+
+
+def test_a_rate_that_is_right_at_one_state_by_chance_is_refused():
+    states = []
+
+    def rate(q, v):
+        states.append(q)
+        return bend_rate(q, v, 1.0 if len(states) == 1 else -1.0)
+
+    with pytest.raises(rnc.ConstraintError, match="differences give"):
+        check_rate(rnc.Robot.from_urdf("space_robot.urdf"), bend, rate, ("rows(q)", "rows_dot(q, v)"), ["a", "b"])
+    assert len(states) == 2
+
+
+def test_no_rate_is_checked_next_to_where_a_function_is_undefined():
+    """It is undefined between a twentieth and a fifth of the way from the first random state along its velocity."""
+    robot, states = rnc.Robot.from_urdf("space_robot.urdf"), []
+    check_rate(robot, bend, lambda q, v: states.append((q, v)) or bend_rate(q, v), ("", ""), ["a", "b"])
+    (first, along), beside = states
+
+    def partial(q):
+        share = along @ (q - first) / (along @ along)
+        return bend(q) if not 0.05 < share < 0.2 or abs(q - first - share * along).max() > 1e-6 else bend(q) + np.nan
+
+    states.clear()
+    check_rate(robot, partial, lambda q, v: states.append((q, v)) or bend_rate(q, v), ("", ""), ["a", "b"])
+    np.testing.assert_array_equal(states[0], beside)
+    assert len(states) == 2
 
 
 def test_angles_may_jump_by_a_turn_and_other_values_may_not(rng):

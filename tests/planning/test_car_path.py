@@ -1,6 +1,7 @@
 """Paths of a car in one leg or several: whoever drives the planned speed and steering angle arrives."""
 
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -166,6 +167,15 @@ def test_a_path_is_its_legs_driven_one_after_the_other():
         signed += np.sign(speeds[200]) * np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1).sum()
     behind = np.array([[-d * np.cos(0.1), -d * np.sin(0.1)] for d in (1.0, 2.99, 3.25)])
     np.testing.assert_allclose(path.distance(behind), [0.0, 0.0, 0.25], atol=1e-9)
+
+
+def test_a_speed_output_that_is_twice_the_speed_goes_twice_the_distance():
+    doubled = SimpleNamespace(outputs=lambda curvatures: (0.5 * curvatures, np.full_like(curvatures, 2.0)))
+    plain, path = (CarPath((0, 0, 0), (3.0, 1.0, 0.5), 4.0, 0.8, geometry=each) for each in (None, doubled))
+    for t in (1.0, 2.5, 4.0):
+        distance, steering = plain.reference.at(t).position
+        expected = [2.0 * distance, 0.5 * np.tan(steering) / 0.8]
+        np.testing.assert_allclose(path.reference.at(t).position, expected, atol=1e-6)
 
 
 def test_a_path_may_steer_by_45_degrees_unless_told():

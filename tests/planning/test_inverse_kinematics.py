@@ -10,6 +10,8 @@ import pytest
 import rnc_pin as rnc
 import systems
 from rnc_pin.collision import CollisionDistances, Obstacle
+from rnc_pin.planning.inverse_kinematics import _Problem
+from rnc_pin.planning.output_targets import OutputTargets
 
 
 def arm():
@@ -53,6 +55,29 @@ def test_no_joint_makes_a_full_turn_from_the_start():
     assert near.converged
     meant = rnc.solve_ik(reduced, q0, {rnc.JointPosition("joint_1"): 30.0})  # here the turns are the target
     assert meant.q[0] == pytest.approx(30.0)
+
+
+def test_full_turns_are_taken_back_and_random_starts_stay_near():
+    """Of a body that floats behind a hinge: its position by a metre, its orientation anyhow."""
+    model = pin.Model()
+    hinge = model.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "hinge")
+    floating = model.addJoint(hinge, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "floating")
+    slide = model.addJoint(floating, pin.JointModelTranslation(), pin.SE3.Identity(), "slide")
+    for joint in (hinge, floating, slide):
+        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    reduced = rnc.NonholonomicSystem(rnc.Robot(model), []).reduce()
+    problem = _Problem(reduced, OutputTargets(reduced, {rnc.JointPosition("hinge"): 0.3}), [], True, None, 0.0)
+    q0 = reduced.robot.configuration({"hinge": 0.3})
+    for turns in (1, 2, -3):
+        np.testing.assert_allclose(
+            problem.with_fewest_turns(q0 + 2 * np.pi * turns * np.eye(11)[0], q0), q0, atol=1e-14
+        )
+    starts = [problem.random_start(q0, np.random.default_rng(seed)) for seed in range(20)]
+    moved = np.abs([pin.difference(reduced.robot.model, q0, start) for start in starts])
+    apart = np.abs([pin.log6(pin.XYZQUATToSE3(start[1:8])).vector[:3] for start in starts])
+    assert 0.9 < apart.max() <= np.sqrt(3.0)
+    assert 0.9 < moved[:, 7:].max() <= 1.0
+    assert moved[:, [0, 4, 5, 6]].max(axis=0).min() > 1.5
 
 
 def test_a_result_prints_what_is_missing():

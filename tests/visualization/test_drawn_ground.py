@@ -23,6 +23,9 @@ def test_patches_are_on_the_surface_under_the_motion(name):
     levels = (vertices - ground.point) @ ground.axes[2] if name == "plane" else ground.level(vertices)
     np.testing.assert_allclose(levels, 0.0, atol=1e-12)
     assert sorted(set(triangles.ravel().tolist())) == list(range(len(vertices)))
+    sides = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    assert (sides[:, 0] != sides[:, 1]).all()
+    assert len(np.unique(sides, axis=0)) == len(sides), "triangles overlap"
     feet = places[:, :2]
     assert (vertices[:, :2].min(axis=0) <= feet.min(axis=0)).all()
     assert (vertices[:, :2].max(axis=0) >= feet.max(axis=0)).all()

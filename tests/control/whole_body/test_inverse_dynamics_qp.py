@@ -175,6 +175,23 @@ def test_friction_bounds_the_input_to_both_sides(wheeled, omega):
     np.testing.assert_allclose(sides, push + friction * 9.81 * level * np.array([-1.0, 1.0]), rtol=1e-9)
 
 
+def test_the_pyramid_of_friction_touches_its_cone_at_eight_edges():
+    """Opposite sides add up to twice their distance from the axis, neighbours to a friction force along an edge."""
+    model = pin.Model()
+    base = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "root_joint")
+    model.appendBodyToJoint(base, pin.Inertia(10.0, np.zeros(3), 0.5 * np.eye(3)), pin.SE3.Identity())
+    axle = model.addJoint(base, pin.JointModelRY(), pin.SE3.Identity(), "axle")
+    model.appendBodyToJoint(axle, pin.Inertia(2.0, np.zeros(3), np.diag([0.3, 0.4, 0.3])), pin.SE3.Identity())
+    model.addFrame(pin.Frame("wheel", axle, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.RollingWheel("wheel", 0.2)], ["axle"])
+    reduced = system.reduce([rnc.FrameSpeed("wheel"), rnc.FrameYaw("wheel")])
+    bounds = ContactCones(reduced, 0.3).at(reduced.at(reduced.robot.configuration(), np.array([1.5, 0.7])))
+    normal, *sides = np.column_stack([bounds.rows, -bounds.upper])
+    assert len(sides) == 8
+    for side, opposite in zip(sides[:4], sides[4:], strict=True):
+        np.testing.assert_allclose(side + opposite, 2 * 0.3 * np.cos(np.pi / 8) * normal, atol=1e-12)
+
+
 def test_fewer_actuators_than_motions_need_nothing_special():
     """Two wheels and three motions: the speeds that the wheels can give are followed, whatever the pitch does."""
     reduced = wheeled_pendulum()
