@@ -1720,6 +1720,7 @@ static PyObject *track(PyObject *module, PyObject *const *args, Py_ssize_t given
 #include "sampling.h"
 #include "batches.h"
 #include "riccati.h"
+#include "pairs.h"
 
 /* ------------------------------------------------------------------ creation */
 
@@ -1989,6 +1990,9 @@ static PyMethodDef functions[] = {
     {"harmonic", (PyCFunction)(void (*)(void))harmonic, METH_FASTCALL, NULL},
     {"riccati_factors", (PyCFunction)(void (*)(void))riccati_factors, METH_FASTCALL, NULL},
     {"riccati_solve", (PyCFunction)(void (*)(void))riccati_solve, METH_FASTCALL, NULL},
+    {"pair_rows", (PyCFunction)(void (*)(void))pair_rows, METH_FASTCALL, NULL},
+    {"pair_bounds", (PyCFunction)(void (*)(void))pair_bounds, METH_FASTCALL, NULL},
+    {"stopping_velocities", (PyCFunction)(void (*)(void))stopping_velocities, METH_FASTCALL, NULL},
     {NULL, NULL, 0, NULL},
 };
 

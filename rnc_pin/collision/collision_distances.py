@@ -10,22 +10,19 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from rnc_pin import _kernel
 from rnc_pin.collision.convex_shapes import bounding_box, convex_shape
 from rnc_pin.collision.distance_bounds import DistanceBounds, ShapePoses
 from rnc_pin.collision.flat_contacts import FlatParts, common_corners
 from rnc_pin.collision.obstacle import Obstacle
 from rnc_pin.collision.pair_distances import PairDistances
+from rnc_pin.collision.pair_measurement import PairMeasurement
 from rnc_pin.collision.pair_selection import LinkPair, OmittedPair, PairSelection, select_pairs
-from rnc_pin.errors import InputError, ModelError, SimulationError
+from rnc_pin.errors import InputError, ModelError
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.robots.robot import Robot
 
-_GJK, _EPA = 1e-9, 1e-6
-"""Tolerances of coal: with these, distances are correct to 1e-7 m and depths to 2e-6 m. Its default for GJK is wrong by
-up to 4e-5 m for cylinders, and a finer one for EPA makes it fail."""
-_ITERATIONS = 256
-_FAILED = -1e6  # [m]; coal returns the smallest float if EPA fails
 _HULLS: WeakKeyDictionary[Robot, list[coal.CollisionGeometry]] = WeakKeyDictionary()
 """Convex shapes of the links of each robot: hulls of meshes take most of the time of a construction."""
 
@@ -92,10 +89,6 @@ class CollisionDistances:
         self._carriers = np.array(self._joints[: len(shapes)])
         self._shapes = [shape.geometry for shape in self._geometry.geometryObjects]
         self._flat: dict[int, FlatParts] = {}
-        self._poses = [coal.Transform3s() for _ in self._shapes]
-        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
-        self._request.gjk_tolerance, self._request.epa_tolerance = _GJK, _EPA
-        self._request.gjk_max_iterations = _ITERATIONS
         self._moving = [k for k, obstacle in enumerate(self.obstacles) if obstacle.motion is not None]
         self._use(kept)
         touching = self._touching(robot.configuration() if q0 is None else self._validator.validate(q0))
@@ -127,8 +120,7 @@ class CollisionDistances:
             q = self._validator.validate(q)
         self._place(q, t)
         near = self._bounds.nearby(self._at, within)
-        self._transfer_poses(near)
-        found = self._measure(near.tolist())
+        found = self._measure(near)
         self._bounds.measured(near, found[:, 0])
         if within < np.inf:
             inside = found[:, 0] < within
@@ -143,22 +135,17 @@ class CollisionDistances:
         self._place(self._validator.validate(q), t)
         bounds = self._bounds.of_volumes(self._at)
         near = np.flatnonzero(bounds < beyond)
-        self._transfer_poses(near)
-        bounds[near] = self._measure(near.tolist())[:, 0]
+        bounds[near] = self._measure(near)[:, 0]
         return bounds
 
     # ------------------------------------------------------------------ set-up
 
     def _use(self, pairs: Sequence[LinkPair]) -> None:
         self.pairs = tuple(pairs)
-        geometry = self._geometry
         self._first = np.array([pair.first for pair in pairs], dtype=int)
         self._second = np.array([pair.second for pair in pairs], dtype=int)
-        shapes, poses = self._shapes, self._poses
-        self._ends = [
-            (shapes[pair.first], poses[pair.first], shapes[pair.second], poses[pair.second]) for pair in pairs
-        ]
-        boxes = [bounding_box(shape.geometry, shape.name) for shape in geometry.geometryObjects]
+        self._measurement = PairMeasurement(self._shapes, self.pairs)
+        boxes = [bounding_box(shape.geometry, shape.name) for shape in self._geometry.geometryObjects]
         self._centers, halves = (np.array([box[k] for box in boxes]) for k in (0, 1))
         self._bounds = DistanceBounds(self._first, self._second, halves)
         support = np.zeros((len(self._joints), self._model.nv))
@@ -215,34 +202,17 @@ class CollisionDistances:
         rotations[:links] = turns @ rotations[:links]
         self._at = ShapePoses(rotations, origins, self._centers)
 
-    def _transfer_poses(self, pairs: np.ndarray) -> None:
-        """Give the poses of the shapes of these pairs to coal."""
-        columns = np.ascontiguousarray(
-            self._at.rotations.swapaxes(1, 2)
-        )  # coal copies matrices that are stored by rows
-        for k in {*self._first[pairs].tolist(), *self._second[pairs].tolist()}:
-            self._poses[k].setTransform(columns[k].T, self._at.origins[k])
-
-    def _measure(self, pairs: Sequence[int]) -> np.ndarray:
-        """Distance, nearest points and normal of pairs, (k, 10)."""
-        # Pinocchio's computeDistance starts from its last result, so that the last digits would depend on the history.
-        request, result, ends, values = self._request, self._result, self._ends, list[float]()
-        for pair in pairs:
-            result.clear()
-            distance: float = coal.distance(*ends[pair], request, result)
-            if not distance > _FAILED:
-                raise SimulationError(f"coal found no penetration depth of {self.pairs[pair].label}")
-            values.append(distance)
-            values += result.getNearestPoint1().tolist()
-            values += result.getNearestPoint2().tolist()
-            values += result.normal.tolist()
-        return np.array(values).reshape(-1, 10)
+    def _measure(self, pairs: np.ndarray) -> np.ndarray:
+        """Distance, normal and nearest points of pairs, (k, 10)."""
+        listed: list[int] = pairs.tolist()
+        self._measurement.place(listed, self._at.rotations, self._at.origins)
+        return self._measurement.measure(listed)
 
     def _with_corners(self, near: np.ndarray, found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Add the corners of parallel faces and edges: pairs, and ten numbers of each, nearest points first."""
         pairs, rows = [near], [found]
         for pair, row in zip(near.tolist(), found, strict=True):
-            normal, sides = row[7:10], []
+            normal, sides = row[1:4], []
             for k, direction in zip(self.pairs[pair][:2], (normal, -normal), strict=True):
                 rotation = self._at.rotations[k]
                 if k not in self._flat:
@@ -250,18 +220,15 @@ class CollisionDistances:
                 sides.append(self._flat[k].towards(rotation.T @ direction) @ rotation.T + self._at.origins[k])
             extra = common_corners(sides[0], sides[1], normal)
             pairs.append(np.full(len(extra), pair))
-            rows.append(np.hstack([extra, np.broadcast_to(normal, (len(extra), 3))]))
+            rows.append(np.hstack([extra[:, :1], np.broadcast_to(normal, (len(extra), 3)), extra[:, 1:]]))
         whole, order = np.concatenate(pairs), np.concatenate(rows)
         by_pair = np.argsort(whole, kind="stable")
         return whole[by_pair], order[by_pair]
 
     def _with_rates(self, near: np.ndarray, found: np.ndarray, t: float) -> PairDistances:
         found.flags.writeable = False  # its columns are handed out
-        distance, a, b, normal = found[:, 0], found[:, 1:4], found[:, 4:7], found[:, 7:10]
-        # The difference of the nearest points is along the normal, so both have the same moment about the origin.
-        lines = np.concatenate([normal, _cross(b, normal)], axis=1)
-        jacobian = lines @ self._jacobian
-        jacobian *= self._signs.take(near, 0)
+        distance, normal, a, b = found[:, 0], found[:, 1:4], found[:, 4:7], found[:, 7:10]
+        jacobian = self._rate_rows(near, found)
         drift = np.zeros(len(near))
         links = len(self._joints) - len(self.obstacles)
         for k in self._moving:
@@ -270,6 +237,17 @@ class CollisionDistances:
                 twist, origin = self.obstacles[k].twist(t), self.obstacles[k].placement(t).translation
                 drift[of_it] = normal[of_it] @ twist[:3] + _cross(b[of_it] - origin, normal[of_it]) @ twist[3:]
         return PairDistances(near, distance, a, b, normal, jacobian, drift)
+
+    def _rate_rows(self, near: np.ndarray, found: np.ndarray) -> np.ndarray:
+        """Jacobians (k, nv) of the distances."""
+        if _kernel.library is not None:
+            rows = np.empty((len(near), self._model.nv))
+            if _kernel.library.pair_rows(found, near, self._signs, self._jacobian, rows):
+                return rows
+        # The difference of the nearest points is along the normal, so both have the same moment about the origin.
+        normal = found[:, 1:4]
+        lines = np.concatenate([normal, _cross(found[:, 7:10], normal)], axis=1)
+        return np.asarray(lines @ self._jacobian * self._signs.take(near, 0))
 
 
 def _convex_geometry(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy import ndarray as Array
 
+from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float, Int
 
 _TOLERANCE = 1e-5
@@ -42,6 +43,7 @@ class DistanceBounds:
 
     def __init__(self, first: Int[Array, " k"], second: Int[Array, " k"], halves: Float[Array, "s 3"]) -> None:
         self._first, self._second, self._halves = first, second, halves
+        self._shapes = np.array([first, second])
         self._radii = np.linalg.norm(halves, axis=1)
         self._reach = self._radii[first] + self._radii[second]
         self._last: ShapePoses | None = None
@@ -69,7 +71,7 @@ class DistanceBounds:
         if self._last is None:
             self._known = self.of_volumes(at)
             self._measured[:] = True
-        else:
+        elif not self._moved_by_kernel(at, self._last):
             turn = (at.rotations - self._last.rotations).reshape(-1, 9)
             shift = at.middles - self._last.middles
             # The norm of a difference of rotations is its Frobenius norm over the root of two.
@@ -84,6 +86,12 @@ class DistanceBounds:
             near = near[self._known[near] < within]
         self._measured[:] = False
         return near
+
+    def _moved_by_kernel(self, at: ShapePoses, last: ShapePoses) -> bool:
+        """Decrease the bounds by the motion since the last poses; False if NumPy has to."""
+        return _kernel.library is not None and _kernel.library.pair_bounds(
+            at.rotations, at.middles, last.rotations, last.middles, self._radii, self._shapes, self._known
+        )
 
     def measured(self, pairs: Int[Array, " n"], distances: Float[Array, " n"]) -> None:
         """Remember the distances [m] of pairs at the poses of ``nearby``."""

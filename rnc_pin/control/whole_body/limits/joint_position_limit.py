@@ -10,6 +10,7 @@ import numpy as np
 from annotated_types import Ge, Lt
 from numpy import ndarray as Array
 
+from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.limits.control_limit import BoundLimit, ControlLimit, LimitRows
@@ -69,9 +70,16 @@ class _BoundPositions(BoundLimit):
         by_range = (found.upper - found.lower) / _CROSSING_TIME**2
         own = np.where(limited, np.where(limited, fastest, 0.0) / _STOPPING_TIME, by_range)
         self._deceleration = own if limit.deceleration is None else np.full(len(own), limit.deceleration)
+        self._places = np.array(found.q, dtype=int), np.array(found.v, dtype=int)
+        self._limits = np.array([self._lower, self._upper, self._deceleration])
 
     def rows(self, sample: ControlSample) -> LimitRows:
-        q, ahead = sample.start.q[self._q], 0.5 * sample.dt * sample.start.v[self._v]
+        start = sample.start
+        if _kernel.library is not None:
+            bounds = np.empty((2, len(self._v)))
+            if _kernel.library.stopping_velocities(start.q, start.v, *self._places, self._limits, sample.dt, bounds):
+                return LimitRows(self._jacobian, bounds[0], bounds[1])
+        q, ahead = start.q[self._q], 0.5 * sample.dt * start.v[self._v]
         room = np.array([self._upper - q - ahead, q + ahead - self._lower])
         upper, lower = velocity_to_stop(room, self._deceleration, sample.dt)
         return LimitRows(self._jacobian, -lower, upper)
