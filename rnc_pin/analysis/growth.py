@@ -240,11 +240,11 @@ def _deeper(jets: BracketJets, basis: np.ndarray, order: int, rejected: float, r
     for time in jets.times(order):
         generator = np.random.default_rng(0)
         try:
-            drawn = [jets.draw(order, time, generator)]
-            found = _levels(drawn, basis, rejected, _FADES * time, reach)
+            drawn, fading = [jets.draw(order, time, generator)], _FADES * time
+            found = _levels(drawn, basis, rejected, fading, reach)
             while found.crowded and len(drawn) < basis.shape[0]:
                 drawn.append(jets.draw(order, time, generator))
-                found = _levels(drawn, basis, rejected, _FADES * time, reach)
+                found = _levels(drawn, basis, rejected, fading, reach)
         except SingularityError as error:  # the flow reaches a singular configuration
             failure = error
             continue

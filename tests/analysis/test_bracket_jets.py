@@ -39,6 +39,14 @@ def test_the_fields_of_a_flow_show_every_bracket(generators, degree):
     assert np.linalg.matrix_rank(np.array(found), tol=1e-8) == dimension
 
 
+@pytest.mark.parametrize("degree", [1, 2, 5])
+def test_a_polynomial_is_fitted_to_its_own_coefficients(degree):
+    nodes = np.cos((2 * np.arange(degree + 3) + 1) * np.pi / (2 * (degree + 3)))
+    coefficients = np.arange(1.0, 1 + 3 * (degree + 1)).reshape(degree + 1, 3)
+    values = nodes[:, None] ** np.arange(degree + 1) @ coefficients
+    np.testing.assert_allclose(bracket_jets._fit(nodes, values, degree), coefficients, rtol=1e-12)
+
+
 def test_coefficients_are_those_of_a_closed_form():
     """``x2' = sin(x0) x1'``: a bracket pulled back from ``x0 + s t`` is ``c cos(x0 + s t)`` along x2."""
     reduced = sliders_with_rows(lambda q: [[0.0, np.sin(q[0])]], lambda q, v: [[0.0, np.cos(q[0]) * v[0]]])

@@ -215,6 +215,14 @@ def test_the_largest_dimensions_are_generic_not_the_longest_vector(monkeypatch):
     )
 
 
+def test_samples_with_the_last_dimension_are_shown_if_none_has_all(monkeypatch):
+    told = {0: (2, 4, 5), 1: (2, 3, 6)}
+    monkeypatch.setattr(growth, "grow", lambda _, q: growth.Growth(told[int(q[0])], np.eye(6), 1e6 * (1 + q[0]), False))
+    evidence, shown = generic_growth(None, np.array([[0.0], [1.0]]))
+    assert [(each.vector, q[0]) for each, q in shown] == [((2, 4, 6), 1.0)]
+    assert (evidence.agreeing, evidence.margin, evidence.decided) == (0, 2e6, False)
+
+
 # ---------------------------------------------------------------------- trailers
 
 

@@ -9,6 +9,7 @@ from controlled_tasks import (
     task_at,
     wide,
 )
+from rnc_pin import _kernel
 from rnc_pin.control import (
     RedundancyController,
 )
@@ -86,6 +87,28 @@ def test_the_class_1_law_is_the_cheapest_way_to_its_vertical_rates(redundant, se
         assert np.isnan(np.delete(target.x2[at], PRIMARY)).all()
         assert np.isnan(np.delete(alone.x1, VERTICAL)).all()
         assert (alone.x1.shape, alone.x2.shape) == ((3,), (r,))
+
+
+@pytest.mark.skipif(_kernel.library is None, reason="NumPy evaluates: no library, or RNC_PIN_KERNEL=numpy")
+@pytest.mark.parametrize("redundant", [[2, 1], [4, 1, 2]])
+def test_the_compiled_kernel_computes_the_class_1_law(redundant, monkeypatch):
+    chosen = task_at(PRIMARY, redundant, VERTICAL)
+    law = RedundancyController(chosen, *(Cubic(*orders) for orders in ORDERS), K3, K21)
+    one = seen((*(each[0] for each in drawn((1,), 2 + len(redundant), True, 4)[:-1]), True), 0.0)
+    points, idle = (law.primary.at(0.4), law.vertical.at(0.4)), (None, None)
+    spread, plain = law._by_numpy(*points, idle, one), law._spread
+
+    def refuse(*_):
+        raise AssertionError("NumPy computes it")
+
+    monkeypatch.setattr(law, "_spread", refuse)
+    np.testing.assert_array_equal(law._by_numpy(*points, idle, one).v2, spread.v2)
+    monkeypatch.setattr(law, "_by_numpy", refuse)
+    np.testing.assert_allclose(law.step(0.4, one)[0].v2, spread.v2, rtol=1e-12)
+    monkeypatch.undo()
+    monkeypatch.setattr(law, "_spread_by_kernel", lambda *_: None)
+    assert law._spread == plain
+    np.testing.assert_allclose(law._by_numpy(*points, idle, one).v2_dot, spread.v2_dot, rtol=1e-9)
 
 
 def test_the_class_1_law_gives_up_where_its_rates_exceed_what_it_has_to_do_a_hundred_million_times():

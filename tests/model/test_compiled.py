@@ -139,6 +139,7 @@ def compare(reduced, q, v2, size=1e-3):
     condition = np.max(plain.condition) ** 2
     found = reduced.at(q, v2)
     assert found.compiled is not None
+    assert found.compiled.vertical is not None
     inertial = np.abs(plain.C).max() * np.abs(plain.v).max() * np.abs(plain.R).max()  # cancels in G
     for name in (*CONFIGURATION, *STATE):
         near(getattr(found, name), getattr(plain, name), condition, name, inertial)

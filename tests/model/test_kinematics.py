@@ -46,6 +46,11 @@ def test_states_are_what_pinocchio_says_of_each_alone(robot, single):
                     near(here.jacobian(frame, axes, rows)[at], jacobian[rows], rows)
                     near(here.acceleration(frame, axes, rows)[at], (rate @ v[i])[rows], rows)
             near(here.jacobian(frame)[at], plain.jacobian(frame, WORLD_AXES))
+            if not single:  # derivatives of one state are compared with differences below
+                one = kinematics.position(q[i]).with_velocity(v[i])
+                near(here.own_acceleration_gradient(frame)[at], one.own_acceleration_gradient(frame))
+                for each, of_one in zip(here.frame_gradients(frame), one.frame_gradients(frame), strict=True):
+                    near(each[at], of_one)
             near(here.acceleration(frame)[at], plain.jacobian_dot(frame, WORLD_AXES) @ v[i])
 
 

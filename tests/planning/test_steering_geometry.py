@@ -138,6 +138,27 @@ def test_a_curvature_beyond_the_range_of_the_joint_is_refused(tmp_path):
         tight.outputs(np.array([0.1, 0.9]))
 
 
+def test_the_table_ends_where_the_curvature_no_longer_grows():
+    """A steering wheel at an angle a makes the path of curvature ``sin(a) / L``, at most 1 / L."""
+    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+    model = robot.model.copy()
+    wheel = model.addJoint(1, pin.JointModelRZ(), pin.SE3.Identity(), "wheel")
+    model.appendBodyToJoint(wheel, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    still = np.zeros((1, 4))
+    turning = rnc.Pfaffian(
+        lambda q: np.array([[-np.sin(q[4]), 0.0, WHEELBASE, 0.0]]),
+        lambda q, v: np.array([[-np.cos(q[4]) * v[3], 0.0, 0.0, 0.0]]) + still,
+    )
+    reduced = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip("sleigh"), turning]).reduce(
+        [rnc.FrameSpeed("sleigh"), rnc.JointPosition("wheel")]
+    )
+    steering = geometry(reduced, "sleigh", largest=3.0)
+    assert 0.99 / WHEELBASE < steering.range[1] <= 1 / WHEELBASE
+    assert steering.range[0] == pytest.approx(-steering.range[1])
+    curvatures = np.linspace(-0.9, 0.9, 7) / WHEELBASE
+    np.testing.assert_allclose(steering.outputs(curvatures)[0], np.arcsin(WHEELBASE * curvatures), atol=1e-4)
+
+
 def test_an_output_that_does_not_steer_is_refused():
     sleigh = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
     system = rnc.NonholonomicSystem(sleigh, [rnc.NoSideSlip("sleigh")])

@@ -6,7 +6,9 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.control import ControlSample, InverseDynamicsQP, limits, tasks
+from rnc_pin.control.whole_body import inverse_dynamics_qp
 from rnc_pin.control.whole_body.contact_cones import ContactCones
+from rnc_pin.control.whole_body.inverse_dynamics_qp import solve_within
 from rnc_pin.planning import Hold, MinimumJerk
 from rnc_pin.plants.mujoco import MuJoCoPlant, MuJoCoSettings
 from systems import (
@@ -173,6 +175,24 @@ def test_friction_bounds_the_input_to_both_sides(wheeled, omega):
     assert [name.rsplit(" ", 1)[1] for name in cones.names] == ["force", "friction", "friction"]
     sides = np.sort(bounds.upper[1:] / bounds.rows[1:, 0])
     np.testing.assert_allclose(sides, push + friction * 9.81 * level * np.array([-1.0, 1.0]), rtol=1e-9)
+
+
+def test_one_program_is_enough_far_from_limits_of_motion(monkeypatch):
+    """Near them the velocity at the end of the sample corrects the bounds, and a program is solved again."""
+    reduced, counted = space_robot(), []
+
+    def solved(*arguments, **options):
+        counted.append(arguments)
+        return solve_within(*arguments, **options)
+
+    monkeypatch.setattr(inverse_dynamics_qp, "solve_within", solved)
+    q0 = reduced.robot.configuration({"joint_2": 1.8, "joint_3": -1.1})
+    for limit in (50.0, 0.05):
+        slow = limits.JointVelocityLimit(["joint_2"], limit=limit, margin=0.0)
+        controller = InverseDynamicsQP(reduced, [hand("tip", [1.0, 0.5])], [slow], dt=0.05)
+        counted.clear()
+        controller.solve(0.0, q0, 0.01 * np.ones(reduced.r))
+        assert (len(counted) == 1) == (limit == 50.0)
 
 
 def test_the_pyramid_of_friction_touches_its_cone_at_eight_edges():

@@ -1,0 +1,36 @@
+"""Nearest points within bounds: conditions of optimality, whichever solver finds them."""
+
+import numpy as np
+import pytest
+import qpsolvers
+
+from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
+from rnc_pin.control.whole_body.limit_stack import ProgramBounds
+from rnc_pin.control.whole_body.task_hierarchy import TaskLevel, solve_cascade
+
+
+@pytest.mark.parametrize("by_name", [False, True])
+def test_nearest_points_satisfy_the_conditions_of_optimality(by_name):
+    """Rows with a bound above, below, at both sides and none; the solvers of ``qpsolvers`` know one side only."""
+    solver, generator, active = LeastDistanceSolver(), np.random.default_rng(2), np.zeros(2, dtype=int)
+    if by_name:
+        solver._qpsolvers = qpsolvers  # whose own daqp is installed wherever the package is
+    for _ in range(4):
+        goal, rows = 3.0 * generator.normal(size=4), generator.normal(size=(5, 4))
+        lower, upper = np.array([-np.inf, -0.5, -0.6, -np.inf, -0.2]), np.array([0.3, np.inf, 0.4, np.inf, 0.1])
+        point, force = solver.solve(goal, rows, lower, upper)
+        values = rows @ point
+        np.testing.assert_allclose(point - goal + rows.T @ force, 0.0, atol=1e-8)
+        assert (values <= upper + 1e-8).all()
+        assert (values >= lower - 1e-8).all()
+        np.testing.assert_allclose(values[force > 1e-9], upper[force > 1e-9], atol=1e-8)
+        np.testing.assert_allclose(values[force < -1e-9], lower[force < -1e-9], atol=1e-8)
+        active += (force > 1e-9).sum(), (force < -1e-9).sum()
+    assert (active > 0).all()
+
+
+def test_what_a_task_leaves_free_costs_next_to_nothing():
+    """``(x - 1)^2 + (y / 1000)^2`` within ``x <= y``: both are ``1 / (1 + 1e-6)``."""
+    bounds = ProgramBounds(np.array([[1.0, -1.0]]), np.array([-np.inf]), np.array([0.0]), np.array([0]), 1)
+    found = solve_cascade([TaskLevel(np.array([[1.0, 0.0]]), np.ones(1))], bounds, 0.0, LeastDistanceSolver())
+    np.testing.assert_allclose(found.unknowns, 1 / (1 + 1e-6), rtol=1e-8)
