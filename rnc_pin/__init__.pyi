@@ -87,7 +87,7 @@ from .outputs import (
     RelativeAngularVelocity,
 )
 from .planning import IkResult, solve_ik
-from .plants import Faults, ReducedPlant
+from .plants import ContactPlant, Faults, ReducedPlant, UnilateralContact
 from .robots.robot import Robot
 from .simulation import (
     ContactLoss,
@@ -116,6 +116,7 @@ __all__ = [
     "ConfigurationError",
     "ConstraintError",
     "ContactLoss",
+    "ContactPlant",
     "ControlLoop",
     "CylindricalGround",
     "Distance",
@@ -179,6 +180,7 @@ __all__ = [
     "Torus",
     "Trajectory",
     "TrajectoryBatch",
+    "UnilateralContact",
     "VelocityLoop",
     "__version__",
     "analysis",

@@ -129,6 +129,8 @@ def prepare_drive(
     scenario = validate(raw, name)
     if scenario.phases:
         raise ConfigurationError(f"{name}: phases: a driven run has none; remove them")
+    if scenario.contacts:
+        raise ConfigurationError(f"{name}: contacts: a driven run has none that open and close; use 'constraints'")
     system = build_system(scenario, folder)
     chosen = tuple(frames) or _default_frames(scenario, system.robot)
     for frame in chosen:

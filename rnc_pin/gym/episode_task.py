@@ -158,6 +158,7 @@ def _supported(scenario: Scenario, name: str) -> SimulationSettings:
     velocities = plant is not None and plant.settings.servo_time is not None
     refused = {
         "phases": bool(scenario.phases),
+        "contacts": bool(scenario.contacts),
         "faults": scenario.faults is not None,
         "plant": plant is not None and plant.type != "reduced",
         "plant.servo_time": velocities,

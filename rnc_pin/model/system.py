@@ -85,6 +85,7 @@ class NonholonomicSystem(SummaryMixin):
         self.actuation = Actuation(actuators, robot)
         self.forces = PassiveForces(_kinds(forces, "forces"), robot)
         constraints = _kinds(constraints, "constraints")
+        self._given = constraints, actuators, mimic, tuple(forces)
         blocks = _numbered([_bound(kind, robot) for kind in constraints])
         if mimic and robot.mimics:
             blocks += _not_implied(mimic_rows(robot, blocks), robot, blocks)
@@ -114,6 +115,15 @@ class NonholonomicSystem(SummaryMixin):
         _warn_of_mimics(robot, samples[:, self.kept])
         _warn_of_open_loops(robot, blocks)
         _warn_of_rounding(robot, merged, found)
+
+    def with_constraints(self, constraints: Sequence[ConstraintKind]) -> NonholonomicSystem:
+        """The same robot, actuators and forces with further constraints.
+
+        Args:
+            constraints: constraints in addition to those of this system.
+        """
+        given, actuators, mimic, forces = self._given
+        return NonholonomicSystem(self.robot, [*given, *constraints], actuators, mimic, forces)
 
     @property
     def r(self) -> int:

@@ -4,9 +4,27 @@ from rnc_pin.deprecation import former_exports
 from rnc_pin.plants.changing import ChangingPlant
 from rnc_pin.plants.faults import Faults, FaultyPlant
 from rnc_pin.plants.plant import Plant
-from rnc_pin.plants.reduced import ReducedPlant, ReducedPlantBatch, VelocityPlant
+from rnc_pin.plants.reduced import (
+    ContactEvent,
+    ContactPlant,
+    ReducedPlant,
+    ReducedPlantBatch,
+    UnilateralContact,
+    VelocityPlant,
+)
 
-__all__ = ["ChangingPlant", "Faults", "FaultyPlant", "Plant", "ReducedPlant", "ReducedPlantBatch", "VelocityPlant"]
+__all__ = [
+    "ChangingPlant",
+    "ContactEvent",
+    "ContactPlant",
+    "Faults",
+    "FaultyPlant",
+    "Plant",
+    "ReducedPlant",
+    "ReducedPlantBatch",
+    "UnilateralContact",
+    "VelocityPlant",
+]
 
 __getattr__ = former_exports(
     __name__, {"Machine": "Plant", "FaultyMachine": "FaultyPlant", "ChangingMachine": "ChangingPlant"}

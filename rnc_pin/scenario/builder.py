@@ -119,7 +119,7 @@ def build_experiment(
         raise ConfigurationError("phases: only 'rnc-pin run' and sweeps support them")
     if scenario.simulation is None:
         raise ConfigurationError("simulation: is missing; a run needs {duration: ..., dt: ...}")
-    if scenario.controller is None:
+    if scenario.controller is None and not scenario.contacts:
         raise ConfigurationError("controller: is missing; a run needs {type: ..., preset: ...}")
     try:
         sample_count(scenario.simulation.duration, scenario.simulation.dt)

@@ -78,8 +78,8 @@ def _check_supported(scenario: Scenario) -> None:
         )
     if plant is not None and plant.settings.servo_time is not None:
         raise ConfigurationError("plant.servo_time: velocity servos do not support phases")
-    for key in ("planner", "faults", "grip"):
-        if getattr(scenario, key) is not None:
+    for key in ("planner", "faults", "grip", "contacts"):
+        if getattr(scenario, key):
             raise ConfigurationError(f"{key}: does not support phases")
     if scenario.simulation.on_lift_off != "ignore":
         raise ConfigurationError("simulation.on_lift_off: set it in the phases")

@@ -12,7 +12,7 @@ from rnc_pin.constraints import Pfaffian
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.system import NonholonomicSystem
-from rnc_pin.plants import ChangingPlant, FaultyPlant, Plant, ReducedPlant, VelocityPlant, mujoco
+from rnc_pin.plants import ChangingPlant, ContactPlant, FaultyPlant, Plant, ReducedPlant, VelocityPlant, mujoco
 from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.schema import Scenario
 
@@ -42,6 +42,12 @@ def build_plant(scenario: Scenario, reduced: ReducedModel, q0: np.ndarray, folde
 
     servo_time = None if plant is None else plant.settings.servo_time
     _check_servos(scenario, servo_time)
+    if scenario.contacts:
+        _check_contacts(scenario)
+        args = scenario.constraints, scenario.actuators, scenario.mimic, scenario.forces
+        system = NonholonomicSystem(reduced.robot, *args)
+        limits = settings.joint_damping, settings.actuator_limits, settings.joint_friction, settings.substeps
+        return ContactPlant(system, scenario.contacts, *limits)
 
     def plant_of(model: ReducedModel) -> Plant:
         if in_mujoco:
@@ -73,6 +79,23 @@ def build_plant(scenario: Scenario, reduced: ReducedModel, q0: np.ndarray, folde
     except RncError as error:
         raise ConfigurationError(f"faults: {error}") from None
     return FaultyPlant(true_plant, faults.faults, reduced, settings.dt, scenario.seed)
+
+
+def _check_contacts(scenario: Scenario) -> None:
+    """Raise an error for settings that do not support contacts that open and close."""
+    plant = scenario.plant
+    if plant is not None and plant.type == "mujoco":
+        raise ConfigurationError(
+            "plant: 'mujoco' does not support 'contacts', because it takes the bodies on the ground from "
+            "'constraints'; use 'reduced'"
+        )
+    if plant is not None and plant.settings.servo_time is not None:
+        raise ConfigurationError("plant.servo_time: velocity servos do not support 'contacts'")
+    if scenario.faults is not None:
+        raise ConfigurationError("faults: do not support 'contacts'")
+    assert scenario.simulation is not None
+    if scenario.simulation.on_lift_off != "ignore":
+        raise ConfigurationError("simulation.on_lift_off: 'contacts' lift off by themselves; remove it")
 
 
 def _check_servos(scenario: Scenario, servo_time: float | None) -> None:

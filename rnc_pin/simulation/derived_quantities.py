@@ -49,16 +49,39 @@ def blocks(samples: int, numbers: int) -> Iterator[slice]:
         yield slice(start, min(start + length, samples))
 
 
-def empty_quantities(reduced: ReducedModel, samples: int, normal_forces: int, bodies: int) -> dict[str, Array]:
+class RowNames(NamedTuple):
+    """Names of the columns of forces.
+
+    Attributes:
+        multipliers, contact_forces: names of the kept rows and of all rows.
+        switching: True if rows appear and vanish: they have zeros while they do not act.
+    """
+
+    multipliers: tuple[str, ...]
+    contact_forces: tuple[str, ...]
+    switching: bool = False
+
+    @classmethod
+    def of(cls, reduced: ReducedModel) -> RowNames:
+        """Names of the rows of a model."""
+        return cls(reduced.constraints.names, reduced.all_constraints.names)
+
+
+def empty_quantities(
+    reduced: ReducedModel, samples: int, normal_forces: int, bodies: int, rows: RowNames | None = None
+) -> dict[str, Array]:
     """Arrays of the derived quantities of a run.
 
     Args:
         reduced: model of the controller.
         samples, normal_forces, bodies: numbers of samples, of contacts with a normal force, and of ground bodies.
+        rows: columns of the forces; those of the model by default.
     """
+    rows = RowNames.of(reduced) if rows is None else rows
+    kept, every = len(rows.multipliers), len(rows.contact_forces)
     sizes = {
-        "F": (reduced.r,), "multipliers": (reduced.m,), "contact_forces": (reduced.all_constraints.size,),
-        "normal_forces": (normal_forces,), "slip": (reduced.m,), "energy": (), "constraint_residual": (),
+        "F": (reduced.r,), "multipliers": (kept,), "contact_forces": (every,),
+        "normal_forces": (normal_forces,), "slip": (kept,), "energy": (), "constraint_residual": (),
         "position_residual": (), "singular_value": (), "ground_poses": (3 * bodies,),
     }  # fmt: skip
     return {name: np.empty((samples, *size)) for name, size in sizes.items()}
@@ -90,6 +113,7 @@ class BlockOfStates:
         external: Array | None,
         bodies: Sequence[GroundBody],
         only_compiled: bool = False,
+        rows: RowNames | None = None,
     ) -> dict[str, Array] | None:
         """Derived quantities: outputs of the controller's model, forces and energy of the plant.
 
@@ -100,8 +124,11 @@ class BlockOfStates:
             external: generalized forces (N, nv) in addition to the inputs; None for zero.
             bodies: bodies that move on the ground.
             only_compiled: return None unless the compiled kernel evaluates all states, each as it would alone.
+            rows: columns of the forces; those of the controller's model by default. If they switch, residuals are those
+                of the plant.
         """
         reduced, plant, seen, own, (t, q, v) = self._reduced, self._plant, self.seen, self.own, self._at
+        rows = RowNames.of(reduced) if rows is None else rows
         moved = own.in_reduction(_free_reduction(plant, entries))
         if only_compiled and (seen.compiled is None or moved.compiled is None):
             return None
@@ -111,15 +138,18 @@ class BlockOfStates:
             good = seen if regular.all() else reduced.at(q[regular], v=v[regular], t=t[regular])
             F[regular] = apply_transposed(good.R, apply(good.B, T[regular]))
         multipliers, contact_forces = moved.multipliers(T, external), moved.contact_forces(T, external)
+        kept, missing = plant.constraints.names, 0.0 if rows.switching else np.nan
+        kinematic, assembly = (own, plant.assembly) if rows.switching else (seen, reduced.assembly)
+        residual = kinematic.residual
         return {
             "F": F,
-            "multipliers": by_name(reduced.constraints.names, plant.constraints.names, multipliers),
-            "contact_forces": by_name(reduced.all_constraints.names, plant.all_constraints.names, contact_forces),
+            "multipliers": by_name(rows.multipliers, kept, multipliers, missing),
+            "contact_forces": by_name(rows.contact_forces, plant.all_constraints.names, contact_forces, missing),
             "normal_forces": np.zeros((len(q), 0)) if normal is None else normal.at(moved, T, external),
             "energy": np.asarray(own.energy),
-            "slip": seen.residual,
-            "constraint_residual": np.abs(seen.residual).max(axis=-1, initial=0.0),
-            "position_residual": np.abs(reduced.assembly.residual(q, t)).max(axis=-1, initial=0.0),
+            "slip": by_name(rows.multipliers, kept, residual, missing) if rows.switching else residual,
+            "constraint_residual": np.abs(residual).max(axis=-1, initial=0.0),
+            "position_residual": np.abs(assembly.residual(q, t)).max(axis=-1, initial=0.0),
             "singular_value": np.asarray(seen.smallest_singular_value),
             "ground_poses": ground_poses(bodies, seen.position),
         }
@@ -208,12 +238,12 @@ def _free_reduction(reduced: ReducedModel, entries: tuple[int, ...]) -> Reductio
     return known[entries]
 
 
-def by_name(wanted: tuple[str, ...], known: tuple[str, ...], values: Array) -> Array:
-    """Select columns of values (N, k) by name; NaN for unknown names."""
+def by_name(wanted: tuple[str, ...], known: tuple[str, ...], values: Array, missing: float = np.nan) -> Array:
+    """Select columns of values (N, k) by name; ``missing`` for unknown names."""
     if wanted == known:
         return values
     columns = {name: column for column, name in enumerate(known)}
-    found = np.full((len(values), len(wanted)), np.nan)
+    found = np.full((len(values), len(wanted)), missing)
     for place, name in enumerate(wanted):
         if name in columns:
             found[:, place] = values[:, columns[name]]

@@ -8,11 +8,13 @@ from rnc_pin.errors import DivergenceError
 from rnc_pin.loop import ControlLoop, LoopOptions
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plants import Plant, ReducedPlant
+from rnc_pin.plants import ContactEvent, Plant, ReducedPlant
 from rnc_pin.plants.plant import takes_velocities
 from rnc_pin.plants.reduced import Checkpoint
+from rnc_pin.simulation.run_info import PhaseInfo
 
 _EMPTY = np.zeros(0)
+_ROUNDING = 1e-6  # of a time, in sampling periods
 
 
 class PlantAdapter:
@@ -26,6 +28,7 @@ class PlantAdapter:
     * ``friction_used()``: friction use of the contacts ``wheel_names``,
     * ``reduced``: reduced model of the plant,
     * ``external``: generalized forces in addition to the inputs,
+    * ``contact_events``: contacts that opened and closed since the start,
     * ``takes_velocities`` and ``effort``: see ``Plant``.
 
     Args:
@@ -100,6 +103,27 @@ class PlantAdapter:
     def external(self) -> np.ndarray | None:
         """Generalized forces (nv,) in addition to the inputs; None without them."""
         return getattr(self.plant, "external", None)
+
+    def phases(self, start: float, dt: float) -> tuple[PhaseInfo, ...]:
+        """Intervals between the contact events of the plant, as phases of a run; empty if its contacts do not switch.
+
+        Args:
+            start: time of the first sample [s].
+            dt: sampling period [s].
+        """
+        events: tuple[ContactEvent, ...] = getattr(self.plant, "contact_events", ())
+        ends = [*(event.cause for event in events[1:]), None]
+        return tuple(
+            PhaseInfo(
+                " + ".join(event.closed) or "flight",
+                int(np.ceil(event.time / dt - _ROUNDING)),
+                start + event.time,
+                dict(event.impulses),
+                event.energy_loss,
+                end,
+            )
+            for event, end in zip(events, ends[: len(events)], strict=True)
+        )
 
     @property
     def friction_used(self) -> np.ndarray:

@@ -20,6 +20,7 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.simulation.derived_quantities import (
     MATRICES,
     BlockOfStates,
+    RowNames,
     StatesOfRun,
     blocks,
     by_name,
@@ -27,7 +28,7 @@ from rnc_pin.simulation.derived_quantities import (
     quantities_of_runs,
 )
 from rnc_pin.simulation.ground_bodies import GroundBody, ground_bodies
-from rnc_pin.simulation.run_info import Columns, Outcome, OutputNames, Provenance, RunInfo
+from rnc_pin.simulation.run_info import Columns, Outcome, OutputNames, PhaseInfo, Provenance, RunInfo
 from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.version import __version__
 
@@ -69,6 +70,8 @@ class Record:
         self._normal: NormalForces | None = None
         self.derived: dict[str, np.ndarray] | None = None
         """Derived quantities that somebody else computed."""
+        self.phases: tuple[PhaseInfo, ...] = ()
+        """Intervals with one set of constraints, of a plant whose contacts open and close."""
 
     @property
     def width(self) -> int:
@@ -214,9 +217,12 @@ class Record:
             if not np.isnan(column[first:]).any()
         )
         _fill_desired(a["x2_desired"], a["v2_desired"], a["x2"], dt)
+        rows = self._row_names()
         info = RunInfo(
             replace(
                 output_names(reduced),
+                multipliers=rows.multipliers,
+                contact_forces=rows.contact_forces,
                 friction_used=self._contacts,
                 normal_forces=self._normal_names(),
                 ground_poses=tuple(body.name for body in bodies),
@@ -227,6 +233,7 @@ class Record:
             provenance,
             outcome,
             message,
+            self.phases,
         )
         if deferred and outcome is Outcome.COMPLETED:
             q, v, T = (a[name].copy() for name in ("q", "v", "T"))  # the caller may change the others
@@ -239,8 +246,9 @@ class Record:
     ) -> dict[str, np.ndarray]:
         if self.derived is not None:
             return self.derived
-        reduced, N, names = self.reduced, len(q), self._normal_names()
-        derived = empty_quantities(reduced, N, len(names), len(bodies))
+        reduced, N, names, rows = self.reduced, len(q), self._normal_names(), self._row_names()
+        missing = 0.0 if rows.switching else np.nan
+        derived = empty_quantities(reduced, N, len(names), len(bodies), rows)
         for start, end, plant in self._stretches(N):
             own = self._normal if plant is self.reduced else None
             normal = (own or NormalForces(plant)) if names else None
@@ -249,16 +257,35 @@ class Record:
                 block = slice(start + inner.start, start + inner.stop)
                 external = None if self._external is None else self._external[block]
                 states = BlockOfStates(reduced, plant, t[block], q[block], v[block])
-                found = states.quantities(states.entries(), normal, T[block], external, bodies)
+                found = states.quantities(states.entries(), normal, T[block], external, bodies, rows=rows)
                 assert found is not None
                 for name, values in found.items():
-                    derived[name][block] = values if name != "normal_forces" else by_name(names, known, values)
+                    derived[name][block] = values if name != "normal_forces" else by_name(names, known, values, missing)
         return derived
+
+    def _row_names(self) -> RowNames:
+        """Rows with forces: those of the controller's model, or of all models of a plant whose contacts switch."""
+        if not self.phases:
+            return RowNames.of(self.reduced)
+        kept, every = (
+            tuple(dict.fromkeys(name for stack in stacks for name in stack.names))
+            for stacks in (
+                [model.constraints for model in self._plant_models()],
+                [model.all_constraints for model in self._plant_models()],
+            )
+        )
+        return RowNames(kept, every, switching=True)
+
+    def _plant_models(self) -> list[ReducedModel]:
+        """Controller's model and models of the plant, in the order of their first samples."""
+        return [self.reduced, *dict.fromkeys(model for _, model in self._models if model is not None)]
 
     def _normal_names(self) -> tuple[str, ...]:
         """Names of the contacts with known normal forces; empty if the plant is not a reduced model."""
         if not any(model is not None for _, model in self._models):
             return ()
+        if self.phases:
+            return tuple(dict.fromkeys(name for each in self._plant_models() for name in NormalForces(each).names))
         if self._normal is None:
             self._normal = NormalForces(self.reduced)
         return self._normal.names

@@ -173,6 +173,7 @@ class SampledRun:
 
     def finish(self, outcome: Outcome, message: str | None = None, deferred: bool = False) -> Trajectory:
         """Return the trajectory so far; ``deferred`` as for ``Record.finish``."""
+        self.record.phases = self._adapter.phases(self._start, self._dt)
         return self.record.finish(self._dt, self._provenance, outcome, message, deferred)
 
 

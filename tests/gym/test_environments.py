@@ -180,6 +180,7 @@ def test_limits_come_from_the_model_and_from_the_scenarios_own_run():
 
 REFUSED = {
     "phases": ("grasp", {}),
+    "contacts": ("space-robot", {"options": {"contacts": [{"constraint": {"caster": {"frame": "tip", "radius": 0}}}]}}),
     "faults": ("space-robot", {"options": {"faults": {"delay": 0.01}}}),
     "plant": ("space-robot", {"options": {"plant": "mujoco"}}),
     "actuators: there are none": ("space-robot", {"options": {"actuators": []}}),

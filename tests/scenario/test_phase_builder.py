@@ -73,6 +73,7 @@ def test_bounce_from_a_file():
     [
         ({"plant": "mujoco"}, "plant: 'mujoco' does not support phases"),
         ({"faults": {"masses": 0.1}}, "faults: does not support phases"),
+        ({"contacts": [{"constraint": GROUND}]}, "contacts: does not support phases"),
         ({"simulation": {"duration": 1.0, "on_lift_off": "stop"}}, "simulation.on_lift_off: set it in the phases"),
         ({"phases": [{"impact": [GROUND]}]}, "first phase has no impact"),
         (

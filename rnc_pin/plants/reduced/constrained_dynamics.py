@@ -88,13 +88,16 @@ class ConstrainedDynamics:
 
     # ------------------------------------------------------------------ states
 
-    def initial(self, q: np.ndarray, v: np.ndarray, chart: VelocityChart | None = None) -> np.ndarray:
-        """Return the initial y at time zero, in a chart centred at q; ``chart`` is that chart, if it exists."""
+    def initial(self, q: np.ndarray, v: np.ndarray, chart: VelocityChart | None = None, t: float = 0.0) -> np.ndarray:
+        """Return the initial y at time t, in a chart centred at q; ``chart`` is that chart, if it exists."""
         rheonomic = self.reduced.rheonomic
         if chart is None:
-            chart = self._chart_at(q, 0.0 if rheonomic else None)
+            chart = self._chart_at(q, t if rheonomic else None)
         self.chart = chart
-        return np.concatenate([self.chart.W @ v, np.zeros(len(self._where) + 1 + rheonomic)])
+        y = np.concatenate([self.chart.W @ v, np.zeros(len(self._where) + 1 + rheonomic)])
+        if rheonomic:
+            y[-2] = t
+        return y
 
     def _chart_at(self, q: np.ndarray, t: float | None) -> VelocityChart:
         return VelocityChart(self.reduced.reduction_data, q, self._integrands, t)

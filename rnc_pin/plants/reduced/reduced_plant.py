@@ -76,9 +76,14 @@ class ReducedPlant:
         self._y: np.ndarray
         self._state: StateEvaluation | None = None
 
-    def reset(self, q: np.ndarray, v: np.ndarray) -> None:
-        """Restart at configuration q (nq,) and velocity v (nv,); velocity against the constraints is removed."""
-        self._q, self._y = q, self._dynamics.initial(q, v)
+    def reset(self, q: np.ndarray, v: np.ndarray, t: float = 0.0) -> None:
+        """Restart at configuration q (nq,) and velocity v (nv,); velocity against the constraints is removed.
+
+        Args:
+            q, v: configuration and velocity.
+            t: time of rheonomic constraints [s].
+        """
+        self._q, self._y = q, self._dynamics.initial(q, v, t=t)
         self.applied, self._state = np.zeros(self.reduced.p), None
 
     @property

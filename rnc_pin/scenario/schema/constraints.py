@@ -31,6 +31,7 @@ from rnc_pin.constraints import (
 from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.model.rows import ConstraintKind
 from rnc_pin.planning import Reference
+from rnc_pin.plants import UnilateralContact
 from rnc_pin.scenario.schema.base import Numbers, Strict
 from rnc_pin.scenario.schema.derived import Entry, one_of, plain_or
 from rnc_pin.scenario.schema.outputs import OutputItem
@@ -73,6 +74,9 @@ ConstraintItem = Annotated[
         ),
     ),
 ]
+
+
+ContactItem = Annotated[UnilateralContact, Entry(UnilateralContact, forms={"constraint": ConstraintItem})]
 
 
 def with_ground(constraints: Sequence[ConstraintKind], ground: GroundPlane | CurvedGround) -> list[ConstraintKind]:

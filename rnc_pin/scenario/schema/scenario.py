@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated, Any, Literal, cast
 
 from pydantic import Field, model_validator
@@ -11,7 +12,7 @@ from rnc_pin.errors import nearest
 from rnc_pin.model.parameter_types import Positive
 from rnc_pin.scenario.schema.actuators import ActuatorItem
 from rnc_pin.scenario.schema.base import FileName, Strict
-from rnc_pin.scenario.schema.constraints import ConstraintItem, GroundItem, with_ground
+from rnc_pin.scenario.schema.constraints import ConstraintItem, ContactItem, GroundItem, with_ground
 from rnc_pin.scenario.schema.controllers import ControllerItem
 from rnc_pin.scenario.schema.derived import Entry
 from rnc_pin.scenario.schema.forces import ForceItem
@@ -69,6 +70,9 @@ class Scenario(Strict):
     """Ground of all constraints that have none of their own; the plane z = 0 at rest by default."""
     constraints: list[ConstraintItem] = []
     """Constraints on the motion of the robot."""
+    contacts: list[ContactItem] = []
+    """Contacts with the ground that close when the robot lands and open when it lifts off; the model of the controller
+    does not contain them."""
     mimic: bool = True
     """True to keep the mimic joints of the robot's file coupled to their drivers."""
     actuators: list[ActuatorItem] = []
@@ -126,7 +130,11 @@ class Scenario(Strict):
     def _constraints_have_ground(self) -> Scenario:
         if self.ground is None:
             return self
-        return self.model_copy(update={"constraints": with_ground(self.constraints, cast(GroundPlane, self.ground))})
+        plane, contacts = cast(GroundPlane, self.ground), [each.constraint for each in self.contacts]
+        grounded = with_ground([*self.constraints, *contacts], plane)
+        count = len(self.constraints)
+        landing = [replace(each, constraint=kind) for each, kind in zip(self.contacts, grounded[count:], strict=True)]
+        return self.model_copy(update={"constraints": grounded[:count], "contacts": landing})
 
     @model_validator(mode="after")
     def _variant_exists(self) -> Scenario:

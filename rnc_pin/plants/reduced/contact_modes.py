@@ -1,0 +1,173 @@
+"""Models of a system with each set of closed contacts, and the sets that fit contacts that only push."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from itertools import combinations
+
+import numpy as np
+import scipy
+
+from rnc_pin.analysis.normal_forces import nonnegative
+from rnc_pin.errors import ConstraintError, SimulationError
+from rnc_pin.model.impact import Impact, impact
+from rnc_pin.model.kinematics import Kinematics, PositionKinematics
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.model.system import NonholonomicSystem
+from rnc_pin.plants.reduced.reduced_plant import ReducedPlant
+from rnc_pin.plants.reduced.unilateral_contact import BoundContact
+
+_FORCE = 1e-9  # force that counts as zero, relative to the sum of all, plus 1 N
+_MOTION = 1e-8  # velocity or acceleration of a gap that counts as zero, relative to those of the robot, plus 1
+_SMALL = 1e-9
+
+Closed = frozenset[int]
+"""Indices of the closed contacts."""
+
+
+class ContactModes:
+    """Models of a system with each set of closed contacts, made at their first use.
+
+    Args:
+        system: system without the contacts.
+        contacts: the contacts.
+        plant_of: function from a model to its plant.
+    """
+
+    def __init__(
+        self,
+        system: NonholonomicSystem,
+        contacts: list[BoundContact],
+        plant_of: Callable[[ReducedModel], ReducedPlant],
+    ) -> None:
+        self._system, self.contacts, self._plant_of = system, contacts, plant_of
+        self._kinematics = Kinematics(system.robot)
+        self._plants: dict[Closed, ReducedPlant] = {}
+
+    def plant(self, closed: Closed) -> ReducedPlant:
+        """Plant with a set of closed contacts.
+
+        Raises:
+            ConstraintError: the constraints of the set cannot act together.
+        """
+        if closed not in self._plants:
+            kinds = [self.contacts[number].contact.constraint for number in sorted(closed)]
+            try:
+                self._plants[closed] = self._plant_of(self._system.with_constraints(kinds).reduce())
+            except ConstraintError as error:
+                raise ConstraintError(f"contacts {self.names(closed)} closed: {error}") from None
+        return self._plants[closed]
+
+    def names(self, closed: Iterable[int]) -> str:
+        """Names of contacts in a message."""
+        return ", ".join(self.contacts[number].name for number in sorted(closed)) or "none"
+
+    def position(self, q: np.ndarray) -> PositionKinematics:
+        """Kinematics at a configuration (nq,)."""
+        return self._kinematics.position(q)
+
+    def forces(self, closed: Closed, state: StateEvaluation, T: np.ndarray, external: np.ndarray | None) -> np.ndarray:
+        """Normal forces (c,) of the closed contacts in order [N]; none below zero if they can share the load so.
+
+        Args:
+            closed: contacts that are closed in the model of the state.
+            state: state of that model.
+            T: inputs (p,).
+            external: generalized forces (nv,) in addition to the inputs, if any.
+        """
+        rows = self.plant(closed).reduced.all_constraints.names
+        up = [rows.index(self.contacts[number].row) for number in sorted(closed)]
+        return _shared(-state.contact_forces(T, external)[up], state.all_rows, up)
+
+    def after_impact(self, touching: Closed, q: np.ndarray, v: np.ndarray, t: float) -> tuple[Closed, Impact]:
+        """Contacts that are closed after an impact, and the impact.
+
+        Contacts that take part push, and those that do not separate. The first such set counts, the largest ones first.
+
+        Args:
+            touching: contacts without a gap.
+            q, v: configuration (nq,) and velocity (nv,) before the impact.
+            t: time [s].
+
+        Raises:
+            SimulationError: there is no such set.
+            ConstraintError: the impact of a set is impossible.
+        """
+        at = self.position(q)
+        rates = {number: self.contacts[number].gap_rate(at, v) for number in touching}
+        for closed in _subsets(touching):
+            jump, impulses = self._impact(closed, rates, q, v, t)
+            speed = _MOTION * (1.0 + float(np.abs(v).max()))
+            after = {number: self.contacts[number].gap_rate(at, jump.v) for number in touching}
+            pushing = (impulses >= -_FORCE * (1.0 + np.abs(impulses).sum())).all()
+            if pushing and all(after[number] >= -speed for number in touching - closed):
+                return frozenset(number for number in closed if after[number] <= speed), jump
+        raise SimulationError(
+            f"impact of {self.names(touching)} at t = {t:.4f} s: no set of contacts that only push satisfies "
+            "Newton's law"
+        )
+
+    def _impact(
+        self, closed: Closed, rates: dict[int, float], q: np.ndarray, v: np.ndarray, t: float
+    ) -> tuple[Impact, np.ndarray]:
+        """Impact of a set of contacts, and its normal impulses (c,)."""
+        reduced, numbers = self.plant(closed).reduced, sorted(closed)
+        reduced = reduced.frozen(t) if reduced.rheonomic else reduced
+        given = [self.contacts[number].contact for number in numbers]
+        # Below the rest speed no contact rebounds: dependent rows need equal coefficients.
+        rebounds = any(-each.restitution * rates[k] > each.rest_speed for k, each in zip(numbers, given, strict=True))
+        rows = [self.contacts[number].row for number in numbers]
+        coefficients = {row: float(each.restitution) * rebounds for row, each in zip(rows, given, strict=True)}
+        jump = impact(reduced, q, v, coefficients)
+        impulses = np.array([jump.impulses[row] for row in rows])
+        if (impulses < 0).any():
+            up = [reduced.all_constraints.names.index(row) for row in rows]
+            impulses = _shared(impulses, reduced.at(q, v=jump.v).all_rows, up)
+        return jump, impulses
+
+    def holds(self, closed: Closed, others: Closed, plant: ReducedPlant) -> bool:
+        """True if contacts stay closed by pushing at the state of a plant, and the others do not come closer.
+
+        Args:
+            closed: contacts that are closed in the model of the plant.
+            others: contacts without a gap that are open.
+            plant: the plant, with its inputs.
+        """
+        state, T, external = plant.state, plant.applied, plant.external
+        forces = self.forces(closed, state, T, external)
+        if (forces < -force_margin(forces)).any():
+            return False
+        if not others:
+            return True
+        v_dot = state.acceleration(T, external)
+        at, limit = self.position(state.q).with_velocity(state.v), _MOTION * (1.0 + float(np.abs(v_dot).max()))
+        return all(self.contacts[number].gap_acceleration(at, v_dot) >= -limit for number in others)
+
+
+def force_margin(forces: np.ndarray) -> float:
+    """Force [N] that counts as zero beside forces (c,)."""
+    return _FORCE * (1.0 + float(np.abs(forces).sum()))
+
+
+def consistent(candidates: Closed, holds: Callable[[Closed], bool]) -> Closed | None:
+    """First set of closed contacts that holds, the largest ones first; None if there is none.
+
+    Args:
+        candidates: contacts without a gap.
+        holds: function from a set to True if it is consistent.
+    """
+    return next((closed for closed in _subsets(candidates) if holds(closed)), None)
+
+
+def _subsets(contacts: Closed) -> Iterator[Closed]:
+    for size in range(len(contacts), -1, -1):
+        for each in combinations(sorted(contacts), size):
+            yield frozenset(each)
+
+
+def _shared(forces: np.ndarray, rows: np.ndarray, up: list[int]) -> np.ndarray:
+    """Forces of the height rows, shared so that none is below zero if that is possible."""
+    if not (forces < 0).any():
+        return forces
+    return np.asarray(nonnegative(forces, scipy.linalg.null_space(rows.T, rcond=_SMALL)[up]))

@@ -1,0 +1,332 @@
+"""Plant whose contacts with the ground open and close by themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy
+
+from rnc_pin.errors import ConfigurationError, InputError, SimulationError
+from rnc_pin.model.impact import Impact
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.system import NonholonomicSystem
+from rnc_pin.plants.reduced.contact_modes import Closed, ContactModes, consistent, force_margin
+from rnc_pin.plants.reduced.reduced_plant import Checkpoint, ReducedPlant
+from rnc_pin.plants.reduced.unilateral_contact import BoundContact, UnilateralContact
+
+_INSIDE = 1e-4  # depth below the ground that counts as rounding of an initial configuration [m]
+_TOUCHES = 1e-9  # gap of a contact that lands together with another one [m]
+_ROUNDING = 1e-12  # depth below the ground that rounding explains after a contact has opened [m]
+_PRECISION = 1e-12  # of the time of an event, relative to the time of a step
+_HALVINGS = 40
+_EVENTS = 100  # largest number of events in one step
+
+
+@dataclass(frozen=True)
+class ContactEvent:
+    """Contacts that opened or closed.
+
+    Attributes:
+        time: time [s].
+        cause: description, such as "landing of ball"; "start" for the first one.
+        closed: names of the closed contacts from then on.
+        impulses: impulse of each row that took part in an impact [N s or N m s]; empty without an impact.
+        energy_loss: kinetic energy that the impact removed [J].
+    """
+
+    time: float
+    cause: str
+    closed: tuple[str, ...]
+    impulses: Mapping[str, float] = field(default_factory=dict)
+    energy_loss: float = 0.0
+
+
+class _Signals:
+    """Gaps (c,) and their rates of all contacts, and normal forces of the closed ones, at the state of a plant."""
+
+    def __init__(self, modes: ContactModes, closed: Closed, plant: ReducedPlant) -> None:
+        state = plant.state
+        at = modes.position(state.q)
+        self.gaps = np.array([each.gap(at) for each in modes.contacts])
+        self.rates = np.array([each.gap_rate(at, state.v) for each in modes.contacts])
+        self.forces = np.zeros(0)
+        if closed:
+            self.forces = modes.forces(closed, state, plant.applied, plant.external)
+
+
+class ContactPlant:
+    """Plant whose contacts with the ground open and close by themselves.
+
+    Each set of closed contacts has a model, which a ``ReducedPlant`` integrates. The plant finds the time of the next
+    event within a step, to rounding:
+
+    * A contact lands when its gap becomes zero. The impact is that of ``rnc.impact``, with the coefficient of the
+      contact for its height row and zero for the rows that prevent slip. If the contact does not rebound, it closes.
+    * A contact lifts off when its normal force becomes zero. It can land again.
+
+    Contacts that close or open together are the largest set in which contacts only push and the others separate.
+
+    Args:
+        system: system without the contacts, with the actuators.
+        contacts: the contacts.
+        joint_damping, actuator_limits, joint_friction, substeps: as for ``ReducedPlant``.
+
+    Attributes:
+        closed: indices of the closed contacts.
+        contact_events: events since the start.
+
+    Raises:
+        ConfigurationError: no contacts, contacts of the same name, or a contact without a gap.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
+        >>> system = rnc.NonholonomicSystem(robot)
+        >>> plant = rnc.ContactPlant(system, [rnc.UnilateralContact(rnc.RollingBall("ball", 0.2), restitution=0.5)])
+        >>> plant.reset(robot.configuration({"root_joint": [0, 0, 0.5, 0, 0, 0, 1]}), np.zeros(6))
+        >>> plant.advance(0.5)
+        >>> [(event.cause, round(event.time, 3)) for event in plant.contact_events]
+        [('start', 0.0), ('landing of ball', 0.247), ('landing of ball', 0.495)]
+    """
+
+    def __init__(
+        self,
+        system: NonholonomicSystem,
+        contacts: Sequence[UnilateralContact],
+        joint_damping: bool = False,
+        actuator_limits: bool = False,
+        joint_friction: bool = False,
+        substeps: int = 1,
+    ) -> None:
+        if not isinstance(system, NonholonomicSystem):
+            raise ConfigurationError(
+                f"ContactPlant: expected a NonholonomicSystem without the contacts, found {type(system).__name__}"
+            )
+        if not contacts or not all(isinstance(each, UnilateralContact) for each in contacts):
+            raise ConfigurationError(f"contacts: expected a list of UnilateralContact, found {contacts!r}")
+        bound = [BoundContact(each, system.robot) for each in contacts]
+        names = [each.name for each in bound]
+        for name in names:
+            if names.count(name) > 1:
+                raise ConfigurationError(f"contacts: '{name}' occurs twice")
+        self._modes = ContactModes(
+            system,
+            bound,
+            lambda reduced: ReducedPlant(reduced, joint_damping, actuator_limits, joint_friction, substeps),
+        )
+        self.closed: Closed = frozenset()
+        self._plant = self._modes.plant(self.closed)
+        self.contact_events: tuple[ContactEvent, ...] = ()
+        self._time, self._past_work = 0.0, 0.0
+
+    # ------------------------------------------------------------------ state
+
+    @property
+    def reduced(self) -> ReducedModel:
+        """Model with the contacts that are closed."""
+        return self._plant.reduced
+
+    @property
+    def applied(self) -> np.ndarray:
+        """Applied inputs (p,), within the actuator limits."""
+        return self._plant.applied
+
+    @property
+    def external(self) -> np.ndarray | None:
+        """Generalized forces (nv,) of damping and friction; None without them."""
+        return self._plant.external
+
+    @property
+    def work(self) -> float:
+        """Work since the start, minus the energy that damping, friction and impacts removed [J]."""
+        return self._past_work + self._plant.work
+
+    def reset(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Restart at time zero, at configuration q (nq,) and velocity v (nv,).
+
+        Contacts without a gap are closed; if they approach the ground, with an impact.
+
+        Raises:
+            InputError: a contact is below the ground.
+        """
+        self._time, self._past_work, self.contact_events = 0.0, 0.0, ()
+        self.closed = frozenset()
+        self._plant = self._modes.plant(self.closed)
+        self._plant.reset(np.array(q, dtype=float), np.array(v, dtype=float))
+        start = _Signals(self._modes, self.closed, self._plant)
+        for each, gap in zip(self._modes.contacts, start.gaps, strict=True):
+            if gap < -_INSIDE:
+                raise InputError(f"contact '{each.name}' starts {-gap:.3g} m below the ground")
+        touching = frozenset(np.flatnonzero((start.gaps <= _INSIDE) & (start.rates <= 0.0)).tolist())
+        if touching:
+            self._land("start", touching)
+        else:
+            self._record("start")
+
+    def read(self) -> tuple[np.ndarray, np.ndarray]:
+        """Configuration (nq,) and velocity (nv,)."""
+        return self._plant.read()
+
+    def apply(self, T: np.ndarray) -> None:
+        """Hold the inputs T (p,), clipped to the actuator limits. A jump of the inputs can open contacts."""
+        self._plant.apply(T)
+        self._open_where_pulled()
+
+    # ------------------------------------------------------------------ motion
+
+    def advance(self, dt: float) -> None:
+        """Advance by a time dt [s], through all events on the way.
+
+        Raises:
+            DivergenceError: velocities or accelerations are not finite.
+            SimulationError: contacts open and close without end, or no set of them is consistent.
+        """
+        end = self._time + dt
+        for _ in range(_EVENTS):
+            left = end - self._time
+            here, before = self._plant.checkpoint(), _Signals(self._modes, self.closed, self._plant)
+            self._plant.advance(left)
+            there = self._plant.checkpoint()
+            event = self._first_event(here, before, left)
+            if event is None:
+                self._plant.rollback(there)
+                self._time = end
+                return
+            elapsed, number = event
+            self._go(here, elapsed)
+            self._time = min(self._time + elapsed, end)
+            self._happen(number)
+        raise SimulationError(
+            f"contacts open and close {_EVENTS} times within {dt:g} s at t = {self._time:.4f} s: "
+            "increase the rest_speed of the contacts"
+        )
+
+    def _go(self, here: Checkpoint, elapsed: float) -> None:
+        """Move to a time after a checkpoint [s]."""
+        self._plant.rollback(here)
+        if elapsed > 0.0:
+            self._plant.advance(elapsed)
+
+    def _happen(self, number: int) -> None:
+        """Open or close a contact at the present state."""
+        name = self._modes.contacts[number].name
+        if number in self.closed:
+            self._use(self.closed - {number}, self.closed)
+            self._record(f"lift-off of {name}")
+            return
+        now = _Signals(self._modes, frozenset(), self._plant)
+        with_it = np.flatnonzero((now.gaps <= _TOUCHES) & (now.rates < 0.0)).tolist()
+        self._land(f"landing of {name}", self.closed | {number, *with_it})
+
+    def _land(self, cause: str, touching: Closed) -> None:
+        """Apply an impact of the touching contacts."""
+        q, v = self._plant.read()
+        candidates, jump = self._modes.after_impact(touching, q, v, self._time)
+        T = self._plant.applied
+        self._past_work += self._plant.work - jump.loss
+        self.closed = frozenset()
+        self._plant = self._started(self.closed, q, jump.v, T)
+        self._use(candidates, candidates)
+        hit = np.abs(jump.v - jump.v_before).max() > 1e-9 * max(float(np.abs(jump.v_before).max()), 1e-9)
+        self._record(cause, jump if hit else None)
+
+    def _open_where_pulled(self) -> None:
+        """Open contacts whose normal force is negative, as after a jump of the inputs."""
+        before = self.closed
+        if before and not self._modes.holds(before, frozenset(), self._plant):
+            self._use(before, before)
+            self._record(f"lift-off of {self._modes.names(before - self.closed)}")
+
+    def _use(self, candidates: Closed, touching: Closed) -> None:
+        """Close those of the candidates that push while the others that touch separate."""
+        q, v = self._plant.read()
+        started = {self.closed: self._plant}
+
+        def holds(closed: Closed) -> bool:
+            if closed not in started:
+                started[closed] = self._started(closed, q, v, self._plant.applied)
+            return self._modes.holds(closed, touching - closed, started[closed])
+
+        found = consistent(candidates, holds)
+        if found is None:
+            raise SimulationError(
+                f"contacts {self._modes.names(touching)} at t = {self._time:.4f} s: no set of them only pushes while "
+                "the others separate"
+            )
+        if started[found] is not self._plant:
+            self._past_work += self._plant.work
+            self.closed, self._plant = found, started[found]
+
+    def _started(self, closed: Closed, q: np.ndarray, v: np.ndarray, T: np.ndarray) -> ReducedPlant:
+        """Plant of a set of closed contacts, at a state and under inputs T."""
+        plant = self._modes.plant(closed)
+        plant.reset(q, v, self._time)
+        plant.apply(T)
+        return plant
+
+    def _record(self, cause: str, jump: Impact | None = None) -> None:
+        closed = tuple(self._modes.contacts[number].name for number in sorted(self.closed))
+        impulses = {} if jump is None else {name: each for name, each in jump.impulses.items() if each}
+        loss = 0.0 if jump is None else jump.loss
+        self.contact_events += (ContactEvent(self._time, cause, closed, impulses, loss),)
+
+    # ------------------------------------------------------------------ events
+
+    def _first_event(self, here: Checkpoint, before: _Signals, dt: float) -> tuple[float, int] | None:
+        """Time after the checkpoint [s] and contact of the first event within a step; None without any."""
+        after = _Signals(self._modes, self.closed, self._plant)
+        found: list[tuple[float, int]] = []
+        margin = force_margin(after.forces)
+        for column, number in enumerate(sorted(self.closed)):
+            if after.forces[column] < -margin:
+                found.append((self._zero_of_force(here, before, column, dt), number))
+        for number in range(len(self._modes.contacts)):
+            if number not in self.closed:
+                time = self._landing_time(here, before, after, number, dt)
+                found += [] if time is None else [(time, number)]
+        return min(found, default=None)
+
+    def _zero_of_force(self, here: Checkpoint, before: _Signals, column: int, dt: float) -> float:
+        if before.forces[column] <= 0.0:
+            return 0.0
+        return self._root(here, lambda: float(_Signals(self._modes, self.closed, self._plant).forces[column]), 0.0, dt)
+
+    def _landing_time(
+        self, here: Checkpoint, before: _Signals, after: _Signals, number: int, dt: float
+    ) -> float | None:
+        """Time at which the gap of a contact becomes zero; None if it stays open."""
+        contact = self._modes.contacts[number]
+
+        def gap() -> float:
+            return contact.gap(self._modes.position(self._plant.state.q))
+
+        def rate() -> float:
+            return contact.gap_rate(self._modes.position(self._plant.state.q), self._plant.state.v)
+
+        end, departs = dt, before.gaps[number] <= _ROUNDING
+        if after.gaps[number] >= (-_ROUNDING if departs else 0.0):
+            # It may touch the ground in between, such as the corner of a body that turns.
+            if not before.rates[number] < 0.0 < after.rates[number]:
+                return None
+            end = self._root(here, rate, 0.0, dt)
+            self._go(here, end)
+            if gap() >= -_ROUNDING:
+                return None
+        if not departs:
+            return self._root(here, gap, 0.0, end)
+        for halving in range(1, _HALVINGS):
+            start = end * 0.5**halving
+            self._go(here, start)
+            if gap() > 0.0:
+                return self._root(here, gap, start, end)
+        return 0.0
+
+    def _root(self, here: Checkpoint, value: Callable[[], float], start: float, end: float) -> float:
+        """Time after the checkpoint at which a value of the state crosses zero [s]."""
+
+        def at(elapsed: float) -> float:
+            self._go(here, elapsed)
+            return value()
+
+        return float(scipy.optimize.brentq(at, start, end, xtol=_PRECISION * end, rtol=1e-14))

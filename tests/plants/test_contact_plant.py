@@ -1,0 +1,246 @@
+"""Contacts that open and close by themselves, against closed forms and an integration with events by SciPy."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import scipy
+
+import rnc_pin as rnc
+from simple_controllers import Idle, Inputs
+
+G = 9.81
+
+
+def body(mass, inertia, **frames):
+    """A free body with frames at given places."""
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
+    model.appendBodyToJoint(joint, pin.Inertia(mass, np.zeros(3), np.diag(inertia)), pin.SE3.Identity())
+    for name, place in frames.items():
+        model.addFrame(pin.Frame(name, joint, 0, pin.SE3(np.eye(3), np.array(place)), pin.FrameType.OP_FRAME))
+    return rnc.Robot(model)
+
+
+@pytest.fixture(scope="module")
+def ball():
+    """A ball of 2 kg with radius 0.1 m, and an upward force."""
+    robot = body(2.0, [0.008] * 3, ball=[0.0, 0.0, 0.0])
+    return rnc.NonholonomicSystem(robot, [], [rnc.FrameForce("ball", "z")])
+
+
+@pytest.fixture(scope="module")
+def free(ball):
+    return ball.reduce()
+
+
+def at(system, height, pitch=0.0):
+    return system.robot.configuration({"root_joint": [0, 0, height, 0, np.sin(pitch / 2), 0, np.cos(pitch / 2)]})
+
+
+def test_bouncing_ball(ball, free):
+    """Heights e^2n h, and times of flight e^n; then it rolls with 5/7 of its speed. The energy balance closes."""
+    e, height, speed, rest = 0.6, 0.3, 0.7, 0.2
+    contact = rnc.UnilateralContact(rnc.RollingBall("ball", 0.1), e, rest_speed=rest)
+    plant = rnc.ContactPlant(ball, [contact], substeps=8)
+    v = [speed, 0, 0, 0, 0, 0]
+    run = rnc.simulate(free, Idle(1), at(ball, 0.1 + height), 1.0, 0.02, v2_0=v, plant=plant)
+    fall = np.sqrt(2 * height / G)
+    bounces = int(np.floor(np.log(rest / (G * fall)) / np.log(e)))
+    phases = run.info.phases
+    flights = fall * np.array([1.0, *(2 * e**k for k in range(1, bounces + 1))])
+    np.testing.assert_allclose([each.start for each in phases[1:]], np.cumsum(flights), rtol=1e-9)
+    assert [each.name for each in phases] == ["flight"] * (bounces + 1) + ["ball"]
+    # Kinetic energy before and after each bounce, and what friction takes at the first one.
+    kinetic = 2.0 * G * height * e ** (2 * np.arange(bounces + 1))
+    lost = kinetic * (1 - e**2)
+    lost[-1] = kinetic[-1]
+    lost[0] += 0.5 * 2.0 * speed**2 * 2 / 7
+    np.testing.assert_allclose([each.energy_loss for each in phases[1:]], lost, rtol=1e-7)
+    assert np.ptp(run.energy - run.work) < 1e-8
+    second = run.q[run.phase == 1][:, 2]
+    assert second.max() == pytest.approx(0.1 + e**2 * height, abs=G * 0.02**2 / 8)
+    rolls = run.phase == bounces + 1
+    assert not run.normal_forces[~rolls].any()
+    np.testing.assert_allclose(run.normal_forces[rolls, 0], 2.0 * G, rtol=1e-9)
+    np.testing.assert_allclose(run.v[rolls, 4], 5 / 7 * speed / 0.1, rtol=1e-6)
+    assert np.abs(run.q[rolls, 2] - 0.1).max() < 1e-12
+    assert rnc.summarize(run)["impacts"][0]["energy_loss"] == pytest.approx(lost[0])
+
+
+def test_contact_opens_and_closes_in_one_run(ball, free):
+    """A push of 1.5 weights for 0.1 s: the jump of the input opens the contact, gravity closes it."""
+    push, weight = 0.1, 2.0 * G
+    pull = Inputs(lambda t: [1.5 * weight if t < push - 1e-9 else 0.0])
+    contact = rnc.UnilateralContact(rnc.RollingBall("ball", 0.1))
+    run = rnc.simulate(free, pull, at(ball, 0.1), 0.5, 0.01, plant=rnc.ContactPlant(ball, [contact]))
+    height, speed = 0.5 * 0.5 * G * push**2, 0.5 * G * push
+    landing = push + (speed + np.sqrt(speed**2 + 2 * G * height)) / G
+    assert [each.end for each in run.info.phases] == ["lift-off of ball", "landing of ball", None]
+    assert run.info.phases[2].start == pytest.approx(landing, rel=1e-10)
+    assert run.info.phases[2].energy_loss == pytest.approx(0.5 * 2.0 * (speed**2 + 2 * G * height))
+    flies = run.phase == 1
+    assert run.time[flies][0] == 0.0
+    assert not run.contact_forces[flies].any()
+    assert rnc.summarize(run)["lift_off"] is None
+    assert np.ptp(run.energy - run.work) < 1e-9
+
+
+@pytest.mark.parametrize("e", [0.0, 0.4])
+def test_rod_falls_on_one_end(e):
+    """Impulse ``m (1 + e) u / (1 + 3 cos^2)`` of a rod that falls at speed u without turning, on a frictionless end."""
+    length, mass, pitch, height = 1.2, 3.0, 0.5, 0.8
+    turning = mass * length**2 / 12
+    robot = body(mass, [1e-3, turning, turning], end=[0.5 * length, 0, 0])
+    system = rnc.NonholonomicSystem(robot)
+    plant = rnc.ContactPlant(system, [rnc.UnilateralContact(rnc.Caster("end", 0.0), e)])
+    drop = height - 0.5 * length * np.sin(pitch)  # a positive pitch lowers the end
+    plant.reset(at(system, height, pitch), np.zeros(6))
+    plant.advance(np.sqrt(2 * drop / G) + 1e-9)
+    impact = plant.contact_events[1]
+    u, cos = np.sqrt(2 * G * drop), np.cos(pitch)
+    impulse = mass * (1 + e) * u / (1 + 3 * cos**2)
+    assert impact.impulses["vertical(end)"] == pytest.approx(impulse, rel=1e-8)
+    v = plant.read()[1]
+    assert v[4] == pytest.approx(-6 * (1 + e) * u * cos / (length * (1 + 3 * cos**2)), rel=1e-6)
+    assert impact.energy_loss == pytest.approx(0.5 * (1 - e**2) * u**2 * mass / (1 + 3 * cos**2), rel=1e-8)
+    assert impact.closed == (("end",) if e == 0 else ())
+
+
+@pytest.mark.parametrize(("turning", "closed"), [(0.1, ("left", "right")), (0.5, ("right",))])
+def test_body_that_rocks(turning, closed):
+    """As the right foot lands, the left one stays if ``I < m a^2``, and lifts off if ``I > m a^2``."""
+    mass, a, tilt = 1.0, 0.5, 0.05
+    robot = body(mass, [1e-3, turning, turning], left=[-a, 0, 0], right=[a, 0, 0])
+    system = rnc.NonholonomicSystem(robot)
+    feet = [rnc.UnilateralContact(rnc.Caster(name, 0.0)) for name in ("left", "right")]
+    plant = rnc.ContactPlant(system, feet)
+    plant.reset(at(system, a * np.sin(tilt), -tilt), np.zeros(6))  # on the left foot
+    for _ in range(40):
+        plant.advance(0.01)
+        if len(plant.contact_events) > 1:
+            break
+    before, landing = plant.contact_events
+    assert before.closed == ("left",)
+    assert landing.cause == "landing of right"
+    assert landing.closed == closed
+    # Energy of the fall, half of it along the vertical: w^2 (I + m a^2 cos^2) = 2 m g a sin(tilt), at the end cos = 1.
+    w = np.sqrt(2 * mass * G * a * np.sin(tilt) / (turning + mass * a**2))
+    if closed == ("right",):  # an impulse at the right foot alone stops this foot
+        impulse = 2 * a * w / (1 / mass + a**2 / turning)
+        assert landing.impulses == {"vertical(right)": pytest.approx(impulse, rel=1e-6)}
+    else:
+        up, moment = mass * a * w, turning * w / a
+        expected = {"vertical(left)": (up - moment) / 2, "vertical(right)": (up + moment) / 2}
+        assert landing.impulses == {name: pytest.approx(value, rel=1e-6) for name, value in expected.items()}
+
+
+def test_wheel_lands_and_rolls():
+    """Momentum about the contact: ``v = (2 u + r w) / 3`` of a disk with speed u and spin w; then it rolls on."""
+    robot = rnc.Robot.from_urdf("rolling_disk.urdf", base="free")
+    system = rnc.NonholonomicSystem(robot)
+    r, speed, spin, height = 0.25, 0.4, 12.0, 0.2
+    plant = rnc.ContactPlant(system, [rnc.UnilateralContact(rnc.RollingWheel("disk", r, axis="y"))], substeps=8)
+    v2 = np.array([speed, 0, 0, 0, spin, 0])
+    run = rnc.simulate(system.reduce(), Idle(0), at(system, r + height), 0.4, 0.01, v2_0=v2, plant=plant)
+    fall, rolling = np.sqrt(2 * height / G), (2 * speed + r * spin) / 3
+    landing = run.info.phases[1]
+    assert landing.start == pytest.approx(fall, rel=1e-9)
+    assert landing.impulses["rolling(disk)"] == pytest.approx(2.0 * (rolling - speed), rel=1e-6)
+    x = speed * fall + rolling * (run.time - fall)
+    on_ground = run.time > fall
+    np.testing.assert_allclose(run.q[on_ground, 0], x[on_ground], atol=1e-7)
+    np.testing.assert_allclose(run.v[on_ground, 4], rolling / r, rtol=1e-6)
+    before = 0.5 * 2.0 * (speed**2 + 2 * G * height) + 0.5 * 0.0625 * spin**2
+    after = 0.75 * 2.0 * rolling**2
+    assert landing.energy_loss == pytest.approx(before - after, rel=1e-7)
+
+
+def test_hopper_as_scipy_integrates_it_with_events():
+    """Two masses and a spring: it lands, is compressed, lifts off and lands again."""
+    upper, lower, k, length = 1.5, 0.4, 400.0, 0.5
+    model = pin.Model()
+    first = model.addJoint(0, pin.JointModelPZ(), pin.SE3.Identity(), "body")
+    model.appendBodyToJoint(first, pin.Inertia(upper, np.zeros(3), 1e-3 * np.eye(3)), pin.SE3.Identity())
+    leg = model.addJoint(first, pin.JointModelPZ(), pin.SE3(np.eye(3), np.array([0, 0, -length])), "leg")
+    model.appendBodyToJoint(leg, pin.Inertia(lower, np.zeros(3), 1e-3 * np.eye(3)), pin.SE3.Identity())
+    model.addFrame(pin.Frame("foot", leg, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    system = rnc.NonholonomicSystem(rnc.Robot(model), forces=[rnc.forces.Spring(rnc.JointPosition("leg"), k)])
+    plant = rnc.ContactPlant(system, [rnc.UnilateralContact(rnc.Caster("foot", 0.0))], substeps=4)
+    plant.reset(np.array([length + 0.3, 0.0]), np.zeros(2))
+    for _ in range(150):
+        plant.advance(0.01)
+
+    def flight(t, y):  # height of the body, height of the foot, and their rates
+        force = k * (y[1] - y[0] + length)
+        return [y[2], y[3], force / upper - G, -force / lower - G]
+
+    def stance(t, y):
+        return [y[2], 0.0, k * (y[1] - y[0] + length) / upper - G, 0.0]
+
+    def gap(t, y):
+        return y[1]
+
+    def force(t, y):
+        return lower * G + k * (y[1] - y[0] + length)
+
+    gap.terminal = force.terminal = True
+    gap.direction = force.direction = -1.0
+    t, y, events, standing = 0.0, np.array([length + 0.3, 0.3, 0.0, 0.0]), [], False
+    while t < 1.5:
+        rate, event = (stance, force) if standing else (flight, gap)
+        found = scipy.integrate.solve_ivp(rate, (t, 1.5), y, "DOP853", events=event, rtol=1e-11, atol=1e-12)
+        t, y = found.t[-1], found.y[:, -1].copy()
+        if found.status == 1:
+            y[1], y[3] = 0.0, 0.0
+            # The spring may pull at the foot as it lands: it stops there, and rises again.
+            standing = not standing and force(t, y) > 0.0
+            y[1] = 0.0 if standing else 1e-15
+            events.append((t, ("foot",) if standing else ()))
+    own = plant.contact_events[1:]
+    assert [event.closed for event in own] == [closed for _, closed in events]
+    assert sum(event.cause == "landing of foot" and not event.closed for event in own) == 1
+    np.testing.assert_allclose([event.time for event in own], [time for time, _ in events], atol=1e-6)
+    np.testing.assert_allclose(plant.read()[0][0], y[0], atol=1e-6)
+
+
+def test_wheels_that_share_the_load_stay_closed():
+    """Three supports in a line share the weight in many ways; none of them opens."""
+    robot = body(1.0, [0.1, 0.1, 0.1], a=[-1, 0, 0], b=[0, 0, 0], c=[1, 0, 0])
+    system = rnc.NonholonomicSystem(robot)
+    plant = rnc.ContactPlant(system, [rnc.UnilateralContact(rnc.Caster(name, 0.1), 0.5) for name in "abc"])
+    plant.reset(at(system, 0.2), np.array([0.3, 0, 0, 0, 0, 0]))
+    for _ in range(10):
+        plant.advance(0.1)
+    assert plant.contact_events[1].closed == ()  # all three rebound together
+    assert plant.contact_events[-1].closed == ("a", "b", "c")
+    np.testing.assert_allclose(plant.read()[1], [0.3, 0, 0, 0, 0, 0], atol=1e-9)
+
+
+def test_refusals(ball, free):
+    contact = rnc.UnilateralContact(rnc.RollingBall("ball", 0.1))
+    with pytest.raises(rnc.InputError, match=r"contact 'ball' starts 0\.05 m below the ground"):
+        rnc.simulate(free, Idle(1), at(ball, 0.05), 0.1, 0.01, plant=rnc.ContactPlant(ball, [contact]))
+    with pytest.raises(rnc.ConfigurationError, match="expected a NonholonomicSystem without the contacts"):
+        rnc.ContactPlant(free, [contact])
+    with pytest.raises(rnc.ConfigurationError, match="'ball' occurs twice"):
+        rnc.ContactPlant(ball, [contact, contact])
+    bowl = rnc.SphericalGround(2.0)
+    for kind, message in (
+        (rnc.NoSideSlip("ball"), "NoSideSlip: .*found 0 height rows"),
+        (rnc.RollingBall("ball", 0.1, ground=bowl), "expected a plane as ground, found SphericalGround"),
+    ):
+        with pytest.raises(rnc.ConfigurationError, match=message):
+            rnc.ContactPlant(ball, [rnc.UnilateralContact(kind)])
+    with pytest.raises(rnc.ConfigurationError, match="restitution of a contact: expected a number from 0 to 1"):
+        rnc.UnilateralContact(rnc.RollingBall("ball", 0.1), restitution=1.2)
+    planar = rnc.NonholonomicSystem(rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar"))
+    with pytest.raises(rnc.ConfigurationError, match="load the robot with a free base"):
+        rnc.ContactPlant(planar, [rnc.UnilateralContact(rnc.Caster("sleigh", 0.0))])
+
+
+def test_endless_bounces_are_refused(ball):
+    """Without a rest speed, bounces accumulate."""
+    plant = rnc.ContactPlant(ball, [rnc.UnilateralContact(rnc.RollingBall("ball", 0.1), 0.9, rest_speed=0.0)])
+    plant.reset(at(ball, 0.2), np.zeros(6))
+    with pytest.raises(rnc.SimulationError, match="increase the rest_speed"):
+        plant.advance(3.0)
