@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from jaxtyping import install_import_hook
 
+import shape_checker
+
 # For benchmarks.validation; last, so that it is the installed rnc_pin that is tested.
 sys.path.append(str(Path(__file__).parent.parent))
 
@@ -39,6 +41,10 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if vars(getattr(item, "module", None) or object).keys() & {"PATIENCE", "eventually"}:
             item.add_marker(pytest.mark.flaky(reruns=1))
+
+
+def pytest_runtest_setup():
+    shape_checker.start_again()
 
 
 @pytest.fixture
