@@ -226,11 +226,11 @@ def test_samples_with_the_last_dimension_are_shown_if_none_has_all(monkeypatch):
 # ---------------------------------------------------------------------- trailers
 
 
-@pytest.mark.parametrize("n", [1, 3, pytest.param(5, marks=pytest.mark.long)])
+@pytest.mark.parametrize("n", [0, 3, pytest.param(5, marks=pytest.mark.long)])
 def test_a_car_with_n_trailers_grows_by_one_a_level(n, tmp_path):
     """At generic configurations, of uniformly drawn hitches (Jean 1996; Sordalen 1993)."""
     reduced = tractor_trailers(n, tmp_path)
-    report = rnc.analyze(reduced, samples=32)
+    report = rnc.analyze(reduced, samples=16)
     assert report.growth_vector == tuple(range(2, 5 + n))
     assert report.completely_nonholonomic
     evidence = report.growth_evidence
@@ -282,14 +282,18 @@ def test_growth_vectors_at_singular_configurations(right):
 def test_a_growth_vector_that_is_not_found_is_refused():
     """The degree of nonholonomy is 13, the largest of four trailers: the seventh Fibonacci number (Jean 1996)."""
     reduced = unicycle_with_trailers(4)
-    q = reduced.robot.configuration({"hitch_1": np.pi / 2, "hitch_2": np.pi / 2, "hitch_3": np.pi / 2})
-    with pytest.raises(
-        rnc.InfeasibleError, match=r"brackets up to depth 10 give the dimensions .2, 3, 4, 4, 5.*raise 'deepest'"
-    ):
-        growth_vector(reduced, q, deepest=9)
-    found = growth_vector(reduced, q)
+    found = growth_vector(
+        reduced, reduced.robot.configuration(dict.fromkeys(("hitch_1", "hitch_2", "hitch_3"), np.pi / 2))
+    )
     assert found == jean([True, True, True, False])
     assert len(found) == 13
+    reduced = unicycle_with_trailers(3)
+    q = reduced.robot.configuration({"hitch_1": np.pi / 2, "hitch_2": np.pi / 2})
+    assert len(jean([True, True, False])) == 8
+    with pytest.raises(
+        rnc.InfeasibleError, match=r"brackets up to depth 5 give the dimensions .2, 3, 4, 4, 5.*raise 'deepest'"
+    ):
+        growth_vector(reduced, q, deepest=4)
     with pytest.raises(rnc.InputError, match="deepest: expected a positive integer, found 0"):
         growth_vector(reduced, q, deepest=0)
 
@@ -333,15 +337,12 @@ def test_samples_next_to_singular_ones_do_not_decide(tmp_path):
         (unicycle, (2, 3)),
         (fire_truck, (3, 5, 6)),
         (space_robot, (3, 4)),
-        (lambda: unicycle_with_trailers(1), (2, 3, 4)),
-        (lambda: unicycle_with_trailers(2), (2, 3, 4, 5)),
-        (lambda: unicycle_with_trailers(3), (2, 3, 4, 5, 6)),
         (leaning_wheel, (3, 4, 5)),  # the height above the plane is holonomic
         # Linear momentum is holonomic, because the centre of mass stays: test_integrability shows it too.
         pytest.param(free_flying_panda, (7, 10), marks=pytest.mark.long),
         (tiago, (12, 13, 14)),  # the difference of the wheels' angles is the heading
     ],
-    ids=["unicycle", "fire truck", "space robot", "1 trailer", "2 trailers", "3 trailers", "disk", "panda", "tiago"],
+    ids=["unicycle", "fire truck", "space robot", "disk", "panda", "tiago"],
 )
 def test_growth_vector(make, expected):
     reduced = make()

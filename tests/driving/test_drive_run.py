@@ -9,6 +9,7 @@ import rnc_pin as rnc
 from drives import point_of, prepared, reduced_of, script
 from rnc_pin.driving.drive_log import CommandQueue
 from rnc_pin.driving.drive_run import drive, record_of
+from rnc_pin.scenario.draft import scenario_candidate
 from rnc_pin.simulation import Outcome
 
 DT = 0.02
@@ -80,10 +81,10 @@ def test_a_key_moves_the_base_until_half_a_second_after_the_last_command():
 
 def test_stop_holds_the_configuration():
     run = manipulator([(5, goal(4.0, 1.0)), (100, {"kind": "stop"})])
-    trajectory = drive(run, samples=400).trajectory
+    trajectory = drive(run, samples=250).trajectory
     assert np.abs(trajectory.v2[95]).max() > 0.1
-    assert np.abs(trajectory.v2[-100:]).max() < 1e-3
-    assert np.abs(trajectory.q[-1] - trajectory.q[-100]).max() < 1e-3
+    assert np.abs(trajectory.v2[-50:]).max() < 1e-3
+    assert np.abs(trajectory.q[-1] - trajectory.q[-50]).max() < 1e-3
 
 
 def test_hold_base_keeps_the_base_and_the_unreachable_goal_is_reported():
@@ -212,11 +213,12 @@ def test_the_same_commands_give_the_same_bits():
         (50, {"kind": "gain", "gain": "frame gain", "value": 4.3}),
         (60, {"kind": "joint_goal", "joint": "joint_1", "position": 0.1}),
     ]
-    runs = [drive(manipulator(commands, obstacles=[BALL]), samples=120).trajectory for _ in range(2)]
+    runs = [drive(manipulator(commands, obstacles=[BALL]), samples=90).trajectory for _ in range(2)]
     for name in ("q", "v", "v2", "T", "x1_desired", "multipliers"):
         assert np.array_equal(getattr(runs[0], name), getattr(runs[1], name), equal_nan=True), name
-    other = drive(manipulator(commands[:-1], obstacles=[BALL]), samples=120).trajectory
-    assert not np.array_equal(runs[0].q, other.q)
+    other = drive(manipulator(commands[:-1], obstacles=[BALL]), samples=70).trajectory
+    assert np.array_equal(runs[0].q[:60], other.q[:60])
+    assert not np.array_equal(runs[0].q[:70], other.q)
 
 
 def test_commands_of_a_queue_are_logged_at_their_sample_and_replay_from_the_record():
@@ -292,7 +294,8 @@ def test_a_robot_whose_actuators_move_less_is_refused_in_one_line(source):
     assert words in str(refusal.value)
 
 
-def test_a_bare_robot_is_drafted_and_driven():
+def test_a_bare_robot_is_drafted_and_driven(monkeypatch):
+    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)  # its draft is tried out for a moment
     run = prepared("differential_drive.urdf", [(0, {"kind": "base_goal", "x": 0.5, "y": 0.3})])
     assert run.controls.base is not None
     assert (run.controls.base.turns, run.controls.base.slides) == (True, False)

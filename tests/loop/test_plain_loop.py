@@ -7,7 +7,7 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.scenario.execution import plan
 
-DT, SUBSTEPS, SAMPLES = 0.002, 4, 60
+DT, SUBSTEPS, SAMPLES = 0.002, 4, 45
 CASES = {
     "(12) over (10)": ("space-robot", {}),
     "(12) over computed torque": ("mobile-manipulator", {"controller.tracker": "computed_torque"}),
