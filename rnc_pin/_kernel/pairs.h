@@ -1,4 +1,4 @@
-/* Distances of pairs of shapes, and joints that stop; see rnc_pin/collision. Included at the end of kernel.c. */
+/* Frames, distances of pairs of shapes, and joints that stop; see known_kinematics.py and rnc_pin/collision. Included at the end of kernel.c. */
 
 /* Buffer of 64-bit integers; NULL for another array. */
 static const long long *indices(Arrays *all, PyObject *object, Py_ssize_t size)
@@ -93,6 +93,40 @@ static PyObject *stopping_velocities(PyObject *module, PyObject *const *args, Py
             double whole = floor(0.5 * (sqrt(1.0 + 4.0 * room / unit) - 1.0));
             double found = whole * a * dt + (room - unit * whole * (whole + 1.0)) / (dt * (whole + 1.0));
             out[side * k + i] = side ? found : -found;
+        }
+    }
+    return result(&all, ok);
+}
+
+/* Placement and Jacobian of a frame: joint Jacobians in the world (6, n), placement of its joint (12) and in it (12), support of the
+   joint (n), record of the placement (12) and of the Jacobian in world axes at the frame's origin (6, n). Placements are the columns
+   of a rotation, then a translation. False if the arrays need the other path. */
+static PyObject *frame_kinematics(PyObject *module, PyObject *const *args, Py_ssize_t given)
+{
+    Arrays all = {.count = 1};
+    Py_ssize_t one = 0, n = 0;
+    (void)module;
+    if (given != 5) return PyErr_SetString(PyExc_TypeError, "kernel: frame_kinematics takes 5 arguments"), NULL;
+    int ok = stacked(args[3], &one, &n) && one == 1;
+    const double *J = ok ? numbers(&all, args[0], 6 * n) : NULL, *joint = J ? numbers(&all, args[1], 12) : NULL;
+    const double *own = joint ? numbers(&all, args[2], 12) : NULL, *support = own ? numbers(&all, args[3], n) : NULL;
+    double *out = support ? numbers(&all, args[4], 12 + 6 * n) : NULL;
+    ok = out && !all.views[all.open - 1].readonly;
+    if (ok) {
+        for (int column = 0; column < 4; column++)
+            for (int i = 0; i < 3; i++) {
+                const double *x = own + 3 * column;
+                out[3 * column + i] = joint[i] * x[0] + joint[3 + i] * x[1] + joint[6 + i] * x[2]
+                                      + (column == 3 ? joint[9 + i] : 0.0);
+            }
+        const double *p = out + 9, *w = J + 3 * n;
+        double *rows = out + 12;
+        for (Py_ssize_t j = 0; j < n; j++) {
+            double x = w[j], y = w[n + j], z = w[2 * n + j], held = support[j];
+            rows[j] = held * (J[j] + (y * p[2] - z * p[1]));
+            rows[n + j] = held * (J[n + j] + (z * p[0] - x * p[2]));
+            rows[2 * n + j] = held * (J[2 * n + j] + (x * p[1] - y * p[0]));
+            rows[3 * n + j] = held * x, rows[4 * n + j] = held * y, rows[5 * n + j] = held * z;
         }
     }
     return result(&all, ok);

@@ -24,6 +24,7 @@ from rnc_pin.model.compiled_states import CompiledConfiguration
 from rnc_pin.model.factorization import Factorization, factorize, row_lengths
 from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.kinematics import PositionKinematics
+from rnc_pin.model.known_kinematics import KnownKinematics
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.row_stack import rheonomic_names
 
@@ -78,7 +79,11 @@ class ConfigurationEvaluation(UsesKernel):
         """Kinematics at the configurations."""
         if self._same is not None:
             return self._same.position
-        return self._data.kinematics.position(self.q, self.t)
+        kinematics = self._data.kinematics
+        compiled = vars(self).get("compiled")
+        if compiled is None or self.batch:
+            return kinematics.position(self.q, self.t)
+        return KnownKinematics(kinematics, self.q, kinematics.time_of(self.t), compiled.kinematics)
 
     @cached_property
     def compiled(self) -> CompiledConfiguration | None:
@@ -86,9 +91,13 @@ class ConfigurationEvaluation(UsesKernel):
         reduction = self._data.compiled
         if self._equal is not None or reduction is None:
             return None if self._equal is None else self._equal.compiled
-        same = None if self._same is None else self._same.compiled
         position = self.position if reduction.python_rows else None  # no reference to this object: it would be a cycle
-        return reduction.configuration(self.q, position, None if same is None else same.kinematics)
+        same = None if self._same is None else self._same.compiled
+        if self._same is None or same is None:
+            return reduction.configuration(self.q, position)
+        if self._same._data.has_rows_of(self._data):
+            return CompiledConfiguration(reduction, self.q, position, same.kinematics, same.inverse)
+        return reduction.configuration(self.q, position, same.kinematics)
 
     if not TYPE_CHECKING:
 

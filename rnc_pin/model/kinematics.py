@@ -70,6 +70,7 @@ class Kinematics:
         self.model, self.data = robot.model, robot.model.createData()
         self.nv, self.zero = robot.nv, np.zeros(robot.nv)
         self.current: _Quantities | None = None
+        self._frames: dict[int, tuple[int, np.ndarray, np.ndarray]] = {}
         self.requested: dict[_Update, dict[_Quantity, tuple[int, ...]]] = defaultdict(dict)
 
     def __reduce__(self) -> tuple[type[Kinematics], tuple[Robot, float | None]]:
@@ -89,11 +90,25 @@ class Kinematics:
         """Time of a frozen model [s]; None for others."""
         return self._time
 
+    def frame_constants(self, frame: int) -> tuple[int, np.ndarray, np.ndarray]:
+        """Joint that carries a frame; its placement there (12,), by columns; mask (nv,) of the joints that move it."""
+        if frame not in self._frames:
+            of = self.model.frames[frame]
+            support = np.zeros(self.nv)
+            for joint in list(self.model.supports[of.parentJoint])[1:]:
+                start = self.model.joints[joint].idx_v
+                support[start : start + self.model.joints[joint].nv] = 1.0
+            self._frames[frame] = of.parentJoint, of.placement.homogeneous[:3].T.ravel(), support
+        return self._frames[frame]
+
     def position(self, q: np.ndarray, t: Component | None = None) -> PositionKinematics:
         """Kinematics at configurations (..., nq) and times t (...), which only rheonomic rows read [s]."""
-        if self._time is not None:
-            t = self._time
-        return PositionKinematics(self, q, 0.0 if t is None else t)
+        return PositionKinematics(self, q, self.time_of(t))
+
+    def time_of(self, t: Component | None) -> Component:
+        """Time of configurations at t, if it is known: the time of a frozen model, or zero by default [s]."""
+        t = t if self._time is None else self._time
+        return 0.0 if t is None else t
 
     def potential_energy(self, q: np.ndarray) -> np.ndarray | float:
         """Potential energy (...) at configurations (..., nq) [J]."""

@@ -125,6 +125,11 @@ class ReductionData(UsesKernel):
         """The same reduction with other vertical outputs."""
         return self._with(self.kept, self.reducing, self.output_scales, self.free, vertical)
 
+    def has_rows_of(self, other: ReductionData) -> bool:
+        """True if E is that of another reduction of the same system, and regular at the same configurations."""
+        same = self.constraints is other.constraints and self.reducing is other.reducing
+        return same and self.kinematics is other.kinematics and self.fast_limit == other.fast_limit
+
     def frozen(self, t: float) -> ReductionData:
         """The same reduction at time t [s]."""
         kinematics = Kinematics(self.robot, t)
