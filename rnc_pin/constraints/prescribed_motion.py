@@ -44,7 +44,9 @@ class PrescribedMotion:
 
     Args:
         output: joint, frame, distance or any other output: ``rnc.JointPosition("pivot")``.
-        motion: its motion, a ``Reference`` of the output's size. Its time is that of the run, which starts at zero.
+        motion: its motion, a ``Reference`` of the output's size. Its time is that of the run or of the phase, which
+            starts at zero.
+        start_time: time of the motion at the start of the run or phase [s], to continue a motion in a later phase.
 
     Raises:
         ConstraintError: the motion has another size than the output.
@@ -61,6 +63,7 @@ class PrescribedMotion:
 
     output: OutputKind
     motion: Motion
+    start_time: float = 0.0
 
     def bind(self, robot: Robot) -> Rows:
         rows = self.output.bind(robot)
@@ -70,7 +73,9 @@ class PrescribedMotion:
                 f"prescribed motion of {', '.join(rows.names)}: expected a Reference of size {len(rows.names)}, "
                 f"found {self.motion!r}" + ("" if size is None else f" of size {size}")
             )
-        return _PrescribedRows(rows, self.motion)
+        if not np.isfinite(self.start_time):
+            raise ConstraintError(f"start_time of a prescribed motion: expected a number, found {self.start_time!r}")
+        return _PrescribedRows(rows, self.motion, self.start_time)
 
 
 class _PrescribedRows(Rows):
@@ -83,8 +88,8 @@ class _PrescribedRows(Rows):
 
     affine = rheonomic = True
 
-    def __init__(self, output: OutputRows, motion: Motion) -> None:
-        self._output, self._motion = output, motion
+    def __init__(self, output: OutputRows, motion: Motion, start_time: float) -> None:
+        self._output, self._motion, self._start_time = output, motion, start_time
         self.names = tuple(f"prescribed({name})" for name in output.names)
         self.units = output.units
         self.holonomic = () if output.quasi else (True,) * len(self.names)
@@ -127,7 +132,7 @@ class _PrescribedRows(Rows):
     def _at(self, t: float, order: int) -> np.ndarray:
         position, velocity, acceleration = (
             np.asarray(each, dtype=float)
-            for point in [self._motion.at(t)]
+            for point in [self._motion.at(t + self._start_time)]
             for each in (point.position, point.velocity, point.acceleration)
         )
         if self._output.rotation and order:  # from rates of the rotation vector to the angular velocity and its rate

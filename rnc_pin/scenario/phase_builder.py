@@ -10,7 +10,7 @@ from typing import cast
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.constraints import GroundPlane, LoopClosure
+from rnc_pin.constraints import GroundPlane, LoopClosure, PrescribedMotion
 from rnc_pin.errors import ConfigurationError, InputError, RncError, SingularityError
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.offset_frame import OffsetFrame
@@ -135,26 +135,35 @@ class _PhaseBuilder:
             name=settings.name,
         )
 
-    def start(self, number: int) -> Callable[[np.ndarray, np.ndarray], Phase]:
-        """Function from the state before the phase to the phase."""
+    def start(self, number: int) -> Callable[[np.ndarray, np.ndarray, float], Phase]:
+        """Function from the state before the phase, and the time, to the phase."""
 
-        def build(q: np.ndarray, v: np.ndarray) -> Phase:
+        def build(q: np.ndarray, v: np.ndarray, t: float) -> Phase:
             try:
                 scenario, reduced = self.scenario, self.reduced
-                distance = self.settings.capture_distance
-                if distance is not None:
-                    constraints = [_captured(each, self._robot, q, distance) for each in scenario.constraints]
+                distance, own = self.settings.capture_distance, self.settings.constraints is not None
+                # Motions of the scenario continue; those of the phase itself start with it.
+                continues = not own and any(isinstance(each, PrescribedMotion) for each in scenario.constraints)
+                if distance is not None or continues:
+                    constraints = [_continued(each, t) if continues else each for each in scenario.constraints]
+                    if distance is not None:
+                        constraints = [_captured(each, self._robot, q, distance) for each in constraints]
                     scenario = scenario.model_copy(update={"constraints": constraints})
                     reduced = self._model(constraints)
                 impact = None
                 if self.settings.impact:
                     impact = self._system([*scenario.constraints, *self.settings.impact])
-                experiment = experiment_at(scenario, self._folder, reduced, q, reduced.at(q, v=v).v2)
+                experiment = experiment_at(scenario, self._folder, reduced, q, reduced.at(q, v=v, t=0.0).v2)
                 return self.phase(experiment, reduced, impact)
             except RncError as error:
                 raise _located(error, number) from None
 
         return build
+
+
+def _continued(kind: ConstraintKind, t: float) -> ConstraintKind:
+    """Prescribed motion that goes on at time t [s] of the run; other constraints unchanged."""
+    return replace(kind, start_time=kind.start_time + t) if isinstance(kind, PrescribedMotion) else kind
 
 
 def _captured(kind: ConstraintKind, robot: Robot, q: np.ndarray, distance: float) -> ConstraintKind:

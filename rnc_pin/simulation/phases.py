@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias, cast
@@ -22,7 +23,6 @@ from rnc_pin.errors import (
 from rnc_pin.loop.options import type_name
 from rnc_pin.model.impact import Impact, Restitution, impact
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.row_stack import rheonomic_names
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.plants import ReducedPlant
 from rnc_pin.plants.reduced.reduced_plant import Checkpoint
@@ -44,6 +44,8 @@ OnLiftOff = Literal["ignore", "stop", "release"]
 @dataclass(frozen=True)
 class Phase:
     """Part of a run under one set of constraints.
+
+    The time of constraints that depend on it starts at zero with the phase, as that of its controller.
 
     Args:
         reduced: model with the constraints of the phase; all phases have the same robot.
@@ -88,11 +90,6 @@ class Phase:
                 f"phases: expected a ReducedPlant of the phase's model, found {type_name(self.plant)}; "
                 "MuJoCo and other plants have contacts of their own: use them with simulate"
             )
-        if self.reduced.rheonomic:
-            names = ", ".join(rheonomic_names(self.reduced.all_constraints))
-            raise ConfigurationError(
-                f"phases: constraints that depend on time ({names}) are not supported; use simulate"
-            )
         if self.until is not None and not isinstance(self.until, Event):
             raise ConfigurationError(
                 f"until: expected an event such as OutputCrossing or ContactLoss, found {type_name(self.until)}"
@@ -101,8 +98,8 @@ class Phase:
             raise ConfigurationError(f"on_lift_off: expected ignore, stop or release, found {self.on_lift_off!r}")
 
 
-PhaseStart: TypeAlias = Callable[[np.ndarray, np.ndarray], Phase]
-"""Function from configuration (nq,) and velocity (nv,) before a phase to the phase."""
+PhaseStart: TypeAlias = Callable[[np.ndarray, np.ndarray], Phase] | Callable[[np.ndarray, np.ndarray, float], Phase]
+"""Function from configuration (nq,), velocity (nv,) and, if it takes it, time [s] before a phase to the phase."""
 
 
 def simulate_phases(
@@ -126,8 +123,8 @@ def simulate_phases(
     negative work, so ``energy - work`` is constant.
 
     Args:
-        phases: phases, in order. A function ``(q, v) -> Phase`` makes its phase from the state before it, for example
-            with a reference that starts there.
+        phases: phases, in order. A function ``(q, v) -> Phase`` or ``(q, v, t) -> Phase`` makes its phase from the
+            state before it, for example with a reference that starts there, or with rows that continue over time.
         q0: initial configuration (nq,).
         dt: sampling period [s].
         v2_0: initial reduced velocity (r,) of the first phase; zero by default.
@@ -210,7 +207,8 @@ class _PhasedRun:
         entry = self._phases[number]
         if not isinstance(entry, Phase):
             assert self._v is not None or number == 0
-            entry = entry(self._q.copy(), np.zeros(0) if self._v is None else self._v.copy())
+            state = self._q.copy(), np.zeros(0) if self._v is None else self._v.copy()
+            entry = _made(entry, *state, self._time)
         if not isinstance(entry, Phase):
             raise ConfigurationError(f"phases[{number}]: expected a Phase, found {type_name(entry)}")
         if entry.on_lift_off == "release" and number + 1 == len(self._phases):
@@ -226,7 +224,7 @@ class _PhasedRun:
             jump = self._impact(phase, self._v)
             self._work -= jump.loss
         capacity = sample_count(phase.duration, self._dt)
-        v2 = self._v2_0 if jump is None else phase.reduced.at(self._q, v=jump.v).v2
+        v2 = self._v2_0 if jump is None else phase.reduced.at(self._q, v=jump.v, t=0.0).v2
         self._run = SampledRun(
             phase.reduced, phase.controller or ZeroInput(phase.reduced), self._q, self._dt, capacity, v2_0=v2,
             plant=phase.plant or ReducedPlant(phase.reduced), options=self._options, start=self._time,
@@ -242,8 +240,9 @@ class _PhasedRun:
         for name in self._released:
             if name in names:
                 raise ConfigurationError(f"contact row '{name}' was released, but the next phase has it again")
-        jump = impact(phase.reduced if phase.impact is None else phase.impact, self._q, v, phase.restitution)
-        residual = phase.reduced.at(self._q, v=jump.v).residual
+        acting = phase.reduced if phase.impact is None else phase.impact
+        jump = impact(_at_time_zero(acting), self._q, v, phase.restitution)
+        residual = phase.reduced.at(self._q, v=jump.v, t=0.0).residual
         row = int(np.argmax(np.abs(residual))) if len(residual) else 0
         if len(residual) and abs(residual[row]) > _REBOUND * max(float(np.linalg.norm(jump.v)), 1e-9):
             raise ConstraintError(
@@ -332,6 +331,22 @@ class _PhasedRun:
         self._parts.append(PhasePart(self._reduced, trajectory, self._info, self._work))
         self._samples += len(trajectory.time)
         self._run = None
+
+
+def _made(start: PhaseStart, q: np.ndarray, v: np.ndarray, t: float) -> Phase:
+    """Phase of a function of the state, and of the time if it has a third parameter."""
+    made: Callable[..., Phase] = start
+    try:
+        count = len(inspect.signature(made).parameters)
+    except (TypeError, ValueError):
+        count = 2
+    return made(q, v, t) if count >= 3 else made(q, v)
+
+
+def _at_time_zero(model: NonholonomicSystem | ReducedModel) -> ReducedModel:
+    """Model of constraints at the start of a phase."""
+    reduced = model.reduce() if isinstance(model, NonholonomicSystem) else model
+    return reduced.frozen(0.0) if reduced.rheonomic else reduced
 
 
 def _value(event: BoundEvent, plant: ReducedPlant) -> float:

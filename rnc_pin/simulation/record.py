@@ -72,6 +72,8 @@ class Record:
         """Derived quantities that somebody else computed."""
         self.phases: tuple[PhaseInfo, ...] = ()
         """Intervals with one set of constraints, of a plant whose contacts open and close."""
+        self.start = 0.0
+        """Time of the first sample [s], at which the time of rheonomic constraints is zero."""
 
     @property
     def width(self) -> int:
@@ -246,6 +248,7 @@ class Record:
     ) -> dict[str, np.ndarray]:
         if self.derived is not None:
             return self.derived
+        t = t - self.start
         reduced, N, names, rows = self.reduced, len(q), self._normal_names(), self._row_names()
         missing = 0.0 if rows.switching else np.nan
         derived = empty_quantities(reduced, N, len(names), len(bodies), rows)

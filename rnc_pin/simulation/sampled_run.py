@@ -77,6 +77,7 @@ class SampledRun:
             state = controller.initial_state(adapter.read_state(0.0).measure(zeros))
         self.loop.resume(LoopState(begin=0.0, controller=state))
         self.record = Record(reduced, capacity, integrated_outputs(reduced), adapter.friction_names)
+        self.record.start = start
 
     @property
     def plant(self) -> Plant:

@@ -68,6 +68,31 @@ def test_bounce_from_a_file():
     assert run.info.phases[2].name == "again"
 
 
+def test_motions_of_the_scenario_continue_and_those_of_a_phase_start_with_it():
+    """Heading of a sleigh that turns to and fro, over the time of the run or of the phase."""
+    place = {"frame_position": {"frame": "sleigh", "axes": "xy"}}
+    motion = {"start": [0.0], "reference": {"harmonic": {"amplitude": [0.2], "frequency": 3.0}}}
+    turn = {"prescribed_motion": {"output": {"frame_yaw": "sleigh"}, "motion": motion}}
+    raw = {
+        "robot": {"urdf": "chaplygin_sleigh.urdf", "base": "planar"},
+        "outputs": {"reducing": [place]},
+        "constraints": [turn], "simulation": {"duration": 0.4, "dt": 0.01},
+    }  # fmt: skip
+    yaw = rnc.planning.Harmonic([0.0], [0.2], 3.0)
+    for phases, heading in (
+        ([{"duration": 0.3}, {"duration": 0.4}], yaw.at(0.7).position[0]),
+        ([{"duration": 0.3, "constraints": [turn]}, {"duration": 0.4}], yaw.at(0.7).position[0]),
+    ):
+        built = build_phased(validate({**raw, "phases": phases}, "sleigh.yaml"), Path())
+        run = simulate_phases(built.phases, built.q0, 0.01, v2_0=built.v2_0)
+        assert np.arctan2(run.q[-1, 3], run.q[-1, 2]) == pytest.approx(heading, abs=1e-12)
+    free = {"duration": 0.3, "constraints": [], "outputs": {"reducing": [place, {"frame_yaw": "sleigh"}]}}
+    own = {"duration": 0.4, "constraints": [turn]}
+    built = build_phased(validate({**raw, "constraints": [], "phases": [free, own]}, "sleigh.yaml"), Path())
+    run = simulate_phases(built.phases, built.q0, 0.01, v2_0=built.v2_0)
+    assert np.arctan2(run.q[-1, 3], run.q[-1, 2]) == pytest.approx(yaw.at(0.4).position[0], abs=1e-12)
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

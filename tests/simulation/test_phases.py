@@ -158,6 +158,40 @@ def test_refusals(robot, free, rolling):
         rnc.simulate_phases([rnc.Phase(free, 0.1, until=upwards), separating], below, dt=0.01, v2_0=v0)
 
 
+def test_a_motion_that_starts_with_its_phase_conserves_momentum():
+    """Cart that coasts to x = 0.3, where a motor starts to move a weight on it: ``(M + m) X' + m s' = P``."""
+    cart, weight, speed, amplitude, rate = 2.0, 0.5, 0.4, 0.1, 1.0
+    model = pin.Model()
+    first = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "cart")
+    model.appendBodyToJoint(first, pin.Inertia(cart, np.zeros(3), 1e-3 * np.eye(3)), pin.SE3.Identity())
+    second = model.addJoint(first, pin.JointModelPX(), pin.SE3.Identity(), "weight")
+    model.appendBodyToJoint(second, pin.Inertia(weight, np.zeros(3), 1e-3 * np.eye(3)), pin.SE3.Identity())
+    robot = rnc.Robot(model)
+    locked = rnc.NonholonomicSystem(robot, [rnc.Pfaffian(lambda q: np.array([[0.0, 1.0]]))]).reduce()
+    motion = rnc.planning.Harmonic([0.0], [amplitude], rate, ramp=0.0)
+    swing = rnc.PrescribedMotion(rnc.JointPosition("weight"), motion, start_time=1.0)  # a period after its start
+    driven = rnc.NonholonomicSystem(robot, [swing]).reduce()
+    until = rnc.OutputCrossing(rnc.JointPosition("cart"), 0.3, "rising")
+    phases = [rnc.Phase(locked, 2.0, until=until), rnc.Phase(driven, 0.5)]
+    run = rnc.simulate_phases(phases, np.zeros(2), 0.005, v2_0=[speed])
+    start = run.info.phases[1]
+    assert start.start == pytest.approx(0.3 / speed)
+    after = run.phase == 1
+    s, s_dot = (
+        np.array([getattr(motion.at(1.0 + t), each)[0] for t in run.time[after] - start.start])
+        for each in ("position", "velocity")
+    )
+    momentum, share = (cart + weight) * speed, weight / (cart + weight)
+    np.testing.assert_allclose(run.v[after, 0], speed - share * s_dot, atol=1e-9)
+    np.testing.assert_allclose(run.q[after, 0], 0.3 + speed * (run.time[after] - start.start) - share * s, atol=1e-7)
+    np.testing.assert_allclose(run.q[after, 1], s, atol=1e-12)
+    # The motor sets the weight in motion at once: it adds energy of the reduced mass.
+    gain = 0.5 * cart * weight / (cart + weight) * s_dot[0] ** 2
+    assert start.energy_loss == pytest.approx(-gain)
+    assert momentum == pytest.approx(float(run.v[-1] @ [cart + weight, weight]))
+    assert np.ptp(run.energy - run.work) < 1e-7
+
+
 def test_a_plain_run_stops_at_lift_off(rolling, robot):
     options = rnc.SimulationOptions(rnc.Stop(lift_off=True))
     with pytest.raises(rnc.LimitError, match=r"contact 'ball' lifts off at t = 0\.200 s") as caught:
