@@ -22,6 +22,7 @@ _ROUNDED = 1e-4  # the same limit for rows that depend on others to the rounding
 _DEPENDENT = 1e-9  # relative singular value below which a direction is not corrected
 _LONGEST = 0.5  # largest step [rad or m]
 _STEPS, _HALVINGS, _TRIES = 100, 12, 100
+_DRAWN_STEPS = 30  # from random configurations, where nearly all that arrive take less than ten
 _SAMPLES = 4
 _STALLED, _STALLS, _FAR = 0.999, 2, 1e-3  # a step stalls above this residual ratio; stalled steps; residual not small
 _ALIKE, _OF, _WITHIN = 20, 25, 1.01  # unreachable: so many of so many tries end within this ratio of the least residual
@@ -117,7 +118,12 @@ class Assembly:
         )
 
     def _closest(
-        self, q: np.ndarray, hold: Sequence[str] = (), by_inertia: bool = True, t: float | None = None
+        self,
+        q: np.ndarray,
+        hold: Sequence[str] = (),
+        by_inertia: bool = True,
+        t: float | None = None,
+        steps: int = _STEPS,
     ) -> tuple[np.ndarray, np.ndarray, bool]:
         """Configuration near q with the smallest residual, this residual (h,), and True if the rows are satisfied.
 
@@ -128,9 +134,9 @@ class Assembly:
         free = np.ones(self.robot.nv, dtype=bool)
         for joint in hold:
             free[self.robot.velocity_indices(joint)] = False
-        found, residual = self._descended(q, free, self._leading, by_inertia, t)
+        found, residual = self._descended(q, free, self._leading, by_inertia, t, steps)
         if not self._leading.all() and not self._good(residual):
-            found, residual = self._descended(q, free, np.ones(self.size, dtype=bool), by_inertia, t)
+            found, residual = self._descended(q, free, np.ones(self.size, dtype=bool), by_inertia, t, steps)
             return found, residual, bool(np.abs(residual).max() <= _GOOD)
         return found, residual, self._good(residual)
 
@@ -139,12 +145,12 @@ class Assembly:
         return bool((np.abs(residual) <= np.where(self._leading, _GOOD, _ROUNDED)).all())
 
     def _descended(
-        self, q: np.ndarray, free: np.ndarray, rows: np.ndarray, by_inertia: bool, t: float | None
+        self, q: np.ndarray, free: np.ndarray, rows: np.ndarray, by_inertia: bool, t: float | None, steps: int
     ) -> tuple[np.ndarray, np.ndarray]:
         """Minimize the residual of the rows in a mask (h,), starting at q; return q and the residual of all rows."""
         here = self._kinematics.position(q, t)
         residual, stalls = self._residual(here), 0
-        for _ in range(_STEPS):
+        for _ in range(steps):
             if stalls == _STALLS or np.abs(residual[rows]).max(initial=0.0) <= _EXACT:
                 break
             step = self._step(here, residual, free, rows, by_inertia)
@@ -171,7 +177,10 @@ class Assembly:
         failures: list[float] = []
         for _ in range(_TRIES):
             with suppress(SingularityError):
-                found, residual, closed = self._closest(self.robot.random_configuration(generator, spread))
+                drawn = self.robot.random_configuration(generator, spread)
+                found, residual, closed = self._closest(drawn, steps=_DRAWN_STEPS)
+                if not closed:  # of many light bodies, at nearly every draw one would rather turn than move
+                    found, residual, closed = self._closest(drawn, by_inertia=False)
                 if closed:
                     return found
                 failures.append(float(np.linalg.norm(residual)))

@@ -284,7 +284,7 @@ def _initial(scenario: Scenario, reduced: ReducedModel) -> np.ndarray:
     try:
         return reduced.assembled(q0, named)
     except ConstraintError as error:
-        raise ConfigurationError(f"initial.q: {error}") from None
+        raise ConfigurationError(f"initial.q: {error}; joints named in initial.q stay: {', '.join(named)}") from None
 
 
 def off_tracking(experiment: Experiment, configurations: np.ndarray) -> float | None:

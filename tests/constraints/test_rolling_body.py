@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.kinematics import Kinematics
 from rolling import GRAVITY, check_rates, rigid_body
 from tolerances import ROUNDING
@@ -206,6 +207,26 @@ def test_a_light_body_far_above_the_ground_is_put_on_it():
             np.abs(reduced.constraints.places[0].block.residual(Kinematics(robot).position(reduced.assembled(q)))).max()
             < 1e-11
         )
+
+
+def test_many_light_bodies_are_put_on_the_ground_at_the_first_draw():
+    """By kinetic energy alone, each turned instead at every other draw, and all had to succeed at once."""
+    model = pin.Model()
+    for k in range(4):
+        joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), f"base_{k}")
+        inertia = pin.Inertia(1.0, np.zeros(3), np.diag((2e-4, 1.6e-3, 1.7e-3)))
+        model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+        model.addFrame(pin.Frame(f"stone_{k}", joint, pin.SE3.Identity(), pin.FrameType.BODY))
+    robot = rnc.Robot(model)
+    shape = rnc.Ellipsoid((0.2, 0.03, 0.02))
+    assembly = Assembly(robot, [rnc.RollingBody(f"stone_{k}", shape).bind(robot) for k in range(4)])
+    generator, alone = np.random.default_rng(1), np.random.default_rng(1)
+    found = assembly.random_configuration(generator)
+    robot.random_configuration(alone)
+    assert generator.bit_generator.state == alone.bit_generator.state
+    turns = [pin.Quaternion(found[7 * k + 3 : 7 * k + 7]).toRotationMatrix() for k in range(4)]
+    heights = [np.linalg.norm(np.array(shape.semi_axes) * turn[2]) for turn in turns]  # of the centre of an ellipsoid
+    np.testing.assert_allclose(found[2::7], heights, atol=1e-10)
 
 
 def test_what_does_not_roll_is_refused():

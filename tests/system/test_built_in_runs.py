@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from rnc_pin.scenario.execution import execute, plan
@@ -20,7 +21,10 @@ PAPER = {  # largest errors with the paper's gains, as in docs/paper.md, and a t
 }  # fmt: skip
 
 LONG = ("space-robot-uncertain", "mobile-manipulator-two-phase")  # of a minute, whose errors are largest at first
-FREE = ("rattleback", "ball-in-bowl", "ball-on-turntable", "roller-racer")  # which have no goals
+FREE = (  # which have no goals
+    "rattleback", "ball-in-bowl", "ball-on-turntable", "roller-racer", "disk-on-slope", "chaplygin-ball",
+    "shaken-pendulum",
+)  # fmt: skip
 ENOUGH = {  # [s]; of scenarios that go on and on, after which nothing new happens
     "space-robot-uncertain": 12.0,
     "wheels-uncertain": 12.0,
@@ -125,6 +129,31 @@ def test_free_motions_are_those_of_textbooks():
     racer = execute(plan("roller-racer", {**options, **steps})).trajectory
     assert racer.v2[-1, 0] > 0.4  # forward, from rest, by the work of the hinge
     assert np.ptp(racer.energy - racer.work) < 1e-6 * racer.energy[-1]
+
+
+def test_textbook_motions_without_goals():
+    """A disk draws a cycloid across a slope, Chaplygin's ball keeps a momentum, a shaken pendulum stays upright."""
+    options = {"comparisons": {}, "plots": {}}
+    disk = execute(plan("disk-on-slope", {**options, "simulation.duration": 3.2})).trajectory
+    cycloid = np.column_stack([np.sin(disk.time) ** 2, disk.time - np.sin(2 * disk.time) / 2])
+    pull = 9.81 * np.sin(0.3) / 1.5  # of a homogeneous disk, (m + I / r^2) = 3/2 m
+    np.testing.assert_allclose(disk.x1, pull / 2 * cycloid, atol=1e-8)
+
+    ball = execute(plan("chaplygin-ball", {**options, "simulation.duration": 1.0})).trajectory
+    momenta = []  # about the contact, in the world
+    for q, w in zip(ball.q, ball.v2, strict=True):
+        turn = pin.Quaternion(q[3:7]).toRotationMatrix()
+        momenta.append(turn @ (np.array([0.03, 0.05, 0.07]) * w) + 2.0 * 0.3**2 * np.array([1, 1, 0]) * (turn @ w))
+    np.testing.assert_allclose(momenta, np.tile(momenta[0], (len(momenta), 1)), atol=1e-7)
+    assert np.ptp(ball.v2[:, 0]) > 2.0  # it tumbles
+
+    upright = execute(plan("shaken-pendulum", {**options, "simulation.duration": 1.5})).trajectory
+    assert upright.q[:, 1].min() > 0.7  # cosine of the angle, from 0.3 rad
+    assert np.ptp(upright.energy - upright.work) < 1e-5 * np.ptp(upright.energy)
+    options["constraints"] = [{"prescribed_motion": {"output": {"joint": "shaker"}, "motion": {
+        "start": [0.0], "reference": {"hold": {}}}}}]  # fmt: skip
+    fallen = execute(plan("shaken-pendulum", {**options, "simulation.duration": 0.6})).trajectory
+    assert fallen.q[-1, 1] < 0.0
 
 
 def test_figure_8():
