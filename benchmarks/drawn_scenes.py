@@ -180,9 +180,6 @@ def _free_flying_arm(generator: np.random.Generator) -> Options:
     second = _numbers(generator, (-0.45, -0.2), (-0.8, -0.6), (-0.1, 0.15))
     options["controller.tasks.0.output.reference.via_points"] = {"times": [2.5, 5], "points": [first, second]}
     options["simulation.duration"] = 6.5
-    # Samples of the scenario itself: at 25 ms the light joints of the wrist change their direction at every sample, and
-    # exceed their speeds in between.
-    options["simulation.dt"] = 0.01
     return options
 
 

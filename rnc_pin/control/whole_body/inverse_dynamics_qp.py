@@ -14,6 +14,7 @@ from rnc_pin.control.whole_body.contact_cones import ContactBounds, ContactCones
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.limit_stack import ProgramBounds
 from rnc_pin.control.whole_body.limits.control_limit import ControlLimit
+from rnc_pin.control.whole_body.sampled_damping import SampledDamping, column_norms
 from rnc_pin.control.whole_body.task_hierarchy import RelaxedSolution, TaskLevel, solve_within
 from rnc_pin.control.whole_body.tasks.control_task import ControlTask
 from rnc_pin.control.whole_body.whole_body_program import WholeBodyProgram
@@ -107,6 +108,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         self.dt, self.velocity_gain, self.friction = dt, velocity_gain, friction
         super().__init__(reduced, tasks, limits, solver)
         self._contacts, self._integrator = ContactCones(reduced, friction), LieRungeKutta4(reduced.robot)
+        self._curved = [*self._tasks.curved, np.zeros(reduced.r, dtype=bool)]  # bringing motion to rest is constant
         efforts = reduced.actuation.limits
         self._limited = np.flatnonzero(np.isfinite(efforts))
         self._efforts = efforts[self._limited]
@@ -159,12 +161,15 @@ class InverseDynamicsQP(WholeBodyProgram):
         gain = np.zeros((self._reduced.r, p + contacts.unknowns))  # v2 at the end is offset + gain [T; z]
         gain[:, :p] = self.dt * np.linalg.solve(state.H, state.input_matrix)
         offset = state.v2 + self.dt * state.v2_dot(np.zeros(p))
-        levels, rows = self._levels(now, sample, offset, gain), self._limits.rows(sample)
+        levels, levers = self._levels(now, sample, offset, gain)
+        sampled, rows = SampledDamping(self.dt, gain, -offset, levers, self._curved), self._limits.rows(sample)
         motion = self._limits.bounds(sample, rows)
 
         def solved(limits: ProgramBounds, start: Array | None) -> RelaxedSolution:
             bounds = self._bounds(limits, offset, gain, contacts)
-            return solve_within(levels, bounds, self._limits, self._solver, multipliers=start, before=self._forces)
+            return solve_within(
+                levels, bounds, self._limits, self._solver, multipliers=start, before=self._forces, sampled=sampled
+            )
 
         found = best = solved(motion, multipliers)
         least = np.inf
@@ -201,15 +206,20 @@ class InverseDynamicsQP(WholeBodyProgram):
         q, y = found
         return reduced.at(q, y[: reduced.r]).v
 
-    def _levels(self, now: ControlSample, sample: ControlSample, offset: Array, gain: Array) -> list[TaskLevel]:
-        """Tasks on the unknowns; the last level brings the rest of the motion to rest."""
+    def _levels(
+        self, now: ControlSample, sample: ControlSample, offset: Array, gain: Array
+    ) -> tuple[list[TaskLevel], list[Array]]:
+        """Tasks on the unknowns, and their levers; the last level brings the rest of the motion to rest."""
         v2, decay = sample.start.v2, float(np.exp(-self.velocity_gain * self.dt))
         rest = TaskLevel(np.eye(len(v2)), decay * v2)
         found = []
         for before, after in zip(self._tasks.at(now), self._tasks.at(sample), strict=True):
             error = before.jacobian @ v2 - before.rate
             found.append(TaskLevel(after.jacobian, after.rate + decay * error))
-        return [TaskLevel(each.jacobian @ gain, each.rate - each.jacobian @ offset) for each in (*found, rest)]
+        levers = [column_norms(each.jacobian, curved) for each, curved in zip(found, self._tasks.curved, strict=True)]
+        found.append(rest)
+        levels = [TaskLevel(each.jacobian @ gain, each.rate - each.jacobian @ offset) for each in found]
+        return levels, [*levers, np.zeros(len(v2))]
 
     def _bounds(self, motion: ProgramBounds, offset: Array, gain: Array, contacts: ContactBounds) -> ProgramBounds:
         moved = motion.rows @ offset

@@ -18,6 +18,7 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
 from rnc_pin.control.whole_body.limit_stack import LimitStack, ProgramBounds, distinct
+from rnc_pin.control.whole_body.sampled_damping import SampledDamping
 from rnc_pin.control.whole_body.tasks.control_task import ControlTask
 from rnc_pin.control.whole_body.tasks.output_task import BoundOutput, OutputsTogether
 from rnc_pin.errors import ConfigurationError
@@ -56,6 +57,7 @@ class TaskStack:
         bound: the tasks of the model.
         names: name of each row, in the order of the tasks.
         levels: number of levels.
+        curved: for each level, a mask of the rows whose Jacobian depends on the configuration.
     """
 
     def __init__(self, tasks: Sequence[ControlTask], reduced: ReducedModel) -> None:
@@ -74,6 +76,8 @@ class TaskStack:
         self._roots = np.concatenate([np.zeros(0), *(roots[k] for k in order)])
         ends = [max(places[k].stop for k in order if tasks[k].priority == priority) for priority in priorities]
         self._parts = [slice(start, stop) for start, stop in pairwise([0, *ends])]
+        curved = np.repeat([not self.bound[k].constant for k in order], sizes).astype(bool)
+        self.curved = [curved[part] for part in self._parts]
         outputs = [(each, places[k]) for k, each in enumerate(self.bound) if isinstance(each, BoundOutput)]
         self._outputs = OutputsTogether([each for each, _ in outputs], reduced) if outputs else None
         self._output_rows = np.concatenate([np.arange(0), *(np.arange(stops[-1])[where] for _, where in outputs)])
@@ -111,20 +115,21 @@ def solve_within(
     damping: float = 0.0,
     multipliers: Array | None = None,
     before: Sequence[Array] = (),
+    sampled: SampledDamping | None = None,
 ) -> RelaxedSolution:
     """Solve the levels; limits that exclude each other give way.
 
     Args:
-        levels, bounds, damping, solver: as for ``solve_cascade``.
+        levels, bounds, damping, solver, sampled: as for ``solve_cascade``.
         multipliers: multipliers of all limits in a similar program, (levels, k), to start from.
         limits: the limits, in the order in which they give way.
         before: groups of further places of the bounds that come before the limits.
     """
     start = None if multipliers is None else multipliers[:, bounds.places]
-    found = solve_cascade(levels, bounds, damping, solver, start)
+    found = solve_cascade(levels, bounds, damping, solver, start, sampled)
     if found is not None:
         return RelaxedSolution(found.unknowns, bounds.spread(found.multipliers), np.zeros(bounds.total))
-    found = solve_cascade(levels, limits.relaxed(bounds, solver, before), damping, solver)
+    found = solve_cascade(levels, limits.relaxed(bounds, solver, before), damping, solver, None, sampled)
     if found is None:  # rounding: even the wider limits exclude each other
         found = CascadeSolution(np.zeros(bounds.rows.shape[1]), np.zeros((max(len(levels), 1), len(bounds.lower))))
     excess = bounds.excess(found.unknowns)
@@ -138,6 +143,7 @@ def solve_cascade(
     damping: float,
     solver: LeastDistanceSolver,
     multipliers: Array | None = None,
+    sampled: SampledDamping | None = None,
 ) -> CascadeSolution | None:
     """Solve the levels from the highest to the lowest; None if no velocity satisfies the limits.
 
@@ -147,6 +153,7 @@ def solve_cascade(
         damping: cost of the velocity at every level, which bounds it near singular configurations.
         solver: solver of the programs.
         multipliers: multipliers of a similar cascade, (levels, k), to start from.
+        sampled: damping of levels that limits keep from their rates; by default none.
     """
     rows, r, k = bounds.rows, bounds.rows.shape[1], len(bounds.lower)
     levels = levels or [TaskLevel(np.zeros((0, r)), np.zeros(0))]
@@ -181,8 +188,42 @@ def solve_cascade(
             if nearest is None:
                 break  # at a lower level: rounding left no room
             unknowns, found[index] = kept + T @ nearest.point, nearest.multipliers
-            kept = kept + inward @ nearest.point[:rank]
+            determined = nearest.point[:rank]
+            if sampled is not None and (cost := sampled.rows(index, J @ unknowns - levels[index].rate, rate)):
+                level = _damped_level(own, rate, cost, kept, Z, damping * right[:rank])
+                if (damped := _solve_level(level, kept, Z, bounds, solver, found[index])) is not None:
+                    unknowns, found[index] = damped
+                    z = unknowns - kept if Z is None else Z.T @ (unknowns - kept)
+                    determined = scales * (right[:rank] @ z)
+            kept = kept + inward @ determined
         if not len(free):
             break
         Z = free.T if Z is None else Z @ free.T
     return None if unknowns is None else CascadeSolution(unknowns, found)
+
+
+def _damped_level(
+    own: Array, rate: Array, cost: tuple[Array, Array], kept: Array, Z: Array | None, damping: Array
+) -> TaskLevel:
+    """Level with further rows, which damp it, in the null space Z of the levels above."""
+    jacobian, rest = cost
+    inside = jacobian if Z is None else jacobian @ Z
+    return TaskLevel(
+        np.vstack([own, damping, inside]), np.concatenate([rate, np.zeros(len(damping)), rest - jacobian @ kept])
+    )
+
+
+def _solve_level(
+    level: TaskLevel, kept: Array, Z: Array | None, bounds: ProgramBounds, solver: LeastDistanceSolver, start: Array
+) -> tuple[Array, Array] | None:
+    """Unknowns and multipliers that solve one level within the limits; None if rounding left no room."""
+    J, rate = level
+    left, values, right = np.linalg.svd(J, full_matrices=len(J) < J.shape[1])
+    rank = int((values > _RANK * values[0]).sum())
+    T = np.hstack([right[:rank].T / values[:rank], right[rank:].T / (_FREE_COST * values[rank - 1])])
+    goal = np.concatenate([rate @ left[:, :rank], np.zeros(T.shape[1] - rank)])
+    T = T if Z is None else Z @ T
+    nearest = solver.solve(
+        goal, bounds.rows @ T, bounds.lower - bounds.rows @ kept, bounds.upper - bounds.rows @ kept, start
+    )
+    return None if nearest is None else (kept + T @ nearest.point, nearest.multipliers)

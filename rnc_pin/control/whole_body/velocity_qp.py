@@ -13,8 +13,10 @@ from rnc_pin.analysis.limit_effects import LimitEffect
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Description, VelocityTarget, elapsed_time
 from rnc_pin.control.whole_body.control_sample import ControlSample
+from rnc_pin.control.whole_body.limit_stack import ProgramBounds
 from rnc_pin.control.whole_body.limits.control_limit import ControlLimit
-from rnc_pin.control.whole_body.task_hierarchy import solve_cascade, solve_within
+from rnc_pin.control.whole_body.sampled_damping import SampledDamping, column_norms
+from rnc_pin.control.whole_body.task_hierarchy import RelaxedSolution, TaskLevel, solve_cascade, solve_within
 from rnc_pin.control.whole_body.tasks.control_task import ControlTask
 from rnc_pin.control.whole_body.whole_body_program import WholeBodyProgram, limit_report
 from rnc_pin.errors import ConfigurationError, InputError
@@ -149,7 +151,17 @@ class VelocityQP(WholeBodyProgram):
             multipliers: multipliers of the last program, (levels, k), to start from.
         """
         levels, bounds = self._tasks.at(sample), self._limits.bounds(sample)
-        return ProgramSolution(*solve_within(levels, bounds, self._limits, self._solver, self.damping, multipliers))
+        return ProgramSolution(*self._solved(sample, levels, bounds, multipliers))
+
+    def _solved(
+        self, sample: ControlSample, levels: list[TaskLevel], bounds: ProgramBounds, multipliers: Array | None = None
+    ) -> RelaxedSolution:
+        """Solution of the levels within limits, with the damping of this sample."""
+        r = self._reduced.r
+        curved = self._tasks.curved
+        levers = [column_norms(each.jacobian, mask) for each, mask in zip(levels, curved, strict=True)]
+        sampled = SampledDamping(sample.dt, np.eye(r), np.zeros(r), levers, curved)
+        return solve_within(levels, bounds, self._limits, self._solver, self.damping, multipliers, sampled=sampled)
 
     def effect(self, t: float, q: ArrayLike, v2: ArrayLike) -> LimitEffect:
         """Return the effect of the limits at one state: the solution beside that without limits.
@@ -166,7 +178,7 @@ class VelocityQP(WholeBodyProgram):
             raise InputError("effects of limits depend on the sampling interval: give the program a dt")
         sample = ControlSample(self._reduced, t, np.asarray(q, dtype=float), np.asarray(v2, dtype=float), self.dt)
         levels, bounds = self._tasks.at(sample), self._limits.bounds(sample)
-        found = solve_within(levels, bounds, self._limits, self._solver, self.damping)
+        found = self._solved(sample, levels, bounds)
         free = solve_cascade(levels, bounds.without_rows(), self.damping, self._solver)
         assert free is not None  # without limits, every level has a solution
         report = limit_report(self.limit_names, found.multipliers, found.excess, found.excess)

@@ -31,10 +31,12 @@ class BoundTask(ABC):
     Attributes:
         names: name of each row, (k,).
         goal_names: names of the outputs that ``goal`` describes; empty if there are none.
+        constant: True if the Jacobian on the full velocity does not depend on the configuration, as that of joints.
     """
 
     names: tuple[str, ...]
     goal_names: tuple[str, ...] = ()
+    constant: bool = False
 
     @abstractmethod
     def rows(self, sample: ControlSample) -> TaskRows:

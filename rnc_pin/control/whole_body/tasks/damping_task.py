@@ -27,6 +27,8 @@ class DampingTask(ControlTask):
 
 
 class _BoundDamping(BoundTask):
+    constant = True
+
     def __init__(self, task: DampingTask, reduced: ReducedModel) -> None:
         self._jacobian: np.ndarray | None = None
         names: Sequence[str] = reduced.reducing.names

@@ -14,7 +14,7 @@ from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.row_stack import OutputStack
-from rnc_pin.model.rows import OutputKind
+from rnc_pin.model.rows import ConstantRows, OutputKind
 from rnc_pin.planning.references import Reference
 
 
@@ -50,6 +50,7 @@ class BoundOutput(BoundTask):
         self.block, self.reference = task.output.bind(reduced.robot), task.reference
         self._together = OutputsTogether([self], reduced)
         self.names = self.goal_names = self.block.names
+        self.constant = isinstance(self.block, ConstantRows)
         check_size(task.reference, len(self.names), f"'{', '.join(self.names)}'")
         self.gain = task.numbers("gain", task.gain, len(self.names)) * (not self.block.quasi)
 

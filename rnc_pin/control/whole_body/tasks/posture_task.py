@@ -29,6 +29,8 @@ class PostureTask(ControlTask):
 
 
 class _BoundPosture(BoundTask):
+    constant = True
+
     def __init__(self, task: PostureTask, reduced: ReducedModel) -> None:
         robot = reduced.robot
         if not task.joints:
