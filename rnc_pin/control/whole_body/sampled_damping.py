@@ -31,7 +31,7 @@ _ATTAINED = 1e-7  # residual, relative to the rate, that is rounding
 
 
 class SampledDamping(NamedTuple):
-    """What the damping of all levels needs from one sample."""
+    """Damping of all levels in one sample."""
 
     dt: float
     """Duration of the sample [s]."""
