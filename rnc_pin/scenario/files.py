@@ -9,6 +9,7 @@ import os.path
 import shlex
 from collections.abc import Iterable, Mapping
 from copy import deepcopy
+from functools import lru_cache
 from pathlib import Path
 
 import yaml
@@ -78,6 +79,12 @@ def _draft_it(robot: str) -> str:
     return f"draft one with: rnc-pin init {shlex.quote(robot)}"
 
 
+@lru_cache(maxsize=8)
+def _parsed(text: str) -> Json:
+    """Content of a YAML file, which is parsed once: sweeps and variants read the same file again and again."""
+    return load_yaml(text)
+
+
 def read_yaml(path: Path) -> dict[str, Json]:
     """Read the mapping in a YAML file.
 
@@ -89,7 +96,7 @@ def read_yaml(path: Path) -> dict[str, Json]:
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigurationError(f"{path}: cannot be read: {error}") from None
     try:
-        raw = load_yaml(text)
+        raw = deepcopy(_parsed(text))
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         line = f"line {mark.line + 1}" if mark else "somewhere"
