@@ -8,7 +8,7 @@ import numpy as np
 import rnc_pin as rnc
 from rnc_pin.plants.mujoco import MuJoCoPlant
 
-DT = 0.002
+DT = 0.005
 GOAL = [1.5, 0.6]  # metres along the way, heading
 
 robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")

@@ -3,6 +3,7 @@
 import ast
 import re
 from collections import Counter
+from functools import cache
 
 import pytest
 
@@ -16,8 +17,21 @@ LONGEST_SENTENCE = 30  # words
 PAGES = pages()
 
 
+@cache
+def statements(path):
+    """The module and the statements in it, in all depths; expressions hold no docstrings, imports or definitions."""
+    found, left = [], [ast.parse(path.read_text())]
+    while left:
+        node = left.pop()
+        found.append(node)
+        for body in ("body", "orelse", "handlers", "finalbody", "cases"):
+            children = getattr(node, body, ())
+            left += [each for each in children if not isinstance(each, ast.expr)] if isinstance(children, list) else ()
+    return found
+
+
 def docstrings(path):
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in statements(path):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef | ast.Module):
             text = ast.get_docstring(node)
             if text:
@@ -60,7 +74,7 @@ def test_no_test_file_imports_another():
     imported = [
         f"{path.name}:{node.lineno}"
         for path in (ROOT / "tests").rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text()))
+        for node in statements(path)
         if isinstance(node, ast.Import | ast.ImportFrom)
         for name in (getattr(node, "module", None) or "", *(each.name for each in node.names))
         if name.rpartition(".")[2].startswith("test_")
@@ -79,7 +93,7 @@ def test_no_public_name_is_defined_twice():
         node.name
         for path in (ROOT / "rnc_pin").rglob("*.py")
         if "app" not in path.relative_to(ROOT).parts and not path.stem.startswith("former_")
-        for node in ast.parse(path.read_text()).body
+        for node in statements(path)[0].body
         if isinstance(node, ast.ClassDef | ast.FunctionDef) and not node.name.startswith("_")
     )
     assert [name for name, count in defined.items() if count > 1] == []

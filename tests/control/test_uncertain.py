@@ -25,7 +25,7 @@ from systems import rolling_base
 
 RADIUS, TRACK, WHEELS = 0.08, 0.5, ("left", "right")
 BOUNDS = (0.02, 2.0)
-DT = 0.01
+DT = 0.02
 
 
 def two_wheels():

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.visualization import capture, interactive
 
-SHORT = ["--set", "simulation.duration=0.5", "--set", "simulation.dt=0.01"]
+SHORT = ["--set", "simulation.duration=0.1", "--set", "simulation.dt=0.01"]
 
 
 @pytest.fixture(scope="module")

@@ -31,7 +31,7 @@ controller:
     joint_velocity: {joints: [joint_1, joint_2], limit: 0.25, margin: 0.02}
     acceleration: {limit: 10}
     regions: [{frame: base, box: {x: [-1, 0.25]}}]
-simulation: {duration: 1.6, dt: 0.004}
+simulation: {duration: 1.6, dt: 0.008}
 """
 
 
@@ -124,7 +124,7 @@ controller:
     - output:
         {output: {frame_position: {frame: ball, axes: x}}, reference: {minimum_jerk: {by: [1.0], duration: 2}}, gain: 3}
     - posture: {joints: {y: 0}, gain: 2}
-simulation: {duration: 7, dt: 0.01}
+simulation: {duration: 7, dt: 0.02}
 """
 PROGRAMS = [{"type": "qp", "tracker": "computed_torque", "k": 60}, {"type": "inverse_dynamics"}]
 

@@ -46,9 +46,10 @@ GAINS = {  # in the record of a run, by the type of what its controller is made 
     "InverseDynamicsQP": {"tasks", "limits", "dt", "velocity_gain", "friction"},
 }
 PERIODS = {
-    "free-flying-arm": 0.002, "tiago": 0.004, "unicycle": 0.004,  # whose gains do not suit a slower one
+    "free-flying-arm": 0.0035, "tiago": 0.004, "unicycle": 0.0055,  # whose gains do not suit a slower one
     # Whose samples cost most.
-    "docking": 0.02, "doorway": 0.02, "free-flying-arm-limits": 0.016, "mecanum-crowd": 0.02, "tiago-shelf": 0.02,
+    "docking": 0.04, "doorway": 0.04, "free-flying-arm-limits": 0.032, "mecanum-crowd": 0.04, "parallel-parking": 0.02,
+    "snakeboard-point": 0.02, "tiago-doorway": 0.02, "tiago-shelf": 0.04, "wheels-uncertain": 0.012,
 }  # fmt: skip
 """Sampling periods [s] other than 0.008."""
 

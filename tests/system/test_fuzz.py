@@ -7,7 +7,7 @@ from benchmarks import fuzz
 
 @pytest.mark.parametrize("kind", fuzz.READERS)
 def test_broken_files_end_in_errors_of_ours(kind):
-    endings, faults = fuzz.run(40 if kind in fuzz.MESHES else 80, kinds=(kind,))
+    endings, faults = fuzz.run(16 if kind in fuzz.MESHES else 40, kinds=(kind,))
     assert faults == []
     assert endings[f"{kind} read"] > 0, "some changes do no harm, so that more than the first check is reached"
     assert endings[f"{kind} refused"] > 0

@@ -72,7 +72,7 @@ def test_a_campaign_in_many_processes_has_the_bits_of_one(tmp_path, monkeypatch)
 def test_the_platform_arrives_on_a_ground_of_little_grip():
     """Of mu = 0.6, which gives 53 N m of yaw: the stabiliser's limits keep to less than half of it."""
     pytest.importorskip("mujoco")
-    ground = {"plant": {"type": "mujoco", "friction": [0.6, 0.0, 0.0]}, "comparisons": {}, "plots": {}}
+    ground = {"plant": {"type": "mujoco", "friction": [0.6, 0.0, 0.0], "step": 0.001}, "comparisons": {}, "plots": {}}
     coarse = {"simulation.dt": 0.008, "simulation.duration": 7.0}
     run = execute(plan("mobile-manipulator-two-phase", {**ground, **coarse})).trajectory
     assert run.outcome == "completed"

@@ -143,7 +143,7 @@ def test_interactive_plots_work_offline(run, tmp_path):
 @pytest.fixture(scope="module")
 def drive():
     """A second and a half of three trailers that turn off, and the same with another path."""
-    options = {"simulation.dt": 0.01, "simulation.duration": 1.5, "reference.path.duration": 3.0}
+    options = {"simulation.dt": 0.01, "simulation.duration": 1.5, "reference.path.duration": 3.0, "comparisons": {}}
     short = execute(plan("tractor-trailers", options)).trajectory
     return short, execute(plan("tractor-trailers", {**options, "reference.path.to": [5, 3, 0]})).trajectory
 

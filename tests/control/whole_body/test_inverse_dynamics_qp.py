@@ -22,7 +22,7 @@ from systems import (
 )
 from textbook_systems import wheeled_pendulum
 
-DT, GAIN, RATE = 0.002, 3.0, 15.0
+DT, GAIN, RATE = 0.004, 3.0, 15.0
 
 
 def hand(frame, goal, **settings):
@@ -73,7 +73,7 @@ def test_a_hand_follows_its_reference_and_the_rest_comes_to_rest():
     reach = tasks.OutputTask(rnc.FramePosition("tip", "xy"), path, gain=GAIN)
     controller = InverseDynamicsQP(reduced, [reach], dt=DT, friction=0.2)
     run = rnc.simulate(reduced, controller, q0, 2.0, dt=DT)
-    for k in range(0, len(run.time), 100):
+    for k in range(0, len(run.time), 50):
         found = position.value(reduced.at(run.q[k]).position)
         np.testing.assert_allclose(found, path.at(run.time[k]).position, atol=1e-3)
     assert np.abs(run.v[-1]).max() < 1e-2

@@ -145,7 +145,7 @@ def test_a_space_robot_keeps_its_momentum():
     robot = rnc.Robot.from_urdf("space_robot.urdf")
     system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
     q0 = robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
-    plant, q, v = driven(system.reduce(), q0, np.zeros(3), np.array([0.5, -0.3, 0.2]), 5.0)
+    plant, q, v = driven(system.reduce(), q0, np.zeros(3), np.array([0.5, -0.3, 0.2]), 1.5)
     assert max(q, v) < 1e-10
     assert np.abs(plant.slip()).max() < 1e-10
     assert plant.wheel_names == ()
@@ -160,7 +160,7 @@ def test_forces_between_bodies_keep_the_momentum():
     q0 = robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
     errors = []
     for step in (1e-3, 5e-4):
-        plant, q, v = driven(system.reduce(), q0, np.zeros(3), np.array([0.2, 1.5, -0.4]), 1.0, step=step)
+        plant, q, v = driven(system.reduce(), q0, np.zeros(3), np.array([0.2, 1.5, -0.4]), 0.5, step=step)
         assert np.abs(plant.slip()).max() < 1e-10
         errors.append(max(q, v))
     # The force is held over a step of the engine, an error of the first order.
@@ -252,7 +252,7 @@ def test_what_stands_on_points_or_balls_stands_as_high_as_they_say(radius):
 def test_a_differential_drive_grips_and_follows_the_model():
     reduced = differential_drive()
     q0, T = reduced.robot.configuration(), np.array([0.5, 0.6])
-    plant, q, v = driven(reduced, q0, np.zeros(2), T, 2.0, integrator="implicitfast")
+    plant, q, v = driven(reduced, q0, np.zeros(2), T, 1.0, integrator="implicitfast")
     assert plant.stance == "free"
     assert plant.casters == ("caster[0]", "caster[1]")
     assert max(q, v) < 1e-2  # angles of wheels, which are ten times what the base goes [m]
@@ -261,7 +261,7 @@ def test_a_differential_drive_grips_and_follows_the_model():
     assert plant.wheel_names == ("left_wheel", "right_wheel")
     assert ((used > 0.02) & (used < 0.2)).all()
 
-    finer, coarse = (driven(reduced, q0, np.zeros(2), T, 0.3, step=step)[1] for step in (1e-4, 4e-4))
+    finer, coarse = (driven(reduced, q0, np.zeros(2), T, 0.1, step=step)[1] for step in (1e-4, 4e-4))
     assert finer < 0.5 * coarse
 
 
