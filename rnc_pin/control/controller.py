@@ -12,14 +12,14 @@ is optional.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.errors import ConfigurationError, InputError
+from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.io.json import Json
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning.references import Reference
@@ -107,6 +107,13 @@ def check_size(reference: Reference | _Sized, size: int, what: str) -> None:
     """Raise an error if the size of a reference differs from the number of its outputs."""
     if reference.size != size:
         raise ConfigurationError(f"the {what} reference has {reference.size} values for {size} outputs")
+
+
+def check_choice(word: str, valid: Iterable[str], what: str) -> None:
+    """Raise an error with the nearest name if a word is none of the valid ones."""
+    choices = list(valid)
+    if word not in choices:
+        raise ConfigurationError(f"{what} '{word}' is not known{nearest(word, choices)}")
 
 
 def elapsed_time(t: float, last: float | None) -> float:

@@ -90,7 +90,8 @@ def descend(
 
     The damping starts as that of Sugihara ("Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt
     method", 2011): proportional to ``|e|^2``. So convergence is quadratic for reachable targets. Its factor grows after
-    failed steps and shrinks after others. A step that meets bounds is solved again with these entries at their bounds.
+    failed steps and shrinks after others. A step that meets bounds is solved again with these entries at their bounds;
+    an entry that the gradient pulls back inside is free again.
 
     Args:
         evaluate: linearized problem at a configuration.

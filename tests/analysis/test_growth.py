@@ -215,6 +215,14 @@ def test_the_largest_dimensions_are_generic_not_the_longest_vector(monkeypatch):
     )
 
 
+def test_a_level_of_rounding_errors_leaves_the_margin_of_the_others():
+    """The height of a leaning wheel does not grow: what is left after (3, 4, 5) is 1e-10 of the levels before."""
+    reduced = leaning_wheel()
+    found = growth.grow(reduced, random_states(reduced, 1, seed=3)[0][0])
+    assert found.vector == (3, 4, 5)
+    assert found.margin > 1e9
+
+
 def test_samples_with_the_last_dimension_are_shown_if_none_has_all(monkeypatch):
     told = {0: (2, 4, 5), 1: (2, 3, 6)}
     monkeypatch.setattr(growth, "grow", lambda _, q: growth.Growth(told[int(q[0])], np.eye(6), 1e6 * (1 + q[0]), False))

@@ -11,7 +11,7 @@ from rnc_pin.control import (
     PositionGains,
     VelocityGains,
 )
-from rnc_pin.control.gain_design import OUTER_GAINS
+from rnc_pin.control.gain_design import OUTER_GAINS, design_position_gains, design_velocity_gains
 from tolerances import ROUNDING
 
 
@@ -48,6 +48,26 @@ def test_paper_preset():
     outer = OUTER_GAINS["paper"]
     assert (outer.k21, outer.alpha, outer.k, outer.rate) == (0.0, 1.0, 0.1, 0.2)
     assert (outer.tolerance, outer.max_speed) == (0.02, (0.3, 0.3))
+
+
+def test_presets_are_known_by_their_letters():
+    """Gains of words that a program puts together, and of a model that only "scaled" reads."""
+    one = np.array([[[1.0]]])
+    still = SimpleNamespace(at=lambda q: SimpleNamespace(H=one))
+    velocity, position = VelocityGains.scaled(still, one[0], 0.01), PositionGains.scaled(one, 0.01)
+    for letters, of_velocity, of_position in (
+        ("paper", VelocityGains.paper(), PositionGains.paper()),
+        ("normalised", VelocityGains.normalised(3.0), PositionGains.normalised(3.0)),
+        ("scaled", velocity, position),
+    ):
+        preset = "".join(list(letters))
+        found = design_velocity_gains(still, one[0], 0.01, preset=preset, inertia_bound=3.0)
+        assert (found.k, found.beta) == (of_velocity.k, of_velocity.beta)
+        found = design_position_gains(lambda q: one, one[0], 0.01, preset=preset, inertia_bound=3.0)
+        np.testing.assert_array_equal([found.k1, found.k2], [of_position.k1, of_position.k2])
+    for design in (design_velocity_gains, design_position_gains):
+        with pytest.raises(rnc.ConfigurationError, match="preset 'normalized' is not known; did you mean 'normalised'"):
+            design(lambda q: one, one[0], 0.01, preset="normalized", inertia_bound=3.0)
 
 
 def test_scaled_gains_keep_the_loop_inside_what_sampling_allows():
