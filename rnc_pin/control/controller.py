@@ -109,7 +109,7 @@ def check_size(reference: Reference | _Sized, size: int, what: str) -> None:
         raise ConfigurationError(f"the {what} reference has {reference.size} values for {size} outputs")
 
 
-def check_choice(word: str, valid: Iterable[str], what: str) -> None:
+def check_known(word: str, valid: Iterable[str], what: str) -> None:
     """Raise an error with the nearest name if a word is none of the valid ones."""
     choices = list(valid)
     if word not in choices:

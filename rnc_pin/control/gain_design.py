@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 
-from rnc_pin.control.controller import Description, check_choice, listed
+from rnc_pin.control.controller import Description, check_known, listed
 from rnc_pin.errors import ConfigurationError, InfeasibleError
 from rnc_pin.model.reduced_model import ReducedModel
 
@@ -305,7 +305,7 @@ def design_velocity_gains(
         >>> gains.k.shape, gains.sigma
         ((3,), 0.0)
     """
-    check_choice(preset, OUTER_GAINS, "preset")
+    check_known(preset, OUTER_GAINS, "preset")
     if preset == "paper":
         gains = VelocityGains.paper()
     elif preset == "normalised":
@@ -349,7 +349,7 @@ def design_position_gains(
         InfeasibleError: sampling is too slow for these rates.
         ConfigurationError: an argument is not valid, or "normalised" has no bound.
     """
-    check_choice(preset, OUTER_GAINS, "preset")
+    check_known(preset, OUTER_GAINS, "preset")
     if preset == "paper":
         gains = PositionGains.paper()
     elif preset == "normalised":

@@ -152,7 +152,7 @@ class Assembly:
         residual, stalls = self._residual(here), 0
         for _ in range(steps):
             if stalls == _STALLS or np.abs(residual[rows]).max(initial=0.0) <= _EXACT:
-                break
+                return q, residual
             step = self._step(here, residual, free, rows, by_inertia)
             step *= min(1.0, _LONGEST / max(float(np.abs(step).max()), 1e-300))
             for _ in range(_HALVINGS):
@@ -162,7 +162,7 @@ class Assembly:
                     break
                 step = 0.5 * step
             else:
-                break
+                return q, residual
             before, after = (float(np.linalg.norm(each[rows])) for each in (residual, left))
             stalls = stalls + 1 if after > max(_FAR, _STALLED * before) else 0
             here, q, residual = ahead, ahead.q, left
