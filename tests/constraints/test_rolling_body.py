@@ -184,6 +184,25 @@ def test_balls_roll_down_a_slope(moments, share):
     np.testing.assert_allclose(state.v_dot(state.v2_dot([]))[:3], down, atol=1e-12)
 
 
+def test_a_cylinder_on_its_side_rolls_on_both_rims_down_a_slope():
+    """At 2/3 g sin a; of the six rows, that of the second rim along the axis follows from the others."""
+    mass, radius, length, angle = 2.0, 0.1, 0.5, 0.3
+    across = mass * (radius**2 / 4 + length**2 / 12)
+    robot = rigid_body(mass, (mass * radius**2 / 2, across, across))
+    for side, name in ((-1, "left"), (1, "right")):
+        place = pin.SE3(np.eye(3), np.array([side * length / 2, 0.0, 0.0]))
+        robot.model.addFrame(pin.Frame(name, 1, place, pin.FrameType.OP_FRAME))
+    robot = rnc.Robot(robot.model)
+    ground = rnc.GroundPlane(normal=(0.0, np.sin(angle), np.cos(angle)))
+    rims = [rnc.RollingBody(name, rnc.Torus(radius, axis="x"), ground=ground) for name in ("left", "right")]
+    reduced = rnc.NonholonomicSystem(robot, rims).reduce()
+    assert (reduced.r, [row.name for row in reduced.dropped_rows]) == (1, ["rolling_x(right)"])
+    state = reduced.at(reduced.assembled(robot.configuration({"root_joint": [0, 0, 0.15, 0, 0, 0, 1]})), [0.0])
+    downhill = [0.0, np.cos(angle), -np.sin(angle)]
+    gained = -2 / 3 * GRAVITY[2] * np.sin(angle)
+    np.testing.assert_allclose(state.v_dot(state.v2_dot([]))[:3], gained * np.array(downhill), atol=1e-9)
+
+
 def test_a_body_without_pivoting_has_the_momentum_of_rolling_alone():
     """A sphere without pivoting has two freedoms; with no gravity's moment it rolls straight on."""
     robot = rigid_body(1.0, (0.02,) * 3)
