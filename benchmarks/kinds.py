@@ -32,7 +32,7 @@ class KindCost:
         kind: name of the system.
         bare_us: the bare calls at a state [us].
         one_state, of_batch, terms, derivatives: times of a state [us]; NaN without the quantity.
-        free_motion_ms: 0.1 s of free motion [ms]; NaN for systems that depend on time.
+        free_motion_ms: 0.1 s of free motion [ms].
     """
 
     kind: str
@@ -116,7 +116,7 @@ def costs(name: str, rounds: int = ROUNDS) -> KindCost:
 
 
 def timed_costs(name: str, reduced: rnc.ReducedModel, rounds: int) -> KindCost:
-    """Costs of a system that depends on time: ``at(q, v2, t=t).v2_dot(T)`` is its forward dynamics."""
+    """Costs of a system that depends on time: all states are at one time."""
     generator, t = np.random.default_rng(0), 0.3
     q = reduced.assembled(reduced.robot.configuration())
     v2, T = generator.normal(size=(STATES, reduced.r)), generator.normal(size=(STATES, reduced.p))
@@ -126,15 +126,22 @@ def timed_costs(name: str, reduced: rnc.ReducedModel, rounds: int) -> KindCost:
 
     def singles() -> None:
         for one, force in each:
-            reduced.at(q, one, t=t).v2_dot(force)
+            reduced.forward_dynamics(q, one, force, t=t)
 
     def whole() -> None:
         for one, _ in each:
             reduced.at(q, one, t=t).terms()
 
-    batch = used_by(lambda: reduced.at(states.q, v2, t=t).v2_dot(T), STATES)
-    found = in_turn([bare_calls(reduced, states), used_by(singles, STATES), batch, used_by(whole, STATES)], rounds)
-    return KindCost(name, *(float(each[0]) * 1e6 for each in found), np.nan, np.nan)
+    def slopes() -> None:
+        for one, force in each:
+            rnc.state_derivatives(reduced, q, one, force, t=t)
+
+    batch = used_by(lambda: reduced.forward_dynamics(many, v2, T, t=t), STATES)
+    measurements = [bare_calls(reduced, states), used_by(singles, STATES), batch]
+    measurements += [used_by(whole, STATES), used_by(slopes, STATES)]
+    found = in_turn([*measurements, free_motion(reduced, states)], rounds)
+    *times, run = (float(each[0]) * 1e6 for each in found)
+    return KindCost(name, *times, run / 1e3)
 
 
 def free_motion(reduced: rnc.ReducedModel, states: States) -> Measurement:

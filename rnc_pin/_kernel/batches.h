@@ -52,7 +52,7 @@ static PyObject *velocities_of_runs(Evaluator *ev, PyObject *const *args, Py_ssi
             double size = 0.0;
             status[i] = 0.0;
             if (PyErr_Occurred() || !take_position(ev, q, P)) ok = -1;
-            if (ok < 0 || !chart || !chart->fused || chart->r > in_y) continue;
+            if (ok < 0 || !chart || !chart->fused || chart->timed || chart->r > in_y) continue;
             double *F = chart->scratch + chart->work + kinematics_size(chart), *R = F + n * n + chart->m;
             if (!all_finite(y + i * in_y, in_y) || !factorize(chart, q, P, NULL, F)) continue;
             velocity(chart, F, chart->mu, y + i * in_y, v);
@@ -105,11 +105,11 @@ static PyObject *integrate_runs(Evaluator *ev, PyObject *const *args, Py_ssize_t
         memcpy(y_end, y, (size_t)(all.count * s) * sizeof(double));
         for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, T += ev->p, q_end += ev->nq, y_end += s) {
             Evaluator *chart = of_run(ev, args[0], i);
-            int done = chart && chart->fused && !chart->external_vertical && chart->curved && s == chart->r + chart->k + 1
+            int done = chart && chart->fused && !chart->timed && !chart->external_vertical && chart->curved && s == integrated(chart)
                 && all_finite(T, ev->p);
             if (PyErr_Occurred()) ok = -1;
             for (Py_ssize_t j = 0; j < steps && ok > 0 && done > 0; j++)
-                done = step(chart, T, h, j || !P ? NULL : P + i * kinematics_size(ev), q_end, y_end);
+                done = step(chart, T, h, j || !P ? NULL : P + i * kinematics_size(ev), NULL, q_end, y_end);
             if (done < 0) ok = -1;
             status[i] = done > 0;
         }

@@ -59,7 +59,7 @@ typedef struct {
     PyObject_HEAD
     Py_ssize_t nq, n, m, r, k, p, joints, frames; /* k rows of J1, p inputs */
     Py_ssize_t external, external_vertical; /* rows of the user in E and in J1 */
-    int normalized, fused, rates_need_C, ready;
+    int normalized, fused, timed, rates_need_C, ready; /* timed: mu depends on time, see set_rates */
     Row *rows;               /* of E, then of J1, then of inputs on frames, then of forces */
     Py_ssize_t count;        /* number of rows */
     long *columns;           /* columns of B of the inputs on frames */
@@ -68,6 +68,7 @@ typedef struct {
     long *owner;             /* joint of each entry of v (n) */
     double *constant;        /* constant rows (count, n); zero for the others */
     double *B, *mu, *lengths; /* constant part of B (n, p); (m) at the last configuration; typical lengths of the rows of E (n) */
+    double *mu_dot;          /* rates over time of mu (m), less those of moving ground; NULL without mu */
     int slides;              /* ground moves */
     double fast_length, fast_limit;
     double *laws;            /* of the forces that follow from the state, FORCE_NUMBERS each */
@@ -706,7 +707,7 @@ static int biases(Evaluator *ev, const double *q, const double *P, const double 
             ackermann(row, q, f);
             sum = 2 * f[3] * left * right - f[0] * (left * left + right * right);
         }
-        gamma[i] = sum;
+        gamma[i] = ev->mu_dot && i < ev->m ? sum - ev->mu_dot[i] : sum;
     }
     for (Py_ssize_t i = 0; i < n; i++) solved[i] = dot(F + n * n + i * n, gamma, n);
     for (Py_ssize_t i = 0; i < n; i++) unforced[i] = dot(P + i * n, solved, n) - S[i];
@@ -1015,19 +1016,24 @@ static PyObject *reduced_inertia(Evaluator *ev, PyObject *const *args, Py_ssize_
     return result(&all, ok);
 }
 
-static PyObject *bias_forces(Evaluator *ev, PyObject *const *args, Py_ssize_t given) /* q, P, F, v, external, S */
+/* q, P, F, v, external, rates of mu over time (m) or None for those that are set, S */
+static PyObject *bias_forces(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = -1};
-    double *q, *P, *F, *v, *external, *S;
+    double *q, *P, *F, *v, *external, *drift, *S, *kept = ev->mu_dot;
     int ok = -1;
-    if (expect(ev, given, 6) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], kinematics_size(ev), READ, &P)
+    if (expect(ev, given, 7) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], kinematics_size(ev), READ, &P)
         && take(&all, args[2], 2 * ev->n * ev->n, READ, &F) && take(&all, args[3], ev->n, READ, &v)
-        && optional(&all, args[4], ev->external, &external) && take(&all, args[5], dynamics_size(ev), WRITE, &S)) {
+        && optional(&all, args[4], ev->external, &external) && optional(&all, args[5], ev->m, &drift)
+        && take(&all, args[6], dynamics_size(ev), WRITE, &S)) {
         ok = external || !ev->external;
-        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++)
+        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++) {
+            if (drift) ev->mu_dot = drift + i * ev->m;
             if (!biases(ev, q + i * ev->nq, P + i * kinematics_size(ev), F + i * 2 * ev->n * ev->n, v + i * ev->n,
                         external ? external + i * ev->external : NULL, S + i * dynamics_size(ev)))
                 ok = -1;
+        }
+        ev->mu_dot = kept;
     }
     return result(&all, ok);
 }
@@ -1175,6 +1181,25 @@ static PyObject *set_numbers(Evaluator *ev, PyObject *const *args, Py_ssize_t gi
     if (expect(ev, given, 1) && take(&all, args[0], ev->count * NUMBERS, READ, &numbers)) {
         ok = 1;
         for (Py_ssize_t i = 0; i < ev->count; i++) memcpy(ev->rows[i].w, numbers + i * NUMBERS, sizeof ev->rows->w);
+    }
+    return result(&all, ok);
+}
+
+static void use_rates(Evaluator *ev, const double *rates) /* mu, then its rates over time (m each) */
+{
+    memcpy(ev->mu, rates, (size_t)ev->m * sizeof(double));
+    memcpy(ev->mu_dot, rates + ev->m, (size_t)ev->m * sizeof(double));
+}
+
+/* mu at one time and its rates (m each), which later calls use; those of moving ground are found at each configuration. */
+static PyObject *set_rates(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+{
+    Arrays all = {.count = 1};
+    double *rates;
+    int ok = -1;
+    if (expect(ev, given, 1) && take(&all, args[0], 2 * ev->m, READ, &rates)) {
+        ok = ev->mu != NULL;
+        if (ok) use_rates(ev, rates);
     }
     return result(&all, ok);
 }
@@ -1358,7 +1383,10 @@ static double constraint_power(const Evaluator *ev, const double *P, const doubl
     return power;
 }
 
-/* State derivative at one state: v (n), v2_dot (r), J1 v (k), and the power of forces and moving constraints.
+/* Numbers of y of the integrator: v2, integrals of J1 v, time if mu depends on it, and work */
+static Py_ssize_t integrated(const Evaluator *ev) { return ev->r + ev->k + (ev->timed ? 2 : 1); }
+
+/* State derivative at one state: v (n), v2_dot (r), J1 v (k), 1 for the time, and the power of forces and moving constraints.
    Forces are those of T, further ones (n) and damping (n), unless NULL. known: kinematics at q, or NULL.
    0: the general way has to decide; -1: an error */
 static int derivative(Evaluator *ev, const double *q, const double *v2, const double *T, const double *further,
@@ -1384,8 +1412,10 @@ static int derivative(Evaluator *ev, const double *q, const double *v2, const do
         if (!assemble(ev, q, P, NULL, n + j, n + j + 1, row)) return 0;
         rates_of_J1[j] = dot(row, v, n);
     }
-    rates_of_J1[k] = dot(v, force, n) - stored;
-    if (ev->mu) rates_of_J1[k] += constraint_power(ev, P, F, S, force, v2_dot, ev->scratch);
+    double *power = rates_of_J1 + k;
+    if (ev->timed) *power++ = 1.0;
+    *power = dot(v, force, n) - stored;
+    if (ev->mu) *power += constraint_power(ev, P, F, S, force, v2_dot, ev->scratch);
     return 1;
 }
 
@@ -1394,7 +1424,7 @@ static PyObject *state_derivative(Evaluator *ev, PyObject *const *args, Py_ssize
 {
     Arrays all = {.count = -1};
     double *q, *v2, *T, *further, *damping, *out;
-    Py_ssize_t n = ev->n, r = ev->r, size = n + r + ev->k + 1;
+    Py_ssize_t n = ev->n, r = ev->r, size = n + integrated(ev);
     int ok = -1;
     if (expect(ev, given, 6) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], r, READ, &v2)
         && take(&all, args[2], ev->p, READ, &T) && optional(&all, args[3], n, &further)
@@ -1481,14 +1511,15 @@ static int displace(Evaluator *ev, const double *q, const double *u, double *out
     return ok;
 }
 
-static Py_ssize_t stages_size(const Evaluator *ev) { return 3 * (ev->n + ev->r + ev->k + 1) + ev->nq; }
+static Py_ssize_t stages_size(const Evaluator *ev) { return 3 * (ev->n + integrated(ev)) + ev->nq; }
 
-/* One step of the method of lie_runge_kutta.py: q and y = [v2, integrals of J1 v, work] after a time h. known: kinematics at
-   q, or NULL. */
-static int step(Evaluator *ev, const double *T, double h, const double *known, double *q, double *y)
+/* One step of the method of lie_runge_kutta.py: q and y after a time h. known: kinematics at q, or NULL. rates: mu and its
+   rates at the begin, the middle and the end of the step, or NULL. */
+static int step(Evaluator *ev, const double *T, double h, const double *known, const double *rates, double *q, double *y)
 {
+    static const int half_steps[4] = {0, 1, 1, 2};
     static const double fraction[4] = {0.0, 0.5, 0.5, 1.0}, weight[4] = {1.0, 2.0, 2.0, 1.0};
-    Py_ssize_t n = ev->n, s = ev->r + ev->k + 1;
+    Py_ssize_t n = ev->n, s = integrated(ev);
     double *rate = ev->stages, *sum = rate + n + s, *u = sum + n + s, *y_at = u + n, *q_at = y_at + s;
     memcpy(q_at, q, (size_t)ev->nq * sizeof(double));
     memset(sum, 0, (size_t)(n + s) * sizeof(double));
@@ -1498,6 +1529,7 @@ static int step(Evaluator *ev, const double *T, double h, const double *known, d
         for (Py_ssize_t i = 0; i < s; i++) y_at[i] = y[i] + fraction[stage] * h * rate[n + i];
         if (!(dot(u, u, n) < FARTHEST)) return 0;
         if (stage && !displace(ev, q, u, q_at)) return -1;
+        if (rates) use_rates(ev, rates + half_steps[stage] * 2 * ev->m);
         int ok = derivative(ev, q_at, y_at, T, NULL, NULL, stage ? NULL : known, rate);
         if (ok <= 0) return ok;
         coordinate_rates(ev, u, rate);
@@ -1510,23 +1542,26 @@ static int step(Evaluator *ev, const double *T, double h, const double *known, d
     return 1;
 }
 
-/* q, y, T, step, number of steps, record of q and y at the end. False if the general way has to decide. */
+/* q, y, T, step, number of steps, mu and its rates (2 m) at each half step or None, record of q and y at the end. False if the general way has to decide. */
 static PyObject *integrate(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = 1};
-    double *q, *y, *T, *out;
-    Py_ssize_t s = ev->r + ev->k + 1;
+    double *q, *y, *T, *rates = NULL, *out;
+    Py_ssize_t s = integrated(ev);
     int ok = -1;
-    if (expect(ev, given, 6) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], s, READ, &y)
-        && take(&all, args[2], ev->p, READ, &T) && take(&all, args[5], ev->nq + s, WRITE, &out)) {
+    if (expect(ev, given, 7) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], s, READ, &y)
+        && take(&all, args[2], ev->p, READ, &T) && take(&all, args[6], ev->nq + s, WRITE, &out)) {
         double h = PyFloat_AsDouble(args[3]);
         Py_ssize_t steps = PyErr_Occurred() ? 0 : PyLong_AsSsize_t(args[4]);
-        if (!PyErr_Occurred()) {
-            ok = ev->fused && !ev->external_vertical && ev->curved && all_finite(T, ev->p);
+        if (!PyErr_Occurred() && within((long)steps, 1 << 20)
+            && optional(&all, args[5], (2 * steps + 1) * 2 * ev->m, &rates)) {
+            ok = ev->fused && !ev->external_vertical && ev->curved && all_finite(T, ev->p) && !ev->timed == !rates
+                && (ev->mu || !rates);
             memcpy(out, q, (size_t)ev->nq * sizeof(double));
             memcpy(out + ev->nq, y, (size_t)s * sizeof(double));
         }
-        for (Py_ssize_t i = 0; i < steps && ok > 0; i++) ok = step(ev, T, h, NULL, out, out + ev->nq);
+        for (Py_ssize_t i = 0; i < steps && ok > 0; i++)
+            ok = step(ev, T, h, NULL, rates ? rates + i * 4 * ev->m : NULL, out, out + ev->nq);
     }
     return result(&all, ok);
 }
@@ -1536,7 +1571,7 @@ static PyObject *chart_rate(Evaluator *ev, PyObject *const *args, Py_ssize_t giv
 {
     Arrays all = {.count = 1};
     double *q, *x, *T, *damping, *out;
-    Py_ssize_t n = ev->n, s = ev->r + ev->k + 1;
+    Py_ssize_t n = ev->n, s = integrated(ev);
     int ok = -1;
     if (expect(ev, given, 5) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], n + s, READ, &x)
         && take(&all, args[2], ev->p, READ, &T) && optional(&all, args[3], n, &damping)
@@ -1581,7 +1616,7 @@ static void add_offset(Evaluator *ev, const double *P, const double *F, const do
     for (Py_ssize_t i = 0; i < n; i++) b[i] = dot(inverse + i * n, ev->mu, m);
     for (Py_ssize_t i = 0; i < n; i++) {
         const Row *row = ev->rows + i;
-        rest[i] = -dot(D + i * n, b, n);
+        rest[i] = (i < m ? ev->mu_dot[i] : 0.0) - dot(D + i * n, b, n);
         if (on_moving_ground(row)) {
             Wrench on[2];
             wrenches(ev, row, on);
@@ -1862,9 +1897,9 @@ static int initialize(PyObject *self, PyObject *args, PyObject *keywords)
         PyErr_SetString(PyExc_TypeError, "kernel: an Evaluator is made once, from positional arguments");
         return -1;
     }
-    if (!PyArg_ParseTuple(args, "(nnnnnnnnnnnppn)O!O!OOOOOOOOOOOOOdd", &ev->nq, &ev->n, &ev->m, &ev->k, &ev->p, &ev->joints,
+    if (!PyArg_ParseTuple(args, "(nnnnnnnnnnnpppn)O!O!OOOOOOOOOOOOOdd", &ev->nq, &ev->n, &ev->m, &ev->k, &ev->p, &ev->joints,
                           &ev->frames, &ev->external, &ev->external_vertical, &ev->count, &supported, &ev->normalized,
-                          &ev->fused, &ev->forced, &PyTuple_Type, &refs, &PyTuple_Type, &views, &integers, &numbers, &columns, &joints,
+                          &ev->fused, &ev->timed, &ev->forced, &PyTuple_Type, &refs, &PyTuple_Type, &views, &integers, &numbers, &columns, &joints,
                           &placements, &start, &support, &constant, &B, &mu, &lengths, &curved, &forces,
                           &ev->fast_length, &ev->fast_limit))
         return -1;
@@ -1885,7 +1920,7 @@ static int initialize(PyObject *self, PyObject *args, PyObject *keywords)
         && (ev->support = copied(support, supported, sizeof(long)))
         && (ev->constant = copied(constant, ev->count * n, sizeof(double)))
         && (ev->B = copied(B, n * ev->p, sizeof(double)))
-        && (mu == Py_None || (ev->mu = copied(mu, ev->m, sizeof(double))))
+        && (mu == Py_None || ((ev->mu = copied(mu, ev->m, sizeof(double))) && (ev->mu_dot = calloc((size_t)ev->m + 1, sizeof(double)))))
         && (ev->lengths = copied(lengths, n, sizeof(double)))
         && (ev->laws = copied(forces, ev->forced * FORCE_NUMBERS, sizeof(double))) && bent(ev, curved)) {
         Py_ssize_t wide = n > ev->k ? n : ev->k, work = 2 * n * n + 6 * n + wide * n;
@@ -1919,6 +1954,7 @@ static int initialize(PyObject *self, PyObject *args, PyObject *keywords)
     }
     free(table), free(weights), free(on), free(placed);
     ev->ready = ok;
+    if (!ok && !PyErr_Occurred()) PyErr_NoMemory();
     return ok ? 0 : -1;
 }
 
@@ -1928,7 +1964,7 @@ static void destroy(PyObject *self)
     PyTypeObject *type = Py_TYPE(self);
     while (ev->open) PyBuffer_Release(ev->views + --ev->open);
     free(ev->rows), free(ev->columns), free(ev->frame), free(ev->support), free(ev->start), free(ev->constant);
-    free(ev->owner), free(ev->B), free(ev->mu), free(ev->lengths), free(ev->motion), free(ev->scratch), free(ev->curved);
+    free(ev->owner), free(ev->B), free(ev->mu), free(ev->mu_dot), free(ev->lengths), free(ev->motion), free(ev->scratch), free(ev->curved);
     free(ev->laws);
     release_derivatives(ev);
     Py_CLEAR(ev->refs);
@@ -1944,6 +1980,7 @@ static PyMethodDef methods[] = {
     {"accelerate", (PyCFunction)(void (*)(void))acceleration, METH_FASTCALL, NULL},
     {"actuation", (PyCFunction)(void (*)(void))actuation, METH_FASTCALL, NULL},
     {"allocate", (PyCFunction)(void (*)(void))allocation, METH_FASTCALL, NULL},
+    {"set_rates", (PyCFunction)(void (*)(void))set_rates, METH_FASTCALL, NULL},
     {"set_numbers", (PyCFunction)(void (*)(void))set_numbers, METH_FASTCALL, NULL},
     {"vertical", (PyCFunction)(void (*)(void))vertical_rows, METH_FASTCALL, NULL},
     {"passive_forces", (PyCFunction)(void (*)(void))passive_forces, METH_FASTCALL, NULL},

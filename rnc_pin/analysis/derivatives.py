@@ -73,7 +73,7 @@ def state_derivatives(
         >>> rnc.state_derivatives(reduced, robot.configuration(), np.zeros((4, 2)), np.zeros(reduced.p)).v_q.shape
         (4, 3, 3)
     """
-    found = _compiled(reduced, q, v2, T)
+    found = _compiled(reduced, q, v2, T, t)
     if found is not None:
         return found
     state, T = reduced.at(q, v2, t=t), vector(T, reduced.p, "T")
@@ -87,7 +87,7 @@ def state_derivatives(
     except ValueError:
         raise InputError(f"T of shape {T.shape} does not broadcast to states of shape {states}") from None
     flat = [_flat(each, batch) for each in (state.q, state.v2, T)]
-    found = _compiled(reduced, *flat)
+    found = _compiled(reduced, flat[0], flat[1], flat[2], t)
     if found is None:
         times = [None] * len(flat[0]) if state.t is None else np.broadcast_to(state.t, batch).ravel().tolist()
         states_at = zip(*flat, times, strict=True)
@@ -104,12 +104,17 @@ def _read_only(found: StateDerivatives) -> StateDerivatives:
     return found
 
 
-def _compiled(reduced: ReducedModel, q: object, v2: object, T: object) -> StateDerivatives | None:
+def _compiled(reduced: ReducedModel, q: object, v2: object, T: object, t: ArrayInput | None) -> StateDerivatives | None:
     """Derivatives from the compiled kernel, of one state or a stack of states; None if it cannot."""
     data = reduced.reduction_data
-    if data.compiled is None or data.rheonomic or not data.kinematics.axes_are_constant:
+    if data.compiled is None or not data.kinematics.axes_are_constant:
         return None
-    found = data.compiled.state_derivatives(q, v2, T)
+    time = None
+    if data.rheonomic:
+        if not isinstance(t, float | int | np.floating):  # none, or one for each state
+            return None
+        time = float(t)
+    found = data.compiled.state_derivatives(q, v2, T, time)
     if found is None:
         return None
     count = found["v"].shape[:-1]

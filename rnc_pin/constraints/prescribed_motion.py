@@ -6,13 +6,15 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.components import Component
 from rnc_pin.math.coordinates import Coordinates, left_jacobian
+from rnc_pin.model.kernel_rows import KernelRow
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.mechanisms import Phrases
-from rnc_pin.model.rows import OutputKind, OutputRows, Rows
+from rnc_pin.model.rows import ConstantRows, OutputKind, OutputRows, Rows
 from rnc_pin.robots.robot import Robot
 
 
@@ -118,6 +120,16 @@ class _PrescribedRows(Rows):
             return self._zeros(at)
         return -self._coordinates.difference(self._over_times(at, 0), self._output.value(at))
 
+    def rates_over_time(self, t: float) -> tuple[np.ndarray, np.ndarray]:
+        return self._at(t)[1:]
+
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
+        """Rows of the output; the kernel gets their rates over time from Python."""
+        rows = self._output.kernel_rows(model)
+        if rows is None or not isinstance(self._output, ConstantRows):
+            return rows
+        return [row._replace(constant=line) for row, line in zip(rows, self._output.matrix, strict=True)]
+
     def phrases(self) -> Phrases:
         return Phrases(prevents="leave the motion that is prescribed for", where=", ".join(self._output.names))
 
@@ -126,16 +138,17 @@ class _PrescribedRows(Rows):
         batch = at.q.shape[:-1]
         times: Component = at.t
         if np.ndim(times) == 0:
-            return np.broadcast_to(self._at(float(times), order), (*batch, len(self.names)))
-        return np.array([self._at(t, order) for t in np.ravel(times).tolist()]).reshape(*batch, -1)
+            return np.broadcast_to(self._at(float(times))[order], (*batch, len(self.names)))
+        return np.array([self._at(t)[order] for t in np.ravel(times).tolist()]).reshape(*batch, -1)
 
-    def _at(self, t: float, order: int) -> np.ndarray:
+    def _at(self, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Position, velocity and acceleration (k,) at a time."""
         position, velocity, acceleration = (
             np.asarray(each, dtype=float)
             for point in [self._motion.at(t + self._start_time)]
             for each in (point.position, point.velocity, point.acceleration)
         )
-        if self._output.rotation and order:  # from rates of the rotation vector to the angular velocity and its rate
+        if self._output.rotation:  # from rates of the rotation vector to the angular velocity and its rate
             J, J_dot = left_jacobian(position, velocity)
             velocity, acceleration = J @ velocity, J @ acceleration + J_dot @ velocity
-        return (position, velocity, acceleration)[order]
+        return position, velocity, acceleration

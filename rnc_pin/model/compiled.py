@@ -8,13 +8,14 @@ decide. They are also the reference: ``kernel_comparison`` compares both before 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy import ndarray as Array
 
+from rnc_pin.math.components import Component
 from rnc_pin.model.compiled_states import CompiledConfiguration, CompiledState, concatenated, empty_records
 from rnc_pin.model.kernel_tables import RowTable, blocks_valued_by_python, kernel_evaluator
 from rnc_pin.model.kinematics import PositionKinematics
@@ -51,10 +52,15 @@ class CompiledReduction:
         self.has_inputs, self.fused = parts is not None, table.fused
         mu = np.array(table.rates) if data.affine else None
         self._evaluator = kernel_evaluator(data, table, mu)
+        self._time: float | None = None  # of the rates in the evaluator
+        if table.driven and data.kinematics.time is not None:
+            self._evaluator.set_rates(self.rates_over_time([data.kinematics.time]))
         self.forward_dynamics: Callable[[object, object, object], Array | None] = self._evaluator.forward_dynamics
-        """Reduced accelerations for q, v2 and T; None if the arrays or the state need the other path."""
+        """Reduced accelerations for q, v2 and T; None if the arrays or the state need the other path.
+
+        Call ``set_time`` before, if the constraints depend on time."""
         self.inverse_dynamics: Callable[[object, object, object], Array | None] = self._evaluator.inverse_dynamics
-        """Reduced forces for q, v2 and v2_dot; None if the arrays or the state need the other path."""
+        """Reduced forces for q, v2 and v2_dot, in the same way."""
         n, r, k, p = data.n, data.r, data.vertical.size, data.p
         kinematics = {"M": (n, n), "J": (6, n), "placements": (data.robot.model.njoints, 12)}
         inverse = {"E": (n, n), "E_inverse": (n, n)}
@@ -102,11 +108,40 @@ class CompiledReduction:
             return None
         return CompiledConfiguration(self, q, position, record, inverse)
 
-    def measure(self, q: Array, v: Array) -> tuple[CompiledState, Array, Array] | None:
+    def rates_over_time(self, times: Sequence[float]) -> Array:
+        """Right-hand sides mu at times (s,), then their rates over time, (s, 2, m); zero for moving ground."""
+        found = np.zeros((len(times), 2, self._data.m))
+        found[:, 0] = self._table.rates
+        for t, rates in zip(times, found, strict=True):
+            for place in self._table.driven:
+                for rate, values in zip(rates, place.block.rates_over_time(t), strict=True):
+                    rate[place.where] = place.of(values)
+        return found
+
+    def drift(self, t: Component | None, batch: tuple[int, ...]) -> Array | None:
+        """Rates of mu over time at states (...), (..., m); None for constraints that do not depend on time."""
+        if t is None or not self._table.driven:
+            return None
+        rates = self.rates_over_time(np.ravel(t).tolist())[:, 1].reshape(*np.shape(t), -1)
+        return np.ascontiguousarray(np.broadcast_to(rates, (*batch, self._data.m)))
+
+    def set_time(self, t: Component | None) -> bool:
+        """Use the rates of constraints over time at t in later calls; False without one time for all states."""
+        if not self._data.rheonomic:
+            return True
+        if t is None or np.ndim(t) or not self._data.affine:
+            return False
+        if t != self._time:
+            self._evaluator.set_rates(self.rates_over_time([float(t)]))
+            self._time = float(t)
+        return True
+
+    def measure(self, q: Array, v: Array, t: Component | None = None) -> tuple[CompiledState, Array, Array] | None:
         """State (q, v) with its rates, and values x1 and x2, in one call; None if the other path has to decide.
 
         Args:
             q, v: one configuration (nq,) and one velocity (nv,), contiguous floats.
+            t: time for constraints that depend on it [s].
         """
         numbers = np.empty(self._measured.itemsize // 8)
         if not self._evaluator.measure(q, v, numbers):
@@ -114,7 +149,7 @@ class CompiledReduction:
         numbers.setflags(write=False)
         found = np.ndarray((), self._measured, numbers)
         at = CompiledConfiguration(self, q, None, found["kinematics"], found["inverse"])
-        state = CompiledState(at, v, None)
+        state = CompiledState(at, v, None, t)
         state.rates = found["rates"]
         return state, found["x1"], found["x2"]
 
@@ -129,9 +164,17 @@ class CompiledReduction:
         return found if self._evaluator.output_slopes(q, along, found) else None
 
     def state_derivative(
-        self, q: Array, v2: Array, T: Array, external: Array | None, damping: Array | None
+        self,
+        q: Array,
+        v2: Array,
+        T: Array,
+        external: Array | None,
+        damping: Array | None,
+        t: float | None = None,
     ) -> tuple[Array, Array] | None:
-        """Full velocity, and rates of v2, of the integrals of J1 v and of the work; None if the other path decides.
+        """Full velocity, and rates of v2, of the integrals of J1 v, of a time, and of the work.
+
+        None if the other path decides.
 
         Args:
             q: one configuration (nq,); all arrays are contiguous floats.
@@ -139,10 +182,11 @@ class CompiledReduction:
             T: actuator inputs (p,).
             external: generalized forces (nv,) in addition to inputs and damping; None for zero.
             damping: viscous coefficients (nv,); None for zero.
+            t: time for constraints that depend on it [s].
         """
         n, r = self._data.n, self._data.r
-        found = np.empty(n + r + self._data.vertical.size + 1)
-        if not self._evaluator.state_derivative(q, v2, T, external, damping, found):
+        found = np.empty(n + r + self._data.vertical.size + 1 + self._data.rheonomic)
+        if not self.set_time(t) or not self._evaluator.state_derivative(q, v2, T, external, damping, found):
             return None
         return found[:n], found[n:]
 
@@ -151,13 +195,18 @@ class CompiledReduction:
 
         Args:
             q: configuration (nq,); all arrays are contiguous floats.
-            y: reduced velocities v2, integrals of the rates of the vertical outputs, and work, (r + k + 1,).
+            y: reduced velocities v2, integrals of the rates of the vertical outputs, and work, (r + k + 1,). If the
+                constraints depend on time, it comes before the work.
             T: actuator inputs (p,), constant.
             h: duration of each step [s].
             steps: number of steps.
         """
         found = np.empty(len(q) + len(y))
-        if not self._evaluator.integrate(q, y, T, h, steps, found):
+        rates = None
+        if self._data.rheonomic and self.fused:
+            rates = self.rates_over_time((y[-2] + 0.5 * h * np.arange(2 * steps + 1)).tolist())
+            self._time = None
+        if not self._evaluator.integrate(q, y, T, h, steps, rates, found):
             return None
         return found[: len(q)], found[len(q) :]
 
@@ -171,28 +220,34 @@ class CompiledReduction:
             damping: viscous coefficients (nv,); None for zero.
         """
         found = np.empty(len(x))
+        if not self.set_time(float(x[-2]) if self._data.rheonomic else None):
+            return None
         return found if self._evaluator.chart_rate(q, x, T, damping, found) else None
 
-    def admissible_velocity(self, q: Array, v2: Array) -> tuple[Array, float] | None:
+    def admissible_velocity(self, q: Array, v2: Array, t: float | None = None) -> tuple[Array, float] | None:
         """Full velocity (nv,) at one state, and the sum of the squares of R; None if the other path has to decide."""
         found = np.empty(self._data.n + 1)
+        if not self.set_time(t):
+            return None
         return (found[:-1], found[-1]) if self._evaluator.admissible_velocity(q, v2, found) else None
 
-    def state_derivatives(self, q: object, v2: object, T: object) -> Mapping[str, Array] | None:
+    def state_derivatives(
+        self, q: object, v2: object, T: object, t: Component | None = None
+    ) -> Mapping[str, Array] | None:
         """Derivatives of ``analysis.derivatives`` at one state or a stack of states, by name, as read-only views.
 
         None if the arrays or the states need the other path.
         """
-        numbers = self._evaluator.state_derivatives(q, v2, T)
+        numbers = self._evaluator.state_derivatives(q, v2, T) if self.set_time(t) else None
         if numbers is None:
             return None
         numbers.setflags(write=False)
         record = np.ndarray(numbers.shape[:-1], self._derivatives, numbers)
         return {name: record[name] for name in self._derivatives.names or ()}
 
-    def terms(self, q: object, v2: object) -> ReducedTerms | None:
+    def terms(self, q: object, v2: object, t: Component | None = None) -> ReducedTerms | None:
         """All matrices at states (q, v2), as read-only views; None if the arrays or the states need the other path."""
-        numbers = self._evaluator.terms(q, v2)
+        numbers = self._evaluator.terms(q, v2) if self.set_time(t) else None
         if numbers is None:
             return None
         numbers.setflags(write=False)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy import ndarray as Array
 
+from rnc_pin.math.components import Component
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.row_stack import Place
@@ -121,6 +122,7 @@ class CompiledState:
         at: the configurations.
         v: full velocities (..., nv).
         motion: kinematics at the states; None if ``python_rows`` is False.
+        t: times (...) for constraints that depend on them [s].
     """
 
     def __init__(
@@ -128,8 +130,9 @@ class CompiledState:
         at: CompiledConfiguration,
         v: Array,
         motion: VelocityKinematics | None,
+        t: Component | None = None,
     ) -> None:
-        self.at, self._v, self._motion = at, np.ascontiguousarray(v), motion
+        self.at, self._v, self._motion, self._t = at, np.ascontiguousarray(v), motion, t
         self._evaluator = at._evaluator
 
     @cached_property
@@ -138,7 +141,8 @@ class CompiledState:
         at, reduction = self.at, self.at.reduction
         external = concatenated(reduction.external, lambda block: block.bias_acceleration(self._motion), -1)
         biases = empty_records(at.batch, reduction.biases)
-        self._evaluator.biases(at.q, at.kinematics, at.inverse, self._v, external, biases)
+        drift = reduction.drift(self._t, at.batch)
+        self._evaluator.biases(at.q, at.kinematics, at.inverse, self._v, external, drift, biases)
         return biases
 
     def acceleration(self, force: Array) -> Array | None:

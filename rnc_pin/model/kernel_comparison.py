@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rnc_pin.model.reduction_data import ReductionData
 
 _TOLERANCE = 1e-9  # largest relative difference of the two paths at the state that compares them
+_TIME = 0.3  # of rows over time [s]
 _ATTEMPTS = 8  # random states that may be singular
 
 
@@ -49,12 +50,13 @@ def _warn(why: str) -> None:
 
 def _difference(found: CompiledReduction, data: ReductionData) -> float | None:
     """Largest relative difference at a random regular state; None if there is none."""
-    generator, kinematics = np.random.default_rng(0), Kinematics(data.robot)
+    generator, kinematics = np.random.default_rng(0), Kinematics(data.robot, data.kinematics.time)
+    t = _TIME if data.rheonomic else None
     for _ in range(_ATTEMPTS):
         q, v = data.robot.random_configuration(generator), generator.uniform(-1.0, 1.0, data.n)
-        rates = kinematics.position(q).with_velocity(v)
+        rates = kinematics.position(q, t).with_velocity(v)
         with suppress(SingularityError, NotImplementedError):  # a row is undefined at q, or has no rate
-            expected, computed = _by_numpy(data, rates), _by_kernel(found, data, rates)
+            expected, computed = _by_numpy(data, rates), _by_kernel(found, data, rates, t)
             if computed is not None:
                 return max(_relative(computed[name], value) for name, value in expected.items())
     return None
@@ -63,6 +65,7 @@ def _difference(found: CompiledReduction, data: ReductionData) -> float | None:
 def _by_numpy(data: ReductionData, at: VelocityKinematics) -> dict[str, Array]:
     return {
         "passive": data.forces.sums(at).total,
+        "mu": data.constraints.rate(at),
         "M": at.M,
         "E": data.stack.jacobian(at),
         "bias": at.bias,
@@ -73,17 +76,22 @@ def _by_numpy(data: ReductionData, at: VelocityKinematics) -> dict[str, Array]:
     }
 
 
-def _by_kernel(found: CompiledReduction, data: ReductionData, at: VelocityKinematics) -> dict[str, Array] | None:
+def _by_kernel(
+    found: CompiledReduction, data: ReductionData, at: VelocityKinematics, t: float | None
+) -> dict[str, Array] | None:
     configuration = found.configuration(at.q, at)
     if configuration is None:
         return None
-    state = CompiledState(configuration, at.v, at)
+    state = CompiledState(configuration, at.v, at, t)
     if state.rates is None:
         return None
     records = configuration.kinematics, configuration.inverse, state.biases, state.rates
+    moved = found.admissible_velocity(at.q, np.zeros(data.r), t) if data.affine else None
     passive = np.zeros(at.v.shape) if state.passive is None else state.passive[0]
     named = {name: each[name] for each in records for name in each.dtype.names or ()}
-    return {**named, "passive": passive if found.fused else data.forces.sums(at).total}
+    # Constraint rates of the velocity at which the reducing outputs are at rest.
+    mu = data.constraints.rate(at) if moved is None else data.constraints.jacobian(at) @ moved[0]
+    return {**named, "passive": passive if found.fused else data.forces.sums(at).total, "mu": mu}
 
 
 def _relative(found: Array, expected: Array) -> float:

@@ -36,7 +36,8 @@ class RowTable:
 
     Attributes:
         external, external_vertical: blocks of E and of J1 that Python evaluates.
-        rates: right-hand sides mu of the constraint rows (m,).
+        rates: constant right-hand sides mu of the constraint rows (m,).
+        driven: blocks whose right-hand sides depend on time only.
         fused: True if the kernel knows all rows of E, all inputs and all forces.
         laws: numbers of the forces that follow from the state, whose rows come last (forces, 7).
         constant: constant rows (rows, nv); zero for the others.
@@ -60,7 +61,12 @@ class RowTable:
         zero = np.zeros(data.n)
         others = [zero if row is None else row for row in constant]
         self.constant = np.vstack([data.template, data.vertical.template(data.n), *others])
+        for k, row in enumerate(stacked[: data.m]):
+            if row.constant is not None:
+                self.constant[k] = row.constant
         self.rates = [row.rate for row in stacked[: data.m]]
+        kernel = [place for place in data.constraints.places if place.block.rheonomic]
+        self.driven = [place for place in kernel if place.block.kernel_rows(self._model) is not None]
         self._constraints = data.constraints
         self.frames: list[AttachedFrame] = []
         known: dict[tuple[int, bytes], int] = {}
@@ -181,7 +187,7 @@ def kernel_evaluator(data: ReductionData, table: RowTable, mu: Array | None) -> 
     sizes = (robot.nq, n, data.m, k, data.p, joints, len(table.frames), *external, len(table.integers))
     placements = np.array([placement_numbers(frame.placement) for frame in table.frames])
     return _kernel.library.Evaluator(
-        (*sizes, len(workspace.entries), robot.nq != robot.nv, table.fused, len(table.laws)),
+        (*sizes, len(workspace.entries), robot.nq != robot.nv, table.fused, data.rheonomic, len(table.laws)),
         workspace.references,
         workspace.views,
         table.integers,

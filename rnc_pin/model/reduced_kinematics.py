@@ -80,7 +80,7 @@ class ReducedKinematics(ConfigurationEvaluation):
         at = self.compiled
         if at is None or self.v.shape[:-1] != at.batch:
             return None
-        return CompiledState(at, self.v, self.motion if at.reduction.python_rows else None)
+        return CompiledState(at, self.v, self.motion if at.reduction.python_rows else None, self.t)
 
     @property
     def _rates(self) -> Array | None:

@@ -17,6 +17,7 @@ from rnc_pin.deprecation import former_name
 from rnc_pin.errors import InputError
 from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.assembly import Assembly
+from rnc_pin.model.compiled import CompiledReduction
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.former_methods import FormerMethods
 from rnc_pin.model.independence import DroppedRow
@@ -207,17 +208,28 @@ class ReducedModel(FormerMethods, SummaryMixin):
 
     # ------------------------------------------------------------------ dynamics
 
-    def forward_dynamics(self, q: ArrayInput, v2: ArrayInput, T: ArrayInput) -> Float[Array, "*batch r"]:
-        """Reduced accelerations ``v2_dot`` (..., r) under actuator inputs T (..., p) [N or N m]."""
-        compiled = self._data.compiled
+    def forward_dynamics(
+        self, q: ArrayInput, v2: ArrayInput, T: ArrayInput, *, t: ArrayInput | None = None
+    ) -> Float[Array, "*batch r"]:
+        """Reduced accelerations ``v2_dot`` (..., r) under actuator inputs T (..., p) [N or N m].
+
+        Constraints over time need the times t (...) [s].
+        """
+        compiled = self._kernel_at(t) if self._data.rheonomic else self._data.compiled
         found = None if compiled is None else compiled.forward_dynamics(q, v2, T)
-        return self.at(q, v2).v2_dot(T) if found is None else found
+        return self.at(q, v2, t=t).v2_dot(T) if found is None else found
+
+    def _kernel_at(self, t: ArrayInput | None) -> CompiledReduction | None:
+        """Kernel at one time [s]; None without it, or if each state has its own time."""
+        compiled = self._data.compiled
+        one = isinstance(t, float | int | np.floating) and compiled is not None and compiled.set_time(float(t))
+        return compiled if one else None
 
     def inverse_dynamics(
         self, q: ArrayInput, v2: ArrayInput, v2_dot: ArrayInput, *, t: ArrayInput | None = None
     ) -> Float[Array, "*batch r"]:
         """Reduced forces ``F = H v2_dot + V v2 + G``; rheonomic constraints need the times t (...) [s]."""
-        compiled = None if self._data.rheonomic else self._data.compiled
+        compiled = self._kernel_at(t) if self._data.rheonomic else self._data.compiled
         found = None if compiled is None else compiled.inverse_dynamics(q, v2, v2_dot)
         return self.at(q, v2, t=t).inverse_dynamics(v2_dot) if found is None else found
 

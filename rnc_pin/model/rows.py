@@ -80,6 +80,10 @@ class Rows(ABC):
         """Rate of mu along v, (..., k)."""
         return self._zeros(at)
 
+    def rates_over_time(self, t: float) -> tuple[np.ndarray, np.ndarray]:
+        """Right-hand side mu(t) and its rate, (k,) each, of rheonomic rows with ``kernel_rows``."""
+        raise NotImplementedError
+
     def residual(self, at: PositionKinematics) -> np.ndarray:
         """Position residual of the holonomic rows, (..., k) [m or rad]; zero for the other rows.
 

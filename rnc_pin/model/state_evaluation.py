@@ -55,7 +55,7 @@ class StateEvaluation(ReducedKinematics):
     def measured(cls, data: ReductionData, q: Array, v: Array, t: float | None = None) -> StateEvaluation:
         """Evaluation at one validated state (nq,), (nv,), with all that a measurement needs from one kernel call."""
         state, compiled = cls.at(data, q, v=v, t=t), data.compiled
-        found = compiled.measure(q, v) if compiled is not None and compiled.measures else None
+        found = compiled.measure(q, v, t) if compiled is not None and compiled.measures else None
         if found is not None:
             motion, x1, x2 = found
             state.compiled_motion, state._values = motion, (x1, x2)
@@ -90,7 +90,7 @@ class StateEvaluation(ReducedKinematics):
     def _at_once(self) -> ReducedTerms | None:
         """All matrices from one call of the compiled kernel; None if it cannot."""
         compiled = self._data.compiled
-        return None if compiled is None or self._v2 is None else compiled.terms(self.q, self._v2)
+        return None if compiled is None or self._v2 is None else compiled.terms(self.q, self._v2, self.t)
 
     @cached_property
     def C(self) -> Float[Array, "*batch nv nv"]:

@@ -121,11 +121,11 @@ SYSTEMS = (
 )
 
 
-def by_numpy(reduced, q, **velocity):
+def by_numpy(reduced, q, *, t=None, **velocity):
     """Evaluation of the same rows without the kernel."""
     data = copy(reduced.reduction_data)
     data.__dict__["compiled"] = None
-    return StateEvaluation.at(data, q.copy(), **{name: each.copy() for name, each in velocity.items()})
+    return StateEvaluation.at(data, q.copy(), t=t, **{name: each.copy() for name, each in velocity.items()})
 
 
 def compare(reduced, q, v2, size=1e-3):
@@ -428,3 +428,73 @@ def test_a_library_of_other_sources_is_named(what, asked, stream, line, tmp_path
     assert f"of interface 3, {_kernel._INTERFACE} expected" in text
     if not asked:
         assert found.stderr.count("compiled kernel") == (stream == "stderr")
+
+
+def driven_arm():
+    """Arm on a free base: a joint, the tilt of a frame and its speed move as prescribed, above a turntable."""
+    robot, swing = rnc.Robot(free_arm()), rnc.planning.Harmonic([0.1], amplitude=[0.3], frequency=0.5, phase=0.4)
+    rows = [
+        rnc.NoSideSlip("base", "y", at=(0.2, -0.1, 0.3), ground=rnc.GroundPlane(spin=0.7)),
+        rnc.PrescribedMotion(rnc.JointPosition("arm"), swing),
+        rnc.PrescribedMotion(rnc.FrameTilt("tip", "x"), swing),
+        rnc.PrescribedMotion(rnc.FrameSpeed("upper", "z"), swing),
+    ]
+    return rnc.NonholonomicSystem(robot, rows, [rnc.FrameForce("tip", "x"), rnc.FrameTorque("base", "z"), "hand"])
+
+
+@needs_library
+def test_rows_over_time_agree():
+    """Whole evaluations, stacks of states with a time each, steps of the integrator, and the model at one time."""
+    reduced = driven_arm().reduce()
+    data = reduced.reduction_data
+    assert data.compiled.fused
+    generator = np.random.default_rng(3)
+    q = np.stack([reduced.robot.random_configuration(generator) for _ in range(2)])
+    v2, T, times = generator.normal(size=(2, reduced.r)), np.ones(reduced.p), np.array([0.2, 0.7])
+    plain = [by_numpy(reduced, q[k], v2=v2[k], t=times[k]) for k in range(2)]
+    together = reduced.at(q, v2, t=times)
+    assert together.compiled is not None
+    for k, expected in enumerate(plain):
+        alone, frozen = reduced.at(q[k], v2[k], t=times[k]), reduced.frozen(times[k])
+        assert alone._at_once is not None
+        for name in ("v", "b", "gamma", "V", "G", "b_dot", "residual"):
+            value = getattr(expected, name)
+            for found in (getattr(alone, name), getattr(together, name)[k], getattr(frozen.at(q[k], v2[k]), name)):
+                np.testing.assert_allclose(found, value, rtol=0, atol=1e-10 * max(1.0, np.abs(value).max()))
+        np.testing.assert_allclose(frozen.forward_dynamics(q[k], v2[k], T), expected.v2_dot(T), rtol=1e-9)
+        np.testing.assert_allclose(reduced.forward_dynamics(q[k], v2[k], T, t=times[k]), expected.v2_dot(T), rtol=1e-9)
+        force = reduced.inverse_dynamics(q[k], v2[k], v2[k], t=times[k])
+        np.testing.assert_allclose(force, expected.inverse_dynamics(v2[k]), rtol=1e-9, atol=1e-9)
+    y = np.concatenate([v2[0], np.zeros(reduced.vertical.size), [times[0], 0.0]])
+    damping, integrator = np.linspace(0.0, 1.0, reduced.n), LieRungeKutta4(reduced.robot)
+    rates = state_rates(plain[0], T, damping, None)
+    for one, other in zip(data.compiled.state_derivative(q[0], v2[0], T, None, damping, times[0]), rates, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
+    found = data.compiled.integrate(q[0], y, T, 0.02, 2)
+
+    def rate(at, y):
+        return state_rates(by_numpy(reduced, at, v2=y[: reduced.r], t=y[-2]), T, None, None)
+
+    at = q[0]
+    for _ in range(2):
+        at, y = integrator.step(rate, at, y, 0.02)
+    np.testing.assert_allclose(found[0], at, rtol=1e-10, atol=1e-11)
+    np.testing.assert_allclose(found[1], y, rtol=1e-9, atol=1e-9)
+
+
+@needs_library
+def test_a_wrong_rate_over_time_is_not_used(monkeypatch):
+    """The comparison at the reduction covers mu and its rate: NumPy evaluates a model whose rates differ."""
+    rows = type(
+        rnc.PrescribedMotion(rnc.JointPosition("arm"), rnc.planning.Harmonic([0.1], [0.3], 0.5)).bind(
+            rnc.Robot(free_arm())
+        )
+    )
+    for wrong in (0, 1):
+        monkeypatch.setattr(
+            rows,
+            "rates_over_time",
+            lambda self, t, k=wrong: [x * (1 + (i == k)) for i, x in enumerate(self._at(t)[1:])],
+        )
+        with pytest.warns(RuntimeWarning, match="kernel is not used for this model: it differs from NumPy by"):
+            assert driven_arm().reduce().reduction_data.compiled is None

@@ -53,7 +53,7 @@ class VelocityChart:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Full velocity at (q, w), and the rates that ``state_rates`` returns, under constant forces."""
         compiled = self._whole_kernel
-        found = None if compiled is None else compiled.state_derivative(q, w, T, external, damping)
+        found = None if compiled is None else compiled.state_derivative(q, w, T, external, damping, t)
         if found is not None:
             return found
         return state_rates(self.at(q, w, t), T, damping, external)
@@ -72,19 +72,18 @@ class VelocityChart:
 
     @property
     def _whole_kernel(self) -> CompiledReduction | None:
-        """Kernel for whole evaluations; None without it, and for rheonomic rows, which it does not know."""
-        data = self.reduction_data
-        return None if data.rheonomic else data.compiled
+        """Kernel for whole evaluations; None without it."""
+        return self.reduction_data.compiled
 
     @property
     def evaluator(self) -> object:
-        """Evaluator of the kernel for whole evaluations; None without it."""
-        return evaluator_of(self._whole_kernel)
+        """Evaluator of the kernel for many runs; None without it, and for constraints that depend on time."""
+        return None if self.reduction_data.rheonomic else evaluator_of(self._whole_kernel)
 
     def velocity(self, q: np.ndarray, w: np.ndarray, t: float | None = None) -> tuple[np.ndarray, bool]:
         """Full velocity at (q, w), and True if this state needs a new chart."""
         compiled = self._whole_kernel
-        found = None if compiled is None else compiled.admissible_velocity(q, w)
+        found = None if compiled is None else compiled.admissible_velocity(q, w, t)
         if found is None:
             state = self.at(q, w, t)
             found = state.v, float(np.square(state.R).sum())
