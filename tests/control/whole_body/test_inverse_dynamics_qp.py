@@ -270,3 +270,32 @@ def test_results_repeat_to_the_bit():
     controller = InverseDynamicsQP(reduced, [hand("tip", [1.5, -0.5])], dt=DT, friction=0.15)
     first, second = (rnc.simulate(reduced, controller, q0, 0.05, dt=DT) for _ in range(2))
     np.testing.assert_array_equal(first.T, second.T)
+
+
+def swinging_arm(folder, effort):
+    """A link of 1 kg at 1 m from a horizontal axis: gravity takes 9.81 N m at the angle pi / 2 from hanging."""
+    path = folder / f"arm_{effort}.urdf"
+    path.write_text(f"""<robot name="arm"><link name="world"/><link name="arm"><inertial>
+      <origin xyz="0 0 -1"/><mass value="1"/>
+      <inertia ixx="1e-6" iyy="1e-6" izz="1e-6" ixy="0" ixz="0" iyz="0"/></inertial></link>
+      <joint name="swing" type="revolute"><parent link="world"/><child link="arm"/><axis xyz="0 -1 0"/>
+      <limit lower="-3" upper="4.7" velocity="2" effort="{effort}"/></joint></robot>""")
+    return rnc.NonholonomicSystem(rnc.Robot.from_urdf(path), [], ["swing"]).reduce()
+
+
+@pytest.mark.parametrize(
+    ("effort", "deceleration", "kept"),
+    [(15.0, 5.0, {"velocity", "position"}), (15.0, None, {"velocity"}), (5.0, 5.0, {"position"})],
+)
+def test_limits_of_motion_hold_while_the_efforts_can_hold_the_velocity(tmp_path, effort, deceleration, kept):
+    """Load 9.81 sin(angle): an effort above it keeps any velocity; the rest of it, 5.19, has to brake in time."""
+    reduced = swinging_arm(tmp_path, effort)
+    ahead = tasks.OutputTask(rnc.JointPosition("swing"), Hold([9.0]), gain=5.0)
+    stop = limits.JointPositionLimit(deceleration=deceleration, margin=0.0)
+    program = InverseDynamicsQP(reduced, [ahead], [stop, limits.JointVelocityLimit(margin=0.0)], dt=0.02)
+    # Downwards onto the limit at 4.7 rad; the weak joint falls from 2 rad through the hanging position.
+    start = reduced.robot.configuration({"swing": 3.2 if effort > 9.81 else 2.0})
+    run = rnc.simulate(reduced, program, start, 1.2, 0.02)
+    assert np.abs(run.T).max() <= effort
+    assert (np.abs(run.v).max() <= 2.0 + 1e-6) == ("velocity" in kept)
+    assert (run.q.max() <= 4.7 + 1e-6) == ("position" in kept)
