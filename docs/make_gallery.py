@@ -18,6 +18,7 @@ import numpy as np
 import pinocchio as pin
 from PIL import Image
 
+from rnc_pin.scenario.drawn_run import drawn_run
 from rnc_pin.scenario.execution import Plan, Result, execute, plan, write
 from rnc_pin.scenario.files import built_in_names, find_scenario
 from rnc_pin.scenario.pictures import draw_pictures
@@ -83,7 +84,7 @@ def picture(prepared: Plan, result: Result, recordings: Path | None) -> dict:
         recordings.mkdir(parents=True, exist_ok=True)
         (recordings / f"{name}.html").write_bytes(animation)
     run, title = result.trajectory, scenario.title or name
-    recording = Recording(prepared.experiment.drawn_model, run, view_of(scenario), title)
+    recording = Recording(drawn_run(prepared.experiment.drawn_model, scenario, run), run, view_of(scenario), title)
     for shot in take_pictures(recording, [telling_moment(prepared, result)], SIZE):
         shrink(Image.open(io.BytesIO(shot)), IMAGES / f"{name.replace('-', '_')}.png")
     errors = {key: float(f"{value:.2g}") for key, value in result.summary["final_error"].items()}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from rnc_pin.scenario.drawn_run import drawn_run
 from rnc_pin.scenario.execution import Plan, Result
 from rnc_pin.visualization.recording import Recording
 
@@ -17,7 +18,6 @@ def write_animation(plan: Plan, result: Result, path: Path) -> bool:
         return False
     view = scenario.view
     view = replace(view, hide=[*view.hide, "compared"])  # users can switch this layer on
-    Recording(
-        plan.experiment.drawn_model, result.trajectory, view, scenario.title or plan.name, result.comparisons
-    ).save(path)
+    drawn = drawn_run(plan.experiment.drawn_model, scenario, result.trajectory)
+    Recording(drawn, result.trajectory, view, scenario.title or plan.name, result.comparisons).save(path)
     return True

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import cast
@@ -147,7 +147,7 @@ class _PhaseBuilder:
                 if distance is not None or continues:
                     constraints = [_continued(each, t) if continues else each for each in scenario.constraints]
                     if distance is not None:
-                        constraints = [_captured(each, self._robot, q, distance) for each in constraints]
+                        constraints = captured_closures(constraints, self._robot, q, distance)
                     scenario = scenario.model_copy(update={"constraints": constraints})
                     reduced = self._model(constraints)
                 impact = None
@@ -164,6 +164,20 @@ class _PhaseBuilder:
 def _continued(kind: ConstraintKind, t: float) -> ConstraintKind:
     """Prescribed motion that goes on at time t [s] of the run; other constraints unchanged."""
     return replace(kind, start_time=kind.start_time + t) if isinstance(kind, PrescribedMotion) else kind
+
+
+def captured_closures(
+    kinds: Sequence[ConstraintKind], robot: Robot, q: np.ndarray, distance: float
+) -> list[ConstraintKind]:
+    """Constraints whose loop closures join their frames in the pose at a configuration.
+
+    Args:
+        kinds: the constraints.
+        robot: the robot.
+        q: configuration (nq,) at the start of the phase.
+        distance: largest distance of the frames [m].
+    """
+    return [_captured(kind, robot, q, distance) for kind in kinds]
 
 
 def _captured(kind: ConstraintKind, robot: Robot, q: np.ndarray, distance: float) -> ConstraintKind:

@@ -11,6 +11,7 @@ from rnc_pin.collision import Obstacle
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.scenario.builder import build_reduced
+from rnc_pin.scenario.drawn_run import drawn_run
 from rnc_pin.scenario.files import built_in_names, find_scenario
 from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.schema import Scenario
@@ -34,7 +35,8 @@ class Run:
     @property
     def drawn_model(self) -> DrawnModel:
         """Robot with its model and the obstacles, to draw."""
-        return DrawnModel(self.reduced.robot, None if self.scenario.phases else self.reduced, self.obstacles)
+        drawn = DrawnModel(self.reduced.robot, None if self.scenario.phases else self.reduced, self.obstacles)
+        return drawn_run(drawn, self.scenario, self.trajectory)
 
     @property
     def title(self) -> str:

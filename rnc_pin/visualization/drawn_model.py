@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from rnc_pin.collision import Obstacle
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.rows import ConstraintKind
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import OutputNames, output_names
 from rnc_pin.visualization.drawn_ground import grounds_of
@@ -21,11 +22,13 @@ class DrawnModel:
         robot: robot whose bodies are drawn.
         reduced: reduced model with the constraints, outputs and null motion; None if only the robot is known.
         obstacles: bodies in the world.
+        switching: constraints that act during a part of the run, whose forces are drawn.
     """
 
     robot: Robot
     reduced: ReducedModel | None = None
     obstacles: tuple[Obstacle, ...] = ()
+    switching: tuple[ConstraintKind, ...] = ()
 
     @classmethod
     def of(cls, model: DrawnModel | ReducedModel | Robot) -> DrawnModel:

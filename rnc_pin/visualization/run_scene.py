@@ -21,6 +21,7 @@ from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.null_motion import NullMotion
 from rnc_pin.visualization.overlay import Overlay, margin_color
 from rnc_pin.visualization.scene_kinematics import SceneKinematics
+from rnc_pin.visualization.switching_forces import SwitchingForces
 from rnc_pin.visualization.view import View
 
 _TRAILS = (e.VERMILLION, e.BLUE, e.GREEN, e.PURPLE)
@@ -160,7 +161,7 @@ class RunScene:
     def _elements(self, first: DrawnState) -> list[e.Element]:
         found: list[e.Element] = []
         for part in (self._obstacles, self._grounds, self._plan, self._references, self._paths, self._tracks,
-                     self._constraints, self._null_motion, self._margin, self._compared):  # fmt: skip
+                     self._constraints, self._switching, self._null_motion, self._margin, self._compared):  # fmt: skip
             found += part(first)
         return found
 
@@ -271,7 +272,7 @@ class RunScene:
         run = self.shown.trajectory
         largest = _RunningMaximum(0.0 if run is None else float(np.abs(run.multipliers[:, drawn]).max(initial=0.0)))
         direction = e.LayerEntry("constraint direction", "constraint directions", e.SKY)
-        force = e.LayerEntry("constraint force", "constraint forces", e.ORANGE, "arrow")
+        force = _force_layer()
         found: list[e.Element] = []
         for row in drawn:
 
@@ -288,6 +289,26 @@ class RunScene:
             found.append(e.Rod(direction, str(row), line, 0.8 * self.size, 0.6 * self._width))
             found.append(e.Arrow(force, str(row), vector, 1.6 * self._width))
         return found
+
+    def _switching(self, first: DrawnState) -> list[e.Element]:
+        """Forces of constraints that act during a part of the run."""
+        run, kinds = self.shown.trajectory, self.shown.drawn_model.switching
+        if run is None or not kinds:
+            return []
+        kept = set() if self.reduced is None else set(self.reduced.constraints.names)
+        names = [name if name not in kept else "" for name in self.outputs.multipliers]  # the others are drawn already
+        forces = SwitchingForces(self.robot, kinds, names)
+        values = np.abs(np.nan_to_num(run.multipliers[:, forces.columns]))
+        largest, force = max(float(values.max(initial=0.0)), 1e-9), _force_layer()
+
+        def arrow(number: int) -> e.Arrow:
+            def vector(state: DrawnState) -> tuple[np.ndarray, np.ndarray]:
+                point, value = forces.force(number, state)
+                return point, value / largest * 0.7 * self.size
+
+            return e.Arrow(force, f"switching {number}", vector, 1.6 * self._width)
+
+        return [arrow(number) for number in np.flatnonzero(values.max(axis=0, initial=0.0)).tolist()]
 
     def _null_motion(self, first: DrawnState) -> list[e.Element]:
         task = self.shown.info.provenance.task or TaskNames()
@@ -336,6 +357,10 @@ def _attitude(kind: str, first: int, size: int) -> Callable[[DrawnState], np.nda
         return np.asarray(pin.exp3(value if size == 3 else np.array([0.0, 0.0, value[0]])))
 
     return axes
+
+
+def _force_layer() -> e.LayerEntry:
+    return e.LayerEntry("constraint force", "constraint forces", e.ORANGE, "arrow")
 
 
 def _constant(pose: np.ndarray) -> Callable[[DrawnState], np.ndarray]:

@@ -7,10 +7,13 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from rnc_pin.scenario.drawn_run import drawn_run
 from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.phase_builder import build_phased
 from rnc_pin.simulation import simulate_phases
+from rnc_pin.visualization.drawn_state import recorded_states
+from rnc_pin.visualization.switching_forces import SwitchingForces
 
 DROP = 0.2
 AXES = [{"frame": "ball", "axis": axis} for axis in "xyz"]
@@ -50,6 +53,25 @@ def test_grasp_conserves_momentum_and_reaches_its_goal(grasp):
     columns = [run.info.outputs.multipliers.index(name) for name in held]
     assert not run.multipliers[run.phase == 0][:, columns].any()
     assert run.multipliers[run.phase == 1][:, columns].any()
+
+
+def test_pages_of_phases_know_the_constraints_while_they_act(grasp):
+    """A closure of the capture has the names of the run. Ground carries a ball of 1 kg after the fall, not before."""
+    prepared, result = grasp
+    drawn = drawn_run(prepared.experiment.drawn_model, prepared.experiment.scenario, result.trajectory)
+    names = result.trajectory.info.outputs.multipliers
+    assert len(SwitchingForces(drawn.robot, drawn.switching, names).columns) == len(names) == 6
+    fall = {"crossing": {"output": {"frame_position": {"frame": "ball", "axes": "z"}}, "value": 0.1}}
+    turning = {"reducing": [{"frame_angular_velocity": each} for each in AXES]}
+    roll = {"constraints": [GROUND], "outputs": turning, "duration": 0.1}
+    scenario = validate({**BALL, "phases": [{"until": fall}, roll]}, "ball.yaml")
+    built = build_phased(scenario, Path())
+    run = simulate_phases(built.phases, built.q0, 0.01, v2_0=built.v2_0)
+    drawn = drawn_run(built.drawn_model, scenario, run)
+    forces = SwitchingForces(drawn.robot, drawn.switching, run.info.outputs.multipliers)
+    states = list(recorded_states(drawn.robot, run))
+    total = [sum(forces.force(k, state)[1] for k in range(len(forces.columns))) for state in (states[0], states[-1])]
+    np.testing.assert_allclose(total, [[0, 0, 0], [0, 0, 9.81]], atol=1e-9)
 
 
 def test_bounce_from_a_file():
