@@ -171,8 +171,10 @@ def test_mujoco_moves_as_the_reduced_plant():
     from rnc_pin.plants.mujoco import MuJoCoPlant
 
     robot = rnc.Robot.from_urdf("space_robot.urdf")
+    magnet = ForceLaw(rnc.Distance("platform_body", "tip"), lambda y, rate: -20.0 / (1.0 + y) ** 2)
+    drag = ForceFunction(lambda q, v: -3.0 * np.abs(v) * v, name="drag")
     forces = [Spring(rnc.JointPosition("joint_1"), 30.0, 0.4), Damper(rnc.Distance("platform_body", "tip"), 5.0),
-              Wrench("tip", (3.0, 1.0, 0.0), axes="own")]  # fmt: skip
+              Wrench("tip", (3.0, 1.0, 0.0), axes="own"), magnet, drag]  # fmt: skip
     reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names, forces=forces).reduce()
     ends = []
     for plant in (rnc.ReducedPlant(reduced), MuJoCoPlant(reduced)):

@@ -399,6 +399,46 @@ def test_what_it_has_not_is_refused_by_name():
         MuJoCoPlant(bolted)
 
 
+GROUNDS = {
+    "SphericalGround": rnc.SphericalGround(1.0, (0.0, 0.0, 1.0)),
+    "CylindricalGround": rnc.CylindricalGround(1.0, (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+    "HeightField": rnc.HeightField(lambda x, y: 0.1 * x * x, lambda x, y: (0.2 * x, 0.0), lambda x, y: (0.2, 0.0, 0.0)),
+    "GroundPlane": rnc.GroundPlane(spin=1.0),
+}
+
+
+@pytest.mark.parametrize("kind", GROUNDS)
+def test_other_grounds_are_refused_by_name(kind):
+    robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
+    ground, sphere = GROUNDS[kind], rnc.Sphere(0.2)
+    for rolls in (rnc.RollingBall("ball", 0.2, ground=ground), rnc.RollingBody("ball", sphere, ground=ground)):
+        with pytest.raises(rnc.ConfigurationError, match=rf"rolling_x\(ball\) rolls on a {kind}; .* plant 'reduced'"):
+            contact_bodies(robot, [rolls.bind(robot)])
+
+
+@pytest.mark.parametrize("shape", [rnc.Sphere(0.2), rnc.Ellipsoid((0.3, 0.2, 0.15)), rnc.Torus(0.3, 0.05, "y")])
+def test_rolling_bodies_are_refused_by_name(shape):
+    robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
+    with pytest.raises(rnc.ConfigurationError, match=r"rolling_x\(ball\) \(RollingBody\) has no equivalent"):
+        MuJoCoPlant(rnc.NonholonomicSystem(robot, [rnc.RollingBody("ball", shape)]).reduce())
+
+
+def test_a_gimbal_without_mass_moves_as_the_reduced_plant():
+    """Its outer ring has neither mass nor moment of inertia, and a motor."""
+    model = pin.Model()
+    ring = model.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "ring")
+    body = model.addJoint(ring, pin.JointModelRY(), pin.SE3.Identity(), "body")
+    inertia = pin.Inertia(2.0, np.array([0.1, 0.05, -0.4]), np.diag([0.3, 0.2, 0.1]))
+    model.appendBodyToJoint(body, inertia, pin.SE3.Identity())
+    reduced, ends = rnc.NonholonomicSystem(rnc.Robot(model), [], ["ring"]).reduce(), []
+    for plant in (rnc.ReducedPlant(reduced, substeps=2), MuJoCoPlant(reduced)):
+        plant.reset(np.array([0.3, 0.5]), np.array([1.0, -0.4]))
+        plant.apply(np.array([0.7]))
+        plant.advance(0.05)
+        ends.append(np.concatenate(plant.read()))
+    np.testing.assert_allclose(ends[1], ends[0], atol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
