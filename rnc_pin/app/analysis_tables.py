@@ -94,7 +94,7 @@ def _redundancy(task: Task, found: Redundancy, details: bool) -> RenderableType:
         ("x12", "outputs that follow from the primary motions", found.driven),
     ):
         parts.add_row(f"{symbol} {what}" if details else what, _list(names))
-    verdict = f"class {found.redundancy_class or 'none'}"
+    verdict = f"class {found.redundancy_class}" if found.redundancy_class else "no redundancy class"
     if not details:
         return Group(verdict, parts)
     verdict = f"{verdict}: {found.reason}"

@@ -45,8 +45,8 @@ class PlanEnd:
         self._model, self._plan = model, plan
         self._driven = KinematicModel(model.reduced)
         self._h = float(plan.time[-1] - plan.time[-2])
-        self._q: list[Array] = [plan.q[-1:]]
-        self._inputs: list[Array] = []
+        self._reached = 0, plan.q[-1:]
+        self._input_of: tuple[int, Array] | None = None
         self._rates = np.zeros((1, model.r))
         self.duration = np.inf if end == "continue" else self._braking(plan)
         self._stand: tuple[Nodes, Array] | None = None
@@ -60,9 +60,12 @@ class PlanEnd:
         k = int(since / self._h)
         if self.duration < np.inf:
             k = min(k, round(self.duration / self._h) - 1)
-        self._extend(k)
-        q = self._moved(self._q[k], k * self._h, since - k * self._h)
-        return Nodes(q, self._velocity(since) if self._model.nw else self._plan.w[-1:]), self._inputs[k]
+        start = self._start(k)
+        if self._input_of is None or self._input_of[0] != k:
+            middle = Nodes(self._moved(start, k * self._h, self._h / 2), self._velocity((k + 0.5) * self._h))
+            self._input_of = k, self._input(middle, self._rates)  # constant over the interval: that of its middle
+        q = self._moved(start, k * self._h, since - k * self._h)
+        return Nodes(q, self._velocity(since) if self._model.nw else self._plan.w[-1:]), self._input_of[1]
 
     def _velocity(self, since: float) -> Array:
         """Reduced velocity (1, r) at a time after the end of the plan."""
@@ -89,13 +92,16 @@ class PlanEnd:
         self._h, self._rates = total / count, -plan.w[-1:] / total
         return total
 
-    def _extend(self, k: int) -> None:
-        """Compute the intervals up to the k-th."""
-        for count in range(len(self._inputs), k + 1):
-            q, begin = self._q[-1], count * self._h
-            middle = Nodes(self._moved(q, begin, self._h / 2), self._velocity(begin + self._h / 2))
-            self._inputs.append(self._input(middle, self._rates))  # constant over the interval: that of its middle
-            self._q.append(self._moved(q, begin, self._h))
+    def _start(self, k: int) -> Array:
+        """Configuration (1, nq) at the start of the k-th interval.
+
+        Only the last one is kept, because the motion may go on for days. An earlier one is computed again.
+        """
+        reached, q = self._reached if self._reached[0] <= k else (0, self._plan.q[-1:])
+        for each in range(reached, k):
+            q = self._moved(q, each * self._h, self._h)
+        self._reached = k, q
+        return q
 
     def _input(self, at: Nodes, rates: Array) -> Array:
         """Input of the form that gives reduced accelerations (1, r), or comes nearest to them."""
@@ -108,10 +114,8 @@ class PlanEnd:
 
     def _standing(self) -> tuple[Nodes, Array]:
         """State at rest after the stop, and the input that holds it."""
-        if self.duration > 0:
-            self._extend(round(self.duration / self._h) - 1)
         zeros = np.zeros((1, self._model.nw))
-        rest = Nodes(self._q[-1], zeros)
+        rest = Nodes(self._start(round(self.duration / self._h)), zeros)
         if self._model.form != "dynamic":
             return rest, np.zeros(self._model.nu)
         return rest, self._input(rest, zeros)
