@@ -147,7 +147,8 @@ def _step(at: Residuals, damping: float, low: np.ndarray, high: np.ndarray) -> t
             dq[beyond] = np.clip(dq[beyond], low[beyond], high[beyond])
             free = free & ~beyond
             continue
-        inward = np.where(dq > low, -1.0, 1.0) * _slope(at, damping, dq, free)
+        slope = _slope(at, damping, dq, free)
+        inward = np.where(dq > low, -slope, slope)
         inward[free | ~movable] = 0.0
         if released == len(low) or inward.max(initial=0.0) <= _STATIONARY:
             return dq, max(gradient, np.abs(dq[fixed]).max(initial=0.0))

@@ -56,6 +56,29 @@ def test_bounds_of_coupled_joints_satisfy_the_conditions_of_optimality():
     assert 8 < active < 24
 
 
+def test_joints_that_all_meet_their_limits_go_there():
+    bounds = TangentBounds(slides([pin.JointModelPX()] * 2), -np.ones(2), np.ones(2), np.zeros(2, dtype=bool))
+    np.testing.assert_array_equal(descend(linear(np.eye(2), np.array([9.0, -9.0])), bounds, np.zeros(2)).q, [1.0, -1.0])
+
+
+def test_an_equality_of_coupled_joints_satisfies_the_conditions_of_optimality():
+    """Joints within their limits have one slope; the others would go beyond."""
+    model, high = slides([pin.JointModelPX()] * 4), np.array([0.3, 0.4, 0.5, 0.6])
+    generator, bounds = np.random.default_rng(5), TangentBounds(model, -high, high, np.zeros(4, dtype=bool))
+    for _ in range(12):
+        J, goal, total = generator.normal(size=(4, 4)), generator.normal(size=4), generator.uniform(-0.8, 0.8)
+
+        def evaluate(q, J=J, goal=goal, total=total):
+            return Residuals(goal - J @ q, J, np.array([q.sum() - total]), np.ones((1, 4)))
+
+        found = descend(evaluate, bounds, np.zeros(4))
+        slope, at_limit = J.T @ (goal - J @ found.q), np.abs(found.q) >= high - 1e-12
+        assert found.residual < 1e-12
+        shared = slope[~at_limit].mean()
+        np.testing.assert_allclose(slope[~at_limit], shared, atol=1e-8)
+        assert ((slope - shared)[at_limit] * np.sign(found.q[at_limit]) > 0).all()
+
+
 def test_an_equality_within_bounds_shifts_all_free_joints_alike():
     """The nearest point with a given sum is ``clip(goal - shift)``."""
     high, goal, total = np.array([0.3, 0.4, 0.5, 0.6]), np.array([0.9, -0.2, 0.1, -0.7]), -0.45
