@@ -163,6 +163,17 @@ def test_the_velocity_to_stop_solves_its_equation():
         assert first >= 0
 
 
+def test_named_joints_change_their_velocity_no_faster_than_their_acceleration():
+    """One of two joints is named: it uses its whole acceleration, the other exceeds it."""
+    reduced = manipulator_in_joints()
+    posture = tasks.PostureTask({"joint_1": 1.0, "joint_2": -1.5}, gain=4.0)
+    program = VelocityQP(reduced, [posture], [limits.AccelerationLimit(2.0, joints=["joint_1"])], dt=DT)
+    run = drive(reduced, program, reduced.robot.configuration({"joint_1": 0.2, "joint_2": -0.3}), 0.15, DT)
+    slow, free = np.abs(np.diff(run.v[:, 3:5], axis=0)).max(axis=0) / DT
+    np.testing.assert_allclose(slow, 2.0, rtol=1e-9)
+    assert free > 20.0
+
+
 def test_a_joint_beyond_its_limit_may_rest_or_return():
     room = np.array([-0.1, 0.0, 1e-9])
     found = velocity_to_stop(room, np.ones(3), 0.01)
