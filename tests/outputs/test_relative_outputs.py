@@ -77,7 +77,7 @@ def test_an_angle_is_that_of_a_rotation_matrix(frame, reference, axis, about, ar
         check_rates(arm, rows, q, v)
 
 
-@pytest.mark.parametrize(("frame", "reference"), PAIRS)
+@pytest.mark.parametrize(("frame", "reference"), [*PAIRS, ("universe", "front")])
 @pytest.mark.parametrize("axis", "xyz")
 def test_a_relative_angular_velocity_is_that_of_a_rotation_matrix(frame, reference, axis, arm, states):
     rows = rnc.RelativeAngularVelocity(frame, reference, axis).bind(arm)
