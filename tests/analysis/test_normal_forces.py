@@ -200,3 +200,10 @@ def test_the_command_line_says_so_at_the_end_of_a_run(call, tmp_path, no_picture
     assert status == 0, said
     assert said.count("warning: contact 'nose' would lift off at t = 0.") == 2  # before the run, and after it
     assert "normal force of nose, lowest" in out
+
+
+def test_forces_of_two_free_directions_are_the_projection_on_a_triangle():
+    """Of three forces with a given sum; what is below zero is taken from the others evenly."""
+    free = np.linalg.svd(np.ones((1, 3)))[2][1:].T
+    for forces, expected in (([1.0, -0.2, -0.3], [0.5, 0.0, 0.0]), ([0.7, 0.5, -0.2], [0.6, 0.4, 0.0])):
+        np.testing.assert_allclose(nonnegative(np.array(forces), free), expected, atol=1e-12)
