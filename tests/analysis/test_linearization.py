@@ -83,12 +83,12 @@ def test_a_ball_near_the_axis_of_a_turntable_circles_at_two_sevenths_of_its_rate
 
 
 def test_rows_of_a_user_say_how_good_their_differences_are():
-    from benchmarks.validation.ball import ball
+    from benchmarks.validation.ball import ball, contact_on_turntable
 
     q = ball().robot.configuration({"root_joint": (0.3, 0, 0.2, 0, 0, 0, 1)})
     state = np.array([1.0, 2.0, 3.0])
     assert state_derivatives(ball(), q, state, np.empty(0)).difference_error == 0.0
-    assert 0 < state_derivatives(ball(turntable=True), q, state, np.empty(0)).difference_error < 1e-10
+    assert 0 < state_derivatives(ball(contact=contact_on_turntable()), q, state, np.empty(0)).difference_error < 1e-10
 
 
 @pytest.mark.parametrize(
