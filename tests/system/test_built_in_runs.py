@@ -23,7 +23,7 @@ PAPER = {  # largest errors with the paper's gains, as in docs/paper.md, and a t
 LONG = ("space-robot-uncertain", "mobile-manipulator-two-phase")  # of a minute, whose errors are largest at first
 FREE = (  # which have no goals
     "rattleback", "ball-in-bowl", "ball-on-turntable", "roller-racer", "disk-on-slope", "chaplygin-ball",
-    "shaken-pendulum",
+    "shaken-pendulum", "dropped-disk",
 )  # fmt: skip
 ENOUGH = {  # [s]; of scenarios that go on and on, after which nothing new happens
     "space-robot-uncertain": 12.0,
@@ -133,7 +133,7 @@ def test_free_motions_are_those_of_textbooks():
 
 
 def test_textbook_motions_without_goals():
-    """A disk draws a cycloid across a slope, Chaplygin's ball keeps a momentum, a shaken pendulum stays upright."""
+    """Cycloid of a disk on a slope, a momentum of Chaplygin's ball, a landing, an upright shaken pendulum."""
     options = {"comparisons": {}, "plots": {}}
     disk = execute(plan("disk-on-slope", {**options, "simulation.duration": 3.2})).trajectory
     cycloid = np.column_stack([np.sin(disk.time) ** 2, disk.time - np.sin(2 * disk.time) / 2])
@@ -147,6 +147,12 @@ def test_textbook_motions_without_goals():
         momenta.append(turn @ (np.array([0.03, 0.05, 0.07]) * w) + 2.0 * 0.3**2 * np.array([1, 1, 0]) * (turn @ w))
     np.testing.assert_allclose(momenta, np.tile(momenta[0], (len(momenta), 1)), atol=1e-7)
     assert np.ptp(ball.v2[:, 0]) > 2.0  # it tumbles
+
+    dropped = execute(plan("dropped-disk", {**options, "simulation.duration": 0.6})).trajectory
+    fall, after = np.sqrt(2 * 0.6 / 9.81), dropped.time - np.sqrt(2 * 0.6 / 9.81)
+    rolled = 0.25 * 12 / 3 * after  # the first landing turns two thirds of the spin into speed, and bounces by 0.6
+    height = 0.25 + after * (0.6 * 9.81 * fall - 9.81 / 2 * after)
+    np.testing.assert_allclose(dropped.q[after > 0][:, [0, 2]], np.column_stack([rolled, height])[after > 0], atol=2e-5)
 
     upright = execute(plan("shaken-pendulum", {**options, "simulation.duration": 1.5})).trajectory
     assert upright.q[:, 1].min() > 0.7  # cosine of the angle, from 0.3 rad
