@@ -31,7 +31,8 @@ def configuration(model: pin.Model, values: Mapping[str, JointValue]) -> np.ndar
     """
     q = pin.neutral(model)
     if not isinstance(values, Mapping):
-        raise ModelError(f"joint values have to be a mapping from joint names, found {values!r}")
+        example = next(iter(model.names[1:]), "joint")
+        raise ModelError(f"joint values have to be a mapping such as {{'{example}': 0.0}}, found {values!r}")
     for name, value in values.items():
         joint = model.joints[joint_index(model, name)]
         try:

@@ -15,6 +15,7 @@ from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.system import NonholonomicSystem
+from rnc_pin.plants.reduced.contact_impacts import ContactImpacts
 from rnc_pin.plants.reduced.reduced_plant import ReducedPlant
 from rnc_pin.plants.reduced.unilateral_contact import BoundContact
 
@@ -84,6 +85,9 @@ class ContactModes:
         """Contacts that are closed after an impact, and the impact.
 
         Contacts that take part push, and those that do not separate. The first such set counts, the largest ones first.
+        Friction has no limit, so there may be none. Then no touching contact slips, though not all of them push.
+        If no row of the touching contacts is faster than their rest speeds, all of them close: a body that rocks or
+        slips ever more slowly comes to rest, although each impact alone would open a contact again.
 
         Args:
             touching: contacts without a gap.
@@ -91,40 +95,40 @@ class ContactModes:
             t: time [s].
 
         Raises:
-            SimulationError: there is no such set.
-            ConstraintError: the impact of a set is impossible.
+            SimulationError: no impact is possible.
+            ConstraintError: a set of contacts leaves no motion.
         """
         at = self.position(q)
         rates = {number: self.contacts[number].gap_rate(at, v) for number in touching}
+        if all(self.contacts[number].at_rest(at, v) for number in touching):
+            return touching, self._impact(touching, rates, q, v, t)
+        impacts, speed = self._impacts(touching, q, v, t), _MOTION * (1.0 + float(np.abs(v).max()))
         for closed in _subsets(touching):
-            jump, impulses = self._impact(closed, rates, q, v, t)
-            speed = _MOTION * (1.0 + float(np.abs(v).max()))
-            after = {number: self.contacts[number].gap_rate(at, jump.v) for number in touching}
-            pushing = (impulses >= -_FORCE * (1.0 + np.abs(impulses).sum())).all()
-            if pushing and all(after[number] >= -speed for number in touching - closed):
-                return frozenset(number for number in closed if after[number] <= speed), jump
-        raise SimulationError(
-            f"impact of {self.names(touching)} at t = {t:.4f} s: no set of contacts that only push satisfies "
-            "Newton's law"
-        )
+            if not impacts.allows(closed, _FORCE, speed):
+                continue
+            jump = self._impact(closed, rates, q, v, t)
+            return frozenset(each for each in touching if self.contacts[each].gap_rate(at, jump.v) <= speed), jump
+        found = impacts.sticking()
+        if found is None or found.loss < -_SMALL * found.energy_before:
+            raise SimulationError(
+                f"impact of {self.names(touching)} at t = {t:.4f} s: no velocity after it satisfies Newton's law of "
+                "restitution without slip: the contacts have to share one coefficient of restitution"
+            )
+        return frozenset(each for each in touching if self.contacts[each].gap_rate(at, found.v) <= speed), found
 
-    def _impact(
-        self, closed: Closed, rates: dict[int, float], q: np.ndarray, v: np.ndarray, t: float
-    ) -> tuple[Impact, np.ndarray]:
-        """Impact of a set of contacts, and its normal impulses (c,)."""
+    def _impacts(self, touching: Closed, q: np.ndarray, v: np.ndarray, t: float) -> ContactImpacts:
+        reduced = self.plant(frozenset()).reduced
+        contacts = {number: self.contacts[number] for number in sorted(touching)}
+        return ContactImpacts(reduced.frozen(t) if reduced.rheonomic else reduced, q, v, contacts)
+
+    def _impact(self, closed: Closed, rates: dict[int, float], q: np.ndarray, v: np.ndarray, t: float) -> Impact:
+        """Impact of a set of contacts, in which all of them take part."""
         reduced, numbers = self.plant(closed).reduced, sorted(closed)
         reduced = reduced.frozen(t) if reduced.rheonomic else reduced
-        given = [self.contacts[number].contact for number in numbers]
+        given = [self.contacts[number] for number in numbers]
         # Below the rest speed no contact rebounds: dependent rows need equal coefficients.
-        rebounds = any(-each.restitution * rates[k] > each.rest_speed for k, each in zip(numbers, given, strict=True))
-        rows = [self.contacts[number].row for number in numbers]
-        coefficients = {row: float(each.restitution) * rebounds for row, each in zip(rows, given, strict=True)}
-        jump = impact(reduced, q, v, coefficients)
-        impulses = np.array([jump.impulses[row] for row in rows])
-        if (impulses < 0).any():
-            up = [reduced.all_constraints.names.index(row) for row in rows]
-            impulses = _shared(impulses, reduced.at(q, v=jump.v).all_rows, up)
-        return jump, impulses
+        rebounds = any(each.rebound(rates[number]) for number, each in zip(numbers, given, strict=True))
+        return impact(reduced, q, v, {each.row: float(each.contact.restitution) * rebounds for each in given})
 
     def holds(self, closed: Closed, others: Closed, plant: ReducedPlant) -> bool:
         """True if contacts stay closed by pushing at the state of a plant, and the others do not come closer.

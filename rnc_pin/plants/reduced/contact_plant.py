@@ -66,7 +66,8 @@ class ContactPlant:
       contact for its height row and zero for the rows that prevent slip. If the contact does not rebound, it closes.
     * A contact lifts off when its normal force becomes zero. It can land again.
 
-    Contacts that close or open together are the largest set in which contacts only push and the others separate.
+    Contacts that close or open together are the largest set in which contacts only push and the others separate. If an
+    impact has no such set, no contact that touches slips (``ContactImpacts.sticking``).
 
     Args:
         system: system without the contacts, with the actuators.
@@ -252,7 +253,7 @@ class ContactPlant:
         if found is None:
             raise SimulationError(
                 f"contacts {self._modes.names(touching)} at t = {self._time:.4f} s: no set of them only pushes while "
-                "the others separate"
+                "the others separate: friction without a limit holds them, and a Caster is a contact without friction"
             )
         if started[found] is not self._plant:
             self._past_work += self._plant.work

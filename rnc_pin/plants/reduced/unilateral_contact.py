@@ -28,7 +28,8 @@ class UnilateralContact:
     Args:
         constraint: ``RollingWheel``, ``RollingBall``, ``RollingBody`` or ``Caster`` on a plane.
         restitution: Newton's coefficient of the height row, from 0 (no rebound) to 1 (elastic).
-        rest_speed: speed of a rebound [m/s] below which the contact stays closed. So bounces end after a finite time.
+        rest_speed: speed [m/s] of a rebound below which the contact stays closed. Contacts that touch close together if
+            their gaps and slips are slower. So bouncing and rocking end after a finite time.
 
     Raises:
         ConfigurationError: a coefficient out of its range; when it is bound, a constraint without a gap.
@@ -87,14 +88,26 @@ class BoundContact:
         self.name = str(getattr(kind, "frame", self.row))
         kinematics, generator = Kinematics(robot), np.random.default_rng(0)
         moments = (kinematics.position(robot.random_configuration(generator)) for _ in range(_SAMPLES))
-        if max(float(np.abs(self._jacobian(at)).max()) for at in moments) < _SMALL:
+        if max(float(np.abs(self.jacobian(at)).max()) for at in moments) < _SMALL:
             raise ConfigurationError(
                 f"contact '{self.name}': no joint changes its height, so it cannot open: load the robot with a free "
                 "base"
             )
 
-    def _jacobian(self, at: PositionKinematics) -> np.ndarray:
+    def jacobian(self, at: PositionKinematics) -> np.ndarray:
+        """Jacobian of the gap, (nv,)."""
         return np.asarray(self._rows.jacobian(at)[self._height])
+
+    def slip(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray, list[str]]:
+        """Rows that prevent slip, (k, nv), with their velocities (k,) and names."""
+        names = [name for number, name in enumerate(self._rows.names) if number != self._height]
+        rows, rates = self._rows.jacobian(at), self._rows.rate(at)
+        return np.delete(rows, self._height, axis=0), np.delete(rates, self._height), names
+
+    def rebound(self, rate: float) -> float:
+        """Coefficient of restitution of an impact at a rate of the gap [m/s]; zero for slow ones."""
+        fast = -self.contact.restitution * rate > self.contact.rest_speed
+        return float(self.contact.restitution) if fast else 0.0
 
     def gap(self, at: PositionKinematics) -> float:
         """Distance from the ground [m], negative below it."""
@@ -102,8 +115,13 @@ class BoundContact:
 
     def gap_rate(self, at: PositionKinematics, v: np.ndarray) -> float:
         """Rate of the gap at velocity v (nv,) [m/s], negative if the contact closes."""
-        return float(self._jacobian(at) @ v)
+        return float(self.jacobian(at) @ v)
+
+    def at_rest(self, at: PositionKinematics, v: np.ndarray) -> bool:
+        """True if no row is faster than the rest speed, slip included."""
+        slip = self._rows.jacobian(at) @ v - self._rows.rate(at)
+        return bool(np.abs(slip).max() <= self.contact.rest_speed)
 
     def gap_acceleration(self, at: VelocityKinematics, v_dot: np.ndarray) -> float:
         """Second rate of the gap at acceleration v_dot (nv,) [m/s^2]."""
-        return float(self._jacobian(at) @ v_dot + self._rows.bias_acceleration(at)[self._height])
+        return float(self.jacobian(at) @ v_dot + self._rows.bias_acceleration(at)[self._height])
