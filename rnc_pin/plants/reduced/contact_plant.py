@@ -253,7 +253,8 @@ class ContactPlant:
         if found is None:
             raise SimulationError(
                 f"contacts {self._modes.names(touching)} at t = {self._time:.4f} s: no set of them only pushes while "
-                "the others separate: friction without a limit holds them, and a Caster is a contact without friction"
+                "the others separate: friction without a limit holds them where they would slip; a Caster has no "
+                "friction, and that of the MuJoCo plant has a limit"
             )
         if started[found] is not self._plant:
             self._past_work += self._plant.work
