@@ -166,7 +166,7 @@ class StateEvaluation(ReducedKinematics):
         solved = solve_positive_definite_columns(self.H, rows.T)
         if solved is None:
             raise DivergenceError("reduced acceleration is not finite: H is not positive definite")
-        return solved.T @ self.input_matrix, solved.T @ (self._unforced @ self.R)
+        return solved.T @ self.input_matrix, solved.T @ (self.unforced @ self.R)
 
     def v_dot(self, v2_dot: Array) -> Float[Array, "*batch nv"]:
         """Full acceleration ``R v2_dot + Rdot v2 + b_dot`` for a reduced acceleration (..., r)."""
@@ -187,7 +187,7 @@ class StateEvaluation(ReducedKinematics):
         return force if external is None else force + external
 
     @cached_property
-    def _unforced(self) -> Array:
+    def unforced(self) -> Array:
         """Forces ``H* E^-1 gamma - bias`` without actuators, from ``vdot = R v2dot - E^-1 gamma``."""
         if self.compiled_motion is not None:
             unforced = self.compiled_motion.biases["unforced"]
@@ -201,7 +201,7 @@ class StateEvaluation(ReducedKinematics):
             found = self.compiled_motion.acceleration(force + self.passive_force if self._data.forces else force)
         if found is not None:
             return found
-        free = force + self._unforced
+        free = force + self.unforced
         v2_dot = solve_positive_definite(self.H, apply_transposed(self.R, free))
         with np.errstate(over="ignore", invalid="ignore"):  # near the largest number, the sum overflows first
             finite = np.isfinite(v2_dot.sum(axis=-1)).all()

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
@@ -164,8 +165,23 @@ def solve_cascade(
     unknowns = None
     for index, (J, rate) in enumerate(levels):
         own, rate = (J, rate) if Z is None else (J @ Z, rate - J @ kept)
-        left, values, right = np.linalg.svd(own, full_matrices=len(own) < own.shape[1])
         least = _RANK * max(float(np.sqrt(np.vdot(J, J))), 1e-300)
+        start = None if multipliers is None else multipliers[index]
+        whole = _distance_form(own, rate, least, damping)
+        if whole is not None:  # the level leaves nothing to lower ones
+            goal, T = whole if Z is None else (whole[0], Z @ whole[1])
+            ahead = kept + T @ goal
+            reached = rows @ ahead
+            if (reached <= high).all() and (reached >= low).all():
+                unknowns = ahead
+            elif (solved := _nearest(goal, T, kept, bounds, solver, start)) is not None:
+                unknowns, found[index] = solved
+                cost = None if sampled is None else sampled.rows(index, J @ unknowns - levels[index].rate, rate)
+                if cost is not None:
+                    solved = _solve_damped(own, rate, cost, kept, Z, least, damping, bounds, solver, found[index])
+                    unknowns, found[index] = solved or (unknowns, found[index])
+            break
+        left, values, right = np.linalg.svd(own, full_matrices=len(own) < own.shape[1])
         rank = len(values) if not len(values) or values[-1] > least else int((values > least).sum())
         values, free = values[:rank], right[rank:]
         scales = np.hypot(values, damping) if damping else values
@@ -183,7 +199,6 @@ def solve_cascade(
                 T = np.hstack([inward, (free.T if Z is None else Z @ free.T) / cheap])
                 goal = np.concatenate([goal, np.zeros(len(free))])
             offset = rows @ kept
-            start = None if multipliers is None else multipliers[index]
             nearest = solver.solve(goal, rows @ T, bounds.lower - offset, bounds.upper - offset, start)
             if nearest is None:
                 break  # at a lower level: rounding left no room
@@ -200,6 +215,62 @@ def solve_cascade(
             break
         Z = free.T if Z is None else Z @ free.T
     return None if unknowns is None else CascadeSolution(unknowns, found)
+
+
+def _distance_form(
+    own: Array, rate: Array, least: float, damping: float, more: tuple[Array, Array] | None = None
+) -> tuple[Array, Array] | None:
+    """Goal y (n,) and T (n, n) of rows (k, n) that determine all unknowns: with ``x = T y`` their cost is a distance.
+
+    The triangular factor of the rows takes less time than their singular values, which a level needs that leaves
+    directions free. None if the singular values may be below ``least``, or without the compiled kernel.
+
+    Args:
+        own, rate: rows and their desired values.
+        least: least singular value of these rows.
+        damping: cost of the unknowns.
+        more: further rows and their desired values.
+    """
+    size = own.shape[1]
+    if _kernel.library is None or len(own) < size:
+        return None
+    numbers = np.empty((size + 1, size))
+    further, values = (own[:0], rate[:0]) if more is None else more
+    if not _kernel.library.least_squares(own, rate, further, values, least, damping, _RANK, numbers):
+        return None
+    return numbers[0], numbers[1:]
+
+
+def _solve_damped(
+    own: Array,
+    rate: Array,
+    cost: tuple[Array, Array],
+    kept: Array,
+    Z: Array | None,
+    least: float,
+    damping: float,
+    bounds: ProgramBounds,
+    solver: LeastDistanceSolver,
+    start: Array,
+) -> tuple[Array, Array] | None:
+    """Unknowns and multipliers of a level that determines all unknowns, with further rows that damp it."""
+    jacobian, rest = cost
+    more = (jacobian, rest) if Z is None else (jacobian @ Z, rest - jacobian @ kept)
+    found = _distance_form(own, rate, least, damping, more)
+    if found is None:
+        level = _damped_level(own, rate, cost, kept, Z, damping * np.eye(own.shape[1]))
+        return _solve_level(level, kept, Z, bounds, solver, start)
+    goal, T = found
+    return _nearest(goal, T if Z is None else Z @ T, kept, bounds, solver, start)
+
+
+def _nearest(
+    goal: Array, T: Array, kept: Array, bounds: ProgramBounds, solver: LeastDistanceSolver, start: Array | None
+) -> tuple[Array, Array] | None:
+    """Unknowns ``kept + T y`` and multipliers, with the y nearest to a goal within the limits."""
+    offset = bounds.rows @ kept
+    nearest = solver.solve(goal, bounds.rows @ T, bounds.lower - offset, bounds.upper - offset, start)
+    return None if nearest is None else (kept + T @ nearest.point, nearest.multipliers)
 
 
 def _damped_level(
@@ -222,8 +293,4 @@ def _solve_level(
     rank = int((values > _RANK * values[0]).sum())
     T = np.hstack([right[:rank].T / values[:rank], right[rank:].T / (_FREE_COST * values[rank - 1])])
     goal = np.concatenate([rate @ left[:, :rank], np.zeros(T.shape[1] - rank)])
-    T = T if Z is None else Z @ T
-    nearest = solver.solve(
-        goal, bounds.rows @ T, bounds.lower - bounds.rows @ kept, bounds.upper - bounds.rows @ kept, start
-    )
-    return None if nearest is None else (kept + T @ nearest.point, nearest.multipliers)
+    return _nearest(goal, T if Z is None else Z @ T, kept, bounds, solver, start)

@@ -7,6 +7,7 @@ import pytest
 import scipy
 
 import rnc_pin as rnc
+from rnc_pin import _kernel
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
 from rnc_pin.control.whole_body import ControlSample, InverseDynamicsQP
 from rnc_pin.control.whole_body.limits import CollisionAvoidance
@@ -211,3 +212,15 @@ def test_unusable_settings_are_refused():
     for deceleration in (np.inf, 0.0, -0.5):
         with pytest.raises(rnc.ConfigurationError, match="deceleration"):
             CollisionAvoidance(deceleration=deceleration)
+
+
+def test_numpy_and_the_kernel_plan_the_same_decelerations(monkeypatch):
+    reduced, q0 = differential_drive_with_arm()
+    bound = CollisionAvoidance(influence=0.3, q0=q0).bind(reduced)
+    sample = ControlSample(reduced, 0.0, q0, np.linspace(-0.4, 0.4, reduced.r), DT)
+    rows = []
+    for library in (_kernel.library, None):
+        monkeypatch.setattr(_kernel, "library", library)
+        rows.append(bound.rows(sample))
+    assert len(rows[0].lower) > 3
+    np.testing.assert_allclose(rows[0].lower, rows[1].lower, rtol=1e-12)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
+from rnc_pin import _kernel
 from rnc_pin.control import ControlSample, RedundancyController, VelocityQP, limits, tasks
 from rnc_pin.planning import Hold, MinimumJerk
 from systems import mobile_manipulator, random_states, space_robot, spinning_space_robot, tiago
@@ -133,6 +134,46 @@ def test_the_solution_satisfies_the_conditions_of_optimality():
         np.testing.assert_allclose(values[force < 0], box.lower[force < 0], atol=1e-9)
         touched += np.count_nonzero(force)
     assert touched > 6
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.3])
+def test_numpy_and_the_kernel_solve_the_same_program(damping, monkeypatch):
+    """A level that determines everything, alone and below another one; limits are active in some samples."""
+    reduced, program = tiago_program(damping=damping)
+    hand, *others = program.tasks
+    look = tasks.LookAtTask("head_2_link", "arm_7_link", weight=0.3)
+    rest = tasks.DampingTask(weight=0.1)
+    below = [tasks.PostureTask({"torso_lift_joint": 0.2}, priority=1), tasks.DampingTask(priority=1)]
+    box, active = program.limits, 0
+    for chosen in ([hand, look, *others, rest], [hand, look, *below]):
+        program = VelocityQP(reduced, chosen, box, damping=damping)
+        for q, v2 in random_states(reduced, 4, seed=5):
+            sample, found = ControlSample(reduced, 0.0, q, 0.1 * v2, 0.002), []
+            for library in (_kernel.library, None):
+                monkeypatch.setattr(_kernel, "library", library)
+                found.append(program.solve(sample))
+            monkeypatch.undo()
+            scale = 1.0 + np.abs(found[1].multipliers).max()
+            np.testing.assert_allclose(found[0].v2, found[1].v2, atol=1e-11)
+            np.testing.assert_allclose(found[0].multipliers, found[1].multipliers, atol=1e-10 * scale)
+            active += found[0].multipliers.any()
+    assert active > 2
+
+
+@pytest.mark.skipif(_kernel.library is None, reason="the kernel is not active")
+def test_rows_of_full_rank_become_a_distance():
+    """The nearest point to the goal is NumPy's least squares; nearly dependent rows are left to singular values."""
+    generator, numbers = np.random.default_rng(7), np.empty((6, 5))
+    rows, wanted = generator.normal(size=(8, 5)), generator.normal(size=8)
+    more, rest = generator.normal(size=(2, 5)), generator.normal(size=2)
+    solve = _kernel.library.least_squares
+    assert solve(rows, wanted, more, rest, 1e-8, 0.3, 1e-8, numbers)
+    stacked = np.vstack([rows, more, 0.3 * np.eye(5)])
+    expected = np.linalg.lstsq(stacked, np.r_[wanted, rest, np.zeros(5)])[0]
+    np.testing.assert_allclose(numbers[0] @ numbers[1:].T, expected, rtol=1e-12)
+    np.testing.assert_allclose(numbers[1:].T @ stacked.T @ stacked @ numbers[1:], np.eye(5), atol=1e-12)
+    rows[:, 4] = rows[:, :2].sum(axis=1) + 1e-9 * generator.normal(size=8)
+    assert not solve(rows, wanted, more, rest, 1e-8, 0.3, 1e-8, numbers)
 
 
 def test_samples_join_without_jumps_and_the_rate_is_exact():

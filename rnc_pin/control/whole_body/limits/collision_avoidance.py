@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
 from rnc_pin.collision import CollisionDistances, Obstacle, PairDistances, PairSelection
 from rnc_pin.collision.flat_contacts import MOST_CORNERS
@@ -97,6 +98,7 @@ class BoundCollisionAvoidance(BoundLimit):
         efforts = reduced.actuation.limits
         self._deceleration, self._unlimited = limit.deceleration, np.flatnonzero(~np.isfinite(efforts))
         self._braking_efforts = np.where(np.isfinite(efforts), _BRAKING * efforts, 0.0)
+        self._brakes, self._without_limit = bool(self._braking_efforts.any()), (~np.isfinite(efforts)).astype(float)
         self._corners, self.clearances = limit.corners, np.full(len(labels), limit.clearance)
         links = len(robot.collision_model.geometryObjects) if robot.collision_model is not None else 0
         at_start = self.distances.at(q0, within=limit.clearance / _SHARE)
@@ -119,9 +121,14 @@ class BoundCollisionAvoidance(BoundLimit):
 
     def _decelerations(self, near: PairDistances, sample: ControlSample) -> Float[np.ndarray, " k"]:
         """Decelerations (k,) of the approach of pairs [m/s^2] that the efforts allow; infinite without limits."""
-        if self._deceleration is not None or not (self._braking_efforts.any() and len(near.pairs)):
+        if self._deceleration is not None or not (self._brakes and len(near.pairs)):
             return np.full(len(near.pairs), self._deceleration or np.inf)
         state = sample.start
+        if _kernel.library is not None:
+            found, efforts = np.empty(len(near.pairs)), (self._braking_efforts, self._without_limit)
+            known = near.jacobian, state.R, state.H, state.input_matrix, state.unforced
+            if _kernel.library.decelerations(*known, *efforts, _LEAST, _NO_EFFECT, found):
+                return found
         effects, adverse = state.row_accelerations(near.jacobian @ state.R)
         effects = np.abs(effects)
         planned = effects @ self._braking_efforts

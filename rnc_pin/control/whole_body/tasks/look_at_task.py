@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin import _kernel
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.tasks.control_task import BoundTask, ControlTask, TaskRows
 from rnc_pin.errors import ConfigurationError, SingularityError
@@ -56,17 +57,21 @@ class _BoundLook(BoundTask):
     def rows(self, sample: ControlSample) -> TaskRows:
         at = sample.end.position
         here, J = at.placement(self._frame), at.jacobian(self._frame)
-        axis, point, approach = here.rotation[:, self._axis].copy(), self._point, -J[:3]
-        from_frame = here.translation.copy()
+        axis, point, other = here.rotation[:, self._axis].copy(), self._point, None
         if self._other is not None:
-            point = at.placement(self._other).translation
-            approach = approach + at.jacobian(self._other)[:3]
-        ray = point - from_frame
-        length = float(np.linalg.norm(ray))
+            point, other = at.placement(self._other).translation, at.jacobian(self._other)
+        ray = point - here.translation
+        length = float(np.sqrt(ray @ ray))
         if length < _NEAR:
             raise SingularityError(
                 "a frame cannot look at its own origin", q=sample.end.q.copy(), condition=np.inf, rows=self.names
             )
         direction = ray / length
+        rate = -self._gain * (axis - direction)
+        if _kernel.library is not None:
+            rows = np.empty((3, J.shape[-1]))
+            if _kernel.library.look_rows(J, other, axis, ray, length, rows):
+                return TaskRows(rows, rate)
+        approach = -J[:3] if other is None else other[:3] - J[:3]
         turn = (approach - np.outer(direction, direction @ approach)) / length
-        return TaskRows(-pin.skew(axis) @ J[3:] - turn, -self._gain * (axis - direction))
+        return TaskRows(-pin.skew(axis) @ J[3:] - turn, rate)
