@@ -16,7 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define INTERFACE 27 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
+#define INTERFACE 28 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
 #define INTEGERS 8  /* of a row: kind, first and second frame, five more */
 #define NUMBERS 24  /* of a row */
 #define AT_GROUND 16 /* twist of moving ground about the world's origin, in the numbers of a row */
@@ -2029,6 +2029,7 @@ static PyMethodDef functions[] = {
     {"riccati_factors", (PyCFunction)(void (*)(void))riccati_factors, METH_FASTCALL, NULL},
     {"riccati_solve", (PyCFunction)(void (*)(void))riccati_solve, METH_FASTCALL, NULL},
     {"least_squares", (PyCFunction)(void (*)(void))least_squares, METH_FASTCALL, NULL},
+    {"shape_poses", (PyCFunction)(void (*)(void))shape_poses, METH_FASTCALL, NULL},
     {"look_rows", (PyCFunction)(void (*)(void))look_rows, METH_FASTCALL, NULL},
     {"decelerations", (PyCFunction)(void (*)(void))decelerations, METH_FASTCALL, NULL},
     {"frame_kinematics", (PyCFunction)(void (*)(void))frame_kinematics, METH_FASTCALL, NULL},

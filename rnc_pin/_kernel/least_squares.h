@@ -112,29 +112,29 @@ static PyObject *look_rows(PyObject *module, PyObject *const *args, Py_ssize_t g
     return result(&all, ok);
 }
 
-/* Decelerations of rows that efforts allow: rows (k, n), R (n, r), H (r, r), input matrix (r, p), forces without inputs (n), efforts
+/* Decelerations of rows that efforts allow: rows (k, n), inverse of E (n, n) with R in its last columns, H (r, r), input matrix (r, p), forces without inputs (n), efforts
    for braking (p), 1 for each actuator without a limit (p), least share, least effect, record (k). False if H is not positive
    definite or if the arrays need the other path. */
 static PyObject *decelerations(PyObject *module, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = 1};
-    Py_ssize_t k = 0, n = 0, rows_R = 0, r = 0, rows_B = 0, p = 0;
+    Py_ssize_t k = 0, n = 0, r = 0, rows_H = 0, rows_B = 0, p = 0;
     (void)module;
     if (given != 10) return PyErr_SetString(PyExc_TypeError, "kernel: decelerations takes 10 arguments"), NULL;
     double share = PyFloat_AsDouble(args[7]), least = PyFloat_AsDouble(args[8]);
     if (PyErr_Occurred()) return NULL;
-    int ok = stacked(args[0], &k, &n) && stacked(args[1], &rows_R, &r) && rows_R == n && stacked(args[3], &rows_B, &p)
-             && rows_B == r && r > 0;
-    Py_ssize_t sizes[7] = {k * n, n * r, r * r, r * p, n, p, p};
+    int ok = stacked(args[0], &k, &n) && stacked(args[2], &rows_H, &r) && rows_H == r && stacked(args[3], &rows_B, &p)
+             && rows_B == r && 0 < r && r <= n;
+    Py_ssize_t sizes[7] = {k * n, n * n, r * r, r * p, n, p, p};
     double *x[7] = {NULL}, *out = NULL, *work = NULL;
     for (int i = 0; i < 7 && ok; i++) ok = (x[i] = numbers(&all, args[i], sizes[i])) != NULL;
     out = ok ? numbers(&all, args[9], k) : NULL;
     ok = out && !all.views[all.open - 1].readonly;
     if (ok && !(work = malloc((size_t)(r * r + 2 * r) * sizeof(double)))) return close_arrays(&all), PyErr_NoMemory();
-    double *L = work, *y = ok ? work + r * r : NULL, *force = ok ? y + r : NULL;
+    double *L = work, *y = ok ? work + r * r : NULL, *force = ok ? y + r : NULL, *R = ok ? x[1] + n - r : NULL;
     for (Py_ssize_t i = 0; i < r && ok; i++) {
         force[i] = 0.0;
-        for (Py_ssize_t j = 0; j < n; j++) force[i] += x[4][j] * x[1][j * r + i];
+        for (Py_ssize_t j = 0; j < n; j++) force[i] += x[4][j] * R[j * n + i];
         for (Py_ssize_t j = 0; j <= i; j++) {
             double sum = x[2][i * r + j];
             for (Py_ssize_t m = 0; m < j; m++) sum -= L[i * r + m] * L[j * r + m];
@@ -148,7 +148,7 @@ static PyObject *decelerations(PyObject *module, PyObject *const *args, Py_ssize
         for (Py_ssize_t j = 0; j < n; j++) {
             double entry = x[0][row * n + j];
             if (entry != 0.0)
-                for (Py_ssize_t i = 0; i < r; i++) y[i] += entry * x[1][j * r + i];
+                for (Py_ssize_t i = 0; i < r; i++) y[i] += entry * R[j * n + i];
         }
         for (Py_ssize_t i = 0; i < r; i++) {
             for (Py_ssize_t m = 0; m < i; m++) y[i] -= L[i * r + m] * y[m];
@@ -171,5 +171,41 @@ static PyObject *decelerations(PyObject *module, PyObject *const *args, Py_ssize
         out[row] = unlimited || planned <= least ? INFINITY : found > share * planned ? found : share * planned;
     }
     free(work);
+    return result(&all, ok);
+}
+
+/* Poses of shapes: placements of all joints (joints, 12), joint of each of the first shapes (k), rotations (s, 9) and origins (s, 3) of
+   all shapes in their joints, centres of their boxes in their own frames (s, 3), record of rotations (s, 9), origins (s, 3) and
+   middles (s, 3) in the world. Further shapes are in the world already. False if the arrays need the other path. */
+static PyObject *shape_poses(PyObject *module, PyObject *const *args, Py_ssize_t given)
+{
+    Arrays all = {.count = 1};
+    Py_ssize_t joints = 0, twelve = 0, one = 0, k = 0, s = 0, three = 0;
+    (void)module;
+    if (given != 8) return PyErr_SetString(PyExc_TypeError, "kernel: shape_poses takes 8 arguments"), NULL;
+    int ok = stacked(args[0], &joints, &twelve) && twelve == 12 && stacked(args[1], &one, &k) && stacked(args[4], &s, &three)
+             && three == 3 && k <= s;
+    const double *joint = ok ? numbers(&all, args[0], 12 * joints) : NULL;
+    const long long *carrier = joint ? indices(&all, args[1], k) : NULL;
+    const double *own[3] = {NULL};
+    double *out[3] = {NULL};
+    ok = carrier && all_below(carrier, k, joints);
+    for (int i = 0; i < 3 && ok; i++) ok = (own[i] = numbers(&all, args[2 + i], (i ? 3 : 9) * s)) != NULL;
+    for (int i = 0; i < 3 && ok; i++)
+        ok = (out[i] = numbers(&all, args[5 + i], (i ? 3 : 9) * s)) && !all.views[all.open - 1].readonly;
+    for (Py_ssize_t at = 0; at < s && ok; at++) {
+        double *rotation = out[0] + 9 * at, *origin = out[1] + 3 * at;
+        const double *turn = own[0] + 9 * at, *shift = own[1] + 3 * at, *center = own[2] + 3 * at;
+        memcpy(rotation, turn, 9 * sizeof(double)), memcpy(origin, shift, 3 * sizeof(double));
+        if (at < k) {
+            const double *x = joint + 12 * carrier[at];
+            for (int i = 0; i < 3; i++) {
+                for (int j = 0; j < 3; j++)
+                    rotation[3 * i + j] = x[i] * turn[j] + x[3 + i] * turn[3 + j] + x[6 + i] * turn[6 + j];
+                origin[i] = x[i] * shift[0] + x[3 + i] * shift[1] + x[6 + i] * shift[2] + x[9 + i];
+            }
+        }
+        for (int i = 0; i < 3; i++) out[2][3 * at + i] = origin[i] + dot(rotation + 3 * i, center, 3);
+    }
     return result(&all, ok);
 }

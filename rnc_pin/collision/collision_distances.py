@@ -85,7 +85,7 @@ class CollisionDistances:
         ]
         self._placed = self._geometry.createData()
         own = np.array([shape.placement.homogeneous for shape in self._geometry.geometryObjects])
-        self._own_rotations, self._own_origins = own[:, :3, :3], own[:, :3, 3]
+        self._own_rotations, self._own_origins = own[:, :3, :3].copy(), own[:, :3, 3].copy()
         self._carriers = np.array(self._joints[: len(shapes)])
         self._shapes = [shape.geometry for shape in self._geometry.geometryObjects]
         self._flat: dict[int, FlatParts] = {}
@@ -191,16 +191,14 @@ class CollisionDistances:
 
     def _place_by(self, joints: np.ndarray) -> None:
         """Place all shapes by joint placements (njoints, 12): the columns of a rotation, then a translation."""
-        rotations, origins = self._own_rotations.copy(), self._own_origins.copy()
+        rotations, origins = self._own_rotations, self._own_origins
         links = len(self._joints) - len(self.obstacles)
+        if self._moving:
+            rotations, origins = rotations.copy(), origins.copy()
         for k in self._moving:
             placement = self._geometry.geometryObjects[links + k].placement
             rotations[links + k], origins[links + k] = placement.rotation, placement.translation
-        carried = joints.take(self._carriers, 0)
-        turns = carried[:, :9].reshape(-1, 3, 3).swapaxes(1, 2)
-        origins[:links] = np.matvec(turns, origins[:links]) + carried[:, 9:]
-        rotations[:links] = turns @ rotations[:links]
-        self._at = ShapePoses(rotations, origins, self._centers)
+        self._at = ShapePoses.carried(joints, self._carriers, rotations, origins, self._centers)
 
     def _measure(self, pairs: np.ndarray) -> np.ndarray:
         """Distance, normal and nearest points of pairs, (k, 10)."""

@@ -32,6 +32,31 @@ class ShapePoses:
         self.rotations, self.origins = rotations, origins
         self.middles = origins + np.matvec(rotations, centers)
 
+    @classmethod
+    def carried(cls, joints: Array, carriers: Array, rotations: Array, origins: Array, centers: Array) -> ShapePoses:
+        """Poses of shapes that joints carry.
+
+        Args:
+            joints: placements of all joints (njoints, 12): the columns of a rotation, then a translation.
+            carriers: joint of each of the first shapes (k,); further shapes are in the world.
+            rotations, origins: poses of all shapes in their joints (s, 3, 3) and (s, 3).
+            centers: as for the class.
+        """
+        if _kernel.library is not None:
+            found = cls.__new__(cls)
+            found.rotations, found.origins, found.middles = (
+                np.empty(each.shape) for each in (rotations, *[origins] * 2)
+            )
+            known = joints, carriers, rotations.reshape(-1, 9), origins, centers
+            if _kernel.library.shape_poses(*known, found.rotations, found.origins, found.middles):
+                return found
+        rotations, origins, count = rotations.copy(), origins.copy(), len(carriers)
+        carrying = joints.take(carriers, 0)
+        turns = carrying[:, :9].reshape(-1, 3, 3).swapaxes(1, 2)
+        origins[:count] = _product(turns, origins[:count, :, None])[:, :, 0] + carrying[:, 9:]
+        rotations[:count] = _product(turns, rotations[:count])
+        return cls(rotations, origins, centers)
+
 
 class DistanceBounds:
     """Lower bounds of the distances of pairs of shapes.
@@ -97,3 +122,8 @@ class DistanceBounds:
         """Remember the distances [m] of pairs at the poses of ``nearby``."""
         self._known[pairs] = distances - _TOLERANCE
         self._measured[pairs] = True
+
+
+def _product(left: Float[Array, "k 3 3"], right: Float[Array, "k 3 c"]) -> Float[Array, "k 3 c"]:
+    """Matrix products with the order of additions of the compiled kernel: coal then sees the same bits."""
+    return left[:, :, :1] * right[:, :1] + left[:, :, 1:2] * right[:, 1:2] + left[:, :, 2:] * right[:, 2:]

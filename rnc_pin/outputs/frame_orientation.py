@@ -48,6 +48,8 @@ class _OrientationRows(FrameVelocityRows, OutputRows):
 
     def value(self, at: PositionKinematics) -> np.ndarray:
         rotation = at.placement(self._frame).rotation
+        if rotation.ndim == 2:  # one state, on the hot path
+            return np.asarray(pin.log3(rotation))
         vectors = np.empty(rotation.shape[:-1])
         for i in np.ndindex(vectors.shape[:-1]):
             vectors[i] = pin.log3(rotation[i])

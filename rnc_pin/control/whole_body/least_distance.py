@@ -36,6 +36,7 @@ class LeastDistanceSolver:
 
     def __init__(self, name: str = "daqp") -> None:
         self.name = name
+        self._identities: dict[int, Array] = {}
         self._daqp: Any = _imported("daqp").solve if name == "daqp" else None
         self._qpsolvers: Any = None if name == "daqp" else _qpsolvers(name)
 
@@ -62,9 +63,10 @@ class LeastDistanceSolver:
         self, goal: Array, rows: Array, lower: Array, upper: Array, start: Array | None
     ) -> NearestPoint | None:
         kinds = np.zeros(len(rows), dtype=np.int32)
-        x, _, status, info = self._daqp(
-            np.eye(len(goal)), -goal, rows, upper, lower, kinds, dual_start=start, **_SETTINGS
-        )
+        identity = self._identities.get(len(goal))
+        if identity is None:
+            identity = self._identities[len(goal)] = np.eye(len(goal))
+        x, _, status, info = self._daqp(identity, -goal, rows, upper, lower, kinds, dual_start=start, **_SETTINGS)
         return NearestPoint(x, info["lam"]) if status == _SOLVED else None
 
     def _solve_by_name(self, goal: Array, rows: Array, lower: Array, upper: Array) -> NearestPoint | None:

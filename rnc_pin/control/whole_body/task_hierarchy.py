@@ -268,8 +268,11 @@ def _nearest(
     goal: Array, T: Array, kept: Array, bounds: ProgramBounds, solver: LeastDistanceSolver, start: Array | None
 ) -> tuple[Array, Array] | None:
     """Unknowns ``kept + T y`` and multipliers, with the y nearest to a goal within the limits."""
-    offset = bounds.rows @ kept
-    nearest = solver.solve(goal, bounds.rows @ T, bounds.lower - offset, bounds.upper - offset, start)
+    lower, upper = bounds.lower, bounds.upper
+    if kept.any():
+        offset = bounds.rows @ kept
+        lower, upper = lower - offset, upper - offset
+    nearest = solver.solve(goal, bounds.rows @ T, lower, upper, start)
     return None if nearest is None else (kept + T @ nearest.point, nearest.multipliers)
 
 

@@ -108,6 +108,7 @@ class VelocityQP(WholeBodyProgram):
             raise ConfigurationError(f"damping of a whole-body controller cannot be negative, found {damping}")
         self.dt, self.damping = dt, damping
         super().__init__(reduced, tasks, limits, solver)
+        self._at_rest = np.eye(reduced.r), np.zeros(reduced.r)
 
     def describe(self) -> Description:
         """Return the settings of tasks and limits."""
@@ -157,10 +158,9 @@ class VelocityQP(WholeBodyProgram):
         self, sample: ControlSample, levels: list[TaskLevel], bounds: ProgramBounds, multipliers: Array | None = None
     ) -> RelaxedSolution:
         """Solution of the levels within limits, with the damping of this sample."""
-        r = self._reduced.r
         curved = self._tasks.curved
         levers = [column_norms(each.jacobian, mask) for each, mask in zip(levels, curved, strict=True)]
-        sampled = SampledDamping(sample.dt, np.eye(r), np.zeros(r), levers, curved)
+        sampled = SampledDamping(sample.dt, *self._at_rest, levers, curved)
         return solve_within(levels, bounds, self._limits, self._solver, self.damping, multipliers, sampled=sampled)
 
     def effect(self, t: float, q: ArrayLike, v2: ArrayLike) -> LimitEffect:

@@ -126,7 +126,7 @@ class BoundCollisionAvoidance(BoundLimit):
         state = sample.start
         if _kernel.library is not None:
             found, efforts = np.empty(len(near.pairs)), (self._braking_efforts, self._without_limit)
-            known = near.jacobian, state.R, state.H, state.input_matrix, state.unforced
+            known = near.jacobian, state.E_inverse, state.H, state.input_matrix, state.unforced
             if _kernel.library.decelerations(*known, *efforts, _LEAST, _NO_EFFECT, found):
                 return found
         effects, adverse = state.row_accelerations(near.jacobian @ state.R)
