@@ -15,6 +15,7 @@ from rnc_pin.optimal.motion_plan import MotionPlan
 
 End = Literal["stop", "continue"]
 _AT_REST = 1e-3  # part of an interval: a plan that brakes in less time ends at rest
+_ROUNDING = 1e-12  # part of the largest velocity of the plan that is rounding
 
 
 class PlanEnd:
@@ -83,7 +84,7 @@ class PlanEnd:
             return 0.0
         largest = np.abs(plan.acceleration[:, :, : self._model.r]).max(axis=(0, 1))
         speed = np.abs(plan.w[-1])
-        moves = speed > 0
+        moves = speed > _ROUNDING * np.abs(plan.w).max(initial=0.0)
         least = speed[moves] / plan.duration  # a stop takes no longer than the plan
         total = float((speed[moves] / np.maximum(largest[moves], least)).max(initial=0.0))
         if total < _AT_REST * self._h:
