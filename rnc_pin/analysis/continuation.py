@@ -16,6 +16,7 @@ from rnc_pin.analysis.frame_bracket import frame_bracket
 from rnc_pin.analysis.symmetry import Symmetries, find_symmetries
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConstraintError, InputError, ModelError, SingularityError, nearest
+from rnc_pin.math.linear_algebra import sorted_eigenvalues
 from rnc_pin.model.input_validation import vector
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
@@ -199,14 +200,14 @@ class _Branch:
     def _judged(self, value: float, found: Equilibrium) -> SteadyMotion:
         reduced = self._model(value)
         A = _modulo_symmetries(reduced, found, self._known(reduced, found.q))
-        eigenvalues = np.linalg.eigvals(A)
+        eigenvalues = sorted_eigenvalues(A)
         grows = _GROWS * max(1.0, float(np.abs(A).max(initial=0.0)))
         return SteadyMotion(
             value=value,
             q=found.q,
             v2=found.v2,
             T=found.T,
-            eigenvalues=eigenvalues[np.lexsort((eigenvalues.imag, eigenvalues.real))],
+            eigenvalues=eigenvalues,
             stable=bool((eigenvalues.real <= grows).all()),
         )
 

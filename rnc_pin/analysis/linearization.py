@@ -14,6 +14,7 @@ from rnc_pin.analysis.derivatives import StateDerivatives, state_derivatives
 from rnc_pin.analysis.frame_bracket import frame_bracket
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConstraintError, InputError, ModelError, nearest
+from rnc_pin.math.linear_algebra import sorted_eigenvalues
 from rnc_pin.model.independence import ROUNDING
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
@@ -68,9 +69,8 @@ class Linearization:
 
     @property
     def eigenvalues(self) -> Array:
-        """Eigenvalues of A (s,) [1/s], by real part and then by imaginary part."""
-        values = np.linalg.eigvals(self.A)
-        return values[np.lexsort((values.imag, values.real))]
+        """Eigenvalues of A (s,) [1/s], by real part and then by imaginary part; real parts of rounding count as zero."""
+        return sorted_eigenvalues(self.A)
 
     def deviation(self, q: Array, v2: Array) -> Array:
         """Return the state x (s,) at q (nq,) and v2 (r,), for a feedback ``T = T_0 - K x``."""

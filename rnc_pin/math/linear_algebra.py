@@ -14,6 +14,7 @@ import scipy
 
 from rnc_pin.math.components import cross
 
+_ROUNDING = 1e-12  # part of the largest eigenvalue
 
 @cache
 def _identity(n: int) -> np.ndarray:
@@ -52,6 +53,13 @@ def inverse(matrix: np.ndarray) -> np.ndarray:
     except np.linalg.LinAlgError:  # one singular matrix fails the whole call: invert one by one
         flat = matrix.reshape(-1, *matrix.shape[-2:])
         return np.stack([inverse(each) for each in flat]).reshape(matrix.shape)
+
+
+def sorted_eigenvalues(matrix: np.ndarray) -> np.ndarray:
+    """Eigenvalues (n,) by real part and then by imaginary part; real parts of rounding count as zero in this order."""
+    values = np.linalg.eigvals(matrix)
+    rounding = _ROUNDING * np.abs(values).max(initial=0.0)
+    return np.asarray(values[np.lexsort((values.imag, np.where(np.abs(values.real) > rounding, values.real, 0.0)))])
 
 
 def solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
