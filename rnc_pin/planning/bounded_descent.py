@@ -16,6 +16,7 @@ _EXACT = 1e-13  # error at which the descent stops
 _STATIONARY = 1e-10  # largest gradient of a minimum, and largest motion to a bound
 _DAMPING, _LEAST, _MOST = 0.5, 1e-10, 1e6  # damping over the square of the error, and its limits
 _STALLS = 8  # number of stalled steps that end a descent
+_ROUNDING = 1e-14  # relative change of the squared error that rounding hides
 _BOLDEST = 1e-4  # smallest factor of the damping
 _DEPENDENT = 1e-9
 _AT_LIMIT = 1e-9
@@ -113,7 +114,7 @@ def descend(
         ahead_q = bounds.clip(pin.integrate(bounds.model, q, dq))
         ahead = evaluate(ahead_q)
         after = _merit(ahead)
-        if after < merit:
+        if after <= (1.0 + _ROUNDING) * merit:  # near a minimum beyond reach, only the gradient still shows progress
             stalls = stalls + 1 if after > (1.0 - progress) * merit else 0
             q, here, merit, factor = ahead_q, ahead, after, max(factor / 4.0, _BOLDEST)
         else:
