@@ -33,7 +33,10 @@ from .analysis import (
 )
 from .constraints import (
     AckermannSteering,
+    BodySurface,
     Caster,
+    Cone,
+    Cylinder,
     CylindricalGround,
     Ellipsoid,
     GroundPlane,
@@ -111,13 +114,16 @@ from .version import __version__
 
 __all__ = [
     "AckermannSteering",
+    "BodySurface",
     "Caster",
     "CenterOfMass",
+    "Cone",
     "ConfigurationError",
     "ConstraintError",
     "ContactLoss",
     "ContactPlant",
     "ControlLoop",
+    "Cylinder",
     "CylindricalGround",
     "Distance",
     "DivergenceError",

@@ -69,7 +69,7 @@ class Linearization:
 
     @property
     def eigenvalues(self) -> Array:
-        """Eigenvalues of A (s,) [1/s], by real part and then by imaginary part; real parts of rounding count as zero."""
+        """Eigenvalues of A (s,) [1/s], by real and then by imaginary part; real parts of rounding count as zero."""
         return sorted_eigenvalues(self.A)
 
     def deviation(self, q: Array, v2: Array) -> Array:

@@ -11,6 +11,8 @@ from rnc_pin.errors import ConstraintError
 from rnc_pin.model.frame_velocity import axis_index
 from rnc_pin.model.parameter_types import Axis, NotNegative, Positive, Vector
 
+_EYE = np.eye(3)
+
 
 class BodyShape(Protocol):
     """Smooth convex surface in the axes of its body, described by its support function.
@@ -43,7 +45,7 @@ class Sphere:
     radius: Positive
 
     def __post_init__(self) -> None:
-        _check_positive("radius of a sphere", self.radius)
+        check_positive("radius of a sphere", self.radius)
 
     def point(self, normal: np.ndarray) -> np.ndarray:
         """Surface point (..., 3) [m] with the outward unit normal (..., 3)."""
@@ -56,6 +58,18 @@ class Sphere:
     def regularity(self, normal: np.ndarray) -> np.ndarray:
         """One: every normal has one point."""
         return np.ones(normal.shape[:-1])
+
+    def level(self, point: np.ndarray) -> np.ndarray:
+        """Half the difference of squared distance and squared radius, over the radius, at each point (..., 3) [m]."""
+        return np.asarray(0.5 * ((point * point).sum(axis=-1) / self.radius - self.radius))
+
+    def gradient(self, point: np.ndarray) -> np.ndarray:
+        """Gradient (..., 3) of ``level`` at each point (..., 3)."""
+        return np.asarray(point / self.radius)
+
+    def hessian(self, point: np.ndarray) -> np.ndarray:
+        """Second derivatives (..., 3, 3) of ``level`` at each point (..., 3)."""
+        return np.broadcast_to(_EYE / self.radius, (*point.shape[:-1], 3, 3))
 
 
 @dataclass(frozen=True)
@@ -76,7 +90,7 @@ class Ellipsoid:
         if np.shape(self.semi_axes) != (3,):
             raise ConstraintError(f"semi-axes of an ellipsoid: expected three numbers, found {self.semi_axes}")
         for each in self.semi_axes:
-            _check_positive("semi-axis of an ellipsoid", each)
+            check_positive("semi-axis of an ellipsoid", each)
 
     def point(self, normal: np.ndarray) -> np.ndarray:
         """Surface point (..., 3) [m] with the outward unit normal (..., 3)."""
@@ -93,6 +107,23 @@ class Ellipsoid:
     def regularity(self, normal: np.ndarray) -> np.ndarray:
         """One: every normal has one point."""
         return np.ones(normal.shape[:-1])
+
+    @property
+    def _form(self) -> np.ndarray:
+        """Diagonal (3,) of the second derivatives of ``level``."""
+        return np.asarray(np.min(self.semi_axes) / np.square(self.semi_axes))
+
+    def level(self, point: np.ndarray) -> np.ndarray:
+        """Half of ``sum (x / a)^2 - 1``, times the smallest semi-axis, at each point (..., 3) [m]."""
+        return np.asarray(0.5 * ((point * point * self._form).sum(axis=-1) - np.min(self.semi_axes)))
+
+    def gradient(self, point: np.ndarray) -> np.ndarray:
+        """Gradient (..., 3) of ``level`` at each point (..., 3)."""
+        return np.asarray(point * self._form)
+
+    def hessian(self, point: np.ndarray) -> np.ndarray:
+        """Second derivatives (..., 3, 3) of ``level`` at each point (..., 3)."""
+        return np.broadcast_to(np.diag(self._form), (*point.shape[:-1], 3, 3))
 
 
 @dataclass(frozen=True)
@@ -114,7 +145,7 @@ class Torus:
     axis: Axis = "z"
 
     def __post_init__(self) -> None:
-        _check_positive("radius of a torus", self.radius)
+        check_positive("radius of a torus", self.radius)
         if not (np.isfinite(self.tube) and self.tube >= 0):
             raise ConstraintError(f"tube of a torus has to be zero or positive [m], found {self.tube}")
         axis_index(self.axis)
@@ -141,6 +172,32 @@ class Torus:
         """Part of the normal across the axis; zero where the torus lies flat."""
         return np.linalg.norm(self._radial(normal), axis=-1)
 
+    def _section(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Unit vector (..., 3) across the axis, distance (..., 1) from the axis, and vector from the middle circle."""
+        radial = self._radial(point)
+        distance = _dot(radial, radial) ** 0.5
+        across = radial / distance
+        return across, distance, point - self.radius * across
+
+    def level(self, point: np.ndarray) -> np.ndarray:
+        """Distance (...) of each point (..., 3) from the tube [m]."""
+        away = self._section(point)[2]
+        return np.asarray((_dot(away, away) ** 0.5)[..., 0] - self.tube)
+
+    def gradient(self, point: np.ndarray) -> np.ndarray:
+        """Gradient (..., 3) of ``level`` at each point (..., 3)."""
+        away = self._section(point)[2]
+        return np.asarray(away / _dot(away, away) ** 0.5)
+
+    def hessian(self, point: np.ndarray) -> np.ndarray:
+        """Second derivatives (..., 3, 3) of ``level`` at each point (..., 3)."""
+        across, distance, away = self._section(point)
+        length = _dot(away, away) ** 0.5
+        normal, axis = away / length, _EYE[axis_index(self.axis)]
+        around = np.cross(axis, across)
+        bent = (_EYE - _square(normal) - _square(around)) / length[..., None]
+        return np.asarray(bent + (_dot(away, across) / (length * distance))[..., None] * _square(around))
+
 
 def kernel_shape(shape: BodyShape) -> tuple[int, int, list[float]] | None:
     """Kind, axis and numbers of a shape for the compiled kernel; None for a shape of the user."""
@@ -153,11 +210,17 @@ def kernel_shape(shape: BodyShape) -> tuple[int, int, list[float]] | None:
     return None
 
 
+def _square(vector: np.ndarray) -> np.ndarray:
+    """Product (..., 3, 3) of a vector and itself."""
+    return np.asarray(vector[..., :, None] * vector[..., None, :])
+
+
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Scalar product (..., 1) without conjugation."""
     return np.asarray((a * b).sum(axis=-1, keepdims=True))
 
 
-def _check_positive(what: str, value: float) -> None:
+def check_positive(what: str, value: float) -> None:
+    """Raise a ``ConstraintError`` for a length [m] that is not positive."""
     if not (np.isfinite(value) and value > 0):
         raise ConstraintError(f"{what} has to be positive [m], found {value}")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.constraints.carried_ground import on_carrier
 from rnc_pin.constraints.ground_plane import GroundPlane, plane_below
 from rnc_pin.errors import ConstraintError
 from rnc_pin.model.frame_velocity import FrameVelocityRows
@@ -53,7 +54,8 @@ class Caster:
         if not (np.isfinite(self.radius) and self.radius >= 0):
             raise ConstraintError(f"radius of caster '{self.frame}' has to be zero or positive, found {self.radius}")
         plane = plane_below(self.ground, f"caster '{self.frame}'")
-        return _CasterRow(self, robot) if plane is None else _CasterRowOnPlane(self, plane, robot)
+        rows = _CasterRow(self, robot) if plane is None else _CasterRowOnPlane(self, plane, robot)
+        return on_carrier(rows, self.frame, self.ground, robot)
 
 
 class _CasterRow(FrameVelocityRows):

@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
+from rnc_pin.constraints.surface_meshes import grid_triangles
 from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.model.offset_frame import triple
 from rnc_pin.model.parameter_types import Positive, Vector
@@ -22,7 +23,8 @@ class CurvedGround(Protocol):
     """Smooth surface ``level(point) = 0`` whose gradient points out of the ground, and the motion of its material.
 
     ``level``, ``gradient`` and ``hessian`` take complex numbers too, without conjugation, for derivatives by the
-    complex step. The material turns about a point and slides so that the surface stays in place.
+    complex step. The material turns about a point and slides so that the surface stays in place. An attribute
+    ``frame`` with the name of a frame says that this frame carries the surface and stands for the world.
     """
 
     @property
@@ -65,6 +67,7 @@ class SphericalGround:
         center: centre of the sphere [m].
         inside: True if bodies roll inside.
         angular_velocity: angular velocity of the material in world axes [rad/s].
+        frame: name of a frame of the robot that carries the surface and stands for the world; None for the world.
 
     Raises:
         ConfigurationError: the radius is not positive, or vectors are not three finite numbers.
@@ -82,6 +85,7 @@ class SphericalGround:
     center: Vector = (0.0, 0.0, 0.0)
     inside: bool = True
     angular_velocity: Vector = (0.0, 0.0, 0.0)
+    frame: str | None = None
 
     def __post_init__(self) -> None:
         _check_radius(self.radius, "spherical ground")
@@ -135,7 +139,7 @@ class SphericalGround:
         tilt = np.linspace(0.0, min(size / self.radius, _CAP), _FINE)[:, None, None]
         around = np.linspace(0.0, 2 * np.pi, _FINE + 1)[:, None]
         out = np.cos(tilt) * middle + np.sin(tilt) * (np.cos(around) * first + np.sin(around) * second)
-        return np.asarray(self.center) + self.radius * out.reshape(-1, 3), _grid_triangles(_FINE, _FINE + 1)
+        return np.asarray(self.center) + self.radius * out.reshape(-1, 3), grid_triangles(_FINE, _FINE + 1)
 
 
 @dataclass(frozen=True)
@@ -149,6 +153,7 @@ class CylindricalGround:
         inside: True if bodies roll inside.
         spin: angular velocity of the material about the axis [rad/s].
         sliding: velocity of the material along the axis [m/s].
+        frame: name of a frame of the robot that carries the surface and stands for the world; None for the world.
 
     Raises:
         ConfigurationError: the radius is not positive, an axis of no length, or numbers that are not finite.
@@ -164,6 +169,7 @@ class CylindricalGround:
     inside: bool = True
     spin: float = 0.0
     sliding: float = 0.0
+    frame: str | None = None
 
     def __post_init__(self) -> None:
         _check_radius(self.radius, "cylindrical ground")
@@ -231,7 +237,7 @@ class CylindricalGround:
         around = np.linspace(0.0, 2 * np.pi, 2 * _FINE + 1)[:, None]
         ring = self.radius * (np.cos(around) * first + np.sin(around) * second)
         ends = np.array([-size, size])[:, None, None] * along
-        return (middle + ends + ring).reshape(-1, 3), _grid_triangles(2, 2 * _FINE + 1)
+        return (middle + ends + ring).reshape(-1, 3), grid_triangles(2, 2 * _FINE + 1)
 
 
 Height = Callable[[np.ndarray, np.ndarray], object]
@@ -247,6 +253,7 @@ class HeightField:
         height: height of the ground [m].
         slopes: its first derivatives ``(h_x, h_y)``.
         curvatures: its second derivatives ``(h_xx, h_xy, h_yy)`` [1/m].
+        frame: name of a frame of the robot that carries the surface and stands for the world; None for the world.
 
     Raises:
         ConfigurationError: a function takes no complex arrays, or a derivative is wrong at one of a few points.
@@ -260,6 +267,7 @@ class HeightField:
     height: Callable[[np.ndarray, np.ndarray], object]
     slopes: Callable[[np.ndarray, np.ndarray], Sequence[object]]
     curvatures: Callable[[np.ndarray, np.ndarray], Sequence[object]]
+    frame: str | None = None
 
     def __post_init__(self) -> None:
         x, y = np.random.default_rng(0).uniform(-0.5, 0.5, (2, _SAMPLES))
@@ -332,7 +340,7 @@ class HeightField:
         """
         steps = np.linspace(-size, size, 2 * _FINE)
         places = np.stack([*np.meshgrid(center[0] + steps, center[1] + steps), np.zeros((2 * _FINE,) * 2)], axis=-1)
-        return self.below(places).reshape(-1, 3), _grid_triangles(2 * _FINE, 2 * _FINE)
+        return self.below(places).reshape(-1, 3), grid_triangles(2 * _FINE, 2 * _FINE)
 
 
 def admit_ground(ground: CurvedGround, body: str) -> CurvedGround:
@@ -366,17 +374,6 @@ def _across(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     first = np.cross(axis, _EYE[int(np.argmin(np.abs(axis)))])
     first /= np.linalg.norm(first)
     return first, np.cross(axis, first)
-
-
-def _grid_triangles(rows: int, columns: int) -> np.ndarray:
-    """Triangles (m, 3) of a grid of vertices that is stored by rows."""
-    first = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
-    return np.concatenate(
-        [
-            np.stack([first, first + 1, first + columns], 1),
-            np.stack([first + 1, first + columns + 1, first + columns], 1),
-        ]
-    )
 
 
 def _check_radius(radius: float, what: str) -> None:

@@ -15,13 +15,15 @@ _ALONG = 1e-9  # component of the velocity across the plane that rounding explai
 
 @dataclass(frozen=True)
 class GroundPlane:
-    """Plane with a constant place, whose material may slide in it and turn about its normal.
+    """Plane whose material may slide in it and turn about its normal. It has a constant place, or a frame carries it.
 
     Args:
         normal: direction out of the ground, in world axes; its length has no meaning.
         point: a point of the plane, about which it turns [m].
         velocity: velocity of the material at ``point`` [m/s], along the plane.
         spin: angular velocity of the material about the normal [rad/s].
+        frame: name of a frame of the robot that carries the plane, e.g. a table that tilts. Its axes and origin then
+            stand for those of the world, and motion is relative to it. None for the world.
 
     Raises:
         ConfigurationError: not three finite numbers, a normal of no length, or a velocity out of the plane.
@@ -35,6 +37,7 @@ class GroundPlane:
     point: Vector = (0.0, 0.0, 0.0)
     velocity: Vector = (0.0, 0.0, 0.0)
     spin: float = 0.0
+    frame: str | None = None
 
     def __post_init__(self) -> None:
         normal = triple(self.normal, "normal of the ground")
@@ -58,7 +61,7 @@ class GroundPlane:
 
     @property
     def is_default(self) -> bool:
-        """True for the plane z = 0 at rest."""
+        """True for the plane z = 0 at rest, in the axes of what carries it."""
         return not self.moves and np.array_equal(self.axes, np.eye(3)) and not self.point[2]
 
     @property

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.constraints.carried_ground import on_carrier
 from rnc_pin.constraints.ground_plane import GroundPlane, plane_below
 from rnc_pin.math.linear_algebra import complex_step
 from rnc_pin.model.frame_velocity import FrameVelocityRows, axis_index
@@ -60,8 +61,10 @@ class NoSideSlip:
         point = OffsetFrame(robot, self.frame, self.at)
         plane = plane_below(self.ground, f"knife edge '{self.frame}'")
         if plane is not None and plane.moves:
-            return _RowOnMovingPlane(self, robot, point, plane)
-        return _NoSideSlipRow(self, robot, point) if point.name == self.frame else _OffsetRow(self, robot, point)
+            rows: Rows = _RowOnMovingPlane(self, robot, point, plane)
+        else:
+            rows = (_NoSideSlipRow if point.name == self.frame else _OffsetRow)(self, robot, point)
+        return on_carrier(rows, self.frame, self.ground, robot)
 
 
 class _NoSideSlipRow(FrameVelocityRows):

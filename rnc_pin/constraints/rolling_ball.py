@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.constraints.body_shapes import Sphere
+from rnc_pin.constraints.carried_ground import on_carrier
 from rnc_pin.constraints.curved_grounds import CurvedGround
 from rnc_pin.constraints.ground_plane import GroundPlane
 from rnc_pin.constraints.rolling_body import RollingBody
@@ -55,7 +56,7 @@ class RollingBall:
         if not (np.isfinite(self.radius) and self.radius > 0):
             raise ConstraintError(f"radius of ball '{self.frame}' has to be positive, found {self.radius}")
         if self.ground is None or isinstance(self.ground, GroundPlane):
-            return _RollingBallRows(self, robot)
+            return on_carrier(_RollingBallRows(self, robot), self.frame, self.ground, robot)
         return RollingBody(self.frame, Sphere(self.radius), ground=self.ground).bind(robot)
 
 

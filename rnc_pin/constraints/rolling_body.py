@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
 
 from rnc_pin.constraints.body_shapes import BodyShape, kernel_shape
+from rnc_pin.constraints.carried_ground import on_carrier
 from rnc_pin.constraints.curved_grounds import CurvedGround, admit_ground
 from rnc_pin.constraints.ground_plane import GroundPlane
+from rnc_pin.constraints.line_shapes import Apex, Cone, Cylinder
 from rnc_pin.constraints.surface_contact import SurfaceContactRows
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply, apply_transposed, complex_step, cross_columns, vector_product
-from rnc_pin.model.kernel_rows import KernelRow, attached, plane_motion, rolling_rows
+from rnc_pin.model.kernel_rows import Form, KernelRow, attached, plane_motion, rolling_rows
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.mechanisms import Phrases
-from rnc_pin.model.offset_frame import triple
+from rnc_pin.model.offset_frame import point_name, triple
 from rnc_pin.model.parameter_types import Vector
 from rnc_pin.model.rows import Rows, check_defined
 from rnc_pin.robots.robot import Robot
@@ -33,13 +35,14 @@ class RollingBody:
 
     Args:
         frame: name of a frame of the body.
-        shape: ``Sphere``, ``Ellipsoid``, ``Torus``, or an object with the methods of a ``BodyShape``.
+        shape: ``Sphere``, ``Ellipsoid``, ``Torus``, or an object with the methods of a ``BodyShape``. A ``Cylinder`` or
+            ``Cone`` touches a plane along a line: its two ends have the rows, and their names tell where.
         at: centre of the shape in the frame's axes [m].
         rpy: orientation of the shape relative to the frame: roll, pitch and yaw as in a URDF [rad].
         pivoting: False to add a row: the body does not turn about the normal relative to the ground, as soft contact
             areas prevent.
-        ground: a ``GroundPlane``, ``SphericalGround``, ``CylindricalGround`` or ``HeightField``, or an
-            object with the methods of a ``CurvedGround``; None for z = 0 at rest.
+        ground: a ``GroundPlane``, ``SphericalGround``, ``CylindricalGround``, ``HeightField`` or ``BodySurface``, or an
+            object with the methods of a ``CurvedGround``; None for z = 0 at rest. A frame can carry it.
 
     Raises:
         ModelError: unknown frame.
@@ -56,26 +59,54 @@ class RollingBody:
     """
 
     frame: str
-    shape: BodyShape
+    shape: BodyShape | Cylinder | Cone
     at: Vector = (0.0, 0.0, 0.0)
     rpy: Vector = (0.0, 0.0, 0.0)
     pivoting: bool = True
     ground: GroundPlane | CurvedGround | None = None
 
+    def parts(self) -> tuple[RollingBody, ...]:
+        """The body, or both ends of the line along which a ``Cylinder`` or ``Cone`` touches a plane.
+
+        Raises:
+            ConstraintError: a line on curved ground.
+        """
+        if not isinstance(self.shape, Cylinder | Cone):
+            return (self,)
+        if not (self.ground is None or isinstance(self.ground, GroundPlane)):
+            raise ConstraintError(
+                f"rolling body '{self.frame}': a {type(self.shape).__name__} on its side touches planes only; use a "
+                "Torus for its rim"
+            )
+        return tuple(
+            replace(self, shape=end.shape, at=tuple(self.placement.act(end.offset).tolist()), pivoting=True)
+            for end in self.shape.ends()
+        )
+
+    @property
+    def placement(self) -> pin.SE3:
+        """Placement of the shape on the frame."""
+        center = triple(self.at, f"centre of rolling body '{self.frame}'")
+        return pin.SE3(pin.rpy.rpyToMatrix(triple(self.rpy, f"rpy of rolling body '{self.frame}'")), center)
+
     def bind(self, robot: Robot) -> Rows:
+        if isinstance(self.shape, Cylinder | Cone):
+            raise ConstraintError(
+                f"rolling body '{self.frame}': a {type(self.shape).__name__} touches along a line; here, name the ends "
+                "of this line one by one (parts())"
+            )
         missing = [name for name in ("point", "point_rate", "regularity") if not hasattr(self.shape, name)]
         if missing or isinstance(self.shape, type):
             raise ConstraintError(
-                f"shape of rolling body '{self.frame}': expected Sphere, Ellipsoid, Torus or an object with the "
-                f"methods point, point_rate and regularity, found {self.shape!r}"
+                f"shape of rolling body '{self.frame}': expected Sphere, Ellipsoid, Torus, Cylinder, Cone or an object "
+                f"with the methods point, point_rate and regularity, found {self.shape!r}"
             )
         if self.ground is None or isinstance(self.ground, GroundPlane):
-            return _RollingBodyRows(self, self.ground or GroundPlane(), robot)
+            rows: Rows = _RollingBodyRows(self, self.shape, self.ground or GroundPlane(), robot)
+            return on_carrier(rows, self.frame, self.ground, robot)
         ground = admit_ground(self.ground, f"rolling body '{self.frame}'")
-        center = triple(self.at, f"centre of rolling body '{self.frame}'")
-        turned = pin.rpy.rpyToMatrix(triple(self.rpy, f"rpy of rolling body '{self.frame}'"))
-        placement = pin.SE3(turned, center)
-        return SurfaceContactRows(self.frame, self.shape, placement, self.pivoting, ground, robot)
+        rows = SurfaceContactRows(self.frame, self.shape, self.placement, self.pivoting, ground, robot)
+        return on_carrier(rows, self.frame, ground, robot)
 
 
 class _RollingBodyRows(Rows):
@@ -87,18 +118,17 @@ class _RollingBodyRows(Rows):
 
     on_ground = True
 
-    def __init__(self, kind: RollingBody, ground: GroundPlane, robot: Robot) -> None:
-        self._shape, self._body, self._frame = kind.shape, kind.frame, robot.frame_id(kind.frame)
+    def __init__(self, kind: RollingBody, shape: BodyShape, ground: GroundPlane, robot: Robot) -> None:
+        self._shape, self._body, self._frame = shape, kind.frame, robot.frame_id(kind.frame)
         self.ground = None if ground.is_default else ground
-        self._center = triple(kind.at, f"centre of rolling body '{kind.frame}'")
-        self._turned = pin.rpy.rpyToMatrix(triple(kind.rpy, f"rpy of rolling body '{kind.frame}'"))
+        self._center, self._turned = kind.placement.translation, kind.placement.rotation
         self._axes = ground.axes
         self._normal, self._spin = self._axes[2], float(ground.spin)
         self._point = triple(ground.point, "point of the ground")
         self._sliding = triple(ground.velocity, "velocity of the ground")
         self._pivots = kind.pivoting
         parts = ("rolling_x", "rolling_y", "vertical", "pivoting")[: 3 if kind.pivoting else 4]
-        self.names = tuple(f"{part}({kind.frame})" for part in parts)
+        self.names = tuple(f"{part}({point_name(kind.frame, self._center)})" for part in parts)
         self.units = ("m/s",) * 3 + ("rad/s",) * (len(parts) - 3)
         self.holonomic = tuple(part == "vertical" for part in parts)
         self.affine = ground.moves
@@ -209,6 +239,10 @@ class _RollingBodyRows(Rows):
         shape, placement = kernel_shape(self._shape), pin.SE3(self._turned, self._center)
         motion = plane_motion(self._sliding, self._spin, self._normal, self._point)
         frame = attached(model, self._frame, placement)
+        if isinstance(self._shape, Apex) and not self._spin:  # a point of the body: rows of its velocity
+            wrenches = np.hstack([self._axes, np.zeros((3, 3))]).tolist()
+            rates = (self._axes @ self._sliding).tolist()
+            return [KernelRow(Form.WORLD, (frame,), (), *each) for each in zip(wrenches, rates, strict=True)]
         return None if shape is None else rolling_rows(shape, frame, self._axes, motion)[: len(self.names)]
 
     def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:

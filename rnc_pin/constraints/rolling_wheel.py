@@ -9,6 +9,7 @@ from typing import TypeAlias, cast
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.constraints.carried_ground import on_carrier
 from rnc_pin.constraints.curved_grounds import CurvedGround, admit_ground
 from rnc_pin.constraints.ground_axes import InGroundAxes
 from rnc_pin.constraints.ground_plane import GroundPlane
@@ -98,9 +99,10 @@ class RollingWheel:
         if self.ground is not None and not isinstance(self.ground, GroundPlane):
             ground, (parts, combination) = admit_ground(self.ground, f"wheel '{self.frame}'"), _parts(self)
             disk = WheelDisk(self.frame, self.radius, _axle(self, robot), parts, combination)
-            return WheelOnSurfaceRows(disk, ground, robot)
+            return on_carrier(WheelOnSurfaceRows(disk, ground, robot), self.frame, ground, robot)
         plane = None if self.ground is None or self.ground.is_default else self.ground
-        return RollingRows(self, robot) if plane is None else _RowsOnPlane(self, plane, robot)
+        rows = RollingRows(self, robot) if plane is None else _RowsOnPlane(self, plane, robot)
+        return on_carrier(rows, self.frame, self.ground, robot)
 
 
 class RollingRows(Rows):

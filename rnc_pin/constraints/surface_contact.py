@@ -12,6 +12,7 @@ from rnc_pin.constraints.curved_grounds import CurvedGround
 from rnc_pin.math.linear_algebra import apply, complex_step, cross_columns, vector_product
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.mechanisms import Phrases
+from rnc_pin.model.offset_frame import point_name
 from rnc_pin.model.rows import Rows, check_defined
 from rnc_pin.robots.robot import Robot
 
@@ -72,7 +73,7 @@ class SurfaceContactRows(Rows):
         self.affine = ground.moves
         self._angular = np.asarray(ground.angular_velocity, dtype=float)
         parts = ("rolling_x", "rolling_y", "vertical", "pivoting")[: 3 if pivots else 4]
-        self.names = tuple(f"{part}({frame})" for part in parts)
+        self.names = tuple(f"{part}({point_name(frame, self._center)})" for part in parts)
         self.units = ("m/s",) * 3 + ("rad/s",) * (len(parts) - 3)
         self.holonomic = tuple(part == "vertical" for part in parts)
         self._seen: tuple[np.ndarray | None, SurfaceContact | None] = None, None

@@ -16,6 +16,7 @@ from rnc_pin.math.components import cross
 
 _ROUNDING = 1e-12  # part of the largest eigenvalue
 
+
 @cache
 def _identity(n: int) -> np.ndarray:
     return np.asfortranarray(np.eye(n))

@@ -77,6 +77,11 @@ class GroundSurface(Protocol):
         """Part of the surface near a point (3,) [m], of half width ``size``: vertices (n, 3) and triangles (m, 3)."""
 
 
+def carrier_of(ground: GroundSurface | None) -> str | None:
+    """Name of the frame that carries a ground and stands for the world; None for ground in the world."""
+    return None if ground is None else getattr(ground, "frame", None)
+
+
 class Phrases(NamedTuple):
     """Words for the description of a system with a constraint; an empty string says nothing.
 

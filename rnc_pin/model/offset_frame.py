@@ -22,6 +22,11 @@ from rnc_pin.robots.robot import Robot
 _UNIT = np.eye(3)
 
 
+def point_name(frame: str, point: np.ndarray) -> str:
+    """Name of a point (3,) in a frame's axes: that of the frame, with the coordinates unless it is the origin."""
+    return f"{frame}[{' '.join(f'{each:g}' for each in point)}]" if point.any() else frame
+
+
 class FrameMotion(NamedTuple):
     """Motion of a frame in world axes, at its origin; velocity and acceleration with their derivatives by q."""
 
@@ -64,7 +69,7 @@ class OffsetFrame:
         point = triple(at, f"point on frame '{frame}'")
         self.index = robot.frame_id(frame)
         self.joint = robot.model.frames[self.index].parentJoint
-        self.name = f"{frame}[{' '.join(f'{each:g}' for each in point)}]" if point.any() else frame
+        self.name = point_name(frame, point)
         self._point, self._rotation = point, rotation
         self.offset = pin.SE3(rotation, point)
         self._action = self.offset.toActionMatrixInverse()  # from the parent frame to the offset frame

@@ -7,6 +7,7 @@ A *kind* such as ``NoSideSlip("axle")`` is a description without a robot. ``bind
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -170,6 +171,11 @@ class ConstraintKind(Protocol):
     """Description of constraint rows that can be bound to a robot."""
 
     def bind(self, robot: Robot) -> Rows: ...
+
+
+def parts_of(kinds: Iterable[ConstraintKind]) -> list[ConstraintKind]:
+    """Kinds, each that has ``parts()`` replaced by them, e.g. a body that touches along a line by its two ends."""
+    return [part for kind in kinds for part in (kind.parts() if hasattr(kind, "parts") else (kind,))]
 
 
 @runtime_checkable

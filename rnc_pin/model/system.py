@@ -22,7 +22,7 @@ from rnc_pin.model.passive_forces import ForceKind, PassiveForces
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import ReductionData, VelocityRows, best_entries, row_scales
 from rnc_pin.model.row_stack import OutputStack, RowStack
-from rnc_pin.model.rows import ConstraintKind, OutputKind, Rows
+from rnc_pin.model.rows import ConstraintKind, OutputKind, Rows, parts_of
 from rnc_pin.model.system_summary import system_headline, system_lines
 from rnc_pin.printing import ObjectSummary, SummaryMixin
 from rnc_pin.robots.robot import Robot
@@ -84,7 +84,7 @@ class NonholonomicSystem(SummaryMixin):
         self.robot = robot
         self.actuation = Actuation(actuators, robot)
         self.forces = PassiveForces(_kinds(forces, "forces"), robot)
-        constraints = _kinds(constraints, "constraints")
+        constraints = parts_of(_kinds(constraints, "constraints"))
         self._given = constraints, actuators, mimic, tuple(forces)
         blocks = _numbered([_bound(kind, robot) for kind in constraints])
         if mimic and robot.mimics:

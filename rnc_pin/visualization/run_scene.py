@@ -12,7 +12,7 @@ import pinocchio as pin
 from rnc_pin.simulation import PlannedPath, RunInfo, TaskNames, Trajectory
 from rnc_pin.visualization import elements as e
 from rnc_pin.visualization.camera import VIEW_DIRECTION, Follower, enlarged_box, fitting_camera, with_plan
-from rnc_pin.visualization.drawn_ground import GroundElement, ground_patch, grounds_of
+from rnc_pin.visualization.drawn_ground import ground_elements
 from rnc_pin.visualization.drawn_model import DrawnModel
 from rnc_pin.visualization.drawn_obstacles import ObstacleElement, corners_over_time
 from rnc_pin.visualization.drawn_state import DrawnState, tracked_frames
@@ -171,11 +171,7 @@ class RunScene:
     def _grounds(self, first: DrawnState) -> list[e.Element]:
         run = self.shown.trajectory
         moments = first.q[None] if run is None else run.q[:: max(1, len(run.q) // 50)]
-        places = np.stack([self.kinematics.center_of_mass(q) for q in moments])
-        return [
-            GroundElement(str(k), *ground_patch(ground, places, self.size))
-            for k, ground in enumerate(grounds_of(self.reduced))
-        ]
+        return ground_elements(self.reduced, self.kinematics, moments, self.size)
 
     @property
     def _width(self) -> float:

@@ -47,6 +47,10 @@ class SceneKinematics:
         index = self.robot.frame_id(name)
         return lambda state: self._data_at(state.q).oMf[index]
 
+    def placement(self, name: str, q: np.ndarray) -> pin.SE3:
+        """Placement of a frame in the world at a configuration (nq,)."""
+        return self._data_at(q).oMf[self.robot.frame_id(name)]
+
     def point(self, name: str) -> Point:
         """Origin (3,) of a frame in the world [m], as a function of the state."""
         placement = self.frame(name)

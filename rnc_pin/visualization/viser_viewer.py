@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import webbrowser
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -14,7 +15,7 @@ from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import RunInfo
 from rnc_pin.visualization.browser.access import RequestFilter, viser_request_filter
 from rnc_pin.visualization.camera import VIEW_DIRECTION, Follower, fitting_camera, with_plan
-from rnc_pin.visualization.drawn_ground import ground_patch, grounds_of
+from rnc_pin.visualization.drawn_ground import carrier_placement, ground_patch, grounds_of, seen_from
 from rnc_pin.visualization.drawn_model import DrawnModel
 from rnc_pin.visualization.drawn_state import DrawnState
 from rnc_pin.visualization.meshcat_library import BaseVisualizer, ViserVisualizer
@@ -83,6 +84,7 @@ class ViserViewer:
         self._visualizer.loadViewerModel(rootNodeName="robot")
         self._ground = drawn_model.ground_height(view)
         self._surfaces = grounds_of(drawn_model.reduced)
+        self._carried: list[tuple[Any, Callable[[DrawnState], pin.SE3]]] = []
         self._follower: Follower | None = None
         self._kinematics, self._view, self._plan = SceneKinematics(robot), view, info.provenance.path
         self._trails = {frame: self._kinematics.point(frame) for frame in view.trail}
@@ -105,6 +107,9 @@ class ViserViewer:
         if not self._placed:
             self._place(state)
         self._visualizer.display(state.q)
+        for drawn, placement in self._carried:
+            place = placement(state)
+            drawn.position, drawn.wxyz = place.translation.copy(), np.roll(pin.Quaternion(place.rotation).coeffs(), 1)
         self._follow(state)
         self._figures.content = f"time {state.time:.2f} s, singularity margin {state.margin:.3f}"
         for (frame, point), color in zip(self._trails.items(), _COLORS * len(self._trails), strict=False):
@@ -129,8 +134,11 @@ class ViserViewer:
             self._server.scene.add_grid("ground", 20.0, 20.0, position=height)
         size = float(np.linalg.norm(np.ptp(points, axis=0))) / 2
         for k, surface in enumerate(self._surfaces):
-            patch = ground_patch(surface, self._kinematics.center_of_mass(state.q)[None], size)
-            self._server.scene.add_mesh_simple(f"surface/{k}", *patch, color=_SURFACE, opacity=0.35)
+            patch = ground_patch(surface, seen_from(surface, self._kinematics, state.q)[None], size)
+            drawn = self._server.scene.add_mesh_simple(f"surface/{k}", *patch, color=_SURFACE, opacity=0.35)
+            placement = carrier_placement(surface, self._kinematics)
+            if placement is not None:
+                self._carried.append((drawn, placement))
         close = view.camera is None and self._plan is None
         self._follower = Follower(camera, target, self._kinematics.center_of_mass(state.q), close)
         self._placed = True

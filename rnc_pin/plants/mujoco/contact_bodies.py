@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.model.mechanisms import Friction, GroundContact
+from rnc_pin.model.mechanisms import Friction, GroundContact, carrier_of
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.robot import Robot
 
@@ -64,8 +64,10 @@ def contact_bodies(robot: Robot, blocks: Sequence[Rows]) -> list[ContactBody]:
     """
     for block in blocks:
         if block.ground is not None:
+            carrier = carrier_of(block.ground)
+            of_frame = f" that frame '{carrier}' carries" if carrier else ""
             raise ConfigurationError(
-                f"MuJoCo: {block.names[0]} rolls on a {type(block.ground).__name__}; the plant 'mujoco' has only "
+                f"MuJoCo: {block.names[0]} rolls on a {type(block.ground).__name__}{of_frame}; the plant has only "
                 "the plane z = 0 at rest, use the plant 'reduced'"
             )
     mechanisms = (each for block in blocks for each in block.mechanisms() if isinstance(each, GroundContact))

@@ -11,8 +11,11 @@ from pydantic import AfterValidator
 
 from rnc_pin.constraints import (
     AckermannSteering,
+    BodySurface,
     Caster,
+    Cone,
     CurvedGround,
+    Cylinder,
     CylindricalGround,
     Ellipsoid,
     GroundPlane,
@@ -37,8 +40,15 @@ from rnc_pin.scenario.schema.derived import Entry, one_of, plain_or
 from rnc_pin.scenario.schema.outputs import OutputItem
 from rnc_pin.scenario.schema.reference_settings import ReferenceItem
 
-_Shape = Annotated[object, one_of(sphere=Sphere, ellipsoid=Ellipsoid, torus=Torus)]
-GroundItem = Annotated[object, plain_or(GroundPlane, sphere=SphericalGround, cylinder=CylindricalGround)] | None
+_Shape = Annotated[object, one_of(sphere=Sphere, ellipsoid=Ellipsoid, torus=Torus, cylinder=Cylinder, cone=Cone)]
+_Smooth = Annotated[object, one_of(sphere=Sphere, ellipsoid=Ellipsoid, torus=Torus)]
+_Surfaces = plain_or(
+    GroundPlane,
+    sphere=SphericalGround,
+    cylinder=CylindricalGround,
+    body=Entry(BodySurface, forms={"shape": _Smooth}),
+)
+GroundItem = Annotated[object, _Surfaces] | None
 _Plane = Annotated[GroundPlane, Entry(GroundPlane)] | None
 
 

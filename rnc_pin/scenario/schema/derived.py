@@ -128,11 +128,11 @@ def one_of(names: bool = False, /, **entries: type | Entry) -> object:
         names: True to accept a bare name too; it is returned unchanged.
         **entries: the dataclass of each key, or an ``Entry`` where the file differs from the dataclass.
     """
-    items = [_keyed(key, each if isinstance(each, Entry) else Entry(each)) for key, each in entries.items()]
+    items = [_keyed(key, _entry(each)) for key, each in entries.items()]
     return _ReadAs(Annotated[_either([Annotated[str, Tag(NAME)]] * names + items), BY_KIND])
 
 
-def plain_or(plain: type, /, **entries: type) -> object:
+def plain_or(plain: type, /, **entries: type | Entry) -> object:
     """Return a reader of a dataclass ``{field: value, ...}``, or of another one as a mapping with its key."""
 
     def tag(raw: object) -> str:
@@ -149,7 +149,7 @@ def plain_or(plain: type, /, **entries: type) -> object:
                 raise ValueError(f"'{key}' is not known{nearest(str(key), names)}")
         return raw
 
-    items = [Annotated[plain, Entry(plain), Tag(PLAIN)], *(_keyed(key, Entry(each)) for key, each in entries.items())]
+    items = [Annotated[plain, Entry(plain), Tag(PLAIN)], *(_keyed(key, _entry(each)) for key, each in entries.items())]
     return _ReadAs(Annotated[_either(items), Discriminator(tag), BeforeValidator(known)])
 
 
@@ -161,6 +161,10 @@ class _ReadAs:
 
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         return handler.generate_schema(self.form)
+
+
+def _entry(kind: type | Entry) -> Entry:
+    return kind if isinstance(kind, Entry) else Entry(kind)
 
 
 def _keyed(key: str, entry: Entry) -> object:

@@ -1,0 +1,98 @@
+"""Ground that a body carries: the same motion from a model in which the carrier is the parent joint, and mistakes."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.model.kinematics import Kinematics
+from rolling import rigid_body
+from tolerances import KKT, ROUNDING
+
+INERTIAS = pin.Inertia(3.0, np.array([0.1, 0.0, 0.02]), np.diag([0.3, 0.4, 0.5])), pin.Inertia.FromSphere(0.7, 0.2)
+ACROSS = pin.SE3(pin.rpy.rpyToMatrix(0.2, -0.1, 0.4), np.array([0.1, 0.3, 0.2]))
+
+
+def plate_and_ball(parent):
+    """A plate on two hinges, and a ball with six free coordinates relative to the plate (1) or to the world (0)."""
+    model = pin.Model()
+    first = model.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "first")
+    second = model.addJoint(first, pin.JointModelRY(), ACROSS, "second")
+    free = model.addJoint(second * parent, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "free")
+    for joint, inertia, name in ((second, INERTIAS[0], "plate"), (free, INERTIAS[1], "ball")):
+        model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+        model.addFrame(pin.Frame(name, joint, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    return rnc.Robot(model)
+
+
+@pytest.mark.parametrize("ground", [{}, {"spin": 0.8, "point": (0.1, 0.2, 0.0)}])
+def test_a_ball_on_a_plate_moves_as_with_coordinates_relative_to_the_plate(ground):
+    """Rows of the second model are those of a ball alone, on ground at rest: they know no carrier."""
+    plane = rnc.GroundPlane(**ground)
+    carried = rnc.RollingBall("ball", 0.2, ground=rnc.GroundPlane(**ground, frame="plate"))
+    alone = rigid_body(0.7, (1.0, 1.0, 1.0))
+    rolls, kinematics = rnc.RollingBall("body", 0.2, ground=plane).bind(alone), Kinematics(alone)
+    pad = np.zeros((3, 2))
+
+    def at(q, v=None):
+        position = kinematics.position(q[2:])
+        return position if v is None else position.with_velocity(v[2:])
+
+    relative = rnc.Pfaffian(
+        lambda q: np.hstack([pad, rolls.jacobian(at(q))]),
+        lambda q, v: np.hstack([pad, rolls.jacobian_dot(at(q, v))]),
+        rate=lambda q: rolls.rate(at(q)),
+        rate_dot=lambda q, v: rolls.rate_dot(at(q, v)),
+    )
+    outputs = [rnc.JointPosition("first"), rnc.JointPosition("second")]
+    outputs += [rnc.FrameAngularVelocity("ball", axis) for axis in "xyz"]
+    one, other = (
+        rnc.NonholonomicSystem(plate_and_ball(parent), [kind], ["first", "second"]).reduce(outputs)
+        for parent, kind in ((0, carried), (1, relative))
+    )
+    generator, compared = np.random.default_rng(0), 0
+    for _ in range(4):
+        p = pin.integrate(other.robot.model, other.robot.configuration(), generator.normal(size=8))
+        p[4] = 0.2
+        data = other.robot.model.createData()
+        pin.framesForwardKinematics(other.robot.model, data, p)
+        q = p.copy()
+        q[2:] = pin.SE3ToXYZQUAT(data.oMi[3])
+        v2, T = generator.normal(size=5), generator.normal(size=2)
+        expected = other.forward_dynamics(p, v2, T)
+        np.testing.assert_allclose(
+            one.forward_dynamics(q, v2, T), expected, rtol=KKT, atol=KKT * np.abs(expected).max()
+        )
+        forces = one.multipliers(q, v2, T), other.multipliers(p, v2, T)  # both act along the axes of the plate
+        np.testing.assert_allclose(*forces, atol=KKT * np.abs(forces[1]).max())
+        compared += 1
+    assert compared == 4
+
+
+def test_lines_of_action_are_along_the_axes_of_the_carrier():
+    robot = plate_and_ball(0)
+    rows = rnc.RollingBall("ball", 0.2, ground=rnc.GroundPlane(frame="plate")).bind(robot)
+    q = robot.configuration({"first": 0.3, "second": -0.4, "free": (0.1, 0.2, 0.6, 0, 0, 0, 1)})
+    at = Kinematics(robot).position(q)
+    points, directions = rows.lines_of_action(at)
+    turn = at.rotation(robot.frame_id("plate"))
+    np.testing.assert_allclose(directions, turn.T, atol=ROUNDING)
+    np.testing.assert_allclose(points, np.broadcast_to(q[2:5] - 0.2 * turn[:, 2], (3, 3)), atol=ROUNDING)
+
+
+def test_mistakes_have_names():
+    robot = plate_and_ball(0)
+    with pytest.raises(rnc.ModelError, match="did you mean 'plate'"):
+        rnc.RollingBall("ball", 0.2, ground=rnc.GroundPlane(frame="plat")).bind(robot)
+    with pytest.raises(rnc.ConstraintError, match="'ball' carries its own ground"):
+        rnc.RollingBall("ball", 0.2, ground=rnc.GroundPlane(frame="ball")).bind(robot)
+
+
+def test_mujoco_refuses_it_by_name():
+    pytest.importorskip("mujoco")
+    from rnc_pin.plants.mujoco import MuJoCoPlant
+
+    ball = rnc.RollingBall("ball", 0.2, ground=rnc.GroundPlane(frame="plate"))
+    reduced = rnc.NonholonomicSystem(plate_and_ball(0), [ball], ["first", "second"]).reduce()
+    with pytest.raises(rnc.ConfigurationError, match="rolls on a GroundPlane that frame 'plate' carries"):
+        MuJoCoPlant(reduced)
