@@ -3,6 +3,7 @@
 from benchmarks.validation import (
     ball,
     bicycle,
+    carried,
     disk,
     floating_arm,
     grasping,
@@ -28,6 +29,7 @@ PROBLEMS = {
     "snakeboard": snakeboard.rows,
     "roller_racer": roller_racer.rows,
     "rolling_body": rolling_body.rows,
+    "carried": carried.rows,
     "kapitza": kapitza.rows,
     "trailers": trailers.rows,
 }

@@ -94,11 +94,11 @@ def ball_rows() -> list[Row]:
     q0 = robot.configuration({"root_joint": (*(LARGE + RADIUS) * normal, 0, 0, 0, 1)})
     spins = np.array([0.3, -0.4, 2.0]), np.array([1.0, 0.5, -3.0])
     run = rnc.free_motion(reduced, q0, np.concatenate(spins), 0.6, dt=0.02)
-    balance = run.energy - run.energy[0]
+    drift = float(np.abs(run.energy - run.energy[0]).max())
     return [
         Row("Newton and Euler", "ball on a ball that turns: centre over 0.6 s [m]",
             ball_on_ball(run.time, normal, spins), run.q[:, 4:7], MOTION),
-        Row("conservation", "the same: energy, relative", np.zeros_like(balance), balance, INVARIANT, run.energy[0]),
+        Row("conservation", "the same: energy, relative", 0.0, drift, INVARIANT, run.energy[0]),
     ]  # fmt: skip
 
 
@@ -116,10 +116,9 @@ def egg_rows() -> list[Row]:
     momenta = np.array(
         [pin.computeCentroidalMomentum(model, data, q, v).vector for q, v in zip(run.q, run.v, strict=True)]
     )
-    balance = run.energy - run.energy[0]
+    drift = float(np.abs(run.energy - run.energy[0]).max())
     return [
-        Row("conservation", "two eggs on each other: energy, relative", np.zeros_like(balance), balance, INVARIANT,
-            run.energy[0]),
+        Row("conservation", "two eggs on each other: energy, relative", 0.0, drift, INVARIANT, run.energy[0]),
         Row("conservation", "the same: momentum and angular momentum", np.broadcast_to(momenta[0], momenta.shape),
             momenta, INVARIANT),
     ]  # fmt: skip

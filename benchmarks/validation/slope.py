@@ -89,18 +89,17 @@ def newton_and_euler(w: np.ndarray, axle: np.ndarray, times: np.ndarray) -> np.n
 
 
 def cone() -> tuple[rnc.ReducedModel, np.ndarray]:
-    """Cone that lies on the level: its apex is held and its rim rolls, at each of its headings; and its rest."""
+    """Cone that lies on the level and rolls about its apex, and its rest."""
     base = HEIGHT * np.tan(HALF_ANGLE)
     about, across = 0.3 * base**2, 0.15 * base**2 + 3 / 80 * HEIGHT**2
     model = pin.Model()
     joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
     inertia = pin.Inertia(1.0, np.array([0.75 * HEIGHT, 0.0, 0.0]), np.diag([about, across, across]))
     model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
-    for name, place in (("apex", 0.0), ("base", HEIGHT)):
-        offset = pin.SE3(np.eye(3), np.array([place, 0.0, 0.0]))
-        model.addFrame(pin.Frame(name, joint, offset, pin.FrameType.BODY))
-    rows = [rnc.LoopClosure("apex", "universe", kind="point"), rnc.RollingBody("base", rnc.Torus(base, axis="x"))]
-    reduced = rnc.NonholonomicSystem(rnc.Robot(model), rows).reduce([rnc.FrameYaw("apex")])
+    model.addFrame(pin.Frame("apex", joint, pin.SE3.Identity(), pin.FrameType.BODY))
+    # The shape's apex is along its axis, and the body's is at the origin.
+    body = rnc.RollingBody("apex", rnc.Cone(base, HEIGHT, "x"), at=(HEIGHT, 0.0, 0.0), rpy=(0.0, 0.0, np.pi))
+    reduced = rnc.NonholonomicSystem(rnc.Robot(model), [body]).reduce([rnc.FrameYaw("apex")])
     lifted = pin.Quaternion(pin.rpy.rpyToMatrix(0.0, -HALF_ANGLE, 0.0)).coeffs()
     return reduced, reduced.robot.configuration({"root_joint": (0, 0, 0, *lifted)})
 

@@ -23,7 +23,7 @@ class LevelledShape(BodyShape, Protocol):
     """Shape with a function that is zero on its surface, with complex numbers too, in the axes of its body."""
 
     def level(self, point: np.ndarray) -> np.ndarray:
-        """Function (...) of points (..., 3) that is zero on the surface and grows outwards [m]."""
+        """Function (...) that is zero on the surface and grows outwards, at each point (..., 3) [m]."""
 
     def gradient(self, point: np.ndarray) -> np.ndarray:
         """Gradient (..., 3) of ``level`` at each point (..., 3)."""
@@ -98,7 +98,7 @@ class BodySurface:
         return _EYE[0]
 
     def level(self, point: np.ndarray) -> np.ndarray:
-        """Function (...) of points (..., 3) that is zero on the surface and grows outwards [m]."""
+        """Function (...) that is zero on the surface and grows outwards, at each point (..., 3) [m]."""
         return self.shape.level(self._local(point))
 
     def gradient(self, point: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from rnc_pin.model.mechanisms import GroundSurface, carrier_of
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.robots.robot import Robot
 from rnc_pin.visualization.drawn_state import DrawnState
 from rnc_pin.visualization.elements import GREEN, Element, LayerEntry
 from rnc_pin.visualization.meshcat_library import mg
@@ -39,6 +40,15 @@ def carrier_placement(ground: GroundSurface, kinematics: SceneKinematics) -> Cal
     """Placement of the frame that carries a ground, as a function of the state; None for ground in the world."""
     carrier = carrier_of(ground)
     return None if carrier is None else kinematics.frame(carrier)
+
+
+def is_drawn(ground: GroundSurface, robot: Robot) -> bool:
+    """True if a page draws the surface itself: it is in the world, or the body that carries it has no shapes."""
+    carrier = carrier_of(ground)
+    if carrier is None or robot.visual_model is None:
+        return True
+    joint = robot.model.frames[robot.frame_id(carrier)].parentJoint
+    return all(shape.parentJoint != joint for shape in robot.visual_model.geometryObjects)
 
 
 def ground_patch(ground: GroundSurface, places: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
@@ -87,7 +97,7 @@ class GroundElement(Element):
 def ground_elements(
     reduced: ReducedModel | None, kinematics: SceneKinematics, configurations: Iterable[np.ndarray], size: float
 ) -> list[Element]:
-    """Elements of all surfaces of a system, each as large as a motion and the robot need.
+    """Elements of the surfaces of a system, each as large as a motion and the robot need.
 
     Args:
         reduced: the system, if any.
@@ -96,7 +106,8 @@ def ground_elements(
         size: size of the robot [m].
     """
     moments, found = list(configurations), list[Element]()
-    for k, ground in enumerate(grounds_of(reduced)):
+    drawn = [each for each in grounds_of(reduced) if is_drawn(each, kinematics.robot)]
+    for k, ground in enumerate(drawn):
         places = np.stack([seen_from(ground, kinematics, q) for q in moments])
         found.append(GroundElement(str(k), ground_patch(ground, places, size), carrier_placement(ground, kinematics)))
     return found

@@ -15,7 +15,7 @@ from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import RunInfo
 from rnc_pin.visualization.browser.access import RequestFilter, viser_request_filter
 from rnc_pin.visualization.camera import VIEW_DIRECTION, Follower, fitting_camera, with_plan
-from rnc_pin.visualization.drawn_ground import carrier_placement, ground_patch, grounds_of, seen_from
+from rnc_pin.visualization.drawn_ground import carrier_placement, ground_patch, grounds_of, is_drawn, seen_from
 from rnc_pin.visualization.drawn_model import DrawnModel
 from rnc_pin.visualization.drawn_state import DrawnState
 from rnc_pin.visualization.meshcat_library import BaseVisualizer, ViserVisualizer
@@ -83,7 +83,7 @@ class ViserViewer:
         self._visualizer.initViewer(viewer=self._server)
         self._visualizer.loadViewerModel(rootNodeName="robot")
         self._ground = drawn_model.ground_height(view)
-        self._surfaces = grounds_of(drawn_model.reduced)
+        self._surfaces = [each for each in grounds_of(drawn_model.reduced) if is_drawn(each, robot)]
         self._carried: list[tuple[Any, Callable[[DrawnState], pin.SE3]]] = []
         self._follower: Follower | None = None
         self._kinematics, self._view, self._plan = SceneKinematics(robot), view, info.provenance.path

@@ -4,8 +4,18 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.visualization.drawn_ground import ground_patch, grounds_of
+from rnc_pin.visualization.drawn_ground import (
+    GroundElement,
+    carrier_placement,
+    ground_patch,
+    grounds_of,
+    is_drawn,
+    seen_from,
+)
 from rnc_pin.visualization.drawn_model import DrawnModel
+from rnc_pin.visualization.drawn_state import DrawnState
+from rnc_pin.visualization.meshcat_scene import MeshcatScene
+from rnc_pin.visualization.scene_kinematics import SceneKinematics
 from rnc_pin.visualization.view import View
 
 GROUNDS = {
@@ -41,6 +51,29 @@ def test_each_side_of_a_patch_has_one_normal_at_a_vertex():
     assert sides[0]
     assert sides[1]
     assert not sides[0] & sides[1]
+
+
+def test_ground_on_a_body_moves_with_it_and_is_drawn_if_the_body_is_not():
+    plane = rnc.GroundPlane(frame="plate")
+    robot = rnc.Robot.from_urdf("ball_on_plate.urdf")
+    tilted = robot.configuration({"roll": 0.3, "free": [0.1, 0.0, 0.46, 0, 0, 0, 1]})
+    assert not is_drawn(plane, robot)
+    assert is_drawn(plane, rnc.Robot(robot.model))
+    assert is_drawn(rnc.GroundPlane(), robot)
+    kinematics = SceneKinematics(robot)
+    place = kinematics.placement("plate", tilted)
+    center = kinematics.center_of_mass(tilted)
+    np.testing.assert_allclose(place.act(seen_from(plane, kinematics, tilted)), center, atol=1e-12)
+    np.testing.assert_allclose(seen_from(rnc.GroundPlane(), kinematics, tilted), center, atol=1e-12)
+    placement = carrier_placement(plane, kinematics)
+    assert carrier_placement(rnc.GroundPlane(), kinematics) is None
+    scene, sheet = MeshcatScene(), GroundElement("plate", ground_patch(plane, np.zeros((1, 3)), 1.0), placement)
+    moved = {}
+    scene.place = lambda name, matrix: moved.update({name: matrix})
+    sheet.build(scene)
+    state = DrawnState(0.0, tilted, *(np.zeros(0),) * 6, 1.0)
+    sheet.update(scene, state)
+    np.testing.assert_allclose(moved["surface/plate"], place.homogeneous, atol=1e-12)
 
 
 def test_other_ground_replaces_the_grid():
