@@ -1,12 +1,14 @@
-"""Angular velocity of a frame about its own axis: a quasi-velocity."""
+"""Angular velocity of a frame about its own axis or a world axis: a quasi-velocity."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from rnc_pin.deprecation import warn_of_rename
+from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.model.frame_velocity import FrameVelocityRows, axis_index
-from rnc_pin.model.kinematics import OWN_AXES
+from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES
 from rnc_pin.model.parameter_types import Axis
 from rnc_pin.model.rows import OutputRows
 from rnc_pin.robots.robot import Robot
@@ -14,13 +16,17 @@ from rnc_pin.robots.robot import Robot
 
 @dataclass(frozen=True)
 class FrameAngularVelocity:
-    """Angular velocity of a frame about the frame's own axis [rad/s], e.g. the roll rate of a bicycle.
+    """Angular velocity of a frame about its own axis [rad/s], e.g. the roll rate of a bicycle, or about a world axis.
 
     It is a quasi-velocity, not the rate of a coordinate: in a trajectory, ``x2`` contains its integral over time.
 
     Args:
         frame: name of the frame.
-        axis: the frame's own axis, "x", "y" or "z".
+        axis: "x", "y" or "z".
+        axes: "own" for the frame's own axis, "world" for that of the world.
+
+    Raises:
+        ConfigurationError: unknown axis or axes.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
@@ -32,6 +38,7 @@ class FrameAngularVelocity:
 
     frame: str
     axis: Axis = "z"
+    axes: Literal["own", "world"] = "own"
 
     def bind(self, robot: Robot) -> OutputRows:
         return _AngularVelocityRow(self, robot, "angular_velocity")
@@ -43,7 +50,8 @@ class FrameSpin(FrameAngularVelocity):
 
     Args:
         frame: name of the frame.
-        axis: the frame's own axis, "x", "y" or "z".
+        axis: "x", "y" or "z".
+        axes: "own" for the frame's own axis, "world" for that of the world.
     """
 
     def __post_init__(self) -> None:
@@ -57,6 +65,10 @@ class _AngularVelocityRow(FrameVelocityRows, OutputRows):
     quasi = True
 
     def __init__(self, kind: FrameAngularVelocity, robot: Robot, name: str) -> None:
-        super().__init__(robot, kind.frame, (3 + axis_index(kind.axis),), OWN_AXES)
-        self.names = (f"{kind.frame}_{name}_{kind.axis}",)
+        if kind.axes not in ("own", "world"):
+            found = nearest(str(kind.axes), ["own", "world"])
+            raise ConfigurationError(f"angular velocity of '{kind.frame}': axes '{kind.axes}' is not known{found}")
+        own = kind.axes == "own"
+        super().__init__(robot, kind.frame, (3 + axis_index(kind.axis),), OWN_AXES if own else WORLD_AXES)
+        self.names = (f"{kind.frame}_{name}_{'' if own else 'world_'}{kind.axis}",)
         self.angular = (False,)

@@ -146,6 +146,24 @@ def test_an_angular_velocity_has_no_value_but_its_integral(arm):
     assert not np.nan_to_num(reduced.at(q, v).measure().x1).any()
 
 
+def test_angular_velocities_about_world_axes(arm):
+    """The rate of the rotation, by differences; with the kernel's comparison."""
+    outputs = [rnc.FrameAngularVelocity("hand", axis, axes="world") for axis in AXES]
+    reduced = rnc.NonholonomicSystem(arm).reduce(vertical=outputs)
+    assert reduced.vertical.names == tuple(f"hand_angular_velocity_world_{axis}" for axis in AXES)
+    generator, frame, data = np.random.default_rng(3), arm.frame_id("hand"), arm.model.createData()
+    q, v = arm.random_configuration(generator), generator.normal(size=arm.nv)
+
+    def rotation(step):
+        pin.framesForwardKinematics(arm.model, data, pin.integrate(arm.model, q, step * v))
+        return data.oMf[frame].rotation.copy()
+
+    turned = pin.log3(rotation(1e-6) @ rotation(-1e-6).T) / 2e-6
+    np.testing.assert_allclose(reduced.at(q, v=v).measure().v1, turned, atol=1e-7)
+    with pytest.raises(rnc.ConfigurationError, match="axes 'wrold' is not known; did you mean 'world'"):
+        rnc.FrameAngularVelocity("hand", axes="wrold").bind(arm)
+
+
 @pytest.mark.parametrize(
     "output", [rnc.FrameTilt("hand", "w"), rnc.FrameAngularVelocity("hand", "w")], ids=["tilt", "velocity"]
 )
