@@ -1,4 +1,4 @@
-"""Processor time of one sample of whole-body control: 10 tasks, 14 joints, all limits of the file.
+"""Processor time of one sample of whole-body control: 10 tasks, 14 joints, all limits of the file, 20 pairs of links.
 
 The last line is one sample of ``rnc-pin drive tiago``: commands, program, computed torque, plant and record.
 
@@ -24,6 +24,7 @@ from rnc_pin.errors import ConfigurationError
 from rnc_pin.planning import Harmonic, Hold
 
 SAMPLES, ROUNDS, DT = 200, 5, 0.002
+PAIRS = 20  # least number of active pairs at the start
 
 
 def model() -> rnc.ReducedModel:
@@ -97,8 +98,11 @@ def main() -> None:
     q0 = reduced.robot.configuration({"arm_1_joint": 0.5, "arm_2_joint": -0.5, "arm_4_joint": 1.0})
     start = reduced.at(q0).position.placement(reduced.robot.frame_id("arm_7_link")).translation.copy()
     box = [limits.JointPositionLimit(), limits.JointVelocityLimit(), limits.AccelerationLimit(5.0)]
-    near = limits.CollisionAvoidance(q0=q0)
     distances = CollisionDistances(reduced.robot, q0=q0)
+    apart = np.sort(distances.at(q0, within=1.0).distance)
+    near = limits.CollisionAvoidance(
+        q0=q0, influence=max(limits.CollisionAvoidance().influence, 1.001 * apart[PAIRS - 1])
+    )
     active = len(distances.at(q0, within=near.influence).pairs)
     cases = {"daqp": (box, "daqp", True), "daqp, cold": (box, "daqp", False)}
     cases |= {name: (box, name, True) for name in ("piqp", "quadprog", "proxqp", "osqp", "clarabel")}

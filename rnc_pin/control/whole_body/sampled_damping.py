@@ -49,7 +49,8 @@ class SampledDamping(NamedTuple):
 
         Args:
             level: index of the level.
-            residual: residual of the level within limits (k,).
+            residual: residual of the level (k,) that limits cause: less the one that conflicting tasks have anyway. So
+                the cost grows from zero when a limit becomes active.
             rate: its rate (k,).
         """
         residual = residual[self.curved[level]]

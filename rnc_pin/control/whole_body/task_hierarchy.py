@@ -176,7 +176,7 @@ def solve_cascade(
                 unknowns = ahead
             elif (solved := _nearest(goal, T, kept, bounds, solver, start)) is not None:
                 unknowns, found[index] = solved
-                cost = None if sampled is None else sampled.rows(index, J @ unknowns - levels[index].rate, rate)
+                cost = None if sampled is None else sampled.rows(index, J @ (unknowns - ahead), rate)
                 if cost is not None:
                     solved = _solve_damped(own, rate, cost, kept, Z, least, damping, bounds, solver, found[index])
                     unknowns, found[index] = solved or (unknowns, found[index])
@@ -204,7 +204,7 @@ def solve_cascade(
                 break  # at a lower level: rounding left no room
             unknowns, found[index] = kept + T @ nearest.point, nearest.multipliers
             determined = nearest.point[:rank]
-            if sampled is not None and (cost := sampled.rows(index, J @ unknowns - levels[index].rate, rate)):
+            if sampled is not None and (cost := sampled.rows(index, J @ (unknowns - ahead), rate)):
                 level = _damped_level(own, rate, cost, kept, Z, damping * right[:rank])
                 if (damped := _solve_level(level, kept, Z, bounds, solver, found[index])) is not None:
                     unknowns, found[index] = damped

@@ -106,7 +106,8 @@ def tiago_program(limit=0.2, **settings):
 def test_the_solution_satisfies_the_conditions_of_optimality():
     """Stationarity, signs of multipliers, complementarity and bounds, written from the tasks and limits themselves.
 
-    Where limits leave a residual, the cost ``2 dt |residual| |J_i| v_i^2`` counts, with the residual without this cost.
+    Where limits cause a residual, the cost ``2 dt |residual| |J_i| v_i^2`` counts, with the residual without this cost,
+    less the one that conflicting tasks have without limits.
     """
     reduced, program = tiago_program()
     touched = 0
@@ -114,13 +115,16 @@ def test_the_solution_satisfies_the_conditions_of_optimality():
         sample = ControlSample(reduced, 0.0, q, 0.1 * v2, 0.002)
         found = program.solve(sample)
         R, gradient, levers, squares = sample.end.R, np.zeros(reduced.r), np.zeros(reduced.r), 0.0
-        for each in program.tasks:
-            rows = each.bind(reduced).rows(sample)
+        bound = [(each, each.bind(reduced).rows(sample)) for each in program.tasks]
+        roots = np.concatenate([np.sqrt(np.broadcast_to(each.weight, len(rows.rate))) for each, rows in bound])
+        stacked = roots[:, None] * np.vstack([rows.jacobian @ R for _, rows in bound])
+        free = np.linalg.lstsq(stacked, roots * np.concatenate([rows.rate for _, rows in bound]), rcond=None)[0]
+        for each, rows in bound:
             weight = np.broadcast_to(np.asarray(each.weight, dtype=float), len(rows.rate))
             J, error = rows.jacobian @ R, rows.jacobian @ R @ found.v2 - rows.rate
             gradient += J.T @ (weight * error)
             if not isinstance(each.output, rnc.JointPosition):  # a constant Jacobian needs no damping
-                levers, squares = levers + weight @ J**2, squares + weight @ error**2
+                levers, squares = levers + weight @ J**2, squares + weight @ (J @ (found.v2 - free)) ** 2
         box = program.limits[0].bind(reduced).rows(sample)
         values, force = box.jacobian @ R @ found.v2, found.multipliers[0]
         scale = np.abs(gradient).max() + np.abs(force).max()
