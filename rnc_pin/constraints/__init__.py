@@ -15,7 +15,8 @@ from rnc_pin.constraints.pfaffian import Pfaffian
 from rnc_pin.constraints.prescribed_motion import PrescribedMotion
 from rnc_pin.constraints.rolling_ball import RollingBall
 from rnc_pin.constraints.rolling_body import RollingBody
-from rnc_pin.constraints.rolling_wheel import RollingRows, RollingWheel
+from rnc_pin.constraints.rolling_wheel import RollingWheel
+from rnc_pin.constraints.wheel_rows import RollingRows
 from rnc_pin.model.rows import Rows
 
 __all__ = [

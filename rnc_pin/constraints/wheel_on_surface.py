@@ -2,35 +2,19 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import pinocchio as pin
 
 from rnc_pin.constraints.body_shapes import Torus
 from rnc_pin.constraints.curved_grounds import CurvedGround
 from rnc_pin.constraints.surface_contact import SurfaceContact, SurfaceContactRows
+from rnc_pin.constraints.wheel_rows import WheelDisk
 from rnc_pin.math.linear_algebra import apply, vector_product
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.mechanisms import Phrases
 from rnc_pin.robots.robot import Robot
 
 _TO_HEADING = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # from the axes of a contact
-
-
-class WheelDisk(NamedTuple):
-    """Wheel without a tyre."""
-
-    frame: str
-    """Name of a frame at its centre."""
-    radius: float
-    """Radius [m]."""
-    axle: np.ndarray
-    """Axle in the frame's own axes (3,)."""
-    parts: tuple[str, ...]
-    """Words of the rows, (k,)."""
-    combination: np.ndarray | None
-    """Rows as combinations (k, 3) of the rolling, lateral and vertical rows; None for identity."""
 
 
 class WheelOnSurfaceRows(SurfaceContactRows):
