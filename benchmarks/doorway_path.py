@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from benchmarks.doorway_passage import doorway_robot
+from benchmarks.doorway_circle import doorway_robot
 from rnc_pin.collision import CollisionDistances, Obstacle
 
 ENOUGH = 0.09  # [m]; clearance with which the search ends: the scenario keeps 0.05 m

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from benchmarks.doorway_passage import CLEARANCE, passage
+from benchmarks.doorway_circle import CLEARANCE, passage
 from benchmarks.doorway_path import doorway_path
 from rnc_pin.collision import CollisionDistances, Obstacle
 from rnc_pin.io.json import Json

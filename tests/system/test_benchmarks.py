@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from benchmarks import latency, reduction, scaling
-from benchmarks.doorway_passage import doorway_robot
+from benchmarks.doorway_circle import doorway_robot
 from benchmarks.doorway_path import doorway_path, whole_configuration
 from benchmarks.states import regular_states
 from rnc_pin.collision import Obstacle
