@@ -65,6 +65,20 @@ def test_two_bodies_touch_where_each_is_the_ground_of_the_other():
     np.testing.assert_allclose(accelerations[0], accelerations[1], atol=1e-8)
 
 
+def test_searches_start_at_points_of_the_surface():
+    """Those of a ball are the nearest ones; a place at the centre has one too."""
+    generator = np.random.default_rng(3)
+    place = np.concatenate([generator.normal(size=(5, 3)), [[0.1, 0.2, 0.3]]])
+    for shape in SHAPES.values():
+        surface = rnc.BodySurface(shape, at=(0.1, 0.2, 0.3), rpy=(0.3, 0.2, 0.1))
+        np.testing.assert_allclose(surface.level(surface.below(place[:-1])), 0.0, atol=1e-12)
+    ball = rnc.BodySurface(rnc.Sphere(0.4), at=(0.1, 0.2, 0.3))
+    away = place[:-1] - ball.at
+    nearest = ball.at + 0.4 * away / np.linalg.norm(away, axis=1, keepdims=True)
+    np.testing.assert_allclose(ball.below(place)[:-1], nearest, atol=ROUNDING)
+    assert ball.level(ball.below(place[-1])) == pytest.approx(0.0, abs=ROUNDING)
+
+
 def test_drawn_surfaces_are_closed():
     for shape in SHAPES.values():
         vertices, triangles = rnc.BodySurface(shape).mesh(np.zeros(3), 1.0)

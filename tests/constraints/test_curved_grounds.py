@@ -91,6 +91,18 @@ def test_axes_of_a_contact_whose_normal_is_the_direction_that_they_follow(robot)
         assert np.linalg.det(axes) > 0
 
 
+def test_searches_start_at_the_nearest_points_of_spheres_and_cylinders():
+    place = np.array([0.7, -0.4, 0.9])
+    for ground in (BOWL, BALL):
+        away = place - ground.center
+        np.testing.assert_allclose(
+            ground.below(place), ground.center + 2.0 * away / np.linalg.norm(away), atol=ROUNDING
+        )
+    foot = DRUM.below(place)
+    assert DRUM.level(foot) == pytest.approx(0.0, abs=ROUNDING)
+    np.testing.assert_allclose(np.cross(place - foot, DRUM.gradient(foot)), 0.0, atol=ROUNDING)
+
+
 def test_the_smaller_relative_curvature():
     basis = np.array([[2.0, 1.0, 0.0], [0.0, 1.0, 3.0], [1.0, 0.0, 1.0]])
     many = np.stack([basis @ np.diag([1.0, *pair]) @ np.linalg.inv(basis) for pair in ((0.3, 2.0), (5.0, -0.7))])

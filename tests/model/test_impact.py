@@ -150,8 +150,9 @@ def test_refusals(bar, pinned):
         rnc.impact(pinned, q, v, restitution=1.5)
     with pytest.raises(rnc.InputError, match=r"violates closure_x.* by"):
         rnc.impact(pinned, bar.configuration({bar.joint_names[0]: [0.3, 0, 0]}), v)
-    with pytest.raises(rnc.InputError, match="expected one state"):
-        rnc.impact(pinned, np.stack([q, q]), np.stack([v, v]))
+    for many in ((np.stack([q, q]), np.stack([v, v])), (0.0, v)):
+        with pytest.raises(rnc.InputError, match="expected one state"):
+            rnc.impact(pinned, *many)
     slip = rnc.NonholonomicSystem(bar, [rnc.NoSideSlip("center_0"), rnc.Pfaffian(lambda q: np.array([[0, 2.0, 0]]))])
     with pytest.raises(rnc.ConstraintError, match=r"restitution: row 'row\[0\]' has to move"):
         rnc.impact(slip, q, v, restitution={"no_side_slip(center_0.y)": 0.5})

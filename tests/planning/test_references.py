@@ -166,6 +166,7 @@ def test_references_that_are_joined_slowed_or_in_turn():
         (lambda: MinimumJerk([0.0], [np.nan], 1.0), "goal of a minimum-jerk reference has to be finite"),
         (lambda: MinimumJerk([np.nan], [0.0], 1.0), "start of a minimum-jerk reference has to be finite"),
         (lambda: MinimumJerk([0.0], [1.0], -1.0), "has to be positive, found -1.0"),
+        (lambda: MinimumJerk([0.0], [1.0], 0.0), "has to be positive, found 0.0"),
         (lambda: ViaPoints([0.0, 1.0], [0.0]), "at least two increasing times, and one point each"),
         (lambda: ViaPoints([0.0, 2.0, 1.0], [0.0, 1.0, 2.0]), "increasing"),
         (lambda: ViaPoints([0.0, np.nan], [0.0, 1.0]), "times of via points has to be finite"),

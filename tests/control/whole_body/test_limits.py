@@ -304,6 +304,7 @@ def test_bad_limits_are_refused():
         (lambda: limits.JointPositionLimit(margin=0.5), "margin of 0 to 0.5"),
         (lambda: limits.JointPositionLimit(joints=["wheel_left_joint"]), "no position limits"),
         (lambda: limits.JointVelocityLimit(margin=1.0), "margin of 0 to 1"),
+        (lambda: limits.JointVelocityLimit(limit=0.0), "margin of 0 to 1"),
         (lambda: limits.AccelerationLimit(0.0), "positive number or 12"),
         (lambda: limits.AccelerationLimit([1.0, 2.0]), "positive number or 12"),
         (lambda: limits.WheelSpeedLimit(1.0, wheels=["wheel_left"]), "did you mean 'wheel_left_link'"),
@@ -311,6 +312,7 @@ def test_bad_limits_are_refused():
         (lambda: limits.RegionLimit("base_link"), "give a box, a polygon or half-spaces"),
         (lambda: limits.RegionLimit("base_link", box={"x": (1.0, 0.0)}), "x from 1.0 to 0.0 is empty"),
         (lambda: limits.RegionLimit("base_link", polygon=[(0, 0), (1, 0), (1, 1), (0.9, 0.1)]), "convex polygon"),
+        (lambda: limits.RegionLimit("base_link", polygon=np.eye(3)), "convex polygon"),
         (lambda: limits.RegionLimit("base_link", half_spaces=[(0, 0, 0, 1)]), "with a normal"),
     ]:
         with pytest.raises(rnc.ConfigurationError, match=words):

@@ -216,6 +216,8 @@ def test_bad_input_is_refused():
         VelocityQP(reduced, [], dt=-1.0)
     with pytest.raises(rnc.ConfigurationError, match="cannot be negative"):
         VelocityQP(reduced, [], damping=-1.0)
+    with pytest.raises(rnc.ConfigurationError, match="cannot be negative"):
+        VelocityQP(reduced, [], damping=float("inf"))
     with pytest.raises(rnc.ConfigurationError, match="no installed solver 'dapq'"):
         VelocityQP(reduced, [], solver="dapq")
     with pytest.raises(rnc.ConfigurationError, match="a task has to be a ControlTask, found FrameYaw"):
