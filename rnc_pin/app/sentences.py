@@ -9,6 +9,7 @@ from rnc_pin.analysis import Report, Singularity
 from rnc_pin.model.mechanisms import Phrases
 from rnc_pin.model.reduced_model import ReducedModel
 
+_BASES = {"JointModelPlanar": "moves in the plane", "JointModelFreeFlyer": "moves freely in space"}
 _FEW = 4  # names listed in a sentence
 
 
@@ -25,15 +26,14 @@ def sentences(reduced: ReducedModel, report: Report) -> tuple[str, str, str]:
 
 
 def _kind(reduced: ReducedModel, phrases: Sequence[Phrases]) -> str:
-    robot = reduced.robot
-    first = robot.model.joints[1].shortname()
-    base = {"JointModelPlanar": "moves in the plane", "JointModelFreeFlyer": "moves freely in space"}.get(first)
+    robot, model = reduced.robot, reduced.robot.model
+    roots = [_BASES.get(model.joints[k].shortname(), "") for k in range(1, model.njoints) if model.parents[k] == 0]
     supports = Counter(each.support for each in phrases if each.support)
     noun = next((each.robot for each in phrases if each.robot), "a robot")
     if supports:
         noun = f"a vehicle on {_and([_count(number, support) for support, number in supports.items()])}"
-    joints = _count(robot.model.njoints - 1 - (base is not None), "joint")
-    stance = f"its base {base}" if base else "its base is fixed"
+    joints = _count(model.njoints - 1 - sum(map(bool, roots)), "joint")
+    stance = f"its base {roots[0] or 'is fixed'}" if len(roots) < 2 else f"no joint connects its {len(roots)} parts"
     return f"'{robot.name}' is {noun}: {stance}, and it has {joints} and {_count(reduced.p, 'actuator')}."
 
 

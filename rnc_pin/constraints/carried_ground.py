@@ -83,4 +83,4 @@ class CarriedRows(Rows):
         return points + origin[..., None, :], directions
 
     def phrases(self) -> Phrases:
-        return self._rows.phrases()
+        return self._rows.phrases()._replace(support="", robot="a mechanism whose bodies roll on each other")

@@ -302,6 +302,15 @@ def test_inspect_begins_with_three_sentences(call):
     )
 
 
+def test_parts_that_no_joint_connects_have_no_base(call):
+    status, out, _ = call("inspect", "ball-on-plate", "--samples", 4)
+    assert status == 0
+    assert told(out).startswith(
+        "'ball_on_plate' is a mechanism whose bodies roll on each other: no joint connects its 2 parts, and it has 2 "
+        "joints and 2 actuators. It has 5 independent motions"
+    )
+
+
 def test_joints_that_a_file_couples_are_not_free(call, tmp_path):
     """The fingers of a Panda: no constraint of the scenario says it, the robot's file does."""
     file = tmp_path / "hand.yaml"
