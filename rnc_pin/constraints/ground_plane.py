@@ -69,6 +69,14 @@ class GroundPlane:
         """Angular velocity of the material in world axes (3,) [rad/s]."""
         return np.asarray(self.spin * self.axes[2])
 
+    def height(self, place: np.ndarray) -> float:
+        """Height of a point (3,) above the plane [m].
+
+        Args:
+            place: the point.
+        """
+        return float(self.axes[2] @ (place - np.asarray(self.point)))
+
     def material_velocity(self, place: np.ndarray) -> np.ndarray:
         """Velocity of the material at points (..., 3) [m/s], in world axes.
 

@@ -28,10 +28,11 @@ _SAMPLES = 3
 
 @dataclass(frozen=True)
 class Drive:
-    """Driven wheel: its contact, and the index of its joint in v (None for a drawn wheel without a joint)."""
+    """Driven wheel: its contact, the index of its joint in v (None for a drawn wheel), and the normal of the ground."""
 
     contact: ContactBody
     velocity_index: int | None
+    up: np.ndarray
 
     def effect(self, robot: Robot, data: pin.Data) -> np.ndarray:
         """Return the generalized force (nv,) of a unit torque; needs the joint Jacobians in ``data``."""
@@ -39,12 +40,12 @@ class Drive:
             return np.eye(robot.nv)[self.velocity_index]
         joint, radius = self.contact.joint, self.contact.radius
         placement = data.oMi[joint]
-        _, lowest = self.contact.at(placement)
+        _, lowest = self.contact.at(placement, self.up)
         jacobian = pin.getJointJacobian(robot.model, data, joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-        moving = jacobian[:2] - pin.skew(lowest - placement.translation)[:2] @ jacobian[3:]
+        moving = jacobian[:3] - pin.skew(lowest - placement.translation) @ jacobian[3:]
         assert self.contact.axle is not None  # balls have no drives
-        x, y, _ = placement.rotation @ self.contact.axle
-        return (y * moving[0] - x * moving[1]) / (np.hypot(x, y) * radius)
+        heading = np.cross(placement.rotation @ self.contact.axle, self.up)
+        return np.asarray(heading @ moving / (np.linalg.norm(heading) * radius))
 
 
 class ActuatorMapping:
@@ -54,17 +55,18 @@ class ActuatorMapping:
         reduced: model with the actuators.
         contacts: ground contacts of the robot.
         q: configuration (nq,) near which wheels must reproduce the inputs of frames.
+        up: normal of the ground (3,).
 
     Attributes:
         drawn: drawn wheels without joints, in the order of the forces of ``wheel_forces``.
         wheel_driven: names of the actuators that wheels replace.
     """
 
-    def __init__(self, reduced: ReducedModel, contacts: Sequence[ContactBody], q: np.ndarray) -> None:
+    def __init__(self, reduced: ReducedModel, contacts: Sequence[ContactBody], q: np.ndarray, up: np.ndarray) -> None:
         self._robot, self._actuation, self._rows = reduced.robot, reduced.actuation, reduced.constraints
         self._data = self._robot.model.createData()
         self._kinematics = Kinematics(self._robot)
-        self._drives = _drives(reduced, contacts)
+        self._drives = _drives(reduced, contacts, up)
         self._drawn = [k for k, drive in enumerate(self._drives) if drive.velocity_index is None]
         self.drawn = tuple(self._drives[k].contact.name for k in self._drawn)
         self._groups = self._assigned(q)
@@ -171,13 +173,13 @@ def _reproduces(maps: tuple[np.ndarray, np.ndarray], effects: np.ndarray, column
     return bool(np.linalg.norm(missed) <= _SAME * np.linalg.norm(effect))
 
 
-def _drives(reduced: ReducedModel, contacts: Sequence[ContactBody]) -> list[Drive]:
+def _drives(reduced: ReducedModel, contacts: Sequence[ContactBody], up: np.ndarray) -> list[Drive]:
     model, found = reduced.robot.model, []
     for contact in contacts:
         if contact.drawn:
-            found.append(Drive(contact, None))
+            found.append(Drive(contact, None, up))
         elif contact.friction in ("all", "longitudinal") and contact.axle is not None:
             joint = model.joints[contact.joint]
             if joint.nv == 1 and str(model.names[contact.joint]) not in reduced.actuation.names:
-                found.append(Drive(contact, joint.idx_v))
+                found.append(Drive(contact, joint.idx_v, up))
     return found

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 import scipy
 
+from rnc_pin.constraints import GroundPlane
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.plants.mujoco.body_tree import Root
 from rnc_pin.plants.mujoco.contact_bodies import ContactBody
@@ -35,7 +36,12 @@ class BaseSupport(NamedTuple):
 
 
 def choose_support(
-    robot: Robot, contacts: Sequence[ContactBody], ground: float, q: np.ndarray, settings: MuJoCoSettings
+    robot: Robot,
+    contacts: Sequence[ContactBody],
+    ground: float,
+    q: np.ndarray,
+    settings: MuJoCoSettings,
+    plane: GroundPlane,
 ) -> BaseSupport:
     """Choose base type and casters for a robot at configuration q, with the ground at height ``ground`` [m].
 
@@ -44,13 +50,15 @@ def choose_support(
     """
     if not contacts:
         return BaseSupport("as it is")
-    down = robot.model.gravity.linear
-    if not (down[2] < 0 and np.hypot(down[0], down[1]) < _LEVEL * abs(down[2])):
+    down, base = robot.model.gravity.linear, robot.model.joints[1].shortname()
+    along, across = np.linalg.norm(plane.axes[:2] @ down), float(plane.axes[2] @ down)
+    level = along < _LEVEL * abs(across)
+    if across >= 0 or not (level or base == "JointModelFreeFlyer"):
         raise ConfigurationError(
             f"MuJoCo: friction of wheel '{contacts[0].name}' needs weight, and gravity is "
-            f"{np.round(down, 6).tolist()}: expected one that points down, such as (0, 0, -9.81)"
+            f"{np.round(down, 6).tolist()}: expected one that points down onto level ground, such as (0, 0, -9.81), or "
+            "base='free'"
         )
-    base = robot.model.joints[1].shortname()
     if base == "JointModelFreeFlyer":
         return BaseSupport("as it is")
     if base != "JointModelPlanar" or any(each.joint == 0 for each in contacts):

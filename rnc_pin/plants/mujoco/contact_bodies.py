@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.constraints import GroundPlane
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.mechanisms import Friction, GroundContact, carrier_of
 from rnc_pin.model.rows import Rows
@@ -16,6 +17,7 @@ from rnc_pin.robots.robot import Robot
 _ALONG = 1e-3  # tolerance of the distance from a drawn wheel to its axle, in radii
 _LARGE = 0.5  # fraction of the largest cylinder radius on an axle; smaller cylinders are shafts or hubs
 _UP = np.array([0.0, 0.0, 1.0])
+_FLAT = 1e-9  # distance [m] and difference of normals up to which planes are the same
 _POINT = 1e-3  # radius of the ball that models a contact point [m]
 
 
@@ -45,31 +47,59 @@ class ContactBody:
     blade: bool = False
     up: np.ndarray = field(default_factory=_UP.copy)
 
-    def at(self, placement: pin.SE3) -> tuple[np.ndarray, np.ndarray]:
-        """Return its center and its lowest point (3,) in the world, for a placement of its joint."""
+    def at(self, placement: pin.SE3, up: np.ndarray = _UP) -> tuple[np.ndarray, np.ndarray]:
+        """Return its center and its lowest point (3,) in the world.
+
+        Args:
+            placement: placement of its joint.
+            up: normal of the ground (3,).
+        """
         center = placement.act(self.center)
         if self.axle is None or self.blade:
-            return center, center - self.radius * _UP
+            return center, center - self.radius * up
         axle = placement.rotation @ self.axle
-        down = axle[2] * axle - _UP
+        down = (axle @ up) * axle - up
         return center, center + self.radius / max(down.dot(down) ** 0.5, 1e-9) * down
+
+
+def common_plane(blocks: Sequence[Rows]) -> GroundPlane:
+    """Return the plane at rest on which all bodies roll.
+
+    Raises:
+        ConfigurationError: a ground that is curved, moves or is carried by a frame, or several planes.
+    """
+    found: dict[str, GroundPlane] = {}
+    for block in blocks:
+        ground = block.ground
+        if ground is None and not block.on_ground:
+            continue
+        plane = GroundPlane() if ground is None else ground
+        if not isinstance(plane, GroundPlane) or plane.moves or plane.frame is not None:
+            what = f"that frame '{carrier_of(ground)}' carries" if carrier_of(ground) else "that is curved or moves"
+            raise ConfigurationError(
+                f"MuJoCo: {block.names[0]} rolls on a {type(ground).__name__} {what}; the plant has only a plane at "
+                "rest, use the plant 'reduced'"
+            )
+        for name, other in found.items():
+            if max(abs(plane.height(each)) for each in other.axes[:2] + other.point) > _FLAT or (
+                plane.axes[2] @ other.axes[2] < 1.0 - _FLAT
+            ):
+                raise ConfigurationError(
+                    f"MuJoCo: {name} and {block.names[0]} roll on different planes; the plant has only one, use the "
+                    "plant 'reduced'"
+                )
+        found[block.names[0]] = plane
+    return next(iter(found.values()), GroundPlane())
 
 
 def contact_bodies(robot: Robot, blocks: Sequence[Rows]) -> list[ContactBody]:
     """Return the bodies of all ground contacts, in the order of the constraints.
 
     Raises:
-        ConfigurationError: a wheel has oblique rollers, for which the robot has no bodies, or a body rolls on another
-            ground than z = 0 at rest.
+        ConfigurationError: a wheel has oblique rollers, for which the robot has no bodies, or bodies roll on other
+            ground than one plane at rest.
     """
-    for block in blocks:
-        if block.ground is not None:
-            carrier = carrier_of(block.ground)
-            of_frame = f" that frame '{carrier}' carries" if carrier else ""
-            raise ConfigurationError(
-                f"MuJoCo: {block.names[0]} rolls on a {type(block.ground).__name__}{of_frame}; the plant has only "
-                "the plane z = 0 at rest, use the plant 'reduced'"
-            )
+    common_plane(blocks)
     mechanisms = (each for block in blocks for each in block.mechanisms() if isinstance(each, GroundContact))
     return [body for contact in mechanisms for body in _bodies(robot, contact)]
 
@@ -121,11 +151,13 @@ def _is_cylinder(geometry: object) -> bool:
     return hasattr(geometry, "halfLength") and type(geometry).__name__ == "Cylinder"
 
 
-# ------------------------------------------------------------------ level ground
+# ------------------------------------------------------------------ common plane
 
 
-def on_one_plane(robot: Robot, contacts: Sequence[ContactBody], q: np.ndarray) -> tuple[list[ContactBody], float]:
-    """Return contacts with their lowest points in one plane, and the height of that plane in the robot model [m].
+def on_one_plane(
+    robot: Robot, contacts: Sequence[ContactBody], q: np.ndarray, plane: GroundPlane
+) -> tuple[list[ContactBody], float]:
+    """Return contacts with their lowest points at one height above the ground, and this height in the robot model [m].
 
     Radii change by small gaps, since rounding in the robot file would otherwise decide which wheels carry the load.
 
@@ -134,16 +166,17 @@ def on_one_plane(robot: Robot, contacts: Sequence[ContactBody], q: np.ndarray) -
     """
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, q)
-    low = {each.name: float(each.at(data.oMi[each.joint])[1][2]) for each in contacts if not each.blade}
-    wheels = list(low.values()) or [float(each.at(data.oMi[each.joint])[0][2]) for each in contacts if each.blade]
+    up = plane.axes[2]
+    low = {each.name: plane.height(each.at(data.oMi[each.joint], up)[1]) for each in contacts if not each.blade}
+    wheels = list(low.values()) or [plane.height(each.at(data.oMi[each.joint], up)[0]) for each in contacts]
     ground = min(wheels)
     found = []
     for each in contacts:
         placement = data.oMi[each.joint]
-        each = replace(each, up=placement.rotation.T @ _UP)
+        each = replace(each, up=placement.rotation.T @ up)
         if each.blade:
-            center, _ = each.at(placement)
-            found.append(replace(each, radius=float(center[2]) - ground))
+            center, _ = each.at(placement, up)
+            found.append(replace(each, radius=plane.height(center) - ground))
             continue
         if not each.radius:  # the ball is above its contact point for any orientation of the frame
             each = replace(each, radius=_POINT, center=each.center + _POINT * each.up)

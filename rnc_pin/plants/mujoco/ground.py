@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.constraints import GroundPlane
 from rnc_pin.plants.mujoco.body_tree import BodyTree
 from rnc_pin.plants.mujoco.contact_bodies import ContactBody
 from rnc_pin.plants.mujoco.engine import mujoco
@@ -29,18 +30,24 @@ _SPRUNG = 3.0  # time constant of frictionless supports over that of wheels; whe
 _IMPEDANCE = {"elliptic": 0.02, "pyramidal": 0.999}  # a pyramidal cone has one impedance for both directions
 _STIFFER = 1e5  # tangential over normal contact impedance
 _STICKS = 1e-6  # slip treated as zero [m/s]
-_LEVEL = np.array([1.0, 1.0, 0.0])
 _UP = np.array([0.0, 0.0, 1.0])
 _BEYOND = 2.0  # demanded deceleration of a slipping wheel over the largest that friction can give
 
 
-def add_ground(spec: mujoco.MjSpec, tree: BodyTree, contacts: Sequence[ContactBody], settings: MuJoCoSettings) -> None:
-    """Add the plane z = 0 and the geometry of all contacts."""
+def add_ground(
+    spec: mujoco.MjSpec,
+    tree: BodyTree,
+    contacts: Sequence[ContactBody],
+    settings: MuJoCoSettings,
+    ground: GroundPlane,
+) -> None:
+    """Add the plane and the geometry of all contacts."""
     if not contacts:
         return
     spec.option.impratio = _STIFFER
     plane, half = mujoco.mjtGeom.mjGEOM_PLANE, _penetration(settings, spec.option.gravity) / 2
-    spec.worldbody.add_geom(name=_GROUND, type=plane, size=[0, 0, 1], pos=[0, 0, half], contype=0, conaffinity=0)
+    place, turn = np.asarray(ground.point) + half * ground.axes[2], _turned_to(ground.axes[2])
+    spec.worldbody.add_geom(name=_GROUND, type=plane, size=[0, 0, 1], pos=place, quat=turn, contype=0, conaffinity=0)
     for contact in contacts:
         kind, size, axis = _shape(contact, contact.radius + half, settings)
         raised = contact.radius + half - _EDGE if contact.friction == "lateral" else 0.0
@@ -111,15 +118,22 @@ class Ground:
         model, data: compiled MuJoCo model and its data.
         contacts: all contacts.
         settings: friction and solver settings.
+        plane: the ground.
 
     Attributes:
         names: contacts with friction, (w,).
     """
 
     def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, contacts: Sequence[ContactBody], settings: MuJoCoSettings
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        contacts: Sequence[ContactBody],
+        settings: MuJoCoSettings,
+        plane: GroundPlane,
     ) -> None:
         self._model, self._data = model, data
+        self._axes, self._origin = plane.axes, np.asarray(plane.point)
         self._with_friction = [each for each in contacts if each.friction != "none"]
         self.names = tuple(each.name for each in self._with_friction)
         self._friction = settings.friction[0]
@@ -151,10 +165,15 @@ class Ground:
         """Largest acceleration of each contact point per unit tangential force [1/kg]."""
         jacobian, moved = np.zeros((3, model.nv)), np.zeros((3, model.nv))
         for place, geom in enumerate(self._geoms):
-            point = data.geom_xpos[geom] * _LEVEL
-            mujoco.mj_jac(model, data, jacobian, None, point, model.geom_bodyid[geom])
+            mujoco.mj_jac(model, data, jacobian, None, self._below(geom), model.geom_bodyid[geom])
             mujoco.mj_solveM(model, data, moved, jacobian)
-            self._mobility[place] = np.linalg.eigvalsh((jacobian @ moved.T)[:2, :2])[-1]
+            along = self._axes[:2]
+            self._mobility[place] = np.linalg.eigvalsh(along @ (jacobian @ moved.T) @ along.T)[-1]
+
+    def _below(self, geom: int) -> np.ndarray:
+        """Point (3,) of the ground below a geometry."""
+        center, normal = self._data.geom_xpos[geom], self._axes[2]
+        return np.asarray(center - normal * (normal @ (center - self._origin)))
 
     def prepare(self, drive_forces: np.ndarray) -> None:
         """Before a step: set the slip damping of contacts, and apply drive forces within the friction limit.
@@ -190,8 +209,9 @@ class Ground:
         mujoco.mj_comPos(model, data)
         for place in np.flatnonzero(self._along):
             geom = self._geoms[place]
-            heading = data.geom_xmat[geom].reshape(3, 3)[:, 2] * _LEVEL
-            force, point = self._along[place] / np.linalg.norm(heading) * heading, data.geom_xpos[geom] * _LEVEL
+            axis, normal = data.geom_xmat[geom].reshape(3, 3)[:, 2], self._axes[2]
+            heading = axis - normal * (normal @ axis)
+            force, point = self._along[place] / np.linalg.norm(heading) * heading, self._below(geom)
             mujoco.mj_applyFT(model, data, force, np.zeros(3), point, model.geom_bodyid[geom], data.qfrc_applied)
 
     def used(self) -> np.ndarray:

@@ -11,7 +11,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants.mujoco.actuator_mapping import ActuatorMapping
 from rnc_pin.plants.mujoco.base_support import choose_support
 from rnc_pin.plants.mujoco.body_tree import BodyTree
-from rnc_pin.plants.mujoco.contact_bodies import contact_bodies, on_one_plane
+from rnc_pin.plants.mujoco.contact_bodies import common_plane, contact_bodies, on_one_plane
 from rnc_pin.plants.mujoco.engine import mujoco
 from rnc_pin.plants.mujoco.equalities import EqualityConstraints
 from rnc_pin.plants.mujoco.ground import Ground, add_ground
@@ -90,17 +90,17 @@ class MuJoCoPlant:
         robot, blocks = reduced.robot, [place.block for place in reduced.all_constraints.places]
         q = robot.configuration() if q0 is None else np.asarray(q0, dtype=float)
         contacts = contact_bodies(robot, blocks)
-        ground = 0.0
+        ground, plane = 0.0, common_plane(blocks)
         if contacts:
-            contacts, ground = on_one_plane(robot, contacts, q)
-        support = choose_support(robot, contacts, ground, q, self.settings)
+            contacts, ground = on_one_plane(robot, contacts, q, plane)
+        support = choose_support(robot, contacts, ground, q, self.settings, plane)
         self.stance, self._lift = support.root, support.lift
         spec = mujoco.MjSpec()
         tree = BodyTree(spec, robot, support.root, self.settings.joint_limits)
-        add_ground(spec, tree, [*contacts, *support.casters], self.settings)
+        add_ground(spec, tree, [*contacts, *support.casters], self.settings, plane)
         equalities = EqualityConstraints(spec, tree, blocks, self.settings)
         self._set_options(spec.option)
-        self._inputs = ActuatorMapping(reduced, contacts, q)
+        self._inputs = ActuatorMapping(reduced, contacts, q, plane.axes[2])
         self.servos = None
         if self.settings.servo_time is not None:
             self.servos = VelocityServos(spec, reduced, self._inputs, self.settings, q)
@@ -111,7 +111,7 @@ class MuJoCoPlant:
         self._equalities = equalities.compiled(self.model)
         if self.servos is not None:
             self.servos.compiled(self.model, self.data)
-        self._ground = Ground(self.model, self.data, [*contacts, *support.casters], self.settings)
+        self._ground = Ground(self.model, self.data, [*contacts, *support.casters], self.settings, plane)
         self.wheel_names = self._ground.names
         self._drawn_wheels = [self.wheel_names.index(name) for name in self._inputs.drawn]
         self.casters = tuple(each.name for each in support.casters)

@@ -225,6 +225,47 @@ def test_a_free_ball_and_a_leaning_disk_roll():
     assert q < 5e-3
 
 
+def test_what_is_on_a_slope_rolls_down():
+    """A ball by ``5/7 g sin a``, a hoop by ``1/2 g sin a``; the plane need not contain the origin."""
+    angle, place = 0.2, np.array([0.3, -0.2, 0.5])
+    down, normal = np.array([np.cos(angle), 0.0, -np.sin(angle)]), np.array([np.sin(angle), 0.0, np.cos(angle)])
+    slope = rnc.GroundPlane(normal=tuple(normal), point=tuple(place))
+    for file, share, kind in (
+        ("rolling_ball.urdf", 5 / 7, rnc.RollingBall("ball", 0.2, slope)),
+        ("rolling_hoop.urdf", 1 / 2, rnc.RollingWheel("disk", 0.25, axis="y", ground=slope)),
+    ):
+        robot = rnc.Robot.from_urdf(file, base="free")
+        reduced = rnc.NonholonomicSystem(robot, [kind]).reduce()
+        q0 = robot.configuration({"root_joint": [*(place + kind.radius * normal), 0, 0, 0, 1]})
+        plant = MuJoCoPlant(reduced, q0=q0)
+        plant.reset(q0, np.zeros(6))
+        plant.advance(1.0)
+        moved = plant.read()[0][:3] - q0[:3]
+        np.testing.assert_allclose(moved, share / 2 * 9.81 * np.sin(angle) * down, atol=2e-3)
+
+
+def test_a_vehicle_on_a_slope_follows_the_model():
+    """Driven wheels, a caster, and a force that drawn wheels take over; the ground is at rest."""
+    ground = rnc.GroundPlane(normal=(0.1, -0.15, 1.0), point=(0.0, 0.0, 0.2))
+    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="free")
+    wheels = [rnc.RollingWheel(f"{side}_wheel", 0.1, ground=ground) for side in ("left", "right")]
+    supports = [*wheels, rnc.Caster("nose", 0.1, ground=ground)]
+    system = rnc.NonholonomicSystem(robot, supports, ["left_wheel_joint", "right_wheel_joint"])
+    reduced = system.reduce([rnc.JointPosition("left_wheel_joint"), rnc.JointPosition("right_wheel_joint")])
+    q0 = reduced.assembled(robot.configuration({"root_joint": [0, 0, 0.3, 0, 0, 0, 1]}))
+    _, q, v = driven(reduced, q0, np.zeros(2), np.array([0.5, 0.6]), 0.5, integrator="implicitfast")
+    assert q < 2e-2
+    assert v < 5e-2
+
+
+def test_two_planes_are_refused():
+    slope = rnc.GroundPlane(normal=(0.1, 0.0, 1.0))
+    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="free")
+    wheels = [rnc.RollingWheel("left_wheel", 0.1, ground=slope), rnc.RollingWheel("right_wheel", 0.1)]
+    with pytest.raises(rnc.ConfigurationError, match="roll on different planes"):
+        contact_bodies(robot, [each.bind(robot) for each in wheels])
+
+
 @pytest.mark.parametrize("radius", [0.0, 0.03])
 def test_what_stands_on_points_or_balls_stands_as_high_as_they_say(radius):
     """A table on three casters, points or balls, whose frames are turned in all directions."""
@@ -412,7 +453,9 @@ def test_other_grounds_are_refused_by_name(kind):
     robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
     ground, sphere = GROUNDS[kind], rnc.Sphere(0.2)
     for rolls in (rnc.RollingBall("ball", 0.2, ground=ground), rnc.RollingBody("ball", sphere, ground=ground)):
-        with pytest.raises(rnc.ConfigurationError, match=rf"rolling_x\(ball\) rolls on a {kind}; .* plant 'reduced'"):
+        with pytest.raises(
+            rnc.ConfigurationError, match=rf"rolling_x\(ball\) rolls on a {kind} that .* plant 'reduced'"
+        ):
             contact_bodies(robot, [rolls.bind(robot)])
 
 
