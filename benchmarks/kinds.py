@@ -62,6 +62,13 @@ def ball(ground: object) -> rnc.ReducedModel:
     return rnc.NonholonomicSystem(robot, [rnc.RollingBall("ball", 0.2, ground=ground)]).reduce()
 
 
+def on_plate() -> rnc.ReducedModel:
+    """Ball on a plate of the robot."""
+    robot = rnc.Robot.from_urdf("ball_on_plate.urdf")
+    rolls = rnc.RollingBall("ball", 0.05, ground=rnc.GroundPlane(frame="plate"))
+    return rnc.NonholonomicSystem(robot, [rolls], ["roll", "pitch"]).reduce()
+
+
 def arm(forces: list[object], driven: bool = False) -> rnc.ReducedModel:
     """Arm on wheels with forces, or with a joint that moves as prescribed."""
     robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
@@ -85,6 +92,7 @@ SYSTEMS: dict[str, Callable[[], rnc.ReducedModel]] = {
     "wheel on a slope": lambda: wheel(SLOPE),
     "wheel on a turntable": lambda: wheel(TURNTABLE),
     "ball in a bowl": lambda: ball(rnc.SphericalGround(1.0, (0.0, 0.0, 1.0))),
+    "ball on a plate of the robot": on_plate,
     "prescribed motion": lambda: arm([], driven=True),
     "no force": lambda: arm([]),
     "spring of a joint": lambda: arm([rnc.forces.Spring(rnc.JointPosition("joint_1"), 40.0, 0.3)]),

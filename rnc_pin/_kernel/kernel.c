@@ -16,7 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define INTERFACE 28 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
+#define INTERFACE 29 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
 #define INTEGERS 8  /* of a row: kind, first and second frame, five more */
 #define NUMBERS 24  /* of a row */
 #define AT_GROUND 16 /* twist of moving ground about the world's origin, in the numbers of a row */
@@ -332,6 +332,8 @@ static int wheel(const Row *row, const Motion *at, Wrench *out)
 
 #include "rolling.h"
 
+#include "carried.h"
+
 static int wheel_on_plane(const Row *row, const Motion *at, Wrench *out)
 {
     Motion local;
@@ -401,44 +403,59 @@ static void closure(const Row *row, const Motion *a, const Motion *b, Wrench *ou
 /* Number of frames of a row that consists of wrenches; 0 for other rows */
 static int sides_of(const Row *row)
 {
-    return row->kind == ROLLING || (row->kind >= WORLD && row->kind < DISTANCE) ? 1 : row->kind >= DISTANCE && row->kind <= POINT ? 2 : 0;
+    if (is_carried(row) || (row->kind >= DISTANCE && row->kind <= POINT)) return 2;
+    return row->kind == ROLLING || (row->kind >= WORLD && row->kind < DISTANCE);
 }
 
-/* Wrenches of a row on its frames; returns their number, 0 for a row that is not defined here, -1 for other rows. */
-static int wrenches(Evaluator *ev, const Row *row, Wrench out[2])
+/* Wrench of a row of one frame; false where it is not defined. */
+static int one_sided(const Row *row, const Motion *at, Wrench *out)
 {
-    if (!sides_of(row)) return -1;
-    const Motion *a = ev->motion + row->a, *b = ev->motion + row->b;
-    out[0].joint = ev->frame[row->a].joint;
-    along(out, a);
+    along(out, at);
     switch (row->kind) {
     case WORLD:
         memcpy(out->f, row->w, 3 * sizeof(double));
         memcpy(out->m, row->w + 3, 3 * sizeof(double));
         return 1;
     case OWN:
-        turn(a->R, row->w, out->f);
-        turn(a->R, row->w + 3, out->m);
-        cross(a->V + 3, out->f, out->fd);
-        cross(a->V + 3, out->m, out->md);
+        turn(at->R, row->w, out->f);
+        turn(at->R, row->w + 3, out->m);
+        cross(at->V + 3, out->f, out->fd);
+        cross(at->V + 3, out->m, out->md);
         return 1;
     case WHEEL:
-        return wheel_on_plane(row, a, out);
+        return wheel_on_plane(row, at, out);
     case ROLLING:
-        return rolling(row, a, out);
-    case YAW:
-    case TILT:
-        return angle(row, a, out);
+        return rolling(row, at, out);
     }
+    return angle(row, at, out);
+}
+
+/* Wrenches of a row on its frames, on b first if there are two; returns their number, 0 for a row that is not defined
+   here, -1 for other rows. */
+static int wrenches(Evaluator *ev, const Row *row, Wrench out[2])
+{
+    int sides = sides_of(row);
+    if (!sides) return -1;
+    const Motion *a = ev->motion + row->a;
+    out[sides - 1].joint = ev->frame[row->a].joint;
+    if (sides == 1) return one_sided(row, a, out);
+    const Motion *b = ev->motion + row->b;
     out[0].joint = ev->frame[row->b].joint;
-    out[1].joint = ev->frame[row->a].joint;
-    if (row->kind == DISTANCE) {
+    if (is_carried(row)) {
+        Motion local;
+        Wrench own;
+        relative(a, b, &local);
+        if (!one_sided(row, &local, &own)) return 0;
+        to_world(&own, b, out + 1);
+        reverse(out, out + 1);
+    } else if (row->kind == DISTANCE) {
         along(out, b);
         if (!distance(a, b, out)) return 0;
         reverse(out + 1, out);
         memcpy(out[1].p, a->p, sizeof out->p);
         memcpy(out[1].pd, a->v, sizeof out->pd);
     } else {
+        along(out, a);
         closure(row, a, b, out);
         reverse(out + 1, out);
     }
@@ -1806,13 +1823,14 @@ static int valid(const Evaluator *ev, const Row *row, Py_ssize_t external, int o
     case TILT:
         return within(row->a, ev->frames) && within(i[0], 3);
     case ROLLING:
-        return within(row->a, ev->frames) && within(i[0], TORUS + 1) && within(i[3], 3) && (!i[1] || ev->mu);
+        if (!within(i[0], TORUS + 1) || !within(i[3], 3)) return 0;
+        /* fall through */
     case WHEEL:
-        return within(row->a, ev->frames) && (!i[1] || ev->mu);
     case OWN:
-        return within(row->a, ev->frames) && (!i[1] || ev->mu);
+        if (i[1] && (!ev->mu || row->b >= 0)) return 0; /* the material of ground on a frame does not move */
+        /* fall through */
     case WORLD:
-        return within(row->a, ev->frames);
+        return within(row->a, ev->frames) && (row->b < 0 || within(row->b, ev->frames));
     }
     return 0;
 }

@@ -286,34 +286,95 @@ static int slopes_on_moving_ground(const Row *row, const Motion *at, Slopes *out
     return 1;
 }
 
+/* Rows on ground that frame b carries. The relative motion of a is, in the axes of b, with d = p_a - p_b and e = v_a - v_b,
+
+       d,   u = e - w_b x d,   o = w_a - w_b,   a_a - a_b - b_b x d - w_b x (e + u),   b_a - b_b - w_b x o.
+
+   Slopes with respect to it, inner, become those with respect to the motion of both frames. */
+static void carry(const Change *inner, const Motion *a, const Motion *b, const double *relative_acceleration,
+                  const double *relative_turning, Change out[2])
+{
+    const double *w = b->V + 3, *turning = b->A + 3;
+    double d[3], e[3], u[3], o[3], both[3], s[3], p[3], v[3], g[3], a_[3], b_[3], h[3], t[3];
+    subtract(a->p, b->p, d, 3), subtract(a->v, b->v, e, 3), subtract(a->V + 3, w, o, 3);
+    memcpy(u, e, sizeof u), add_cross(u, d, w);
+    for (int i = 0; i < 3; i++) both[i] = e[i] + u[i];
+    turn(b->R, inner->s, s), turn(b->R, inner->p, p), turn(b->R, inner->v, v);
+    turn(b->R, inner->w, g), turn(b->R, inner->a, a_), turn(b->R, inner->b, b_);
+    Change *on_b = out + 1;
+    add_cross(on_b->s, p, d), add_cross(on_b->s, v, u), add_cross(on_b->s, g, o);
+    add_cross(on_b->s, a_, relative_acceleration), add_cross(on_b->s, b_, relative_turning);
+    cross(w, a_, h);                       /* of e and once more of u, in the acceleration */
+    add(v, 1.0, h, 3);                     /* all factors of u */
+    cross(w, v, t), add(p, 1.0, t, 3);
+    add_cross(on_b->w, v, d);
+    cross(turning, a_, t), add(p, 1.0, t, 3);
+    add_cross(on_b->w, a_, both), add_cross(on_b->w, b_, o);
+    add_cross(on_b->b, a_, d);
+    add(v, 1.0, h, 3);
+    cross(w, b_, t), add(g, 1.0, t, 3);
+    for (int side = 0; side < 2; side++) {
+        double sign = side ? -1.0 : 1.0;
+        put(out[side].s, sign, s), put(out[side].p, sign, p), put(out[side].v, sign, v);
+        put(out[side].w, sign, g), put(out[side].a, sign, a_), put(out[side].b, sign, b_);
+    }
+}
+
+/* Slopes of a row of one frame on ground at rest; origin: acceleration of the frame's origin */
+static void one_sided_slopes(const Row *row, const Motion *at, const double *origin, Slopes *out)
+{
+    Change *K = out->velocity, *G = out->acceleration;
+    switch (row->kind) {
+    case WORLD:
+        put(K->v, 1.0, row->w), put(K->w, 1.0, row->w + 3), put(G->a, 1.0, row->w), put(G->b, 1.0, row->w + 3);
+        return;
+    case OWN:
+        own_slopes(row, at, origin, out);
+        return;
+    case WHEEL:
+        wheel_slopes_on_plane(row, at, origin, out);
+        return;
+    case ROLLING:
+        rolling_slopes(row, at, out);
+        return;
+    default:
+        angle_slopes(row, at, out);
+    }
+}
+
+static void carried_slopes(const Row *row, const Motion *a, const Motion *b, Slopes *out)
+{
+    Motion local;
+    Slopes inner;
+    double origin[3], acceleration[3], turning[3];
+    relative(a, b, &local);
+    memcpy(origin, local.A, sizeof origin);
+    add_cross(origin, local.A + 3, local.p), add_cross(origin, local.V + 3, local.v);
+    turn(b->R, origin, acceleration), turn(b->R, local.A + 3, turning);
+    memset(&inner, 0, sizeof inner);
+    one_sided_slopes(row, &local, origin, &inner);
+    carry(&inner.velocity[0], a, b, acceleration, turning, out->velocity);
+    carry(&inner.acceleration[0], a, b, acceleration, turning, out->acceleration);
+}
+
 /* Slopes of a row that consists of wrenches; false for other rows. origins: accelerations of the frames' origins */
 static int row_slopes(const Evaluator *ev, const double *origins, const Row *row, Slopes *out)
 {
     if (!sides_of(row)) return 0;
-    const Motion *a = ev->motion + row->a, *b = ev->motion + row->b;
+    const Motion *a = ev->motion + row->a;
     const double *origin = origins + 3 * row->a;
     if (on_moving_ground(row) && row->kind != ROLLING) return slopes_on_moving_ground(row, a, out);
-    Change *K = out->velocity, *G = out->acceleration;
-    double e[3], e1[3], e2[3];
     memset(out, 0, sizeof *out);
-    switch (row->kind) {
-    case WORLD:
-        put(K->v, 1.0, row->w), put(K->w, 1.0, row->w + 3), put(G->a, 1.0, row->w), put(G->b, 1.0, row->w + 3);
-        return 1;
-    case OWN:
-        own_slopes(row, a, origin, out);
-        return 1;
-    case WHEEL:
-        wheel_slopes_on_plane(row, a, origin, out);
-        return 1;
-    case ROLLING:
-        rolling_slopes(row, a, out);
-        return 1;
-    case YAW:
-    case TILT:
-        angle_slopes(row, a, out);
+    if (sides_of(row) == 1) {
+        one_sided_slopes(row, a, origin, out);
         return 1;
     }
+    const Motion *b = ev->motion + row->b;
+    if (is_carried(row)) {
+        carried_slopes(row, a, b, out);
+        return 1;
+    }
+    double e[3], e1[3], e2[3];
     subtract(b->p, a->p, e, 3), subtract(b->v, a->v, e1, 3), subtract(origins + 3 * row->b, origin, e2, 3);
     if (row->kind == DISTANCE) distance_slopes(e, e1, e2, out);
     else closure_slopes(row, a, b, e, e1, e2, out);

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 
 from rnc_pin.constraints.relative_kinematics import RelativeKinematics
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply
+from rnc_pin.model.kernel_rows import CARRIED, Form, KernelRow, attached
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.mechanisms import GroundSurface, Phrases, carrier_of
 from rnc_pin.model.rows import Rows
@@ -73,6 +75,16 @@ class CarriedRows(Rows):
 
     def residual(self, at: PositionKinematics) -> np.ndarray:
         return self._rows.residual(self._seen(at))
+
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
+        """Rows of the kernel with the carrier as second frame; None for ground whose material turns."""
+        rows = self._rows.kernel_rows(model)
+        if rows is None or not all(row.form in CARRIED for row in rows):
+            return None
+        if any(row.form != Form.WORLD and any(row.integers[1:2]) for row in rows):
+            return None
+        carrier = attached(model, self._carrier)
+        return [row._replace(frames=(*row.frames, carrier)) for row in rows]
 
     def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray] | None:
         found = self._rows.lines_of_action(self._seen(at))

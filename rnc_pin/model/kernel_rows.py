@@ -58,6 +58,10 @@ FORMS_OF_FORCES = frozenset({Form.CONSTANT, *(form for form in Form if Form.WORL
 """Formulas of rows along which a force may act."""
 
 
+CARRIED = frozenset({Form.WORLD, Form.OWN, Form.WHEEL, Form.ROLLING})
+"""Formulas of one frame that a second frame can carry: they are then functions of the motion relative to it."""
+
+
 class Value(IntEnum):
     """Formula of an output's value; the numbers are those of ``kernel.c``."""
 

@@ -71,6 +71,7 @@ class RowTable:
         self.frames: list[AttachedFrame] = []
         known: dict[tuple[int, bytes], int] = {}
         self.integers, self.numbers = np.zeros((len(rows), 3 + INTEGERS), np.int64), np.zeros((len(rows), NUMBERS))
+        self.integers[:, 2] = -1  # no second frame
         for row, integers, numbers in zip(rows, self.integers, self.numbers, strict=True):
             integers[0], integers[1] = row.form, row.joint
             integers[7], integers[6] = row.value

@@ -13,6 +13,7 @@ from rnc_pin.model.differences import directional_derivative, gradient
 from systems import (
     ackermann_car,
     bicycle,
+    bodies_on_bodies,
     fire_truck,
     four_bar,
     free_flying_panda,
@@ -228,6 +229,7 @@ SYSTEMS = {
     "loop": four_bar,
     "disk that leans": leaning_wheel,
     "bodies that roll": rolling_bodies,
+    "bodies on bodies": bodies_on_bodies,
     "wheels on moving ground": wheels_on_moving_ground,
 }
 ILL_SCALED = ("distance", "momentum of a free base", "steering")  # rows of different lengths

@@ -99,7 +99,7 @@ def test_only_planes_carry_wheels_and_balls(robot):
 
 
 def test_a_scenario_names_the_ground_once():
-    """Constraints with a ground of their own keep it; MuJoCo refuses the others by name."""
+    """Constraints with a ground of their own keep it; MuJoCo takes one at rest and refuses others by name."""
     raw = {
         "robot": {"urdf": "rolling_ball.urdf", "base": "free"},
         "ground": {"normal": [0.0, 0.1, 1.0]},
@@ -113,7 +113,9 @@ def test_a_scenario_names_the_ground_once():
     assert (ball.ground.normal, caster.ground.spin) == ([0.0, 0.1, 1.0], 2.0)
     with pytest.raises(rnc.ConfigurationError, match=r"slope.yaml: ground: no constraint takes a ground"):
         validate({**raw, "constraints": [{"momentum": "root_joint"}]}, "slope.yaml")
-    reduced = rnc.NonholonomicSystem(rnc.Robot.from_urdf("rolling_ball.urdf", base="free"), [ball]).reduce()
-    q0 = reduced.assembled(reduced.robot.configuration({"root_joint": [0, 0, 0.2, 0, 0, 0, 1]}))
-    with pytest.raises(rnc.ConfigurationError, match=r"MuJoCo: rolling_x\(ball\) rolls on a GroundPlane"):
-        MuJoCoPlant(reduced, q0=q0)
+    robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
+    at_rest, turning = (rnc.NonholonomicSystem(robot, [kind]).reduce() for kind in (ball, caster))
+    q0 = at_rest.assembled(robot.configuration({"root_joint": [0, 0, 0.2, 0, 0, 0, 1]}))
+    assert MuJoCoPlant(at_rest, q0=q0).wheel_names == ("ball",)
+    with pytest.raises(rnc.ConfigurationError, match=r"MuJoCo: vertical\(ball\) rolls on a GroundPlane that"):
+        MuJoCoPlant(turning, q0=q0)

@@ -21,6 +21,7 @@ from rnc_pin.plants.reduced.velocity_chart import state_rates
 from systems import (
     ackermann_car,
     bicycle,
+    bodies_on_bodies,
     drifting_manipulator,
     fire_truck,
     four_bar,
@@ -104,6 +105,7 @@ def body_on_a_joint(joint_model):
 SYSTEMS = (
     ackermann_car,
     bicycle,
+    bodies_on_bodies,
     drifting_manipulator,
     fire_truck,
     four_bar,
@@ -257,6 +259,7 @@ def test_an_integrator_needs_no_evaluation():
     for make in (
         mobile_manipulator,
         rolling_bodies,
+        bodies_on_bodies,
         wheels_on_moving_ground,
         sprung_arm,
         tiago,

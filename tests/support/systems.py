@@ -414,6 +414,21 @@ def rolling_bodies():
 
 
 @cache
+def bodies_on_bodies():
+    """On a plate that turns and moves freely: a wheel on a slope, an egg, a ball on a belt, a caster and a blade."""
+    slope, level = rnc.GroundPlane((0.2, -0.3, 1.0), (0.1, 0.2, 0.3), frame="plate"), rnc.GroundPlane(frame="plate")
+    belt = rnc.GroundPlane((0.1, 0.2, 1.0), velocity=(0.2, -0.1, 0.0), frame="plate")
+    rows = [
+        rnc.RollingWheel("wheel", 0.3, "x", ground=slope),
+        rnc.RollingBody("egg", rnc.Ellipsoid((0.4, 0.2, 0.1)), at=(0.0, 0.01, 0.03), pivoting=False, ground=slope),
+        rnc.RollingBall("ball", 0.2, ground=belt),
+        rnc.Caster("sledge", 0.1, ground=slope),
+        rnc.NoSideSlip("sledge", "y", at=(0.1, -0.2, 0.3), ground=level),
+    ]
+    return rnc.NonholonomicSystem(free_bodies("plate", "wheel", "egg", "ball", "sledge"), rows).reduce()
+
+
+@cache
 def wheels_on_moving_ground():
     """A leaning wheel on a turning slope, a wheel that skids on a turntable, and a coin with a blade on a turntable."""
     rows = [
