@@ -47,6 +47,19 @@ def test_a_polynomial_is_fitted_to_its_own_coefficients(degree):
     np.testing.assert_allclose(bracket_jets._fit(nodes, values, degree), coefficients, rtol=1e-12)
 
 
+def test_rates_in_a_chart_are_those_of_the_exponential():
+    """``xi'`` in ``exp(xi)`` for the velocity v of a planar body, by differences of logarithms."""
+    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+    jets = BracketJets(rnc.NonholonomicSystem(robot).reduce(), robot.configuration())
+    xi, v, h = np.array([0.3, -0.2, 0.4]), np.array([0.7, 0.5, -0.3]), 1e-4
+    there = pin.integrate(robot.model, pin.neutral(robot.model), xi)
+    ahead, behind = (
+        pin.difference(robot.model, pin.neutral(robot.model), pin.integrate(robot.model, there, sign * h * v))
+        for sign in (1, -1)
+    )
+    np.testing.assert_allclose(jets._in_chart(xi[None], v[None], 12)[0], (ahead - behind) / (2 * h), atol=1e-7)
+
+
 def test_coefficients_are_those_of_a_closed_form():
     """``x2' = sin(x0) x1'``: a bracket pulled back from ``x0 + s t`` is ``c cos(x0 + s t)`` along x2."""
     reduced = sliders_with_rows(lambda q: [[0.0, np.sin(q[0])]], lambda q, v: [[0.0, np.cos(q[0]) * v[0]]])

@@ -81,3 +81,4 @@ def test_what_a_file_couples_to_a_joint_that_is_locked_is_held():
             assert row.offset == pytest.approx(held)
             assert row.driver is None
     assert mimic_row(locked, Mimic("c", "b", 0.0, 0.3)) is None
+    assert mimic_row(sleigh().robot, Mimic("root_joint", "root_joint", 1.0, 0.0)) is None  # it has no single position

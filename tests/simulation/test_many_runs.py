@@ -127,6 +127,10 @@ def test_the_controllers_of_tasks_take_all_runs_at_once(sleigh):
         assert np.array_equal(state_of_runs(state, run).D, state_alone.D)
 
 
+def test_states_of_one_run_are_stacked_too():
+    np.testing.assert_array_equal(stack_states([np.array([1.0, 2.0])]), [[1.0, 2.0]])
+
+
 def test_runs_end_for_themselves(sleigh, at_rest):
     v2_0 = np.array([[0.1, 0.2], [30.0, 0.0], [0.0, -0.1], [2e3, 0.0]])
     options = rnc.SimulationOptions(stop=rnc.Stop(speed=30.1))

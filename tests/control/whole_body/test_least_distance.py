@@ -6,6 +6,7 @@ import qpsolvers
 
 from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
 from rnc_pin.control.whole_body.limit_stack import ProgramBounds
+from rnc_pin.control.whole_body.sampled_damping import SampledDamping, column_norms
 from rnc_pin.control.whole_body.task_hierarchy import TaskLevel, solve_cascade
 
 
@@ -27,6 +28,23 @@ def test_nearest_points_satisfy_the_conditions_of_optimality(by_name):
         np.testing.assert_allclose(values[force < -1e-9], lower[force < -1e-9], atol=1e-8)
         active += (force > 1e-9).sum(), (force < -1e-9).sum()
     assert (active > 0).all()
+
+
+def test_lower_levels_leave_what_damped_levels_within_limits_determine():
+    """Three levels of six unknowns in a small box: the third does not change the rows of the first and second."""
+    generator, touched = np.random.default_rng(5), 0
+    for _ in range(6):
+        levels = [TaskLevel(generator.normal(size=(2, 6)), 2.0 * generator.normal(size=2)) for _ in range(3)]
+        bounds = ProgramBounds(np.eye(6), np.full(6, -0.4), np.full(6, 0.4), np.arange(6), 6)
+        levers = [column_norms(level.jacobian, np.ones(2, dtype=bool)) for level in levels]
+        damping = SampledDamping(0.05, np.eye(6), np.zeros(6), levers, [np.ones(2, dtype=bool)] * 3)
+        two, three = (
+            solve_cascade(levels[:count], bounds, 0.0, LeastDistanceSolver(), sampled=damping) for count in (2, 3)
+        )
+        for level in levels[:2]:
+            np.testing.assert_allclose(level.jacobian @ three.unknowns, level.jacobian @ two.unknowns, atol=1e-7)
+        touched += np.count_nonzero(two.multipliers[1])
+    assert touched > 3
 
 
 def test_what_a_task_leaves_free_costs_next_to_nothing():

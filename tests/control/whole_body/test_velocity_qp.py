@@ -103,22 +103,29 @@ def tiago_program(limit=0.2, **settings):
     )
 
 
-def test_the_solution_satisfies_the_conditions_of_optimality():
+@pytest.mark.parametrize("damping", [0.0, 0.2])
+@pytest.mark.parametrize("library", [_kernel.library, None], ids=["library", "numpy"])
+def test_the_solution_satisfies_the_conditions_of_optimality(damping, library, monkeypatch):
     """Stationarity, signs of multipliers, complementarity and bounds, written from the tasks and limits themselves.
 
     Where limits cause a residual, the cost ``2 dt |residual| |J_i| v_i^2`` counts, with the residual without this cost,
     less the one that conflicting tasks have without limits.
     """
-    reduced, program = tiago_program()
+    reduced, program = tiago_program(damping=damping)
     touched = 0
     for q, v2 in random_states(reduced, 6, seed=3):
         sample = ControlSample(reduced, 0.0, q, 0.1 * v2, 0.002)
-        found = program.solve(sample)
+        with monkeypatch.context() as patched:
+            patched.setattr(_kernel, "library", library)
+            found = program.solve(sample)
         R, gradient, levers, squares = sample.end.R, np.zeros(reduced.r), np.zeros(reduced.r), 0.0
         bound = [(each, each.bind(reduced).rows(sample)) for each in program.tasks]
         roots = np.concatenate([np.sqrt(np.broadcast_to(each.weight, len(rows.rate))) for each, rows in bound])
         stacked = roots[:, None] * np.vstack([rows.jacobian @ R for _, rows in bound])
-        free = np.linalg.lstsq(stacked, roots * np.concatenate([rows.rate for _, rows in bound]), rcond=None)[0]
+        rates = roots * np.concatenate([rows.rate for _, rows in bound])
+        damped_rows = np.vstack([stacked, damping * np.eye(reduced.r)])
+        free = np.linalg.lstsq(damped_rows, np.concatenate([rates, np.zeros(reduced.r)]), rcond=None)[0]
+        gradient += damping**2 * found.v2
         for each, rows in bound:
             weight = np.broadcast_to(np.asarray(each.weight, dtype=float), len(rows.rate))
             J, error = rows.jacobian @ R, rows.jacobian @ R @ found.v2 - rows.rate
