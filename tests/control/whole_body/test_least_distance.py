@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 import qpsolvers
+from scipy.linalg import null_space
+from scipy.optimize import LinearConstraint, minimize
 
 from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
 from rnc_pin.control.whole_body.limit_stack import ProgramBounds
@@ -31,18 +33,26 @@ def test_nearest_points_satisfy_the_conditions_of_optimality(by_name):
 
 
 def test_lower_levels_leave_what_damped_levels_within_limits_determine():
-    """Three levels of six unknowns in a small box: the third does not change the rows of the first and second."""
+    """Three levels of six unknowns in a small box: the third does its best where the first two leave it free."""
     generator, touched = np.random.default_rng(5), 0
     for _ in range(6):
         levels = [TaskLevel(generator.normal(size=(2, 6)), 2.0 * generator.normal(size=2)) for _ in range(3)]
         bounds = ProgramBounds(np.eye(6), np.full(6, -0.4), np.full(6, 0.4), np.arange(6), 6)
-        levers = [column_norms(level.jacobian, np.ones(2, dtype=bool)) for level in levels]
-        damping = SampledDamping(0.05, np.eye(6), np.zeros(6), levers, [np.ones(2, dtype=bool)] * 3)
+        levers = [column_norms(level.jacobian, np.ones(2, dtype=bool)) for level in levels[:2]]
+        damping = SampledDamping(0.05, np.eye(6), np.zeros(6), [*levers, np.zeros(6)], [np.ones(2, dtype=bool)] * 3)
         two, three = (
             solve_cascade(levels[:count], bounds, 0.0, LeastDistanceSolver(), sampled=damping) for count in (2, 3)
         )
-        for level in levels[:2]:
-            np.testing.assert_allclose(level.jacobian @ three.unknowns, level.jacobian @ two.unknowns, atol=1e-7)
+        above, (J, rate) = np.vstack([levels[0].jacobian, levels[1].jacobian]), levels[2]
+        np.testing.assert_allclose(above @ three.unknowns, above @ two.unknowns, atol=1e-7)
+        free = null_space(above)
+
+        def miss(y, J=J, rate=rate, free=free, two=two):
+            return float(np.sum((J @ (two.unknowns + free @ y) - rate) ** 2))
+
+        inside = LinearConstraint(free, -0.4 - two.unknowns, 0.4 - two.unknowns)
+        best = minimize(miss, np.zeros(2), method="SLSQP", constraints=inside, options={"ftol": 1e-12})
+        assert np.sum((J @ three.unknowns - rate) ** 2) == pytest.approx(best.fun, abs=1e-5)
         touched += np.count_nonzero(two.multipliers[1])
     assert touched > 3
 
