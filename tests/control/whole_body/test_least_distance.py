@@ -33,13 +33,13 @@ def test_nearest_points_satisfy_the_conditions_of_optimality(by_name):
 
 
 def test_lower_levels_leave_what_damped_levels_within_limits_determine():
-    """Three levels of six unknowns in a small box: the third does its best where the first two leave it free."""
+    """Three levels of ten unknowns in a small box: the third does its best where the first two leave it free."""
     generator, touched = np.random.default_rng(5), 0
     for _ in range(6):
-        levels = [TaskLevel(generator.normal(size=(2, 6)), 2.0 * generator.normal(size=2)) for _ in range(3)]
-        bounds = ProgramBounds(np.eye(6), np.full(6, -0.4), np.full(6, 0.4), np.arange(6), 6)
+        levels = [TaskLevel(generator.normal(size=(2, 10)), 2.0 * generator.normal(size=2)) for _ in range(3)]
+        bounds = ProgramBounds(np.eye(10), np.full(10, -0.4), np.full(10, 0.4), np.arange(10), 10)
         levers = [column_norms(level.jacobian, np.ones(2, dtype=bool)) for level in levels[:2]]
-        damping = SampledDamping(0.05, np.eye(6), np.zeros(6), [*levers, np.zeros(6)], [np.ones(2, dtype=bool)] * 3)
+        damping = SampledDamping(0.05, np.eye(10), np.zeros(10), [*levers, np.zeros(10)], [np.ones(2, dtype=bool)] * 3)
         two, three = (
             solve_cascade(levels[:count], bounds, 0.0, LeastDistanceSolver(), sampled=damping) for count in (2, 3)
         )
@@ -51,7 +51,7 @@ def test_lower_levels_leave_what_damped_levels_within_limits_determine():
             return float(np.sum((J @ (two.unknowns + free @ y) - rate) ** 2))
 
         inside = LinearConstraint(free, -0.4 - two.unknowns, 0.4 - two.unknowns)
-        best = minimize(miss, np.zeros(2), method="SLSQP", constraints=inside, options={"ftol": 1e-12})
+        best = minimize(miss, np.zeros(6), method="SLSQP", constraints=inside, options={"ftol": 1e-12})
         assert np.sum((J @ three.unknowns - rate) ** 2) == pytest.approx(best.fun, abs=1e-5)
         touched += np.count_nonzero(two.multipliers[1])
     assert touched > 3
