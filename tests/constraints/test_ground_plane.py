@@ -98,6 +98,16 @@ def test_only_planes_carry_wheels_and_balls(robot):
     assert rnc.RollingBall("body", 0.3, rnc.GroundPlane(point=(5.0, 3.0, 0.0))).bind(robot).ground is None
 
 
+def test_rates_of_a_wheel_whose_axle_is_across_x_are_numbers():
+    """An axle along y, on a turntable: no component along x divides anything."""
+    robot = rigid_body()
+    table = rnc.GroundPlane(spin=0.8)
+    rows = rnc.RollingWheel("body", 0.3, "y", ground=table).bind(robot)
+    q, v = robot.configuration({"root_joint": (0.4, -0.2, 0.3, 0, 0, 0, 1)}), np.array([0.3, 0.2, 0.0, 0.1, 0.5, -0.4])
+    check_rates(rows, robot, q, v)
+    assert np.isfinite(rows.rate_dot(Kinematics(robot).position(q).with_velocity(v))).all()
+
+
 def test_a_scenario_names_the_ground_once():
     """Constraints with a ground of their own keep it; MuJoCo takes one at rest and refuses others by name."""
     raw = {

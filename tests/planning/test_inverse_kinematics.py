@@ -242,6 +242,23 @@ def test_obstacles_are_avoided_and_reported():
     assert blocked.collisions or blocked.unreachable
 
 
+def test_a_goal_behind_a_wall_is_approached_as_near_as_the_weights_say():
+    """A ball of radius r on a slider: ``(goal - x)^2 + 9 (clearance + 1 mm - (wall - r - x))^2`` is least."""
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "slider")
+    model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+    frame = model.addFrame(pin.Frame("ball", joint, pin.SE3.Identity(), pin.FrameType.BODY))
+    shapes = pin.GeometryModel()
+    shapes.addGeometryObject(pin.GeometryObject("ball", joint, frame, pin.SE3.Identity(), coal.Sphere(0.1)))
+    robot = rnc.Robot(model, collision_model=shapes)
+    wall = Obstacle(coal.Box(0.2, 2.0, 2.0), position=(1.1, 0.0, 0.0), name="wall")  # its face is at 1
+    reduced, distances = rnc.NonholonomicSystem(robot).reduce(), CollisionDistances(robot, [wall])
+    goal = {rnc.FramePosition("ball", "x"): [0.95]}
+    found = rnc.solve_ik(reduced, robot.configuration(), goal, collisions=distances, clearance=0.02, starts=1)
+    assert not found.converged
+    assert found.q[0] == pytest.approx((0.95 + 9 * (1.0 - 0.1 - 0.02 - 1e-3)) / 10, abs=1e-7)
+
+
 def test_equal_seeds_give_equal_bits():
     robot = rnc.Robot.from_example("ur5_robot")
     reduced = rnc.NonholonomicSystem(robot).reduce()
