@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.constraints.body_shapes import BodyShape
+from rnc_pin.constraints.curved_grounds import unit_vectors
 from rnc_pin.constraints.surface_meshes import grid_triangles
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply
@@ -112,9 +113,7 @@ class BodySurface:
 
     def below(self, place: np.ndarray) -> np.ndarray:
         """Points (..., 3) of the surface whose normals are along the lines from its centre to each place (..., 3)."""
-        away = self._local(place)
-        length = np.linalg.norm(away, axis=-1, keepdims=True)
-        normal = np.where(length > 0, away / np.where(length > 0, length, 1.0), _EYE[2])
+        normal = unit_vectors(self._local(place), _EYE[2])
         return np.asarray(self.at) + apply(self._axes, self.shape.point(normal))
 
     def material_velocity(self, place: np.ndarray) -> np.ndarray:

@@ -121,7 +121,7 @@ class SphericalGround:
 
     def below(self, place: np.ndarray) -> np.ndarray:
         """Nearest points (..., 3) to each place (..., 3); the lowest for the centre."""
-        return np.asarray(self.center) + self.radius * _unit(place - np.asarray(self.center), -_EYE[2])
+        return np.asarray(self.center) + self.radius * unit_vectors(place - np.asarray(self.center), -_EYE[2])
 
     def material_velocity(self, place: np.ndarray) -> np.ndarray:
         """Velocity of the material (..., 3) at each place (..., 3) [m/s], in world axes."""
@@ -134,7 +134,7 @@ class SphericalGround:
             center: point near the middle of the cap (3,) [m].
             size: half width of the cap along the surface [m].
         """
-        middle = _unit(np.asarray(center, dtype=float) - np.asarray(self.center), -_EYE[2])
+        middle = unit_vectors(np.asarray(center, dtype=float) - np.asarray(self.center), -_EYE[2])
         first, second = _across(middle)
         tilt = np.linspace(0.0, min(size / self.radius, _CAP), _FINE)[:, None, None]
         around = np.linspace(0.0, 2 * np.pi, _FINE + 1)[:, None]
@@ -219,7 +219,7 @@ class CylindricalGround:
         away, along = place - np.asarray(self.point), self.along
         height = (away @ along)[..., None] * along
         low = -_EYE[2] if abs(along[2]) < 0.9 else _EYE[0]
-        return np.asarray(self.point) + height + self.radius * _unit(away - height, low - along * (along @ low))
+        return np.asarray(self.point) + height + self.radius * unit_vectors(away - height, low - along * (along @ low))
 
     def material_velocity(self, place: np.ndarray) -> np.ndarray:
         """Velocity of the material (..., 3) at each place (..., 3) [m/s], in world axes."""
@@ -363,7 +363,7 @@ def _spread(values: Sequence[object], like: np.ndarray) -> np.ndarray:
     return np.array([np.asarray(each) + np.zeros(np.shape(like)) for each in values])
 
 
-def _unit(vector: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
+def unit_vectors(vector: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
     """Unit vectors (..., 3); another one for vectors of no length."""
     length = np.linalg.norm(vector, axis=-1, keepdims=True)
     return np.where(length > 0, vector / np.where(length > 0, length, 1.0), otherwise)

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.constraints.ground_plane import GroundPlane
-from rnc_pin.math.linear_algebra import apply
+from rnc_pin.math.linear_algebra import apply, rotated_motions
 from rnc_pin.model.kinematics import ALL, WORLD_AXES, Components, FrameDerivatives, Placement, VelocityKinematics
 
 
@@ -45,4 +45,4 @@ class InGroundAxes(VelocityKinematics):
 
     def _turned(self, motions: np.ndarray) -> np.ndarray:
         """Columns (..., 6, k) of linear and angular components, along the axes of the plane."""
-        return np.concatenate([self._axes @ motions[..., :3, :], self._axes @ motions[..., 3:, :]], axis=-2)
+        return rotated_motions(self._axes, motions)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.math.linear_algebra import apply_transposed, cross_columns, vector_product
+from rnc_pin.math.linear_algebra import apply_transposed, cross_columns, rotated_motions, vector_product
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.kinematics import (
     ALL,
@@ -77,11 +77,11 @@ class RelativeKinematics(VelocityKinematics):
 
     def _along(self, columns: np.ndarray) -> np.ndarray:
         """Columns (..., 6, k) of linear and angular components, along the axes of the carrier."""
-        return _rotated(self._place.rotation.mT, columns)
+        return rotated_motions(self._place.rotation.mT, columns)
 
     def _own(self, frame: int, columns: np.ndarray) -> np.ndarray:
         """Columns (..., 6, k) along the frame's own axes, from those along the carrier's."""
-        return _rotated(self.rotation(frame).mT, columns)
+        return rotated_motions(self.rotation(frame).mT, columns)
 
     # ------------------------------------------------------------------ motion
 
@@ -143,11 +143,6 @@ class RelativeKinematics(VelocityKinematics):
         pairs = (moved, moved_q), (acceleration[3:], found.angular_acceleration)
         turn, twist = self.rotation(frame).T, J[3:]
         return np.vstack([turn @ (gradient + cross_columns(vector, twist)) for vector, gradient in pairs])
-
-
-def _rotated(rotation: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Linear and angular columns (..., 6, k) times a rotation (..., 3, 3)."""
-    return np.concatenate([rotation @ columns[..., :3, :], rotation @ columns[..., 3:, :]], axis=-2)
 
 
 def _turned(spin: np.ndarray, columns: np.ndarray) -> np.ndarray:

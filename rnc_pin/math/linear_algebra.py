@@ -111,6 +111,11 @@ def cross_columns(vector: np.ndarray, columns: np.ndarray) -> np.ndarray:
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ columns
 
 
+def rotated_motions(rotation: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Linear and angular components of columns (..., 6, k), each times a rotation (..., 3, 3)."""
+    return np.concatenate([rotation @ columns[..., :3, :], rotation @ columns[..., 3:, :]], axis=-2)
+
+
 def vector_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Vector product (..., 3); of two vectors without the overhead of NumPy's."""
     return np.array(cross(a.tolist(), b.tolist())) if a.ndim == b.ndim == 1 else np.cross(a, b)
