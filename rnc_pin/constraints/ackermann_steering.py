@@ -17,6 +17,7 @@ from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.mechanisms import JointCoupler, Phrases
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.robot import Robot
+from rnc_pin.robots.single_joint import SingleJoint
 
 _UPRIGHT = 1e-3  # horizontal part of a unit axis above which it is not vertical
 _APART = 1e-6  # smallest wheelbase and track [m]
@@ -65,7 +66,7 @@ class AckermannSteering:
 
 
 class _Pivot(NamedTuple):
-    joint: pin.JointModel
+    joint: SingleJoint
     where: np.ndarray
     """Position in the horizontal plane (2,) [m], at the neutral configuration."""
     sign: float
@@ -154,7 +155,7 @@ class _AckermannRow(Rows):
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
         left, right = (pivot.joint for pivot in self._pivots)
-        continuous = (left.nq == 2) + 2 * (right.nq == 2)
+        continuous = left.continuous + 2 * right.continuous
         integers = (left.idx_q, left.idx_v, right.idx_q, right.idx_v, continuous)
         return [KernelRow(Form.ACKERMANN, (), integers, [self._ratio, *(pivot.sign for pivot in self._pivots)])]
 
@@ -162,7 +163,7 @@ class _AckermannRow(Rows):
 def _direction(pivot: _Pivot, q: Sequence[Component]) -> tuple[Component, Component]:
     """Cosine and sine of a steering angle, positive to the left."""
     entry = q[pivot.joint.idx_q]
-    if pivot.joint.nq == 2:  # continuous
+    if pivot.joint.continuous:
         return entry, pivot.sign * q[pivot.joint.idx_q + 1]
     return np.cos(entry), pivot.sign * np.sin(entry)
 
@@ -177,7 +178,7 @@ def _pivot(name: str, robot: Robot) -> _Pivot:
     if not (abs(z) > 0.5 and np.hypot(x, y) < _UPRIGHT):
         found = "slides" if not columns[3:, joint.idx_v].any() else f"turns about ({x:.4g}, {y:.4g}, {z:.4g})"
         raise ConstraintError(f"steering joint '{name}' {found}, expected a vertical axis, (0, 0, 1) or (0, 0, -1)")
-    return _Pivot(joint, data.oMi[index].translation[:2].copy(), float(np.sign(z)))
+    return _Pivot(SingleJoint.of(joint), data.oMi[index].translation[:2].copy(), float(np.sign(z)))
 
 
 def _track_over_wheelbase(kind: AckermannSteering, pivots: list[_Pivot], robot: Robot) -> float:

@@ -59,7 +59,7 @@ class DriveController:
         self._board = GoalBoard(controls, initial_goals(controls))
         self.program = VelocityQP(reduced, self._tasks(), limits, dt=dt)
         robot = reduced.robot
-        self._places = [robot.model.joints[robot.joint_id(name)] for name in controls.joints]
+        self._places = [robot.single_joint(name) for name in controls.joints]
         base = controls.base
         self._base_frame = None if base is None else robot.frame_id(base.frame)
 
@@ -113,8 +113,7 @@ class DriveController:
 
     def _posture(self, q: np.ndarray) -> list[float]:
         """Positions of the joints of the posture."""
-        found = [q[joint.idx_q : joint.idx_q + joint.nq] for joint in self._places]
-        return [float(each[0]) if len(each) == 1 else float(np.arctan2(each[1], each[0])) for each in found]
+        return [float(joint.position(q)) for joint in self._places]
 
     def _settled(self, goals: DriveGoals, t: float, q: np.ndarray, posture: list[float]) -> DriveGoals:
         """Goals after the base has arrived; a joint that steers keeps the angle to which the user turned it."""

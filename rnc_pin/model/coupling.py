@@ -6,9 +6,7 @@ from collections.abc import Sequence
 from fractions import Fraction
 
 import numpy as np
-import pinocchio as pin
 
-from rnc_pin.errors import ModelError
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.mechanisms import JointCoupler, Phrases
 from rnc_pin.model.rows import ConstantRows, Rows
@@ -41,25 +39,26 @@ class CouplingRow(ConstantRows):
         self.pair = frozenset({joint, driver})
         """The coupled joints."""
         self.joint, self.driver = joint, driver
-        self._joint = _single(joint, robot)
-        self._driver = None if driver is None else _single(driver, robot)
+        remedy = "only joints with one can be coupled"
+        self._joint = robot.single_joint(joint, remedy)
+        self._driver = None if driver is None else robot.single_joint(driver, remedy)
         self.ratio, self.offset = ratio, offset
         self.names = (name or f"coupling({joint}, {driver})",)
-        self.units = ("rad/s" if self._joint.shortname().startswith("JointModelR") else "m/s",)
+        self.units = (self._joint.unit,)
         self.matrix = np.zeros((1, robot.nv))
         self.matrix[0, self._joint.idx_v] = 1.0
         if self._driver is not None:
             self.matrix[0, self._driver.idx_v] = -ratio
-        period = _period(self._joint.nq == 2, self._driver is not None and self._driver.nq == 2, ratio)
+        period = _period(self._joint.continuous, self._driver is not None and self._driver.continuous, ratio)
         self.holonomic = (period is not None,)
         self._period = period or 0.0
 
     def residual(self, at: PositionKinematics) -> np.ndarray:
         if not self.holonomic[0]:
             return super().residual(at)
-        gap = _position(self._joint, at.q) - self.offset
+        gap = self._joint.position(at.q) - self.offset
         if self._driver is not None:
-            gap = gap - self.ratio * _position(self._driver, at.q)
+            gap = gap - self.ratio * self._driver.position(at.q)
         if self._period:
             gap = gap - self._period * np.round(gap / self._period)
         return gap[..., None]
@@ -101,18 +100,6 @@ def mimic_row(robot: Robot, mimic: Mimic) -> CouplingRow | None:
     if of in moving and joint in robot.locked and multiplier != 0:
         return CouplingRow(robot, of, None, 1.0, (robot.locked[joint] - offset) / multiplier, name)
     return None
-
-
-def _single(name: str, robot: Robot) -> pin.JointModel:
-    joint = robot.model.joints[robot.joint_id(name)]
-    if joint.nv != 1:
-        raise ModelError(f"joint '{name}' has {joint.nv} degrees of freedom: only joints with one can be coupled")
-    return joint
-
-
-def _position(joint: pin.JointModel, q: np.ndarray) -> np.ndarray:
-    i = joint.idx_q
-    return np.asarray(np.arctan2(q[..., i + 1], q[..., i]) if joint.nq == 2 else q[..., i])
 
 
 def _period(joint_turns: bool, driver_turns: bool, ratio: float) -> float | None:

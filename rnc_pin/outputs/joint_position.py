@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError
 from rnc_pin.model.kernel_rows import Form, KernelRow, Value
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.rows import ConstantRows, OutputRows
@@ -38,23 +37,17 @@ class JointPosition:
 
 class _JointRow(ConstantRows, OutputRows):
     def __init__(self, kind: JointPosition, robot: Robot) -> None:
-        joint = robot.model.joints[robot.joint_id(kind.joint)]
-        if joint.nv != 1:
-            raise ModelError(
-                f"joint '{kind.joint}' has {joint.nv} degrees of freedom: use outputs of a frame "
-                "(FramePosition, FrameYaw, FrameSpeed) for it"
-            )
-        self.names = (kind.joint,)
-        self.units = ("rad/s" if joint.shortname().startswith("JointModelR") else "m/s",)
-        self.angular = (joint.nq == 2,)  # a continuous joint is stored as (cos, sin)
-        self._q = slice(joint.idx_q, joint.idx_q + joint.nq)
+        joint = robot.single_joint(
+            kind.joint, "use outputs of a frame (FramePosition, FrameYaw, FrameSpeed) for it"
+        )
+        self.names, self.units, self.angular = (kind.joint,), (joint.unit,), (joint.continuous,)
+        self._joint = joint
         self.matrix = np.zeros((1, robot.nv))
         self.matrix[0, joint.idx_v] = 1.0
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
         value = Value.CONTINUOUS_JOINT if self.angular[0] else Value.JOINT
-        return [KernelRow(Form.CONSTANT, value=(value, self._q.start))]
+        return [KernelRow(Form.CONSTANT, value=(value, self._joint.idx_q))]
 
     def value(self, at: PositionKinematics) -> np.ndarray:
-        q = at.q[..., self._q]
-        return np.arctan2(q[..., 1:], q[..., :1]) if self.angular[0] else q
+        return self._joint.position(at.q)[..., None]

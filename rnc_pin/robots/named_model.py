@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from rnc_pin.errors import ModelError, nearest
 from rnc_pin.robots.joint_values import JointValue, configuration, joint_index, values_of
+from rnc_pin.robots.single_joint import SingleJoint
 
 
 class NamedModel:
@@ -44,6 +45,21 @@ class NamedModel:
         """Slice of a joint's velocity in ``v``."""
         model = self.model.joints[self.joint_id(joint)]
         return slice(model.idx_v, model.idx_v + model.nv)
+
+    def single_joint(self, name: str, remedy: str = "expected one") -> SingleJoint:
+        """Place in q and v of a joint with one degree of freedom.
+
+        Args:
+            name: name of the joint.
+            remedy: end of the message for a joint with several.
+
+        Raises:
+            ModelError: unknown joint, or one with several degrees of freedom.
+        """
+        joint = self.model.joints[self.joint_id(name)]
+        if joint.nv != 1:
+            raise ModelError(f"joint '{name}' has {joint.nv} degrees of freedom: {remedy}")
+        return SingleJoint.of(joint)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
