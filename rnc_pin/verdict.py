@@ -1,0 +1,198 @@
+"""Verdict of a motion: findings, each with its kind, place, amount, time and severity.
+
+A run is *completed* if it reached its end. It *succeeded* only if no finding fails that the user did not accept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from functools import cached_property
+
+from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.io.json import Json
+from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
+
+
+class Severity(StrEnum):
+    """Weight of a finding: a motion with one that fails has not succeeded."""
+
+    FAILS = "fails"
+    DEGRADES = "degrades"
+    NOTE = "note"
+
+
+class FindingKind(StrEnum):
+    """Kinds of findings. Their values are the names for ``--accept`` and for ``accept`` in scenario files."""
+
+    ENDED_EARLY = "ended_early"
+    """The run did not reach its end: it diverged, met a stop condition, failed or was interrupted."""
+    SINGULAR = "singular"
+    """The run reached a configuration where the outputs do not determine the motion."""
+    NOT_FINITE = "not_finite"
+    """A measurement, a state or an input was not a finite number."""
+    GOAL = "goal"
+    """The motion ended away from its goal."""
+    POSITION = "position"
+    """A joint left the range of the robot's file."""
+    VELOCITY = "velocity"
+    """A joint was faster than the robot's file allows."""
+    EFFORT = "effort"
+    """An actuator gave more than the robot's file allows."""
+    ACCELERATION = "acceleration"
+    """A joint accelerated more than a stated limit."""
+    COLLISION = "collision"
+    """Two bodies penetrate each other."""
+    CLEARANCE = "clearance"
+    """Two bodies came nearer than the distance that was asked for."""
+    LIFT_OFF = "lift_off"
+    """A contact that cannot pull had to pull."""
+    SLIP = "slip"
+    """A contact needed more friction than was stated."""
+    FALLBACK = "fallback"
+    """A fallback command was in use, because the loop had a fault or a program was late or failed."""
+    SATURATION = "saturation"
+    """An input was at its bound for a large part of the run."""
+    PLAN = "plan"
+    """A plan was driven whose re-integration does not confirm it."""
+    MODEL = "model"
+    """A property of the model was assumed or is not trusted, e.g. nearly dependent rows or an assumed radius."""
+    LIMIT_GAVE_WAY = "limit_gave_way"
+    """A limit of a whole-body program gave way to others."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One result of a check.
+
+    Attributes:
+        kind: what was checked.
+        where: row, joint, actuator, output or pair of bodies.
+        amount: size of the excess, error or distance, in ``unit``.
+        unit: unit of the amount; "" for a share or a count.
+        time: time of the largest amount [s]; None if it has none.
+        severity: weight of the finding.
+        message: one line for a reader.
+    """
+
+    kind: FindingKind
+    where: str
+    amount: float
+    unit: str
+    time: float | None
+    severity: Severity
+    message: str
+
+    def __str__(self) -> str:
+        return self.message
+
+    def to_json(self) -> dict[str, Json]:
+        """Return the finding as JSON content."""
+        return {**asdict(self), "kind": str(self.kind), "severity": str(self.severity)}
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, Json]) -> Finding:
+        """Read the JSON content of a finding.
+
+        Raises:
+            ConfigurationError: a field is missing or has an unknown value.
+        """
+        try:
+            found = dict(content)
+            kind, severity = FindingKind(str(found.pop("kind"))), Severity(str(found.pop("severity")))
+            return cls(kind=kind, severity=severity, **found)  # type: ignore[arg-type]
+        except (KeyError, ValueError, TypeError) as error:
+            raise ConfigurationError(f"not a finding: {error}") from None
+
+
+@dataclass(frozen=True, repr=False)
+class Verdict(SummaryMixin):
+    """Findings about a motion, and whether it succeeded.
+
+    Attributes:
+        findings: all findings, those that fail first.
+        accepted: kinds of findings that the user accepts: they do not fail.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
+        >>> run = rnc.free_motion(reduced, robot.configuration(), [1.0, 0.5], duration=1.0)
+        >>> run.verdict.succeeded, run.verdict.first
+        (True, None)
+    """
+
+    findings: tuple[Finding, ...] = ()
+    accepted: frozenset[FindingKind] = frozenset()
+
+    @classmethod
+    def of(cls, findings: Iterable[Finding], accepted: Iterable[FindingKind | str] = ()) -> Verdict:
+        """Verdict with its findings in the order of their weight.
+
+        Args:
+            findings: findings in any order.
+            accepted: kinds that the user accepts.
+
+        Raises:
+            ConfigurationError: there is no such kind.
+        """
+        order = list(Severity)
+        ordered = sorted(findings, key=lambda each: order.index(each.severity))
+        return cls(tuple(ordered), frozenset(finding_kind(each) for each in accepted))
+
+    @cached_property
+    def failures(self) -> tuple[Finding, ...]:
+        """Findings that fail and are not accepted."""
+        return tuple(
+            each for each in self.findings if each.severity is Severity.FAILS and each.kind not in self.accepted
+        )
+
+    @property
+    def succeeded(self) -> bool:
+        """True if no finding fails, apart from accepted ones."""
+        return not self.failures
+
+    @property
+    def degraded(self) -> bool:
+        """True if the motion succeeded, but with findings that degrade it or that were accepted."""
+        return self.succeeded and any(each.severity is not Severity.NOTE for each in self.findings)
+
+    @property
+    def first(self) -> Finding | None:
+        """The finding that decides: the first that fails; else the first that degrades; None without both."""
+        found = [*self.failures, *(each for each in self.findings if each.severity is not Severity.NOTE)]
+        return found[0] if found else None
+
+    @property
+    def word(self) -> str:
+        """The verdict in one word: "succeeded", "degraded" or "failed"."""
+        return "degraded" if self.degraded else "succeeded" if self.succeeded else "failed"
+
+    def to_json(self) -> dict[str, Json]:
+        """Return the verdict as JSON content."""
+        return {
+            "verdict": self.word,
+            "succeeded": self.succeeded,
+            "findings": [each.to_json() for each in self.findings],
+            "accepted": sorted(map(str, self.accepted)),
+        }
+
+    def _summary(self) -> ObjectSummary:
+        kinds = {}
+        for each in self.findings:
+            accepted = each.severity is Severity.FAILS and each.kind in self.accepted
+            kinds.setdefault("accepted" if accepted else str(each.severity), []).append(Item(each.message))
+        return ObjectSummary(self.word, list(kinds.items()))
+
+
+def finding_kind(name: FindingKind | str) -> FindingKind:
+    """Kind of a finding by its name.
+
+    Raises:
+        ConfigurationError: there is no such kind.
+    """
+    try:
+        return FindingKind(name)
+    except ValueError:
+        known = [str(each) for each in FindingKind]
+        raise ConfigurationError(f"no kind of finding '{name}'{nearest(str(name), known)}") from None
