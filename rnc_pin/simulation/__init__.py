@@ -2,9 +2,11 @@
 
 from rnc_pin.deprecation import former_exports
 from rnc_pin.plants import ReducedPlant
+from rnc_pin.simulation.distance_findings import distance_findings
 from rnc_pin.simulation.former_arguments import Plant as Plant
 from rnc_pin.simulation.free_motion import free_motion
 from rnc_pin.simulation.friction_demand import FrictionDemand, grip_along, within_grip
+from rnc_pin.simulation.judgement import judge
 from rnc_pin.simulation.limit_replay import Clearance, LimitReplay, LimitUse, obstacles_passed, replay_limits
 from rnc_pin.simulation.phase_events import ContactLoss, OutputCrossing
 from rnc_pin.simulation.phases import Phase, simulate_phases
@@ -14,6 +16,7 @@ from rnc_pin.simulation.rollout import Rollout, kinematic_rollout
 from rnc_pin.simulation.rollout_evaluation import Margin, RolloutEvaluation
 from rnc_pin.simulation.run_info import (
     Columns,
+    FallbackUse,
     Outcome,
     OutputNames,
     PhaseInfo,
@@ -34,6 +37,7 @@ __all__ = [
     "Clearance",
     "Columns",
     "ContactLoss",
+    "FallbackUse",
     "FrictionDemand",
     "LimitReplay",
     "LimitUse",
@@ -59,8 +63,10 @@ __all__ = [
     "Trajectory",
     "TrajectoryBatch",
     "add_limits",
+    "distance_findings",
     "free_motion",
     "grip_along",
+    "judge",
     "kinematic_rollout",
     "margins_along",
     "obstacles_passed",

@@ -8,6 +8,7 @@ from typing import NotRequired, TypedDict
 import numpy as np
 
 from rnc_pin.analysis import first_lift_off
+from rnc_pin.io.json import Json
 from rnc_pin.simulation.limit_replay import LIMIT_KINDS, LimitReplay
 from rnc_pin.simulation.trajectory import Trajectory
 
@@ -84,7 +85,8 @@ class Summary(Compared):
     ``lift_off`` is None if no contact lifts off, or if normal forces are unknown.
     ``joint_limits`` has the worst limit of each kind. ``smallest_distance`` is None if no bodies come near. Both are in
     summaries of scenarios. ``limits_gave_way`` has the largest amounts by which limits of a whole-body program
-    gave way to others; it is missing if none did. ``goals_missed`` has the errors of goals that a completed run of a
+    gave way to others; it is missing if none did. ``verdict`` is "succeeded", "degraded" or "failed", with its
+    ``findings`` and the kinds that are ``accepted``. ``goals_missed`` has the errors of goals that a completed run of a
     scenario did not reach within ``goal_tolerance``; it is missing if it reached all.
     ``phases`` and ``impacts`` are in summaries of runs with phases.
     """
@@ -106,6 +108,9 @@ class Summary(Compared):
     joint_limits: NotRequired[dict[str, WorstLimit]]
     smallest_distance: NotRequired[NearestBodies | None]
     touching_at_start: NotRequired[list[str]]
+    verdict: NotRequired[str]
+    findings: NotRequired[list[dict[str, Json]]]
+    accepted: NotRequired[list[str]]
     limits_gave_way: NotRequired[dict[str, float]]
     goal_tolerance: NotRequired[float]
     goals_missed: NotRequired[dict[str, float]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +20,7 @@ from rnc_pin.io.safe_npz import ArchiveError, read_npz
 from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 from rnc_pin.simulation.run_info import Outcome, OutputNames, RunInfo
+from rnc_pin.verdict import Verdict
 
 _PLOTTERS = "rnc_pin.plotters"
 """Entry point group of plotting backends, ``plotter(run, title, comparisons) -> figure``. Packages may add some."""
@@ -127,6 +128,36 @@ class Trajectory(SummaryMixin):
 
     def __getstate__(self) -> dict[str, Any]:
         return {each.name: getattr(self, each.name) for each in fields(self)}
+
+    def judged_later(self, judge: Callable[[Trajectory], Verdict]) -> Trajectory:
+        """Return this run, whose verdict a function computes at its first use, from its samples and its model."""
+        vars(self)["_judge"] = judge
+        return self
+
+    @property
+    def verdict(self) -> Verdict:
+        """Findings about the run: it succeeded only if none fails. Computed at its first use.
+
+        Runs of ``simulate`` and ``free_motion`` are judged by the limits of the robot's file, by distances between its
+        links, by contacts and by the commands of the loop. Runs of scenarios are also judged by their goals and
+        obstacles. A file of ``save`` has the verdict if it was computed before.
+
+        Raises:
+            ConfigurationError: the run is from a file, and was not judged before it was saved.
+        """
+        if self.info.verdict is None:
+            if "_judge" not in vars(self):
+                raise ConfigurationError(
+                    "the run was saved before it was judged: call rnc.simulation.judge(run, "
+                    "rnc.simulation.replay_limits(robot, run))"
+                )
+            self.keep_verdict(vars(self)["_judge"](self))
+        assert self.info.verdict is not None
+        return self.info.verdict
+
+    def keep_verdict(self, verdict: Verdict) -> None:
+        """Let this run have a verdict, which ``save`` writes."""
+        vars(self)["info"] = replace(self.info, verdict=verdict)
 
     @property
     def meta(self) -> dict[str, Json]:
