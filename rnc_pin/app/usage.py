@@ -17,6 +17,7 @@ from rnc_pin.app import commands
 from rnc_pin.app.messages import announce
 from rnc_pin.app.termination import interruptible_imports
 from rnc_pin.scenario.files import built_in_names, find_scenario
+from rnc_pin.verdict import FindingKind
 
 Given: TypeAlias = Any
 """Argument from Click; the functions in ``commands`` declare the types."""
@@ -43,6 +44,15 @@ _plant = click.option(
     "--plant",
     type=click.Choice(["reduced", "mujoco"]),
     help="Plant: the reduced model, or the robot in MuJoCo (pip install 'rnc_pin[mujoco]').",
+)
+
+
+_accept = click.option(
+    "--accept",
+    type=click.Choice([str(each) for each in FindingKind]),
+    multiple=True,
+    metavar="KIND",
+    help="Kind of finding that does not fail the run, such as lift_off or goal.",
 )
 
 
@@ -109,6 +119,7 @@ def list_scenarios(**given: Given) -> None:
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for results; runs/SCENARIO by default.")
 @_options
 @_plant
+@_accept
 @_showing
 @_json
 @_force

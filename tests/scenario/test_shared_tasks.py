@@ -158,13 +158,13 @@ def test_no_processes_are_forked_beside_threads_that_simulate():
 
 @pytest.fixture(scope="module")
 def alone():
-    return execute(plan("space-robot", QUICK), measure_limits=True)
+    return execute(plan("space-robot", QUICK))
 
 
 def test_comparisons_beside_the_run_are_the_same_to_the_bit(alone):
     shown = []
     prepared = plan("space-robot", QUICK)
-    both = execute(prepared, progress=lambda done, _: shown.append(done), measure_limits=True, processes=2)
+    both = execute(prepared, progress=lambda done, _: shown.append(done), processes=2)
     assert both.comparisons.keys() == alone.comparisons.keys()
     for label, run in {"": alone.trajectory, **alone.comparisons}.items():
         other = both.comparisons.get(label, both.trajectory)

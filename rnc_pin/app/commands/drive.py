@@ -10,7 +10,8 @@ from rich.console import Console
 
 from rnc_pin.app.messages import announce, complain, print_json, seconds_since_start, warn
 from rnc_pin.app.progress import ProgressBar
-from rnc_pin.app.status import DONE, FAILED
+from rnc_pin.app.run_end import report_verdict
+from rnc_pin.app.status import FAILED
 from rnc_pin.app.tables import print_elapsed, print_files, print_summary
 from rnc_pin.driving.drive_log import CommandQueue, RecordedDrive, read_drive, write_drive
 from rnc_pin.driving.drive_page import DrivePage, drive_page
@@ -84,10 +85,7 @@ def _report(result: Result, drawn: Drawn, files: list[str], path: Path, as_json:
     else:
         print_files(path, files)
         print_elapsed(seconds_since_start(), result.summary["wall_time"])
-    if result.summary["outcome"] == "completed" and not drawn.interrupted:
-        return DONE
-    complain(f"{result.error or 'interrupted'}; results so far are in {path}")
-    return FAILED
+    return report_verdict(result, drawn, path)
 
 
 def _drawn(prepared: DrivePlan, result: Result, folder: Path, quiet: bool) -> Drawn:
