@@ -169,7 +169,7 @@ class Verdict(SummaryMixin):
         }
 
     def _summary(self) -> ObjectSummary:
-        kinds = {}
+        kinds: dict[str, list[Item]] = {}
         for each in self.findings:
             accepted = each.severity is Severity.FAILS and each.kind in self.accepted
             kinds.setdefault("accepted" if accepted else str(each.severity), []).append(Item(each.message))

@@ -208,7 +208,7 @@ def schema() -> None:
 @click.option("--frames", type=click.Path(path_type=Path), help="Write one PNG per frame into this folder.")
 @click.option("--video", type=click.Path(path_type=Path), help="Write an .mp4 or .gif; needs ffmpeg.")
 @click.option("--rate", type=click.FloatRange(1, 60), default=25.0, help="Frames per second of frames and videos.")
-@click.option("--plot", type=click.Path(path_type=Path), help="Write plots: .png, .pdf, .svg, or interactive .html.")
+@click.option("--plot", type=click.Path(path_type=Path), help="Write plots: .png, .pdf or .svg.")
 @click.option("--aside", is_flag=True, help="Show the runs side by side, not overlaid.")
 @_force
 @_debug

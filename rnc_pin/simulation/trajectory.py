@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
-from importlib.metadata import EntryPoint, entry_points
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float, Int
-from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.errors import ConfigurationError
 from rnc_pin.io.atomic_write import atomic_file
 from rnc_pin.io.json import Json, dump_json
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
@@ -22,13 +22,8 @@ from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 from rnc_pin.simulation.run_info import Outcome, OutputNames, RunInfo
 from rnc_pin.verdict import Verdict
 
-_PLOTTERS = "rnc_pin.plotters"
-"""Entry point group of plotting backends, ``plotter(run, title, comparisons) -> figure``. Packages may add some."""
-_OWN_PLOTTERS = {
-    "matplotlib": "rnc_pin.visualization.plots:plot_run",
-    "plotly": "rnc_pin.visualization.interactive:interactive_figure",
-}
-"""Backends of this package, for a source folder on ``PYTHONPATH``, which has no entry point metadata."""
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, repr=False)
@@ -185,27 +180,21 @@ class Trajectory(SummaryMixin):
         self,
         title: str | None = None,
         comparisons: Mapping[str, Trajectory] | None = None,
-        backend: str = "matplotlib",
-    ) -> Any:
+    ) -> Figure:
         """Plot outputs, errors, inputs and distance from singularity over time.
 
         Args:
             title: title above the plots.
             comparisons: other runs by label, dashed.
-            backend: "matplotlib" for print, "plotly" for an interactive page (needs the extra ``interactive``).
 
         Returns:
-            Figure of the plotting library.
+            Matplotlib figure.
 
         Raises:
-            ConfigurationError: the backend is unknown or not installed.
             InputError: the run has fewer than two samples.
         """
-        plotters = {name: EntryPoint(name, value, _PLOTTERS) for name, value in _OWN_PLOTTERS.items()}
-        plotters |= {each.name: each for each in entry_points(group=_PLOTTERS)}
-        if backend not in plotters:
-            raise ConfigurationError(f"no plotting backend '{backend}'{nearest(str(backend), plotters)}")
-        return plotters[backend].load()(self, title, comparisons)
+        plots = import_module("rnc_pin.visualization.plots")  # a later layer, and Matplotlib takes a second to import
+        return plots.plot_run(self, title, comparisons)
 
     def save(self, path: str | Path) -> None:
         """Write a compressed ``.npz`` file to a path, for ``load``. An error leaves no partial file."""
