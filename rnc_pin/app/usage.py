@@ -43,7 +43,7 @@ _debug = click.option("--debug", is_flag=True, expose_value=False, help="Show a 
 _plant = click.option(
     "--plant",
     type=click.Choice(["reduced", "mujoco"]),
-    help="Plant: the reduced model, or the robot in MuJoCo (pip install 'rnc_pin[mujoco]').",
+    help="Plant: the reduced model, or the robot in MuJoCo (extra 'mujoco').",
 )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import yaml
 
 from rnc_pin.errors import ConfigurationError, InputError, nearest
+from rnc_pin.extras import check_extra
 from rnc_pin.io.atomic_write import atomic_file
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, counted
 from rnc_pin.simulation import Trajectory
@@ -47,7 +48,7 @@ class SweepResults(SummaryMixin):
         specification: all that decides the results, as JSON content.
 
     Raises:
-        ConfigurationError: the folder holds no sweep.
+        ConfigurationError: the folder holds no sweep, or PyArrow is not installed.
 
     Example:
         >>> import tempfile
@@ -62,6 +63,7 @@ class SweepResults(SummaryMixin):
     """
 
     def __init__(self, path: str | Path) -> None:
+        check_extra("sweep", "sweep")
         self.path = Path(path)
         found = read_specification(self.path)
         if found is None:
@@ -250,7 +252,7 @@ def load_sweep(path: str | Path) -> SweepResults:
         path: folder of the sweep.
 
     Raises:
-        ConfigurationError: the folder holds no sweep.
+        ConfigurationError: the folder holds no sweep, or PyArrow is not installed.
 
     Example:
         >>> try:
