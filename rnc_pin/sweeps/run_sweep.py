@@ -95,9 +95,9 @@ def sweep(
     """
     if jobs == 0 or jobs < -1:
         raise ConfigurationError(f"--jobs {jobs}: expected a number of processes, or -1 for all cores")
-    check_extra("sweep", "sweep")
     if scheduler is not None:
-        check_extra("dask", f"--scheduler {scheduler}")
+        check_extra("dask", f"--scheduler {scheduler}")  # it contains the packages of the extra sweep
+    check_extra("sweep", "sweep")
     path = Path(out)
     folder = os.path.abspath(path) if trajectories else None
     if isinstance(build, str | Path):
