@@ -86,9 +86,15 @@ def print_elapsed(elapsed: float, simulation: float | None) -> None:
 
 
 def print_sweep_statistics(scenario: str, summary: SweepStatistics, folder: Path) -> None:
-    """Print outcomes and errors of a sweep."""
+    """Print verdicts and errors of a sweep."""
     console = Console(markup=False, emoji=False)
-    outcomes = ", ".join(f"{count} {outcome}" for outcome, count in summary["outcomes"].items())
+    fine = ("succeeded", "degraded")
+    failed = {kind: count for kind, count in summary["verdicts"].items() if kind not in fine}
+    counts = [f"{summary['verdicts'][word]} {word}" for word in fine if word in summary["verdicts"]]
+    if failed:
+        kinds = ", ".join(f"{count} {kind}" for kind, count in failed.items())
+        counts.append(f"{sum(failed.values())} failed ({kinds})")
+    outcomes = ", ".join(counts)
     if summary["redrawn"]:
         outcomes += f" ({summary['redrawn']} tasks failed preflight and were drawn again)"
     table = Table(title=f"{scenario}: {outcomes}", title_justify="left", title_style="bold")

@@ -84,6 +84,8 @@ class Experiment:
     """Goals of whole-body tasks."""
     phases: tuple[Phase | PhaseStart, ...] = ()
     """Phases of the run; ``reduced``, ``controller`` and ``plant`` are then those of the first."""
+    model_warnings: tuple[str, ...] = ()
+    """Warnings about the model, which building it gave."""
 
     @property
     def drawn_model(self) -> DrawnModel:
@@ -93,7 +95,8 @@ class Experiment:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Findings that are known before the run: warnings, as notes."""
-        return tuple(Finding(FindingKind.MODEL, "", None, "", None, Severity.NOTE, each) for each in self.warnings)
+        told = (*self.model_warnings, *self.warnings)
+        return tuple(Finding(FindingKind.MODEL, "", None, "", None, Severity.NOTE, each) for each in told)
 
     @property
     def loop(self) -> LoopOptions:

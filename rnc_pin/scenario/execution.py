@@ -19,6 +19,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.scenario.builder import Experiment, build_experiment
 from rnc_pin.scenario.files import apply_options, find_scenario, is_built_in, read_yaml, with_options
 from rnc_pin.scenario.loading import validate
+from rnc_pin.scenario.model_warnings import collected_model_warnings
 from rnc_pin.scenario.phase_builder import build_phased
 from rnc_pin.scenario.planner_builder import Plans
 from rnc_pin.scenario.run_verdict import judged_summary, run_summary
@@ -120,7 +121,12 @@ def plan(scenario: str, options: Mapping[str, Json] | None = None) -> Plan:
 
 
 def located_experiment(
-    source: str, scenario: Scenario, folder: Path, plans: Plans, reduced: ReducedModel | None = None
+    source: str,
+    scenario: Scenario,
+    folder: Path,
+    plans: Plans,
+    reduced: ReducedModel | None = None,
+    show: bool = True,
 ) -> Experiment:
     """Build an experiment and prepend the source file to errors.
 
@@ -130,11 +136,15 @@ def located_experiment(
         folder: base of relative paths.
         plans: optimal motions of other runs.
         reduced: model of the scenario; runs with phases build their own.
+        show: True to show warnings about the model, beside keeping them.
     """
     try:
-        if scenario.phases:
-            return build_phased(scenario, folder)
-        return build_experiment(scenario, folder, plans, reduced)
+        with collected_model_warnings(show) as told:
+            if scenario.phases:
+                experiment = build_phased(scenario, folder)
+            else:
+                experiment = build_experiment(scenario, folder, plans, reduced)
+        return replace(experiment, model_warnings=tuple(told))
     except SingularityError as error:
         error.what = f"{source}: {error.what}"
         raise

@@ -13,6 +13,7 @@ from rnc_pin.simulation import (
     Summary,
     Trajectory,
     add_limits,
+    add_verdict,
     distance_findings,
     judge,
     replay_limits,
@@ -59,9 +60,7 @@ def judged_summary(
         accepted=scenario.accept,
     )
     run.keep_verdict(verdict)
-    summary["verdict"] = verdict.word
-    summary["findings"] = [each.to_json() for each in verdict.findings]
-    summary["accepted"] = sorted(map(str, verdict.accepted))
+    add_verdict(summary, verdict)
     if replay is not None:
         add_limits(summary, replay)
     if gave_way:

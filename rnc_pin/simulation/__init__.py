@@ -28,7 +28,7 @@ from rnc_pin.simulation.run_info import (
 from rnc_pin.simulation.simulate import sample_count, simulate
 from rnc_pin.simulation.simulation_options import Observer, Sample, SimulationOptions
 from rnc_pin.simulation.stop import Stop
-from rnc_pin.simulation.summary import Summary, add_limits, summarize, tracking_errors
+from rnc_pin.simulation.summary import Summary, add_limits, add_verdict, summarize, tracking_errors
 from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.simulation.trajectory_batch import TrajectoryBatch
 from rnc_pin.simulation.tuned_tracker import tuned_tracker
@@ -63,6 +63,7 @@ __all__ = [
     "Trajectory",
     "TrajectoryBatch",
     "add_limits",
+    "add_verdict",
     "distance_findings",
     "free_motion",
     "grip_along",
