@@ -28,7 +28,7 @@ PLACEHOLDERS = {
     "FOLDER": "runs/space-robot",
     "MODULE...": "rnc_pin/control/windup.py",
     "NAME": "space-robot",
-    "[NAME...]": "space-robot",
+    "[NAME...]": "systems",
     "[PAGE...]": "01_your_robot",
     "ROBOT": "my_robot.urdf",
     "SAMPLES": "2",
