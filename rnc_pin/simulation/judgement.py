@@ -15,7 +15,6 @@ from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.verdict import Finding, FindingKind, Severity, Verdict
 
 _SATURATED = 0.2  # share of a run at a bound from which an input counts as saturated
-_AT_THE_BOUND = 1.0 - 1e-9  # share of an effort limit that counts as the limit
 _MOSTLY = 0.5  # share of a run under a fallback command that fails
 _SLIPS = 1.0 + 1e-6  # use of friction that is beyond the stated friction, and not rounding
 _KINDS = {"position": FindingKind.POSITION, "velocity": FindingKind.VELOCITY, "effort": FindingKind.EFFORT}
@@ -144,7 +143,8 @@ def _saturation(run: Trajectory, replay: LimitReplay) -> Iterator[Finding]:
     for column, name in enumerate(run.info.outputs.T):
         if name not in limits or not len(run.time):
             continue
-        at_bound = np.abs(np.nan_to_num(run.T[:, column])) >= _AT_THE_BOUND * limits[name]
+        used = np.abs(np.nan_to_num(run.T[:, column])) / limits[name]
+        at_bound = (used >= 1.0 - ROUNDING) & (used <= 1.0 + ROUNDING)  # what exceeds the limit has a finding already
         share = float(at_bound.mean())
         if share > _SATURATED:
             time = float(run.time[int(at_bound.argmax())])
