@@ -25,7 +25,6 @@ PACKAGES = (
     "control.whole_body.limits",
     "forces",
     "gym",
-    "gym",
     "integrators",
     "loop",
     "optimal",

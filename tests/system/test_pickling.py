@@ -1,7 +1,9 @@
-"""Models, controllers and loops go to other processes, and say there what they say here, to the bit."""
+"""Copies of loops that have learnt, of robots with meshes, of states and of errors say the same, to the bit.
+
+``test_copies.py`` copies the objects of all public classes, and sends models to another process.
+"""
 
 import copy
-import multiprocessing
 import pickle
 
 import numpy as np
@@ -56,30 +58,6 @@ def test_a_model_and_a_loop_go_on_elsewhere_to_the_bit(name):
     other = again(loop)
     for sample in range(2, 4):
         assert np.array_equal(other.step(0.005 * sample, made.q0, v), loop.step(0.005 * sample, made.q0, v))
-
-
-def test_a_system_reduces_elsewhere():
-    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
-    wheels = [rnc.RollingWheel("left_wheel", 0.2), rnc.RollingWheel("right_wheel", 0.2)]
-    system = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"])
-    one, other = system.reduce(), again(system).reduce()
-    assert other.reducing.names == one.reducing.names
-    for q, v2, T in states(one):
-        assert np.array_equal(other.forward_dynamics(q, v2, T), one.forward_dynamics(q, v2, T))
-
-
-def in_a_worker(work):
-    reduced, q, v2, T = work
-    return reduced.forward_dynamics(q, v2, T)
-
-
-def test_a_pool_of_processes_computes_what_this_one_does():
-    """Of fresh processes: nothing is inherited, not even what a fork would share."""
-    reduced = systems.space_robot()
-    work = [(reduced, *state) for state in states(reduced, 3)]
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
-        found = pool.map(in_a_worker, work)
-    assert np.array_equal(found, [in_a_worker(each) for each in work])
 
 
 MESH = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n"

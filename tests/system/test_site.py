@@ -1,6 +1,5 @@
 """Parts of the documentation site; ``.ci/run`` builds all of it, and checks that it loads nothing from other hosts."""
 
-import importlib.util
 import json
 import re
 import tomllib
@@ -8,15 +7,8 @@ import tomllib
 import pytest
 
 import rnc_pin as rnc
-from places import ROOT
+from places import ROOT, docs_script
 from rnc_pin.scenario.files import built_in_names
-
-
-def docs_script(name):
-    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.mark.parametrize(
