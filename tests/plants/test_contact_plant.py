@@ -1,5 +1,8 @@
 """Contacts that open and close by themselves, against closed forms and an integration with events by SciPy."""
 
+import copy
+import pickle
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -35,6 +38,22 @@ def free(ball):
 
 def at(system, height, pitch=0.0):
     return system.robot.configuration({"root_joint": [0, 0, height, 0, np.sin(pitch / 2), 0, np.cos(pitch / 2)]})
+
+
+def test_copies_continue_between_two_bounces(ball):
+    contact = rnc.UnilateralContact(rnc.RollingBall("ball", 0.1), 0.6, rest_speed=0.2)
+    plant = rnc.ContactPlant(ball, [contact], substeps=8)
+    plant.reset(at(ball, 0.4), np.array([0.7, 0, 0, 0, 0, 0]))
+    plant.advance(0.3)
+    assert len(plant.contact_events) == 2  # the start and one bounce
+    copies = [pickle.loads(pickle.dumps(plant)), copy.deepcopy(plant)]
+    for each in (plant, *copies):
+        each.advance(0.6)
+    for other in copies:
+        assert len(other.contact_events) > 3
+        assert [each.time for each in other.contact_events] == [each.time for each in plant.contact_events]
+        assert np.array_equal(np.concatenate(other.read()), np.concatenate(plant.read()))
+        assert other.work == plant.work
 
 
 def test_bouncing_ball(ball, free):

@@ -1,5 +1,8 @@
 """A batch of plants against plants of their own: every run has the same bits."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
@@ -55,6 +58,33 @@ def test_every_run_has_the_bits_of_a_plant_of_its_own(name, generator):
     for _ in range(25):
         step(batch, plants, 3.0 * generator.standard_normal((4, reduced.p)))
     compare(batch, plants)
+
+
+def test_copies_continue_in_mid_run(generator):
+    """A copy has no memory of the kernel, and makes it again: for the model, and for the chart of each run."""
+    reduced = systems.fire_truck()
+    batch, plants = started(reduced, 3)
+    for _ in range(30):
+        step(batch, plants, [[40.0, 5.0, -5.0], [-40.0, -2.0, 3.0], [0.0, 0.0, 0.0]])
+    batch.measure()
+    copies = [pickle.loads(pickle.dumps(batch)), copy.deepcopy(batch)]
+    inputs = 20.0 * generator.standard_normal((30, 3, reduced.p))
+    for T in inputs:
+        step(batch, plants, T)
+    compare(batch, plants)
+    states, inside = batch.measure()
+    for other in copies:
+        assert other.size == 3
+        for T in inputs:
+            other.apply(T)
+            other.advance(DT)
+        compare(other, plants)
+        found, measured = other.measure()
+        assert np.array_equal(measured, inside)
+        assert np.array_equal(found.R_dot, states.R_dot)
+    copies[0].keep([0, 2])
+    copies[0].advance(DT)
+    assert len(copies[0].read()[0]) == 2
 
 
 def test_charts_are_replaced_for_each_run(generator):
