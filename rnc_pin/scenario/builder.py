@@ -13,7 +13,7 @@ import numpy as np
 from rnc_pin.analysis import Grip
 from rnc_pin.collision import Obstacle
 from rnc_pin.control import Controller, ZeroInput, describe
-from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, nearest
+from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError, RncError, nearest
 from rnc_pin.io.json import Json
 from rnc_pin.loop import LoopOptions
 from rnc_pin.model.reduced_model import ReducedModel
@@ -33,7 +33,7 @@ from rnc_pin.scenario.plant_builder import build_plant
 from rnc_pin.scenario.schema import Scenario, SimulationSettings
 from rnc_pin.scenario.schema.controllers import VelocityTrackerSettings
 from rnc_pin.scenario.schema.obstacles import build_obstacles
-from rnc_pin.simulation import Phase, Provenance, TaskNames, sample_count
+from rnc_pin.simulation import Outcome, Phase, Provenance, SimulationOptions, TaskNames, sample_count, simulate
 from rnc_pin.simulation.friction_demand import iterate_time_scale
 from rnc_pin.simulation.phases import PhaseStart
 from rnc_pin.simulation.run_info import provenance_of
@@ -198,7 +198,7 @@ def experiment_at(
             goal_tolerance=scenario.goal_tolerance,
         ),
     )
-    return Experiment(
+    experiment = Experiment(
         scenario=scenario,
         reduced=reduced,
         controller=built.controller,
@@ -217,6 +217,40 @@ def experiment_at(
         plan=motion,
         goals=built.goals,
     )
+    if built.doubts and scenario.preflight == "refuse":
+        _check_goals(experiment, build_plant(scenario, reduced, q0, folder))
+        return experiment
+    return replace(experiment, warnings=(*experiment.warnings, *built.doubts))
+
+
+def _check_goals(experiment: Experiment, plant: Plant) -> None:
+    """Simulate a run whose goals are in doubt: only the controller that will run tells whether it reaches them.
+
+    Raises:
+        InfeasibleError: the run misses a goal of the first priority, or does not reach its end.
+    """
+    assert experiment.goals is not None
+    settings = experiment.simulation
+    options = SimulationOptions(stop=settings.stop, loop=experiment.loop)
+    try:
+        run = simulate(
+            experiment.reduced,
+            experiment.controller,
+            experiment.q0,
+            settings.duration,
+            settings.dt,
+            v2_0=experiment.v2_0,
+            plant=plant,
+            options=options,
+        )
+    except RncError as error:
+        raise InfeasibleError(f"goals cannot be reached: {error}") from None
+    if run.outcome is not Outcome.COMPLETED:
+        raise InfeasibleError(f"goals cannot be reached: the run ends early ({run.outcome.value})")
+    tolerance = experiment.scenario.goal_tolerance
+    missed = experiment.goals.misses(float(run.time[-1]), run.q[-1], run.v[-1], tolerance)
+    if missed:
+        raise InfeasibleError("; ".join(missed))
 
 
 def _shown_frame(scenario: Scenario, reduced: ReducedModel) -> str:

@@ -87,6 +87,7 @@ class BuiltController:
         notes: entries for the record of the run.
         time_scale: factor by which the references must be slowed down so that no wheel slips.
         goals: goals of whole-body tasks.
+        doubts: goals that a coarse roll-out misses. The run itself has to confirm them before they refuse it.
     """
 
     controller: Controller
@@ -94,6 +95,7 @@ class BuiltController:
     notes: Mapping[str, Json] = field(default_factory=dict)
     time_scale: float = 1.0
     goals: TaskGoals | None = None
+    doubts: tuple[str, ...] = ()
 
 
 def refuse_or_warn(

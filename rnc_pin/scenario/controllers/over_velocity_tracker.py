@@ -151,16 +151,17 @@ def track(
         InfeasibleError: no gains fit the motion, or preflight refuses it.
     """
     reduced, q0 = context.reduced, context.q0
-    margins, complaints = check_motion(context, kinematic, task, horizon, goals)
+    margins, complaints, doubts = check_motion(context, kinematic, task, horizon, goals)
     time_scale = 1.0 if margins.grip is None else margins.grip.time_scale
     if settings.tracker == "computed_torque":
         gain = sized_gain("k", settings.k, reduced.r)
         k = {} if gain is None else {"k": gain}
-        return BuiltController(ComputedTorque(reduced, kinematic, **k), complaints, time_scale=time_scale, goals=goals)
+        computed = ComputedTorque(reduced, kinematic, **k)
+        return BuiltController(computed, complaints, time_scale=time_scale, goals=goals, doubts=doubts)
     if settings.tracker == "velocity":
         with at_key("controller"):
             servos = ActuatorVelocityController(reduced, kinematic)
-        return BuiltController(servos, complaints, time_scale=time_scale, goals=goals)
+        return BuiltController(servos, complaints, time_scale=time_scale, goals=goals, doubts=doubts)
     # The results of a run are useful even if it ends in a singular configuration.
     region = margins.q if margins.singular is None else q0[None]
     with at_key("controller"):
@@ -176,7 +177,7 @@ def track(
             overrides=tracker_gains(settings, VelocityGains, reduced.r),
         )
     tracker = VelocityTracker(kinematic, gains, holding_force(settings, context))
-    return BuiltController(tracker, complaints, time_scale=time_scale, goals=goals)
+    return BuiltController(tracker, complaints, time_scale=time_scale, goals=goals, doubts=doubts)
 
 
 def check_motion(
@@ -185,8 +186,8 @@ def check_motion(
     task: Task | None = None,
     horizon: float | None = None,
     goals: TaskGoals | None = None,
-) -> tuple[Margins, tuple[str, ...]]:
-    """Roll out a kinematic controller, and return the margins of the motion and the complaints about it.
+) -> tuple[Margins, tuple[str, ...], tuple[str, ...]]:
+    """Roll out a kinematic controller. Return the margins of the motion, complaints, and doubts about goals.
 
     Args:
         context: inputs for building the controller.
@@ -204,11 +205,11 @@ def check_motion(
         *margins.complaints(MIN_SINGULAR_VALUE),
         *(f"the reference passes through obstacle '{each.names[1]}': {each}" for each in passed),
     )
+    doubts: tuple[str, ...] = ()
     given_up: tuple[str, ...] = ()
     if goals is not None and margins.singular is None:
-        missed, given_up = goals.complaints(float(margins.time[-1]), margins.q[-1], context.goal_tolerance)
-        complaints = (*complaints, *missed)
-    return margins, refuse_or_warn(context.preflight, complaints, given_up)
+        doubts, given_up = goals.doubts(float(margins.time[-1]), margins.q[-1], context.goal_tolerance)
+    return margins, refuse_or_warn(context.preflight, complaints, given_up), doubts
 
 
 class _OncePerSample:

@@ -76,18 +76,31 @@ class TaskGoals:
             found.append(GoalError(f"task {index} ({', '.join(names)})", by_name, task.priority))
         return found
 
-    def complaints(self, t: float, q: Float[Array, " nq"], tolerance: float) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Return complaints about missed goals, and about lower ones that are given up, at the end of a roll-out."""
+    def doubts(self, t: float, q: Float[Array, " nq"], tolerance: float) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Return doubts about goals of the first priority, and about lower ones, at the end of a coarse roll-out.
+
+        Programs are local methods: at an obstacle ahead, another step or the dynamics can choose the other way.
+        """
         missed, given_up = [], []
         for goal in self.errors(t, q):
             if goal.largest <= tolerance:
                 continue
-            error = f"error {goal.largest:.2g} at t = {t:.2f} s"
+            error = f"a coarse roll-out ends {goal.largest:.2g} from it at t = {t:.2f} s"
             if goal.priority == self._first:
-                missed.append(f"{goal.title} misses its goal within the limits: {error}")
+                missed.append(f"{goal.title} may miss its goal within the limits: {error}")
             else:
-                given_up.append(f"{goal.title} of priority {goal.priority} gives its goal up: {error}")
+                given_up.append(f"{goal.title} of priority {goal.priority} may give its goal up: {error}")
         return tuple(missed), tuple(given_up)
+
+    def misses(
+        self, t: float, q: Float[Array, " nq"], v: Float[Array, " nv"] | None, tolerance: float
+    ) -> tuple[str, ...]:
+        """Return the goals of the first priority that a run misses at its end, a line each."""
+        return tuple(
+            f"{goal.title} misses its goal within the limits: error {goal.largest:.2g} at t = {t:.2f} s"
+            for goal in self.errors(t, q, v)
+            if goal.largest > tolerance and goal.priority == self._first
+        )
 
 
 def goal_values(draft: TaskDraft, reduced: ReducedModel, q: Array) -> tuple[Array, Coordinates]:

@@ -45,11 +45,12 @@ def _input_program(settings: InverseDynamicsSettings, context: ControllerContext
             solver=settings.solver,
         )
     complaints: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
     goals = TaskGoals(settings.tasks, tasks, reduced)
     if reduced.p >= reduced.r:  # with fewer actuators, the motion is not free to choose
         kinematic = VelocityQP(reduced, tasks, limits, solver=settings.solver)
-        _, complaints = check_motion(context, kinematic, horizon=simulation.duration, goals=goals)
-    return BuiltController(program, complaints, goals=goals)
+        _, complaints, doubts = check_motion(context, kinematic, horizon=simulation.duration, goals=goals)
+    return BuiltController(program, complaints, goals=goals, doubts=doubts)
 
 
 def _tasks(settings: WholeBodySettings, context: ControllerContext) -> list[ControlTask]:

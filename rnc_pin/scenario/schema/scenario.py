@@ -105,7 +105,7 @@ class Scenario(Strict):
     grip: GripSettings | None = None
     """Friction of the ground; the check before the run compares the references with it."""
     preflight: Literal["warn", "refuse"] = "warn"
-    """Action if the check before the run finds a singular configuration on the reference."""
+    """Action if the check before the run finds a singular configuration on the reference, or a goal out of reach."""
     goal_tolerance: Positive = 0.02
     """Error at the end of a run above which a goal is missed [m, rad]: preflight, warning and summary name it."""
     accept: list[FindingKind] = []
