@@ -56,6 +56,9 @@ class NonholonomicSystem(SummaryMixin):
         rows: all constraint rows; ``kept``: indices of the independent ones, (m,).
         constraints: the independent rows.
         dropped_rows: the other rows, with reasons.
+        row_margin: smallest singular value of the kept rows, of unit length, at the sampled configuration where it is
+            largest.
+        nearly_dependent_rows: names of the kept rows that nearly depend on others; empty if ``row_margin`` is large.
         assembly: projection onto the holonomic rows, dropped ones included.
 
     Raises:
@@ -99,6 +102,8 @@ class NonholonomicSystem(SummaryMixin):
         check_reactions(self.rows, samples, lengths, coupled)
         found = select_independent(samples, self.rows.names, rates if self.rows.affine else None, lengths)
         self.kept, self.dropped_rows = found.kept, found.dropped
+        self.row_margin = found.margin
+        self.nearly_dependent_rows = tuple(found.weak) if found.margin < _THIN else ()
         merged = {row.name: row.rounding for row in self.dropped_rows if row.rounding}
         if merged:
             self.assembly = Assembly(robot, blocks, merged)

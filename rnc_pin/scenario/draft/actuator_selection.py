@@ -12,7 +12,8 @@ from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.draft.base_assumptions import BaseAssumptions, Entry
 from rnc_pin.scenario.draft.tolerances import DRIVEN
 
-_UNPOWERED = "driven, although the file gives no effort or it is usually passive: CHECK"
+_UNPOWERED = "effort 0 in the file, driven without a limit: CHECK"
+_PASSIVE = "driven, although it is usually passive: CHECK"
 _UNTOLD = "in place of actuators that the file does not describe: CHECK"
 
 
@@ -22,13 +23,20 @@ class ActuatorCandidates:
 
     Attributes:
         sure: actuators of the base and of joints with an effort limit.
-        joints: passive joints, driven only if the sure actuators are not enough.
+        joints: joints without effort and passive joints, driven only if the sure actuators are not enough.
         forces: forces and torques on the base, in place of actuators that the file does not describe.
+        wheels: those of ``joints`` that the base needs, e.g. wheels with effort 0 in the file.
     """
 
     sure: list[tuple[Entry, str]]
     joints: list[tuple[Entry, str]]
     forces: list[tuple[Entry, str]]
+    wheels: list[tuple[Entry, str]]
+
+    @property
+    def named(self) -> list[tuple[Entry, str]]:
+        """Entries of a base with a controller of its own, with or without effort in the file."""
+        return [*self.sure, *self.wheels]
 
     @property
     def all(self) -> list[tuple[Entry, str]]:
@@ -38,6 +46,8 @@ class ActuatorCandidates:
     def enough(self, input_matrix: np.ndarray) -> list[tuple[Entry, str]]:
         """Return the sure entries, and each further entry, in order, that raises the rank of the reduced forces.
 
+        If a wheel without effort is among them, all such wheels are: their efforts are placeholders.
+
         Args:
             input_matrix: reduced forces for unit inputs of all entries (r, p).
         """
@@ -45,7 +55,9 @@ class ActuatorCandidates:
         for column in range(len(self.sure), len(self.all)):
             if _rank(input_matrix[:, [*columns, column]]) > _rank(input_matrix[:, columns]):
                 columns.append(column)
-        return [self.all[column] for column in columns]
+        chosen = [self.all[column] for column in columns]
+        alike = self.wheels if any(wheel in chosen for wheel in self.wheels) else []
+        return [each for each in self.all if each in chosen or each in alike]
 
 
 def actuator_candidates(
@@ -66,13 +78,18 @@ def actuator_candidates(
     named = {entry for entry, _ in driving if isinstance(entry, str)}
     conserved = {entry.get("momentum") for entry, _ in mobility.constraints if isinstance(entry, dict)}
     followers = {mimic.joint for mimic in robot.mimics}
+    weak = mobility.without_effort - conserved - followers
     sure = [name for name in joints if name not in named | mobility.passive | conserved]
-    unpowered = [name for name in joints if name in mobility.passive - conserved - named - followers]
+    wheels = [name for name in joints if name in weak & named]
+    unpowered = [name for name in joints if name in weak - named]
+    passive = [name for name in joints if name in mobility.passive - conserved - named - followers - weak]
     given = [entry for entry, _ in driving]
+    remarked: dict[str, tuple[Entry, str]] = {name: (name, _UNPOWERED) for name in (*wheels, *unpowered)}
     return ActuatorCandidates(
-        [*driving, *((name, "") for name in sure)],
-        [(name, _UNPOWERED) for name in unpowered],
+        [*(each for each in driving if each[0] not in wheels), *((name, "") for name in sure)],
+        [*remarked.values(), *((name, _PASSIVE) for name in passive)],
         [(force, _UNTOLD) for force in _forces(mobility) if force not in given],
+        [remarked[name] for name in wheels],
     )
 
 

@@ -42,7 +42,7 @@ def balancing_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptio
     The feedback uses wheel angles, not path length and heading: the motion of an unbalanced wheel depends on its angle.
     """
     wheels = layout.fixed
-    result = BaseAssumptions("free", "2 wheels under a body that balances", at_start.frame)
+    result = BaseAssumptions("free", "2 wheels under a body that balances", at_start.frame, travel=DRIVEN)
     _lie_down(result, wheels, at_start)
     ahead = at_start.along(wheels[0].heading)
     tilt = f"{at_start.frame}_tilt_{ahead}"
@@ -115,6 +115,7 @@ def bicycle_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions
     sense = 1.0 if forward @ ahead > 0 else -1.0
     rolling = {speed: round(sense * _FROUDE * float(np.sqrt(9.81 * wheelbase)), 2)}
     result.v2 = {**rolling, tilt: _PUSHED}
+    result.travel = abs(rolling[speed]) * result.duration
     # Wheels of a file are symmetric about their axles only to a few digits; their angles are cyclic all the same.
     result.feedback = {**feedback, "v2": dict(rolling), "cyclic": [rear.joint, front.joint]}
     result.notes.append(

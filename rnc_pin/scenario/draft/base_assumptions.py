@@ -41,6 +41,8 @@ class BaseAssumptions:
         untracked: outputs without a reference.
         lean: horizontal axis in the world frame (3,) of a small initial tilt of the base, or None.
         v2: initial output rates, to be kept constant instead of a reference.
+        travel: displacement of a base on wheels in the trial run [m]; 0 for other robots.
+        without_effort: joints with effort 0 in the file, which states an effort of other joints.
     """
 
     base: str | None
@@ -64,6 +66,8 @@ class BaseAssumptions:
     untracked: set[str] = field(default_factory=set)
     lean: np.ndarray | None = None
     v2: dict[str, float] = field(default_factory=dict)
+    travel: float = 0.0
+    without_effort: set[str] = field(default_factory=set)
 
     def hold(self, joints: Iterable[str], start: Mapping[str, float], why: str) -> None:
         """Lock joints at their start values, and note the reason."""

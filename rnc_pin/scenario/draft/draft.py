@@ -18,10 +18,11 @@ from rnc_pin.scenario.draft.scenario_candidate import ScenarioCandidate
 from rnc_pin.scenario.draft.snake_base import find_snake, snake_base
 from rnc_pin.scenario.draft.source import DraftOptions, Source
 from rnc_pin.scenario.draft.spherical_base import find_shell, spherical_base
-from rnc_pin.scenario.draft.trial import FAR, LOST, Trial
+from rnc_pin.scenario.draft.trial import Trial
 from rnc_pin.scenario.draft.wheel_detection import find_wheels
 from rnc_pin.scenario.draft.wheel_layout import WheelLayout, classify_wheels
 from rnc_pin.scenario.draft.wheeled_base import knife_edge_base, wheeled_base
+from rnc_pin.verdict import Severity
 
 _BaseBuilder = Callable[[], BaseAssumptions]
 
@@ -51,30 +52,36 @@ def _drafted(source: Source, folder: Path, asked: str | None) -> str:
     at_start = RobotAtStart(robot, start_values(robot), source.words(), "mjcf" not in source.entry, is_rigid)
     failures: list[str] = []
     first: RncError | None = None
-    best: tuple[Trial, str] | None = None
+    best: tuple[Trial, str, list[warnings.WarningMessage]] | None = None
     for way in _candidate_bases(at_start, asked, source, source.driven()):
         mobility = way()
         if at_start.loose:
             mobility.lock.update(at_start.loose)
             mobility.notes.append(f"locked, because nothing drives them: {', '.join(at_start.loose)}")
         try:
-            attempt = ScenarioCandidate(mobility, source, at_start.start, folder)
-            mobility.notes += source.remarks + failures
-            text = attempt.text()
+            with warnings.catch_warnings(record=True) as heard:  # those of rejected candidates are not of interest
+                warnings.simplefilter("always")
+                attempt = ScenarioCandidate(mobility, source, at_start.start, folder)
+                mobility.notes += source.remarks + failures
+                text = attempt.text()
         except RncError as error:
             first = first or error
             if not any(str(error) in each for each in failures):
                 failures.append(f"not '{mobility.kind}', which does not run: {error}")
             continue
-        if best is None or attempt.trial.relative_error < best[0].relative_error:
-            best = attempt.trial, text
-        if attempt.trial.relative_error < LOST:
+        verdict = attempt.trial.verdict
+        if best is None or attempt.trial.rank < best[0].rank:
+            best = attempt.trial, text, heard
+        if verdict.succeeded:
             break
-        failures.append(f"not '{mobility.kind}': its run {attempt.trial.failure_text}")
+        failures.append(f"not '{mobility.kind}': {verdict.first}")
     if best is not None:
-        trial, text = best
-        if trial.relative_error >= FAR:
-            said = f"'{robot.name or source.name}' is drafted, but its run {trial.failure_text}"
+        trial, text, heard = best
+        for each in heard:
+            warnings.warn_explicit(each.message, each.category, each.filename, each.lineno)
+        doubts = [str(each) for each in trial.findings if each.severity is not Severity.NOTE]
+        if doubts:
+            said = f"'{robot.name or source.name}' is drafted, but {'; '.join(doubts)}"
             warnings.warn(f"{said}: CHECK actuators and gains", ModelWarning, stacklevel=2)
         return text
     if asked and isinstance(first, ModelError):
@@ -120,6 +127,8 @@ def _candidate_wheeled_bases(
         yield lambda: omnidirectional_base(found, at_start)
     elif found.fixed and found.is_straight:
         yield lambda: wheeled_base(found, at_start, driven)
+        if len(found.steered) > 1:
+            yield lambda: wheeled_base(found, at_start, driven, toe=True)
     elif found.fixed and not found.steered:  # disks at right angles that do not carry the base
         yield lambda: without_wheels(at_start, asked, source.mass_of_base)
     why = "every wheel is steered by itself" if found.steered else "all wheels are casters"

@@ -23,7 +23,8 @@ from rnc_pin.scenario.draft.joint_properties import effort_limit
 from rnc_pin.scenario.draft.output_selection import SelectedOutputs, output_candidates, select_outputs
 from rnc_pin.scenario.draft.regular_start import with_regular_inertia
 from rnc_pin.scenario.draft.source import Source
-from rnc_pin.scenario.draft.trial import FAR, Trial, worst_output
+from rnc_pin.scenario.draft.trial import FAR, MEANINGFUL, Trial, worst_output
+from rnc_pin.scenario.draft.trial_findings import model_findings, run_findings
 from rnc_pin.scenario.draft.yaml_text import Drafted, write_draft
 from rnc_pin.scenario.execution import Plan, execute
 from rnc_pin.scenario.loading import validate
@@ -32,7 +33,6 @@ from rnc_pin.simulation import Outcome, Trajectory
 _LEAN = 0.05  # [rad]
 _SHORT, _REST = 0.1, 1  # duration of the first trial run, and of the run after the end of the reference [s]
 _PATIENCE = 20.0  # largest computing time of a trial run [s]
-_MEANINGFUL = 1.0  # shortest run with meaningful errors [s]
 _POSES, _ASIDE = 4, 0.5  # number of random poses for the gravity check, and their distance from the start [rad or m]
 _LEVER = 1e-4  # gravity loads a joint above this lever arm of the weight behind it [m]; for a slide, share of it
 _LOADED = "gravity loads the robot, and it learns this load slowly"
@@ -66,6 +66,7 @@ class ScenarioCandidate:
         mobility = self.mobility
         self.robot = self.source.load(mobility.base, mobility.lock)
         self._undriven: list[str] = []
+        self._against: list[str] = []
         mobility.lock = {**self.source.held, **mobility.lock}
         self.start = {**self.start, **mobility.pose}
         self.start = {name: value for name, value in self.start.items() if name in self.robot.joint_names}
@@ -107,6 +108,7 @@ class ScenarioCandidate:
             RncError: no controller completes the run.
         """
         scenario, mobility = self._scenario(), self.mobility
+        findings = model_findings(self.system, mobility, scenario["outputs"]["reducing"], self._against)
         failures = [_LOADED] if self._is_loaded() else []
         best: tuple[Trial, str] | None = None
         for controller, dt, remark in self._controllers(is_loaded=bool(failures)):
@@ -120,8 +122,9 @@ class ScenarioCandidate:
                 failures.append(str(error))
                 continue
             if best is None or trial.relative_error < best[0].relative_error:
+                trial = replace(trial, findings=(*findings, *trial.findings))
                 said = remark.format(*failures[:1])
-                best = trial, write_draft(self.robot.name, scenario, said, trial.words, mobility)
+                best = trial, write_draft(self.robot.name, scenario, said, trial, mobility)
             if trial.relative_error < FAR:
                 break
             failures.append(f"its run {trial.failure_text}")
@@ -149,9 +152,11 @@ class ScenarioCandidate:
         begun = time.process_time()  # other work on the machine changes no draft
         trajectory = self._run(raw, experiment, _SHORT)
         possible = round(_SHORT * _PATIENCE / (time.process_time() - begun), 1)
-        if possible >= _MEANINGFUL:
+        if possible >= MEANINGFUL:
             trajectory = self._run(raw, experiment, min(self.mobility.duration + _REST, possible))
-        return worst_output(trajectory, self._motions, settles=self.mobility.lean is not None)
+        trial = worst_output(trajectory, self._motions, settles=self.mobility.lean is not None)
+        limits = experiment.reduced.actuation.limits
+        return replace(trial, findings=tuple(run_findings(trial, trajectory, limits, self.mobility, self.robot)))
 
     def _run(self, raw: dict[str, Json], experiment: Experiment, duration: float) -> Trajectory:
         settings = experiment.simulation.model_copy(update={"duration": duration})
@@ -188,16 +193,23 @@ class ScenarioCandidate:
         robot, mobility = self.robot, self.mobility
         limits = {name: effort_limit(robot, name) for name in self.start}
         weak = [name for name, limit in limits.items() if limit == 0 and name not in mobility.passive]
+        powered = any(limit for name, limit in limits.items() if name not in mobility.passive)
         if self.source.is_mjcf and any(limits.values()):
             self._undriven = [name for name, limit in limits.items() if limit == 0]
-        if len(weak) < len(limits):
-            mobility.passive |= set(weak)
-            if weak:
-                why = "no actuator in the file" if self.source.is_mjcf else "effort 0 in the file"
-                mobility.notes.append(f"{why}, so that nothing drives them: {', '.join(weak)}")
+        named = [name for name in weak if name in self.source.driven()]
+        if powered:
+            mobility.without_effort = set(weak) - set(named)
+            mobility.passive |= mobility.without_effort
+            if named:
+                said = "effort 0 in the file, which names them as driven all the same: driven without a limit"
+                mobility.notes.append(f"{said}: {', '.join(named)}")
+        elif weak and not self.source.is_mjcf:
+            mobility.notes.append(
+                "the file states no effort: 0 for every joint, so that they are driven without a limit"
+            )
         if mobility.base != "fixed" or mobility.constraints:
             return
-        for name in weak if len(weak) < len(limits) else ():
+        for name in weak if powered else ():
             if robot.model.parents[robot.joint_id(name)] != 0:
                 continue
             try:
@@ -266,14 +278,22 @@ class ScenarioCandidate:
     def _actuators(self, chosen: SelectedOutputs) -> list[tuple[Entry, str]]:
         """Actuator entries; joints without effort and forces on the base only if the others are not enough."""
         if self.mobility.feedback is not None:
-            return self.candidates.sure
-        matrix = self.system.reduce(chosen.kinds).at(self.q0).input_matrix
-        driving = self.candidates.enough(matrix)
-        added = [str(each[0]) for each in driving if each in self.candidates.joints]
-        if added:
-            self.mobility.notes.append(
-                f"driven against the file, because the other actuators are not enough: {', '.join(added)}"
-            )
+            driving = self.candidates.named
+        else:
+            driving = self.candidates.enough(self.system.reduce(chosen.kinds).at(self.q0).input_matrix)
+        self._against = [str(each[0]) for each in driving if each in self.candidates.joints]
+        without = self.mobility.without_effort
+        idle = [name for name in self.start if name in without and name not in self._against]
+        why = "no actuator in the file" if self.source.is_mjcf else "effort 0 in the file"
+        others = "the other actuators are not enough"
+        said = {
+            f"{why}, so that nothing drives them": idle,
+            f"{why}, but driven without a limit, because {others}": [each for each in self._against if each in without],
+            f"driven although usually passive, because {others}": [
+                each for each in self._against if each not in without
+            ],
+        }
+        self.mobility.notes += [f"{words}: {', '.join(joints)}" for words, joints in said.items() if joints]
         return driving
 
 

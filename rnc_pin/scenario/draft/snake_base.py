@@ -79,6 +79,7 @@ def snake_base(segments: list[Segment], at_start: RobotAtStart) -> BaseAssumptio
         result.passive |= set(segment.wheels)
     result.ground = segments[0].ground
     gait = _Gait.of(segments, at_start)
+    result.travel = gait.wave
     speed, axis, sense = gait.speed(at_start)
     yaw = f"{at_start.frame}_yaw"
     columns: dict[str, Callable[[np.ndarray], np.ndarray]] = {speed: lambda way: sense * way, yaw: gait.heading}

@@ -73,6 +73,7 @@ class Source:
         self.masses: dict[str, float] = {}
         self.held = dict(wishes.lock or {})
         self.notes: list[str] = []
+        self._driven: frozenset[str] | None = None
 
     def load(self, base: str | None, lock: Lock | None = None) -> Robot:
         """Return the robot; a joint that moves no mass is locked or its links get a mass, from now on."""
@@ -138,11 +139,13 @@ class Source:
 
     def driven(self) -> frozenset[str]:
         """Return the driven joints of a URDF; empty if it does not name any, or for an MJCF."""
-        path = self._path()
-        if path is None:
-            return frozenset()
-        arguments = self._options.xacro_arguments
-        return driven_joints(parse_urdf(path, arguments, Packages(path.parent, self._options.package_dirs)))
+        if self._driven is None:
+            path, options = self._path(), self._options
+            self._driven = frozenset()
+            if path is not None:
+                packages = Packages(path.parent, options.package_dirs)
+                self._driven = driven_joints(parse_urdf(path, options.xacro_arguments, packages))
+        return self._driven
 
     def _path(self) -> Path | None:
         if "example" in self.entry:

@@ -9,11 +9,14 @@ import numpy as np
 
 from rnc_pin.simulation import Trajectory
 from rnc_pin.simulation.summary import tracking_errors
+from rnc_pin.verdict import Finding, Verdict
 
 FAR = 0.2
 """Ratio of error to reference motion above which a run misses its reference."""
 LOST = 0.5
 """Ratio of error to reference motion above which another kind of base is more likely."""
+MEANINGFUL = 1.0
+"""Duration of the shortest run with a meaningful displacement [s]: a controller that learns starts late."""
 _LITTLE = 0.5  # motion assumed for an output with a constant reference, as a share of the largest motion
 _SETTLED = 0.1  # final share of a run whose errors count for a balancing controller
 
@@ -27,12 +30,24 @@ class Trial:
         output: name of the output; empty if the run has no reference.
         error: largest error of the output [m or rad].
         motion: displacement of its reference; for a constant one, a share of the largest displacement [m or rad].
+        findings: what the model and the run show beside the error.
     """
 
     duration: float
     output: str = ""
     error: float = 0.0
     motion: float = 1.0
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def verdict(self) -> Verdict:
+        """Findings in the order of their weight."""
+        return Verdict.of(self.findings)
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """Rank among candidates, the smallest first: those that succeed, then those with small errors."""
+        return not self.verdict.succeeded, self.relative_error
 
     @property
     def relative_error(self) -> float:

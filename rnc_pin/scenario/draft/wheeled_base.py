@@ -13,13 +13,16 @@ from rnc_pin.scenario.draft.wheel_detection import UPRIGHT, Wheel
 from rnc_pin.scenario.draft.wheel_layout import WheelGroup, WheelLayout, are_parallel, in_line
 
 
-def wheeled_base(layout: WheelLayout, at_start: RobotAtStart, driven: frozenset[str] = frozenset()) -> BaseAssumptions:
+def wheeled_base(
+    layout: WheelLayout, at_start: RobotAtStart, driven: frozenset[str] = frozenset(), *, toe: bool = False
+) -> BaseAssumptions:
     """Base on one or more axles, with steered wheels, casters and trailers.
 
     Args:
         layout: wheels by their function.
         at_start: the robot.
         driven: driven joints of the file; empty if the file does not name any.
+        toe: True if the second steered wheel skids, because the angles of a file do not let both roll.
     """
     result = planar(at_start, _kind(layout), layout.wheels)
     result.lock_carriers(layout.wheels, at_start.start)
@@ -36,7 +39,7 @@ def wheeled_base(layout: WheelLayout, at_start: RobotAtStart, driven: frozenset[
     along = at_start.along(layout.fixed[0].heading)
     result.outputs.append(({"frame_speed": {"frame": at_start.frame, "axis": along}}, DRIVEN))
     if layout.steered:
-        _steer(result, layout, at_start)
+        _steer(result, layout, at_start, toe)
     else:
         if len(layout.fixed) == 1:
             torque: dict[str, Json] = {"torque": {"frame": at_start.frame, "axis": "z"}}
@@ -57,7 +60,7 @@ def wheeled_base(layout: WheelLayout, at_start: RobotAtStart, driven: frozenset[
 
 def planar(at_start: RobotAtStart, kind: str, wheels: list[Wheel]) -> BaseAssumptions:
     """Planar base; it uses the file's own planar joints if there are any."""
-    result = BaseAssumptions("planar", kind, at_start.frame)
+    result = BaseAssumptions("planar", kind, at_start.frame, travel=DRIVEN)
     if at_start.own_planar_joints:
         result.base = "fixed"
         result.passive |= set(at_start.own_planar_joints)
@@ -148,7 +151,7 @@ def _roll(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) 
             result.actuators.append((wheel.joint, ""))
 
 
-def _steer(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) -> None:
+def _steer(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart, toe: bool) -> None:
     """Add steered wheels: a pair with Ackermann steering, or all wheels of one turntable; lock further pivots."""
     first, *others = layout.steered
     axle = layout.fixed[0]
@@ -167,8 +170,11 @@ def _steer(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart)
         else:
             ackermann: dict[str, Json] = {"left": pair[0], "right": pair[1], "axle": axle.frame}
             result.constraints.append(({"ackermann": ackermann}, "both steered wheels turn about one point"))
+            if toe:
+                said = "the axles of the steered wheels are not parallel in the file, as with toe-in"
+                result.notes.append(f"{said}: the wheel on {pair[1]} skids a little, because both cannot roll")
         for wheel in other.wheels:
-            entry = _turned(wheel, lateral=False) if together else _turned(wheel)
+            entry = _turned(wheel, lateral=False) if together or toe else _turned(wheel)
             result.constraints.append((entry, f"steered by {other.pivot.joint}; {measured(wheel)}"))
         result.passive |= set(other.joints) - {leader}
     straight = [each for each in others if each not in beside[:1]]

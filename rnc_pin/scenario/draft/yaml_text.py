@@ -10,8 +10,11 @@ import yaml
 
 from rnc_pin.io.json import Json
 from rnc_pin.scenario.draft.base_assumptions import BaseAssumptions, Entry
+from rnc_pin.scenario.draft.trial import Trial
+from rnc_pin.verdict import Severity
 
 _WIDTH = 118
+_WORDS = {Severity.FAILS: "NOT CONFIRMED", Severity.DEGRADES: "CHECK", Severity.NOTE: "Note"}
 
 
 class DraftedOutputs(TypedDict):
@@ -43,19 +46,20 @@ class Drafted(TypedDict):
     simulation: NotRequired[Mapping[str, Json]]
 
 
-def write_draft(name: str, scenario: Drafted, remark: str, tried: str, mobility: BaseAssumptions) -> str:
+def write_draft(name: str, scenario: Drafted, remark: str, trial: Trial, mobility: BaseAssumptions) -> str:
     """Return the text of a scenario file.
 
     Args:
         name: name of the robot.
         scenario: parts of the scenario.
         remark: remark on the controller.
-        tried: result of the trial run.
+        trial: result of the trial run.
         mobility: assumptions about the base.
     """
     outputs = scenario["outputs"]
     lines = [
         *_remark(f"First draft for {name}, guessed from its file by rnc-pin init: read it before you believe it."),
+        *(line for each in trial.verdict.findings for line in _remark(f"{_WORDS[each.severity]}: {each}.")),
         *(line for note in mobility.notes for line in _remark(f"Assumed: {note}.")),
         f"title: {_flow(f'First draft for {name}')}",
         *_remark(f"base {mobility.base or 'as in the file'}: {mobility.kind}"),
@@ -87,7 +91,7 @@ def write_draft(name: str, scenario: Drafted, remark: str, tried: str, mobility:
     lines += [
         *_remark(remark),
         f"controller: {_flow(scenario['controller'])}",
-        *_remark(tried),
+        *_remark(trial.words),
         f"simulation: {_flow(scenario['simulation'])}",
         f"view: {_flow(scenario['view'])}",
     ]
