@@ -33,6 +33,7 @@ from rnc_pin.scenario.plant_builder import build_plant
 from rnc_pin.scenario.schema import Scenario, SimulationSettings
 from rnc_pin.scenario.schema.controllers import VelocityTrackerSettings
 from rnc_pin.scenario.schema.obstacles import build_obstacles
+from rnc_pin.scenario.start_findings import start_findings, warnings_of
 from rnc_pin.simulation import Outcome, Phase, Provenance, SimulationOptions, TaskNames, sample_count, simulate
 from rnc_pin.simulation.friction_demand import iterate_time_scale
 from rnc_pin.simulation.phases import PhaseStart
@@ -169,11 +170,12 @@ def experiment_at(
         motion = (Plans() if plans is None else plans).plan(scenario, reduced, Start(q0, v2_0), obstacles)
     for frame in scenario.view.trail:
         reduced.robot.frame_id(frame)
+    doubted = warnings_of(start_findings(scenario, reduced, q0))
     if scenario.controller is None:
         plant = build_plant(scenario, reduced, q0, folder)
         notes = provenance_of(None)
         return Experiment(
-            scenario, reduced, ZeroInput(reduced), plant, q0, v2_0, scenario.simulation, (), notes, obstacles
+            scenario, reduced, ZeroInput(reduced), plant, q0, v2_0, scenario.simulation, doubted, notes, obstacles
         )
     references, given = task_references(scenario, reduced, task, q0, motion)
     path = plan_path(scenario, reduced, task, q0)
@@ -206,7 +208,7 @@ def experiment_at(
         q0=q0,
         v2_0=v2_0,
         simulation=scenario.simulation,
-        warnings=(*built.warnings, *_unmeasured(obstacles, reduced)),
+        warnings=(*doubted, *built.warnings, *_unmeasured(obstacles, reduced)),
         provenance=replace(
             provenance_of(built.notes),
             controller=describe(built.controller),

@@ -28,6 +28,7 @@ from rnc_pin.scenario.draft.trial_findings import model_findings, run_findings
 from rnc_pin.scenario.draft.yaml_text import Drafted, write_draft
 from rnc_pin.scenario.execution import Plan, execute
 from rnc_pin.scenario.loading import validate
+from rnc_pin.scenario.start_findings import start_findings
 from rnc_pin.simulation import Outcome, Trajectory
 
 _LEAN = 0.05  # [rad]
@@ -156,7 +157,9 @@ class ScenarioCandidate:
             trajectory = self._run(raw, experiment, min(self.mobility.duration + _REST, possible))
         trial = worst_output(trajectory, self._motions, settles=self.mobility.lean is not None)
         limits = experiment.reduced.actuation.limits
-        return replace(trial, findings=tuple(run_findings(trial, trajectory, limits, self.mobility, self.robot)))
+        found = run_findings(trial, trajectory, limits, self.mobility, self.robot)
+        wheels = start_findings(experiment.scenario, experiment.reduced, experiment.q0)
+        return replace(trial, findings=(*found, *wheels))
 
     def _run(self, raw: dict[str, Json], experiment: Experiment, duration: float) -> Trajectory:
         settings = experiment.simulation.model_copy(update={"duration": duration})
