@@ -139,6 +139,16 @@ class CollisionDistances:
         bounds[near] = self._measure(near)[:, 0]
         return bounds
 
+    @property
+    def poses(self) -> ShapePoses:
+        """Poses of all shapes, those of the obstacles last, at the configuration that was evaluated last."""
+        return self._at
+
+    @property
+    def radii(self) -> np.ndarray:
+        """Radii (s,) of spheres about the middles of all shapes that contain them [m]."""
+        return self._radii
+
     # ------------------------------------------------------------------ set-up
 
     def _use(self, pairs: Sequence[LinkPair]) -> None:
@@ -148,7 +158,7 @@ class CollisionDistances:
         self._measurement = PairMeasurement(self._shapes, self.pairs)
         boxes = [bounding_box(shape.geometry, shape.name) for shape in self._geometry.geometryObjects]
         self._centers, halves = (np.array([box[k] for box in boxes]) for k in (0, 1))
-        self._bounds = DistanceBounds(self._first, self._second, halves)
+        self._bounds, self._radii = DistanceBounds(self._first, self._second, halves), np.linalg.norm(halves, axis=1)
         support = np.zeros((len(self._joints), self._model.nv))
         for k, joint in enumerate(self._joints):
             for above in self._model.supports[joint]:
