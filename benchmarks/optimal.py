@@ -33,7 +33,7 @@ from rnc_pin.optimal import (
     VelocityCost,
 )
 from rnc_pin.optimal.guesses import along
-from rnc_pin.optimal.planner import build_problem
+from rnc_pin.optimal.problem_building import build_problem
 from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic
 from rnc_pin.plants.mujoco import MuJoCoPlant
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import difflib
 import itertools
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Protocol
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
     import numpy as np
@@ -26,6 +27,29 @@ class PartialRun(Protocol):
     @property
     def q(self) -> np.ndarray:
         """Configurations (N, nq)."""
+        ...
+
+
+class PartialPlan(Protocol):
+    """Plan that its verification does not confirm: a ``MotionPlan``."""
+
+    @property
+    def time(self) -> np.ndarray:
+        """Times of the nodes (K + 1,) [s]."""
+        ...
+
+    @property
+    def q(self) -> np.ndarray:
+        """Configurations (K + 1, nq)."""
+        ...
+
+    @property
+    def verdict(self) -> Any:
+        """``Verdict`` of the verification."""
+        ...
+
+    def save(self, path: str | Path) -> None:
+        """Write the plan to a file."""
         ...
 
 
@@ -111,7 +135,10 @@ class ConfigurationError(RncError):
 
 
 class InfeasibleError(ConfigurationError):
-    """The request is valid but infeasible: no suitable gains exist, or the motion passes a singularity.
+    """The request is valid but infeasible: no suitable gains or plan exist, or the motion passes a singularity.
+
+    Attributes:
+        plan: best ``MotionPlan`` that ``rnc.optimal.plan`` found, whose verdict says what it violates; else None.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
@@ -122,6 +149,8 @@ class InfeasibleError(ConfigurationError):
         ...     print(str(error).partition(":")[0])
         no velocity gains suit this region
     """
+
+    plan: PartialPlan | None = None
 
 
 class InputError(RncError, ValueError):

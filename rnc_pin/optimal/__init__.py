@@ -4,7 +4,8 @@ from rnc_pin.optimal.action_models import ActionModel, action_model
 from rnc_pin.optimal.bounds import BoundKind, DistanceBound, InputBound, OutputBound, VelocityBound
 from rnc_pin.optimal.costs import AccelerationCost, CostKind, EffortCost, OutputCost, PostureCost, VelocityCost
 from rnc_pin.optimal.guesses import driven_configurations
-from rnc_pin.optimal.motion_plan import MotionPlan, PlanInfo, PlannedOutputs, PlanVerification
+from rnc_pin.optimal.joint_limits import JointLimits
+from rnc_pin.optimal.motion_plan import Integration, MotionPlan, PlanInfo, PlannedOutputs, PlanVerification
 from rnc_pin.optimal.plan_feedback import PlanFeedback, tvlqr
 from rnc_pin.optimal.planner import plan_motion as plan
 from rnc_pin.optimal.predictive_control import PredictiveController, PredictiveState
@@ -18,6 +19,8 @@ __all__ = [
     "DistanceBound",
     "EffortCost",
     "InputBound",
+    "Integration",
+    "JointLimits",
     "MotionPlan",
     "OutputBound",
     "OutputCost",

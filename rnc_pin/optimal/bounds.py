@@ -20,6 +20,8 @@ from rnc_pin.optimal.output_rows_at_nodes import NodeOutputs
 
 _FAR = 1e3  # [m], distance of a row without a pair
 DISTANCE = "distance"
+GOAL = "goal"
+_WORDS = {"input": "input", "velocity": "velocity", "output": "value"}
 _HORIZON = 0.5  # [m], distance beyond the clearance from which pairs have no row
 
 
@@ -30,18 +32,34 @@ class NodeBound(ABC):
         names: names of the rows.
         lower, upper: limits (k,).
         of_state: True if the rows depend on the state only, so that they also hold at the end.
-        quantity: "input", "velocity", "output" or "distance" for limits of these; "" for other rows.
+        quantity: "input", "velocity", "output", "distance" or "goal" for limits of these; "" for other rows.
+        of_file: True for limits of the robot's file.
+        stated: True for rows with a limit on at least one side, or with an infinite one by name (k,).
+        units: unit of each row, (k,); empty if it is not known.
     """
 
     quantity = ""
+    of_file = False
+    remedy = ""
+    """How to remove a limit of the robot's file; "" for bounds that are stated."""
 
-    def __init__(self, names: Sequence[str], lower: Any, upper: Any, of_state: bool) -> None:
+    def __init__(
+        self, names: Sequence[str], lower: Any, upper: Any, of_state: bool, units: Sequence[str] | None = None
+    ) -> None:
         self.names, self.of_state = tuple(names), of_state
+        self.units = ("",) * len(self.names) if units is None else tuple(units)
+        self.stated = _stated(lower, self.names) | _stated(upper, self.names)
         self.lower = _limits(lower, self.names, -np.inf)
         self.upper = _limits(upper, self.names, np.inf)
         for name, low, high in zip(self.names, self.lower, self.upper, strict=True):
             if not low <= high:
                 raise InputError(f"bound of {name}: lower limit {low:g} is above upper limit {high:g}")
+
+    @property
+    def titles(self) -> tuple[str, ...]:
+        """Names of the rows in messages, such as "velocity of lift_joint"."""
+        word = _WORDS.get(self.quantity)
+        return self.names if word is None else tuple(f"{word} of {name}" for name in self.names)
 
     @abstractmethod
     def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
@@ -140,7 +158,8 @@ class _OutputLimits(NodeBound):
 
     def __init__(self, bound: OutputBound, model: ActionModel) -> None:
         self._outputs = NodeOutputs(model.reduced, bound.output)
-        super().__init__(self._outputs.names, bound.lower, bound.upper, of_state=True)
+        super().__init__(self._outputs.names, bound.lower, bound.upper, True, self._outputs.units)
+        self.angular = self._outputs.angular
 
     def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
         found = RowValues(self._outputs.value(nodes))
@@ -172,24 +191,27 @@ class DistanceBound(BoundKind):
     pairs: int = 6
 
     def bind(self, model: ActionModel) -> NodeBound:
-        return _Clearance(self)
+        return Clearance(self)
 
 
-class _Clearance(NodeBound):
+class Clearance(NodeBound):
+    """Distances of the nearest pairs at each node."""
+
     quantity = DISTANCE
 
     def __init__(self, bound: DistanceBound) -> None:
-        self._distances, self._within = bound.distances, bound.clearance + _HORIZON
+        self.distances, self.clearance = bound.distances, bound.clearance
+        self._within = bound.clearance + _HORIZON
         self._count = min(bound.pairs, len(bound.distances.pairs))
         names = [f"distance ({'nearest' if k == 0 else f'nearest {k + 1}'})" for k in range(self._count)]
-        super().__init__(names, bound.clearance, None, of_state=True)
+        super().__init__(names, bound.clearance, None, True, ["m"] * self._count)
 
     def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
         model = nodes.model
         value = np.full((nodes.size, self._count), _FAR)
         x = np.zeros((nodes.size, self._count, model.nx))
         for k, (q, t) in enumerate(zip(nodes.at.q, nodes.time, strict=True)):
-            found = self._distances.at(q, float(t), within=self._within)
+            found = self.distances.at(q, float(t), within=self._within)
             nearest_first = np.argsort(found.distance, kind="stable")[: self._count]
             value[k, : len(nearest_first)] = found.distance[nearest_first]
             x[k, : len(nearest_first), : model.nv] = found.jacobian[nearest_first]
@@ -209,27 +231,51 @@ class GoalRows(NodeBound):
         InputError: a value has the wrong shape or is not finite.
     """
 
+    quantity = GOAL
+
     def __init__(self, model: ActionModel, goal: Any, at_rest: bool) -> None:
+        robot = model.reduced.robot
         self._q: Array | None = None
         self._outputs: list[tuple[NodeOutputs, Array]] = []
         names: list[str] = []
+        units: list[str] = []
         if isinstance(goal, Mapping):
             for output, value in goal.items():
                 found = NodeOutputs(model.reduced, output)
                 value = pin.log3(np.asarray(value)) if np.shape(value) == (3, 3) else value
                 self._outputs.append((found, found.target(value, "goal")))
                 names += found.names
+                units += found.units
         else:
             self._q = np.array(model.reduced.at(goal).q)
             if self._q.ndim != 1:
                 raise InputError(f"goal: expected one configuration, found shape {self._q.shape}")
-            names += model.reduced.robot.velocity_names
+            names += robot.velocity_names
+            units += [""] * robot.nv
         if not names:
             raise ConfigurationError("goal: expected values of at least one output, or a configuration")
         self._rest = at_rest and model.form != "kinematic"
         if self._rest:
             names += [f"{name} (rest)" for name in model.reduced.reducing.names]
-        super().__init__([f"goal {name}" for name in names], 0.0, 0.0, of_state=True)
+            units += model.reduced.reducing.units
+        super().__init__([f"goal {name}" for name in names], 0.0, 0.0, True, units)
+
+    @property
+    def positions(self) -> dict[str, float]:
+        """Goals of outputs and joints on a line, by name. Angles that repeat every turn are left out."""
+        if self._q is not None:
+            return {}
+        return {
+            name: float(value)
+            for outputs, target in self._outputs
+            for name, value, angular in zip(outputs.names, target, outputs.angular, strict=True)
+            if not angular
+        }
+
+    @property
+    def configuration(self) -> Array | None:
+        """Configuration (nq,) of the goal; None if it consists of outputs."""
+        return self._q
 
     def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
         model, n = nodes.model, nodes.size
@@ -254,6 +300,11 @@ class GoalRows(NodeBound):
             if self._rest:
                 found.x[:, J.shape[1] :, model.nv :] = np.eye(model.r)
         return found
+
+
+def _stated(given: Any, names: Sequence[str]) -> Array:
+    """Mask (k,) of the rows for which a limit is given."""
+    return np.array([given is not None and (name in given if isinstance(given, Mapping) else True) for name in names])
 
 
 def _limits(given: Any, names: Sequence[str], default: float) -> Array:

@@ -16,6 +16,7 @@ from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.io.atomic_write import atomic_file
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
 from rnc_pin.planning.references import ReferencePoint
+from rnc_pin.verdict import Finding, Verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,22 +25,60 @@ _ARRAYS = ("time", "q", "w", "u", "K", "position", "velocity", "acceleration")
 
 
 @dataclass(frozen=True)
-class PlanVerification:
-    """Result of a re-integration of the inputs with a fine step, without feedback.
+class Integration:
+    """Result of one re-integration of a plan with a fine step.
 
     Attributes:
-        violation: largest violation of a bound or of the goal [its unit].
-        name: name of that row.
+        violation: largest violation of a bound or of the goal [its unit]; infinite if the integration fails.
+        name: name of that row; "" without a violation.
         at: its time [s].
         deviation: largest difference between the integrated and the planned states at the nodes.
-        substeps: integrator steps in each interval.
     """
 
     violation: float
     name: str
     at: float
     deviation: float
+
+
+@dataclass(frozen=True)
+class PlanVerification:
+    """Results of re-integrations of a plan with a fine step: of the inputs alone, and with feedback.
+
+    Attributes:
+        inputs: integration of the inputs without feedback.
+        feedback: integration with the feedback that the run will use; None if the inputs alone decide.
+        substeps: integrator steps in each interval.
+    """
+
+    inputs: Integration
+    feedback: Integration | None
     substeps: int
+
+    @property
+    def decisive(self) -> Integration:
+        """The integration by which the plan is judged: that with feedback if there is one."""
+        return self.inputs if self.feedback is None else self.feedback
+
+    @property
+    def violation(self) -> float:
+        """Largest violation of a bound or of the goal in the integration that decides [its unit]."""
+        return self.decisive.violation
+
+    @property
+    def name(self) -> str:
+        """Name of that row; "" without a violation."""
+        return self.decisive.name
+
+    @property
+    def at(self) -> float:
+        """Time of that violation [s]."""
+        return self.decisive.at
+
+    @property
+    def deviation(self) -> float:
+        """Largest difference between the integrated and the planned states at the nodes."""
+        return self.decisive.deviation
 
 
 @dataclass(frozen=True)
@@ -54,9 +93,14 @@ class PlanInfo:
         violated: name of that row.
         iterations: iterations of the guess that led to the plan.
         guess: the guess that led to it.
-        outcome: "solved", or "feasible" if the cost still changed at the last iteration.
-        verification: result of the re-integration.
+        outcome: "solved"; "feasible" if the cost still changed at the last iteration; "unverified" if the verification
+            found a violation above the accuracy. ``rnc.optimal.plan`` raises an error that carries such a plan.
+        verification: results of the re-integrations.
+        accuracy: largest violation that the verification accepts.
+        guesses: number of guesses that were tried.
+        solutions: number of guesses that led to a motion within tolerance.
         bounds: limits of inputs, velocities and outputs: (quantity, name, lower, upper).
+        findings: findings of the verification.
     """
 
     form: str
@@ -70,7 +114,11 @@ class PlanInfo:
     guess: str
     outcome: str
     verification: PlanVerification
+    accuracy: float
+    guesses: int = 1
+    solutions: int = 1
     bounds: tuple[tuple[str, str, float, float], ...] = ()
+    findings: tuple[Finding, ...] = ()
 
 
 class PlannedOutputs:
@@ -179,6 +227,11 @@ class MotionPlan:
         """Duration [s]."""
         return float(self.time[-1])
 
+    @property
+    def verdict(self) -> Verdict:
+        """Verdict of the verification: findings about the goal, limits, distances, and what was assumed."""
+        return Verdict.of(self.info.findings)
+
     def reference(self, outputs: str | Sequence[str] | None = None) -> PlannedOutputs:
         """Return the reference of outputs by name; of all outputs by default, reducing ones first.
 
@@ -199,7 +252,7 @@ class MotionPlan:
         """Write a compressed ``.npz`` file to a path, for ``load``. An error leaves no partial file."""
         arrays = {name: getattr(self, name) for name in _ARRAYS}
         with atomic_file(Path(path)) as partial, partial.open("wb") as file:
-            np.savez_compressed(file, **arrays, info=np.array(json.dumps(asdict(self.info))))
+            np.savez_compressed(file, **arrays, info=np.array(json.dumps(_content(self.info))))
 
     @classmethod
     def load(cls, path: str | Path) -> MotionPlan:
@@ -236,14 +289,21 @@ class MotionPlan:
         return plan_figure(self, list(self.info.output_names if outputs is None else outputs))
 
 
+def _content(info: PlanInfo) -> dict[str, Any]:
+    return {**asdict(info), "findings": [each.to_json() for each in info.findings]}
+
+
 def _info(given: dict[str, Any]) -> PlanInfo:
-    verification = PlanVerification(**given.pop("verification"))
-    known = {each.name for each in fields(PlanInfo)} - {"verification"}
-    if set(given) != known:
+    stated = given.pop("verification")
+    inputs, feedback = (None if stated[key] is None else Integration(**stated[key]) for key in ("inputs", "feedback"))
+    findings = tuple(Finding.from_json(each) for each in given.pop("findings"))
+    known = {each.name for each in fields(PlanInfo)} - {"verification", "findings"}
+    if set(given) != known or inputs is None:
         raise ConfigurationError(f"not a plan: fields {sorted(set(given) ^ known)}")
     given["bounds"] = tuple(map(tuple, given["bounds"]))
     values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in given.items()}
-    return PlanInfo(**values, verification=verification)
+    verification = PlanVerification(inputs, feedback, stated["substeps"])
+    return PlanInfo(**values, verification=verification, findings=findings)
 
 
 def _check_shapes(arrays: dict[str, Array], info: PlanInfo) -> None:

@@ -41,6 +41,11 @@ class NodeData:
         return self.model.velocity(self.at, self.u)
 
     @cached_property
+    def velocity(self) -> Float[Array, "n nv"]:
+        """Velocities."""
+        return self.model.reduced.at(self.at.q, self.v2).v if self.flow is None else self.flow.v
+
+    @cached_property
     def acceleration(self) -> Float[Array, "n nw"]:
         """Reduced accelerations."""
         assert self.u is not None

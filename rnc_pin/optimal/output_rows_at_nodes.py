@@ -25,6 +25,8 @@ class NodeOutputs:
 
     Attributes:
         names, size: names and number of the rows.
+        units: unit of each row, such as "rad".
+        angular: True for rows whose values repeat every turn, and for rotations.
 
     Raises:
         ConfigurationError: unknown output, or an output without a value.
@@ -34,6 +36,8 @@ class NodeOutputs:
         chosen = list(outputs) if isinstance(outputs, list | tuple) else [outputs]
         self._stacks: list[tuple[OutputStack, Array]] = [_found(reduced, each) for each in chosen]
         self.names = tuple(stack.names[row] for stack, rows in self._stacks for row in rows)
+        self.units = tuple(stack.units[row].removesuffix("/s") for stack, rows in self._stacks for row in rows)
+        self.angular = tuple(bool(stack.angular[row]) for stack, rows in self._stacks for row in rows)
         self.size = len(self.names)
 
     def target(self, value: Any, what: str) -> Array:

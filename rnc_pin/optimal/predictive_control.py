@@ -19,7 +19,7 @@ from rnc_pin.optimal.bounds import BoundKind
 from rnc_pin.optimal.costs import CostKind
 from rnc_pin.optimal.feedback_gains import feedback_gains
 from rnc_pin.optimal.guesses import along
-from rnc_pin.optimal.planner import build_problem
+from rnc_pin.optimal.problem_building import build_problem
 from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic, SolverSettings
 from rnc_pin.optimal.transcription import Iterate
 from rnc_pin.printing import ReprMixin

@@ -40,8 +40,7 @@ class SolverSettings:
         substeps: integrator steps of the verification in each interval.
         refinements: how often the planner may halve the intervals and solve again from the plan so far, because the
             verification finds a violation above ``accuracy``.
-        accuracy: largest violation after verification that needs no refinement [their units]. ``plan`` warns if the
-            refinements do not reach it; with 0 all are made, without a warning.
+        accuracy: largest violation of bounds and goal that the verification of a plan accepts [their units].
 
     Example:
         >>> rnc.optimal.SolverSettings(nodes=60).iterations
@@ -54,8 +53,8 @@ class SolverSettings:
     cost_tolerance: float = 1e-6
     penalty: float = 1e3
     substeps: int = 20
-    refinements: int = 0
-    accuracy: float = 1e-3
+    refinements: int = 2
+    accuracy: float = 5e-3
 
 
 @dataclass

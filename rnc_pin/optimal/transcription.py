@@ -15,7 +15,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.optimal.action_models import ActionModel, Nodes, StepDerivatives
-from rnc_pin.optimal.bounds import NodeBound
+from rnc_pin.optimal.bounds import DISTANCE, NodeBound
 from rnc_pin.optimal.costs import BoundCost
 from rnc_pin.optimal.linear_quadratic import LinearQuadratic
 from rnc_pin.optimal.node_data import NodeData, stacked
@@ -61,6 +61,7 @@ class Transcription:
         goal: rows that hold at the end; None without a hard goal.
         duration: (shortest, longest) [s]; free if these differ.
         time_weight: cost of the duration [1/s].
+        margins: additions to the lower limits of distances at every node (K + 1,) [m]; none by default.
     """
 
     def __init__(
@@ -73,7 +74,9 @@ class Transcription:
         goal: NodeBound | None,
         duration: tuple[float, float],
         time_weight: float = 0.0,
+        margins: Float[Array, " K1"] | None = None,
     ) -> None:
+        self.margins = np.zeros(K + 1) if margins is None else margins
         self.model, self.start, self.K = model, start, K
         self.costs = list(costs)
         self.running = [each for each in costs if each.running]
@@ -85,24 +88,30 @@ class Transcription:
         blocks = [*self.bounds, *([] if goal is None else [goal])]
         ends = np.cumsum([len(each.names) for each in blocks]).tolist()
         self.blocks = [(each, slice(a, b)) for each, a, b in zip(blocks, [0, *ends], ends, strict=False)]
-        self.names = tuple(name for each in blocks for name in each.names)
+        self.names = tuple(title for each in blocks for title in each.titles)
         self.lower = np.tile(_joined([each.lower for each in blocks]), (K + 1, 1))
         """Lower limits of the rows of every node (K + 1, k); infinite for rows that do not hold at a node."""
         self.upper = np.tile(_joined([each.upper for each in blocks]), (K + 1, 1))
         for each, rows in self.blocks:
             nodes = slice(0, K) if each is goal else slice(0, 1) if each.of_state else slice(K, K + 1)
+            if each.quantity == DISTANCE:
+                self.lower[:, rows] += self.margins[:, None]
             self.lower[nodes, rows], self.upper[nodes, rows] = -np.inf, np.inf
 
     def with_intervals(self, K: int) -> Transcription:
         """Return the same problem over another number of intervals."""
-        return self._with(K, self.bounds)
+        return self._with(K, self.bounds, None)
 
     def with_bounds(self, bounds: Sequence[NodeBound]) -> Transcription:
         """Return the same problem within other bounds."""
-        return self._with(self.K, bounds)
+        return self._with(self.K, bounds, self.margins)
 
-    def _with(self, K: int, bounds: Sequence[NodeBound]) -> Transcription:
-        same = (self.goal, self.duration, self.time_weight)
+    def with_margins(self, margins: Float[Array, " K1"]) -> Transcription:
+        """Return the same problem with larger distances at some nodes: each at least its bound plus a margin."""
+        return self._with(self.K, self.bounds, margins)
+
+    def _with(self, K: int, bounds: Sequence[NodeBound], margins: Array | None) -> Transcription:
+        same = (self.goal, self.duration, self.time_weight, margins)
         return Transcription(self.model, self.start, K, self.costs, bounds, *same)
 
     def times(self, duration: float) -> Array:

@@ -1,33 +1,193 @@
-"""Verification of planned inputs by re-integration with a fine step."""
+"""Verification of planned inputs by re-integration with a fine step, without and with feedback."""
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Iterator
+from typing import NamedTuple
 
+import numpy as np
+from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Float
 from rnc_pin.errors import RncError
 from rnc_pin.optimal.action_models import Nodes
-from rnc_pin.optimal.motion_plan import PlanVerification
+from rnc_pin.optimal.bounds import Clearance
+from rnc_pin.optimal.closest_approach import ClosestApproach
+from rnc_pin.optimal.motion_plan import Integration, PlanVerification
 from rnc_pin.optimal.transcription import Iterate, Transcription
 
 
-def verify_inputs(problem: Transcription, at: Iterate, substeps: int) -> PlanVerification:
-    """Integrate the inputs from the start without feedback, and compare with bounds and goal at every fine step."""
+class Excess(NamedTuple):
+    """Largest amount by which a motion is beyond a limit.
+
+    Attributes:
+        quantity: quantity of the bound: "goal", "input", "velocity", "output", "distance", "" for another bound, or
+            "integration" if the motion cannot be integrated.
+        title: name of the row in messages.
+        amount: the excess, in ``unit``.
+        unit: its unit.
+        time: its time [s].
+        value: value of the row there; nan if there is none.
+        limit: the limit that is exceeded.
+    """
+
+    quantity: str
+    title: str
+    amount: float
+    unit: str
+    time: float
+    value: float
+    limit: float
+
+
+class Verified(NamedTuple):
+    """Result of a verification, and the rows that the motion of the integration that decides exceeds, largest first."""
+
+    verification: PlanVerification
+    excesses: tuple[Excess, ...]
+
+
+def verify_inputs(
+    problem: Transcription,
+    at: Iterate,
+    substeps: int,
+    gains: Float[Array, "K nu nx"] | None,
+    accuracy: float,
+) -> Verified:
+    """Integrate the inputs from the start, and compare with bounds and goal at every fine step and between them.
+
+    Args:
+        problem: the problem.
+        at: the planned motion.
+        substeps: integrator steps of each interval.
+        gains: gains of the feedback that the run will use; its motion then decides. None if the inputs alone decide.
+        accuracy: distance below a clearance up to which a motion between fine steps needs no further measurement [m].
+    """
+    alone, excesses = _integrated(problem, at, substeps, None, accuracy)
+    if gains is None:
+        return Verified(PlanVerification(alone, None, substeps), excesses)
+    followed, excesses = _integrated(problem, at, substeps, gains, accuracy)
+    return Verified(PlanVerification(alone, followed, substeps), excesses)
+
+
+def _integrated(
+    problem: Transcription, at: Iterate, substeps: int, gains: Array | None, accuracy: float
+) -> tuple[Integration, tuple[Excess, ...]]:
+    model, K = problem.model, problem.K
+    try:
+        fine = _motion(problem, at, substeps, gains)
+        found = sorted(_excesses(problem, fine, substeps, accuracy), key=lambda each: -each.amount)
+    except _Interrupted as error:
+        lost = Excess("integration", f"re-integration: {error}", np.inf, "", error.time, np.nan, np.nan)
+        return Integration(np.inf, lost.title, error.time, np.inf), (lost,)
+    planned, reached = Nodes(at.q, at.w), Nodes(fine.q[::substeps], fine.w[::substeps])
+    deviation = float(np.abs(model.difference(planned, reached)).max())
+    assert len(planned.q) == K + 1
+    if not found:
+        return Integration(0.0, "", 0.0, deviation), ()
+    return Integration(found[0].amount, found[0].title, found[0].time, deviation), tuple(found)
+
+
+class _Interrupted(Exception):
+    """The integration cannot continue, e.g. at a singular configuration or because the motion diverges."""
+
+    def __init__(self, reason: str, time: float) -> None:
+        super().__init__(reason)
+        self.time = time
+
+
+def _motion(problem: Transcription, at: Iterate, substeps: int, gains: Array | None) -> Iterate:
+    """Motion with a fine step. Feedback acts on the state at each step, and inputs stay within their bounds."""
     model, K = problem.model, problem.K
     h = at.duration / K / substeps
-    step = np.array([h])
-    now, q, w = problem.start, [problem.start.q[0]], [problem.start.w[0]]
+    step, now = np.array([h]), problem.start
+    q, w, inputs = [now.q[0]], [now.w[0]], []
+    lower, upper = _input_limits(problem)
+    planned = None if gains is None else _planned(problem, at, substeps, h)
+    for k in range(K):
+        u = at.u[k : k + 1]
+        for j in range(substeps):
+            try:
+                if gains is not None and planned is not None:
+                    place = slice(k * substeps + j, k * substeps + j + 1)
+                    dx = model.difference(Nodes(planned.q[place], planned.w[place]), now)[0]
+                    u = at.u[k : k + 1] + gains[k] @ dx
+                    u = np.clip(u, np.minimum(lower, at.u[k]), np.maximum(upper, at.u[k]))
+                now = model.step(now, u, step)
+            except RncError as error:
+                raise _Interrupted(str(error), (k * substeps + j) * h) from None
+            if not (np.isfinite(now.q).all() and np.isfinite(now.w).all()):
+                raise _Interrupted("the motion diverges", (k * substeps + j) * h)
+            q.append(now.q[0])
+            w.append(now.w[0])
+            inputs.append(u[0])
+    return Iterate(np.array(q), np.array(w), np.array(inputs), at.duration)
+
+
+def _planned(problem: Transcription, at: Iterate, substeps: int, h: float) -> Nodes:
+    """Planned states at all fine steps, each from the node before it, as ``PlanFeedback`` has them."""
+    since = np.tile(h * np.arange(substeps), problem.K)
+    nodes = Nodes(np.repeat(at.q[:-1], substeps, axis=0), np.repeat(at.w[:-1], substeps, axis=0))
+    return problem.model.step(nodes, np.repeat(at.u, substeps, axis=0), since)
+
+
+def _input_limits(problem: Transcription) -> tuple[Array, Array]:
+    """Smallest and largest inputs (nu,) of all bounds."""
+    names = problem.model.input_names
+    lower, upper = np.full(len(names), -np.inf), np.full(len(names), np.inf)
+    for bound in problem.bounds:
+        if bound.quantity == "input":
+            places = [names.index(name) for name in bound.names]
+            lower[places] = np.maximum(lower[places], bound.lower)
+            upper[places] = np.minimum(upper[places], bound.upper)
+    return lower, upper
+
+
+def _excesses(problem: Transcription, fine: Iterate, substeps: int, accuracy: float) -> Iterator[Excess]:
+    """Largest excess of each row that a fine motion exceeds."""
+    others = [bound for bound in problem.bounds if not isinstance(bound, Clearance)]
+    duration = (fine.duration, fine.duration)
+    same = Transcription(problem.model, problem.start, len(fine.u), [], others, problem.goal, duration)
+    same.begin = problem.begin
+    times = same.times(fine.duration)
     try:
-        for k in range(K):
-            for _ in range(substeps):
-                now = model.step(now, at.u[k : k + 1], step)
-                q.append(now.q[0])
-                w.append(now.w[0])
+        rows = same.values(fine).rows
     except RncError as error:
-        return PlanVerification(np.inf, f"re-integration fails: {error}", len(q) * h, np.inf, substeps)
-    fine = Iterate(np.array(q), np.array(w), np.repeat(at.u, substeps, axis=0), at.duration)
-    blocks = [bound for bound, _ in problem.blocks if bound is not problem.goal]
-    same = Transcription(model, problem.start, K * substeps, [], blocks, problem.goal, (at.duration, at.duration))
-    worst = same.worst(same.values(fine), at.duration)
-    planned, found = Nodes(at.q, at.w), Nodes(fine.q[::substeps], fine.w[::substeps])
-    deviation = float(np.abs(model.difference(planned, found)).max())
-    return PlanVerification(worst.amount, worst.name, worst.time, deviation, substeps)
+        raise _Interrupted(str(error), 0.0) from None
+    for block, where in same.blocks:
+        values, low, high = rows[:, where], same.lower[:, where], same.upper[:, where]
+        peaks = _peaks(values, substeps) if block.of_state and block is not problem.goal else np.zeros(values.shape)
+        beyond = np.maximum(low - values, values - high) + peaks
+        for row, at in enumerate(beyond.argmax(axis=0).tolist()):
+            amount, value = float(beyond[at, row]), float(values[at, row])
+            if amount > 0:
+                limit = float(high[at, row] if value - high[at, row] > low[at, row] - value else low[at, row])
+                yield Excess(
+                    block.quantity, block.titles[row], amount, block.units[row], float(times[at]), value, limit
+                )
+    for bound in problem.bounds:
+        if isinstance(bound, Clearance):
+            yield from _too_near(bound, times, fine.q, accuracy)
+
+
+def _peaks(values: Float[Array, "n k"], substeps: int) -> Float[Array, "n k"]:
+    """Height of a parabola through three samples above (or depth below) the middle one, if this is an extremum.
+
+    Slopes jump between intervals, which are samples: parabolas lie within intervals.
+    """
+    peaks = np.zeros(values.shape)
+    before, after = values[1:-1] - values[:-2], values[2:] - values[1:-1]
+    bend = np.abs(after - before)
+    turning = (before * after <= 0) & (bend > 0)
+    found = (after + before) ** 2 / np.where(bend > 0, 8 * bend, 1.0)
+    peaks[1:-1] = np.where(turning, found, 0.0)
+    peaks[::substeps] = 0.0
+    return peaks
+
+
+def _too_near(bound: Clearance, times: Array, q: Array, accuracy: float) -> Iterator[Excess]:
+    search = ClosestApproach(bound.distances, bound.clearance, 0.5 * accuracy)
+    for found in search.along(times, q):
+        title = f"distance of {found.names[0]} and {found.names[1]}"
+        amount = bound.clearance - found.distance
+        yield Excess(bound.quantity, title, amount, "m", found.time, found.distance, bound.clearance)

@@ -1,0 +1,312 @@
+"""Search for a verified plan: guesses are solved, the cheapest solution is refined and verified, then the next."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError
+from rnc_pin.optimal.bounds import DISTANCE, GOAL
+from rnc_pin.optimal.feedback_gains import feedback_gains
+from rnc_pin.optimal.guesses import resampled
+from rnc_pin.optimal.motion_plan import Integration, MotionPlan, PlanInfo, PlanVerification
+from rnc_pin.optimal.plan_findings import excess_text, plan_findings
+from rnc_pin.optimal.plan_outputs import output_nodes
+from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic, Solution, SolverSettings
+from rnc_pin.optimal.transcription import Iterate, Transcription
+from rnc_pin.optimal.verification import Excess, verify_inputs
+
+_TIGHTENED = 4  # times that nodes near places that come too close get a larger distance
+_HELPS = 2.0  # factor by which halved intervals reduce a violation that they cause
+
+Gains = Callable[[MotionPlan], Any]
+"""Gains (K, nu, nx) of the feedback along a plan."""
+
+
+class _Candidate(NamedTuple):
+    """Solution of a guess."""
+
+    name: str
+    solution: Solution
+
+
+class _Made(NamedTuple):
+    """Plan with its solution, and the rows that it exceeds after verification, largest first."""
+
+    plan: MotionPlan
+    candidate: _Candidate
+    excesses: tuple[Excess, ...]
+
+
+class _Solver:
+    """Solver that adds the limits of the robot's file only if a solution without them exceeds one.
+
+    Most motions are far within them, and rows that do not matter would take time in every iteration.
+    """
+
+    def __init__(self, problem: Transcription, settings: SolverSettings) -> None:
+        stated = [bound for bound in problem.bounds if not bound.of_file]
+        self._problem, self._tolerance = problem, settings.tolerance
+        self._whole = SequentialQuadratic(problem, settings)
+        few = len(stated) < len(problem.bounds)
+        self._without = SequentialQuadratic(problem.with_bounds(stated), settings) if few else None
+
+    def solve(self, start: Iterate) -> Solution:
+        """Solve the problem from a guess."""
+        if self._without is None:
+            return self._whole.solve(start)
+        found = self._without.solve(start)
+        values = self._problem.values(found.iterate)
+        if self._problem.excess(values).max(initial=0.0) <= max(self._tolerance, found.violation.amount):
+            return found
+        within = self._whole.solve(found.iterate)
+        within.iterations += found.iterations
+        return within
+
+
+class PlanSearch:
+    """Search for a plan that its verification confirms.
+
+    Args:
+        problem: the problem.
+        settings: settings of the solver.
+        gains: gains of the feedback that the run will use; None if the inputs alone decide.
+        solutions: number of solutions among which the cheapest is tried first.
+        alone: True if there is only one guess, whose errors are then those of the search.
+    """
+
+    def __init__(
+        self, problem: Transcription, settings: SolverSettings, gains: Gains | None, solutions: int, alone: bool
+    ) -> None:
+        self._problem, self._settings, self._gains = problem, settings, gains
+        self._wanted, self._alone = solutions, alone
+        self._solver = _Solver(problem, settings)
+        self._relaxed = _without_distances(problem, settings)
+        self._tried = self._solved = 0
+        self._failed: list[_Candidate] = []
+        self._rejected: list[_Made] = []
+
+    def run(self, starts: Iterator[tuple[str, Iterate]]) -> MotionPlan:
+        """Return the first verified plan: the cheapest of the wanted solutions, else the next one.
+
+        Raises:
+            InfeasibleError: there is none.
+        """
+        pool: list[_Candidate] = []
+        while True:
+            while self._solved < self._wanted + len(self._rejected):
+                start = next(starts, None)
+                if start is None:
+                    break
+                found = self._solve(*start)
+                if found is not None:
+                    pool.append(found)
+            if not pool:
+                raise self._refusal()
+            best = min(pool, key=lambda each: each.solution.cost)
+            pool.remove(best)
+            made = self._refined(best)
+            if _confirmed(made):
+                return made.plan
+            self._rejected.append(made)
+
+    def _solve(self, name: str, start: Iterate) -> _Candidate | None:
+        """Solution from a guess; None if it does not lead to a motion within tolerance."""
+        self._tried += 1
+        try:
+            if self._relaxed is not None and name != "given":
+                start = self._relaxed.solve(start).iterate
+            found = _Candidate(name, self._solver.solve(start))
+        except RncError as error:
+            if self._alone:
+                raise InfeasibleError(f"no plan: the guess cannot be evaluated: {error}") from None
+            return None
+        if found.solution.outcome == "infeasible":
+            self._failed.append(found)
+            return None
+        self._solved += 1
+        return found
+
+    def _refined(self, candidate: _Candidate) -> _Made:
+        """Plan of a solution, improved until its verification confirms it.
+
+        The intervals are halved until the inputs alone keep everything within the accuracy, too. If halving them no
+        longer helps without feedback, but the motion with feedback is confirmed, the motion is unstable. At last, the
+        nodes next to places that come too near to something keep a larger distance.
+        """
+        settings, problem = self._settings, self._problem
+        best = made = self._completed(problem, candidate)
+        before = np.inf
+        for _ in range(settings.refinements):
+            found = made.plan.info.verification
+            alone = found.inputs.violation
+            if alone <= settings.accuracy or (_confirmed(made) and alone > before / _HELPS):
+                break
+            problem, before = problem.with_intervals(2 * problem.K), alone
+            after = self._improved(problem, made)
+            if after is None:
+                return best
+            made = after
+            best = min(best, made, key=_violation)
+        for _ in range(_TIGHTENED):
+            margins = None if _confirmed(made) else _margins(problem, made, settings.accuracy)
+            if margins is None:
+                break
+            problem = problem.with_margins(margins)
+            after = self._improved(problem, made)
+            if after is None:
+                break
+            made = after
+            best = min(best, made, key=_violation)
+        return best
+
+    def _improved(self, problem: Transcription, made: _Made) -> _Made | None:
+        """Plan of a similar problem, solved from another plan; None if this fails."""
+        start, (name, before) = made.candidate.solution.iterate, made.candidate
+        if len(start.u) != problem.K:
+            start = resampled(problem.model, start, problem.K)
+        try:
+            found = _Solver(problem, self._settings).solve(start)
+        except RncError:
+            return None
+        if found.outcome == "infeasible":
+            return None
+        found.iterations += before.iterations
+        return self._completed(problem, _Candidate(name, found))
+
+    def _completed(self, problem: Transcription, candidate: _Candidate) -> _Made:
+        """Plan of a solution with its verification."""
+        name, found = candidate
+        at, model, settings = found.iterate, problem.model, self._settings
+        position, velocity, acceleration = output_nodes(model, at)
+        reduced = model.reduced
+        states = tuple(reduced.robot.velocity_names)
+        if model.nw:
+            states += tuple(f"{each} (rate)" for each in reduced.reducing.names)
+        unknown = PlanVerification(Integration(np.inf, "", 0.0, np.inf), None, settings.substeps)
+        info = PlanInfo(
+            form=model.form,
+            input_names=model.input_names,
+            state_names=states,
+            output_names=(*reduced.reducing.names, *reduced.vertical.names),
+            cost=found.cost,
+            violation=found.violation.amount,
+            violated=found.violation.name,
+            iterations=found.iterations,
+            guess=name,
+            outcome="unverified",
+            verification=unknown,
+            accuracy=settings.accuracy,
+            guesses=self._tried,
+            solutions=self._solved,
+            bounds=_limits_of(problem),
+        )
+        plan = MotionPlan(
+            time=np.linspace(0.0, at.duration, problem.K + 1),
+            q=np.array(at.q),
+            w=np.array(at.w),
+            u=np.array(at.u),
+            K=feedback_gains(problem, at),
+            position=position,
+            velocity=velocity,
+            acceleration=acceleration,
+            info=info,
+        )
+        gains = None if self._gains is None else _checked(self._gains(plan), plan)
+        verified = verify_inputs(problem, at, settings.substeps, gains, settings.accuracy)
+        confirmed = verified.verification.violation <= settings.accuracy and found.outcome != "infeasible"
+        info = replace(
+            info,
+            outcome=found.outcome if confirmed else "unverified",
+            verification=verified.verification,
+            findings=plan_findings(problem, at, verified.excesses, verified.verification, settings.accuracy),
+        )
+        return _Made(replace(plan, info=info), candidate, verified.excesses)
+
+    # ------------------------------------------------------------------ refusal
+
+    def _refusal(self) -> InfeasibleError:
+        if self._rejected:
+            return self._unverified()
+        if not self._failed:
+            text = "every guess met a singular configuration; give a guess, or other reducing outputs"
+            return InfeasibleError(f"no plan: {text}")
+        best = min(self._failed, key=lambda each: each.solution.violation.amount)
+        worst, duration = best.solution.violation, best.solution.iterate.duration
+        found = InfeasibleError(
+            f"no plan in {duration:.4g} s: {worst.name} is violated by {worst.amount:.3g} at t = {worst.time:.4g} s "
+            f"(best of {self._tried} guesses: {best.name}); allow more time, wider bounds or more seeds"
+        )
+        try:
+            found.plan = self._completed(self._problem, best).plan
+        except (RncError, np.linalg.LinAlgError):
+            found.plan = None  # e.g. the motion is singular, so that it has no outputs
+        return found
+
+    def _unverified(self) -> InfeasibleError:
+        plan, _, excesses = min(self._rejected, key=_violation)
+        again = "re-integration with feedback" if plan.info.verification.feedback is not None else "re-integration"
+        intervals, guesses = f"up to {len(plan.u)} intervals", f"{self._solved} of {self._tried} guesses"
+        found = InfeasibleError(
+            f"no verified plan in {plan.duration:.4g} s: after {again}, {excess_text(excesses[0])}; "
+            f"the accuracy is {self._settings.accuracy:g}; tried {intervals} and {guesses} that have solutions "
+            f"(best: {plan.info.guess}); allow more refinements, more seeds, or a larger accuracy"
+        )
+        found.plan = plan
+        return found
+
+
+def _checked(gains: Any, plan: MotionPlan) -> np.ndarray:
+    found = np.array(gains, dtype=float)
+    if found.shape != plan.K.shape or not np.isfinite(found).all():
+        raise ConfigurationError(f"feedback: gains of shape {found.shape}, expected finite numbers {plan.K.shape}")
+    return found
+
+
+def _confirmed(made: _Made) -> bool:
+    return made.plan.info.outcome != "unverified"
+
+
+def _violation(made: _Made) -> tuple[bool, float]:
+    """Order of plans: confirmed ones first, then by the largest violation in both integrations."""
+    found = made.plan.info.verification
+    return not _confirmed(made), max(found.violation, found.inputs.violation) if _confirmed(made) else found.violation
+
+
+def _margins(problem: Transcription, made: _Made, accuracy: float) -> np.ndarray | None:
+    """Additions to the distances at nodes (K + 1,) next to places that come too near; None if other rows are violated.
+
+    The goal keeps its place, so that the last node has no margin.
+    """
+    beyond = [each for each in made.excesses if each.amount > accuracy]
+    if any(each.quantity != DISTANCE for each in beyond):
+        return None
+    margins, h = problem.margins.copy(), made.plan.duration / problem.K
+    for each in beyond:
+        k = min(int(each.time / h), problem.K - 1)
+        margins[k : k + 2] = np.maximum(margins[k : k + 2], problem.margins[k : k + 2] + each.amount)
+    margins[-1] = 0.0
+    return margins if (margins > problem.margins).any() else None
+
+
+def _without_distances(problem: Transcription, settings: SolverSettings) -> SequentialQuadratic | None:
+    """Solver without the bounds of distances, whose motions lead past obstacles; None if there are none.
+
+    Its iterations cost a small part of those with distances, and its solution is a good start for them.
+    """
+    if all(bound.quantity != DISTANCE for bound in problem.bounds):
+        return None
+    kept = [bound for bound in problem.bounds if bound.quantity != DISTANCE and not bound.of_file]
+    return SequentialQuadratic(problem.with_bounds(kept), settings)
+
+
+def _limits_of(problem: Transcription) -> tuple[tuple[str, str, float, float], ...]:
+    return tuple(
+        (bound.quantity, name, float(low), float(high))
+        for bound in problem.bounds
+        for name, low, high in zip(bound.names, bound.lower, bound.upper, strict=True)
+        if bound.quantity not in ("", DISTANCE, GOAL)
+    )

@@ -1,0 +1,128 @@
+"""Optimal control problems from the arguments of ``rnc.optimal.plan``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.optimal.action_models import ActionModel, Nodes, action_model
+from rnc_pin.optimal.bounds import BoundKind, DistanceBound, GoalRows, NodeBound
+from rnc_pin.optimal.costs import CostKind, EffortCost, OutputCost
+from rnc_pin.optimal.joint_limits import JointLimits
+from rnc_pin.optimal.node_data import NodeData
+from rnc_pin.optimal.transcription import Transcription
+from rnc_pin.planning.references import Reference
+
+_ROUNDING = 1e-9  # of a value at its limit
+
+
+def build_problem(
+    reduced: ReducedModel,
+    q0: Any,
+    goal: Any,
+    duration: float | tuple[float, float],
+    form: str,
+    costs: Sequence[CostKind] | None,
+    bounds: Sequence[BoundKind],
+    nodes: int,
+    v2_0: Any = None,
+    at_rest: bool = True,
+    time_weight: float = 0.0,
+    limits: JointLimits | None = None,
+) -> Transcription:
+    """Return the optimal control problem of ``plan``. Without ``limits``, those of the robot's file do not count.
+
+    Raises:
+        InfeasibleError: the start or the goal is beyond a limit.
+    """
+    model = action_model(reduced, form)
+    times = _duration(duration)
+    costs = [EffortCost()] if costs is None else list(costs)
+    for cost in costs:
+        if not isinstance(cost, CostKind):
+            raise ConfigurationError(f"costs: expected costs of rnc.optimal, found {cost!r}")
+    for bound in bounds:
+        if not isinstance(bound, BoundKind):
+            raise ConfigurationError(f"bounds: expected bounds of rnc.optimal, found {bound!r}")
+    if not (limits is None or isinstance(limits, JointLimits)):
+        raise ConfigurationError(f"limits: expected JointLimits of rnc.optimal or None, found {limits!r}")
+    if times[1] > times[0]:
+        _check_free(costs, bounds)
+    if nodes < 2:
+        raise InputError(f"nodes: expected at least 2, found {nodes}")
+    start, stated = _start(model, q0, v2_0), [bound.bind(model) for bound in bounds]
+    of_file = [] if limits is None else limits.bind(model, stated)
+    end = None if goal is None else GoalRows(model, goal, at_rest)
+    _check_start(model, start, of_file)
+    if end is not None:
+        _check_goal(model, end, stated, of_file)
+    return Transcription(
+        model, start, nodes, [cost.bind(model) for cost in costs], [*stated, *of_file], end, times, time_weight
+    )
+
+
+def _start(model: ActionModel, q0: Any, v2_0: Any) -> Nodes:
+    if model.form == "kinematic" and v2_0 is not None:
+        raise ConfigurationError("v2_0: the kinematic form has no initial velocity; use 'acceleration' or 'dynamic'")
+    state = model.reduced.at(q0, np.zeros(model.r) if v2_0 is None else v2_0)
+    if state.q.ndim != 1:
+        raise InputError(f"q0: expected one configuration, found shape {state.q.shape}")
+    _ = state.v
+    w = np.empty((1, 0)) if model.form == "kinematic" else np.array(state.v2)[None]
+    return Nodes(np.array(state.q)[None], w)
+
+
+def _duration(given: Any) -> tuple[float, float]:
+    try:
+        low, high = given if np.ndim(given) else (given, given)
+        low, high = float(low), float(high)
+    except (TypeError, ValueError):
+        raise InputError(f"duration: expected a number or (shortest, longest), found {given!r}") from None
+    if not 0 < low <= high < np.inf:
+        raise InputError(f"duration: expected 0 < shortest <= longest, found {given!r}")
+    return low, high
+
+
+def _check_free(costs: Sequence[CostKind], bounds: Sequence[BoundKind]) -> None:
+    for cost in costs:
+        if isinstance(cost, OutputCost) and isinstance(cost.target, Reference):
+            raise ConfigurationError("free duration: a cost follows a reference over time; give one duration")
+        if callable(getattr(cost, "weight", None)):
+            raise ConfigurationError("free duration: a weight depends on time; give one duration")
+    for bound in bounds:
+        if isinstance(bound, DistanceBound) and any(each.motion for each in bound.distances.obstacles):
+            raise ConfigurationError("free duration: an obstacle moves over time; give one duration")
+
+
+def _check_start(model: ActionModel, start: Nodes, of_file: Sequence[NodeBound]) -> None:
+    """Refuse a start beyond a limit of the file, from which no motion begins within it."""
+    nodes = NodeData(model, start, None, np.zeros(1))
+    for bound in of_file:
+        if bound.of_state:
+            _compare("start", bound, dict(zip(bound.names, bound.rows(nodes, False).value[0].tolist(), strict=True)))
+
+
+def _check_goal(model: ActionModel, goal: GoalRows, stated: Sequence[NodeBound], of_file: Sequence[NodeBound]) -> None:
+    """Refuse a goal beyond a limit at once: no motion ends there."""
+    for bound in (*stated, *of_file):
+        if bound.quantity != "output":
+            continue
+        values = goal.positions
+        if goal.configuration is not None:
+            nodes = NodeData(model, Nodes(goal.configuration[None], np.zeros((1, model.nw))), None, np.zeros(1))
+            values = dict(zip(bound.names, bound.rows(nodes, False).value[0].tolist(), strict=True))
+        _compare("goal", bound, values)
+
+
+def _compare(what: str, bound: NodeBound, values: dict[str, float]) -> None:
+    for name, title, low, high in zip(bound.names, bound.titles, bound.lower, bound.upper, strict=True):
+        value = values.get(name)
+        if value is None or low - _ROUNDING * max(1.0, abs(low)) <= value <= high + _ROUNDING * max(1.0, abs(high)):
+            continue
+        side, limit = ("above", high) if value > high else ("below", low)
+        source = f" of the robot's file ({bound.remedy})" if bound.remedy else " of its bound"
+        raise InfeasibleError(f"{what}: {title} = {value:.6g} is {side} the limit {limit:.6g}{source}")
