@@ -17,6 +17,7 @@ from rnc_pin.optimal import (
     DistanceBound,
     EffortCost,
     InputBound,
+    JointLimits,
     MotionPlan,
     OutputBound,
     OutputCost,
@@ -27,14 +28,18 @@ from rnc_pin.optimal import (
     action_model,
     driven_configurations,
     plan,
+    tvlqr,
 )
 from rnc_pin.optimal.action_models import Nodes
+from rnc_pin.optimal.costs import Weight
 from rnc_pin.optimal.guesses import goal_configuration
+from rnc_pin.optimal.planner import Feedback
 from rnc_pin.planning import CarPath
 from rnc_pin.planning.steering_geometry import SteeringGeometry
 from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.frame_poses import frame_poses
 from rnc_pin.scenario.schema import Scenario
+from rnc_pin.scenario.schema.controllers import PlanFeedbackSettings
 from rnc_pin.scenario.schema.planner_settings import Limits, OptimalPlanner, PathGuess
 from rnc_pin.simulation import PlannedPath
 
@@ -59,7 +64,8 @@ class Plans:
     ) -> MotionPlan:
         """Return the optimal motion of a scenario, like ``build_plan``."""
         system = (scenario.robot, scenario.constraints, scenario.mimic, scenario.actuators, scenario.forces)
-        key = repr((system, scenario.outputs, scenario.obstacles, scenario.initial, scenario.planner, scenario.seed))
+        problem = (scenario.outputs, scenario.obstacles, scenario.initial, scenario.planner, scenario.seed)
+        key = repr((system, problem, _regulator(scenario)))
         if key not in self._found:
             self._found[key] = build_plan(scenario, reduced, start, obstacles)
         return self._found[key]
@@ -87,6 +93,7 @@ def build_plan(scenario: Scenario, reduced: ReducedModel, start: Start, obstacle
             form=settings.form,
             costs=list(_costs(settings, reduced, start, names)),
             bounds=list(_bounds(settings, reduced, obstacles, names)),
+            limits=_file_limits(settings),
             settings=SolverSettings(
                 nodes=settings.nodes,
                 iterations=settings.iterations,
@@ -100,10 +107,36 @@ def build_plan(scenario: Scenario, reduced: ReducedModel, start: Start, obstacle
             v2_0=None if kinematic else start.v2,
             at_rest=settings.at_rest,
             time_weight=settings.time_weight,
+            feedback=_feedback(scenario, reduced),
         )
     except RncError as error:
         error.args = (f"planner: {error}",)  # keep this object: some errors take more arguments
         raise error from None
+
+
+def _regulator(scenario: Scenario) -> tuple[str, Weight, Weight]:
+    """Gains, weights of states and of inputs of the feedback of the run.
+
+    Trackers of outputs have another feedback; the usual regulator stands for it.
+    """
+    chosen = scenario.controller
+    if isinstance(chosen, PlanFeedbackSettings):
+        return chosen.gains, chosen.state_cost, chosen.input_cost
+    return "tvlqr", 1.0, 1.0
+
+
+def _file_limits(settings: OptimalPlanner) -> JointLimits | None:
+    limits = settings.limits
+    if limits is None:
+        return None
+    return JointLimits(*(each is not None for each in (limits.position, limits.velocity, limits.effort)))
+
+
+def _feedback(scenario: Scenario, reduced: ReducedModel) -> Feedback:
+    gains, state_cost, input_cost = _regulator(scenario)
+    if gains == "plan":
+        return "plan"
+    return lambda found: tvlqr(reduced, found, state_cost, input_cost).K
 
 
 def planned_path(found: MotionPlan, reduced: ReducedModel, frame: str) -> PlannedPath:
@@ -175,9 +208,9 @@ def _check_names(key: str, given: Sequence[str] | Mapping[str, Any], names: Sequ
 
 
 def _limits(given: Mapping[str, Limits]) -> tuple[dict[str, float], dict[str, float]]:
-    """Lower and upper limits by name."""
-    lower = {name: float(low) for name, (low, _) in given.items() if low is not None}
-    return lower, {name: float(high) for name, (_, high) in given.items() if high is not None}
+    """Lower and upper limits by name; null is no limit, not that of the robot's file."""
+    lower = {name: -np.inf if low is None else float(low) for name, (low, _) in given.items()}
+    return lower, {name: np.inf if high is None else float(high) for name, (_, high) in given.items()}
 
 
 def _guess(settings: OptimalPlanner, reduced: ReducedModel, start: Start, goal: Any) -> np.ndarray:

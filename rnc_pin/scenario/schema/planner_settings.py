@@ -45,7 +45,7 @@ class CostSettings(Strict):
 
 
 class BoundSettings(Strict):
-    """Hard bounds at every node, by name: [smallest, largest], with null for no limit."""
+    """Hard bounds, by name: [smallest, largest], with null for no limit."""
 
     input: dict[str, Limits] = {}
     """Inputs of the form. Those of the form "acceleration" end in ``_dot``."""
@@ -53,6 +53,17 @@ class BoundSettings(Strict):
     """Rates of reducing outputs."""
     output: dict[str, Limits] = {}
     """Outputs that have a value, such as joint angles."""
+
+
+class PlanLimits(Strict):
+    """Limits of the robot's file that a plan keeps. A bound for the same row replaces one; null removes a kind."""
+
+    position: Literal["file"] | None = "file"
+    """Position limits of joints."""
+    velocity: Literal["file"] | None = "file"
+    """Velocity limits of joints."""
+    effort: Literal["file"] | None = "file"
+    """Effort limits of actuators, in the form "dynamic". A limit of 0 counts as not stated."""
 
 
 class PathGuess(Strict):
@@ -106,24 +117,27 @@ class OptimalPlanner(Strict):
     costs: CostSettings = CostSettings()
     """Costs."""
     bounds: BoundSettings = BoundSettings()
-    """Hard bounds."""
+    """Hard bounds. They replace limits of the robot's file for the same rows; [null, null] leaves a row without any."""
+    limits: PlanLimits | None = PlanLimits()
+    """Limits of the robot's file; null for none."""
     clearance: Annotated[float, Field(ge=0)] | None = 0.05
-    """Distance from the obstacles of the scenario at every node [m]; null to ignore them."""
+    """Distance from the obstacles of the scenario during the whole motion [m]; null to ignore them."""
     links: bool = False
     """True for that distance between links of the robot too."""
     nodes: Annotated[int, Field(ge=2, le=1000)] = 40
     """Number of intervals with constant inputs."""
     iterations: Annotated[int, Field(ge=1, le=10000)] = 100
     """Largest number of iterations of each guess."""
-    refinements: Annotated[int, Field(ge=0, le=4)] = 1
+    refinements: Annotated[int, Field(ge=0, le=4)] = 2
     """Largest number of times that the intervals are halved, because a fine integration of the plan violates the goal
     or a bound."""
     accuracy: Positive = 0.005
-    """Largest violation after this integration that needs no refinement [m or rad]."""
+    """Largest violation that the verification of a plan accepts [m or rad]. It integrates the plan with a fine step,
+    with the feedback of the run. If no plan is accepted, the scenario is refused."""
     guess: GuessSettings | None = None
     """First guess; the straight line by default."""
     seeds: Annotated[int, Field(ge=0, le=1000)] = 6
-    """Number of random guesses that are tried if the first does not lead to a plan."""
+    """Number of random guesses that are tried if others do not lead to a plan."""
     solutions: Annotated[int, Field(ge=1, le=1000)] = 1
     """Number of plans of which the cheapest is taken."""
     at_rest: bool = True
