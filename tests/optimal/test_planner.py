@@ -137,13 +137,14 @@ def test_the_figure_shows_inputs_and_the_bounds_that_are_near():
 def test_refinement_reduces_the_violation_after_verification():
     """Half the step: a quarter of the error of the integrator."""
     reduced, goal = systems.sleigh(), sleigh_goal(1.0, 0.5, 0.5)
-    start, coarse = reduced.robot.configuration(), rnc.optimal.SolverSettings(nodes=10)
+    start, coarse = reduced.robot.configuration(), rnc.optimal.SolverSettings(nodes=10, refinements=0, accuracy=1.0)
+    first = rnc.optimal.plan(reduced, start, goal, 2.0, settings=coarse).info.verification.inputs
     finer = rnc.optimal.SolverSettings(nodes=10, refinements=1, accuracy=1e-9)
-    with pytest.warns(rnc.ModelWarning, match="goal sleigh_y is violated .* above the accuracy 1e-09"):
-        plans = [rnc.optimal.plan(reduced, start, goal, 2.0, settings=each) for each in (coarse, finer)]
-    assert len(plans[1].u) == 20
-    first, second = (plan.info.verification.violation for plan in plans)
-    assert first / second == pytest.approx(4.0, rel=0.25)
+    with pytest.raises(InfeasibleError, match=r"goal sleigh_y is missed by .* the accuracy is 1e-09") as refusal:
+        rnc.optimal.plan(reduced, start, goal, 2.0, settings=finer, seeds=0)
+    plan = refusal.value.plan
+    assert len(plan.u) == 20
+    assert first.violation / plan.info.verification.inputs.violation == pytest.approx(4.0, rel=0.25)
 
 
 def test_user_defined_rows_bring_a_notice_that_their_derivatives_are_differences():

@@ -1,0 +1,148 @@
+"""Plans that are returned keep goal and distances in a replay that does not use the package; others are refused."""
+
+import coal
+import numpy as np
+import pytest
+
+import forklifts
+import rnc_pin as rnc
+import systems
+from benchmarks.planned_models import tractor
+from rnc_pin.optimal import DistanceBound, SolverSettings, VelocityBound
+from rnc_pin.verdict import FindingKind, Severity
+
+RACK, SIZE, CLEARANCE = (0.0, 0.0, 1.0), (2.0, 0.6, 2.0), 0.1
+SLOW = VelocityBound([-1.0, -1.0, -0.5], [1.0, 1.0, 0.5])
+
+
+def round_the_rack(reduced, number, **options):
+    """Plan from one side of a rack to the other, between poses of a draw."""
+    generator = np.random.default_rng(number)
+    begin = generator.uniform([-2.0, -2.5, -0.6], [2.0, -1.9, 0.6])
+    end = generator.uniform([-2.0, 1.9, -0.6], [2.0, 2.5, 0.6])
+    lift = generator.uniform(0.0, 1.4)
+    rack = rnc.collision.Obstacle(coal.Box(*SIZE), position=RACK, name="rack")
+    distances = rnc.collision.CollisionDistances(reduced.robot, [rack], rnc.collision.PairSelection(links=False))
+    start = reduced.robot.configuration({"root_joint": begin})
+    bounds = [SLOW, DistanceBound(distances, CLEARANCE)]
+    return (*end, lift), rnc.optimal.plan(
+        reduced, start, forklifts.goal_of(end, lift), 16.0, bounds=bounds, seed=number, feedback=None, **options
+    )
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_plans_round_a_rack_keep_goal_and_clearance_in_a_dense_replay(tmp_path, number):
+    reduced = forklifts.forklift(tmp_path)
+    (x, y, yaw, lift), plan = round_the_rack(reduced, number)
+    assert plan.info.outcome == "solved"
+    assert plan.verdict.succeeded
+    q, w = forklifts.replay(plan, reduced.robot.model)
+    end = np.array([q[-1, 0], q[-1, 1], np.arctan2(q[-1, 3], q[-1, 2]), q[-1, 4]])
+    np.testing.assert_allclose(end, [x, y, yaw, lift], atol=5.1e-3)
+    np.testing.assert_allclose(w, 0.0, atol=5.1e-3)
+    assert forklifts.smallest_distance(q, RACK, SIZE) > CLEARANCE - 5.1e-3
+    assert q[:, 4].min() > -5e-3
+    assert q[:, 4].max() < 1.4 + 5e-3
+
+
+def test_a_plan_that_its_verification_does_not_confirm_is_refused_with_the_plan(tmp_path):
+    """Eight intervals of 2 s cut the corners of the rack between their nodes."""
+    reduced = forklifts.forklift(tmp_path)
+    few = SolverSettings(nodes=8, refinements=0)
+    with pytest.raises(rnc.InfeasibleError, match=r"no verified plan in 16 s: after re-integration, ") as refusal:
+        round_the_rack(reduced, 0, settings=few, seeds=1)
+    plan = refusal.value.plan
+    assert "tried up to 8 intervals and" in str(refusal.value)
+    assert plan.info.outcome == "unverified"
+    assert not plan.verdict.succeeded
+    q, _ = forklifts.replay(plan, reduced.robot.model)
+    missed = np.abs(q[-1, :2] - plan.q[-1, :2])
+    nearest = forklifts.smallest_distance(q, RACK, SIZE)
+    found = {each.kind: each for each in plan.verdict.findings}
+    assert found.keys() <= {FindingKind.GOAL, FindingKind.CLEARANCE, FindingKind.COLLISION}
+    by_goal = [each.amount for each in plan.verdict.findings if each.where in ("base_x", "base_y")]
+    for axis, name in enumerate(("base_x", "base_y")):
+        stated = [each.amount for each in plan.verdict.findings if each.where == name]
+        assert stated == (pytest.approx([missed[axis]], abs=2e-2) if missed[axis] > 2e-2 else stated)
+    near = [each for each in plan.verdict.findings if each.kind in (FindingKind.CLEARANCE, FindingKind.COLLISION)]
+    assert by_goal or near
+    if near:
+        assert max(each.amount for each in near) == pytest.approx(CLEARANCE - nearest, abs=2e-2)
+
+
+def test_corners_between_nodes_are_kept_by_larger_distances_at_the_nodes_next_to_them(tmp_path):
+    """Without refinements, the nodes next to a corner move away from it."""
+    reduced = forklifts.forklift(tmp_path)
+    _, plan = round_the_rack(reduced, 0, settings=SolverSettings(refinements=0))
+    assert len(plan.u) == 40
+    q, _ = forklifts.replay(plan, reduced.robot.model)
+    assert forklifts.smallest_distance(q, RACK, SIZE) > CLEARANCE - 5.1e-3
+
+
+def test_an_unstable_motion_is_judged_with_the_feedback_of_the_run():
+    """A trailer in reverse leaves its plan without feedback."""
+    reduced = tractor(1)
+    hitch = rnc.JointPosition("hitch_1")
+    goal = {rnc.FramePosition("tractor", "xy"): [0.0, 0.0], rnc.FrameYaw("tractor"): 0.0, hitch: 0.0}
+    start = reduced.robot.configuration({"root_joint": [4.0, 1.0, 0.2]})
+    problem = {"bounds": [VelocityBound(-1.0, 1.0)], "settings": SolverSettings(refinements=0), "seeds": 0}
+    plan = rnc.optimal.plan(reduced, start, goal, 16.0, **problem)
+    alone, followed = plan.info.verification.inputs, plan.info.verification.feedback
+    assert followed.violation <= plan.info.accuracy < alone.violation
+    assert plan.info.outcome == "solved"
+    (note,) = plan.verdict.findings
+    assert (note.kind, note.severity) == (FindingKind.PLAN, Severity.NOTE)
+    assert note.amount == alone.violation
+    run = rnc.simulate(reduced, rnc.tvlqr(reduced, plan), start, plan.duration, dt=0.01)
+    np.testing.assert_allclose(run.q[-1, :2], [0.0, 0.0], atol=2 * plan.info.accuracy)
+    with pytest.raises(rnc.InfeasibleError, match="no verified plan in 16 s: after re-integration, goal"):
+        rnc.optimal.plan(reduced, start, goal, 16.0, feedback=None, guess=plan, **problem)
+    with pytest.raises(rnc.ConfigurationError, match=r"feedback: gains of shape \(2, 2\), expected"):
+        rnc.optimal.plan(reduced, start, goal, 16.0, feedback=lambda _: np.zeros((2, 2)), **problem)
+
+
+def test_as_many_guesses_are_solved_as_solutions_are_asked_for():
+    reduced = systems.sleigh()
+    start, goal = reduced.robot.configuration(), {rnc.FramePosition("sleigh", "xy"): [0.0, 1.0]}
+    few = SolverSettings(nodes=10, accuracy=0.5)
+    plans = [rnc.optimal.plan(reduced, start, goal, 4.0, solutions=n, seeds=0, settings=few) for n in (1, 10, 10)]
+    assert [plan.info.solutions for plan in plans] == [1, 10, 10]
+    assert plans[1].info.guesses >= 10
+    assert plans[1].info.cost <= plans[0].info.cost
+    np.testing.assert_array_equal(plans[1].u, plans[2].u)
+
+
+def test_fewer_solutions_than_asked_for_are_told():
+    reduced = systems.sleigh()
+    start, goal = reduced.robot.configuration(), {rnc.FramePosition("sleigh", "xy"): [0.0, 1.0]}
+    hasty = SolverSettings(nodes=10, iterations=5, accuracy=0.5)
+    with pytest.warns(rnc.ModelWarning, match=r"plan: (\d+) solutions instead of 12: the other \d+ of 12 guesses"):
+        plan = rnc.optimal.plan(reduced, start, goal, 4.0, solutions=12, seeds=0, settings=hasty)
+    assert plan.info.solutions < plan.info.guesses == 12
+
+
+def test_a_refusal_carries_the_best_motion_even_if_no_guess_is_within_tolerance():
+    reduced = systems.sleigh()
+    far = {rnc.FramePosition("sleigh", "xy"): [5.0, 0.0]}
+    settings = SolverSettings(nodes=10, iterations=30)
+    with pytest.raises(rnc.InfeasibleError, match="no plan in 1 s") as refusal:
+        rnc.optimal.plan(
+            reduced, reduced.robot.configuration(), far, 1.0, bounds=[VelocityBound(-1, 1)], seeds=0, settings=settings
+        )
+    assert refusal.value.plan.info.outcome == "unverified"
+    assert not refusal.value.plan.verdict.succeeded
+
+
+def test_the_verdict_of_a_plan_survives_a_file(tmp_path):
+    reduced = systems.sleigh()
+    goal = {rnc.FramePosition("sleigh", "xy"): [1.0, 0.5], rnc.FrameYaw("sleigh"): 0.5}
+    coarse = SolverSettings(nodes=5, refinements=0, accuracy=1e-6)
+    with pytest.raises(rnc.InfeasibleError) as refusal:
+        rnc.optimal.plan(reduced, reduced.robot.configuration(), goal, 2.0, seeds=0, settings=coarse)
+    refusal.value.plan.save(tmp_path / "plan.npz")
+    again = rnc.optimal.MotionPlan.load(tmp_path / "plan.npz")
+    assert again.info == refusal.value.plan.info
+    assert again.verdict.findings == refusal.value.plan.verdict.findings
+    assert not again.verdict.succeeded
+    assert {each.kind for each in again.verdict.failures} == {FindingKind.GOAL}
+    assert {each.unit for each in again.verdict.failures} <= {"m", "rad", "m/s", "rad/s"}
