@@ -84,10 +84,14 @@ class ClosestApproach:
 
     def _between(self, a: _Sample, b: _Sample, depth: int) -> None:
         """Halve a step until every pair is far enough, or is measured nearer than the limit."""
-        near = np.flatnonzero(np.minimum(a.distance, b.distance) < self._within)
-        if not depth or not len(near):
+        if not depth:
             return
-        least = self._least(a, b, near)
+        shift, turn = b.middles - a.middles, self._turns_of(a, b) + self._bends(a, b)
+        longest = 2.0 * float((np.sqrt(np.vecdot(shift, shift)) + turn).max())
+        near = np.flatnonzero(np.minimum(a.distance, b.distance) - longest < self._limit - self._tolerance)
+        if not len(near):
+            return
+        least = self._least(a, b, near, shift, turn)
         if not ((least < self._limit - self._tolerance) & (self._lowest[near] > least + _RESOLUTION)).any():
             return
         middle = self._manifold.interpolate(a.q, b.q, np.array([0.5]))[0]
@@ -105,16 +109,15 @@ class ClosestApproach:
         at = self._distances.poses
         return _Sample(t, q, distance, normal, at.middles.copy(), at.rotations.copy())
 
-    def _least(self, a: _Sample, b: _Sample, pairs: Array) -> Array:
+    def _least(self, a: _Sample, b: _Sample, pairs: Array, shift: Array, turn: Array) -> Array:
         """Lower bounds of the distances of pairs in a step (n,) [m].
 
         Convex bodies that are apart along a normal stay apart by at least the distance less their approach along it.
-        This approach is that of their centres, that of points which turn about these, and the bend of their paths.
+        This approach is that of their centres (``shift``), and that of points which turn about these on bent paths
+        (``turn``).
         """
         first, second = self._first[pairs], self._second[pairs]
-        turn, bend = self._turns_of(a, b), self._bends(a, b)
-        aside = turn[first] + turn[second] + bend[first] + bend[second]
-        shift = b.middles - a.middles
+        aside = turn[first] + turn[second]
         moved = shift[first] - shift[second]
         forward = np.vecdot(a.normal[pairs], moved)
         backward = -np.vecdot(b.normal[pairs], moved)
