@@ -28,6 +28,8 @@ CANDIDATES = 3
 BLOCKS = (3, 4, 5, 6, 8, 10)
 """Numbers of blocks of the speed, for guesses where the knife edge turns while it hardly moves."""
 DRIVES, NODES = 12, 40
+ROUGH: dict[str, Any] = {"tolerance": 1e-4, "substeps": 4, "refinements": 0, "accuracy": 1e-2}
+"""Settings of the steps: a plan that misses its pose by more than 1 cm or 0.01 rad is none; the next step refines it."""
 FORWARD_RATE, BOTH_RATES = 20.0, (200.0, 50.0)
 """Largest rate of the steering [rad/s]. The closed forms have no limit, and turn at once at cusps."""
 
@@ -78,7 +80,7 @@ def forward_plan(
     shortest = max(0.5, float(np.hypot(*pose[:2])))  # the straight line keeps guesses from a vanishing duration
     found = random_drives(reduced, pose, starts)
     for nodes, weight in finer:
-        settings = SolverSettings(nodes=nodes, iterations=60, tolerance=1e-4, substeps=4)
+        settings = SolverSettings(nodes=nodes, iterations=60, **ROUGH)
         plans = []
         for guess in found:
             with suppress(InfeasibleError):
@@ -104,7 +106,7 @@ def reversing_plan(reduced: rnc.ReducedModel, pose: Pose, finer: Sequence[tuple[
     around = (0.5 * edge.duration, 1.5 * edge.duration)
 
     def improved(guesses: Sequence[Any], nodes: int, weight: float) -> list[MotionPlan]:
-        settings, plans = SolverSettings(nodes=nodes, iterations=100, tolerance=1e-4, substeps=4), []
+        settings, plans = SolverSettings(nodes=nodes, iterations=100, **ROUGH), []
         for guess in guesses:
             for rate in BOTH_RATES:  # a slower steering converges where a faster one does not
                 with suppress(InfeasibleError):
@@ -134,8 +136,8 @@ def turning_plan(pose: Pose, nodes: int = NODES, solutions: int = 3) -> MotionPl
     goal = {rnc.FramePosition("sleigh", "xy"): pose[:2], rnc.FrameYaw("sleigh"): pose[2]}
     return rnc.optimal.plan(
         reduced, reduced.robot.configuration(), goal, (0.5, 15.0), form="kinematic", costs=[EffortCost(1e-3)],
-        bounds=[InputBound(-1.0, 1.0)], time_weight=1.0, solutions=solutions,
-        settings=SolverSettings(nodes=nodes, iterations=60, tolerance=1e-4),
+        bounds=[InputBound(-1.0, 1.0)], time_weight=1.0, solutions=solutions, feedback=None,
+        settings=SolverSettings(nodes=nodes, iterations=60, tolerance=1e-4, refinements=0, accuracy=1e-2),
     )  # fmt: skip
 
 
@@ -156,7 +158,7 @@ def _fastest(
     return rnc.optimal.plan(
         reduced, reduced.robot.configuration(), goal, duration, form="kinematic",
         costs=[EffortCost([0.1 * weight, weight])], bounds=bounds, time_weight=1.0, settings=settings, guess=guess,
-        seeds=0,
+        seeds=0, feedback=None,
     )  # fmt: skip
 
 
