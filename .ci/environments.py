@@ -91,7 +91,8 @@ def call(command: list[str | Path]) -> None:
 
 def python_of(version: str) -> str | None:
     """Interpreter of a version on this machine; None if there is none."""
-    candidates = [shutil.which(f"python{version}"), *Path.home().glob(f".pyenv/versions/{version}*/bin/python{version}")]
+    others = Path.home().glob(f".pyenv/versions/{version}*/bin/python{version}")
+    candidates = [shutil.which(f"python{version}"), *others]
     for each in filter(None, candidates):
         try:
             said = subprocess.run([each, "--version"], capture_output=True, text=True)
@@ -113,6 +114,7 @@ def without_extras(environment: Environment) -> None:
 
 
 def main(uv: str) -> None:
+    """Make all environments, and run in each what is promised."""
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     if unknown := set(extras) - set(EXTRAS) - ELSEWHERE:
         raise SystemExit(f"{__file__}: what do the extras {sorted(unknown)} promise?")

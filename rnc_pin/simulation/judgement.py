@@ -73,7 +73,7 @@ def _end(run: Trajectory) -> Iterator[Finding]:
         return
     time = float(run.time[-1]) if len(run.time) else 0.0
     kind = FindingKind.SINGULAR if run.outcome is Outcome.SINGULAR else FindingKind.ENDED_EARLY
-    message = run.info.message or f"the run was {run.outcome} at t = {time:.3f} s"
+    message = run.info.message or f"{run.outcome} at t = {time:.3f} s"
     yield Finding(kind, str(run.outcome), time, "s", time, Severity.FAILS, message)
 
 

@@ -125,7 +125,11 @@ class Trajectory(SummaryMixin):
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
     def judged_later(self, judge: Callable[[Trajectory], Verdict]) -> Trajectory:
-        """Return this run, whose verdict a function computes at its first use, from its samples and its model."""
+        """Return this run, whose verdict is computed at its first use.
+
+        Args:
+            judge: function from this run to its verdict.
+        """
         vars(self)["_judge"] = judge
         return self
 
@@ -151,7 +155,11 @@ class Trajectory(SummaryMixin):
         return self.info.verdict
 
     def keep_verdict(self, verdict: Verdict) -> None:
-        """Let this run have a verdict, which ``save`` writes."""
+        """Let this run have a verdict, which ``save`` writes.
+
+        Args:
+            verdict: findings about the run.
+        """
         vars(self)["info"] = replace(self.info, verdict=verdict)
 
     @property

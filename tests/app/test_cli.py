@@ -238,13 +238,18 @@ def test_a_failed_run_has_status_1_and_keeps_its_results(call, tmp_path):
 def test_a_run_that_misses_a_goal_says_so(call, tmp_path, no_pictures):
     stuck = ["--set", "faults.stuck={joint: joint_1, time: 0.1}", "--set", "simulation.duration=1"]
     status, out, error = call("run", "space-robot", *BARE, *stuck, "--json", "--out", tmp_path)
-    assert status == 0
+    assert status == 1
     summary = parsed(out)
     missed = {name: value for name, value in summary["final_error"].items() if value > 0.02}
     assert missed
     assert summary["goals_missed"] == missed == parsed((tmp_path / "summary.json").read_text())["goals_missed"]
-    (line,) = [line for line in error.splitlines() if "goals were not reached within 0.02 m or rad: " in line]
-    assert all(name in line for name in missed)
+    assert summary["verdict"] == "failed"
+    assert [each["where"] for each in summary["findings"] if each["kind"] == "goal"] == list(missed)
+    first = next(iter(missed))
+    assert f"rnc-pin: error: the goal of {first} is missed by " in error.splitlines()[-1]
+    status, out, error = call("run", "space-robot", *BARE, *stuck, "--json", "--out", tmp_path, "--accept", "goal")
+    assert (status, parsed(out)["verdict"]) == (0, "degraded")
+    assert f"rnc-pin: warning: the goal of {first} is missed by " in error
 
 
 @pytest.mark.parametrize(

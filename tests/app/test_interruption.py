@@ -212,7 +212,8 @@ def test_a_run_that_is_asked_to_end_keeps_its_results(tmp_path):
             time.sleep(0.02)
         _, error = process.communicate(timeout=PATIENCE)
     assert process.returncode == 1
-    assert error.splitlines()[-1] == f"rnc-pin: error: interrupted; results so far are in {out}"
+    assert error.splitlines()[-1].startswith("rnc-pin: error: interrupted at t = ")
+    assert error.splitlines()[-1].endswith(f" s; results so far are in {out}")
     assert "Traceback" not in error
     run = rnc.Trajectory.load(out / "trajectory.npz")
     assert run.outcome is rnc.Outcome.INTERRUPTED
