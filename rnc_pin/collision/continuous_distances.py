@@ -26,6 +26,7 @@ TOLERANCE = 1e-3
 """Default tolerance of smallest distances [m]."""
 _SHARE = 0.01  # of the radius of the largest link, for robots that are small
 _FINEST = 2e-5  # [m]; coal's errors are below
+_MOST_PLACES = 2_500  # places beside the samples: those of a diverged run have no end
 _UNCHANGED = 1e-5  # [m]; range of distances of a pair that counts as constant
 
 
@@ -38,6 +39,8 @@ class ContinuousDistances:
             and it is nowhere smaller by more than ``tolerance``; else ``smallest`` is a lower bound of the samples.
         time: time (k,) of the smallest distance [s].
         constant: True (k,) for pairs whose distance does not change.
+        uncertain: True (k,) for pairs whose smallest distance is not certain to the tolerance, because the motion is
+            too fast between its samples, as in a run that diverged.
         within: distance up to which smallest distances are exact [m].
         tolerance: their tolerance [m].
         at_samples: distances (n, k) at the samples that were measured [m]. Beyond ``within`` they are lower bounds.
@@ -46,6 +49,7 @@ class ContinuousDistances:
     smallest: Float[Array, " k"]
     time: Float[Array, " k"]
     constant: Bool[Array, " k"]
+    uncertain: Bool[Array, " k"]
     within: float
     tolerance: float
     at_samples: Float[Array, "n k"]
@@ -158,31 +162,45 @@ class _Search:
     def result(self, samples: Int[Array, " n"]) -> ContinuousDistances:
         """Smallest distances, after a first look at some samples."""
         at_samples, entries = self._first_look(samples)
-        while len(entries.pair):
+        most = len(samples) + _MOST_PLACES
+        while len(entries.pair) and len(self._places.places) < most:
             entries = self._halved(entries)
-        constant = self._largest - self._best < _UNCHANGED
-        return ContinuousDistances(self._best, self._best_time, constant, self._within, self._tolerance, at_samples)
+        uncertain = np.zeros(len(self._best), dtype=bool)
+        uncertain[entries.pair] = True
+        kind = self._largest - self._best < _UNCHANGED, uncertain
+        return ContinuousDistances(self._best, self._best_time, *kind, self._within, self._tolerance, at_samples)
 
     def _first_look(self, samples: Int[Array, " n"]) -> tuple[Float[Array, "n k"], _Entries]:
         """Distances at samples, and the pairs and segments between them that need a closer look."""
         count = len(self._distances.pairs)
-        known = np.full((len(samples), count, 4), np.nan)  # distance, and the normal of those that are exact
-        for row, sample in zip(known, samples.tolist(), strict=True):
+        known = np.empty((len(samples), count))
+        keys, normals = [], [np.zeros((0, 3))]  # of the distances that are exact
+        for number, sample in enumerate(samples.tolist()):
             self._place(float(sample))
-            row[:, 0] = self._distances.lower_bounds()
-            near = np.flatnonzero(row[:, 0] < self._within)
-            row[near] = self._distances.measure(near)[:, :4]
-            self._note(np.arange(count), row[:, 0], self._motion.time_at(float(sample)))
+            known[number] = self._distances.lower_bounds()
+            near = np.flatnonzero(known[number] < self._within)
+            found = self._distances.measure(near)
+            known[number, near] = found[:, 0]
+            keys += (number * count + near).tolist()
+            normals.append(found[:, 1:4])
+            self._note(np.arange(count), known[number], self._motion.time_at(float(sample)))
         starts = np.arange(len(samples) - 1)
         if not (count and len(starts)):
-            return known[:, :, 0], _Entries(*(np.zeros(0, dtype=int),) * 3, *(np.zeros((0, 4)),) * 2)
-        segments = self._segments(starts, starts + 1)
-        stacked = self._places.stacked()
-        means = 0.5 * (known[:-1, :, 0] + known[1:, :, 0])
+            return known, _Entries(*(np.zeros(0, dtype=int),) * 3, *(np.zeros((0, 4)),) * 2)
+        segments, stacked = self._segments(starts, starts + 1), self._places.stacked()
+        means = 0.5 * (known[:-1] + known[1:])
         doubtful = means - self._bounds.coarse(segments, stacked) < self._target() - self._tolerance
         rows, pairs = np.nonzero(doubtful)
-        entries = _Entries(rows, rows + 1, pairs, known[rows, pairs], known[rows + 1, pairs])
-        return known[:, :, 0], entries.chosen(self._undecided(entries, segments, rows, stacked))
+        exact, every = np.array(keys, dtype=int), np.concatenate([*normals, np.full((1, 3), np.nan)])
+
+        def numbers(row: Array) -> Array:
+            wanted = row * count + pairs
+            place = np.searchsorted(exact, wanted)
+            is_exact = np.append(exact, -1)[place] == wanted
+            return np.column_stack([known[row, pairs], every[np.where(is_exact, place, len(exact))]])
+
+        entries = _Entries(rows, rows + 1, pairs, numbers(rows), numbers(rows + 1))
+        return known, entries.chosen(self._undecided(entries, segments, rows, stacked))
 
     def _halved(self, entries: _Entries) -> _Entries:
         """Measure pairs halfway along their segments, and return the halves that need a closer look."""
