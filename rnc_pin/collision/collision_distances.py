@@ -162,10 +162,13 @@ class CollisionDistances:
         Returns:
             Poses of the shapes, and the origins in the world of all joints and of the obstacles that move, (j, 3) [m].
         """
-        self._place(q, t)
-        joints = np.array([each.translation for each in self._data.oMi])
         moving = [self.link_shapes + k for k in self._moving]
-        return self._at, np.concatenate([joints, self._at.origins[moving]])
+        for k, shape in zip(self._moving, moving, strict=True):
+            self._geometry.geometryObjects[shape].placement = self.obstacles[k].placement(t)
+        pin.forwardKinematics(self._model, self._data, q)
+        joints = np.array([each.homogeneous for each in self._data.oMi])
+        self._place_by(joints[:, :3].swapaxes(1, 2).reshape(-1, 12))
+        return self._at, np.concatenate([joints[:, :3, 3], self._at.origins[moving]])
 
     def lower_bounds(self) -> np.ndarray:
         """Lower bounds (k,) of the distances of all pairs [m] by bounding volumes, as placed."""
@@ -201,8 +204,8 @@ class CollisionDistances:
             raise InputError(f"q0 has shape {q0.shape}, expected ({self.robot.nq},)")
         found = self.at(q0, within=1e-9)
         return {
-            int(k): OmittedPair(self.pairs[k].names, f"overlap by {-distance:.4f} m at the reference configuration")
-            for k, distance in zip(found.pairs, found.distance, strict=True)
+            int(k): OmittedPair(self.pairs[k].names, f"overlap by {depth:.4f} m at the reference configuration", depth)
+            for k, depth in zip(found.pairs, (-found.distance).tolist(), strict=True)
             if self.pairs[k].second < self.link_shapes
         }
 

@@ -2,6 +2,7 @@
 
 from rnc_pin.deprecation import former_exports
 from rnc_pin.plants import ReducedPlant
+from rnc_pin.simulation.distance_findings import distance_findings
 from rnc_pin.simulation.former_arguments import Plant as Plant
 from rnc_pin.simulation.free_motion import free_motion
 from rnc_pin.simulation.friction_demand import FrictionDemand, grip_along, within_grip
@@ -59,6 +60,7 @@ __all__ = [
     "Trajectory",
     "TrajectoryBatch",
     "add_limits",
+    "distance_findings",
     "free_motion",
     "grip_along",
     "kinematic_rollout",

@@ -8,7 +8,14 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from rnc_pin.collision import CollisionDistances, ContinuousDistances, Obstacle, PairSelection, continuous_distances
+from rnc_pin.collision import (
+    CollisionDistances,
+    ContinuousDistances,
+    Obstacle,
+    OmittedPair,
+    PairSelection,
+    continuous_distances,
+)
 from rnc_pin.errors import InputError
 from rnc_pin.robots.joint_values import NO_LIMIT
 from rnc_pin.robots.robot import Robot
@@ -91,7 +98,7 @@ class LimitReplay:
 
     uses: tuple[LimitUse, ...]
     clearances: tuple[Clearance, ...]
-    omitted: tuple[str, ...]
+    omitted: tuple[OmittedPair, ...]
     time: np.ndarray
     excesses: np.ndarray
     distances: np.ndarray
@@ -168,9 +175,7 @@ def replay_limits(
     if model is None or not len(model.geometryObjects):
         return LimitReplay(uses, (), (), time, excesses, np.zeros((len(every), 0)), within)
     checked = CollisionDistances(robot, obstacles, selection, q0=trajectory.q[0])
-    omitted = tuple(
-        f"{' / '.join(each.names)}: {each.reason}" for each in checked.omitted if each.reason.startswith("overlap")
-    )
+    omitted = tuple(each for each in checked.omitted if each.reason.startswith("overlap"))
     measured = continuous_distances(checked, trajectory.time, trajectory.q, within, samples=every)
     smallest = measured.smallest
     near = [int(k) for k in np.argsort(smallest, kind="stable") if smallest[k] < within]

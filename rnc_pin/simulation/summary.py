@@ -200,7 +200,7 @@ def add_limits(summary: Summary, replay: LimitReplay) -> None:
     summary["smallest_distance"] = _nearest(replay.nearest(obstacle=True))
     summary["smallest_own_distance"] = _nearest(replay.nearest(obstacle=False))
     if replay.omitted:
-        summary["touching_at_start"] = list(replay.omitted)
+        summary["touching_at_start"] = [str(each) for each in replay.omitted]
 
 
 def _nearest(found: Clearance | None) -> NearestBodies | None:
