@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import numpy as np
-
 from rnc_pin.errors import InputError
 from rnc_pin.simulation.limit_replay import Clearance, LimitReplay
 from rnc_pin.verdict import Finding, FindingKind, Severity
@@ -19,13 +17,13 @@ SHORTFALL = 1e-4
 def distance_findings(replay: LimitReplay, clearance: float | None = None) -> list[Finding]:
     """Findings about the distances of a run, one for each pair of bodies.
 
-    Penetrations and shortfalls of the clearance fail. The clearance holds for obstacles, and for links of the robot
-    that start the run at that distance: neighbours in a wrist are near by design. Pairs that touch or overlap at the
-    start by design of the robot's own file are notes: their distance is not checked.
+    Penetrations and shortfalls of the clearance fail. The clearance is that from obstacles: links of one robot are near
+    each other by design. Pairs that touch or overlap at the start by design of the robot's own file are notes: their
+    distance is not checked.
 
     Args:
         replay: result of ``replay_limits``.
-        clearance: smallest distance that was asked for [m]; None if none was.
+        clearance: smallest distance from obstacles that was asked for [m]; None if none was.
 
     Returns:
         Findings with the depth or the shortfall as amount [m], the largest first, then notes.
@@ -53,7 +51,7 @@ def distance_findings(replay: LimitReplay, clearance: float | None = None) -> li
 
 def _of_pairs(replay: LimitReplay, clearance: float | None) -> Iterator[Finding]:
     done: set[tuple[str, str]] = set()
-    for k, each in enumerate(replay.clearances):  # nearest first
+    for each in replay.clearances:  # nearest first
         one, other = each.names
         if each.names in done:
             continue  # other shapes of the same bodies, which are farther
@@ -63,15 +61,10 @@ def _of_pairs(replay: LimitReplay, clearance: float | None) -> Iterator[Finding]
             depth = -each.distance
             words = f"{one} and {other} penetrate each other by {depth:.3g} m {at}"
             yield _failure(FindingKind.COLLISION, each, depth, words)
-        elif clearance is not None and each.distance < clearance - SHORTFALL <= _start(replay, k):
+        elif clearance is not None and each.obstacle and each.distance < clearance - SHORTFALL:
             near = f"{one} comes within {max(each.distance, 0.0):.3g} m of {other} {at}"
             words = f"{near}, {clearance:g} m was asked for"
             yield _failure(FindingKind.CLEARANCE, each, clearance - each.distance, words)
-
-
-def _start(replay: LimitReplay, pair: int) -> float:
-    """Distance of two links at the start [m]; infinite for an obstacle, which may be too near at the start too."""
-    return np.inf if replay.clearances[pair].obstacle else float(replay.distances[0, pair])
 
 
 def _failure(kind: FindingKind, pair: Clearance, amount: float, message: str) -> Finding:

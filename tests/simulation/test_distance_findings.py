@@ -13,9 +13,9 @@ from rnc_pin.simulation import Clearance, LimitReplay, distance_findings, replay
 from rnc_pin.verdict import FindingKind, Severity
 
 
-def replay_of(*clearances, omitted=(), at_start=None):
+def replay_of(*clearances, omitted=()):
     time = np.array([0.0, 1.0])
-    curves = np.tile([each.distance for each in clearances] if at_start is None else at_start, (2, 1))
+    curves = np.tile([each.distance for each in clearances], (2, 1))
     return LimitReplay((), clearances, omitted, time, np.zeros((2, 0)), curves, 0.2, 1e-3)
 
 
@@ -68,12 +68,10 @@ def test_a_pair_has_one_finding_with_its_deepest_value():
     assert (found.amount, found.time, found.where, found.unit) == (0.2, 1.0, "base / rack", "m")
 
 
-def test_links_that_are_near_at_the_start_keep_no_clearance():
+def test_links_of_the_robot_have_no_clearance_but_may_not_collide():
     wrist = Clearance(("arm_5", "tool"), 0.004, 1.0, False)
-    assert distance_findings(replay_of(wrist, at_start=[0.006]), 0.1) == []
-    (found,) = distance_findings(replay_of(wrist, at_start=[0.15]), 0.1)
-    assert found.kind is FindingKind.CLEARANCE
-    (found,) = distance_findings(replay_of(wrist._replace(distance=-0.004), at_start=[0.006]), 0.1)
+    assert distance_findings(replay_of(wrist), 0.1) == []
+    (found,) = distance_findings(replay_of(wrist._replace(distance=-0.004)), 0.1)
     assert found.kind is FindingKind.COLLISION
 
 

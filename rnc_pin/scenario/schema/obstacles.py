@@ -25,7 +25,7 @@ class _ObstacleArguments(Strict):
     name: str | None = None
     """Unique name; by default the shape and its number, such as ``box 1``."""
     position: _Three = [0.0, 0.0, 0.0]
-    """Position of the middle of the shape in the world [m]; for a mesh, of the origin of its file."""
+    """Position of the middle of the shape in the world [m]; of a mesh, of its file's origin; of a floor, of a point."""
     yaw: float = 0.0
     """Rotation about the world's z [rad], after roll and pitch."""
     roll: float = 0.0
