@@ -19,22 +19,16 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from importlib import metadata
-from importlib.util import find_spec
 from pathlib import Path
 
 import rnc_pin as rnc
 from rnc_pin.visualization.live import LiveView
-from rnc_pin.visualization.viewers import MeshcatViewer, Viewer
-from rnc_pin.visualization.viser_viewer import ViserViewer
 
 PATIENCE = 60.0  # [s]
 GROWTH = 40.0  # [MB] of a process that serves; at 10 MB per client, as in earlier versions, 4 clients would exceed it
-VIEWERS: dict[str, Callable[..., Viewer]] = {"meshcat": MeshcatViewer, "viser": ViserViewer}
 
 _KEY = "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ=="
 _UPGRADE = f"Upgrade: websocket\r\nConnection: Upgrade\r\n{_KEY}"
-_VERSION = [f"Sec-WebSocket-Protocol: viser-v{metadata.version('viser')}"] if find_spec("viser") else []
 
 
 class Client:
@@ -61,9 +55,9 @@ class Client:
         return int(words[1]) if len(words) > 1 and words[1].isdigit() else None
 
     def open(self) -> int | None:
-        """Open a web socket as the page does; viser's names its version."""
+        """Open a web socket as the page does."""
         host = f"localhost:{self.port}"
-        return self.ask("/", f"Host: {host}", f"Origin: http://{host}", _UPGRADE, *_VERSION)
+        return self.ask("/", f"Host: {host}", f"Origin: http://{host}", _UPGRADE)
 
     def read_until(self, end: bytes) -> bytes:
         answer = b""
@@ -195,16 +189,16 @@ def eventually(true: Callable[[], bool]) -> bool:
     return True
 
 
-def connect(viewer: str, count: int, seed: int = 0) -> tuple[Counter[str], list[str], dict[str, float]]:
+def connect(count: int, seed: int = 0) -> tuple[Counter[str], list[str], dict[str, float]]:
     """Let so many clients come to a live view, and close it while some are there.
 
     Returns:
         How many of each kind came, what went wrong, and what is left: sockets, threads, and memory [MB].
     """
-    _connect_clients(viewer, 2 * len(CLIENTS), random.Random(-1))  # what is loaded once is not growth
+    _connect_clients(2 * len(CLIENTS), random.Random(-1))  # what is loaded once is not growth
     gc.collect()
     before = sockets(), threading.active_count(), memory()
-    counts, faults = _connect_clients(viewer, count, random.Random(seed))
+    counts, faults = _connect_clients(count, random.Random(seed))
     eventually(lambda: sockets() <= before[0])
     gc.collect()
     left = {
@@ -213,15 +207,15 @@ def connect(viewer: str, count: int, seed: int = 0) -> tuple[Counter[str], list[
         "megabytes": memory() - before[2],
     }
     if left["sockets"] > 0 or left["threads"] > 0 or left["megabytes"] > GROWTH:
-        faults.append(f"{viewer}: left behind: {left}")
+        faults.append(f"left behind: {left}")
     return counts, faults, left
 
 
-def _connect_clients(viewer: str, count: int, dice: random.Random) -> tuple[Counter[str], list[str]]:
+def _connect_clients(count: int, dice: random.Random) -> tuple[Counter[str], list[str]]:
     counts: Counter[str] = Counter()
     faults: list[str] = []
     robot = rnc.Robot.from_urdf("space_robot.urdf")
-    live = LiveView(robot, open_browser=False, viewer=VIEWERS[viewer])
+    live = LiveView(robot, open_browser=False)
     staying: list[Client] = []
     try:
         port = int(live.url.split(":")[2].split("/")[0])
@@ -231,18 +225,18 @@ def _connect_clients(viewer: str, count: int, dice: random.Random) -> tuple[Coun
             client = Client(port, random.Random(dice.random()))
             try:
                 if not act(client):
-                    faults.append(f"{viewer} {number}: {act.__name__} was not ended as it should be")
+                    faults.append(f"{number}: {act.__name__} was not ended as it should be")
             except Exception as error:
-                faults.append(f"{viewer} {number}: {act.__name__}: {type(error).__name__}: {error}")
+                faults.append(f"{number}: {act.__name__}: {type(error).__name__}: {error}")
             staying.append(client)
             if len(staying) > 8:
                 staying.pop(dice.randrange(8)).socket.close()
         with_browser = Client(port, dice)
         staying.append(with_browser)
         if with_browser.open() != 101:
-            faults.append(f"{viewer}: a proper client is not let in at the end")
+            faults.append("a proper client is not let in at the end")
         if live.problem is not None:
-            faults.append(f"{viewer}: the view stopped: {live.problem}")
+            faults.append(f"the view stopped: {live.problem}")
     finally:
         live.close()
         for client in staying:
@@ -252,28 +246,20 @@ def _connect_clients(viewer: str, count: int, dice: random.Random) -> tuple[Coun
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=1700, help="clients of each viewer")
+    parser.add_argument("--count", type=int, default=1700, help="number of clients")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument(
-        "--viewer", choices=list(VIEWERS), action="append", help="by default both, where viser is installed"
-    )
     options = parser.parse_args()
-    wrong = 0
-    for viewer in options.viewer or (VIEWERS if _VERSION else ["meshcat"]):
-        start = time.perf_counter()
-        counts, faults, left = connect(viewer, options.count, options.seed)
-        for kind, number in counts.items():
-            print(f"{viewer:8} {kind:20} {number:6,}")
-        print(
-            f"{viewer:8} {sum(counts.values()):,} connections in {time.perf_counter() - start:.0f} s, "
-            f"{len(faults)} faults; left: {left['sockets']:.0f} sockets, {left['threads']:.0f} threads, "
-            f"{left['megabytes']:.1f} MB",
-            flush=True,
-        )
-        for fault in faults[:20]:
-            print(fault)
-        wrong += len(faults)
-    raise SystemExit(bool(wrong))
+    start = time.perf_counter()
+    counts, faults, left = connect(options.count, options.seed)
+    for kind, number in counts.items():
+        print(f"{kind:20} {number:6,}")
+    print(
+        f"{sum(counts.values()):,} connections in {time.perf_counter() - start:.0f} s, {len(faults)} faults; "
+        f"left: {left['sockets']:.0f} sockets, {left['threads']:.0f} threads, {left['megabytes']:.1f} MB"
+    )
+    for fault in faults[:20]:
+        print(fault)
+    raise SystemExit(bool(faults))
 
 
 if __name__ == "__main__":

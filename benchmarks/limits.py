@@ -36,7 +36,7 @@ def replayed(source: str, comparisons: bool = False) -> list[tuple[str, LimitRep
         runs[source] = loaded.reduced.robot, loaded.trajectory
     else:
         planned = plan(source, None if comparisons else {"comparisons": {}, "plots": {}})
-        result = execute(planned, measure_limits=True)
+        result = execute(planned)
         robot, obstacles = planned.experiment.reduced.robot, planned.experiment.obstacles
         runs[source] = robot, result.trajectory
         runs |= {f"{source}: {label}": (robot, each) for label, each in result.comparisons.items()}

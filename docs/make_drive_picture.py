@@ -9,9 +9,9 @@ import threading
 from pathlib import Path
 
 from rnc_pin.driving.drive_log import CommandQueue
+from rnc_pin.driving.drive_page import DrivePage
 from rnc_pin.driving.drive_plan import prepare_drive, read_source
 from rnc_pin.driving.drive_run import drive
-from rnc_pin.driving.meshcat_page import MeshcatDrivePage
 from rnc_pin.driving.real_time import RealTimeClock
 from rnc_pin.visualization.capture import browser
 
@@ -35,7 +35,7 @@ def main() -> None:
     name, raw, folder, built_in = read_source("tiago", OPTIONS)
     prepared = prepare_drive(name, raw, folder, built_in, OPTIONS)
     queue = CommandQueue(prepared.controls)
-    page = MeshcatDrivePage(prepared, queue, OPTIONS["title"], open_browser=False)
+    page = DrivePage(prepared, queue, OPTIONS["title"], open_browser=False)
     loop = threading.Thread(target=drive, args=(prepared, queue, None, RealTimeClock(), page))
     loop.start()
     try:

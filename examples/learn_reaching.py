@@ -1,6 +1,6 @@
 """A linear policy learns to move the hand of a space robot to random points, by the cross-entropy method.
 
-``python learn_reaching.py [GENERATIONS [POPULATION]]`` takes less than a minute and needs ``rnc_pin[gym]``.
+``python learn_reaching.py [GENERATIONS [POPULATION]]`` takes less than a minute and needs the extra ``gym``.
 """
 
 import sys

@@ -1,6 +1,6 @@
 """A controller of ours in a loop of yours: the robot is in MuJoCo, on wheels that grip by friction.
 
-Only measured q and v come back. Needs ``pip install 'rnc_pin[mujoco]'``.
+Only measured q and v come back. It needs the extra ``mujoco``.
 """
 
 import numpy as np

@@ -5,7 +5,8 @@ A run is *completed* if it reached its end. It *succeeded* only if no finding fa
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import math
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from functools import cached_property
@@ -69,7 +70,7 @@ class Finding:
     Attributes:
         kind: what was checked.
         where: row, joint, actuator, output or pair of bodies.
-        amount: size of the excess, error or distance, in ``unit``.
+        amount: size of the excess, error or distance, in ``unit``; None if it is not finite.
         unit: unit of the amount; "" for a share or a count.
         time: time of the largest amount [s]; None if it has none.
         severity: weight of the finding.
@@ -78,11 +79,15 @@ class Finding:
 
     kind: FindingKind
     where: str
-    amount: float
+    amount: float | None
     unit: str
     time: float | None
     severity: Severity
     message: str
+
+    def __post_init__(self) -> None:
+        if self.amount is not None:  # a plain number, or None as in JSON
+            object.__setattr__(self, "amount", float(self.amount) if math.isfinite(self.amount) else None)
 
     def __str__(self) -> str:
         return self.message
@@ -90,20 +95,6 @@ class Finding:
     def to_json(self) -> dict[str, Json]:
         """Return the finding as JSON content."""
         return {**asdict(self), "kind": str(self.kind), "severity": str(self.severity)}
-
-    @classmethod
-    def from_json(cls, content: Mapping[str, Json]) -> Finding:
-        """Read the JSON content of a finding.
-
-        Raises:
-            ConfigurationError: a field is missing or has an unknown value.
-        """
-        try:
-            found = dict(content)
-            kind, severity = FindingKind(str(found.pop("kind"))), Severity(str(found.pop("severity")))
-            return cls(kind=kind, severity=severity, **found)  # type: ignore[arg-type]
-        except (KeyError, ValueError, TypeError) as error:
-            raise ConfigurationError(f"not a finding: {error}") from None
 
 
 @dataclass(frozen=True, repr=False)
@@ -178,7 +169,7 @@ class Verdict(SummaryMixin):
         }
 
     def _summary(self) -> ObjectSummary:
-        kinds = {}
+        kinds: dict[str, list[Item]] = {}
         for each in self.findings:
             accepted = each.severity is Severity.FAILS and each.kind in self.accepted
             kinds.setdefault("accepted" if accepted else str(each.severity), []).append(Item(each.message))

@@ -36,13 +36,6 @@ def pytest_collection_finish():
     gc.enable()
 
 
-def pytest_collection_modifyitems(items):
-    """Try once more what waits for another process, a browser or a socket: the machine may be busy with other work."""
-    for item in items:
-        if vars(getattr(item, "module", None) or object).keys() & {"PATIENCE", "eventually"}:
-            item.add_marker(pytest.mark.flaky(reruns=1))
-
-
 def pytest_runtest_setup():
     shape_checker.start_again()
 

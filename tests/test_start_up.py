@@ -59,7 +59,7 @@ def test_the_command_line_imports_nothing_heavy(arguments):
 def test_reading_scenarios_imports_nothing_that_draws():
     _, packages = imported([sys.executable, "-c", "import rnc_pin.scenario.loading"])
     assert {"pinocchio", "pydantic"} <= packages & HEAVY
-    assert not packages & {"matplotlib", "meshcat", "tornado", "viser"}
+    assert not packages & {"matplotlib", "meshcat", "tornado"}
 
 
 def test_a_first_evaluation_imports_no_checks_of_shapes():

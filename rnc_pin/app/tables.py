@@ -24,7 +24,8 @@ def print_summary(summary: Summary, outputs: OutputNames | None = None) -> None:
     """
     units = _units(outputs or OutputNames())
     console = Console(markup=False, emoji=False)
-    errors = Table(title=f"{summary['scenario']}: {summary['outcome']}", title_justify="left", title_style="bold")
+    word = summary.get("verdict", summary["outcome"])
+    errors = Table(title=f"{summary['scenario']}: {word}", title_justify="left", title_style="bold")
     errors.add_column("output")
     for column in ("final error", "largest error", "rms error"):
         errors.add_column(column, justify="right")
@@ -32,6 +33,9 @@ def print_summary(summary: Summary, outputs: OutputNames | None = None) -> None:
         figures = (each[name] for each in (summary["final_error"], summary["max_error"], summary["rms_error"]))
         errors.add_row(name + units.get(name, ""), *(f"{figure:.2e}" for figure in figures))
     console.print(errors)
+    for finding in summary.get("findings", ()):
+        how = "accepted" if finding["kind"] in summary.get("accepted", ()) else finding["severity"]
+        console.print(f"{how}: {finding['message']}", highlight=False, soft_wrap=True)
     invariants = Table(show_header=False, box=None, pad_edge=False)
     invariants.add_column()
     invariants.add_column(justify="right")
@@ -89,9 +93,15 @@ def print_elapsed(elapsed: float, simulation: float | None) -> None:
 
 
 def print_sweep_statistics(scenario: str, summary: SweepStatistics, folder: Path) -> None:
-    """Print outcomes and errors of a sweep."""
+    """Print verdicts and errors of a sweep."""
     console = Console(markup=False, emoji=False)
-    outcomes = ", ".join(f"{count} {outcome}" for outcome, count in summary["outcomes"].items())
+    fine = ("succeeded", "degraded")
+    failed = {kind: count for kind, count in summary["verdicts"].items() if kind not in fine}
+    counts = [f"{summary['verdicts'][word]} {word}" for word in fine if word in summary["verdicts"]]
+    if failed:
+        kinds = ", ".join(f"{count} {kind}" for kind, count in failed.items())
+        counts.append(f"{sum(failed.values())} failed ({kinds})")
+    outcomes = ", ".join(counts)
     if summary["redrawn"]:
         outcomes += f" ({summary['redrawn']} tasks failed preflight and were drawn again)"
     table = Table(title=f"{scenario}: {outcomes}", title_justify="left", title_style="bold")

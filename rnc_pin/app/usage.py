@@ -17,6 +17,7 @@ from rnc_pin.app import commands
 from rnc_pin.app.messages import announce
 from rnc_pin.app.termination import interruptible_imports
 from rnc_pin.scenario.files import built_in_names, find_scenario
+from rnc_pin.verdict import FindingKind
 
 Given: TypeAlias = Any
 """Argument from Click; the functions in ``commands`` declare the types."""
@@ -42,7 +43,16 @@ _debug = click.option("--debug", is_flag=True, expose_value=False, help="Show a 
 _plant = click.option(
     "--plant",
     type=click.Choice(["reduced", "mujoco"]),
-    help="Plant: the reduced model, or the robot in MuJoCo (pip install 'rnc_pin[mujoco]').",
+    help="Plant: the reduced model, or the robot in MuJoCo (extra 'mujoco').",
+)
+
+
+_accept = click.option(
+    "--accept",
+    type=click.Choice([str(each) for each in FindingKind]),
+    multiple=True,
+    metavar="KIND",
+    help="Kind of finding that does not fail the run, such as lift_off or goal.",
 )
 
 
@@ -109,6 +119,7 @@ def list_scenarios(**given: Given) -> None:
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for results; runs/SCENARIO by default.")
 @_options
 @_plant
+@_accept
 @_showing
 @_json
 @_force
@@ -197,7 +208,7 @@ def schema() -> None:
 @click.option("--frames", type=click.Path(path_type=Path), help="Write one PNG per frame into this folder.")
 @click.option("--video", type=click.Path(path_type=Path), help="Write an .mp4 or .gif; needs ffmpeg.")
 @click.option("--rate", type=click.FloatRange(1, 60), default=25.0, help="Frames per second of frames and videos.")
-@click.option("--plot", type=click.Path(path_type=Path), help="Write plots: .png, .pdf, .svg, or interactive .html.")
+@click.option("--plot", type=click.Path(path_type=Path), help="Write plots: .png, .pdf or .svg.")
 @click.option("--aside", is_flag=True, help="Show the runs side by side, not overlaid.")
 @_force
 @_debug

@@ -11,7 +11,6 @@ from rnc_pin.visualization.browser.access import is_loopback
 from rnc_pin.visualization.drawn_model import DrawnModel
 from rnc_pin.visualization.live import LiveView
 from rnc_pin.visualization.view import View
-from rnc_pin.visualization.viewers import selected_viewer
 
 
 def live_view(
@@ -20,7 +19,7 @@ def live_view(
     """Serve a live view, print its address, and wait for the browser."""
     if not is_loopback(host):
         warn(f"--host {host}: everyone who can reach this address can watch")
-    live = LiveView(model, view, info, speed, browser, host, title, selected_viewer())
+    live = LiveView(model, view, info, speed, browser, host, title)
     click.echo(f"showing on {live.url}", err=True)
     try:
         with interruptible():

@@ -52,6 +52,7 @@ class CollisionDistances:
             unknown link.
 
     Example:
+        >>> import coal
         >>> robot = rnc.Robot.from_example("panda")
         >>> shelf = rnc.collision.Obstacle(coal.Box(0.2, 0.8, 0.4), position=(0.6, 0.0, 0.2), name="shelf")
         >>> distances = rnc.collision.CollisionDistances(robot, [shelf])

@@ -28,6 +28,14 @@ class ChainedStabilizer(ReprMixin):
         k: decay rate of x1 [1/s].
         rate: decay rate of z [1/s]; above k, so that z decays before x1.
         max_input: largest norm of the inputs.
+
+    Example:
+        >>> stabilizer = rnc.control.ChainedStabilizer(n=3, k=0.5)
+        >>> stabilizer.command(np.array([2.0, 0.0, 0.0])) + 0.0  # u1 = -k x1
+        array([-1.,  0.])
+        >>> u1, u2 = stabilizer.command(np.array([2.0, 0.0, 1.0]))
+        >>> float(u1), bool(u2 != 0.0)
+        (-1.0, True)
     """
 
     @former_keywords({"fastest": "max_input"})

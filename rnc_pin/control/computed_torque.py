@@ -21,6 +21,19 @@ class ComputedTorque(ReprMixin):
         reduced: the model.
         target: kinematic controller that computes ``v2d`` and its rate.
         k: [1/s]; a number or one for each output.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> actuators = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators)
+        >>> reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+        >>> target = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold([1.0, 0.0]), k2=2.0)
+        >>> controller = rnc.control.ComputedTorque(reduced, target, k=20.0)
+        >>> state = reduced.at(robot.configuration(), np.zeros(2))
+        >>> measurement = state.measure(np.zeros(2))
+        >>> command, _ = controller.step(0.0, measurement, controller.initial_state(measurement))
+        >>> np.linalg.solve(state.H, command.F).round(6)  # the acceleration k k2 e
+        array([40.,  0.])
     """
 
     def __init__(self, reduced: ReducedModel, target: KinematicController, k: float | np.ndarray = 20.0) -> None:

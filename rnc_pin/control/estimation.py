@@ -66,6 +66,16 @@ class EstimatedModel:
     Args:
         reduced: the model with the true constraints.
         make_copy: function that returns new copies of its Pinocchio model and rows, with valid parameters.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> reduced = system.reduce([rnc.JointPosition(f"joint_{k}") for k in (1, 2, 3)])
+        >>> regressor = rnc.control.MomentumRegressor(robot, "platform", [rnc.control.UnknownMass("joint_3")])
+        >>> models = regressor.estimated(reduced)
+        >>> heavy = models.at(np.array([40.0]))
+        >>> heavy.robot.model.inertias[4].mass, robot.model.inertias[4].mass  # of the body behind joint_3 [kg]
+        (40.0, 10.0)
     """
 
     def __init__(self, reduced: ReducedModel, make_copy: Callable[[], ParametrizedCopy]) -> None:
@@ -157,6 +167,19 @@ class AdaptedModel(ReducedModel):
 
     Args:
         model: the model with the first estimates.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> reduced = system.reduce([rnc.JointPosition(f"joint_{k}") for k in (1, 2, 3)])
+        >>> regressor = rnc.control.MomentumRegressor(robot, "platform", [rnc.control.UnknownMass("joint_3")])
+        >>> models = regressor.estimated(reduced)
+        >>> model = rnc.control.AdaptedModel(models.at(np.array([20.0])))
+        >>> before = model.at(robot.configuration())
+        >>> model.use(models.at(np.array([40.0])))
+        >>> after = model.at(robot.configuration())
+        >>> bool(after.H[0, 0] > before.H[0, 0])
+        True
     """
 
     def __init__(self, model: ReducedModel) -> None:

@@ -50,6 +50,18 @@ class Estimator(ReprMixin):
 
     Raises:
         ConfigurationError: estimates are outside the bounds or of the wrong number, or the momentum is not zero.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> reduced = system.reduce([rnc.JointPosition(f"joint_{k}") for k in (1, 2, 3)])
+        >>> regressor = rnc.control.MomentumRegressor(robot, "platform", [rnc.control.UnknownMass("joint_3")])
+        >>> estimator = rnc.control.Estimator(reduced, regressor, initial=[15.0], bounds=(1.0, 50.0), alpha=1e9)
+        >>> moving = reduced.at(robot.configuration({"joint_2": 1.8}), [0.1, 0.2, 0.3]).measure()
+        >>> state, error = estimator.step(0.0, moving, estimator.initial_state())
+        >>> state, error = estimator.step(1.0, moving, state)
+        >>> state.p.round(2)  # one sample with a large gain finds the mass
+        array([10.])
     """
 
     def __init__(

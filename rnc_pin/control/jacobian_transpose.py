@@ -56,6 +56,17 @@ class JacobianTransposeController(ReprMixin):
 
     Raises:
         ConfigurationError: unknown actuator, or fewer of them than outputs.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> reduced = system.reduce([rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")])
+        >>> tracker = rnc.control.PositionTracker(rnc.planning.Hold([1.0, 1.0]), outputs=np.array([0, 1]))
+        >>> controller = rnc.control.JacobianTransposeController(reduced, tracker, ["joint_2", "joint_3"])
+        >>> measurement = reduced.at(robot.configuration({"joint_2": 1.8}), np.zeros(3)).measure()
+        >>> command, state = controller.step(0.0, measurement, controller.initial_state(measurement))
+        >>> command.T.shape, float(command.T[0])  # joint_1 is off
+        ((3,), 0.0)
     """
 
     def __init__(self, reduced: ReducedModel, tracker: PositionTracker, active: Sequence[str]) -> None:

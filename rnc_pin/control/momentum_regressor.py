@@ -24,6 +24,13 @@ class UnknownMass:
     Args:
         joint: the joint that carries the body.
         unit: mass that counts as 1 [kg]. The paper's parameters are ``m_k / J``: unit J.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> unknown = rnc.control.UnknownMass("joint_3", unit=10.0)
+        >>> regressor = rnc.control.MomentumRegressor(robot, "platform", [unknown])
+        >>> regressor.names, regressor.units
+        (('mass behind joint_3',), ('10 kg',))
     """
 
     joint: str
@@ -43,6 +50,16 @@ class MomentumRegressor:
     Raises:
         ModelError: unknown joint, or a body without mass.
         ConfigurationError: no body of known mass turns with the base.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> reduced = system.reduce([rnc.JointPosition(f"joint_{k}") for k in (1, 2, 3)])
+        >>> regressor = rnc.control.MomentumRegressor(robot, "platform", [rnc.control.UnknownMass("joint_3")])
+        >>> state = reduced.at(robot.configuration({"joint_2": 1.8}), [0.1, 0.2, 0.3])
+        >>> y, Y = regressor.regress(state.q, state.v)
+        >>> (y / Y[:, 0]).round(6), robot.model.inertias[robot.joint_id("joint_3")].mass  # estimated and true mass
+        (array([10.]), 10.0)
     """
 
     def __init__(self, robot: Robot, base: str, unknown: Sequence[UnknownMass]) -> None:

@@ -68,6 +68,16 @@ class PositionTracker(ReprMixin):
 
     Raises:
         ConfigurationError: an output is an orientation: integration by parts needs errors that are plain differences.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> reduced = system.reduce([rnc.JointPosition(f"joint_{k}") for k in (1, 2, 3)])
+        >>> controller = rnc.control.PositionTracker(rnc.planning.Hold([0.1, 1.8, 0.0]))
+        >>> measurement = reduced.at(robot.configuration({"joint_2": 1.8}), np.zeros(3)).measure()
+        >>> command, state = controller.step(0.0, measurement, controller.initial_state(measurement))
+        >>> command.F.round(6)  # only joint_1 has an error
+        array([4., 0., 0.])
     """
 
     @former_keywords({"held": "gravity_compensation"})

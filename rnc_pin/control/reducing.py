@@ -24,6 +24,17 @@ class ReducingOutputController(ReprMixin):
         k2: [1/s]; a number or one for each output.
         monitored: indices in x1 and reference of vertical outputs, which follow without control; for the
             record only.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> actuators = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators)
+        >>> reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+        >>> controller = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold([1.0, 0.0]), k2=2.0)
+        >>> measurement = reduced.at(robot.configuration(), np.zeros(2)).measure(np.zeros(2))
+        >>> target, state = controller.step(0.0, measurement, controller.initial_state(measurement))
+        >>> target.v2  # k2 times the error
+        array([2., 0.])
     """
 
     @former_keywords({"watched": "monitored"})

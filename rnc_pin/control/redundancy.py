@@ -73,6 +73,19 @@ class RedundancyController(ReprMixin):
         ConfigurationError: the task has fewer redundant than vertical outputs, a reference has another size than
             its outputs, or a secondary objective has no freedom left.
         SingularityError: A4 is singular at a sample.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> reduced = system.reduce(
+        ...     [rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")], [rnc.JointPosition("platform")])
+        >>> task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
+        >>> measurement = reduced.at(robot.configuration({"joint_2": 1.8}), np.zeros(3)).measure()
+        >>> here = rnc.planning.Hold(measurement.x2[:2])
+        >>> controller = rnc.control.RedundancyController(task, here, rnc.planning.Hold([0.1]), k3=2.0)
+        >>> target, state = controller.step(0.0, measurement, controller.initial_state(measurement))
+        >>> (measurement.A_star @ target.v2).round(6)  # the platform turns at k3 times its error
+        array([0.2])
     """
 
     def __init__(

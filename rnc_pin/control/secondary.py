@@ -37,6 +37,19 @@ class Combined(ReprMixin):
 
     Args:
         parts: the objectives.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> reduced = system.reduce(
+        ...     [rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")], [rnc.JointPosition("platform")])
+        >>> task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
+        >>> posture = rnc.control.Posture(task, rnc.planning.Hold([0.5]), k=2.0)
+        >>> both = rnc.control.Combined([posture, posture])
+        >>> measurement = reduced.at(robot.configuration({"joint_2": 1.8}), np.zeros(3)).measure()
+        >>> z, z_dot = both(0.0, measurement)
+        >>> z  # twice k times the error
+        array([2.])
     """
 
     def __init__(self, parts: Sequence[Secondary]) -> None:
@@ -62,6 +75,18 @@ class Posture(ReprMixin):
         task: task that defines the redundant outputs.
         reference: of x22.
         k: [1/s]; a number or one for each output. 0 for outputs without a desired position.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> reduced = system.reduce(
+        ...     [rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")], [rnc.JointPosition("platform")])
+        >>> task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
+        >>> posture = rnc.control.Posture(task, rnc.planning.Hold([0.5]), k=2.0)
+        >>> measurement = reduced.at(robot.configuration({"joint_2": 1.8}), np.zeros(3)).measure()
+        >>> z, z_dot = posture(0.0, measurement)
+        >>> z, z_dot + 0.0  # k times the error, and its rate at rest
+        (array([1.]), array([0.]))
     """
 
     def __init__(self, task: Task, reference: Reference, k: float | np.ndarray = 1.0) -> None:
@@ -104,6 +129,18 @@ class JointLimits(ReprMixin):
     Raises:
         ModelError: unknown joint.
         ConfigurationError: a named joint has no limits, no joint has limits, or k has the wrong size.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> reduced = system.reduce(
+        ...     [rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")], [rnc.JointPosition("platform")])
+        >>> task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
+        >>> limits = rnc.control.JointLimits(reduced, task, k=0.1, margin=0.1)
+        >>> middle, end = (robot.configuration({"joint_1": angle, "joint_2": 1.8}) for angle in (0.0, 62.0))
+        >>> measured = [reduced.at(q, np.zeros(3)).measure() for q in (middle, end)]
+        >>> [bool(limits(0.0, each)[0] < 0) for each in measured]  # joint_1 leaves its limit of 62.8 rad
+        [False, True]
     """
 
     def __init__(
@@ -169,6 +206,18 @@ class SingularityDistance(ReprMixin):
 
     Raises:
         SingularityError: the configuration at a sample is singular, so w has no gradient.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> reduced = system.reduce(
+        ...     [rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")], [rnc.JointPosition("platform")])
+        >>> task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
+        >>> away = rnc.control.SingularityDistance(reduced, task, k=0.1)
+        >>> measurement = reduced.at(robot.configuration({"joint_2": 1.8}), np.zeros(3)).measure()
+        >>> z, z_dot = away(0.0, measurement)
+        >>> z.shape, (z_dot + 0.0).round(6)  # at rest the objective does not change
+        ((1,), array([0.]))
     """
 
     def __init__(self, reduced: ReducedModel, task: Task, k: float | np.ndarray = 0.1) -> None:

@@ -99,6 +99,20 @@ class SlitheringReference(ReprMixin):
         ConfigurationError: an output is missing, the task has another shape, or kingpin and axle are not on one body
             with that yaw.
         SingularityError: the path bends so tightly that the trailer would stand across it or across the tractor.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("fire_truck.urdf", base="planar")
+        >>> axles, joints = ("front_axle", "tractor_axle", "rear_axle"), ["front_steering", "rear_steering"]
+        >>> constraints, actuators = [rnc.NoSideSlip(axle) for axle in axles], [rnc.FrameForce("tractor", "x"), *joints]
+        >>> inputs = [rnc.FrameSpeed("tractor"), *(rnc.JointPosition(joint) for joint in joints)]
+        >>> reduced = rnc.NonholonomicSystem(robot, constraints, actuators).reduce(
+        ...     inputs, [rnc.FramePosition("tractor"), rnc.FrameYaw("tractor"), rnc.FrameYaw("trailer")])
+        >>> task = rnc.Task.of(reduced, ["tractor_speed_x", "front_steering"], ["rear_steering"], ["trailer_yaw"])
+        >>> reference = rnc.control.SlitheringReference(reduced, task, "tractor", "rear_axle")
+        >>> measurement = reduced.at(robot.configuration(), [1.0, 0.0, 0.0]).measure()
+        >>> point, state = reference.step(measurement, np.zeros(3), reference.initial_state(measurement))
+        >>> point.position.round(6) + 0.0, point.velocity.round(6) + 0.0  # the path is straight
+        (array([0.]), array([0.]))
     """
 
     size = 1

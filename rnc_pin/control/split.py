@@ -24,6 +24,18 @@ class SplitController(ReprMixin):
 
     Raises:
         ConfigurationError: an output belongs to no part, or to two.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> reduced = system.reduce([rnc.JointPosition(f"joint_{k}") for k in (1, 2, 3)])
+        >>> arm = rnc.control.PositionTracker(rnc.planning.Hold([0.1, 1.8]))
+        >>> hand = rnc.control.PositionTracker(rnc.planning.Hold([0.2]))
+        >>> controller = rnc.control.SplitController([(arm, [0, 1]), (hand, [2])], r=3)
+        >>> measurement = reduced.at(robot.configuration({"joint_2": 1.8}), np.zeros(3)).measure()
+        >>> command, state = controller.step(0.0, measurement, controller.initial_state(measurement))
+        >>> command.F.round(6)  # the error of joint_3 is twice that of joint_1
+        array([4., 0., 8.])
     """
 
     def __init__(self, parts: Sequence[tuple[Controller, np.ndarray]], r: int) -> None:

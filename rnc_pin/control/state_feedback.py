@@ -31,6 +31,18 @@ class StateFeedback(ReprMixin):
 
     Raises:
         ConfigurationError: K or the reference has the wrong size, or neither an output nor its rate is a state.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("wheeled_pendulum.urdf", base="planar")
+        >>> wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
+        >>> system = rnc.NonholonomicSystem(robot, wheels, ["left_axle", "right_axle"])
+        >>> reduced = system.reduce([rnc.FrameSpeed("base"), rnc.JointPosition("pitch"), rnc.FrameYaw("base")])
+        >>> upright = robot.configuration()
+        >>> linear = rnc.linearize(reduced, upright, coordinates=["pitch"], rates=["base_speed_x", "pitch"])
+        >>> controller = rnc.control.StateFeedback(linear, rnc.lqr(linear, {"pitch": 10.0, "base_speed_x": 1.0}))
+        >>> run = rnc.simulate(reduced, controller, robot.configuration({"pitch": 0.1}), 2.0, dt=0.02)
+        >>> bool(abs(reduced.at(run.q[-1]).outputs()[1][1]) < 0.01)  # it stands up again
+        True
     """
 
     def __init__(

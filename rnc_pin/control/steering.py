@@ -55,6 +55,20 @@ class SteeringController(ReprMixin):
     Raises:
         ConfigurationError: the numbers of redundant and vertical outputs differ, A4 is not zero, or the constraints are
             affine.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("fire_truck.urdf", base="planar")
+        >>> axles, joints = ("front_axle", "tractor_axle", "rear_axle"), ["front_steering", "rear_steering"]
+        >>> constraints, actuators = [rnc.NoSideSlip(axle) for axle in axles], [rnc.FrameForce("tractor", "x"), *joints]
+        >>> inputs = [rnc.FrameSpeed("tractor"), *(rnc.JointPosition(joint) for joint in joints)]
+        >>> reduced = rnc.NonholonomicSystem(robot, constraints, actuators).reduce(inputs, [rnc.FrameYaw("trailer")])
+        >>> task = rnc.Task.of(reduced, ["tractor_speed_x", "front_steering"], ["rear_steering"])
+        >>> controller = rnc.control.SteeringController(
+        ...     reduced, task, rnc.planning.Hold([1.0, 0.0]), rnc.planning.Hold([0.1]), k21=2.0)
+        >>> measurement = reduced.at(robot.configuration(), np.zeros(3)).measure(np.zeros(3))
+        >>> target, state = controller.step(0.0, measurement, controller.initial_state(measurement))
+        >>> target.v2.round(6) + 0.0  # it drives off before it can steer
+        array([2., 0., 0.])
     """
 
     @former_keywords({"fastest": "max_rate", "watched": "monitored"})

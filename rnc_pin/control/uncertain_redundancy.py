@@ -39,6 +39,20 @@ class UncertainRedundancyController(ReprMixin):
 
     Raises:
         ConfigurationError: estimates are outside the bounds or of the wrong number, or the momentum is not zero.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+        >>> reduced = system.reduce(
+        ...     [rnc.FramePosition("tip", "xy"), rnc.JointPosition("joint_1")], [rnc.JointPosition("platform")])
+        >>> task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
+        >>> regressor = rnc.control.MomentumRegressor(robot, "platform", [rnc.control.UnknownMass("joint_3")])
+        >>> law = rnc.control.RedundancyController(task, rnc.planning.Hold([1.5, 0.5]), rnc.planning.Hold([0.1]))
+        >>> controller = rnc.control.UncertainRedundancyController(reduced, law, regressor, [15.0], bounds=(1.0, 50.0))
+        >>> measurement = reduced.at(robot.configuration({"joint_2": 1.8}), np.zeros(3)).measure()
+        >>> target, state = controller.step(0.0, measurement, controller.initial_state(measurement))
+        >>> target.estimates
+        array([15.])
     """
 
     def __init__(

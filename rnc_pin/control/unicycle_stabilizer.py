@@ -71,6 +71,18 @@ class UnicycleStabilizer(ReprMixin):
     Raises:
         ConfigurationError: rates or limits are not valid.
         InputError: the vehicle's position or heading is not given at a sample.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")])
+        >>> reduced = system.reduce(
+        ...     [rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")], [rnc.FramePosition("sleigh", "xy")])
+        >>> goal, fast = np.array([2.0, 0.0, 0.0]), (1e6, 1e6)
+        >>> controller = rnc.control.UnicycleStabilizer(goal, np.array([0, 1]), k=0.5, ramp_time=0.0, max_speed=fast)
+        >>> measurement = reduced.at(robot.configuration(), np.zeros(2)).measure(np.zeros(2))
+        >>> target, state = controller.step(0.0, measurement, controller.initial_state(measurement))
+        >>> target.v2.round(6) + 0.0  # k times the distance, straight ahead
+        array([1., 0.])
     """
 
     @former_keywords({"close": "tolerance", "soft": "ramp_time", "fastest": "max_speed"})

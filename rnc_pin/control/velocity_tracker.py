@@ -64,6 +64,18 @@ class VelocityTracker(ReprMixin):
         gains: k, beta, sigma, dead zone.
         gravity_compensation: force at the start (r,): reduced force that holds the robot, as its actuators report at
             rest. The tracker learns g in addition. Zero by default: a robot under gravity then drops until g has grown.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> actuators = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators)
+        >>> reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+        >>> target = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold([1.0, 0.0]), k2=2.0)
+        >>> controller = rnc.control.VelocityTracker(target)
+        >>> measurement = reduced.at(robot.configuration(), np.zeros(2)).measure(np.zeros(2))
+        >>> command, state = controller.step(0.0, measurement, controller.initial_state(measurement))
+        >>> command.F  # k e_v: nothing is learnt at the first sample
+        array([20.,  0.])
     """
 
     @former_keywords({"held": "gravity_compensation"})

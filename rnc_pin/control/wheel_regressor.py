@@ -30,6 +30,15 @@ class UnknownRadius:
 
     Args:
         wheels: frames of ``RollingWheel`` constraints.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+        >>> wheels = [rnc.RollingWheel("left_wheel", 0.2), rnc.RollingWheel("right_wheel", 0.2)]
+        >>> reduced = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"]).reduce()
+        >>> unknown = rnc.control.UnknownRadius(["left_wheel", "right_wheel"])
+        >>> regressor = rnc.control.WheelRegressor(reduced, [unknown])
+        >>> regressor.names, regressor.units
+        (('radius of left_wheel, right_wheel',), ('m',))
     """
 
     wheels: Sequence[str]
@@ -41,6 +50,15 @@ class UnknownTrack:
 
     Args:
         wheels: frames of two ``RollingWheel`` constraints on wheels that turn on one body.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+        >>> wheels = [rnc.RollingWheel("left_wheel", 0.2), rnc.RollingWheel("right_wheel", 0.2)]
+        >>> reduced = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"]).reduce()
+        >>> unknown = rnc.control.UnknownTrack(["left_wheel", "right_wheel"])
+        >>> regressor = rnc.control.WheelRegressor(reduced, [unknown])
+        >>> regressor.names, regressor.units
+        (('track of left_wheel, right_wheel',), ('m',))
     """
 
     wheels: Sequence[str]
@@ -90,6 +108,16 @@ class WheelRegressor:
 
     Raises:
         ConfigurationError: a wheel has no constraint or is named twice, or a pair has no track.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+        >>> wheels = [rnc.RollingWheel("left_wheel", 0.2), rnc.RollingWheel("right_wheel", 0.2)]
+        >>> reduced = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"]).reduce()
+        >>> regressor = rnc.control.WheelRegressor(reduced, [rnc.control.UnknownRadius(["left_wheel", "right_wheel"])])
+        >>> state = reduced.at(robot.configuration(), [1.0, 2.0])
+        >>> y, Y = regressor.regress(state.q, state.v)
+        >>> np.linalg.lstsq(Y, y)[0].round(6)  # the radius
+        array([0.2])
     """
 
     def __init__(self, reduced: ReducedModel, unknown: Sequence[UnknownRadius | UnknownTrack]) -> None:

@@ -15,6 +15,16 @@ class ZeroInput(ReprMixin):
 
     Args:
         reduced: the model.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> actuators = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators)
+        >>> reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+        >>> controller = rnc.control.ZeroInput(reduced)
+        >>> run = rnc.simulate(reduced, controller, robot.configuration(), 0.1, dt=0.01, v2_0=[0.5, 0.0])
+        >>> run.v2[-1].round(6) + 0.0  # straight on at constant speed
+        array([0.5, 0. ])
     """
 
     def __init__(self, reduced: ReducedModel) -> None:

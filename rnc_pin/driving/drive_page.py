@@ -1,35 +1,174 @@
-"""Page of a driven run in the viewer that ``PINOCCHIO_VIEWER`` names."""
+"""Page of a driven run: keys, clicks on the ground, sliders, and the status of the run."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from typing import Any
 
+import numpy as np
+
+from rnc_pin.driving.drive_goals import DriveGoals
 from rnc_pin.driving.drive_log import CommandQueue
 from rnc_pin.driving.drive_plan import DrivePlan
-from rnc_pin.driving.drive_run import DriveWatcher
-from rnc_pin.driving.meshcat_page import MeshcatDrivePage
-from rnc_pin.visualization.viewers import MeshcatViewer, selected_viewer
+from rnc_pin.driving.drive_status import DriveStatus
+from rnc_pin.driving.limit_bodies import LimitBodies
+from rnc_pin.io.json import Json
+from rnc_pin.scenario.saved_run import view_of
+from rnc_pin.simulation import RunInfo, Sample
+from rnc_pin.visualization.browser.access import LOOPBACK
+from rnc_pin.visualization.drawn_model import DrawnModel
+from rnc_pin.visualization.drawn_state import DrawnState
+from rnc_pin.visualization.live import LiveView
+from rnc_pin.visualization.meshcat_library import mg
+from rnc_pin.visualization.meshcat_viewer import MeshcatViewer
+from rnc_pin.visualization.view import View
+
+_GOAL = 0xE69F00
+_GOAL_SIZE = 0.06  # radius of the mark of the base's goal [m]
 
 
-class DrivePage(DriveWatcher, Protocol):
-    """Page that a browser can open."""
+class DrivenViewer(MeshcatViewer):
+    """Meshcat viewer with the controls of a driven run.
 
-    url: str
+    Attributes:
+        status: latest status; the loop sets it, and the thread that draws reads it.
+    """
+
+    def __init__(
+        self,
+        prepared: DrivePlan,
+        queue: CommandQueue,
+        drawn: DrawnModel,
+        view: View,
+        info: RunInfo,
+        host: str,
+        title: str,
+    ) -> None:
+        super().__init__(drawn, view, info, host, title, queue.put)
+        self.status: DriveStatus | None = None
+        self._shown: DriveStatus | None = None
+        self._prepared, self._drawn = prepared, drawn
+        self._ground = drawn.ground_height(view) or 0.0
+        self._bodies = LimitBodies(drawn.robot, prepared.controls.obstacles)
+        self._frames = {name: drawn.robot.frame_id(name) for name in prepared.controls.frames}
+        self._marked = False
+        controls = controls_entry(prepared, self._ground)
+        self.window.post({"type": "drive_controls", "path": "/drive", "controls": controls})
+
+    def draw(self, state: DrawnState) -> None:
+        """Draw a state, and the status if it is new."""
+        super().draw(state)
+        status = self.status
+        if status is not None and status is not self._shown:
+            self._shown = status
+            self._mark(status.goals)
+            entry = self._status_entry(status, state.q)
+            self.window.post({"type": "drive_status", "path": "/drive", "status": entry})
+
+    def _status_entry(self, status: DriveStatus, q: np.ndarray) -> dict[str, Json]:
+        controls, goals = self._prepared.controls, status.goals
+        bodies = self._bodies.of((*status.report.active, *status.report.exceeded))
+        assert self._drawn.reduced is not None
+        position = self._drawn.reduced.at(q).position
+        places: dict[str, Json] = {
+            name: np.array(position.placement(frame).translation).tolist() for name, frame in self._frames.items()
+        }
+        aims: dict[str, Json] = {
+            name: list(goal.position)
+            for name, goal in zip(controls.frames, goals.frames, strict=True)
+            if goal is not None
+        }
+        for name, legs in zip(controls.obstacles, goals.obstacles, strict=True):
+            places[name], aims[name] = legs[-1].at(status.time)[0].tolist(), list(legs[-1].goal)
+        return {
+            "factor": status.factor,
+            "limits": status.limits,
+            "messages": status.messages,
+            "posture": dict(zip(controls.joints, goals.posture, strict=True)),
+            "places": places,
+            "goals": aims,
+            "highlighted": [
+                *(f"/meshcat/robot/visuals/{name}" for name in sorted(bodies.shapes)),
+                *(f"/meshcat/obstacles/{name}" for name in sorted(bodies.obstacles)),
+            ],
+        }
+
+    def _mark(self, goals: DriveGoals) -> None:
+        """Draw the goal of the base."""
+        goal = goals.base_goal
+        node = "goal/base"
+        if goal is not None:
+            if not self._marked:
+                self.scene.mesh(node, mg.Cylinder(0.01, _GOAL_SIZE), _GOAL)
+            pose = np.eye(4)
+            pose[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]  # Meshcat's cylinders have y as their axis
+            pose[:3, 3] = *goal, self._ground + 0.005
+            self.scene.place(node, pose)
+        if self._marked or goal is not None:
+            self.scene.root[node].set_property("visible", goal is not None)
+        self._marked = self._marked or goal is not None
+
+
+class DrivePage:
+    """Page of a driven run on loopback, as a watcher of ``drive``.
+
+    Args:
+        prepared: the run.
+        queue: queue for the commands of the page.
+        title: title of the page.
+        open_browser: True to open the page immediately.
+    """
+
+    def __init__(self, prepared: DrivePlan, queue: CommandQueue, title: str, open_browser: bool) -> None:
+        experiment = prepared.plan.experiment
+        reduced = experiment.reduced
+        drawn = DrawnModel(reduced.robot, reduced, experiment.obstacles)
+        info = RunInfo(drawn.outputs, tuple(reduced.vertical.names), provenance=experiment.provenance)
+        view = view_of(experiment.scenario)
+        view = replace(view, hide=[*view.hide, "reference", "constraint forces"])
+        self._viewer: DrivenViewer
+
+        def viewer(drawn: DrawnModel, view: View, info: RunInfo, host: str, title: str) -> DrivenViewer:
+            self._viewer = DrivenViewer(prepared, queue, drawn, view, info, host, title)
+            return self._viewer
+
+        self.live = LiveView(drawn, view, info, 0.0, open_browser, LOOPBACK, title, viewer)
+        self.url = self.live.url
+
+    def wait_for_browser(self, timeout: float) -> bool:
+        """Wait up to ``timeout`` [s] for a browser. Return True if one is connected."""
+        return self.live.wait_for_browser(timeout)
+
+    def show(self, sample: Sample, status: DriveStatus | None) -> None:
+        """Show a sample and, if there is one, a status."""
+        if status is not None:
+            self._viewer.status = status
+        self.live(sample)
 
     @property
-    def problem(self) -> Exception | None: ...
-    def wait_for_browser(self, timeout: float) -> bool: ...
-    def close(self) -> None: ...
+    def problem(self) -> Exception | None:
+        """Error that stopped the page, but not the run."""
+        return self.live.problem
+
+    def close(self) -> None:
+        """Draw the last sample, and stop serving."""
+        self.live.close()
 
 
-def drive_page(prepared: DrivePlan, queue: CommandQueue, title: str, open_browser: bool) -> DrivePage:
-    """Serve a page on loopback.
+def controls_entry(prepared: DrivePlan, ground: float) -> dict[str, Json]:
+    """Controls of a run as ``drive.js`` reads them."""
+    controls = prepared.controls
 
-    Raises:
-        ConfigurationError: ``PINOCCHIO_VIEWER`` names no viewer, or one that is not installed.
-    """
-    if selected_viewer() is MeshcatViewer:
-        return MeshcatDrivePage(prepared, queue, title, open_browser)
-    from rnc_pin.driving.viser_page import ViserDrivePage
+    def ranges(given: Mapping[str, Any]) -> dict[str, Json]:
+        return {name: asdict(each) for name, each in given.items()}
 
-    return ViserDrivePage(prepared, queue, title, open_browser)
+    base = controls.base
+    return {
+        "base": None if base is None else {"frame": base.frame, "slides": base.slides},
+        "frames": {name: list(axes) for name, axes in controls.frames.items()},
+        "joints": ranges(controls.joints),
+        "gains": ranges(controls.gains),
+        "obstacles": {name: list(place) for name, place in controls.obstacles.items()},
+        "ground": ground,
+    }

@@ -16,14 +16,14 @@ from rnc_pin.driving.drive_plan import DrivePlan
 from rnc_pin.driving.drive_status import DriveStatus, ProgressMonitor
 from rnc_pin.driving.real_time import RealTimeClock
 from rnc_pin.errors import RncError
-from rnc_pin.scenario.execution import REPLAY_DISTANCE, Result
-from rnc_pin.simulation import Sample, SimulationOptions, Trajectory, add_limits, replay_limits, summarize
+from rnc_pin.scenario.execution import Result
+from rnc_pin.scenario.run_verdict import judged_summary
+from rnc_pin.simulation import Sample, SimulationOptions, Trajectory
 from rnc_pin.simulation.ending import Progress, complete_run
 from rnc_pin.simulation.sampled_run import SampledRun
 
 _CAPACITY = 4096  # samples; the record grows
 _STATUS = 0.1  # period of the status [s]
-_MEASURED = 500  # largest number of distances in the replay of the run
 
 
 class DriveWatcher(Protocol):
@@ -54,14 +54,8 @@ def drive(
     started = time.perf_counter()
     with np.errstate(over="ignore", invalid="ignore"):  # values of diverged runs overflow
         trajectory, error = _driven(prepared, queue, samples, clock, watcher)
-        summary = summarize(trajectory, time.perf_counter() - started)
-        limits = None
-        experiment = prepared.plan.experiment
-        if len(trajectory.time):
-            step = max(0.02, float(trajectory.time[-1]) / _MEASURED)
-            robot, obstacles = experiment.reduced.robot, experiment.obstacles
-            limits = replay_limits(robot, trajectory, obstacles, step=step, within=REPLAY_DISTANCE)
-            add_limits(summary, limits)
+        wall_time = time.perf_counter() - started
+        summary, limits = judged_summary(prepared.plan.experiment, trajectory, wall_time=wall_time, goals=False)
     return Result(trajectory, summary, error, {}, limits)
 
 

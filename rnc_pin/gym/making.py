@@ -7,6 +7,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 from rnc_pin.errors import ConfigurationError
+from rnc_pin.extras import check_extra
 from rnc_pin.gym.episode_batch import EpisodeBatch, Reward
 from rnc_pin.gym.episode_limits import EpisodeLimits
 from rnc_pin.gym.episode_task import EpisodeTask
@@ -112,10 +113,7 @@ def _batch(
 
 def _environments() -> ModuleType:
     """Module of the environments, which imports Gymnasium."""
-    try:
-        import gymnasium  # noqa: F401
-    except ImportError:
-        raise ConfigurationError("rnc_pin.gym needs Gymnasium: pip install 'rnc_pin[gym]'") from None
+    check_extra("gym", "rnc_pin.gym")
     from rnc_pin.gym import environments
 
     return environments

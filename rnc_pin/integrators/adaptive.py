@@ -37,6 +37,16 @@ class AdaptiveIntegrator:
         settle: maps (q, y) at the end of a step to an equivalent state, for example in another chart.
         local_rate: faster way to rates of ``x = (u, y)``: ``local_rate(t, q_k, x) -> xdot``, or None where ``rate`` has
             to decide.
+
+    Example:
+        >>> from rnc_pin.integrators import AdaptiveIntegrator
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> circle = lambda t, q, y: (np.array([1.0, 0.0, 1.0]), -y)
+        >>> integrator = AdaptiveIntegrator(robot, circle, rtol=1e-10, atol=1e-10)
+        >>> blocks = list(integrator.run(np.array([0.0, 1.0, np.pi]), robot.configuration(), np.ones(1)))
+        >>> t, q, y = (each[-1] for each in blocks[-1])
+        >>> q.round(6) + 0.0, y.round(6)  # half a circle of radius 1, and exp(-pi)
+        (array([ 0.,  2., -1.,  0.]), array([0.043214]))
     """
 
     def __init__(

@@ -29,6 +29,14 @@ class ExponentialCoordinates:
 
     Args:
         robot: robot of the configurations.
+
+    Example:
+        >>> from rnc_pin.integrators import ExponentialCoordinates
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> coordinates = ExponentialCoordinates(robot)
+        >>> along = np.array([1.0, 0.0, 1.0])
+        >>> coordinates.rate(robot.configuration(), 0.3 * along, along).round(6)  # on a circle u = t v
+        array([1., 0., 1.])
     """
 
     def __init__(self, robot: Robot) -> None:

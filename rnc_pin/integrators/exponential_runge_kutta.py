@@ -43,6 +43,17 @@ class ExponentialRungeKutta4:
 
     Args:
         robot: robot of the configurations.
+
+    Example:
+        >>> from rnc_pin.integrators import ExponentialRungeKutta4, LinearPart
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> along, one = np.array([[1.0], [0.0], [0.0]]), np.eye(1)
+        >>> damped = LinearPart(one, one, decay=np.array([100.0]), u=along, others=np.zeros((0, 1)))
+        >>> rate = lambda q, y: (along @ y, 200.0 - 100.0 * y)
+        >>> integrator = ExponentialRungeKutta4(robot)
+        >>> q, y = integrator.step(rate, damped, robot.configuration(), y=np.zeros(1), h=1.0)
+        >>> y.round(6), q[:1].round(6)  # steady speed 2 m/s after 1/100 s
+        (array([2.]), array([1.98]))
     """
 
     def __init__(self, robot: Robot) -> None:

@@ -17,6 +17,17 @@ class LieRungeKutta4:
 
     Args:
         robot: robot of the configurations.
+
+    Example:
+        >>> from rnc_pin.integrators import LieRungeKutta4
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> integrator = LieRungeKutta4(robot)
+        >>> circle = lambda q, y: (np.array([1.0, 0.0, 1.0]), -y)
+        >>> q, y = integrator.step(circle, robot.configuration(), y=np.ones(1), h=0.1)
+        >>> q.round(6)  # x = sin h, y = 1 - cos h
+        array([0.099833, 0.004996, 0.995004, 0.099833])
+        >>> y.round(5)  # exp(-h)
+        array([0.90484])
     """
 
     def __init__(self, robot: Robot) -> None:

@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 
 
 class UsesKernel:
-    """Owner of properties that refer to memory, which copies and pickles omit."""
+    """Owner of properties ``compiled...`` or ``_compiled...`` that refer to memory, which copies and pickles omit."""
 
     def __getstate__(self) -> dict[str, object]:
-        return {name: value for name, value in self.__dict__.items() if not name.startswith("compiled")}
+        return {name: value for name, value in self.__dict__.items() if not name.lstrip("_").startswith("compiled")}
 
 
 class CompiledReduction:

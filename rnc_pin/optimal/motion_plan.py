@@ -82,6 +82,12 @@ class PlannedOutputs:
     Args:
         time: times of the nodes (K + 1,) [s].
         position, velocity, acceleration: of k outputs at the two ends of every interval, (K, 2, k).
+
+    Example:
+        >>> position, still = np.array([[[0.0], [1.0]]]), np.zeros((1, 2, 1))
+        >>> reference = rnc.optimal.PlannedOutputs(np.array([0.0, 2.0]), position, still, still)
+        >>> reference.at(1.0).position, reference.at(1.0).velocity  # from rest to rest, as a minimum-jerk motion
+        (array([0.5]), array([0.9375]))
     """
 
     def __init__(self, time: Array, position: Array, velocity: Array, acceleration: Array) -> None:

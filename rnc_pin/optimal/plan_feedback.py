@@ -37,6 +37,19 @@ class PlanFeedback(ReprMixin):
 
     Raises:
         ConfigurationError: plan, gains and model do not fit.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> actuators = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators)
+        >>> reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+        >>> ahead = {rnc.FramePosition("sleigh", "xy"): [1.0, 0.0]}
+        >>> plan = rnc.optimal.plan(reduced, robot.configuration(), ahead, 2.0, form="kinematic")
+        >>> controller = rnc.optimal.PlanFeedback(reduced, plan)
+        >>> measurement = reduced.at(plan.q[0], np.zeros(2)).measure(np.zeros(2))
+        >>> command, _ = controller.step(1.0, measurement, controller.initial_state(measurement))
+        >>> command.F.round(1)  # towards the plan, which moves at 0.5 m/s
+        array([39.6,  0. ])
     """
 
     def __init__(

@@ -66,6 +66,19 @@ class PredictiveController(ReprMixin):
 
     Raises:
         ConfigurationError: an argument has an invalid value.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> actuators = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators)
+        >>> reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+        >>> goal = rnc.optimal.OutputCost(rnc.FramePosition("sleigh", "xy"), [1.0, 0.0], weight=10.0, phase="both")
+        >>> effort = rnc.optimal.EffortCost(weight=0.1)
+        >>> controller = rnc.optimal.PredictiveController(reduced, [goal, effort], horizon=2.0, nodes=5)
+        >>> measurement = reduced.at(robot.configuration(), np.zeros(2)).measure(np.zeros(2))
+        >>> command, state = controller.step(0.0, measurement, controller.initial_state(measurement))
+        >>> bool(command.T[0] > 0), state.updates, state.missed  # it pushes towards the goal
+        (True, 1, 0)
     """
 
     def __init__(

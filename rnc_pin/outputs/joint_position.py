@@ -37,9 +37,7 @@ class JointPosition:
 
 class _JointRow(ConstantRows, OutputRows):
     def __init__(self, kind: JointPosition, robot: Robot) -> None:
-        joint = robot.single_joint(
-            kind.joint, "use outputs of a frame (FramePosition, FrameYaw, FrameSpeed) for it"
-        )
+        joint = robot.single_joint(kind.joint, "use outputs of a frame (FramePosition, FrameYaw, FrameSpeed) for it")
         self.names, self.units, self.angular = (kind.joint,), (joint.unit,), (joint.continuous,)
         self._joint = joint
         self.matrix = np.zeros((1, robot.nv))

@@ -46,6 +46,13 @@ class CarPath:
     Raises:
         InfeasibleError: no path was found, or the vehicle cannot steer as tightly.
         ConfigurationError: an argument is out of its range.
+
+    Example:
+        >>> path = rnc.planning.CarPath([0.0, 0.0, 0.0], [4.0, 0.0, 0.0], duration=2.0, wheelbase=1.0)
+        >>> round(path.length, 6), len(path.legs)  # straight ahead
+        (4.0, 1)
+        >>> path.reference.at(1.0).position.round(6) + 0.0  # distance and steering angle halfway
+        array([2., 0.])
     """
 
     def __init__(

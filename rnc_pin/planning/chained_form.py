@@ -27,6 +27,14 @@ class FireTruckChart:
     Args:
         L1: tractor's wheel base [m].
         L2: kingpin to the trailer's axle [m].
+
+    Example:
+        >>> chart = rnc.planning.FireTruckChart(L1=2.0, L2=1.0)
+        >>> state = np.array([1.0, 2.0, 0.0, np.arctan(0.5), 0.0, 0.0])
+        >>> chart.to_chain(state) + 0.0  # x0 = tan(phi1) / L1 = 0.25
+        array([1.  , 0.25, 0.  , 2.  , 0.  , 0.  ])
+        >>> bool(np.allclose(chart.from_chain(chart.to_chain(state)), state))
+        True
     """
 
     L1: float = 1.0

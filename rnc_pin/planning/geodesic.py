@@ -22,6 +22,16 @@ class Geodesic:
         duration: of the motion [s].
         coordinates: coordinates of the outputs; they tell which outputs are rotations.
         begin: time at which it starts [s].
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("satellite.urdf", base="free", gravity=(0, 0, 0))
+        >>> outputs = [rnc.FrameOrientation("satellite"), rnc.FramePosition("satellite")]
+        >>> reduced = rnc.NonholonomicSystem(robot).reduce(outputs)
+        >>> coordinates = reduced.reducing.coordinates
+        >>> quarter = [0.0, 0.0, np.pi / 2, 1.0, 0.0, 0.0]
+        >>> reference = rnc.planning.Geodesic(np.zeros(6), quarter, duration=2.0, coordinates=coordinates)
+        >>> reference.at(1.0).position.round(6) + 0.0  # an eighth of a turn, and half a metre
+        array([0.      , 0.      , 0.785398, 0.5     , 0.      , 0.      ])
     """
 
     def __init__(

@@ -47,6 +47,10 @@ class Hold:
 
     Args:
         value: (k,).
+
+    Example:
+        >>> rnc.planning.Hold([0.5, -1.0]).at(3.0).position
+        array([ 0.5, -1. ])
     """
 
     duration = 0.0
@@ -129,6 +133,12 @@ class MinimumJerk(_Polynomial):
         goal: (k,).
         duration: of the motion [s].
         begin: time at which it starts [s].
+
+    Example:
+        >>> reference = rnc.planning.MinimumJerk([0.0], [1.0], duration=2.0)
+        >>> position, velocity, *_ = reference.at(1.0)
+        >>> position, velocity  # halfway; the largest velocity is 15/8 of the mean
+        (array([0.5]), array([0.9375]))
     """
 
     def __init__(self, start: ArrayLike, goal: ArrayLike, duration: float, begin: float = 0.0) -> None:
@@ -150,6 +160,12 @@ class ViaPoints(_Polynomial):
     Args:
         times: increasing, (n,) [s].
         points: (n, k).
+
+    Example:
+        >>> reference = rnc.planning.ViaPoints([0.0, 1.0, 2.0], [[0.0], [1.0], [2.0]])
+        >>> position, velocity, *_ = reference.at(1.0)
+        >>> position.round(6), bool(velocity > 1.0)  # faster than the mean, because it rests at both ends
+        (array([1.]), True)
     """
 
     def __init__(self, times: ArrayLike, points: ArrayLike) -> None:
@@ -176,6 +192,11 @@ class Harmonic:
         frequency: [Hz], (k,) or a number.
         phase: [rad], (k,) or a number.
         ramp: time over which the amplitude grows from zero [s].
+
+    Example:
+        >>> reference = rnc.planning.Harmonic([1.0], amplitude=0.5, frequency=0.25, ramp=1.0)
+        >>> reference.at(0.0).position, reference.at(5.0).position  # after one and a quarter periods
+        (array([1.]), array([1.5]))
     """
 
     duration = np.inf
@@ -254,6 +275,13 @@ class InTurn:
 
     Args:
         references: each begins at the end position and end time of the one before it.
+
+    Example:
+        >>> out = rnc.planning.MinimumJerk([0.0], [1.0], duration=2.0)
+        >>> back = rnc.planning.MinimumJerk([1.0], [0.0], duration=2.0, begin=2.0)
+        >>> reference = rnc.planning.InTurn([out, back])
+        >>> reference.duration, reference.at(1.0).velocity, reference.at(3.0).velocity
+        (4.0, array([0.9375]), array([-0.9375]))
     """
 
     def __init__(self, references: Sequence[Reference]) -> None:
@@ -273,6 +301,12 @@ class Slowed:
 
     Raises:
         InputError: the factor is not positive.
+
+    Example:
+        >>> reference = rnc.planning.MinimumJerk([0.0], [1.0], duration=2.0)
+        >>> slow = rnc.planning.Slowed(reference, factor=2.0)
+        >>> slow.duration, reference.at(1.0).velocity, slow.at(2.0).velocity
+        (4.0, array([0.9375]), array([0.46875]))
     """
 
     def __init__(self, reference: Reference, factor: float) -> None:

@@ -177,7 +177,7 @@ class Robot(NamedModel, SummaryMixin):
         package_dirs: Sequence[str | Path] = (),
         snap: bool = True,
     ) -> Robot:
-        """Load an MJCF file, compiled by MuJoCo: ``pip install 'rnc_pin[mujoco]'``.
+        """Load an MJCF file, compiled by MuJoCo (extra ``mujoco``).
 
         Bodies, joints, inertias, geometry, damping, armature and gravity are read. Joints without an actuator
         have an effort limit of zero. Contacts and sensors are not read. ``mimics`` lists the equalities of joints,

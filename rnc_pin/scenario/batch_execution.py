@@ -7,9 +7,10 @@ from collections.abc import Hashable, Sequence
 
 import numpy as np
 
-from rnc_pin.control.whole_body.whole_body_program import has_program
+from rnc_pin.control.whole_body.whole_body_program import program_of
 from rnc_pin.errors import RncError
-from rnc_pin.scenario.execution import Plan, Result, run_options, whole_summary
+from rnc_pin.scenario.execution import Plan, Result, run_options
+from rnc_pin.scenario.run_verdict import judged_summary
 from rnc_pin.simulation import sample_count
 from rnc_pin.simulation.side_by_side import RunArguments, lock_step_key, simulate_side_by_side
 
@@ -17,7 +18,7 @@ from rnc_pin.simulation.side_by_side import RunArguments, lock_step_key, simulat
 def batch_key(plan: Plan) -> Hashable | None:
     """Key that plans have in common if ``execute_together`` takes them; None for a plan that has to be alone."""
     experiment = plan.experiment
-    if plan.comparisons or experiment.phases or has_program(experiment.controller):
+    if plan.comparisons or experiment.phases or program_of(experiment.controller) is not None:
         return None
     return lock_step_key(_arguments(plan))
 
@@ -34,7 +35,8 @@ def execute_together(plans: Sequence[Plan]) -> list[Result | RncError]:
         for plan, run in zip(plans, simulate_side_by_side([_arguments(plan) for plan in plans]), strict=True):
             if run.started:
                 trajectory, wall_time = run.trajectory, (time.perf_counter() - start) / len(plans)
-                found.append(Result(trajectory, whole_summary(plan, trajectory, {}, wall_time), _reported(run.error)))
+                summary, limits = judged_summary(plan.experiment, trajectory, {}, wall_time)
+                found.append(Result(trajectory, summary, _reported(run.error), limits=limits))
             else:
                 assert isinstance(run.error, RncError)
                 found.append(run.error)

@@ -37,6 +37,7 @@ from rnc_pin.simulation import Phase, Provenance, TaskNames, sample_count
 from rnc_pin.simulation.friction_demand import iterate_time_scale
 from rnc_pin.simulation.phases import PhaseStart
 from rnc_pin.simulation.run_info import provenance_of
+from rnc_pin.verdict import Finding, FindingKind, Severity
 from rnc_pin.visualization.drawn_model import DrawnModel
 
 _ROUNDED = 1e-4  # largest residual of holonomic rows that counts as rounding in the file
@@ -83,11 +84,19 @@ class Experiment:
     """Goals of whole-body tasks."""
     phases: tuple[Phase | PhaseStart, ...] = ()
     """Phases of the run; ``reduced``, ``controller`` and ``plant`` are then those of the first."""
+    model_warnings: tuple[str, ...] = ()
+    """Warnings about the model, which building it gave."""
 
     @property
     def drawn_model(self) -> DrawnModel:
         """Robot and obstacles to draw; the constraints only if they are the same throughout the run."""
         return DrawnModel(self.reduced.robot, None if self.phases else self.reduced, self.obstacles)
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Findings that are known before the run: warnings, as notes."""
+        told = (*self.model_warnings, *self.warnings)
+        return tuple(Finding(FindingKind.MODEL, "", None, "", None, Severity.NOTE, each) for each in told)
 
     @property
     def loop(self) -> LoopOptions:

@@ -16,11 +16,13 @@ from rnc_pin.control.whole_body.whole_body_program import report_within
 from rnc_pin.errors import ConfigurationError, RncError, SingularityError
 from rnc_pin.io.json import Json, dump_json
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.scenario.builder import Experiment, build_experiment, off_tracking
+from rnc_pin.scenario.builder import Experiment, build_experiment
 from rnc_pin.scenario.files import apply_options, find_scenario, is_built_in, read_yaml, with_options
 from rnc_pin.scenario.loading import validate
+from rnc_pin.scenario.model_warnings import collected_model_warnings
 from rnc_pin.scenario.phase_builder import build_phased
 from rnc_pin.scenario.planner_builder import Plans
+from rnc_pin.scenario.run_verdict import judged_summary, run_summary
 from rnc_pin.scenario.schema import Scenario
 from rnc_pin.scenario.shared_tasks import Report, SharedTasks
 from rnc_pin.simulation import (
@@ -31,19 +33,13 @@ from rnc_pin.simulation import (
     SimulationOptions,
     Summary,
     Trajectory,
-    add_limits,
-    replay_limits,
     simulate,
     simulate_phases,
-    summarize,
 )
 from rnc_pin.simulation.summary import Compared
 
-REPLAY_DISTANCE = 0.2
-"""Distance up to which the replay of a run computes exact distances [m]."""
 _PLAN = "plan.npz"
 _REPORTS = 400  # progress reports of a run
-_REPLAY_STEP, _REPLAYED = 0.02, 500  # smallest step between distances [s], and largest number of them
 
 _Run: TypeAlias = tuple[Trajectory, RncError | None, dict[str, float]]
 """Motion of a run, the error that ended it early, and the largest amounts by which limits gave way."""
@@ -82,14 +78,14 @@ class Plan:
 
 @dataclass(frozen=True)
 class Result:
-    """Result of a run."""
+    """Result of a run. ``trajectory.verdict`` tells whether it succeeded."""
 
     trajectory: Trajectory
     summary: Summary
     error: RncError | None = None
     comparisons: dict[str, Trajectory] = field(default_factory=dict)
     limits: LimitReplay | None = None
-    """Use of joint limits and distances over time; None if they were not measured."""
+    """Use of joint limits and distances over time; None for a run without samples."""
 
     @property
     def interrupted(self) -> bool:
@@ -125,7 +121,12 @@ def plan(scenario: str, options: Mapping[str, Json] | None = None) -> Plan:
 
 
 def located_experiment(
-    source: str, scenario: Scenario, folder: Path, plans: Plans, reduced: ReducedModel | None = None
+    source: str,
+    scenario: Scenario,
+    folder: Path,
+    plans: Plans,
+    reduced: ReducedModel | None = None,
+    show: bool = True,
 ) -> Experiment:
     """Build an experiment and prepend the source file to errors.
 
@@ -135,11 +136,15 @@ def located_experiment(
         folder: base of relative paths.
         plans: optimal motions of other runs.
         reduced: model of the scenario; runs with phases build their own.
+        show: True to show warnings about the model, beside keeping them.
     """
     try:
-        if scenario.phases:
-            return build_phased(scenario, folder)
-        return build_experiment(scenario, folder, plans, reduced)
+        with collected_model_warnings(show) as told:
+            if scenario.phases:
+                experiment = build_phased(scenario, folder)
+            else:
+                experiment = build_experiment(scenario, folder, plans, reduced)
+        return replace(experiment, model_warnings=tuple(told))
     except SingularityError as error:
         error.what = f"{source}: {error.what}"
         raise
@@ -153,7 +158,6 @@ def execute(
     observer: Observer | None = None,
     progress: Callable[[float, str], None] | None = None,
     *,
-    measure_limits: bool = False,
     processes: int = 1,
 ) -> Result:
     """Run a plan.
@@ -162,7 +166,6 @@ def execute(
         plan: what to run.
         observer: called with every ``Sample`` of the run itself.
         progress: called with the simulated time so far [s], of all runs together, and the name of the one under way.
-        measure_limits: replay the run against joint limits and collisions; this reads the meshes of the robot.
         processes: largest number of processes. With more than one, comparisons run beside the run; results are equal
             to the bit.
 
@@ -170,7 +173,7 @@ def execute(
         The result; a run that failed keeps what it reached, with ``error`` set.
     """
     with np.errstate(over="ignore", invalid="ignore"), _Runs(plan, progress, processes) as runs:  # diverged values
-        return _executed(plan, runs, observer, measure_limits)
+        return _executed(plan, runs, observer)
 
 
 class _Runs:
@@ -232,71 +235,20 @@ def _interrupted(run: _Run) -> bool:
     return run[0].outcome is Outcome.INTERRUPTED
 
 
-def _executed(plan: Plan, runs: _Runs, observer: Observer | None, measure_limits: bool) -> Result:
+def _executed(plan: Plan, runs: _Runs, observer: Observer | None) -> Result:
     # The wall time of the summary is that of the simulation, without building and drawing.
     start = time.perf_counter()
     trajectory, error, gave_way = runs.main(observer)
-    summary = whole_summary(plan, trajectory, gave_way, time.perf_counter() - start)
-    limits = _replay(plan.experiment, trajectory) if measure_limits else None
-    if limits is not None:
-        add_limits(summary, limits)
+    summary, limits = judged_summary(plan.experiment, trajectory, gave_way, time.perf_counter() - start)
     others: dict[str, Trajectory] = {}
     if error is None and trajectory.outcome is Outcome.COMPLETED:
         for label, (other, failure, _) in runs.others().items():
             others[label] = other
-            compared = _compared(_summary(plan.comparisons[label], other))
+            compared = _compared(run_summary(plan.comparisons[label], other))
             if failure is not None:
                 compared["message"] = str(failure)
             summary.setdefault("comparisons", {})[label] = compared
     return Result(trajectory, summary, error, others, limits)
-
-
-def whole_summary(plan: Plan, trajectory: Trajectory, gave_way: Mapping[str, float], wall_time: float) -> Summary:
-    """Summary of the run of a plan, with the goals that it missed.
-
-    Args:
-        plan: the plan.
-        trajectory: the run.
-        gave_way: largest amounts by which limits gave way, by name.
-        wall_time: computing time [s].
-    """
-    summary = _summary(plan.experiment, trajectory, wall_time)
-    if gave_way:
-        summary["limits_gave_way"] = dict(gave_way)
-    summary["goal_tolerance"] = plan.experiment.scenario.goal_tolerance
-    missed = _missed_goals(plan.experiment, trajectory, summary)
-    if missed:
-        summary["goals_missed"] = missed
-    return summary
-
-
-def _summary(experiment: Experiment, trajectory: Trajectory, wall_time: float | None = None) -> Summary:
-    summary = summarize(trajectory, wall_time)
-    strayed = off_tracking(experiment, trajectory.q)
-    if strayed is not None:
-        summary["off_tracking_max"] = strayed
-    return summary
-
-
-def _missed_goals(experiment: Experiment, trajectory: Trajectory, summary: Summary) -> dict[str, float]:
-    """Errors of goals that a completed run did not reach, by name; whole-body tasks know their goals."""
-    if trajectory.outcome is not Outcome.COMPLETED:
-        return {}
-    errors = dict(summary["final_error"])
-    if experiment.goals is not None:
-        errors = {}
-        for goal in experiment.goals.errors(float(trajectory.time[-1]), trajectory.q[-1], trajectory.v[-1]):
-            for name, error in goal.errors.items():
-                errors[name] = max(error, errors.get(name, 0.0))
-    return {name: error for name, error in errors.items() if error > experiment.scenario.goal_tolerance}
-
-
-def _replay(experiment: Experiment, trajectory: Trajectory) -> LimitReplay | None:
-    if not len(trajectory.time):
-        return None
-    step = max(_REPLAY_STEP, experiment.simulation.duration / _REPLAYED)
-    robot, obstacles = experiment.reduced.robot, experiment.obstacles
-    return replay_limits(robot, trajectory, obstacles, step=step, within=REPLAY_DISTANCE)
 
 
 def _compared(summary: Summary) -> Compared:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os.path
 import shlex
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
 from functools import lru_cache
 from pathlib import Path
@@ -161,6 +161,20 @@ def plant_option(scenario: str, plant: str | None) -> dict[str, Json]:
         return {}
     found = read_yaml(find_scenario(scenario)).get("plant")
     return {"plant.type" if isinstance(found, Mapping) and plant == "mujoco" else "plant": plant}
+
+
+def accept_option(scenario: str, options: Mapping[str, Json], kinds: Sequence[str]) -> dict[str, Json]:
+    """Return the option that accepts kinds of findings, in addition to those that a scenario or its options accept.
+
+    Args:
+        scenario: a built-in name or a file.
+        options: other options.
+        kinds: kinds of findings.
+    """
+    if not kinds:
+        return {}
+    found = options.get("accept", read_yaml(find_scenario(scenario)).get("accept"))
+    return {"accept": [*(found if isinstance(found, list) else ()), *kinds]}
 
 
 def apply_options(raw: Mapping[str, Json], options: Mapping[str, Json]) -> dict[str, Json]:

@@ -3,15 +3,9 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 from rnc_pin.io.json import Json
 from rnc_pin.scenario.schema import Scenario
-
-
-def schema_path() -> Path:
-    """Path of the schema file in the package."""
-    return Path(__file__).resolve().parent / "scenario.schema.json"
 
 
 def schema() -> dict[str, Json]:

@@ -35,7 +35,8 @@ class LimitUse(NamedTuple):
         kind: "position", "velocity" or "effort".
         name: joint.
         excess: largest excess over the limit, as a share of its range; negative while the limit is kept. The range is
-            that from the lower to the upper position limit, or the limit itself.
+            that from the lower to the upper position limit, or the limit itself. For an effort limit of zero it is
+            the largest effort in the file.
         time: time of the largest excess [s].
         value: value at that time [rad, m, rad/s, m/s, N m or N].
         limit: limit that is nearest to it.
@@ -255,17 +256,29 @@ def _rates(robot: Robot, run: Trajectory) -> list[_Use]:
 
 
 def _efforts(robot: Robot, run: Trajectory) -> list[_Use]:
+    """Use of the effort limits of driven joints.
+
+    A limit of zero holds where the file states another effort for some joint: nothing can drive this one. A file with
+    zeros only has them as placeholders, and states no effort.
+    """
     limits, uses = robot.model.upperEffortLimit, []
+    stated = limits[(limits > 0) & (limits < NO_LIMIT)]
     for column, name in enumerate(run.info.outputs.T):
-        if name in robot.joint_names:
-            place = robot.velocity_indices(name)
-            if place.stop - place.start == 1 and 0 < limits[place.start] < NO_LIMIT:
-                uses.append(_symmetric("effort", name, run.time, run.T[:, column], float(limits[place.start])))
+        if name not in robot.joint_names:
+            continue
+        place = robot.velocity_indices(name)
+        limit = float(limits[place.start])
+        if place.stop - place.start == 1 and 0 <= limit < NO_LIMIT and len(stated):
+            span = limit if limit > 0 else float(stated.max())
+            uses.append(_symmetric("effort", name, run.time, run.T[:, column], limit, span))
     return uses
 
 
-def _symmetric(kind: LimitKind, name: str, time: np.ndarray, values: np.ndarray, limit: float) -> _Use:
+def _symmetric(
+    kind: LimitKind, name: str, time: np.ndarray, values: np.ndarray, limit: float, span: float | None = None
+) -> _Use:
+    """Use of a limit of an absolute value; ``span`` is the range that shares refer to, the limit by default."""
     finite = np.where(np.isfinite(values), np.abs(values), 0.0)
     at = int(finite.argmax())
-    excess = finite / limit - 1.0
+    excess = (finite - limit) / (limit if span is None else span)
     return LimitUse(kind, name, float(excess[at]), float(time[at]), float(values[at]), limit), excess

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,8 +13,9 @@ from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.rows import OutputRows
+from rnc_pin.simulation.judgement import judged_by
 from rnc_pin.simulation.record import columns_of
-from rnc_pin.simulation.run_info import Outcome, OutputNames, PhaseInfo, RunInfo
+from rnc_pin.simulation.run_info import FallbackUse, Outcome, OutputNames, PhaseInfo, RunInfo
 from rnc_pin.simulation.trajectory import Trajectory
 
 _EQUAL = ("time", "q", "v", "energy", "constraint_residual", "position_residual", "singular_value")
@@ -80,9 +82,26 @@ def joined(parts: Sequence[PhasePart], dt: float, outcome: Outcome, message: str
         if not np.isnan(column).all()
     )
     info = RunInfo(
-        outputs, goals, dt, first.versions, first.provenance, outcome, message, tuple(part.info for part in parts)
+        outputs,
+        goals,
+        dt,
+        first.versions,
+        first.provenance,
+        outcome,
+        message,
+        tuple(part.info for part in parts),
+        _fallback([run.info.fallback for run in runs]),
     )
-    return Trajectory(**arrays, info=info)
+    return judged_by(Trajectory(**arrays, info=info), parts[0].reduced.robot)
+
+
+def _fallback(uses: Sequence[FallbackUse | None]) -> FallbackUse | None:
+    """Use of fallback commands in all phases."""
+    found = [each for each in uses if each is not None]
+    if not found:
+        return None
+    at_the_end = uses[-1] is not None and uses[-1].at_the_end
+    return replace(found[0], samples=sum(each.samples for each in found), at_the_end=at_the_end)
 
 
 def _blocks(parts: Sequence[PhasePart]) -> tuple[list[OutputRows], list[OutputRows]]:

@@ -28,7 +28,8 @@ from rnc_pin.simulation.derived_quantities import (
     quantities_of_runs,
 )
 from rnc_pin.simulation.ground_bodies import GroundBody, ground_bodies
-from rnc_pin.simulation.run_info import Columns, Outcome, OutputNames, PhaseInfo, Provenance, RunInfo
+from rnc_pin.simulation.judgement import judged_by
+from rnc_pin.simulation.run_info import Columns, FallbackUse, Outcome, OutputNames, PhaseInfo, Provenance, RunInfo
 from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.version import __version__
 
@@ -72,6 +73,8 @@ class Record:
         """Derived quantities that somebody else computed."""
         self.phases: tuple[PhaseInfo, ...] = ()
         """Intervals with one set of constraints, of a plant whose contacts open and close."""
+        self.fallback: FallbackUse | None = None
+        """Use of fallback commands by the control loop."""
         self.start = 0.0
         """Time of the first sample [s], at which the time of rheonomic constraints is zero."""
 
@@ -236,12 +239,15 @@ class Record:
             outcome,
             message,
             self.phases,
+            self.fallback,
         )
         if deferred and outcome is Outcome.COMPLETED:
             q, v, T = (a[name].copy() for name in ("q", "v", "T"))  # the caller may change the others
             t = a["time"].copy()
-            return Trajectory.deferred(a, lambda: self._derived(t, q, v, T, bodies), info)
-        return Trajectory(**a, **self._derived(a["time"], a["q"], a["v"], a["T"], bodies), info=info)
+            run = Trajectory.deferred(a, lambda: self._derived(t, q, v, T, bodies), info)
+        else:
+            run = Trajectory(**a, **self._derived(a["time"], a["q"], a["v"], a["T"], bodies), info=info)
+        return judged_by(run, reduced.robot)
 
     def _derived(
         self, t: np.ndarray, q: np.ndarray, v: np.ndarray, T: np.ndarray, bodies: Sequence[GroundBody]

@@ -41,6 +41,19 @@ class RolloutEvaluation:
         reduced: reduced model.
         times: evenly spaced times (N,) [s]; velocities need at least five.
         path: configurations (N, nq).
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> actuators = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators)
+        >>> reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+        >>> times = np.linspace(0.0, 1.0, 11)
+        >>> path = np.array([robot.configuration({"root_joint": [0.5 * t**2, 0.0, 0.0]}) for t in times])
+        >>> evaluation = rnc.simulation.RolloutEvaluation(reduced, times, path)
+        >>> evaluation.states.v2[-1].round(6), evaluation.v2_dot[4].round(6)  # speed t at 0.9 s, acceleration 1 m/s^2
+        (array([0.9, 0. ]), array([1., 0.]))
+        >>> evaluation.inputs[4].round(6)  # the force is the mass of the sleigh
+        array([2., 0.])
     """
 
     def __init__(self, reduced: ReducedModel, times: np.ndarray, path: np.ndarray) -> None:

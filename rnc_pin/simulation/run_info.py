@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast
 from rnc_pin.errors import ConfigurationError, printable
 from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.math.coordinates import Coordinates
+from rnc_pin.verdict import Verdict
 
 _Record = TypeVar("_Record")
 
@@ -215,6 +216,23 @@ class PhaseInfo:
 
 
 @dataclass(frozen=True)
+class FallbackUse:
+    """Use of fallback commands by the control loop, because of invalid measurements or an error of the controller.
+
+    Attributes:
+        samples: number of samples with a fallback command.
+        first: time of the first one [s].
+        reason: reason at that time.
+        at_the_end: True if the last sample has a fallback command too.
+    """
+
+    samples: Whole
+    first: Number
+    reason: str
+    at_the_end: Flag
+
+
+@dataclass(frozen=True)
 class RunInfo:
     """Metadata and outcome of a run.
 
@@ -227,6 +245,8 @@ class RunInfo:
         outcome: outcome of the run.
         message: reason of an early end, if any.
         phases: phases of the run; empty for a run under one set of constraints.
+        fallback: use of fallback commands; None if there was none.
+        verdict: findings about the run, if it was judged.
     """
 
     outputs: OutputNames = OutputNames()
@@ -237,6 +257,8 @@ class RunInfo:
     outcome: Outcome = Outcome.COMPLETED
     message: str | None = None
     phases: tuple[PhaseInfo, ...] = ()
+    fallback: FallbackUse | None = None
+    verdict: Verdict | None = None
 
     def to_json(self) -> dict[str, Json]:
         """Return the JSON form."""
@@ -255,6 +277,8 @@ class RunInfo:
             "outcome": str(self.outcome),
             **({} if self.message is None else {"message": self.message}),
             **({"phases": [asdict(each) for each in self.phases]} if self.phases else {}),
+            **({} if self.fallback is None else {"fallback": asdict(self.fallback)}),
+            **({} if self.verdict is None else {"verdict": self.verdict.to_json()}),
         }
         return to_json_mapping(content, "meta")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from rnc_pin.simulation.ending import MODEL, Progress
 from rnc_pin.simulation.phase_events import lift_off_monitor
 from rnc_pin.simulation.plant_adapter import PlantAdapter
 from rnc_pin.simulation.record import Record
-from rnc_pin.simulation.run_info import Outcome, provenance_of
+from rnc_pin.simulation.run_info import FallbackUse, Outcome, provenance_of
 from rnc_pin.simulation.simulation_options import DEFAULT_OPTIONS, Sample, SimulationOptions
 from rnc_pin.simulation.stop import StopMonitor
 from rnc_pin.simulation.trajectory import Trajectory
@@ -101,6 +102,8 @@ class SampledRun:
         self.stop.check(t, state)
         T = _compute_input(adapter, loop, self.time, progress)
         T = adapter.apply(loop, T)
+        if loop.state.fault is not None:
+            self._count_fallback(t, loop.state.fault)
         if self._lift_off is not None:
             self._lift_off.check(t, state, T, adapter.external)
         measurement, command = self._add(t, state, T)
@@ -111,6 +114,12 @@ class SampledRun:
             self._observer(found)
             progress.active_component = MODEL
         return found
+
+    def _count_fallback(self, t: float, reason: str) -> None:
+        """Record that the command of this sample is a fallback."""
+        before = self.record.fallback
+        first = FallbackUse(0, t, reason, False) if before is None else before
+        self.record.fallback = replace(first, samples=first.samples + 1)
 
     def _add(self, t: float, state: StateEvaluation, T: np.ndarray) -> tuple[Measurement, Command]:
         """Record a state with the last measurement and command of the loop."""
@@ -175,6 +184,8 @@ class SampledRun:
     def finish(self, outcome: Outcome, message: str | None = None, deferred: bool = False) -> Trajectory:
         """Return the trajectory so far; ``deferred`` as for ``Record.finish``."""
         self.record.phases = self._adapter.phases(self._start, self._dt)
+        if self.record.fallback is not None:
+            self.record.fallback = replace(self.record.fallback, at_the_end=self.loop.state.fault is not None)
         return self.record.finish(self._dt, self._provenance, outcome, message, deferred)
 
 

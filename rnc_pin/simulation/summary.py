@@ -8,8 +8,10 @@ from typing import NotRequired, TypedDict
 import numpy as np
 
 from rnc_pin.analysis import first_lift_off
+from rnc_pin.io.json import Json
 from rnc_pin.simulation.limit_replay import LIMIT_KINDS, Clearance, LimitReplay
 from rnc_pin.simulation.trajectory import Trajectory
+from rnc_pin.verdict import Verdict
 
 _CONSTANT = 1e-6  # range of the energy, relative to its size, that counts as the error of the integration
 
@@ -76,6 +78,13 @@ class PhaseSummary(TypedDict):
     end: str | None
 
 
+class DecidingFinding(TypedDict):
+    """Kind and message of the finding that decides a verdict."""
+
+    kind: str
+    message: str
+
+
 class Summary(Compared):
     """Errors and invariants of a run, as JSON content.
 
@@ -87,6 +96,8 @@ class Summary(Compared):
     All three are in summaries of scenarios. ``limits_gave_way`` has the largest amounts by which limits of a
     whole-body program gave way to others; it is missing if none did. ``goals_missed`` has the errors of goals that a
     completed run of a scenario did not reach within ``goal_tolerance``; it is missing if it reached all.
+    ``verdict`` is "succeeded", "degraded" or "failed", with its ``findings`` and the kinds that are ``accepted``.
+    ``first_finding`` fails or degrades the run; it is missing if no finding does.
     ``phases`` and ``impacts`` are in summaries of runs with phases.
     """
 
@@ -108,6 +119,10 @@ class Summary(Compared):
     smallest_distance: NotRequired[NearestBodies | None]
     smallest_own_distance: NotRequired[NearestBodies | None]
     touching_at_start: NotRequired[list[str]]
+    verdict: NotRequired[str]
+    findings: NotRequired[list[dict[str, Json]]]
+    accepted: NotRequired[list[str]]
+    first_finding: NotRequired[DecidingFinding]
     limits_gave_way: NotRequired[dict[str, float]]
     goal_tolerance: NotRequired[float]
     goals_missed: NotRequired[dict[str, float]]
@@ -187,6 +202,15 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> Summary
     if trajectory.estimates.shape[1] and len(trajectory.time):
         _add_learning(summary, trajectory)
     return summary
+
+
+def add_verdict(summary: Summary, verdict: Verdict) -> None:
+    """Add the verdict of a run, its findings and the accepted kinds to a summary."""
+    summary["verdict"] = verdict.word
+    summary["findings"] = [each.to_json() for each in verdict.findings]
+    summary["accepted"] = sorted(map(str, verdict.accepted))
+    if verdict.first is not None:
+        summary["first_finding"] = {"kind": str(verdict.first.kind), "message": str(verdict.first)}
 
 
 def add_limits(summary: Summary, replay: LimitReplay) -> None:

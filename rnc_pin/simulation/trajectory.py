@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
-from importlib.metadata import EntryPoint, entry_points
+from dataclasses import dataclass, fields, replace
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,21 +13,17 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float, Int
-from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.errors import ConfigurationError
 from rnc_pin.io.atomic_write import atomic_file
 from rnc_pin.io.json import Json, dump_json
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
 from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 from rnc_pin.simulation.run_info import Outcome, OutputNames, RunInfo
+from rnc_pin.verdict import Verdict
 
-_PLOTTERS = "rnc_pin.plotters"
-"""Entry point group of plotting backends, ``plotter(run, title, comparisons) -> figure``. Packages may add some."""
-_OWN_PLOTTERS = {
-    "matplotlib": "rnc_pin.visualization.plots:plot_run",
-    "plotly": "rnc_pin.visualization.interactive:interactive_figure",
-}
-"""Backends of this package, for a source folder on ``PYTHONPATH``, which has no entry point metadata."""
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, repr=False)
@@ -128,6 +124,36 @@ class Trajectory(SummaryMixin):
     def __getstate__(self) -> dict[str, Any]:
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
+    def judged_later(self, judge: Callable[[Trajectory], Verdict]) -> Trajectory:
+        """Return this run, whose verdict a function computes at its first use, from its samples and its model."""
+        vars(self)["_judge"] = judge
+        return self
+
+    @property
+    def verdict(self) -> Verdict:
+        """Findings about the run: it succeeded only if none fails. Computed at its first use.
+
+        Runs of ``simulate`` and ``free_motion`` are judged by the limits of the robot's file, by distances between its
+        links, by contacts and by the commands of the loop. Runs of scenarios are also judged by their goals and
+        obstacles. A file of ``save`` has the verdict if it was computed before.
+
+        Raises:
+            ConfigurationError: the run is from a file, and was not judged before it was saved.
+        """
+        if self.info.verdict is None:
+            if "_judge" not in vars(self):
+                raise ConfigurationError(
+                    "the run was saved before it was judged: call rnc.simulation.judge(run, "
+                    "rnc.simulation.replay_limits(robot, run))"
+                )
+            self.keep_verdict(vars(self)["_judge"](self))
+        assert self.info.verdict is not None
+        return self.info.verdict
+
+    def keep_verdict(self, verdict: Verdict) -> None:
+        """Let this run have a verdict, which ``save`` writes."""
+        vars(self)["info"] = replace(self.info, verdict=verdict)
+
     @property
     def meta(self) -> dict[str, Json]:
         """Copy of ``info`` as JSON content with fixed keys, as in the file."""
@@ -154,27 +180,21 @@ class Trajectory(SummaryMixin):
         self,
         title: str | None = None,
         comparisons: Mapping[str, Trajectory] | None = None,
-        backend: str = "matplotlib",
-    ) -> Any:
+    ) -> Figure:
         """Plot outputs, errors, inputs and distance from singularity over time.
 
         Args:
             title: title above the plots.
             comparisons: other runs by label, dashed.
-            backend: "matplotlib" for print, "plotly" for an interactive page (needs the extra ``interactive``).
 
         Returns:
-            Figure of the plotting library.
+            Matplotlib figure.
 
         Raises:
-            ConfigurationError: the backend is unknown or not installed.
             InputError: the run has fewer than two samples.
         """
-        plotters = {name: EntryPoint(name, value, _PLOTTERS) for name, value in _OWN_PLOTTERS.items()}
-        plotters |= {each.name: each for each in entry_points(group=_PLOTTERS)}
-        if backend not in plotters:
-            raise ConfigurationError(f"no plotting backend '{backend}'{nearest(str(backend), plotters)}")
-        return plotters[backend].load()(self, title, comparisons)
+        plots = import_module("rnc_pin.visualization.plots")  # a later layer, and Matplotlib takes a second to import
+        return plots.plot_run(self, title, comparisons)
 
     def save(self, path: str | Path) -> None:
         """Write a compressed ``.npz`` file to a path, for ``load``. An error leaves no partial file."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.scenario.execution import Plan, execute
-from rnc_pin.simulation import Outcome, Summary, Trajectory, simulate, summarize
+from rnc_pin.simulation import Outcome, Summary, Trajectory, add_verdict, simulate, summarize
 from rnc_pin.sweeps.seeded_draws import Draw, SeededDraws
 from rnc_pin.sweeps.swept_run import Numbered, Row, is_result_column, refused, results_of, save_trajectory
 
@@ -54,7 +54,7 @@ class FunctionRuns:
             if not isinstance(error.trajectory, Trajectory):
                 return refused("refused", error)
             trajectory = error.trajectory
-            summary = summarize(trajectory)
+            summary = _judged(trajectory)
         if trajectory.outcome is Outcome.INTERRUPTED:
             raise KeyboardInterrupt
         save_trajectory(trajectory, self._trajectories, run)
@@ -71,7 +71,14 @@ def _simulated(built: object) -> tuple[Summary, Trajectory]:
         raise TypeError(
             f"build returned {type(built).__name__}, expected the arguments of rnc.simulate by name, or a Trajectory"
         )
-    return summarize(built), built
+    return _judged(built), built
+
+
+def _judged(run: Trajectory) -> Summary:
+    """Summary of a run with its verdict."""
+    summary = summarize(run)
+    add_verdict(summary, run.verdict)
+    return summary
 
 
 def check_names(draw: Draw) -> None:

@@ -20,9 +20,17 @@ if TYPE_CHECKING:
 Kinds: TypeAlias = dict[str, str]
 """Kind of each drawn value: "bool", "integer", "number", "numbers", "text" or "json"."""
 
-_TEXTS = ("outcome", "message")
+_TEXTS = ("outcome", "verdict", "finding", "message", "warnings")
 _INTEGERS = ("run", "redrawn", "goals_missed")
-_LAST = ("seed", "outcome", "message", "redrawn")  # drawn values go before them, other results behind
+_LAST = (
+    "seed",
+    "outcome",
+    "verdict",
+    "finding",
+    "message",
+    "warnings",
+    "redrawn",
+)  # drawn values go before them, other results behind
 
 
 def kind_of(value: Any) -> str | None:

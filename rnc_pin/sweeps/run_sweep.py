@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rnc_pin.errors import ConfigurationError
+from rnc_pin.extras import check_extra
 from rnc_pin.interruption import uninterrupted
 from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.scenario.files import apply_options, find_scenario, read_yaml
@@ -77,7 +78,8 @@ def sweep(
         The results, like ``load_sweep``.
 
     Raises:
-        ConfigurationError: the folder holds a different sweep or other files, or the draws are invalid.
+        ConfigurationError: the folder holds a different sweep or other files, the draws are invalid, or a package of
+            the extra ``sweep`` or ``dask`` is not installed.
         SimulationError: workers ended again and again while the same runs were under way.
 
     Example:
@@ -93,6 +95,9 @@ def sweep(
     """
     if jobs == 0 or jobs < -1:
         raise ConfigurationError(f"--jobs {jobs}: expected a number of processes, or -1 for all cores")
+    if scheduler is not None:
+        check_extra("dask", f"--scheduler {scheduler}")  # it contains the packages of the extra sweep
+    check_extra("sweep", "sweep")
     path = Path(out)
     folder = os.path.abspath(path) if trajectories else None
     if isinstance(build, str | Path):

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Hashable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from itertools import islice
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from rnc_pin.scenario.builder import build_reduced
 from rnc_pin.scenario.execution import Plan, Result, execute, located_experiment
 from rnc_pin.scenario.files import apply_options, find_scenario, is_built_in, read_yaml
 from rnc_pin.scenario.loading import validate
+from rnc_pin.scenario.model_warnings import collected_model_warnings
 from rnc_pin.scenario.planner_builder import Plans
 from rnc_pin.scenario.schema import Scenario
 from rnc_pin.sweeps.seeded_draws import Draw, SeededDraws
@@ -28,6 +30,10 @@ MOST_DRAWS = 20
 _STRUCTURE = ("robot", "constraints", "ground", "mimic", "actuators", "forces", "outputs")
 _MOST_SAMPLES = 100_000  # of runs that advance together; they are in memory at the same time
 _MOST_MODELS = 8  # models that a process keeps
+
+
+_Model: TypeAlias = tuple[ReducedModel | None, tuple[str, ...]]
+"""Model of a scenario, if it can be built, and the warnings about it."""
 
 
 class ScenarioRuns:
@@ -58,7 +64,7 @@ class ScenarioRuns:
         self._source = path.name if scenario != path.stem else scenario
         self._options, self._draws, self._seed, self._trajectories = dict(options), draws, seed, trajectories
         self._raw = read_yaml(path)
-        self._models: dict[str, ReducedModel] = {}
+        self._models: dict[str, _Model] = {}
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_models": {}}
@@ -105,7 +111,9 @@ class ScenarioRuns:
             options = self.options_of(run, drawn)
             row = {"redrawn": redrawn, **drawn, "seed": options["seed"]}
             try:
-                return row, self._plan(options)
+                plan = self._plan(options)
+                told = (*plan.experiment.model_warnings, *plan.experiment.warnings)
+                return {**row, "warnings": "; ".join(told)}, plan
             except (InfeasibleError, SingularityError) as error:
                 failure: RncError = error
             except RncError as error:
@@ -133,21 +141,23 @@ class ScenarioRuns:
         """Build the objects of a run, like ``execution.plan``."""
         raw = apply_options(self._raw, options)
         scenario = validate(raw, self._source)
-        reduced = None if scenario.phases else self._reduced(raw, scenario)
-        experiment = located_experiment(self._source, scenario, self._folder, Plans(), reduced)
+        reduced, told = (None, ()) if scenario.phases else self._reduced(raw, scenario)
+        experiment = located_experiment(self._source, scenario, self._folder, Plans(), reduced, show=False)
+        experiment = replace(experiment, model_warnings=(*told, *experiment.model_warnings))
         return Plan(self._name, raw, self._folder, experiment, {}, self._built_in)
 
-    def _reduced(self, raw: Mapping[str, Json], scenario: Scenario) -> ReducedModel | None:
+    def _reduced(self, raw: Mapping[str, Json], scenario: Scenario) -> _Model:
         """Model of a scenario, shared with the runs of this process that have the same system and outputs."""
         key = json.dumps([raw.get(each) for each in _STRUCTURE], default=repr)
         if key not in self._models:
             try:
-                reduced = build_reduced(scenario, self._folder)[1]
+                with collected_model_warnings(show=False) as told:
+                    reduced = build_reduced(scenario, self._folder)[1]
             except RncError:
-                return None  # the builder of the experiment raises it with the place in the file
+                return None, ()  # the builder of the experiment raises it with the place in the file
             if len(self._models) >= _MOST_MODELS:
                 self._models.pop(next(iter(self._models)))
-            self._models[key] = reduced
+            self._models[key] = reduced, tuple(told)
         return self._models[key]
 
 

@@ -13,12 +13,13 @@ from rnc_pin.io.atomic_write import atomic_file
 from rnc_pin.io.json import dump_json
 from rnc_pin.sweeps.sweep_results import SweepResults
 from rnc_pin.sweeps.sweep_statistics import sweep_statistics
-from rnc_pin.sweeps.swept_run import Row
+from rnc_pin.sweeps.swept_run import LIMITS, Row, verdict_or_failure
 
 if TYPE_CHECKING:
     from rnc_pin.visualization.sweep_plots import Histogram
 
 _MOST_PANELS = 24
+_DRAWN_RESULTS = ("smallest_distance", "smallest_own_distance", "min_singular_value")
 _BINS = (10, 40)  # smallest and largest number
 
 
@@ -30,7 +31,7 @@ def write_reports(results: SweepResults) -> None:
     with atomic_file(results.path / "sweep.json") as partial:
         partial.write_text(dump_json({"scenario": of, **sweep_statistics(results)}) + "\n", encoding="utf-8")
     failures = results.path / "failures.txt"
-    if set(results.outcomes) - {"completed"}:
+    if set(results.verdicts) - {"succeeded", "degraded"}:
         with atomic_file(failures) as partial, partial.open("w", encoding="utf-8") as file:
             file.writelines(f"{line}\n" for row in results.failures() for line in failure_lines(results, row))
     else:
@@ -39,8 +40,8 @@ def write_reports(results: SweepResults) -> None:
 
 
 def failure_lines(results: SweepResults, row: Row) -> Iterator[str]:
-    """Two lines about a run that did not complete: outcome and message, and the command that repeats it."""
-    yield f"# run {row['run']}: {row['outcome']}: {row['message']}"
+    """Two lines about a run that did not succeed: finding and message, and the command that repeats it."""
+    yield f"# run {row['run']}: {row['finding']}: {row['message']}"
     if "scenario" in results.specification:
         yield results.command(row)
     else:
@@ -49,12 +50,13 @@ def failure_lines(results: SweepResults, row: Row) -> Iterator[str]:
 
 
 def write_distributions(results: SweepResults, path: Path) -> None:
-    """Draw the distributions of errors, of other results and of drawn values."""
+    """Draw the distributions of results, and the share of each finding over drawn values."""
     from rnc_pin.visualization.plot_style import save
     from rnc_pin.visualization.sweep_plots import plot_distributions
 
     names = [name for name in results.columns if name.startswith("final_error.")]
-    names += [name for name in ("min_singular_value",) if name in results.columns]
+    names += [name for name in _DRAWN_RESULTS if name in results.columns]
+    names += [name for name in results.columns if name.startswith(LIMITS)]
     names += results.drawn
     panels = [panel for name in names[:_MOST_PANELS] if (panel := _histogram(results, name)) is not None]
     if panels:
@@ -63,7 +65,7 @@ def write_distributions(results: SweepResults, path: Path) -> None:
 
 
 def _histogram(results: SweepResults, name: str) -> Histogram | None:
-    """Histogram of a column of numbers, of completed and of other runs; None if it has no two different numbers."""
+    """Histogram of a column of numbers by verdict; None if it has no two different numbers."""
     import pyarrow as pa
 
     from rnc_pin.visualization.sweep_plots import Histogram
@@ -73,11 +75,12 @@ def _histogram(results: SweepResults, name: str) -> Histogram | None:
         return None
 
     def chunks() -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        for table in results.tables([name, "outcome"]):
+        for table in results.tables([name, "verdict", "finding"]):
             values = np.asarray(table.column(0).to_numpy(), dtype=float)
-            done = np.asarray(table.column(1).to_numpy() == "completed", dtype=bool)
+            pairs = zip(table.column(1).to_pylist(), table.column(2).to_pylist(), strict=True)
+            labels = np.array([verdict_or_failure(*pair) for pair in pairs])
             fine = np.isfinite(values)
-            yield values[fine], done[fine]
+            yield values[fine], labels[fine]
 
     low, high, positive = np.inf, -np.inf, np.inf
     for values, _ in chunks():
@@ -89,9 +92,9 @@ def _histogram(results: SweepResults, name: str) -> Histogram | None:
     logarithmic = low >= 0.0 and np.isfinite(positive) and high > 100.0 * positive
     bins = int(np.clip(np.sqrt(len(results)), *_BINS))
     edges = np.geomspace(positive, high, bins + 1) if logarithmic else np.linspace(low, high, bins + 1)
-    completed, others = np.zeros(bins, dtype=int), np.zeros(bins, dtype=int)
-    for values, done in chunks():
+    counts = {label: np.zeros(bins, dtype=int) for label in results.verdicts}
+    for values, labels in chunks():
         inside = np.clip(values, edges[0], edges[-1])  # zeros go into the first bin of a logarithmic axis
-        completed += np.histogram(inside[done], edges)[0]
-        others += np.histogram(inside[~done], edges)[0]
-    return Histogram(name, edges, completed, others, logarithmic)
+        for label, count in counts.items():
+            count += np.histogram(inside[labels == label], edges)[0]
+    return Histogram(name, edges, counts, logarithmic, shares=name in results.drawn)

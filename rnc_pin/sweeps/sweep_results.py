@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -12,13 +13,20 @@ import numpy as np
 import yaml
 
 from rnc_pin.errors import ConfigurationError, InputError, nearest
+from rnc_pin.extras import check_extra
 from rnc_pin.io.atomic_write import atomic_file
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, counted
 from rnc_pin.simulation import Trajectory
 from rnc_pin.sweeps.row_tables import common_schema, fitted, plain_rows, read_part, schema_of, table_of
 from rnc_pin.sweeps.run_store import BLOCK, block_rows, blocks_of, part_file
 from rnc_pin.sweeps.specification import RUNS, read_specification
-from rnc_pin.sweeps.swept_run import Row, is_result_column, trajectory_file, with_options_of_sweeps
+from rnc_pin.sweeps.swept_run import (
+    Row,
+    is_result_column,
+    trajectory_file,
+    verdict_or_failure,
+    with_options_of_sweeps,
+)
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -47,7 +55,7 @@ class SweepResults(SummaryMixin):
         specification: all that decides the results, as JSON content.
 
     Raises:
-        ConfigurationError: the folder holds no sweep.
+        ConfigurationError: the folder holds no sweep, or PyArrow is not installed.
 
     Example:
         >>> import tempfile
@@ -62,6 +70,7 @@ class SweepResults(SummaryMixin):
     """
 
     def __init__(self, path: str | Path) -> None:
+        check_extra("sweep", "sweep")
         self.path = Path(path)
         found = read_specification(self.path)
         if found is None:
@@ -153,18 +162,28 @@ class SweepResults(SummaryMixin):
             yield from plain_rows(table)
 
     def failures(self) -> Iterator[Row]:
-        """Yield runs that did not complete."""
+        """Yield runs that did not succeed."""
         for table in self.tables():
-            yield from (row for row in plain_rows(table) if row["outcome"] != "completed")
+            yield from (row for row in plain_rows(table) if row["verdict"] == "failed")
 
     @property
     def outcomes(self) -> dict[str, int]:
-        """Number of runs by outcome."""
-        counts: dict[str, int] = {}
-        for table in self.tables(["outcome"]) if len(self) else ():
-            for pair in table.column(0).value_counts().to_pylist():
-                counts[pair["values"]] = counts.get(pair["values"], 0) + pair["counts"]
-        return dict(sorted(counts.items()))
+        """Number of runs by outcome, such as "completed"."""
+        return dict(sorted(self._counts(lambda outcome: outcome, "outcome").items()))
+
+    @property
+    def verdicts(self) -> dict[str, int]:
+        """Number of runs by verdict: "succeeded", "degraded", and of the others by the kind of their first failure."""
+        found = self._counts(verdict_or_failure, "verdict", "finding")
+        first = [name for name in ("succeeded", "degraded") if name in found]
+        return {name: found[name] for name in (*first, *sorted(set(found) - set(first)))}
+
+    def _counts(self, label: Callable[..., str], *columns: str) -> dict[str, int]:
+        """Number of runs by a label of the values in some columns."""
+        counts: Counter[str] = Counter()
+        for table in self.tables(columns) if len(self) else ():
+            counts.update(label(*values) for values in zip(*(each.to_pylist() for each in table.columns), strict=True))
+        return dict(counts)
 
     def row(self, run: int) -> Row:
         """Return a run as a mapping by column; columns without a value are missing.
@@ -250,7 +269,7 @@ def load_sweep(path: str | Path) -> SweepResults:
         path: folder of the sweep.
 
     Raises:
-        ConfigurationError: the folder holds no sweep.
+        ConfigurationError: the folder holds no sweep, or PyArrow is not installed.
 
     Example:
         >>> try:

@@ -16,11 +16,12 @@ ErrorStatistics = TypedDict("ErrorStatistics", {"median": float, "95 %": float, 
 
 
 class SweepStatistics(TypedDict):
-    """Outcomes of a sweep, and final errors of the completed runs by output."""
+    """Outcomes and verdicts of a sweep, and final errors of the completed runs by output."""
 
     runs: int
     redrawn: int
     outcomes: dict[str, int]
+    verdicts: dict[str, int]
     final_error: dict[str, ErrorStatistics]
 
 
@@ -32,7 +33,7 @@ def completed_values(results: SweepResults, column: str) -> Iterator[np.ndarray]
 
 
 def sweep_statistics(results: SweepResults) -> SweepStatistics:
-    """Return counts of outcomes and redraws, and the median, 95th percentile and maximum of completed final errors."""
+    """Return counts of outcomes, verdicts and redraws, and quantiles of the final errors of completed runs."""
     errors: dict[str, ErrorStatistics] = {}
     outcomes = results.outcomes
     names = [name for name in results.columns if name.startswith("final_error.")] if "completed" in outcomes else []
@@ -43,4 +44,10 @@ def sweep_statistics(results: SweepResults) -> SweepStatistics:
     redrawn = 0
     if "redrawn" in results.columns:
         redrawn = sum(int(np.nansum(table.column(0).to_numpy())) for table in results.tables(["redrawn"]))
-    return {"runs": len(results), "redrawn": redrawn, "outcomes": outcomes, "final_error": errors}
+    return {
+        "runs": len(results),
+        "redrawn": redrawn,
+        "outcomes": outcomes,
+        "verdicts": results.verdicts,
+        "final_error": errors,
+    }

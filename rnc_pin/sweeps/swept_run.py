@@ -15,9 +15,14 @@ Row: TypeAlias = dict[str, Any]
 
 ERRORS = ("final_error", "max_error", "rms_error")
 """Results by output; a column has the name of the output behind a point."""
+LIMITS = "limit_excess"
+"""Largest excess over joint limits, as a share of their range; a column has the kind of the limit behind a point."""
 RESULTS = (
     "outcome",
+    "verdict",
+    "finding",
     "message",
+    "warnings",
     "redrawn",
     "duration",
     "min_singular_value",
@@ -27,6 +32,8 @@ RESULTS = (
     "off_tracking_max",
     "goals_missed",
     "lowest_normal_force",
+    "smallest_distance",
+    "smallest_own_distance",
     "wall_time",
 )
 """Other columns of results."""
@@ -51,7 +58,7 @@ class Runs(Protocol):
 
 def is_result_column(column: str) -> bool:
     """True for columns of results; False for drawn values."""
-    return column == "run" or column in RESULTS or column.partition(".")[0] in ERRORS
+    return column == "run" or column in RESULTS or column.partition(".")[0] in (*ERRORS, LIMITS)
 
 
 def results_of(summary: Summary) -> Row:
@@ -64,9 +71,13 @@ def results_of(summary: Summary) -> Row:
         )
         for name, value in found.items()
     }
+    first = summary.get("first_finding", {"kind": "", "message": ""})
+    nearest = {"smallest_distance": summary.get("smallest_distance")}
     return {
         "outcome": summary["outcome"],
-        "message": summary.get("message", ""),
+        "verdict": summary["verdict"],
+        "finding": first["kind"],
+        "message": first["message"],
         "duration": summary["duration"],
         **errors,
         "min_singular_value": summary["min_singular_value"],
@@ -76,12 +87,19 @@ def results_of(summary: Summary) -> Row:
         **({"off_tracking_max": summary["off_tracking_max"]} if "off_tracking_max" in summary else {}),
         "goals_missed": len(summary.get("goals_missed", ())),
         "lowest_normal_force": None if lift_off is None else lift_off["lowest"],
+        **{name: None if found is None else found["distance"] for name, found in nearest.items()},
+        **{f"{LIMITS}.{kind}": worst["excess"] for kind, worst in summary.get("joint_limits", {}).items()},
     }
+
+
+def verdict_or_failure(verdict: str, finding: str) -> str:
+    """Verdict of a run; the kind of the finding that failed it instead of "failed"."""
+    return finding if verdict == "failed" else verdict
 
 
 def refused(outcome: str, error: RncError) -> Row:
     """Columns of results of a run that could not start."""
-    return {"outcome": outcome, "message": str(error)}
+    return {"outcome": outcome, "verdict": "failed", "finding": outcome, "message": str(error)}
 
 
 def trajectory_file(folder: Path, run: int) -> Path:

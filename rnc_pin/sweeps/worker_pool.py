@@ -21,6 +21,7 @@ from joblib.executor import get_memmapping_executor  # the pool of joblib.Parall
 
 from rnc_pin._kernel import kernel
 from rnc_pin.errors import ConfigurationError, InputError, SimulationError
+from rnc_pin.extras import missing_extra
 from rnc_pin.interruption import interruptible
 from rnc_pin.sweeps.swept_run import Numbered, Row, Runs
 from rnc_pin.sweeps.worker_processes import exit_with_parent
@@ -194,7 +195,7 @@ def _dask_pool(scheduler: str) -> Iterator[tuple[Callable[[], Executor], Callabl
     try:
         from dask.distributed import Client
     except ImportError:
-        raise ConfigurationError("--scheduler needs Dask: pip install 'rnc_pin[dask]'") from None
+        raise ConfigurationError(f"--scheduler {scheduler}: {missing_extra('dask')}") from None
     try:
         client = cast(Any, Client)(scheduler, timeout=_ANSWER, set_as_default=False)
     except (OSError, ValueError) as error:

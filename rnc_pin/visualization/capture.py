@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError
+from rnc_pin.extras import missing_extra
 from rnc_pin.io.atomic_write import atomic_file, atomic_folder
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ def browser() -> Iterator[Any]:
     try:
         from playwright.sync_api import sync_playwright
     except ImportError:
-        raise ConfigurationError("Playwright is not installed; pip install 'rnc_pin[video]'") from None
+        raise ConfigurationError(missing_extra("video")) from None
     with sync_playwright() as playwright:
         launched = playwright.chromium.launch(executable_path=executable, args=list(_FLAGS), timeout=_LONGEST_WAIT)
         try:

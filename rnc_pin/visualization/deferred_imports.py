@@ -1,7 +1,7 @@
 """Deferred imports of packages that other packages import, but that a run does not use.
 
-``pinocchio.visualize`` imports viser and trimesh where they are installed, and Meshcat imports IPython. Together they
-take three quarters of the time of these imports.
+``pinocchio.visualize`` imports viser and trimesh where other packages installed them, and Meshcat imports IPython.
+Together they take three quarters of the time of these imports.
 """
 
 from __future__ import annotations

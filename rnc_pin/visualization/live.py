@@ -18,9 +18,9 @@ from rnc_pin.simulation.run_info import provenance_of
 from rnc_pin.visualization.browser.access import LOOPBACK
 from rnc_pin.visualization.drawn_model import DrawnModel
 from rnc_pin.visualization.drawn_state import DrawnState, live_state
+from rnc_pin.visualization.meshcat_viewer import MeshcatViewer
 from rnc_pin.visualization.robot_meshes import check_drawable
 from rnc_pin.visualization.view import View
-from rnc_pin.visualization.viewers import MeshcatViewer, Viewer
 
 RATE = 30.0  # frames per second
 
@@ -39,7 +39,7 @@ class LiveView:
         open_browser: open the page immediately.
         host: address to serve on.
         title: title of the page.
-        viewer: factory of the viewer; Meshcat's page by default.
+        viewer: factory of the viewer; a page without controls by default.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class LiveView:
         open_browser: bool = True,
         host: str = LOOPBACK,
         title: str = "rnc_pin",
-        viewer: Callable[..., Viewer] | None = None,
+        viewer: Callable[..., MeshcatViewer] | None = None,
     ) -> None:
         drawn_model = DrawnModel.of(model)
         check_drawable(drawn_model.robot)

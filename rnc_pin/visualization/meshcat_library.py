@@ -5,7 +5,7 @@ from rnc_pin.visualization.deferred_imports import deferred_imports
 with deferred_imports({"viser": (), "trimesh": (), "imageio": (), "IPython.display": ("HTML",)}):
     import meshcat
     import meshcat.geometry as mg
-    from pinocchio.visualize import BaseVisualizer, ViserVisualizer
+    from pinocchio.visualize import BaseVisualizer
     from pinocchio.visualize.meshcat_visualizer import DaeMeshGeometry, MeshcatVisualizer
 
-__all__ = ["BaseVisualizer", "DaeMeshGeometry", "MeshcatVisualizer", "ViserVisualizer", "meshcat", "mg"]
+__all__ = ["BaseVisualizer", "DaeMeshGeometry", "MeshcatVisualizer", "meshcat", "mg"]

@@ -1,4 +1,4 @@
-"""Panels of a run over time: lines that share an axis and a label. Matplotlib and plotly draw the same panels.
+"""Panels of a run over time: lines that share an axis and a label.
 
 To add a panel, add a function to ``_MAKERS``. It takes a run and the compared runs, and returns panels.
 """
@@ -48,7 +48,6 @@ class Panel:
     Attributes:
         label: label of the axis, with the unit.
         series: lines, at most ``MOST`` if there are no compared runs.
-        what: prefix of the line names, such as "error of" or "input"; empty if the names are clear alone.
         note: title of the legend, for example about lines that the panel omits.
         log: True if the axis is logarithmic; it begins at ``bottom``.
         bottom: fixed lower limit of the axis, if any.
@@ -56,7 +55,6 @@ class Panel:
 
     label: str
     series: tuple[Series, ...]
-    what: str = ""
     note: str = ""
     log: bool = False
     bottom: float | None = None
@@ -109,8 +107,7 @@ def learning_panels(run: Trajectory, others: Others, quantity: str) -> list[Pane
                 compared = {label: column(others[label], name) for label in alike}
                 series.append(Series(readable_name(name), column(run, name), None, compared))
             said = "estimate" if quantity == "estimates" else "measured less\npredicted rate"
-            what = "estimate of" if quantity == "estimates" else "prediction error of"
-            found.append(Panel(f"{said} [{unit}]" if unit else said, tuple(series), what))
+            found.append(Panel(f"{said} [{unit}]" if unit else said, tuple(series)))
     return found
 
 
@@ -258,7 +255,7 @@ def _rates(run: Trajectory, others: Others) -> list[Panel]:
                 known = desired if np.isfinite(desired).any() else None
                 series.append(Series(readable_name(name), run.v2[:, column], known, compared))
             kind = {"m": "speed", "rad": "angular velocity"}.get(unit, "rate")
-            found.append(Panel(f"{kind} [{unit}/s]" if unit else f"{kind} [1/s]", tuple(series), "rate of"))
+            found.append(Panel(f"{kind} [{unit}/s]" if unit else f"{kind} [1/s]", tuple(series)))
     return found
 
 
@@ -278,7 +275,7 @@ def _errors(run: Trajectory, others: Others) -> list[Panel]:
         # Values far below the errors are only sign changes, so the axis begins above them.
         bottom = max(_SMALLEST, 1e-4 * min(float(np.nanmax(each.values, initial=0.0)) for each in series))
         note = f"largest {room} of {len(names)}" if len(names) > room else ""
-        found.append(Panel(f"error [{unit or '-'}]", tuple(series), "error of", note, log=True, bottom=bottom))
+        found.append(Panel(f"error [{unit or '-'}]", tuple(series), note, log=True, bottom=bottom))
     return found
 
 
@@ -301,7 +298,7 @@ def _inputs(run: Trajectory, others: Others) -> list[Panel]:
         most, note = _largest_ranges(group, lambda name: run.T[:, names.index(name)], {})
         for part in split_names(most):
             series = tuple(Series(readable_name(name), run.T[:, names.index(name)]) for name in part)
-            found.append(Panel(label, series, "input", note))
+            found.append(Panel(label, series, note))
     return found
 
 
@@ -314,7 +311,7 @@ def _normal_forces(run: Trajectory, others: Others) -> list[Panel]:
         lifts = any(float(np.nanmin(column, initial=0.0)) < 0.0 for column in columns)
         series = tuple(Series(readable_name(name), column) for name, column in zip(part, columns, strict=True))
         note = "below zero: would lift off" if lifts else ""
-        found.append(Panel("normal force [N]", series, "contact", note, bottom=None if lifts else 0.0))
+        found.append(Panel("normal force [N]", series, note, bottom=None if lifts else 0.0))
     return found
 
 

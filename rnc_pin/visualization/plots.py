@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rnc_pin.collision import Obstacle
-from rnc_pin.errors import InputError
+from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import Trajectory
 from rnc_pin.visualization import panels as p
@@ -142,6 +143,32 @@ def plot_run(
     figure.align_labels_of(timed)
     _title(first or timed[0], title)
     return figure
+
+
+def write_plots(
+    trajectory: Trajectory,
+    path: str | Path,
+    title: str,
+    comparisons: Mapping[str, Trajectory] | None = None,
+    replace: bool = True,
+) -> Path:
+    """Write the figure of ``plot_run``.
+
+    Args:
+        trajectory: run to plot.
+        path: file name that ends in .png, .pdf or .svg.
+        title: title above the plots.
+        comparisons: other runs by label, dashed.
+        replace: True replaces an existing file.
+
+    Raises:
+        ConfigurationError: the file name has another suffix.
+        OSError: the file cannot be written.
+    """
+    path = Path(path)
+    if path.suffix not in (".png", ".pdf", ".svg"):
+        raise ConfigurationError(f"{path}: expected a name that ends in .png, .pdf or .svg")
+    return ps.save(plot_run(trajectory, title, comparisons), path, replace)
 
 
 def _layout_once(figure: Figure) -> None:

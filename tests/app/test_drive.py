@@ -12,8 +12,8 @@ from browsing import listening, opened, place, visit
 from drives import in_real_time, prepared
 from patience import PATIENCE, eventually
 from rnc_pin.driving.drive_log import CommandQueue
+from rnc_pin.driving.drive_page import DrivePage
 from rnc_pin.driving.drive_run import drive
-from rnc_pin.driving.meshcat_page import MeshcatDrivePage
 from rnc_pin.driving.real_time import RealTimeClock
 from rnc_pin.scenario.pictures import Drawn
 
@@ -108,7 +108,7 @@ def test_a_user_drives_from_a_real_browser(browser):
     """Keys, a click on the ground, a slider, a limit in colour, and the end of the run."""
     drive_ = prepared("mobile-manipulator", controller=SLOW, **DT)
     queue, before = CommandQueue(drive_.controls), listening()
-    page_ = MeshcatDrivePage(drive_, queue, "Drive", open_browser=False)
+    page_ = DrivePage(drive_, queue, "Drive", open_browser=False)
     with in_real_time(drive_, queue, page_) as results:
         assert {address for address, _ in listening() - before} == {"0100007F"}
         page, problems = visit(browser, page_.url)
@@ -176,7 +176,7 @@ def kinds(run_):
 def test_a_page_without_the_secret_may_watch_but_not_drive(browser):
     drive_ = prepared("mobile-manipulator", **DT)
     queue = CommandQueue(drive_.controls)
-    page_ = MeshcatDrivePage(drive_, queue, "Drive", open_browser=False)
+    page_ = DrivePage(drive_, queue, "Drive", open_browser=False)
     try:
         page, _ = visit(browser, page_.url.partition("#")[0])
         page.wait_for_selector("#messages li", state="attached", timeout=1000 * PATIENCE)

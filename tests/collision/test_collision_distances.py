@@ -8,6 +8,7 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin import _kernel
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection, ground_shape
+from tolerances import ROUNDING
 
 STEP = 1e-6  # of differences [s]
 
@@ -239,8 +240,8 @@ def test_distances_to_a_slope_are_heights(tiago, within):
             every.append(height - support(shape.geometry, -place.rotation.T @ normal))
         near = np.array(every) < within
         np.testing.assert_array_equal(found.pairs, np.flatnonzero(near))
-        np.testing.assert_allclose(found.distance, np.array(every)[near], atol=1e-12)
-        np.testing.assert_allclose(found.normal, np.broadcast_to(-normal, (near.sum(), 3)), atol=1e-12)
+        np.testing.assert_allclose(found.distance, np.array(every)[near], atol=ROUNDING)
+        np.testing.assert_allclose(found.normal, np.broadcast_to(-normal, (near.sum(), 3)), atol=ROUNDING)
         checked += near.sum()
     assert checked > 20
 

@@ -5,11 +5,12 @@ import sys
 
 import pytest
 
+from places import SCHEMA
 from rnc_pin.app.cli import main
 from rnc_pin.scenario.files import built_in_names, find_scenario, read_yaml
-from rnc_pin.scenario.json_schema import schema_path, schema_text
+from rnc_pin.scenario.json_schema import schema_text
 
-WRITTEN = json.loads(schema_path().read_text())
+WRITTEN = json.loads(SCHEMA.read_text())
 jsonschema = pytest.importorskip("jsonschema", reason="reads schemas; comes with the test extra")
 
 

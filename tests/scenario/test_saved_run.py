@@ -10,7 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from rnc_pin.scenario.execution import execute, plan
-from rnc_pin.visualization import capture, interactive
+from rnc_pin.visualization import capture, plots
 
 SHORT = ["--set", "simulation.duration=0.1", "--set", "simulation.dt=0.01"]
 
@@ -49,7 +49,7 @@ def test_runs_are_compared_by_name(runs, call, tmp_path):
     ("arguments", "words"),
     [
         (["--video", "run.avi"], "run.avi: expected a name that ends in .mp4 or .gif"),
-        (["--plot", "run.doc"], "run.doc: expected a name that ends in .png, .pdf, .svg or .html"),
+        (["--plot", "run.doc"], "run.doc: expected a name that ends in .png, .pdf or .svg"),
         (["--frames", "."], "--frames .: exists and is not empty"),
         (["--video", "nowhere/run.mp4"], "--video nowhere/run.mp4: folder"),
         (["--plot", "."], "--plot .: is a folder, expected a file"),
@@ -67,7 +67,7 @@ def test_what_cannot_be_written_is_one_line(arguments, words, run, call, tmp_pat
 @pytest.fixture
 def stills(monkeypatch):
     """Pictures without a browser, and empty plots; what is in them is of no interest here."""
-    monkeypatch.setattr(interactive, "plot_run", lambda *arguments: Figure(figsize=(1, 1)))
+    monkeypatch.setattr(plots, "plot_run", lambda *arguments: Figure(figsize=(1, 1)))
     monkeypatch.setattr(capture, "take_pictures", lambda *arguments: iter([b"one", b"two"]))
 
 

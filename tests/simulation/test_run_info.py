@@ -4,7 +4,6 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
-from importlib.metadata import entry_points
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ import rnc_pin as rnc
 from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.scenario.files import find_scenario
 from rnc_pin.scenario.saved_run import load_run
-from rnc_pin.simulation import PlannedPath, Provenance, RunInfo, TaskNames, trajectory
+from rnc_pin.simulation import PlannedPath, Provenance, RunInfo, TaskNames
 from rnc_pin.simulation.run_info import provenance_of
 from simple_controllers import Idle
 from systems import space_robot
@@ -212,11 +211,6 @@ def test_what_a_run_will_say_is_looked_up_before_it_runs(monkeypatch):
     monkeypatch.setattr("rnc_pin.simulation.record.versions", lambda: pytest.fail("looked up"))
     with pytest.raises(pytest.fail.Exception, match="looked up"):
         idle_run(observer=lambda sample: pytest.fail("it ran"))
-
-
-def test_the_plotters_without_metadata_are_those_of_the_metadata():
-    declared = {each.name: each.value for each in entry_points(group="rnc_pin.plotters")}
-    assert {**declared, **trajectory._OWN_PLOTTERS} == declared
 
 
 # ---------------------------------------------------------------------- what records say of the computer

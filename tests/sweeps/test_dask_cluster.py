@@ -14,7 +14,7 @@ from benchmarks.processes import alive
 from patience import PATIENCE, eventually
 from terminal import results
 
-pytest.importorskip("distributed", reason="Dask is an extra: pip install 'rnc_pin[dask]'")
+pytest.importorskip("distributed", reason="Dask is an extra: pip install '.[dask]'")
 QUICK = {"simulation.duration": 0.1}
 RUNS = 60
 

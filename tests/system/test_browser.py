@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from browsing import changed, children, listening, opened, picture, place, visit, vivid
+from browsing import changed, children, opened, picture, place, visit, vivid
 from patience import PATIENCE, eventually
 from rnc_pin.control import Command
 from rnc_pin.model.measurement import Measurement
@@ -20,7 +20,6 @@ from rnc_pin.visualization.drawn_state import RATE, sample_configurations
 from rnc_pin.visualization.live import LiveView
 from rnc_pin.visualization.recording import Recording
 from rnc_pin.visualization.view import View
-from rnc_pin.visualization.viewers import selected_viewer
 
 SINGLE_PRECISION = 1e-5  # [m]; what WebGL computes in, over a few metres
 VIEW = View(trail=["tip"], ground=-1.3)
@@ -249,30 +248,6 @@ def test_the_live_page_of_a_run_shows_goals_forces_and_figures(browser, fire_tru
         there = ("robot", "visuals", "tractor_1")
         assert eventually(lambda: np.allclose(place(page, *there), wanted, rtol=0, atol=SINGLE_PRECISION))
         assert problems == []
-        page.context.close()
-    finally:
-        live.close()
-    assert live.problem is None
-
-
-def test_viser_shows_the_robot_where_it_is_asked_for(browser, robot, monkeypatch):
-    pytest.importorskip("viser", reason="viser is an optional extra and not installed")
-    monkeypatch.setenv("PINOCCHIO_VIEWER", "viser")
-    before = listening()
-    live = LiveView(robot, VIEW, speed=0.0, open_browser=False, viewer=selected_viewer())
-    try:
-        assert {address for address, _ in listening() - before} == {"0100007F"}
-        page, problems = visit(browser, live.url + "/")
-        start, later = (robot.configuration({"joint_1": angle, "joint_2": 1.0}) for angle in (-0.5, 1.5))
-        for t in np.arange(0.0, 1.0, 0.05):
-            live(at(t, start))
-            time.sleep(0.04)
-        assert live.wait_for_browser(PATIENCE)
-        assert eventually(lambda: vivid(picture(page)) > 1000)
-        shot = picture(page)
-        live(at(2.0, later))
-        assert eventually(lambda: changed(shot, picture(page)) > 1000)
-        assert [problem for problem in problems if not problem.startswith(("ws:", live.url))] == []
         page.context.close()
     finally:
         live.close()

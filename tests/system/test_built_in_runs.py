@@ -59,7 +59,7 @@ def summary_of(name, compared=False, **options):
     prepared = plan(name, {**options, "plots": {}} if compared else {**options, "comparisons": {}, "plots": {}})
     its_gains_are_recorded(prepared)
     assert "controller.preset" in options or prepared.experiment.warnings == ()
-    result = execute(prepared, measure_limits=True)
+    result = execute(prepared)
     assert result.error is None
     assert result.summary["outcome"] == "completed"
     assert result.summary["constraint_residual_max"] < 1e-8

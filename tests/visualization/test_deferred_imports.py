@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -11,16 +12,22 @@ import pytest
 from patience import PATIENCE
 from rnc_pin.visualization.deferred_imports import deferred_imports
 
-_PAGE = """
+_NAMES = ("viser", "trimesh", "imageio", "IPython")
+_PAGE = f"""
 import sys
 import rnc_pin.visualization.recording
-found = [name for name in ("viser", "trimesh", "imageio", "IPython") if name in sys.modules]
+found = [name for name in {_NAMES} if name in sys.modules]
 assert not found, found
 """
 
 
-def test_the_packages_of_pages_are_imported_only_when_they_are_used() -> None:
-    subprocess.run([sys.executable, "-c", _PAGE], check=True, timeout=PATIENCE)
+def test_the_packages_of_pages_are_imported_only_when_they_are_used(tmp_path: Path) -> None:
+    for name in _NAMES:  # found before those of the environment, which may lack them
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").write_text("")
+    (tmp_path / "IPython" / "display.py").write_text("HTML = str")
+    searched = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    subprocess.run([sys.executable, "-c", _PAGE], check=True, timeout=PATIENCE, env=searched)
 
 
 def test_placeholders_last_until_the_first_use(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,7 +27,6 @@ from rnc_pin.visualization.browser.access import is_loopback
 from rnc_pin.visualization.browser.drawing_commands import SceneWindow, in_order
 from rnc_pin.visualization.live import LiveView
 from rnc_pin.visualization.recording import Recording
-from rnc_pin.visualization.viewers import selected_viewer
 
 SHORT = {"simulation.duration": 2.0, "simulation.dt": 0.01, "comparisons": {}}
 
@@ -285,12 +284,6 @@ def test_a_robot_without_geometry_cannot_be_drawn(robot):
     with pytest.raises(rnc.ModelError, match="'space_robot' has no visual geometry to draw"):
         LiveView(bare, open_browser=False)
     assert listening() == before
-
-
-def test_a_visualizer_that_is_not_known_is_refused(monkeypatch):
-    monkeypatch.setenv("PINOCCHIO_VIEWER", "vizer")
-    with pytest.raises(rnc.ConfigurationError, match=r"PINOCCHIO_VIEWER=vizer: .*did you mean 'viser'"):
-        selected_viewer()
 
 
 def test_the_latest_commands_stay_in_an_order_that_draws_the_scene():

@@ -1,4 +1,4 @@
-"""Plots: printed, interactive, compared; and pictures and videos of recordings."""
+"""Plots: printed and compared; and pictures and videos of recordings."""
 
 import os
 import shutil
@@ -18,12 +18,11 @@ from matplotlib.path import Path as MarkerPath
 from matplotlib.text import Text
 
 import rnc_pin as rnc
-from browsing import PATIENCE, changed, give_up, opened, visit
+from browsing import changed, give_up
 from rnc_pin.scenario.execution import execute, plan
-from rnc_pin.visualization import capture, interactive, plot_style
-from rnc_pin.visualization.interactive import write_plots
+from rnc_pin.visualization import capture, plot_style, plots
 from rnc_pin.visualization.panels import learning_panels, panels, split_names
-from rnc_pin.visualization.plots import plot_learning, plot_outputs, plot_run, plot_top_view
+from rnc_pin.visualization.plots import plot_learning, plot_outputs, plot_run, plot_top_view, write_plots
 from rnc_pin.visualization.recording import Recording
 from rnc_pin.visualization.top_view import GroundPath, ground_paths
 from systems import mecanum
@@ -82,13 +81,6 @@ def test_any_run_plots_itself(run):
     assert labelled == ["tip x", "tip y", "slower", "desired"]
 
 
-def test_a_run_plots_itself_with_another_library(run):
-    pytest.importorskip("plotly")
-    assert run.plot("Space robot", backend="plotly").layout.title.text == "Space robot"
-    with pytest.raises(rnc.ConfigurationError, match=r"no plotting backend 'plotli'; did you mean 'plotly'\?"):
-        run.plot(backend="plotli")
-
-
 def test_what_is_learnt_is_plotted():
     options = {"simulation.duration": 0.2, "simulation.dt": 0.01, "comparisons": {}}
     learning = execute(plan("space-robot-uncertain", options)).trajectory
@@ -118,23 +110,11 @@ def test_a_run_of_one_sample_has_nothing_to_plot(run):
 
 @pytest.mark.parametrize("ending", ["png", "pdf", "svg"])
 def test_plots_are_written_by_their_ending(run, tmp_path, ending, monkeypatch):
-    monkeypatch.setattr(interactive, "plot_run", lambda *_: Figure(figsize=(1, 1)))
+    monkeypatch.setattr(plots, "plot_run", lambda *_: Figure(figsize=(1, 1)))
     path = write_plots(run, tmp_path / f"plots.{ending}", "Run")
     assert path.read_bytes()[:5] in (b"\x89PNG\r", b"%PDF-", b"<?xml")
-    with pytest.raises(rnc.ConfigurationError, match=r"ends in .png, .pdf, .svg or .html"):
+    with pytest.raises(rnc.ConfigurationError, match=r"ends in .png, .pdf or .svg"):
         write_plots(run, tmp_path / "plots.doc", "Run")
-
-
-def test_interactive_plots_work_offline(run, tmp_path):
-    path = write_plots(run, tmp_path / "plots.html", "Run", {"other": run})
-    with opened() as browser:
-        page, problems = visit(browser, path.as_uri(), offline=True)
-        page.wait_for_selector(".main-svg", timeout=1000 * PATIENCE)
-        entries = """[...document.querySelectorAll('[class^="legend"][class$="text"]')]"""
-        names = page.evaluate(f"{entries}.map(each => each.textContent)")
-        assert {"tip x", "tip x, desired", "tip x (other)", "input joint 1"} <= set(names)
-        assert page.evaluate("document.querySelectorAll('.scatterlayer .trace').length") >= 10
-        assert problems == []
 
 
 # ---------------------------------------------------------------------- what a run shows by default
@@ -326,18 +306,6 @@ def test_joints_of_a_limb_stay_together():
 
 def test_inputs_have_a_unit_each(figure):
     assert {"force [N]", "torque [N m]"} <= {axes.get_ylabel() for axes in figure.axes}
-
-
-def test_the_interactive_plots_are_the_same(drive):
-    pytest.importorskip("plotly")
-    run, other = drive
-    figure = run.plot("Run", {"further": other}, backend="plotly")
-    rows = sorted((name for name in figure.layout if name.startswith("yaxis")), key=lambda name: (len(name), name))
-    titles = [figure.layout[name].title.text for name in rows]
-    assert titles == ["y [m]", *(panel.label.replace("\n", "<br>") for panel in panels(run, {"further": other}))]
-    headings = [trace for trace in figure.data if trace.name == "heading of trailer 3"]
-    marked = GroundPath("", run.ground_poses[:, 9:11], run.ground_poses[:, 11]).marks()
-    np.testing.assert_allclose(headings[0].marker.angle, 90.0 - np.rad2deg(run.ground_poses[marked, 11]))
 
 
 # ---------------------------------------------------------------------- pictures and videos

@@ -20,9 +20,7 @@ from rnc_pin.app.cli import main
 from rnc_pin.errors import nearest
 from rnc_pin.scenario import animation_file, plot_files
 from rnc_pin.scenario.execution import execute, plan
-from rnc_pin.simulation import RunInfo
 from rnc_pin.visualization.camera import Follower
-from rnc_pin.visualization.drawn_model import DrawnModel
 from rnc_pin.visualization.drawn_state import DrawnState
 from rnc_pin.visualization.live import LiveView
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
@@ -30,7 +28,6 @@ from rnc_pin.visualization.plots import plot_outputs, plot_run
 from rnc_pin.visualization.recording import Recording
 from rnc_pin.visualization.robot_meshes import drawn_scale, drawn_triangles
 from rnc_pin.visualization.view import View
-from rnc_pin.visualization.viser_viewer import ViserViewer
 
 SINGLE_PRECISION = 1e-6  # [m]; meshes are kept in it
 
@@ -236,20 +233,6 @@ def test_the_page_shows_mirrored_meshes_from_outside(mirrored, browser, tmp_path
     page.context.close()
 
 
-def test_viser_shows_mirrored_meshes_from_outside(mirrored):
-    pytest.importorskip("viser", reason="viser is an optional extra and not installed")
-    drawn_model, visual = DrawnModel.of(mirrored), mirrored.visual_model
-    viewer = ViserViewer(drawn_model, View(), RunInfo(drawn_model.outputs), "127.0.0.1", "mirrored")
-    try:
-        for name in ("right_0", "upper_right_0", "top_right_0"):
-            handle = viewer._visualizer.frames[f"robot/visual/{name}"]
-            shape = visual.geometryObjects[visual.getGeometryId(name)]
-            triangles = np.asarray(handle.vertices)[np.asarray(handle.faces)]
-            assert volume(triangles) == pytest.approx(volume(drawn_triangles(shape) * drawn_scale(shape)), rel=1e-5)
-    finally:
-        viewer.close()
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["centauro", "talos_reduced"])
 def test_robots_with_mirrored_meshes_have_a_page(name):
@@ -405,7 +388,7 @@ def test_what_a_draft_says_to_do_next_can_be_pasted(call, tmp_path):
         ("talos", ["tiago", "talos_reduced", "talos_full_v2_box"], "talos_reduced"),
         ("wheel_l", ["wheel", "wheels", "front_wheel_left", "wheel_left_joint"], "wheel_left_joint"),
         ("left", ["lift", "wheel_left_joint"], "wheel_left_joint"),
-        ("plotli", ["matplotlib", "plotly"], "plotly"),
+        ("plotz", ["matplotlib", "plots"], "plots"),
         ("pandaa", ["tiago", "panda", "panda_hand"], "panda"),
         ("tpi", ["base", "tip"], "tip"),
     ],

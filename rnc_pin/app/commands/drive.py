@@ -10,10 +10,11 @@ from rich.console import Console
 
 from rnc_pin.app.messages import announce, complain, print_json, seconds_since_start, warn
 from rnc_pin.app.progress import ProgressBar
-from rnc_pin.app.status import DONE, FAILED
+from rnc_pin.app.run_end import report_verdict
+from rnc_pin.app.status import FAILED
 from rnc_pin.app.tables import print_elapsed, print_files, print_summary
 from rnc_pin.driving.drive_log import CommandQueue, RecordedDrive, read_drive, write_drive
-from rnc_pin.driving.drive_page import DrivePage, drive_page
+from rnc_pin.driving.drive_page import DrivePage
 from rnc_pin.driving.drive_plan import DrivePlan, prepare_drive, read_source, rebuild_drive
 from rnc_pin.driving.drive_run import drive, record_of
 from rnc_pin.driving.real_time import RealTimeClock
@@ -84,10 +85,7 @@ def _report(result: Result, drawn: Drawn, files: list[str], path: Path, as_json:
     else:
         print_files(path, files)
         print_elapsed(seconds_since_start(), result.summary["wall_time"])
-    if result.summary["outcome"] == "completed" and not drawn.interrupted:
-        return DONE
-    complain(f"{result.error or 'interrupted'}; results so far are in {path}")
-    return FAILED
+    return report_verdict(result, drawn, path)
 
 
 def _drawn(prepared: DrivePlan, result: Result, folder: Path, quiet: bool) -> Drawn:
@@ -103,7 +101,7 @@ def _driven(prepared: DrivePlan, duration: float | None, browser: bool) -> Resul
     samples = None if duration is None else max(2, round(duration / settings.dt) + 1)
     title = prepared.plan.experiment.scenario.title or prepared.plan.name
     with ExitStack() as stack:
-        page: DrivePage = drive_page(prepared, queue, title, browser)
+        page = DrivePage(prepared, queue, title, browser)
         stack.callback(page.close)
         click.echo(f"drive on {page.url} (Ctrl-C or 'End run' ends it)", err=True)
         if browser:

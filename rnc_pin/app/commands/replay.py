@@ -15,7 +15,7 @@ from rnc_pin.scenario.saved_run import Run, animation_of, compared, load_run, vi
 from rnc_pin.simulation import summarize
 from rnc_pin.visualization.capture import write_frames, write_video
 from rnc_pin.visualization.drawn_state import recorded_states
-from rnc_pin.visualization.interactive import write_plots
+from rnc_pin.visualization.plots import write_plots
 
 
 def replay_runs(

@@ -6,15 +6,15 @@ from pathlib import Path
 
 from rich.console import Console
 
-from rnc_pin.analysis import LiftOff
 from rnc_pin.app.messages import complain, print_json, seconds_since_start, warn
 from rnc_pin.app.progress import ProgressBar
-from rnc_pin.app.status import DONE, FAILED
+from rnc_pin.app.run_end import report_verdict
+from rnc_pin.app.status import FAILED
 from rnc_pin.app.tables import print_elapsed, print_files, print_summary
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.interruption import uninterrupted
 from rnc_pin.scenario.execution import Plan, Result, data_names, execute, plan, write
-from rnc_pin.scenario.files import parse_options, plant_option
+from rnc_pin.scenario.files import accept_option, parse_options, plant_option
 from rnc_pin.scenario.output_folder import OutputFolder
 from rnc_pin.scenario.pictures import Artists, Drawn, draw_pictures, picture_names
 from rnc_pin.scenario.shared_tasks import processor_count
@@ -32,9 +32,11 @@ def run_scenario(
     host: str,
     as_json: bool,
     force: bool,
+    accept: tuple[str, ...] = (),
 ) -> int:
     """Run a scenario, write its folder and return the exit status."""
-    prepared = plan(scenario, {**plant_option(scenario, plant), **parse_options(options)})
+    given = parse_options(options)
+    prepared = plan(scenario, {**plant_option(scenario, plant), **given, **accept_option(scenario, given, accept)})
     if show and prepared.experiment.phases:
         raise ConfigurationError("--show: a live view does not support phases; omit it and open animation.html")
     for warning in prepared.experiment.warnings:
@@ -66,11 +68,6 @@ def run_scenario(
         except RncError as error:  # the scenario is valid, but its results cannot be written
             complain(str(error))
             return FAILED
-    if result.summary["lift_off"] is not None:
-        warn(str(LiftOff(**result.summary["lift_off"])))
-    if "goals_missed" in result.summary:
-        errors = ", ".join(f"{name} {error:.2g}" for name, error in result.summary["goals_missed"].items())
-        warn(f"goals were not reached within {result.summary['goal_tolerance']:g} m or rad: {errors}")
     if drawn.failures:
         warn(str(drawn))
     files = result.summary["files"] = [*written, *drawn.written]
@@ -79,10 +76,7 @@ def run_scenario(
     else:
         print_files(folder.path, files)
         print_elapsed(seconds_since_start(), result.summary["wall_time"])
-    if result.summary["outcome"] == "completed" and not result.interrupted and not drawn.interrupted:
-        return DONE
-    complain(f"{result.error or 'interrupted'}; results so far are in {folder.path}")
-    return FAILED
+    return report_verdict(result, drawn, folder.path)
 
 
 def _drawn(prepared: Plan, result: Result, folder: Path, artists: Artists, quiet: bool) -> Drawn:
@@ -113,4 +107,4 @@ def _executed(prepared: Plan, live: Observer | None, quiet: bool, processes: int
     others = f" and {count} comparison{'s'[: count != 1]}" if count else ""
     text = f"{prepared.name}: simulating {prepared.duration:g} s{others}"
     with ProgressBar(Console(stderr=True), prepared.total_duration, text, quiet) as advance:
-        return execute(prepared, live, advance, measure_limits=True, processes=processes)
+        return execute(prepared, live, advance, processes=processes)

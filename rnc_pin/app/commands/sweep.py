@@ -68,8 +68,12 @@ def sweep_scenario(
         print_json({"scenario": results.specification["scenario"], **figures})
     else:
         print_sweep_statistics(scenario, figures, out)
-        _print_failures(results, runs - figures["outcomes"].get("completed", 0))
-    return DONE if figures["outcomes"].get("completed", 0) == runs else FAILED
+        _print_failures(results, runs - _succeeded(figures))
+    return DONE if _succeeded(figures) == runs else FAILED
+
+
+def _succeeded(figures: SweepStatistics) -> int:
+    return sum(figures["verdicts"].get(word, 0) for word in ("succeeded", "degraded"))
 
 
 def _print_failures(results: SweepResults, count: int) -> None:

@@ -29,6 +29,13 @@ class ControlSample:
         end: model at the predicted configuration of the end. ``end.position`` has placements and Jacobians of frames;
             ``end.R`` and ``end.b`` map reduced velocities at the end, ``v = R v2 + b``. Its own velocity is the one
             commanded at the start.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+        >>> sample = rnc.control.ControlSample(reduced, 0.0, robot.configuration(), np.eye(reduced.r)[0], dt=0.01)
+        >>> sample.time, float(sample.end.q[0].round(6))  # the base moves forward at 1 m/s
+        (0.01, 0.01)
     """
 
     __slots__ = ("dt", "end", "start", "time")

@@ -10,6 +10,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.extras import missing_extra
 
 _SETTINGS = {"primal_tol": 1e-10, "dual_tol": 1e-12, "iter_limit": 2000}
 _SOLVED = 1
@@ -92,8 +93,8 @@ def _imported(package: str) -> Any:
     try:
         return import_module(package)
     except ImportError:
-        remedy = "pip install daqp" if package == "daqp" else "pip install 'rnc_pin[qp]'"
-        raise ConfigurationError(f"the solver of the quadratic program needs {package}: {remedy}") from None
+        missing = "daqp is not installed: pip install daqp" if package == "daqp" else missing_extra("qp")
+        raise ConfigurationError(f"solver of the quadratic program: {missing}") from None
 
 
 def _qpsolvers(name: str) -> Any:

@@ -92,6 +92,13 @@ class WholeBodyProgram(ReprMixin):
         return limit_report(self.limit_names, state.multipliers, state.excess, state.worst_excess)
 
 
+def program_of(controller: object) -> WholeBodyProgram | None:
+    """Whole-body program that a controller is or contains as its ``target``; None without one."""
+    while controller is not None and not isinstance(controller, WholeBodyProgram):
+        controller = getattr(controller, "target", None)
+    return controller
+
+
 def report_within(controller: object, state: Any) -> LimitReport | None:
     """Return the report of the program that a controller is or contains as its ``target``; None without one.
 
@@ -104,13 +111,6 @@ def report_within(controller: object, state: Any) -> LimitReport | None:
             return None
         controller, state = getattr(controller, "target", None), getattr(state, "target", state)
     return controller.report(state) if hasattr(state, "worst_excess") else None
-
-
-def has_program(controller: object) -> bool:
-    """True if a controller is or contains, as its ``target``, a whole-body program."""
-    while controller is not None and not isinstance(controller, WholeBodyProgram):
-        controller = getattr(controller, "target", None)
-    return controller is not None
 
 
 def limit_report(names: Sequence[str], multipliers: Array, excess: Array, worst: Array) -> LimitReport:

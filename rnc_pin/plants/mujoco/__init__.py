@@ -1,4 +1,4 @@
-"""MuJoCo as the plant: the loaded robot in an independent simulator. Needs ``pip install 'rnc_pin[mujoco]'``.
+"""MuJoCo as the plant: the loaded robot in an independent simulator. It needs the extra ``mujoco``.
 
 The settings do not need MuJoCo; importing the plant loads it.
 """

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from rnc_pin.errors import ConfigurationError
+from rnc_pin.extras import missing_extra
 
 try:
     import mujoco
 except ImportError:
-    raise ConfigurationError("MuJoCo is not installed: pip install 'rnc_pin[mujoco]'") from None
+    raise ConfigurationError(missing_extra("mujoco")) from None
 
 __all__ = ["mujoco"]

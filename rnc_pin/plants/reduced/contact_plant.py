@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 import scipy
@@ -111,11 +112,14 @@ class ContactPlant:
         for name in names:
             if names.count(name) > 1:
                 raise ConfigurationError(f"contacts: '{name}' occurs twice")
-        self._modes = ContactModes(
-            system,
-            bound,
-            lambda reduced: ReducedPlant(reduced, joint_damping, actuator_limits, joint_friction, substeps),
+        plant_of = partial(  # a lambda could not be pickled
+            ReducedPlant,
+            joint_damping=joint_damping,
+            actuator_limits=actuator_limits,
+            joint_friction=joint_friction,
+            substeps=substeps,
         )
+        self._modes = ContactModes(system, bound, plant_of)
         self.closed: Closed = frozenset()
         self._plant = self._modes.plant(self.closed)
         self.contact_events: tuple[ContactEvent, ...] = ()

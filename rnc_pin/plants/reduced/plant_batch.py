@@ -9,6 +9,8 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import InputError
+from rnc_pin.model.cached_property import cached_property
+from rnc_pin.model.compiled import UsesKernel
 from rnc_pin.model.compiled_runs import CompiledRuns, RunRecords
 from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.reduced_model import ReducedModel
@@ -17,7 +19,7 @@ from rnc_pin.plants.reduced.reduced_plant import Checkpoint, ReducedPlant
 from rnc_pin.plants.reduced.velocity_chart import MAX_GROWTH, VelocityChart
 
 
-class ReducedPlantBatch:
+class ReducedPlantBatch(UsesKernel):
     """Plants of B runs of one model that advance in lock-step.
 
     Every run has the bits of a ``ReducedPlant`` with the same options. One call of the compiled kernel moves all runs.
@@ -68,7 +70,6 @@ class ReducedPlantBatch:
         self.reduced, self.size = reduced, int(size)
         data = reduced.reduction_data
         compiled = None if data.rheonomic else data.compiled
-        self._kernel = None if compiled is None else CompiledRuns(compiled)
         self.measures = compiled is not None and compiled.measures and not data.affine
         self._limit = 0.0
         self._q = np.full((self.size, reduced.robot.nq), np.nan)
@@ -76,13 +77,25 @@ class ReducedPlantBatch:
         self._y = np.zeros((self.size, 0))
         self.applied = np.zeros((self.size, reduced.p))
         self._charts: list[VelocityChart | None] = [None] * self.size
-        self._kernels: list[object] = [None] * self.size
-        self._kinematics = np.empty((self.size, 0 if self._kernel is None else self._kernel.kinematics_size))
+        kernel = self._compiled_runs
+        self._kinematics = np.empty((self.size, 0 if kernel is None else kernel.kinematics_size))
         self._records: RunRecords | None = None
         self._current = np.zeros(self.size, dtype=bool)  # runs whose ``_v`` and kinematics are those of the state
         self._known = np.zeros(self.size, dtype=bool)  # runs whose kinematics are in ``_kinematics``
         self.errors: list[Exception | None] = [None] * self.size
         self.failed = np.zeros(self.size, dtype=bool)
+
+    @cached_property
+    def _compiled_runs(self) -> CompiledRuns | None:
+        """Kernel in the reduction of the model; None if it cannot evaluate many runs."""
+        data = self.reduced.reduction_data
+        compiled = None if data.rheonomic else data.compiled
+        return None if compiled is None else CompiledRuns(compiled)
+
+    @cached_property
+    def _compiled_charts(self) -> list[object]:
+        """Kernel in the chart of each run; None where it has none."""
+        return [None if chart is None else chart.evaluator for chart in self._charts]
 
     # ------------------------------------------------------------------ plant
 
@@ -126,7 +139,7 @@ class ReducedPlantBatch:
         single = self._single
         moving = np.flatnonzero(~self.failed)
         others = moving
-        if self._kernel is not None and len(moving) and not single._dissipative.needed:
+        if self._compiled_runs is not None and len(moving) and not single._dissipative.needed:
             q, y, status = self._integrated(moving, dt / single.substeps, single.substeps)
             done = status == 1.0
             if self.reduced.assembly.size:
@@ -141,11 +154,11 @@ class ReducedPlantBatch:
 
     def _integrated(self, moving: Array, h: float, steps: int) -> tuple[Array, Array, Array]:
         """States (m, nq) and (m, s) of runs after equal steps, and the status (m,) of the kernel."""
-        assert self._kernel is not None
+        assert self._compiled_runs is not None
         select = slice(None) if len(moving) == self.size else moving
         kinematics = self._kinematics[select] if self._known[select].all() else None
         arrays = self._q[select], self._y[select], self.applied[select]
-        return self._kernel.integrate(self._evaluators(moving), *arrays, h, steps, kinematics)
+        return self._compiled_runs.integrate(self._evaluators(moving), *arrays, h, steps, kinematics)
 
     def _advance_alone(self, run: int, dt: float) -> None:
         single = self._single
@@ -200,7 +213,7 @@ class ReducedPlantBatch:
         self._limit = chart.reduction_data.r + MAX_GROWTH
         self._q[run], self._y[run], self.applied[run] = q, y, applied
         if chart is not self._charts[run]:
-            self._charts[run], self._kernels[run] = chart, chart.evaluator
+            self._charts[run], self._compiled_charts[run] = chart, chart.evaluator
         self._known[run], self._current[run] = False, state is not None
         if state is not None:
             self._v[run] = state.v
@@ -213,7 +226,7 @@ class ReducedPlantBatch:
         for name in ("_q", "_v", "_y", "applied", "_kinematics", "_current", "_known", "failed"):
             setattr(self, name, getattr(self, name)[which])
         self._charts = [self._charts[run] for run in which]
-        self._kernels = [self._kernels[run] for run in which]
+        self._compiled_charts = [self._compiled_charts[run] for run in which]
         self.errors = [self.errors[run] for run in which]
 
     def measure(self) -> tuple[StateEvaluation, Array]:
@@ -224,38 +237,38 @@ class ReducedPlantBatch:
         Raises:
             InputError: ``measures`` is False.
         """
-        if self._kernel is None or not self.measures:
+        if self._compiled_runs is None or not self.measures:
             raise InputError("the compiled kernel cannot measure this model: measure one state at a time")
         self._locate()
         unknown = np.flatnonzero(self._current & ~self._known).tolist()
         if unknown:
             self._kinematics = self._kinematics.copy()
         for run in unknown:
-            self._kernel.place(self._q[run], self._kinematics[run])
+            self._compiled_runs.place(self._q[run], self._kinematics[run])
             self._known[run] = True
         status = (self._current & ~self.failed).astype(float)  # a run that failed may keep the state before
         q, v = self._q.copy(), self._v.copy()
-        self._records = self._kernel.measure(q, v, self._kinematics, status)
-        states = StateEvaluation.recorded(self.reduced.reduction_data, q, v, self._kernel, self._records)
+        self._records = self._compiled_runs.measure(q, v, self._kinematics, status)
+        states = StateEvaluation.recorded(self.reduced.reduction_data, q, v, self._compiled_runs, self._records)
         return states, status == 1.0
 
     def state(self, states: StateEvaluation, run: int) -> StateEvaluation:
         """Return one of the states (B,) that ``measure`` returned last."""
-        assert self._kernel is not None
+        assert self._compiled_runs is not None
         assert self._records is not None
         q, v = states.q[run].copy(), states.v[run].copy()
-        return StateEvaluation.recorded(self.reduced.reduction_data, q, v, self._kernel, self._records.of(run))
+        return StateEvaluation.recorded(self.reduced.reduction_data, q, v, self._compiled_runs, self._records.of(run))
 
     # ------------------------------------------------------------------ velocities
 
     def _evaluators(self, runs: Array) -> tuple[object, ...]:
         """Kernel of the chart of each run; None where it has none."""
-        kernels = self._kernels
+        kernels = self._compiled_charts
         return tuple(kernels) if len(runs) == self.size else tuple(kernels[run] for run in runs.tolist())
 
     def _locate(self) -> None:
         """Bring the velocities of all runs up to date, in charts that are regular there."""
-        kernel = self._kernel
+        kernel = self._compiled_runs
         behind = np.flatnonzero(~self._current & ~self.failed)
         if not len(behind):
             return

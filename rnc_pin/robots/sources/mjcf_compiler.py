@@ -9,6 +9,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from rnc_pin.errors import ModelError, nearest
+from rnc_pin.extras import missing_extra
 from rnc_pin.robots.sources.description import brief, captured_stderr
 from rnc_pin.robots.sources.mjcf_meshes import MeshAssets
 from rnc_pin.robots.sources.mujoco_log import unlogged
@@ -33,7 +34,7 @@ def compile_document(root: ElementTree.Element, path: Path, assets: MeshAssets) 
     try:
         import mujoco
     except ImportError:
-        raise ModelError(f"{path}: MJCF is not read without MuJoCo: pip install 'rnc_pin[mujoco]'") from None
+        raise ModelError(f"{path}: MuJoCo compiles MJCF. {missing_extra('mujoco')}") from None
     try:
         with captured_stderr(), unlogged(mujoco), warnings.catch_warnings():
             warnings.simplefilter("ignore")

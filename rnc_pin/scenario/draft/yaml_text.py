@@ -10,7 +10,6 @@ import yaml
 
 from rnc_pin.io.json import Json
 from rnc_pin.scenario.draft.base_assumptions import BaseAssumptions, Entry
-from rnc_pin.scenario.json_schema import schema_path
 
 _WIDTH = 118
 
@@ -56,7 +55,6 @@ def write_draft(name: str, scenario: Drafted, remark: str, tried: str, mobility:
     """
     outputs = scenario["outputs"]
     lines = [
-        f"# yaml-language-server: $schema={schema_path()}",
         *_remark(f"First draft for {name}, guessed from its file by rnc-pin init: read it before you believe it."),
         *(line for note in mobility.notes for line in _remark(f"Assumed: {note}.")),
         f"title: {_flow(f'First draft for {name}')}",

@@ -25,6 +25,7 @@ from rnc_pin.scenario.schema.reference_settings import References
 from rnc_pin.scenario.schema.robot_source import RobotSource
 from rnc_pin.scenario.schema.simulation_settings import GripSettings, SimulationSettings
 from rnc_pin.scenario.schema.sweep_settings import Distribution
+from rnc_pin.verdict import FindingKind
 from rnc_pin.visualization.view import View
 
 
@@ -107,6 +108,8 @@ class Scenario(Strict):
     """Action if the check before the run finds a singular configuration on the reference."""
     goal_tolerance: Positive = 0.02
     """Error at the end of a run above which a goal is missed [m, rad]: preflight, warning and summary name it."""
+    accept: list[FindingKind] = []
+    """Kinds of findings that do not fail a run, such as ``lift_off``. Say in a comment why they are acceptable."""
     seed: Annotated[int, Field(ge=0)] = 0
     """Seed of all random numbers."""
     comparisons: dict[str, dict[str, Any]] = {}

@@ -1,6 +1,7 @@
 """MuJoCo as the plant: the same robot, the same motion, and wheels that grip only so far."""
 
 import importlib
+import re
 import sys
 
 import numpy as np
@@ -8,6 +9,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from rnc_pin.extras import missing_extra
 from rnc_pin.plants import Plant
 
 mujoco = pytest.importorskip("mujoco", reason="comes with the extra mujoco")
@@ -524,7 +526,7 @@ def test_without_mujoco_one_line_says_how_to_get_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     package = importlib.import_module("rnc_pin.plants.mujoco")
     assert package.MuJoCoSettings().step == 0.0005
-    with pytest.raises(rnc.ConfigurationError, match=r"pip install 'rnc_pin\[mujoco\]'"):
+    with pytest.raises(rnc.ConfigurationError, match=re.escape(missing_extra("mujoco"))):
         _ = package.MuJoCoPlant
 
 

@@ -49,7 +49,7 @@ def test_one_solid_is_the_same_in_every_format(name, content, tmp_path):
 
 @pytest.mark.parametrize("ending", ["stl", "obj", "ply", "glb"])
 def test_what_trimesh_writes_is_read(ending, tmp_path):
-    trimesh = pytest.importorskip("trimesh", reason="trimesh is an optional extra and not installed")
+    trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed: it is part of the extra 'test'")
     theirs = trimesh.creation.annulus(0.1, 0.3, 0.2)
     theirs.apply_translation([1.0, 2.0, 3.0])
     theirs.export(tmp_path / f"m.{ending}")

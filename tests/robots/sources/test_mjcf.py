@@ -149,9 +149,7 @@ def test_files_of_folders_that_are_named_are_read(folder):
 
 def test_without_mujoco_no_mjcf_is_read(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(
-        rnc.ModelError, match=r"robot.xml: MJCF is not read without MuJoCo: pip install 'rnc_pin\[mujoco\]'"
-    ):
+    with pytest.raises(rnc.ModelError, match=r"robot.xml: MuJoCo compiles MJCF. MuJoCo is not installed: pip install"):
         rnc.Robot.from_mjcf(written(tmp_path, BODY.format("", "")))
 
 

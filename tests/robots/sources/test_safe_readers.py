@@ -21,7 +21,6 @@ from rnc_pin.io.json import dump_json
 from rnc_pin.robots.robot_files import shipped_directory
 from rnc_pin.scenario.files import parse_option, read_yaml
 from rnc_pin.scenario.saved_run import load_run
-from rnc_pin.visualization.live import LiveView
 from rnc_pin.visualization.meshcat_robot import MeshVisualizer
 
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
@@ -315,32 +314,6 @@ def test_pages_take_along_images_of_the_robot_alone(image, shown, tmp_path):
         with pytest.warns(rnc.ModelWarning, match="is not an image below the robot's own folders"):
             drawn = visualizer.loadMeshFromFile(shape)
         assert not hasattr(drawn, "img_resources")
-
-
-def test_viser_opens_no_file_that_a_mesh_names(tmp_path, monkeypatch):
-    pytest.importorskip("viser", reason="viser is an optional extra and not installed")
-    import trimesh
-
-    from rnc_pin.visualization.viser_viewer import ViserViewer
-
-    (tmp_path / "robot").mkdir()
-    for name in ("elsewhere.png", "robot/skin.png"):
-        (tmp_path / name).write_bytes(PNG)
-    write(tmp_path / "robot/theirs.dae", collada("../elsewhere.png"))
-    write(tmp_path / "robot/own.dae", collada("skin.png"))
-    write(tmp_path / "robot/m.obj", "mtllib ../secret.mtl\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    visual = "".join(
-        f'<visual><geometry><mesh filename="{name}"/></geometry></visual>'
-        for name in ("theirs.dae", "own.dae", "m.obj")
-    )
-    robot = rnc.Robot.from_urdf(write(tmp_path / "robot/r.urdf", arm(link=visual)))
-    opened, usual = [], trimesh.load_scene
-    monkeypatch.setattr(trimesh, "load_scene", lambda path, *more: opened.append(path) or usual(path, *more))
-    monkeypatch.setattr(trimesh, "load_mesh", lambda path, *more: opened.append(path))
-    with pytest.warns(rnc.ModelWarning, match=r"theirs\.dae: texture '\.\./elsewhere\.png' is not an image"):
-        live = LiveView(robot, open_browser=False, viewer=ViserViewer)
-    live.close()
-    assert opened == [str(tmp_path / "robot/own.dae")]
 
 
 # ---------------------------------------------------------------------- names that no file can have

@@ -1,10 +1,15 @@
 """Drafted scenarios: what they guess, and that they run as they are."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 import yaml
 
+from places import ROOT
 from rnc_pin.errors import ModelError
+from rnc_pin.robots.robot_files import find_urdf
 from rnc_pin.scenario.draft import DraftOptions, draft, scenario_candidate
 from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.scenario.files import read_yaml
@@ -27,6 +32,19 @@ def drafted(source, folder, **options):
     path = folder / "draft.yaml"
     path.write_text(draft(str(source), folder, DraftOptions(**options)))
     return read_yaml(path), path
+
+
+def test_a_draft_names_no_folder_of_the_computer(tmp_path):
+    """People commit drafts: a file beside it is named relative to it, and nothing else by a path."""
+    (tmp_path / "robots").mkdir()
+    (tmp_path / "mine").mkdir()
+    robot = tmp_path / "robots" / "car.urdf"
+    robot.write_text(find_urdf("car.urdf", tmp_path).read_text())
+    content, path = drafted(robot, tmp_path / "mine")
+    assert content["robot"]["urdf"] == "../robots/car.urdf"
+    text = path.read_text()
+    assert not [folder for folder in (tmp_path, ROOT, Path.home()) if str(folder) in text]
+    assert re.findall(r"[\s'\"=:]/\w\S*", text) == []
 
 
 def outcome_of(path, duration, warnings=()):

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
+from places import SCHEMA
 from rnc_pin.planning import Hold
 from rnc_pin.scenario.builder import build_reduced, build_task
 from rnc_pin.scenario.controllers import ControllerContext, build_controller
 from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
-from rnc_pin.scenario.json_schema import schema_path
 from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.schema.controllers import TYPES
 
@@ -69,7 +69,7 @@ def scenario(controller):
 
 @cache
 def validator():
-    return jsonschema.Draft202012Validator(json.loads(schema_path().read_text()))
+    return jsonschema.Draft202012Validator(json.loads(SCHEMA.read_text()))
 
 
 def test_every_setting_is_tried():
@@ -130,7 +130,7 @@ def test_what_is_wrong_is_told_without_words_of_the_union(controller, words):
 
 
 def test_settings_of_every_type_are_shown_in_words_by_editors():
-    content = json.loads(schema_path().read_text())
+    content = json.loads(SCHEMA.read_text())
     branches = next(each for each in content["properties"]["controller"]["anyOf"] if "discriminator" in each)
     assert set(branches["discriminator"]["mapping"]) == set(TYPES)
     for reference in branches["discriminator"]["mapping"].values():

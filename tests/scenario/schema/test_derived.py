@@ -12,10 +12,10 @@ from annotated_types import Gt, Len
 from pydantic import TypeAdapter, ValidationError
 
 import rnc_pin as rnc
+from places import SCHEMA
 from rnc_pin import constraints, outputs
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
-from rnc_pin.scenario.json_schema import schema_path
 from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.saved_run import view_of
 from rnc_pin.scenario.schema.actuators import ActuatorItem
@@ -31,7 +31,7 @@ KINDS = [kind for kind in KINDS if kind not in TAKE_FUNCTIONS | PARTS_OF_KINDS] 
 ALONE = {rnc.JointPosition: "joint", rnc.FrameOrientation: "frame", rnc.FrameYaw: "frame"}  # {frame_yaw: base}
 KEYS = {(rnc.MomentumConservation, "momentum"): "value"}
 REQUIRED = {(rnc.FrameAngularVelocity, "axis"), (rnc.FrameTilt, "axis")}
-PARTS = json.loads(schema_path().read_text())["$defs"]
+PARTS = json.loads(SCHEMA.read_text())["$defs"]
 
 
 def said_default(value):

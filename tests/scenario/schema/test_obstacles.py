@@ -93,7 +93,7 @@ def test_reference_through_an_obstacle_is_reported(tmp_path):
 
 def test_summary_has_the_smallest_distance_and_the_worst_limits(tmp_path, monkeypatch):
     ready = prepared(tmp_path, BESIDE)
-    result = execute(ready, measure_limits=True)
+    result = execute(ready)
     robot, run = ready.experiment.reduced.robot, result.trajectory
     nearest = result.summary["smallest_distance"]
     check = CollisionDistances(robot, ready.experiment.obstacles, q0=run.q[0])

@@ -187,22 +187,3 @@ def test_closing_with_a_browser_connected_leaves_no_socket_and_no_memory(caplog)
     assert threading.active_count() == threads
     assert kept < 1e6  # it was 0.9 MB each
     assert [record.getMessage() for record in caplog.records if record.levelname == "ERROR"] == []
-
-
-def test_viser_is_served_like_our_own_page(monkeypatch):
-    pytest.importorskip("viser", reason="viser is an optional extra and not installed")
-    from rnc_pin.visualization.viser_viewer import ViserViewer
-
-    robot = rnc.Robot.from_urdf("space_robot.urdf")
-    live = LiveView(robot, open_browser=False, viewer=ViserViewer)
-    try:
-        port = int(live.url.split(":")[2].split("/")[0])
-        ours = f"localhost:{port}"
-        assert status(port, "/", f"Host: {ours}", "Connection: close") == 200
-        assert status(port, "/", "Host: evil.com") == 403
-        assert status(port, "/", f"Host: {ours}", f"Origin: http://{ours}", upgrade=True) == 101
-        assert status(port, "/", f"Host: {ours}", "Origin: http://evil.com", upgrade=True) == 403
-        assert status(port, "/", f"Host: {ours}", "Origin: null", upgrade=True) == 403
-        assert status(port, "/", "Host: evil.com", "Origin: http://evil.com", upgrade=True) == 403
-    finally:
-        live.close()

@@ -23,6 +23,15 @@ class AccelerationLimit(ControlLimit):
         limit: largest acceleration [rad/s^2 or m/s^2]; one number, or one for each reduced velocity or joint entry.
         joints: names of joints; by default the limit is on the reduced velocities v2.
         priority: order in which soft limits give way; the largest number first.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+        >>> limit = rnc.control.limits.AccelerationLimit(2.0, joints=["joint_1", "joint_2"])
+        >>> sample = rnc.control.ControlSample(reduced, 0.0, robot.configuration(), np.zeros(reduced.r), dt=0.01)
+        >>> rows = limit.bind(reduced).rows(sample)
+        >>> rows.lower.round(6), rows.upper.round(6)  # the limit times dt, about the velocity of the start
+        (array([-0.02, -0.02]), array([0.02, 0.02]))
     """
 
     limit: float | Numbers

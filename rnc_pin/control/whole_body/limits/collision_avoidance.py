@@ -53,6 +53,17 @@ class CollisionAvoidance(ControlLimit):
         q0: configuration (nq,) without collisions; by default the neutral one.
         corners: True for rows at the corners of parallel faces and edges.
         deceleration: deceleration a of an approach [m/s^2]; by default from the effort limits.
+
+    Example:
+        >>> import coal
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+        >>> box = rnc.collision.Obstacle(coal.Box(0.2, 0.2, 2.0), position=(2.45, 0.0, 0.0), name="box")
+        >>> limit = rnc.control.limits.CollisionAvoidance(clearance=0.02, influence=0.08, obstacles=[box])
+        >>> sample = rnc.control.ControlSample(reduced, 0.0, robot.configuration(), np.zeros(reduced.r), dt=0.01)
+        >>> rows = limit.bind(reduced).rows(sample)
+        >>> rows.lower.round(6)  # both fingers are 5 cm from the box: -rate (0.05 - clearance)
+        array([-0.15, -0.15])
     """
 
     clearance: NotNegative = 0.02

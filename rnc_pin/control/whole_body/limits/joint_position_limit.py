@@ -37,6 +37,15 @@ class JointPositionLimit(ControlLimit):
         deceleration: deceleration of these joints [rad/s^2 or m/s^2]. By default each joint stops from its velocity
             limit in 0.25 s; without a velocity limit, it is the range of the joint per s^2.
         margin: share of the range that stays unused at each end.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+        >>> limit = rnc.control.limits.JointPositionLimit(joints=["joint_1"], deceleration=2.0)
+        >>> sample = rnc.control.ControlSample(reduced, 0.0, robot.configuration(), np.zeros(reduced.r), dt=0.01)
+        >>> rows = limit.bind(reduced).rows(sample)
+        >>> rows.upper.round(1)  # about sqrt(2 a d), with d = 62.8 rad to the end
+        array([15.8])
     """
 
     hard: ClassVar[bool] = True

@@ -25,6 +25,15 @@ class JointVelocityLimit(ControlLimit):
             if ``limit`` is given.
         limit: limit of all these joints [rad/s or m/s]; that of the file by default.
         margin: share of the limit that stays unused. It covers the change of R within a sample.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+        >>> limit = rnc.control.limits.JointVelocityLimit(joints=["joint_1"], limit=0.5, margin=0.0)
+        >>> sample = rnc.control.ControlSample(reduced, 0.0, robot.configuration(), np.zeros(reduced.r), dt=0.01)
+        >>> rows = limit.bind(reduced).rows(sample)
+        >>> rows.lower.round(6), rows.upper.round(6)
+        (array([-0.5]), array([0.5]))
     """
 
     hard: ClassVar[bool] = True

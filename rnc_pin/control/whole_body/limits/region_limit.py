@@ -28,6 +28,15 @@ class RegionLimit(ControlLimit):
         half_spaces: normal and offset (n_x, n_y, n_z, c) of half-spaces ``n . p <= c`` [m].
         gain: rate of approach [1/s]; below 1 over the sampling interval.
         priority: order in which soft limits give way; the largest number first.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+        >>> limit = rnc.control.limits.RegionLimit("base", box={"x": (-1.0, 2.0)}, gain=5.0)
+        >>> sample = rnc.control.ControlSample(reduced, 0.0, robot.configuration(), np.zeros(reduced.r), dt=0.01)
+        >>> rows = limit.bind(reduced).rows(sample)
+        >>> rows.upper.round(6)  # gain times the distances of 1 m and 2 m
+        array([ 5., 10.])
     """
 
     frame: str

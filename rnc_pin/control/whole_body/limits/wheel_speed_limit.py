@@ -23,6 +23,18 @@ class WheelSpeedLimit(ControlLimit):
         limit: largest speed of the rim about the axle [m/s]; the speed over the ground of a wheel without rollers.
         wheels: frames of the wheels, as in their ``RollingWheel`` constraints; by default all of them.
         priority: order in which soft limits give way; the largest number first.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+        >>> wheels = [rnc.RollingWheel("left_wheel", 0.2), rnc.RollingWheel("right_wheel", 0.2)]
+        >>> reduced = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"]).reduce()
+        >>> limit = rnc.control.limits.WheelSpeedLimit(1.0)
+        >>> bound = limit.bind(reduced)
+        >>> sample = rnc.control.ControlSample(reduced, 0.0, robot.configuration(), np.zeros(reduced.r), dt=0.01)
+        >>> rows = bound.rows(sample)
+        >>> rows.jacobian[:, -2:].round(6), rows.upper  # radius times rate of each wheel, at most 1 m/s
+        (array([[0.2, 0. ],
+               [0. , 0.2]]), array([1., 1.]))
     """
 
     limit: Positive

@@ -28,6 +28,15 @@ class BasePoseTask(ControlTask):
         frame: frame of the base, with x forward.
         reference: of x, y [m] and yaw [rad].
         lateral_gain: yaw rate per forward speed and lateral error [rad/m^2].
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+        >>> task = rnc.control.tasks.BasePoseTask("base", rnc.planning.Hold([1.0, 0.0, 0.2]), gain=2.0)
+        >>> sample = rnc.control.ControlSample(reduced, 0.0, robot.configuration(), np.zeros(reduced.r), dt=0.01)
+        >>> rows = task.bind(reduced).rows(sample)
+        >>> rows.rate.round(6) + 0.0
+        array([2. , 0. , 0.4])
     """
 
     frame: str

@@ -22,6 +22,15 @@ class CenterOfMassTask(ControlTask):
     Args:
         reference: of the coordinates [m].
         axes: world axes, e.g. "xy" or "xyz".
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+        >>> task = rnc.control.tasks.CenterOfMassTask(rnc.planning.Hold([1.5, 0.0]), axes="xy", gain=2.0)
+        >>> sample = rnc.control.ControlSample(reduced, 0.0, robot.configuration(), np.zeros(reduced.r), dt=0.01)
+        >>> rows = task.bind(reduced).rows(sample)
+        >>> rows.rate.round(6) + 0.0  # the centre is at x = 1 m
+        array([1., 0.])
     """
 
     reference: Reference

@@ -18,6 +18,15 @@ class DampingTask(ControlTask):
 
     Args:
         joints: names of joints; by default the reduced velocities v2.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+        >>> task = rnc.control.tasks.DampingTask(joints=["joint_1"], weight=0.1)
+        >>> sample = rnc.control.ControlSample(reduced, 0.0, robot.configuration(), np.zeros(reduced.r), dt=0.01)
+        >>> rows = task.bind(reduced).rows(sample)
+        >>> rows.rate.round(6) + 0.0
+        array([0.])
     """
 
     joints: Sequence[str] | None = None

@@ -33,6 +33,15 @@ class LookAtTask(ControlTask):
 
     Raises:
         SingularityError: at a sample, the point is at the origin of the frame.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+        >>> task = rnc.control.tasks.LookAtTask("tip", target=[2.0, 3.0, 0.48], axis="x", gain=2.0)
+        >>> sample = rnc.control.ControlSample(reduced, 0.0, robot.configuration(), np.zeros(reduced.r), dt=0.01)
+        >>> rows = task.bind(reduced).rows(sample)
+        >>> rows.rate.round(6) + 0.0  # -gain (a - d): the point is to the left of the tip
+        array([-2.,  2.,  0.])
     """
 
     frame: str

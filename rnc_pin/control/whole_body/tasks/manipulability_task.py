@@ -27,6 +27,16 @@ class ManipulabilityTask(ControlTask):
 
     Raises:
         SingularityError: at a sample, A has no full rank, so w has no gradient.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf")  # the arm alone
+        >>> reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce()
+        >>> task = rnc.control.tasks.ManipulabilityTask(rnc.FramePosition("tip", "xy"))
+        >>> q = robot.configuration({"joint_2": 1.0})
+        >>> sample = rnc.control.ControlSample(reduced, 0.0, q, np.zeros(reduced.r), dt=0.01)
+        >>> rows = task.bind(reduced).rows(sample)
+        >>> rows.rate.round(6) + 0.0  # w = log |sin q2|, so dw/dq2 = 1 / tan q2
+        array([0.      , 0.642093])
     """
 
     output: OutputKind

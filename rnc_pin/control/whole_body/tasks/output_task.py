@@ -28,6 +28,15 @@ class OutputTask(ControlTask):
     Args:
         output: the output, e.g. ``rnc.FramePosition("hand")``.
         reference: its reference.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+        >>> task = rnc.control.tasks.OutputTask(rnc.JointPosition("joint_1"), rnc.planning.Hold([0.5]), gain=2.0)
+        >>> sample = rnc.control.ControlSample(reduced, 0.0, robot.configuration(), np.zeros(reduced.r), dt=0.01)
+        >>> rows = task.bind(reduced).rows(sample)
+        >>> rows.rate.round(6) + 0.0  # gain times the error
+        array([1.])
     """
 
     output: OutputKind

@@ -20,6 +20,15 @@ class PostureTask(ControlTask):
 
     Args:
         joints: joint name to position [rad or m]; other joints are free.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+        >>> task = rnc.control.tasks.PostureTask({"joint_1": 0.5, "joint_2": -0.2}, gain=2.0)
+        >>> sample = rnc.control.ControlSample(reduced, 0.0, robot.configuration(), np.zeros(reduced.r), dt=0.01)
+        >>> rows = task.bind(reduced).rows(sample)
+        >>> rows.rate.round(6) + 0.0
+        array([ 1. , -0.4])
     """
 
     joints: Mapping[str, float]

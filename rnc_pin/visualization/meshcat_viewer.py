@@ -1,15 +1,11 @@
-"""Viewers of live runs: Meshcat, or the visualizer that ``PINOCCHIO_VIEWER`` names."""
+"""Viewer of live runs: the page of Meshcat with the scene and the overlay."""
 
 from __future__ import annotations
 
-import os
 import time
-from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
 
-from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.simulation import RunInfo
 from rnc_pin.visualization.browser.command_socket import Receiver
 from rnc_pin.visualization.browser.drawing_commands import SceneWindow
@@ -19,20 +15,7 @@ from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.run_scene import RunScene, ShownRun
 from rnc_pin.visualization.view import View
 
-_NAMES = ("meshcat", "viser")
 _VALUES_RATE = 10.0  # updates of the overlay per second
-
-
-class Viewer(Protocol):
-    """Viewer that draws states: the page of Meshcat or of another visualizer."""
-
-    url: str
-
-    @property
-    def browsers(self) -> int: ...
-    def open(self) -> None: ...
-    def draw(self, state: DrawnState) -> None: ...
-    def close(self) -> None: ...
 
 
 class MeshcatViewer:
@@ -95,19 +78,3 @@ class MeshcatViewer:
     def close(self) -> None:
         """Stop serving."""
         self.window.close()
-
-
-def selected_viewer() -> Callable[..., Viewer]:
-    """Visualizer that the environment variable ``PINOCCHIO_VIEWER`` names; Meshcat by default.
-
-    Raises:
-        ConfigurationError: the name is not a supported visualizer.
-    """
-    name = os.environ.get("PINOCCHIO_VIEWER", "meshcat").strip().lower() or "meshcat"
-    if name not in _NAMES:
-        raise ConfigurationError(f"PINOCCHIO_VIEWER={name}: unknown visualizer{nearest(name, _NAMES)}")
-    if name == "meshcat":
-        return MeshcatViewer
-    from rnc_pin.visualization.viser_viewer import ViserViewer
-
-    return ViserViewer

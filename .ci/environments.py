@@ -1,0 +1,150 @@
+"""Environments that users may have: each extra alone, the lowest versions, and other Pythons.
+
+``python .ci/environments.py UV`` makes each in a temporary folder with ``uv``, installs the checkout there as a user
+would, and runs what the documentation says about it. A new extra in ``pyproject.toml`` needs a line in ``EXTRAS``.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+SMOKE = (
+    "rnc-pin --version",
+    "rnc-pin inspect space-robot",
+    "rnc-pin run space-robot --set simulation.duration=0.5",
+    "rnc-pin run car --set simulation.duration=0.5 --accept goal",
+    "rnc-pin replay runs/space-robot --html again.html",
+    "PAGE README.md",
+)
+"""Commands that hold in every environment; PAGE runs the Python blocks of a page."""
+EXTRAS = {
+    "dask": ("PAGE docs/sweeps.md",),
+    "gym": ("PAGE docs/learning.md",),
+    "mujoco": ("PAGE docs/mujoco.md", "rnc-pin run space-robot --plant mujoco --set simulation.duration=0.5"),
+    "qp": ("PAGE docs/whole_body.md",),
+    "robots": ("python -c 'import rtbdata'",),
+    "sweep": ("PAGE docs/sweeps.md", "rnc-pin sweep space-robot --runs 2 --out s --set simulation.duration=0.2"),
+    "video": ("rnc-pin run space-robot --set simulation.duration=0.2", "rnc-pin replay runs/space-robot --frames f"),
+    "dev": ("ruff --version", "mypy --version", "lint-imports --help"),
+}
+"""Commands that the documentation of an extra promises. ``.ci/run`` itself runs those of ``test`` and ``docs``."""
+ELSEWHERE = {"test", "docs"}
+MISSING = {
+    "dask": "rnc-pin sweep space-robot --runs 2 --out s --scheduler tcp://127.0.0.1:1",
+    "gym": """python -c 'import rnc_pin as rnc; rnc.gym.make("space-robot")'""",
+    "mujoco": "rnc-pin run space-robot --plant mujoco",
+    "qp": (
+        "python -c 'import rnc_pin as rnc; from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver; "
+        """LeastDistanceSolver("piqp")'"""
+    ),
+    "sweep": "rnc-pin sweep space-robot --runs 2 --out s",
+    "video": "rnc-pin replay runs/space-robot --frames f",
+}
+"""Commands that name the extra in their last line where it is not installed."""
+PYTHONS = ("3.12", "3.13", "3.14")
+PAGE = """
+import pathlib, re, sys
+text, names = pathlib.Path(sys.argv[1]).read_text(), {"__name__": "__main__"}
+for block in re.finditer(r"^```python\\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE):
+    lines = text.count("\\n", 0, block.start(1))
+    exec(compile("\\n" * lines + block[1], sys.argv[1], "exec"), names)
+"""
+
+
+class Environment:
+    """Virtual environment with the checkout, and an empty folder in which commands run."""
+
+    def __init__(self, uv: str, folder: Path, extra: str = "", python: str = sys.executable, *options: str) -> None:
+        self.bin, self.folder = folder / "env" / "bin", folder / "work"
+        self.folder.mkdir(parents=True)
+        call([uv, "venv", "-q", "-p", python, folder / "env"])
+        what = f"{ROOT}[{extra}]" if extra else str(ROOT)
+        call([uv, "pip", "install", "-q", "-p", self.bin / "python", *options, what])
+
+    def run(self, command: str, fails: bool = False) -> str:
+        """Run a command and return what it prints."""
+        if command.startswith("PAGE "):
+            command = f'python -c "$PAGE" {ROOT / command.removeprefix("PAGE ")}'
+        found = os.environ | {"PATH": f"{self.bin}:{os.environ['PATH']}", "PAGE": PAGE}
+        done = subprocess.run(
+            command, shell=True, cwd=self.folder, env=found, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+        )
+        if (done.returncode != 0) != fails:
+            raise SystemExit(f"{done.stdout}\n{self.bin.parent}: status {done.returncode} of: {command}")
+        return done.stdout
+
+
+def call(command: list[str | Path]) -> None:
+    """Run a command that has to succeed, and show what it prints only if it does not."""
+    done = subprocess.run(command, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    if done.returncode:
+        raise SystemExit(f"{done.stdout}\nstatus {done.returncode} of: {' '.join(map(str, command))}")
+
+
+def python_of(version: str) -> str | None:
+    """Interpreter of a version on this machine; None if there is none."""
+    candidates = [shutil.which(f"python{version}"), *Path.home().glob(f".pyenv/versions/{version}*/bin/python{version}")]
+    for each in filter(None, candidates):
+        try:
+            said = subprocess.run([each, "--version"], capture_output=True, text=True)
+        except OSError:
+            continue
+        if said.returncode == 0 and f" {version}." in said.stdout:
+            return str(each)
+    return None
+
+
+def without_extras(environment: Environment) -> None:
+    """The bare installation works, and names the extra that a command needs, in one line."""
+    for command in SMOKE:
+        environment.run(command)
+    for extra, command in MISSING.items():
+        last = environment.run(command, fails=True).strip().splitlines()[-1]
+        if f"'.[{extra}]'" not in last:
+            raise SystemExit(f"{command}: does not name the extra {extra}: {last}")
+
+
+def main(uv: str) -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    if unknown := set(extras) - set(EXTRAS) - ELSEWHERE:
+        raise SystemExit(f"{__file__}: what do the extras {sorted(unknown)} promise?")
+    with tempfile.TemporaryDirectory() as scratch:
+        start = time.monotonic()
+
+        def done(what: str) -> None:
+            nonlocal start
+            print(f"{what}: {time.monotonic() - start:.0f} s", flush=True)
+            start = time.monotonic()
+
+        without_extras(Environment(uv, Path(scratch) / "bare"))
+        done("without extras")
+        for extra in sorted(EXTRAS):
+            environment = Environment(uv, Path(scratch) / extra, extra)
+            for command in EXTRAS[extra]:
+                environment.run(command)
+            done(f"extra {extra} alone")
+        lowest = Environment(uv, Path(scratch) / "lowest", "sweep", sys.executable, "--resolution", "lowest-direct")
+        for command in (*SMOKE, *EXTRAS["sweep"]):
+            lowest.run(command)
+        done("lowest versions")
+        for version in PYTHONS:
+            python = python_of(version)
+            if python is None:
+                print(f"Python {version}: not on this machine", flush=True)
+                continue
+            other = Environment(uv, Path(scratch) / version, "", python)
+            for command in SMOKE:
+                other.run(command)
+            done(f"Python {version}")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

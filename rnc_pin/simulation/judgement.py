@@ -1,0 +1,167 @@
+"""Judgement of a run: findings from its samples, its model, its goals, and the replay of its limits and distances."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from functools import partial
+
+import numpy as np
+
+from rnc_pin.analysis import first_lift_off
+from rnc_pin.robots.robot import Robot
+from rnc_pin.simulation.limit_replay import ROUNDING, LimitReplay, LimitUse, replay_limits
+from rnc_pin.simulation.run_info import Outcome
+from rnc_pin.simulation.trajectory import Trajectory
+from rnc_pin.verdict import Finding, FindingKind, Severity, Verdict
+
+_SATURATED = 0.2  # share of a run at a bound from which an input counts as saturated
+_MOSTLY = 0.5  # share of a run under a fallback command that fails
+_SLIPS = 1.0 + 1e-6  # use of friction that is beyond the stated friction, and not rounding
+_KINDS = {"position": FindingKind.POSITION, "velocity": FindingKind.VELOCITY, "effort": FindingKind.EFFORT}
+
+
+def judge(
+    run: Trajectory,
+    replay: LimitReplay | None = None,
+    *,
+    goal_errors: Mapping[str, float] | None = None,
+    goal_tolerance: float = 0.02,
+    gave_way: Mapping[str, float] | None = None,
+    more: Iterable[Finding] = (),
+    accepted: Iterable[FindingKind | str] = (),
+) -> Verdict:
+    """Verdict of a run.
+
+    Args:
+        run: the run.
+        replay: replay of its limits and distances, by ``replay_limits``; without it they are not judged.
+        goal_errors: errors at the end by name [m or rad]; None if the run has no goals.
+        goal_tolerance: error above which a goal is missed [m or rad].
+        gave_way: largest amounts by which limits of a whole-body program gave way, by name.
+        more: findings that others made, such as a plan that is not verified.
+        accepted: kinds of findings that the user accepts.
+
+    Raises:
+        ConfigurationError: there is no such kind of finding.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
+        >>> run = rnc.free_motion(reduced, robot.configuration(), [1.0, 0.5], duration=1.0)
+        >>> missed = rnc.simulation.judge(run, goal_errors={"place": 0.3})
+        >>> print(missed.word, "-", missed.first)
+        failed - the goal of place is missed by 0.3, allowed is 0.02
+    """
+    completed = run.outcome is Outcome.COMPLETED
+    findings = [
+        *_end(run),
+        *_finite(run),
+        *_fallback(run),
+        *(_goals(run, goal_errors or {}, goal_tolerance) if completed else ()),
+        *(() if replay is None else _limits(replay)),
+        *_contacts(run),
+        *(() if replay is None else _saturation(run, replay)),
+        *_given_way(gave_way or {}),
+        *more,
+    ]
+    return Verdict.of(findings, accepted)
+
+
+def _end(run: Trajectory) -> Iterator[Finding]:
+    """Finding of a run that did not reach its end."""
+    if run.outcome is Outcome.COMPLETED:
+        return
+    time = float(run.time[-1]) if len(run.time) else 0.0
+    kind = FindingKind.SINGULAR if run.outcome is Outcome.SINGULAR else FindingKind.ENDED_EARLY
+    message = run.info.message or f"the run was {run.outcome} at t = {time:.3f} s"
+    yield Finding(kind, str(run.outcome), time, "s", time, Severity.FAILS, message)
+
+
+def _finite(run: Trajectory) -> Iterator[Finding]:
+    """Findings of states and inputs that are not numbers."""
+    for name, values in (("q", run.q), ("v", run.v), ("T", run.T)):
+        wrong = ~np.isfinite(values).all(axis=1)
+        if wrong.any():
+            time, count = float(run.time[int(wrong.argmax())]), int(wrong.sum())
+            message = f"{name} is not finite in {count} samples, the first at t = {time:.3f} s"
+            yield Finding(FindingKind.NOT_FINITE, name, count, "", time, Severity.FAILS, message)
+
+
+def _fallback(run: Trajectory) -> Iterator[Finding]:
+    """Finding of fallback commands: it fails if they last to the end, or for most of the run."""
+    used = run.info.fallback
+    if used is None:
+        return
+    share = used.samples / max(len(run.time), 1)
+    fails = used.at_the_end or share > _MOSTLY
+    until = ", and until the end" if used.at_the_end else ""
+    message = (
+        f"the loop gave a fallback command in {100 * share:.3g} % of the samples, first at t = {used.first:.3f} s"
+        f"{until}: {used.reason}"
+    )
+    severity = Severity.FAILS if fails else Severity.DEGRADES
+    yield Finding(FindingKind.FALLBACK, "control loop", share, "", used.first, severity, message)
+
+
+def _goals(run: Trajectory, errors: Mapping[str, float], tolerance: float) -> Iterator[Finding]:
+    for name, error in errors.items():
+        if not error <= tolerance:
+            message = f"the goal of {name} is missed by {error:.3g}, allowed is {tolerance:g}"
+            yield Finding(FindingKind.GOAL, name, error, "m or rad", float(run.time[-1]), Severity.FAILS, message)
+
+
+def _limits(replay: LimitReplay) -> Iterator[Finding]:
+    """Findings of limits of the robot's file: one for each joint and kind that exceeds."""
+    for use in replay.uses:
+        if use.excess > ROUNDING:
+            yield _exceeded(use)
+
+
+def _exceeded(use: LimitUse) -> Finding:
+    return Finding(_KINDS[use.kind], use.name, abs(use.value) - abs(use.limit), "", use.time, Severity.FAILS, str(use))
+
+
+def _contacts(run: Trajectory) -> Iterator[Finding]:
+    """Findings of contacts that pull, or that need more friction than is stated."""
+    lifted = first_lift_off(run.time, run.normal_forces, run.info.outputs.normal_forces)
+    if lifted is not None:
+        yield Finding(
+            FindingKind.LIFT_OFF, lifted.contact, -lifted.lowest, "N", lifted.time, Severity.FAILS, str(lifted)
+        )
+    used = np.nan_to_num(run.friction_used)
+    for column, name in enumerate(run.info.outputs.friction_used):
+        most = int(used[:, column].argmax()) if len(used) else 0
+        if len(used) and used[most, column] > _SLIPS:
+            share, time = float(used[most, column]), float(run.time[most])
+            message = f"contact '{name}' needs {share:.3g} times the stated friction at t = {time:.2f} s"
+            yield Finding(FindingKind.SLIP, name, share, "", time, Severity.FAILS, message)
+
+
+def _saturation(run: Trajectory, replay: LimitReplay) -> Iterator[Finding]:
+    """Findings of actuators that are at their bound for a large part of the run."""
+    limits = {use.name: use.limit for use in replay.uses if use.kind == "effort" and use.limit > 0}
+    for column, name in enumerate(run.info.outputs.T):
+        if name not in limits or not len(run.time):
+            continue
+        used = np.abs(np.nan_to_num(run.T[:, column])) / limits[name]
+        at_bound = (used >= 1.0 - ROUNDING) & (used <= 1.0 + ROUNDING)  # what exceeds the limit has a finding already
+        share = float(at_bound.mean())
+        if share > _SATURATED:
+            time = float(run.time[int(at_bound.argmax())])
+            message = f"actuator {name} is at its effort limit for {100 * share:.0f} % of the run"
+            yield Finding(FindingKind.SATURATION, name, share, "", time, Severity.DEGRADES, message)
+
+
+def _given_way(amounts: Mapping[str, float]) -> Iterator[Finding]:
+    for name, amount in amounts.items():
+        message = f"limit {name} gave way by up to {amount:.3g}, because limits excluded each other"
+        yield Finding(FindingKind.LIMIT_GAVE_WAY, name, amount, "", None, Severity.DEGRADES, message)
+
+
+def judged_by(run: Trajectory, robot: Robot) -> Trajectory:
+    """Return a run whose verdict follows at its first use from its samples and from the limits of its robot."""
+    return run.judged_later(partial(_judged, robot))
+
+
+def _judged(robot: Robot, run: Trajectory) -> Verdict:
+    return judge(run, replay_limits(robot, run) if len(run.time) else None)

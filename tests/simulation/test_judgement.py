@@ -1,0 +1,175 @@
+"""Each finding has a run in which it is true, and one beside it in which it is not."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+import systems
+from rnc_pin.verdict import FindingKind, Severity
+
+LINK = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+
+
+def sliders(tmp_path, first, second):
+    """Two sliders on rails with the limits of a file."""
+    joints = "".join(
+        f'<link name="{name}">{LINK}</link><joint name="{name}" type="prismatic"><parent link="base"/>'
+        f'<child link="{name}"/><axis xyz="1 0 0"/><limit {limit}/></joint>'
+        for name, limit in {"a": first, "b": second}.items()
+    )
+    path = tmp_path / "sliders.urdf"
+    path.write_text(f'<robot name="sliders"><link name="base"/>{joints}</robot>')
+    return rnc.Robot.from_urdf(path)
+
+
+def pushed(robot, T, duration=1.0, **options):
+    """Run under constant forces: x = T t^2 / 2 for a mass of 1 kg."""
+    reduced = rnc.NonholonomicSystem(robot, [], list(robot.joint_names)).reduce()
+    controller = Constant(np.array(T, dtype=float))
+    plant = rnc.ReducedPlant(reduced, actuator_limits=False)
+    return rnc.simulate(reduced, controller, robot.configuration(), duration, 0.01, plant=plant, **options)
+
+
+class Constant:
+    def __init__(self, T):
+        self.T = T
+
+    def initial_state(self, measurement):
+        return None
+
+    def step(self, t, measurement, state):
+        return rnc.control.Command(T=self.T), None
+
+
+def kinds(verdict):
+    return [(each.kind, each.where) for each in verdict.findings]
+
+
+WIDE = 'lower="-9" upper="9" velocity="9" effort="9"'
+
+
+def test_a_run_within_everything_has_no_finding(tmp_path):
+    verdict = pushed(sliders(tmp_path, WIDE, WIDE), [1.0, 1.0]).verdict
+    assert (verdict.word, verdict.findings) == ("succeeded", ())
+
+
+@pytest.mark.parametrize(
+    ("limit", "kind", "amount", "time"),
+    [
+        ('lower="-9" upper="0.3" velocity="9" effort="9"', FindingKind.POSITION, 0.2, 1.0),  # x = 0.5 at 1 s
+        ('lower="-9" upper="9" velocity="0.6" effort="9"', FindingKind.VELOCITY, 0.4, 1.0),  # 1 m/s at 1 s
+        ('lower="-9" upper="9" velocity="9" effort="0.75"', FindingKind.EFFORT, 0.25, 0.0),
+    ],
+)
+def test_what_exceeds_a_limit_of_the_file_fails(tmp_path, limit, kind, amount, time):
+    (found,) = pushed(sliders(tmp_path, limit, WIDE), [1.0, 1.0]).verdict.findings
+    assert (found.kind, found.where, found.severity) == (kind, "a", Severity.FAILS)
+    assert (found.amount, found.time) == (pytest.approx(amount, abs=1e-9), pytest.approx(time))
+
+
+def test_an_effort_of_zero_is_a_limit_where_the_file_states_others(tmp_path):
+    none = 'lower="-9" upper="9" velocity="9" effort="0"'
+    (found,) = pushed(sliders(tmp_path, none, WIDE), [8.7, 1.0]).verdict.findings
+    assert (found.kind, found.where, found.amount) == (FindingKind.EFFORT, "a", pytest.approx(8.7))
+    assert pushed(sliders(tmp_path, none, WIDE), [0.0, 1.0]).verdict.findings == ()
+    assert pushed(sliders(tmp_path, none, none), [8.7, 1.0]).verdict.findings == ()  # zeros are placeholders
+
+
+def test_an_actuator_at_its_limit_for_long_degrades(tmp_path):
+    verdict = pushed(sliders(tmp_path, 'lower="-9" upper="9" velocity="9" effort="1"', WIDE), [1.0, 1.0]).verdict
+    assert (verdict.word, kinds(verdict)) == ("degraded", [(FindingKind.SATURATION, "a")])
+
+
+def bent(reduced):
+    """A configuration of the space robot at which its outputs are regular."""
+    return reduced.robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
+
+
+def resting():
+    reduced = systems.space_robot()
+    return rnc.free_motion(reduced, bent(reduced), np.zeros(3), duration=0.1)
+
+
+class Blind:
+    """Plant whose sensors give no numbers after some readings, until others; a run reads once before its samples."""
+
+    def __init__(self, reduced, first, last=np.inf):
+        self._plant, self._first, self._last, self._count = rnc.ReducedPlant(reduced), first, last, 0
+
+    def __getattr__(self, name):
+        return getattr(self._plant, name)
+
+    def read(self):
+        self._count += 1
+        q, v = self._plant.read()
+        return (np.nan * q, v) if self._first < self._count <= self._last else (q, v)
+
+    def actual(self):
+        return self._plant.read()
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "word", "samples"),
+    [(0, np.inf, "failed", 21), (19, np.inf, "failed", 3), (5, 7, "degraded", 2), (22, np.inf, "succeeded", 0)],
+)
+def test_fallback_commands_fail_if_they_last_to_the_end_or_for_most_of_the_run(first, last, word, samples):
+    """A run without one valid sample once was 'completed': the robot never got a command."""
+    reduced = systems.space_robot()
+    controller = Constant(np.zeros(3))
+    run = rnc.simulate(reduced, controller, bent(reduced), 0.2, 0.01, plant=Blind(reduced, first, last))
+    assert run.outcome is rnc.Outcome.COMPLETED
+    assert run.verdict.word == word
+    assert [each.kind for each in run.verdict.findings] == [FindingKind.FALLBACK] * bool(samples)
+    assert (run.info.fallback.samples if samples else 0) == samples
+    if samples:
+        assert "q[0] is not finite" in str(run.verdict.first)
+
+
+def test_goals_that_are_missed_or_not_a_number_fail():
+    run = resting()
+    verdict = rnc.simulation.judge(run, goal_errors={"near": 0.019, "far": 0.021, "lost": np.nan})
+    assert kinds(verdict) == [(FindingKind.GOAL, "far"), (FindingKind.GOAL, "lost")]
+    assert rnc.simulation.judge(run, goal_errors={"far": 0.021}, goal_tolerance=0.03).succeeded
+    assert rnc.simulation.judge(run, goal_errors={"far": 0.021}, accepted=["goal"]).word == "degraded"
+
+
+def test_a_run_that_ends_early_fails_and_its_goals_are_not_judged():
+    reduced = systems.space_robot()
+    with pytest.raises(rnc.DivergenceError) as caught:
+        rnc.free_motion(reduced, bent(reduced), np.full(3, 5.0), duration=1.0, stop=rnc.Stop(speed=2.0))
+    run = caught.value.trajectory
+    verdict = rnc.simulation.judge(run, goal_errors={"far": 1.0})
+    assert [each.kind for each in verdict.findings] == [FindingKind.ENDED_EARLY]
+    assert str(verdict.first) == str(caught.value)
+
+
+def test_a_contact_that_pulls_fails():
+    run = resting()
+    names = dataclasses.replace(run.info.outputs, normal_forces=("wheel",))
+    for force, fails in ((9.81, False), (-9.81, True)):
+        forces = np.full((len(run.time), 1), force)
+        pulled = dataclasses.replace(run, normal_forces=forces, info=dataclasses.replace(run.info, outputs=names))
+        assert (FindingKind.LIFT_OFF, "wheel") in kinds(rnc.simulation.judge(pulled)) or not fails
+        assert rnc.simulation.judge(pulled).succeeded != fails
+
+
+def test_a_verdict_stays_with_the_file_of_its_run(tmp_path):
+    limit = 'lower="-9" upper="0.3" velocity="9" effort="9"'
+    run = pushed(sliders(tmp_path, limit, WIDE), [1.0, 1.0])
+    run.save(tmp_path / "early.npz")
+    with pytest.raises(rnc.ConfigurationError, match="saved before it was judged"):
+        _ = rnc.Trajectory.load(tmp_path / "early.npz").verdict
+    expected = run.verdict
+    run.save(tmp_path / "judged.npz")
+    assert rnc.Trajectory.load(tmp_path / "judged.npz").verdict == expected
+    assert not expected.succeeded
+
+
+def test_many_runs_are_judged_like_one(tmp_path):
+    robot = sliders(tmp_path, 'lower="-9" upper="9" velocity="0.6" effort="9"', WIDE)
+    reduced = rnc.NonholonomicSystem(robot, [], list(robot.joint_names)).reduce()
+    controller = Constant(np.zeros(2))
+    many = rnc.simulate(reduced, controller, robot.configuration(), 0.1, 0.01, v2_0=np.array([[0.5, 0], [0.7, 0]]))
+    assert [run.verdict.succeeded for run in many] == [True, False]

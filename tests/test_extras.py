@@ -1,0 +1,79 @@
+"""Extras: messages and pages name those that exist, and a missing package is one line before anything is written."""
+
+import re
+import sys
+import tomllib
+
+import pytest
+
+import rnc_pin as rnc
+from places import ROOT
+from rnc_pin import extras
+
+DECLARED = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+FOLDERS = ("rnc_pin", "docs", "examples", "benchmarks", "tests")
+ON_AN_INDEX = "rnc_pin" + "["
+NAMED = re.compile(r"\.\[([\w,-]+)\]['\"]|\bextras? (?:`{1,2}|')([\w-]+)(?:`|')")
+
+
+def texts():
+    files = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*")]
+    for path in [*ROOT.glob("*.md"), ROOT / "pyproject.toml", *files]:
+        if path.suffix in (".py", ".pyi", ".md", ".ipynb", ".yaml", ".json", ".toml") and path.is_file():
+            yield path.relative_to(ROOT).as_posix(), path.read_text()
+
+
+def test_no_file_installs_rnc_pin_from_an_index():
+    """It is on none, so pip would find no matching distribution."""
+    assert [name for name, text in texts() if ON_AN_INDEX in text] == []
+
+
+def test_every_extra_that_a_file_names_exists():
+    named = {}
+    for name, text in texts():
+        for found in NAMED.finditer(text):
+            for extra in (found[1] or found[2]).split(","):
+                named.setdefault(extra, name)
+    assert {"mujoco", "sweep", "test", "docs", "robots", "gym", "qp"} <= named.keys()
+    assert {extra: name for extra, name in named.items() if extra not in DECLARED} == {}
+
+
+@pytest.mark.parametrize("extra", extras._PACKAGES)
+def test_a_message_names_an_extra_that_brings_the_package(extra):
+    package = extras._PACKAGES[extra]
+    assert package.module in {re.split(r"\W", requirement)[0] for requirement in DECLARED[extra]}
+    command = extras.missing_extra(extra)
+    assert command == f"{package.name} is not installed: pip install '.[{extra}]' in the folder of rnc_pin's source"
+
+
+@pytest.mark.parametrize(
+    ("larger", "smaller"),
+    [*(("test", extra) for extra in extras._PACKAGES), *(("docs", extra) for extra in ("gym", "mujoco", "sweep")),
+     ("dask", "sweep")],
+)  # fmt: skip
+def test_an_extra_that_needs_another_has_all_of_it(larger, smaller):
+    assert set(DECLARED[smaller]) <= set(DECLARED[larger])
+
+
+WITHOUT = "sweep: PyArrow is not installed: pip install '.[sweep]' in the folder of rnc_pin's source"
+
+
+def test_a_sweep_without_its_package_writes_nothing(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    status, _, error = call("sweep", "space-robot", "--runs", 2, "--out", "runs")
+    assert (status, error) == (2, f"rnc-pin: error: {WITHOUT}\n")
+    for begin in (lambda: rnc.sweep("space-robot", 2, out="runs"), lambda: rnc.load_sweep("runs")):
+        with pytest.raises(rnc.ConfigurationError, match=f"^{re.escape(WITHOUT)}$"):
+            begin()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_sweep_on_a_cluster_without_dask_writes_nothing(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    status, _, error = call("sweep", "space-robot", "--runs", 2, "--scheduler", "tcp://localhost:1", "--out", "runs")
+    assert status == 2
+    assert error.endswith("--scheduler tcp://localhost:1: Dask is not installed: "
+                          "pip install '.[dask]' in the folder of rnc_pin's source\n")  # fmt: skip
+    assert list(tmp_path.iterdir()) == []
