@@ -3,7 +3,8 @@
     python -m benchmarks.limits                    all built-in scenarios
     python -m benchmarks.limits tiago runs/mine    scenarios by name or file, and folders of runs
 
-Limits of position, velocity and effort are those of the robot's file. Meshes count as their convex hulls. The last
+Limits of position, velocity and effort are those of the robot's file. Meshes count as their convex hulls. Then come the
+smallest distances to obstacles, and between links whose distance changes. The last
 column lists overlaps at the start, which cannot be told from links that touch by design.
 """
 
@@ -47,15 +48,17 @@ def described(source: str, comparisons: bool) -> list[list[str]]:
     try:
         found = replayed(source, comparisons)
     except RncError as error:
-        return [[source, "", "", "", f"fails: {str(error)[:80]}", ""]]
+        return [[source, "", "", "", f"fails: {str(error)[:80]}", "", ""]]
     rows = []
     for name, replay in found:
         cells = [name]
         for kind in ("position", "velocity", "effort"):
             worst = replay.worst(kind)
             cells.append("-" if worst is None else f"{100 * worst.excess:+.1f} % {worst.name} {worst.time:.2f} s")
-        nearest = replay.clearances[0] if replay.clearances else None
-        cells += [f"beyond {replay.within:g} m" if nearest is None else str(nearest), "; ".join(replay.omitted)]
+        for obstacle in (True, False):
+            nearest = replay.nearest(obstacle)
+            cells.append(f"beyond {replay.within:g} m" if nearest is None else str(nearest))
+        cells += ["; ".join(map(str, replay.omitted))]
         rows.append(cells)
     return rows
 
@@ -67,7 +70,8 @@ def main() -> None:
     parser.add_argument("--comparisons", action="store_true", help="also the comparisons of each scenario")
     parser.add_argument("--jobs", type=int, default=1)
     arguments = parser.parse_args()
-    table = Table("run", "position", "velocity", "effort", "nearest links", "touch at the start")
+    columns = ("run", "position", "velocity", "effort", "obstacles", "links", "touch at the start")
+    table = Table(*columns)
     work = (
         joblib.delayed(described)(source, arguments.comparisons) for source in arguments.sources or built_in_names()
     )

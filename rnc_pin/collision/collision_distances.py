@@ -14,7 +14,7 @@ from rnc_pin import _kernel
 from rnc_pin.collision.convex_shapes import bounding_box, convex_shape
 from rnc_pin.collision.distance_bounds import DistanceBounds, ShapePoses
 from rnc_pin.collision.flat_contacts import FlatParts, common_corners
-from rnc_pin.collision.obstacle import Obstacle
+from rnc_pin.collision.obstacle import Obstacle, check_ignored_links
 from rnc_pin.collision.pair_distances import PairDistances
 from rnc_pin.collision.pair_measurement import PairMeasurement
 from rnc_pin.collision.pair_selection import LinkPair, OmittedPair, PairSelection, select_pairs
@@ -42,18 +42,23 @@ class CollisionDistances:
     Attributes:
         pairs: checked pairs. The second body of the last ones is an obstacle.
         omitted: pairs of links that are not checked, and why.
+        shapes: convex shapes of the links, then those of the obstacles.
+        carriers: joint that carries each shape.
+        radii: radii of the spheres around the boxes around the shapes [m].
+        shape_pairs: first and second shape of each pair (2, k).
 
     Raises:
-        ModelError: the robot has no collision geometry, two obstacles share a name, or a rule names an unknown link.
+        ModelError: the robot has no collision geometry, two obstacles share a name, or a rule or an obstacle names an
+            unknown link.
 
     Example:
         >>> import coal
-        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
-        >>> box = rnc.collision.Obstacle(coal.Box(0.2, 0.2, 2.0), position=(2.45, 0.0, 0.0), name="box")
-        >>> distances = rnc.collision.CollisionDistances(robot, [box])
-        >>> nearest = distances.at(robot.configuration(), within=0.1)
-        >>> [distances.pairs[pair].label for pair in nearest.pairs], nearest.distance.round(6)  # two fingers
-        (['tip / box', 'tip / box'], array([0.05, 0.05]))
+        >>> robot = rnc.Robot.from_example("panda")
+        >>> shelf = rnc.collision.Obstacle(coal.Box(0.2, 0.8, 0.4), position=(0.6, 0.0, 0.2), name="shelf")
+        >>> distances = rnc.collision.CollisionDistances(robot, [shelf])
+        >>> nearest = distances.at(robot.configuration(), within=0.5)
+        >>> distances.pairs[nearest.pairs[nearest.distance.argmin()]].label
+        'panda_hand / shelf'
     """
 
     def __init__(
@@ -76,19 +81,21 @@ class CollisionDistances:
         self._model, self._data = robot.model, robot.model.createData()
         shapes = list(source.geometryObjects)
         links = [robot.model.frames[shape.parentFrame].name for shape in shapes]
-        self._joints = [int(shape.parentJoint) for shape in shapes] + [0] * len(self.obstacles)
+        self.carriers = [int(shape.parentJoint) for shape in shapes] + [0] * len(self.obstacles)
         self._geometry = _convex_geometry(robot, shapes, self.obstacles)
-        kept, omitted = select_pairs(robot.model, links, self._joints[: len(shapes)], selection or PairSelection())
+        check_ignored_links(self.obstacles, robot)
+        kept, omitted = select_pairs(robot.model, links, self.carriers[: len(shapes)], selection or PairSelection())
         kept += [
             LinkPair(link, len(shapes) + k, (links[link], obstacle.name))
             for k, obstacle in enumerate(self.obstacles)
             for link in range(len(shapes))
+            if links[link] not in obstacle.ignored_links
         ]
         self._placed = self._geometry.createData()
         own = np.array([shape.placement.homogeneous for shape in self._geometry.geometryObjects])
         self._own_rotations, self._own_origins = own[:, :3, :3].copy(), own[:, :3, 3].copy()
-        self._carriers = np.array(self._joints[: len(shapes)])
-        self._shapes = [shape.geometry for shape in self._geometry.geometryObjects]
+        self._link_carriers = np.array(self.carriers[: len(shapes)])
+        self.shapes = [shape.geometry for shape in self._geometry.geometryObjects]
         self._flat: dict[int, FlatParts] = {}
         self._moving = [k for k, obstacle in enumerate(self.obstacles) if obstacle.motion is not None]
         self._use(kept)
@@ -121,7 +128,7 @@ class CollisionDistances:
             q = self._validator.validate(q)
         self._place(q, t)
         near = self._bounds.nearby(self._at, within)
-        found = self._measure(near)
+        found = self.measure(near)
         self._bounds.measured(near, found[:, 0])
         if within < np.inf:
             inside = found[:, 0] < within
@@ -134,49 +141,73 @@ class CollisionDistances:
     def smallest(self, q: ArrayLike, t: float = 0.0, beyond: float = 0.0) -> np.ndarray:
         """Distance of every pair (k,) [m]; pairs farther than ``beyond`` may have a lower bound instead."""
         self._place(self._validator.validate(q), t)
-        bounds = self._bounds.of_volumes(self._at)
+        bounds = self.lower_bounds()
         near = np.flatnonzero(bounds < beyond)
-        bounds[near] = self._measure(near)[:, 0]
+        bounds[near] = self.measure(near)[:, 0]
         return bounds
 
-    @property
-    def poses(self) -> ShapePoses:
-        """Poses of all shapes, those of the obstacles last, at the configuration that was evaluated last."""
-        return self._at
+    # ------------------------------------------------------------------ along motions
 
     @property
-    def radii(self) -> np.ndarray:
-        """Radii (s,) of spheres about the middles of all shapes that contain them [m]."""
-        return self._radii
+    def link_shapes(self) -> int:
+        """Number of shapes of links; the shapes of obstacles follow."""
+        return len(self.carriers) - len(self.obstacles)
+
+    def place(self, q: np.ndarray, t: float) -> tuple[ShapePoses, np.ndarray]:
+        """Place all bodies for ``lower_bounds`` and ``measure``.
+
+        Args:
+            q: configuration (nq,).
+            t: time, for obstacles that move [s].
+
+        Returns:
+            Poses of the shapes, and the origins in the world of all joints and of the obstacles that move, (j, 3) [m].
+        """
+        moving = [self.link_shapes + k for k in self._moving]
+        for k, shape in zip(self._moving, moving, strict=True):
+            self._geometry.geometryObjects[shape].placement = self.obstacles[k].placement(t)
+        pin.forwardKinematics(self._model, self._data, q)
+        joints = np.array([each.homogeneous for each in self._data.oMi])
+        self._place_by(joints[:, :3].swapaxes(1, 2).reshape(-1, 12))
+        return self._at, np.concatenate([joints[:, :3, 3], self._at.origins[moving]])
+
+    def lower_bounds(self) -> np.ndarray:
+        """Lower bounds (k,) of the distances of all pairs [m] by bounding volumes, as placed."""
+        return self._bounds.of_volumes(self._at)
+
+    def measure(self, pairs: np.ndarray) -> np.ndarray:
+        """Distance, normal and nearest points of pairs, (k, 10), as placed."""
+        listed: list[int] = pairs.tolist()
+        self._measurement.place(listed, self._at.rotations, self._at.origins)
+        return self._measurement.measure(listed)
 
     # ------------------------------------------------------------------ set-up
 
     def _use(self, pairs: Sequence[LinkPair]) -> None:
         self.pairs = tuple(pairs)
-        self._first = np.array([pair.first for pair in pairs], dtype=int)
-        self._second = np.array([pair.second for pair in pairs], dtype=int)
-        self._measurement = PairMeasurement(self._shapes, self.pairs)
+        self.shape_pairs = np.array([pair[:2] for pair in pairs], dtype=int).reshape(-1, 2).T
+        self._measurement = PairMeasurement(self.shapes, self.pairs)
         boxes = [bounding_box(shape.geometry, shape.name) for shape in self._geometry.geometryObjects]
         self._centers, halves = (np.array([box[k] for box in boxes]) for k in (0, 1))
-        self._bounds, self._radii = DistanceBounds(self._first, self._second, halves), np.linalg.norm(halves, axis=1)
-        support = np.zeros((len(self._joints), self._model.nv))
-        for k, joint in enumerate(self._joints):
+        self.radii = np.linalg.norm(halves, axis=1)
+        self._bounds = DistanceBounds(self.shape_pairs[0], self.shape_pairs[1], halves)
+        support = np.zeros((len(self.carriers), self._model.nv))
+        for k, joint in enumerate(self.carriers):
             for above in self._model.supports[joint]:
                 if above:
                     start = self._model.joints[above].idx_v
                     support[k, start : start + self._model.joints[above].nv] = 1.0
-        self._signs = support[self._second] - support[self._first]
+        self._signs = support[self.shape_pairs[1]] - support[self.shape_pairs[0]]
 
     def _touching(self, q0: np.ndarray) -> dict[int, OmittedPair]:
         """Pairs of links that touch at a configuration, by index."""
         if q0.ndim != 1:
             raise InputError(f"q0 has shape {q0.shape}, expected ({self.robot.nq},)")
-        last = len(self._joints) - len(self.obstacles)
         found = self.at(q0, within=1e-9)
         return {
-            int(k): OmittedPair(self.pairs[k].names, f"overlap by {-distance:.4f} m at the reference configuration")
-            for k, distance in zip(found.pairs, found.distance, strict=True)
-            if self.pairs[k].second < last
+            int(k): OmittedPair(self.pairs[k].names, f"overlap by {depth:.4f} m at the reference configuration", depth)
+            for k, depth in zip(found.pairs, (-found.distance).tolist(), strict=True)
+            if self.pairs[k].second < self.link_shapes
         }
 
     # ------------------------------------------------------------------ one configuration
@@ -187,7 +218,7 @@ class CollisionDistances:
         q = at.q if isinstance(at, ConfigurationEvaluation) else at
         if q.ndim != 1:
             raise InputError(f"q has shape {q.shape}, expected ({self.robot.nq},)")
-        links = len(self._joints) - len(self.obstacles)
+        links = self.link_shapes
         for k in self._moving:
             self._geometry.geometryObjects[links + k].placement = self.obstacles[k].placement(t)
         if known is not None:
@@ -203,19 +234,13 @@ class CollisionDistances:
     def _place_by(self, joints: np.ndarray) -> None:
         """Place all shapes by joint placements (njoints, 12): the columns of a rotation, then a translation."""
         rotations, origins = self._own_rotations, self._own_origins
-        links = len(self._joints) - len(self.obstacles)
+        links = self.link_shapes
         if self._moving:
             rotations, origins = rotations.copy(), origins.copy()
         for k in self._moving:
             placement = self._geometry.geometryObjects[links + k].placement
             rotations[links + k], origins[links + k] = placement.rotation, placement.translation
-        self._at = ShapePoses.carried(joints, self._carriers, rotations, origins, self._centers)
-
-    def _measure(self, pairs: np.ndarray) -> np.ndarray:
-        """Distance, normal and nearest points of pairs, (k, 10)."""
-        listed: list[int] = pairs.tolist()
-        self._measurement.place(listed, self._at.rotations, self._at.origins)
-        return self._measurement.measure(listed)
+        self._at = ShapePoses.carried(joints, self._link_carriers, rotations, origins, self._centers)
 
     def _with_corners(self, near: np.ndarray, found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Add the corners of parallel faces and edges: pairs, and ten numbers of each, nearest points first."""
@@ -225,7 +250,7 @@ class CollisionDistances:
             for k, direction in zip(self.pairs[pair][:2], (normal, -normal), strict=True):
                 rotation = self._at.rotations[k]
                 if k not in self._flat:
-                    self._flat[k] = FlatParts(self._shapes[k])
+                    self._flat[k] = FlatParts(self.shapes[k])
                 sides.append(self._flat[k].towards(rotation.T @ direction) @ rotation.T + self._at.origins[k])
             extra = common_corners(sides[0], sides[1], normal)
             pairs.append(np.full(len(extra), pair))
@@ -239,9 +264,9 @@ class CollisionDistances:
         distance, normal, a, b = found[:, 0], found[:, 1:4], found[:, 4:7], found[:, 7:10]
         jacobian = self._rate_rows(near, found)
         drift = np.zeros(len(near))
-        links = len(self._joints) - len(self.obstacles)
+        links = self.link_shapes
         for k in self._moving:
-            of_it = self._second[near] == links + k
+            of_it = self.shape_pairs[1][near] == links + k
             if of_it.any():
                 twist, origin = self.obstacles[k].twist(t), self.obstacles[k].placement(t).translation
                 drift[of_it] = normal[of_it] @ twist[:3] + _cross(b[of_it] - origin, normal[of_it]) @ twist[3:]

@@ -18,6 +18,7 @@ from rnc_pin.robots.sources.mesh_formats import Mesh, MeshError, convex_hull
 
 _THICKNESS = 1e-3  # thickness of the hull of a flat mesh over its extent
 _LARGEST = 1e3  # [m]; no finite bounding sphere is of use beyond it
+_BEYOND = 1e6  # [m]; half side of the box that stands for a half space in the broad phase
 _PRIMITIVES = (coal.Box, coal.Sphere, coal.Cylinder, coal.Capsule, coal.Cone, coal.Ellipsoid, coal.Convex)
 
 
@@ -85,11 +86,16 @@ def _thickened(points: np.ndarray) -> np.ndarray:
 def bounding_box(shape: coal.CollisionGeometry, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Return centre and half sides, (3,) each [m], of the box around a shape in its own frame.
 
+    The box of a half space ends at its surface, if its normal is an axis, and 1000 km away.
+
     Raises:
         ModelError: the shape is not finite.
     """
     shape.computeLocalAABB()
     low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
+    if isinstance(shape, coal.Halfspace):
+        low, high = np.clip(low, -_BEYOND, _BEYOND), np.clip(high, -_BEYOND, _BEYOND)
+        return 0.5 * (low + high), 0.5 * (high - low)
     if not (np.abs([low, high]) < _LARGEST).all():
         raise ModelError(f"shape '{name}' extends beyond {_LARGEST:g} m: distances need a finite shape")
     return 0.5 * (low + high), 0.5 * (high - low)

@@ -21,6 +21,8 @@ MOST_CORNERS = 8
 _RIM = np.linspace(0.0, 2 * np.pi, _SIDES, endpoint=False)
 _OCTAGON = np.stack([np.cos(_RIM), np.sin(_RIM), 0.0 * _RIM], axis=1) / np.cos(np.pi / _SIDES)
 """Corners of the octagon around a unit circle."""
+_PLANE = 1e4  # [m]; half side of the square that stands for a plane
+_SQUARE = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
 _CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
 
@@ -28,7 +30,7 @@ class FlatParts:
     """Faces and edges of a convex shape, found by direction.
 
     Args:
-        shape: box, cylinder, capsule or hull; other shapes have no flat parts.
+        shape: box, cylinder, capsule, hull or half space; other shapes have no flat parts.
     """
 
     def __init__(self, shape: coal.CollisionGeometry) -> None:
@@ -37,6 +39,10 @@ class FlatParts:
             points = _CORNERS * shape.halfSide
         elif isinstance(shape, coal.Convex):
             points = np.array(shape.points())
+        elif isinstance(shape, coal.Halfspace):
+            normal = np.ravel(shape.n)
+            across = np.linalg.svd(normal[None])[2][1:]
+            points = shape.d * normal + _PLANE * (_SQUARE @ across)
         elif isinstance(shape, coal.Capsule | coal.Cylinder):
             points = np.array([[0.0, 0.0, -shape.halfLength], [0.0, 0.0, shape.halfLength]])
             self._radius = float(shape.radius)

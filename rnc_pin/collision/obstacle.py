@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -12,7 +13,8 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from rnc_pin.collision.convex_shapes import bounding_box, convex_shape, hull_of
-from rnc_pin.errors import InputError, ModelError
+from rnc_pin.errors import InputError, ModelError, nearest
+from rnc_pin.robots.robot import Robot
 from rnc_pin.robots.sources.mesh_formats import MeshError, read_mesh
 
 
@@ -39,16 +41,19 @@ class Obstacle:
 
     Args:
         shape: a coal shape: ``coal.Box(x, y, z)``, ``coal.Sphere(radius)``, ``coal.Cylinder(radius, length)`` and
-            ``coal.Capsule(radius, length)`` along z, or the result of ``load_mesh_shape``. A mesh counts as its hull.
+            ``coal.Capsule(radius, length)`` along z, ``coal.Halfspace(normal, offset)``, or the result of
+            ``load_mesh_shape``. A mesh counts as its hull. ``ground_shape()`` is a floor.
         position: position of the shape's centre in the world (3,) [m].
         yaw: rotation about the world's z [rad], after roll and pitch.
         roll: rotation about x [rad].
         pitch: rotation about y [rad].
         name: unique name.
         motion: x, y, z and yaw over time; it replaces ``position`` and ``yaw``. Roll and pitch are constant.
+        ignored_links: names of links whose distances to this obstacle do not matter, such as wheels on a floor.
 
     Raises:
-        InputError: a number is not finite, a size is not positive, or the motion does not have four numbers.
+        InputError: a number is not finite, a size is not positive, the motion does not have four numbers, or
+            ``ignored_links`` are no names.
         ModelError: the shape is not convex and not a mesh.
 
     Example:
@@ -69,6 +74,7 @@ class Obstacle:
     pitch: float = 0.0
     name: str = "obstacle"
     motion: ObstacleMotion | None = None
+    ignored_links: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         title = f"obstacle '{self.name}'"
@@ -85,11 +91,20 @@ class Obstacle:
         sizes = _sizes(self.shape)
         if not all(0 < size < np.inf for size in sizes):
             raise InputError(f"{title}: sizes have to be positive and finite, found {[float(size) for size in sizes]}")
-        object.__setattr__(self, "shape", convex_shape(self.shape, self.name))
+        if isinstance(self.ignored_links, str) or not all(isinstance(each, str) for each in self.ignored_links):
+            raise InputError(f"{title}: ignored_links takes names of links, found {self.ignored_links!r}")
+        object.__setattr__(self, "ignored_links", tuple(self.ignored_links))
+        if not isinstance(self.shape, coal.Halfspace):
+            object.__setattr__(self, "shape", convex_shape(self.shape, self.name))
         bounding_box(self.shape, self.name)
         fixed = numbers[:3].copy()
         fixed.flags.writeable = False
         object.__setattr__(self, "position", fixed)
+
+    @property
+    def unbounded(self) -> bool:
+        """True for a half space, which has no outline."""
+        return isinstance(self.shape, coal.Halfspace)
 
     def placement(self, t: float) -> pin.SE3:
         """Pose in the world at time t [s]."""
@@ -107,6 +122,32 @@ class Obstacle:
         if self.motion is None:
             return np.append(np.asarray(self.position), self.yaw)
         return np.asarray(self.motion.at(t).position, dtype=float)
+
+
+def ground_shape() -> coal.Halfspace:
+    """Half space below the plane z = 0 of its own frame: the shape of a floor.
+
+    Example:
+        >>> wheels = ("wheel_left_link", "wheel_right_link")
+        >>> floor = rnc.collision.Obstacle(rnc.collision.ground_shape(), name="floor", ignored_links=wheels)
+        >>> floor.unbounded
+        True
+    """
+    return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
+
+
+def check_ignored_links(obstacles: Iterable[Obstacle], robot: Robot) -> None:
+    """Check that the robot has the links that obstacles ignore.
+
+    Raises:
+        ModelError: it has no such link.
+    """
+    for obstacle in obstacles:
+        for name in obstacle.ignored_links:
+            if not robot.model.existFrame(name):
+                links = [frame.name for frame in robot.model.frames if frame.type == pin.FrameType.BODY]
+                close = nearest(name, links)
+                raise ModelError(f"obstacle '{obstacle.name}': ignored_links: no link '{name}'{close}")
 
 
 def _sizes(shape: coal.CollisionGeometry) -> list[float]:

@@ -41,10 +41,15 @@ class OmittedPair(NamedTuple):
     Attributes:
         names: names of the two bodies.
         reason: the reason, in words.
+        depth: depth of the overlap [m]; zero for other reasons.
     """
 
     names: tuple[str, str]
     reason: str
+    depth: float = 0.0
+
+    def __str__(self) -> str:
+        return f"{' / '.join(self.names)}: {self.reason}"
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
+from rnc_pin.collision import continuous_distances
 from rnc_pin.errors import RncError
 from rnc_pin.optimal.action_models import Nodes
 from rnc_pin.optimal.bounds import Clearance
-from rnc_pin.optimal.closest_approach import ClosestApproach
 from rnc_pin.optimal.motion_plan import Integration, PlanVerification
 from rnc_pin.optimal.transcription import Iterate, Transcription
 
@@ -186,8 +186,11 @@ def _peaks(values: Float[Array, "n k"], substeps: int) -> Float[Array, "n k"]:
 
 
 def _too_near(bound: Clearance, times: Array, q: Array, accuracy: float) -> Iterator[Excess]:
-    search = ClosestApproach(bound.distances, bound.clearance, 0.5 * accuracy)
-    for found in search.along(times, q):
-        title = f"distance of {found.names[0]} and {found.names[1]}"
-        amount = bound.clearance - found.distance
-        yield Excess(bound.quantity, title, amount, "m", found.time, found.distance, bound.clearance)
+    """Pairs that come nearer than the clearance at any time, or of which this is not certain."""
+    found = continuous_distances(bound.distances, times, q, bound.clearance, 0.5 * accuracy)
+    for k, pair in enumerate(bound.distances.pairs):
+        distance = 0.0 if found.uncertain[k] else float(found.smallest[k])
+        if distance < bound.clearance:
+            title = f"distance of {pair.names[0]} and {pair.names[1]}"
+            amount = bound.clearance - distance
+            yield Excess(bound.quantity, title, amount, "m", float(found.time[k]), distance, bound.clearance)

@@ -11,7 +11,7 @@ from typing import cast
 import numpy as np
 
 from rnc_pin.analysis import Grip
-from rnc_pin.collision import Obstacle
+from rnc_pin.collision import Obstacle, check_ignored_links
 from rnc_pin.control import Controller, ZeroInput, describe
 from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError, RncError, nearest
 from rnc_pin.io.json import Json
@@ -165,6 +165,7 @@ def experiment_at(
     assert scenario.simulation is not None
     task = build_task(scenario, reduced)
     obstacles = build_obstacles(scenario.obstacles, folder)
+    check_ignored_links(obstacles, reduced.robot)
     motion = None
     if scenario.planner is not None:
         motion = (Plans() if plans is None else plans).plan(scenario, reduced, Start(q0, v2_0), obstacles)

@@ -47,9 +47,10 @@ def judged_summary(
     """
     scenario = experiment.scenario
     summary = run_summary(experiment, run, wall_time)
-    replay = _replay(experiment, run) if len(run.time) else None
+    asked = _asked(experiment)
+    replay = _replay(experiment, run, asked) if len(run.time) else None
     errors = _goal_errors(experiment, run, summary) if goals and run.outcome is Outcome.COMPLETED else {}
-    more = [*experiment.findings, *(() if replay is None else distance_findings(replay, _asked(experiment)))]
+    more = [*experiment.findings, *(() if replay is None else distance_findings(replay, asked))]
     verdict = judge(
         run,
         replay,
@@ -99,10 +100,10 @@ def _goal_errors(experiment: Experiment, run: Trajectory, summary: Summary) -> d
     return errors
 
 
-def _replay(experiment: Experiment, run: Trajectory) -> LimitReplay:
+def _replay(experiment: Experiment, run: Trajectory, asked: float | None) -> LimitReplay:
     step = max(_REPLAY_STEP, float(run.time[-1]) / _REPLAYED)
     robot, obstacles = experiment.reduced.robot, experiment.obstacles
-    return replay_limits(robot, run, obstacles, step=step, within=REPLAY_DISTANCE)
+    return replay_limits(robot, run, obstacles, step=step, within=max(REPLAY_DISTANCE, asked or 0.0))
 
 
 def _asked(experiment: Experiment) -> float | None:

@@ -8,7 +8,14 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
+from rnc_pin.collision import (
+    CollisionDistances,
+    ContinuousDistances,
+    Obstacle,
+    OmittedPair,
+    PairSelection,
+    continuous_distances,
+)
 from rnc_pin.errors import InputError
 from rnc_pin.robots.joint_values import NO_LIMIT
 from rnc_pin.robots.robot import Robot
@@ -54,15 +61,20 @@ class Clearance(NamedTuple):
 
     Attributes:
         names: the two bodies; the second may be an obstacle.
-        distance: smallest signed distance [m]; negative for penetration.
-        time: time of the smallest distance [s].
+        distance: smallest signed distance [m]; negative for penetration. It is certain to a tolerance, between the
+            samples of the run too.
+        time: time of the smallest distance [s]; it may be between two samples.
         obstacle: True if the second body is an obstacle.
+        constant: True if the distance does not change during the run.
+        uncertain: True if the run is too fast between its samples for the tolerance.
     """
 
     names: tuple[str, str]
     distance: float
     time: float
     obstacle: bool
+    constant: bool = False
+    uncertain: bool = False
 
     def __str__(self) -> str:
         words = "distance" if self.distance > 0 else "penetration"
@@ -82,15 +94,17 @@ class LimitReplay:
         distances: distances (N, k) of the pairs in ``clearances`` over time [m]. Beyond ``within`` they are lower
             bounds.
         within: distance up to which distances are exact [m].
+        tolerance: tolerance of the distances in ``clearances`` [m]; zero without collision geometry.
     """
 
     uses: tuple[LimitUse, ...]
     clearances: tuple[Clearance, ...]
-    omitted: tuple[str, ...]
+    omitted: tuple[OmittedPair, ...]
     time: np.ndarray
     excesses: np.ndarray
     distances: np.ndarray
     within: float
+    tolerance: float = 0.0
 
     @property
     def violations(self) -> tuple[LimitUse, ...]:
@@ -101,6 +115,17 @@ class LimitReplay:
     def collisions(self) -> tuple[Clearance, ...]:
         """Pairs that penetrate each other in the run."""
         return tuple(each for each in self.clearances if each.distance < -ROUNDING)
+
+    def nearest(self, obstacle: bool) -> Clearance | None:
+        """Pair with the smallest distance; None if none comes near.
+
+        Args:
+            obstacle: True for pairs of a link and an obstacle; False for pairs of links, without those whose distance
+                does not change during the run.
+        """
+        return next(
+            (each for each in self.clearances if each.obstacle is obstacle and (obstacle or not each.constant)), None
+        )
 
     def worst(self, kind: LimitKind) -> LimitUse | None:
         """Limit of a kind with the largest excess; None without such limits."""
@@ -115,7 +140,7 @@ def replay_limits(
     step: float = 0.0,
     within: float = 0.05,
 ) -> LimitReplay:
-    """Replay a trajectory and return how much of each limit it uses, and the distances of pairs over time.
+    """Replay a trajectory and return how much of each limit it uses, and the smallest distances of pairs.
 
     Limits of position and velocity, and those of the effort of driven joints, come from the robot's file.
 
@@ -124,7 +149,8 @@ def replay_limits(
         trajectory: a run.
         obstacles: bodies in the world.
         selection: rules for pairs of links; by default all pairs that are not adjacent.
-        step: time between the samples whose distances are computed [s]; every sample by default.
+        step: time between the samples whose distances are over time in the result [s]; every sample by default.
+            Smallest distances are those of the whole motion, whose joints move at constant rate from sample to sample.
         within: distance up to which distances are exact [m].
 
     Raises:
@@ -144,27 +170,27 @@ def replay_limits(
         raise InputError("the run has no samples")
     found = [*_positions(robot, trajectory), *_rates(robot, trajectory), *_efforts(robot, trajectory)]
     every = _spaced(trajectory.time, step)
-    time, q, uses = trajectory.time[every], trajectory.q[every], tuple(use for use, _ in found)
+    time, uses = trajectory.time[every], tuple(use for use, _ in found)
     excesses = np.array([excess[every] for _, excess in found]).reshape(len(found), len(every)).T
     model = robot.collision_model
     if model is None or not len(model.geometryObjects):
         return LimitReplay(uses, (), (), time, excesses, np.zeros((len(every), 0)), within)
     checked = CollisionDistances(robot, obstacles, selection, q0=trajectory.q[0])
-    omitted = tuple(
-        f"{' / '.join(each.names)}: {each.reason}" for each in checked.omitted if each.reason.startswith("overlap")
-    )
-    over_time = np.array([checked.smallest(q_k, t, within) for t, q_k in zip(time.tolist(), q, strict=True)])
-    first = over_time.argmin(axis=0) if over_time.size else np.zeros(0, dtype=int)
-    lowest = over_time[first, np.arange(over_time.shape[1])]
-    near = [int(k) for k in np.argsort(lowest, kind="stable") if lowest[k] < within]
-    clearances = tuple(_clearance(checked, k, float(lowest[k]), float(time[first[k]])) for k in near)
-    return LimitReplay(uses, clearances, omitted, time, excesses, over_time[:, near], within)
+    omitted = tuple(each for each in checked.omitted if each.reason.startswith("overlap"))
+    measured = continuous_distances(checked, trajectory.time, trajectory.q, within, samples=every)
+    smallest = measured.smallest
+    near = [int(k) for k in np.argsort(smallest, kind="stable") if smallest[k] < within]
+    clearances = tuple(_clearance(checked, measured, k) for k in near)
+    curves = measured.at_samples[:, near]
+    return LimitReplay(uses, clearances, omitted, time, excesses, curves, within, measured.tolerance)
 
 
 def obstacles_passed(
     robot: Robot, time: np.ndarray, q: np.ndarray, obstacles: Sequence[Obstacle]
 ) -> tuple[Clearance, ...]:
     """Return the deepest penetration of each obstacle along a motion, deepest first; empty without collision geometry.
+
+    Joints move at constant rate between the given configurations.
 
     Args:
         robot: the robot.
@@ -176,18 +202,18 @@ def obstacles_passed(
     if model is None or not len(model.geometryObjects):
         return ()
     checked = CollisionDistances(robot, obstacles, PairSelection(links=False))
-    over_time = np.array([checked.smallest(q_k, t) for t, q_k in zip(time.tolist(), q, strict=True)])
-    first, found = over_time.argmin(axis=0), dict[str, Clearance]()
-    for k in np.argsort(over_time.min(axis=0), kind="stable").tolist():
-        passed = _clearance(checked, k, float(over_time[first[k], k]), float(time[first[k]]))
+    distances, found = continuous_distances(checked, time, q, within=0.0), dict[str, Clearance]()
+    for k in np.argsort(distances.smallest, kind="stable").tolist():
+        passed = _clearance(checked, distances, k)
         if passed.distance < -ROUNDING:
             found.setdefault(passed.names[1], passed)
     return tuple(found.values())
 
 
-def _clearance(checked: CollisionDistances, pair: int, distance: float, time: float) -> Clearance:
-    chosen = checked.pairs[pair]
-    return Clearance(chosen.names, distance, time, chosen.names[1] in {each.name for each in checked.obstacles})
+def _clearance(checked: CollisionDistances, found: ContinuousDistances, pair: int) -> Clearance:
+    names, obstacle = checked.pairs[pair].names, checked.pairs[pair].second >= checked.link_shapes
+    kind = bool(found.constant[pair]), bool(found.uncertain[pair])
+    return Clearance(names, float(found.smallest[pair]), float(found.time[pair]), obstacle, *kind)
 
 
 def _spaced(time: np.ndarray, step: float) -> np.ndarray:

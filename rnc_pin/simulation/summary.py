@@ -9,7 +9,7 @@ import numpy as np
 
 from rnc_pin.analysis import first_lift_off
 from rnc_pin.io.json import Json
-from rnc_pin.simulation.limit_replay import LIMIT_KINDS, LimitReplay
+from rnc_pin.simulation.limit_replay import LIMIT_KINDS, Clearance, LimitReplay
 from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.verdict import Verdict
 
@@ -91,10 +91,11 @@ class Summary(Compared):
     ``energy_drift`` is the largest change of ``energy - work``, relative to the range of energy in the run, or to the
     energy itself where that is constant. It is None if the plant does not provide work.
     ``lift_off`` is None if no contact lifts off, or if normal forces are unknown.
-    ``joint_limits`` has the worst limit of each kind. ``smallest_distance`` is None if no bodies come near. Both are in
-    summaries of scenarios. ``limits_gave_way`` has the largest amounts by which limits of a whole-body program
-    gave way to others; it is missing if none did. ``goals_missed`` has the errors of goals that a completed run of a
-    scenario did not reach within ``goal_tolerance``; it is missing if it reached all.
+    ``joint_limits`` has the worst limit of each kind. ``smallest_distance`` is that of a link and an obstacle;
+    ``smallest_own_distance`` is that of two links whose distance changes. They are None if no such bodies come near.
+    All three are in summaries of scenarios. ``limits_gave_way`` has the largest amounts by which limits of a
+    whole-body program gave way to others; it is missing if none did. ``goals_missed`` has the errors of goals that a
+    completed run of a scenario did not reach within ``goal_tolerance``; it is missing if it reached all.
     ``verdict`` is "succeeded", "degraded" or "failed", with its ``findings`` and the kinds that are ``accepted``.
     ``first_finding`` fails or degrades the run; it is missing if no finding does.
     ``phases`` and ``impacts`` are in summaries of runs with phases.
@@ -116,6 +117,7 @@ class Summary(Compared):
     impacts: NotRequired[list[ImpactSummary]]
     joint_limits: NotRequired[dict[str, WorstLimit]]
     smallest_distance: NotRequired[NearestBodies | None]
+    smallest_own_distance: NotRequired[NearestBodies | None]
     touching_at_start: NotRequired[list[str]]
     verdict: NotRequired[str]
     findings: NotRequired[list[dict[str, Json]]]
@@ -212,23 +214,23 @@ def add_verdict(summary: Summary, verdict: Verdict) -> None:
 
 
 def add_limits(summary: Summary, replay: LimitReplay) -> None:
-    """Add the largest use of joint limits and the smallest distance of a replay to a summary."""
+    """Add the largest use of joint limits and the smallest distances of a replay to a summary."""
     worst = {kind: replay.worst(kind) for kind in LIMIT_KINDS}
     summary["joint_limits"] = {
         kind: {"joint": use.name, "excess": use.excess, "time": use.time}
         for kind, use in worst.items()
         if use is not None
     }
-    summary["smallest_distance"] = None
-    if replay.clearances:
-        nearest = replay.clearances[0]
-        summary["smallest_distance"] = {
-            "bodies": list(nearest.names),
-            "distance": nearest.distance,
-            "time": nearest.time,
-        }
+    summary["smallest_distance"] = _nearest(replay.nearest(obstacle=True))
+    summary["smallest_own_distance"] = _nearest(replay.nearest(obstacle=False))
     if replay.omitted:
-        summary["touching_at_start"] = list(replay.omitted)
+        summary["touching_at_start"] = [str(each) for each in replay.omitted]
+
+
+def _nearest(found: Clearance | None) -> NearestBodies | None:
+    if found is None:
+        return None
+    return {"bodies": list(found.names), "distance": found.distance, "time": found.time}
 
 
 def _lift_off(trajectory: Trajectory) -> LiftedOff | None:

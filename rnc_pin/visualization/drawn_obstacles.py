@@ -16,10 +16,20 @@ from rnc_pin.visualization.meshcat_scene import MeshcatScene
 
 _ROUND = 32  # points of a circle
 _OPACITY = 0.75
+_PATCH, _SLAB = 10.0, 0.01  # half side and thickness of the drawn part of a half space [m]
+_PALE = 0.3  # its opacity
 
 
 def surface_points(shape: coal.CollisionGeometry) -> np.ndarray:
-    """Points (n, 3) [m] on a convex shape, in its own frame; their hull is the shape, apart from roundness."""
+    """Points (n, 3) [m] on a convex shape, in its own frame; their hull is the shape, apart from roundness.
+
+    Of a half space, the hull is a square slab below its surface.
+    """
+    if isinstance(shape, coal.Halfspace):
+        normal = np.ravel(shape.n)
+        across = _PATCH * np.linalg.svd(normal[None])[2][1:]
+        corners = [a * across[0] + b * across[1] for a in (-1.0, 1.0) for b in (-1.0, 1.0)]
+        return np.array([(shape.d - depth) * normal + corner for depth in (0.0, _SLAB) for corner in corners])
     if isinstance(shape, coal.Convex):
         return np.array(shape.points())
     if isinstance(shape, coal.Sphere):
@@ -68,7 +78,8 @@ class ObstacleElement(Element):
         self._drawn = False
 
     def build(self, scene: MeshcatScene) -> None:
-        scene.mesh(self._node, _drawable(self._obstacle.shape), GREY, _OPACITY)
+        opacity = _PALE if self._obstacle.unbounded else _OPACITY
+        scene.mesh(self._node, _drawable(self._obstacle.shape), GREY, opacity)
 
     def update(self, scene: MeshcatScene, state: DrawnState) -> None:
         if self._obstacle.motion is None and self._drawn:
@@ -87,6 +98,6 @@ def _drawable(shape: coal.CollisionGeometry) -> mg.Geometry:
 
 
 def corners_over_time(obstacles: Sequence[Obstacle], times: Sequence[float]) -> np.ndarray:
-    """Points (n, 3) [m] on all obstacles at some times [s], for the camera."""
-    points = [points_at(obstacle, t) for obstacle in obstacles for t in times]
+    """Points (n, 3) [m] on all bounded obstacles at some times [s], for the camera."""
+    points = [points_at(obstacle, t) for obstacle in obstacles if not obstacle.unbounded for t in times]
     return np.concatenate(points) if points else np.zeros((0, 3))

@@ -90,7 +90,8 @@ def plot_top_view(
     paths = ground_paths(trajectory)
     if not paths:
         raise InputError("the run has no path for a top view: no body on the ground, no planar frame with x and y")
-    outlines = [outline(each, t) for each in obstacles for t in trajectory.time[[0, -1]].tolist()]
+    bounded = [each for each in obstacles if not each.unbounded]
+    outlines = [outline(each, t) for each in bounded for t in trajectory.time[[0, -1]].tolist()]
     if robot is not None:
         outlines += [each for q in trajectory.q[[0, -1]] for each in footprints(robot, q)]
     across, up = np.ptp(np.concatenate([*(path.points for path in paths), *outlines]), axis=0)

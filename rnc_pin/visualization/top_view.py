@@ -94,9 +94,11 @@ def ground_paths(run: Trajectory) -> list[GroundPath]:
 
 
 def draw_obstacles(axes: Axes, obstacles: Sequence[Obstacle], time: np.ndarray) -> list[ps.LegendEntry]:
-    """Draw the outlines of obstacles: filled at the start; those that move also at the end, with their paths."""
+    """Draw the outlines of bounded obstacles: filled at the start; those that move also at the end, with paths."""
     lines = []
     for obstacle in obstacles:
+        if obstacle.unbounded:
+            continue
         first = outline(obstacle, float(time[0]))
         axes.fill(*first.T, color=_BODY, alpha=0.5, zorder=0)
         lines += axes.plot(*np.concatenate([first, first[:1]]).T, color=_EDGE, lw=0.9, zorder=0.5)

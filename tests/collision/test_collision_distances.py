@@ -7,7 +7,8 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin import _kernel
-from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
+from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection, ground_shape
+from tolerances import ROUNDING
 
 STEP = 1e-6  # of differences [s]
 
@@ -219,6 +220,60 @@ def test_rules_of_pairs(tiago):
     alone = CollisionDistances(tiago, [ball], PairSelection(links=False))
     assert {pair.names[1] for pair in alone.pairs} == {"ball"}
     assert len(alone.pairs) == len(tiago.collision_model.geometryObjects)
+
+
+@pytest.mark.parametrize("within", [np.inf, 0.3])
+def test_distances_to_a_slope_are_heights(tiago, within):
+    """Along its normal, minus the support of each link; also beside the broad phase."""
+    slope = Obstacle(ground_shape(), position=(2.0, -1.0, 0.1), roll=0.2, pitch=-0.3, yaw=1.0, name="slope")
+    distances = CollisionDistances(tiago, [slope], PairSelection(links=False))
+    generator, pose = np.random.default_rng(2), slope.placement(0.0)
+    normal, checked = pose.rotation[:, 2], 0
+    for _ in range(5):
+        q = tiago.random_configuration(generator, 1.0)
+        found, data = distances.at(q, within=within), tiago.model.createData()
+        pin.forwardKinematics(tiago.model, data, q)
+        every = []
+        for shape in tiago.collision_model.geometryObjects:
+            place = data.oMi[shape.parentJoint] * shape.placement
+            height = normal @ (place.translation - pose.translation)
+            every.append(height - support(shape.geometry, -place.rotation.T @ normal))
+        near = np.array(every) < within
+        np.testing.assert_array_equal(found.pairs, np.flatnonzero(near))
+        np.testing.assert_allclose(found.distance, np.array(every)[near], atol=ROUNDING)
+        np.testing.assert_allclose(found.normal, np.broadcast_to(-normal, (near.sum(), 3)), atol=ROUNDING)
+        checked += near.sum()
+    assert checked > 20
+
+
+def test_a_box_over_a_floor_has_a_gap_at_each_corner():
+    model, geometry = pin.Model(), pin.GeometryModel()
+    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "free")
+    model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+    frame = model.addFrame(pin.Frame("box", joint, 0, pin.SE3.Identity(), pin.FrameType.BODY))
+    geometry.addGeometryObject(pin.GeometryObject("box_0", joint, frame, pin.SE3.Identity(), coal.Box(0.4, 0.6, 0.2)))
+    robot = rnc.Robot(model, geometry, geometry)
+    floor = Obstacle(ground_shape(), position=(3.0, 4.0, 0.05), name="floor")
+    turned = pin.SE3ToXYZQUAT(pin.SE3(pin.rpy.rpyToMatrix(0.01, 0.0, 0.7), np.array([1.0, 2.0, 0.3])))
+    found = CollisionDistances(robot, [floor]).at(turned, corners=True)
+    side = 0.3 * np.sin(0.01)
+    expected = 0.3 - 0.1 * np.cos(0.01) - 0.05 + np.array([-side, side])
+    assert found.distance[0] == pytest.approx(expected[0], abs=1e-9)
+    np.testing.assert_allclose(np.sort(found.distance[1:]), np.repeat(expected, 2), atol=1e-9)
+
+
+def test_an_obstacle_ignores_the_links_that_it_names(tiago):
+    wheels = ["wheel_left_link", "wheel_right_link"]
+    floor = Obstacle(ground_shape(), name="floor", ignored_links=wheels)
+    alone = PairSelection(links=False)
+    every = CollisionDistances(tiago, [Obstacle(ground_shape(), name="floor")], alone)
+    left = {pair.names[0] for pair in every.pairs} - {
+        pair.names[0] for pair in CollisionDistances(tiago, [floor], alone).pairs
+    }
+    assert left == set(wheels)
+    wrong = Obstacle(ground_shape(), name="floor", ignored_links=["wheel_left_lnk"])
+    with pytest.raises(rnc.ModelError, match=r"'floor': ignored_links: no link 'wheel_left_lnk'.*'wheel_left_link'"):
+        CollisionDistances(tiago, [wrong])
 
 
 def test_unusable_requests_are_refused(tiago):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.collision import Obstacle, load_mesh_shape
+from rnc_pin.collision import Obstacle, ground_shape, load_mesh_shape
 
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 
@@ -41,6 +41,13 @@ def test_flat_mesh_gets_a_thickness(tmp_path):
     assert 0.0 < load_mesh_shape(file).computeVolume() < 2e-3
 
 
+def test_floor_is_a_half_space():
+    floor = Obstacle(ground_shape(), position=(0, 0, 0.2), name="floor", ignored_links=["wheel"])
+    assert floor.unbounded
+    assert floor.ignored_links == ("wheel",)
+    assert not Obstacle(coal.Sphere(1)).unbounded
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -53,6 +60,7 @@ def test_flat_mesh_gets_a_thickness(tmp_path):
         ({"shape": coal.Sphere(1), "motion": rnc.planning.Hold([0, 0, 0])}, "motion has 3 numbers"),
         ({"shape": coal.Plane(np.array([0.0, 0.0, 1.0]), 0.0)}, "is a Plane"),
         ({"shape": "box"}, "expected a coal shape"),
+        ({"shape": coal.Box(1, 1, 1), "ignored_links": "wheel"}, "takes names of links, found 'wheel'"),
     ],
 )
 def test_unusable_obstacles_are_refused(arguments, words):

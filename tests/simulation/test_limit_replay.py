@@ -8,7 +8,8 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.collision import Obstacle
+from carts import WHEELS, cart_with_arm
+from rnc_pin.collision import Obstacle, ground_shape
 from rnc_pin.simulation import replay_limits
 
 
@@ -61,11 +62,60 @@ def test_collisions_with_obstacles_are_found(run_of_panda):
     worst = replay.collisions[0]
     assert worst.obstacle
     assert worst.names[1] == "ball"
-    assert worst.distance == replay.distances[:, 0].min()
-    assert replay.time[replay.distances[:, 0].argmin()] == worst.time
+    every = replay_limits(robot, run, [ball])
+    assert replay.distances[:, 0].min() - 0.02 < worst.distance <= replay.distances[:, 0].min()
+    assert worst.distance == pytest.approx(every.collisions[0].distance, abs=2 * replay.tolerance)
+    assert replay.nearest(obstacle=True) is worst
     assert np.diff(replay.time).min() > 0.02 - 1e-9
     assert replay.time[-1] == run.time[-1]
     assert all(replay.distances[:, k].min() < replay.within for k in range(len(replay.clearances)))
+
+
+def run_through(robot, *places):
+    """Run through joint positions at 0, 0.5 and 1 s."""
+    reduced = rnc.NonholonomicSystem(robot, []).reduce()
+    run = rnc.free_motion(reduced, robot.configuration(), np.zeros(reduced.r), duration=1.0, dt=0.5)
+    q = np.array([robot.configuration(dict(zip(("shoulder", "elbow"), each, strict=True))) for each in places])
+    return replace(run, q=q, v=np.zeros_like(run.v))
+
+
+def test_an_arm_that_reaches_through_the_floor(tmp_path):
+    """Without a floor the replay is silent; with it, wheels may touch it and the arm may not."""
+    robot = cart_with_arm(tmp_path)
+    run = run_through(robot, (0.0, 0.0), (0.8, 0.0), (0.0, 0.0))
+    assert not replay_limits(robot, run).collisions
+    floor = Obstacle(ground_shape(), name="floor", ignored_links=WHEELS)
+    replay = replay_limits(robot, run, [floor], step=1.0)  # before and after the arm is below the floor
+    assert replay.distances.min() > 0.0
+    assert {each.names for each in replay.collisions} == {("lower", "floor")}
+    # The box of the lower link ends at 0.775 m from the shoulder, which is at the height 0.3 m.
+    depth = 0.775 * np.sin(0.8) + 0.02 * np.cos(0.8) - 0.3
+    assert replay.collisions[0].distance == pytest.approx(-depth, abs=replay.tolerance)
+    assert replay.collisions[0].time == pytest.approx(0.5, abs=0.01)
+    everywhere = replay_limits(robot, run, [Obstacle(ground_shape(), name="floor")])
+    assert {each.names[0] for each in everywhere.clearances} >= {*WHEELS, "lower"}
+
+
+def test_pairs_of_links_whose_distance_is_constant_are_not_the_nearest(tmp_path):
+    robot = cart_with_arm(tmp_path)
+    still = run_through(robot, *((0.3, 0.2),) * 3)
+    assert replay_limits(robot, still, within=0.5).nearest(obstacle=False) is None
+    moving = replay_limits(robot, run_through(robot, (0.0, 0.0), (0.0, 2.0), (0.2, 2.6)), within=0.5)
+    nearest = moving.nearest(obstacle=False)
+    assert nearest is not None
+    assert not nearest.constant
+    constant = {each.names for each in moving.clearances if each.constant}
+    assert ("wheel_left", "wheel_right") in constant
+    assert nearest.distance == min(each.distance for each in moving.clearances if not each.constant)
+
+
+def test_a_run_without_end_is_not_certain(tmp_path):
+    """The arm of a diverged run turns thousands of times between samples: the replay ends, and says so."""
+    robot = cart_with_arm(tmp_path)
+    run = run_through(robot, (0.0, 0.0), (1e7, -1e7), (-1e9, 1e9))
+    wall = Obstacle(coal.Box(0.1, 9.0, 9.0), position=(1.13, 0.0, 0.0), name="wall")
+    replay = replay_limits(robot, run, [wall], within=0.3)
+    assert any(each.uncertain for each in replay.clearances)
 
 
 def test_other_robot_is_refused(run_of_panda):

@@ -102,8 +102,9 @@ def respects_its_limits(summary):
     assert {kind: worst for kind, worst in summary["joint_limits"].items() if worst["excess"] > 1e-6} == {}
     # A ball that rolls on a plate touches it.
     assert [pair for pair in summary.get("touching_at_start", []) if not pair.startswith("ball / plate")] == []
-    nearest = summary["smallest_distance"]
-    assert nearest is None or nearest["distance"] > 0.0, nearest
+    for key in ("smallest_distance", "smallest_own_distance"):
+        nearest = summary[key]
+        assert nearest is None or nearest["distance"] > 0.0, nearest
 
 
 @pytest.mark.parametrize("name", [name for name in built_in_names() if name not in ("fire-truck", "grasp", *FREE)])

@@ -11,7 +11,7 @@ import coal
 import numpy as np
 from pydantic import Field, Tag
 
-from rnc_pin.collision import Obstacle, load_mesh_shape
+from rnc_pin.collision import Obstacle, ground_shape, load_mesh_shape
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.scenario.schema.base import BY_KIND, Positive, Strict
@@ -25,7 +25,7 @@ class _ObstacleArguments(Strict):
     name: str | None = None
     """Unique name; by default the shape and its number, such as ``box 1``."""
     position: _Three = [0.0, 0.0, 0.0]
-    """Position of the middle of the shape in the world [m]; for a mesh, of the origin of its file."""
+    """Position of the middle of the shape in the world [m]; of a mesh, of its file's origin; of a floor, of a point."""
     yaw: float = 0.0
     """Rotation about the world's z [rad], after roll and pitch."""
     roll: float = 0.0
@@ -34,6 +34,8 @@ class _ObstacleArguments(Strict):
     """Rotation about y [rad]."""
     motion: ReferenceItem | None = None
     """Motion of x, y, z [m] and yaw [rad], from ``position`` and ``yaw``; at rest by default."""
+    ignored_links: list[str] = []
+    """Links whose distances to the obstacle do not matter, such as wheels on a floor."""
 
     @abstractmethod
     def shape(self, folder: Path) -> coal.CollisionGeometry: ...
@@ -43,7 +45,8 @@ class _ObstacleArguments(Strict):
         start = np.array([*self.position, self.yaw])
         try:
             motion = None if self.motion is None else self.motion.build(start, Coordinates([False, False, False, True]))
-            return Obstacle(self.shape(folder), self.position, self.yaw, self.roll, self.pitch, name, motion)
+            angles = self.yaw, self.roll, self.pitch
+            return Obstacle(self.shape(folder), self.position, *angles, name, motion, tuple(self.ignored_links))
         except RncError as error:
             raise ConfigurationError(f"obstacle '{name}': {error}") from None
 
@@ -90,6 +93,11 @@ class _MeshArguments(_ObstacleArguments):
         return load_mesh_shape(folder / self.file, self.scale)
 
 
+class _GroundArguments(_ObstacleArguments):
+    def shape(self, folder: Path) -> coal.CollisionGeometry:
+        return ground_shape()
+
+
 class BoxObstacle(Strict):
     """Box."""
 
@@ -120,12 +128,19 @@ class MeshObstacle(Strict):
     mesh: _MeshArguments
 
 
+class GroundObstacle(Strict):
+    """Floor: the half space below the plane through ``position``, horizontal without ``roll`` and ``pitch``."""
+
+    ground: _GroundArguments
+
+
 ObstacleItem = Annotated[
     Annotated[BoxObstacle, Tag("box")]
     | Annotated[SphereObstacle, Tag("sphere")]
     | Annotated[CylinderObstacle, Tag("cylinder")]
     | Annotated[CapsuleObstacle, Tag("capsule")]
-    | Annotated[MeshObstacle, Tag("mesh")],
+    | Annotated[MeshObstacle, Tag("mesh")]
+    | Annotated[GroundObstacle, Tag("ground")],
     BY_KIND,
 ]
 

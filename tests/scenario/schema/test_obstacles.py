@@ -15,8 +15,9 @@ from rnc_pin.scenario import plot_files
 from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.scenario.pictures import draw_pictures
 from rnc_pin.visualization.drawn_model import DrawnModel
-from rnc_pin.visualization.drawn_obstacles import outline, surface_points
+from rnc_pin.visualization.drawn_obstacles import corners_over_time, outline, surface_points
 from rnc_pin.visualization.recording import Recording
+from rnc_pin.visualization.top_view import draw_obstacles
 
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 SCENARIO = """
@@ -53,12 +54,15 @@ def test_every_shape_is_built(tmp_path):
   - mesh: {file: rock.obj, scale: 0.1, position: [2, 2, 2]}
   - cylinder:
       {radius: 0.1, length: 0.5, position: [5, 0, 0], motion: {harmonic: {amplitude: [1, 0, 0, 0], frequency: 1}}}
+  - ground: {position: [0, 0, -0.1], name: floor, ignored_links: [panda_link0]}
 """
     found = prepared(tmp_path, text).experiment.obstacles
-    assert [each.name for each in found] == ["box 1", "sphere 2", "person", "mesh 4", "cylinder 5"]
+    assert [each.name for each in found] == ["box 1", "sphere 2", "person", "mesh 4", "cylinder 5", "floor"]
     np.testing.assert_allclose(2 * np.ravel(found[0].shape.halfSide), [1, 2, 3])
     assert found[2].shape.halfLength == 0.2
     assert found[3].shape.computeVolume() == pytest.approx(1e-3 / 6)
+    assert found[5].unbounded
+    assert found[5].ignored_links == ("panda_link0",)
     assert found[4].placement(1.25).translation[0] == pytest.approx(6.0)
 
 
@@ -70,11 +74,12 @@ def test_every_shape_is_built(tmp_path):
         ("  - sphere: {radius: -1}", "radius"),
         ("  - mesh: {file: none.stl}", "none.stl"),
         ("  - cone: {radius: 1}", "cone"),
+        ("  - ground: {ignored_links: [panda_link_0]}", "ignored_links: no link 'panda_link_0'.*'panda_link0'"),
         ("  - sphere: {radius: 1, motion: {minimum_jerk: {by: [1, 2], duration: 1}}}", "2 values for 4"),
     ],
 )
 def test_unusable_obstacles_are_refused(tmp_path, text, words):
-    with pytest.raises(rnc.ConfigurationError, match=words):
+    with pytest.raises(rnc.RncError, match=words):
         prepared(tmp_path, text)
 
 
@@ -94,8 +99,12 @@ def test_summary_has_the_smallest_distance_and_the_worst_limits(tmp_path, monkey
     check = CollisionDistances(robot, ready.experiment.obstacles, q0=run.q[0])
     at = int(np.abs(run.time - nearest["time"]).argmin())
     found = check.at(run.q[at], float(run.time[at]))
-    assert nearest["distance"] == found.distance.min() < -0.01
+    assert nearest["distance"] == pytest.approx(found.distance.min(), abs=5e-3)
+    assert nearest["distance"] < -0.01
     assert nearest["bodies"] == list(check.pairs[found.pairs[found.distance.argmin()]].names)
+    # The first joint alone moves, so that links that are near each other keep their distance.
+    assert result.summary["smallest_own_distance"] is None
+    assert any(not each.obstacle for each in result.limits.clearances)
     velocity = result.summary["joint_limits"]["velocity"]
     share = np.abs(run.v) / robot.model.upperVelocityLimit
     assert velocity["excess"] == pytest.approx(share.max() - 1.0)
@@ -104,6 +113,21 @@ def test_summary_has_the_smallest_distance_and_the_worst_limits(tmp_path, monkey
     drawn = draw_pictures(ready, result, tmp_path)
     assert not drawn.failures
     assert {"limits.png", "animation.html"} <= {*drawn.written}
+
+
+def test_pictures_show_a_floor_without_making_room_for_it(tmp_path, monkeypatch):
+    text = BESIDE + "  - ground: {name: floor, ignored_links: [panda_link0]}"
+    ready = prepared(tmp_path, text, **{"simulation.duration": 0.1})
+    run, drawn = execute(ready).trajectory, ready.experiment.drawn_model
+    window = Recording(drawn, run)._scene.window.latest
+    assert ("meshcat/obstacles/floor", "set_object") in window
+    (floor,) = (each for each in drawn.obstacles if each.unbounded)
+    points = surface_points(floor.shape)
+    assert points[:, 2].max() == 0.0
+    assert np.ptp(corners_over_time(drawn.obstacles, [0.0]), axis=0).max() < 3.0
+    figure = Figure()
+    assert len(draw_obstacles(figure.subplots(), drawn.obstacles, run.time)) == 1
+    assert np.ptp(figure.axes[0].dataLim.get_points(), axis=0).max() < 3.0
 
 
 def test_obstacles_without_collision_geometry_are_reported(tmp_path):

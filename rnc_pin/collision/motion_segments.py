@@ -1,0 +1,151 @@
+"""Segments of a sampled motion: displacements of joints and obstacles along each, and their deviation from it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Float
+from rnc_pin.collision.joint_steps import JointSteps
+from rnc_pin.collision.obstacle import Obstacle, ObstacleMotion
+
+_LONGEST = 0.05
+"""Longest time [s] over which the motion of an obstacle is judged from its poses and velocities at both ends."""
+_SHORTEST = 2.0**-20
+"""Part of the time between two samples that is not halved: an obstacle jumps, or two bodies touch with equal speed."""
+_CUBIC = 0.25  # a cubic deviates from its chord by 4/27 of the differences of its slopes times the duration
+
+
+class Segments(NamedTuple):
+    """Displacements along k segments at constant rates, and largest deviations of the motion from them.
+
+    Columns are the joints of the model, then the obstacles that move.
+    """
+
+    angular: Float[Array, "k j"]
+    linear: Float[Array, "k j"]
+    angular_deviation: Float[Array, "k j"]
+    linear_deviation: Float[Array, "k j"]
+
+
+class SampledMotion:
+    """Motion between samples: each joint moves at constant rate from sample to sample, obstacles move as they do.
+
+    Places in the motion are numbers: 3.25 is a quarter of the way from sample 3 to sample 4.
+
+    Args:
+        model: model of the robot.
+        time: times (N,) [s], not decreasing.
+        q: configurations (N, nq).
+        obstacles: obstacles that move.
+    """
+
+    def __init__(
+        self, model: pin.Model, time: Float[Array, " N"], q: Float[Array, "N nq"], obstacles: Sequence[Obstacle]
+    ) -> None:
+        self._model, self._time, self._q = model, time, q
+        self._steps = JointSteps(model, q)
+        self._tracks = [_Track(each.motion) for each in obstacles if each.motion is not None]
+
+    def time_at(self, place: float) -> float:
+        """Time [s] at a place."""
+        k, part = self._split(place)
+        return float(self._time[k] + part * (self._time[k + 1] - self._time[k])) if part else float(self._time[k])
+
+    def configuration_at(self, place: float) -> Float[Array, " nq"]:
+        """Configuration at a place, on the geodesic between two samples."""
+        k, part = self._split(place)
+        return np.asarray(pin.interpolate(self._model, self._q[k], self._q[k + 1], part)) if part else self._q[k]
+
+    def halfway(self, start: float, end: float) -> float | None:
+        """Place about halfway, a sample if there is one; None for a segment that is not halved."""
+        middle = 0.5 * (start + end)
+        if end - start > 1.0:
+            return float(np.floor(middle))
+        return middle if end - start > _SHORTEST else None
+
+    def segments(self, places: Sequence[tuple[float, float]]) -> Segments:
+        """Displacements and deviations of the segments between these places."""
+        model, ends = self._model, [[self.configuration_at(place) for place in pair] for pair in places]
+        steps = np.array([pin.difference(model, *pair) for pair in ends]).reshape(len(places), model.nv)
+        angular, linear = self._steps.of(steps)
+        angular_deviation, linear_deviation = np.zeros(angular.shape), np.zeros(linear.shape)
+        rows, errors = self._deviations(places, ends)
+        turned, moved = self._steps.of(errors)
+        np.maximum.at(angular_deviation, rows, turned)
+        np.maximum.at(linear_deviation, rows, moved)
+        # Geodesics of SE(2) and SE(3) bend: between two samples they deviate more than at both, to second order.
+        linear_deviation += angular * linear_deviation + linear * angular_deviation
+        angular_deviation += angular * angular_deviation
+        found = Segments(angular, linear, angular_deviation, linear_deviation)
+        times = np.array([(self.time_at(start), self.time_at(end)) for start, end in places]).reshape(-1, 2)
+        for track in self._tracks:
+            found = Segments(*map(np.column_stack, zip(found, track.segments(times), strict=True)))
+        return found
+
+    def _deviations(
+        self, places: Sequence[tuple[float, float]], ends: Sequence[Sequence[Array]]
+    ) -> tuple[Array, Float[Array, "k nv"]]:
+        """Differences of the samples from constant rates, and the segment of each."""
+        model, rows, errors = self._model, [], []
+        for row, ((start, end), (q_start, q_end)) in enumerate(zip(places, ends, strict=True)):
+            first, last = int(np.floor(start)) + 1, int(np.ceil(end))
+            if first >= last:
+                continue
+            begin, duration = self.time_at(start), self.time_at(end) - self.time_at(start)
+            for k in range(first, last):
+                part = (float(self._time[k]) - begin) / duration if duration > 0.0 else 0.5
+                rows.append(row)
+                errors.append(pin.difference(model, pin.interpolate(model, q_start, q_end, part), self._q[k]))
+        return np.array(rows, dtype=int), np.array(errors).reshape(len(rows), model.nv)
+
+    def _split(self, place: float) -> tuple[int, float]:
+        k = int(np.floor(place))
+        return k, place - k
+
+
+class _Track:
+    """Motion of an obstacle, evaluated once at each time."""
+
+    def __init__(self, motion: ObstacleMotion) -> None:
+        self._motion = motion
+        self._known: dict[float, tuple[Array, Array]] = {}
+
+    def segments(self, times: Float[Array, "k 2"]) -> tuple[Array, Array, Array, Array]:
+        """Rotations, translations and their deviations, (k,) each, along segments of constant velocity and yaw rate."""
+        counts = np.maximum(np.ceil((times[:, 1] - times[:, 0]) / _LONGEST), 1.0).astype(int)
+        rows, first = np.repeat(np.arange(len(times)), counts), np.cumsum(counts) - counts
+        number = np.arange(len(rows)) - first[rows]  # of each piece in its segment
+        start, end = times[rows].T
+        parts = number / counts[rows], (number + 1) / counts[rows]
+        moments = [start + parts[0] * (end - start), np.where(parts[1] < 1.0, start + parts[1] * (end - start), end)]
+        (poses, rates), (next_poses, next_rates) = ([np.array(x) for x in self._at(each)] for each in moments)
+        step, slope = ((end - start) / counts[rows])[:, None], next_poses - poses
+        bent = _CUBIC * (np.abs(rates * step - slope) + np.abs(next_rates * step - slope))
+        origin, last = poses[first], next_poses[first + counts - 1]
+        away = np.abs(next_poses - origin[rows] - parts[1][:, None] * (last - origin)[rows])
+        deviation = np.zeros((2, len(times), 4))
+        np.maximum.at(deviation[0], rows, bent)
+        np.maximum.at(deviation[1], rows, away)
+        return (*_sizes(last - origin), *_sizes(deviation.sum(axis=0)))
+
+    def _at(self, times: Float[Array, " k"]) -> tuple[list[Array], list[Array]]:
+        """Poses and rates at times."""
+        poses, rates = [], []
+        for t in times.tolist():
+            if t not in self._known:
+                point = self._motion.at(t)
+                self._known[t] = np.array(point.position, dtype=float), np.array(point.velocity, dtype=float)
+            pose, rate = self._known[t]
+            poses.append(pose)
+            rates.append(rate)
+        return poses, rates
+
+
+def _sizes(steps: Float[Array, "k 4"]) -> tuple[Array, Array]:
+    """Rotations [rad] and translations [m] of steps of x, y, z and yaw."""
+    return np.abs(steps[:, 3]), np.linalg.norm(steps[:, :3], axis=1)

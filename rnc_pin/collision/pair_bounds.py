@@ -1,0 +1,177 @@
+"""Lower bounds of the distances of pairs along segments of a motion.
+
+The motion of a pair is seen from its first body, or from the obstacle. It is that of the joints between both bodies.
+``V`` bounds the path of any point of the other body: the sum of the translations and of the rotations times levers.
+``A = 2 W V`` bounds the second derivative along the segment, with ``W`` the sum of the rotations: the derivative of the
+velocity that joint j causes, by joint i, is the axis of the one nearer to the first body times the velocity of the
+other. Two bounds follow:
+
+* The distance changes at most by the path: ``(d0 + d1 - L) / 2``, where L is V, or the largest displacement between
+  both ends plus ``A / 4``.
+* The gap along a fixed direction is at least that of points on straight lines, less ``A / 8``. So it is not smaller
+  than its linear interpolation less ``A / 8``. The directions are the normals at both ends.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Bool, Float, Int
+from rnc_pin.collision.collision_distances import CollisionDistances
+from rnc_pin.collision.motion_segments import Segments
+from rnc_pin.collision.support_functions import support
+
+_CHUNK = 20_000  # entries at a time: bounds memory
+_LARGEST = 50.0  # exponent; the bound is of no use far below
+_NO_GAP = -1e9  # [m]; gap along a direction that coal does not give, or in which a half space has no end
+_UNIT = 1e-6  # error of the square of a unit vector
+
+Stacked = tuple[Array, Array, Array, Array]
+"""Rotations, origins and middles of shapes, and origins of joints and moving obstacles, by place."""
+
+
+class PairEnds(NamedTuple):
+    """Pairs along segments: the numbers of both places, and distance and normal (k, 4) of the pair at both.
+
+    Normals are NaN where the distance is a lower bound.
+    """
+
+    start: Int[Array, " k"]
+    end: Int[Array, " k"]
+    pair: Int[Array, " k"]
+    at_start: Float[Array, "k 4"]
+    at_end: Float[Array, "k 4"]
+
+
+class PairBounds:
+    """Lower bounds of distances along segments.
+
+    Args:
+        distances: pairs of a robot and its obstacles.
+    """
+
+    def __init__(self, distances: CollisionDistances) -> None:
+        model, links = distances.robot.model, distances.link_shapes
+        moving = [k for k, each in enumerate(distances.obstacles) if each.motion is not None]
+        columns = {links + k: model.njoints + place for place, k in enumerate(moving)}
+        carried = np.zeros((len(distances.carriers), model.njoints + len(moving)), dtype=bool)
+        for shape, joint in enumerate(distances.carriers):
+            carried[shape, list(model.supports[joint])[1:]] = True
+            if shape in columns:
+                carried[shape, columns[shape]] = True
+        first, second = distances.shape_pairs
+        # The other body is the smaller one: its radius is the lever of rotations. Obstacles are seen from.
+        swap = (second >= links) | (distances.radii[first] < distances.radii[second])
+        self._from, self._other = np.where(swap, second, first), np.where(swap, first, second)
+        self._sign = np.where(swap, -1.0, 1.0)  # of normals, which point from the first to the second body
+        self._between: Bool[Array, "k j"] = carried[first] ^ carried[second]
+        self._radii, self._shapes, self._links = distances.radii, distances.shapes, links
+        self._moving = np.array([columns.get(shape, 0) for shape in second.tolist()])  # the column of an obstacle
+        self._joints = model.njoints
+
+    def coarse(self, segments: Segments, stacked: Stacked) -> Float[Array, "s k"]:
+        """Largest decrease of each pair's mean distance along each segment, cheap and far from sharp.
+
+        Segment k starts at place k.
+        """
+        _, _, middles, joints = stacked
+        rows, robot = slice(0, len(segments.angular)), slice(1, self._joints)
+        centers = middles[rows, : self._links]
+        center = centers.mean(axis=1, keepdims=True)
+        far = (np.linalg.norm(centers - center, axis=2) + self._radii[: self._links]).max(axis=1)[:, None]
+        levers = far + np.linalg.norm(joints[rows] - center, axis=2)
+        levers[:, robot] = levers[:, robot].max(axis=1, initial=0.0, keepdims=True)
+        found = np.empty((len(levers), len(self._from)))
+        for column in np.unique(self._moving).tolist():
+            used = np.arange(levers.shape[1]) < self._joints
+            used[column] = True
+            path, _, error = _paths(Segments(*(each * used for each in segments)), levers)
+            found[:, self._moving == column] = (0.5 * path + error)[:, None]
+        return found
+
+    def along(self, ends: PairEnds, segments: Segments, rows: Int[Array, " k"], stacked: Stacked) -> Float[Array, " k"]:
+        """Lower bounds (k,) of distances [m].
+
+        Args:
+            ends: pairs and their segments.
+            segments: displacements of some segments.
+            rows: the row of ``segments`` of each pair.
+            stacked: poses at all places.
+        """
+        found = np.empty(len(rows))
+        for first in range(0, len(rows), _CHUNK):
+            part = slice(first, first + _CHUNK)
+            own = Segments(*(each[rows[part]] for each in segments))
+            found[part] = self._along(PairEnds(*(each[part] for each in ends)), own, stacked)
+        return found
+
+    def _along(self, ends: PairEnds, segments: Segments, stacked: Stacked) -> Float[Array, " k"]:
+        rotations, origins, middles, joints = stacked
+        pair, between = ends.pair, self._between[ends.pair]
+        one, other = self._from[pair], self._other[pair]
+        radius = self._radii[other]
+        levers = np.linalg.norm(joints[ends.start] - middles[ends.start, other][:, None], axis=2) + radius[:, None]
+        path, turning, error = _paths(Segments(*(each * between for each in segments)), levers)
+        curved = 2.0 * turning * path  # bound of the second derivative
+        relative, places, centers = [], [], []
+        for place in (ends.start, ends.end):
+            world = rotations[place, one].swapaxes(1, 2)
+            relative.append(world @ rotations[place, other])
+            places.append(np.matvec(world, origins[place, other] - origins[place, one]))
+            centers.append(np.matvec(world, middles[place, other] - origins[place, one]))
+        turn = np.linalg.norm((relative[1] - relative[0]).reshape(-1, 9), axis=1) * np.sqrt(0.5)
+        chord = np.linalg.norm(centers[1] - centers[0], axis=1) + turn * radius
+        longest = np.minimum(path, chord + 0.25 * curved)
+        before, after = ends.at_start[:, 0], ends.at_end[:, 0]
+        found = 0.5 * (before + after - longest)
+        exact = np.flatnonzero(np.isfinite(ends.at_start[:, 1]) & np.isfinite(ends.at_end[:, 1]))
+        if len(exact):
+            sign = self._sign[pair[exact], None]
+            normals = [
+                np.matvec(rotations[place[exact], one[exact]].swapaxes(1, 2), sign * numbers[exact, 1:])
+                for place, numbers in ((ends.start, ends.at_start), (ends.end, ends.at_end))
+            ]
+            poses = [(relative[k][exact], places[k][exact]) for k in (0, 1)]
+            gaps = [[self._gaps(one[exact], other[exact], normal, *pose) for pose in poses] for normal in normals]
+            crossing = _smallest_maximum(*gaps[0], *gaps[1])
+            straight = np.minimum(np.minimum(before[exact], after[exact]), crossing)
+            found[exact] = np.maximum(found[exact], straight - 0.125 * curved[exact])
+        return found - error
+
+    def _gaps(self, one: Array, other: Array, normal: Array, rotation: Array, place: Array) -> Float[Array, " k"]:
+        """Gaps of two shapes along unit vectors in the frame of the first one; very low without a unit vector."""
+        inner = -np.matvec(rotation.swapaxes(1, 2), normal)
+        found = np.vecdot(normal, place) - self._supports(one, normal) - self._supports(other, inner)
+        unit = np.abs(np.vecdot(normal, normal) - 1.0) < _UNIT
+        return np.where(unit, np.maximum(found, _NO_GAP), _NO_GAP)
+
+    def _supports(self, shapes: Array, directions: Array) -> Float[Array, " k"]:
+        found = np.empty(len(shapes))
+        for shape in np.unique(shapes).tolist():
+            which = np.flatnonzero(shapes == shape)
+            found[which] = support(self._shapes[shape], directions[which])
+        return found
+
+
+def _paths(segments: Segments, levers: Float[Array, "k j"]) -> tuple[Array, Array, Array]:
+    """Longest path of a point, sum of rotations, and deviation of a point from constant rates, (k,) each.
+
+    Levers are those at the start; along the segment they grow with the path, which gives the exponential function.
+    """
+    angular, linear, turned, moved = segments
+    turning = angular.sum(axis=1)
+    path = (linear + angular * levers).sum(axis=1) * np.exp(np.minimum(turning, _LARGEST))
+    error = (moved + turned * (levers + path[:, None])).sum(axis=1)
+    return path, turning, error * np.exp(np.minimum(turned.sum(axis=1), _LARGEST))
+
+
+def _smallest_maximum(a0: Array, a1: Array, b0: Array, b1: Array) -> Array:
+    """Value where two lines on [0, 1] cross, one from a0 to a1, the other from b0 to b1; the larger if they do not."""
+    start, end = a0 - b0, b1 - a1
+    steady = np.maximum(np.minimum(a0, a1), np.minimum(b0, b1))
+    cross = (start > 0.0) & (end > 0.0)
+    part = start / np.where(cross, start + end, 1.0)
+    return np.where(cross, np.maximum(a0 + part * (a1 - a0), steady), steady)

@@ -1,0 +1,128 @@
+"""Smallest distances between samples, against a dense replay by Pinocchio and coal alone."""
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from drawn_motions import DenseReplay, drawn_motion
+from rnc_pin.collision import CollisionDistances, Obstacle, continuous_distances
+from rnc_pin.collision.continuous_distances import default_tolerance
+
+WITHIN = 0.05
+COAL = 1e-5  # [m]; errors of coal
+DEEP = 0.02  # [m]; deeper, coal's way of a sphere out of a cylinder may be three times the shortest
+
+
+@pytest.mark.parametrize("seed", [*range(50), *(pytest.param(k, marks=pytest.mark.long) for k in range(50, 1000))])
+def test_no_contact_is_missed_and_none_is_invented(seed):
+    motion = drawn_motion(seed)
+    distances = CollisionDistances(motion.robot, motion.obstacles, q0=motion.q[0])
+    ends = np.array([0, len(motion.q) - 1]) if seed % 2 else None  # every other time, further samples are not measured
+    found = continuous_distances(distances, motion.time, motion.q, WITHIN, samples=ends)
+    dense = DenseReplay(motion, [pair[:2] for pair in distances.pairs])
+    smallest = dense.smallest()
+    near = smallest < WITHIN - found.tolerance - COAL
+    kinds = [{type(distances.shapes[k]) for k in pair[:2]} for pair in distances.pairs]
+    jumps = (smallest < -DEEP) & [each == {coal.Sphere, coal.Cylinder} for each in kinds]
+    bound = np.where(jumps, -found.tolerance, smallest + found.tolerance + COAL)
+    assert (found.smallest < bound)[near].all()
+    for k in np.flatnonzero(found.smallest < WITHIN).tolist():
+        assert dense.distances(found.time[k], [k]) == pytest.approx([found.smallest[k]], abs=COAL)
+
+
+def unicycle_beside(*obstacles):
+    robot = rnc.Robot.from_urdf("unicycle.urdf", base="planar")
+    return robot, CollisionDistances(robot, obstacles)
+
+
+def driven(robot, places):
+    """Configurations at x, y and yaw."""
+    q = np.array([robot.configuration()] * len(places))
+    q[:, :2], q[:, 2], q[:, 3] = places[:, :2], np.cos(places[:, 2]), np.sin(places[:, 2])
+    return q
+
+
+def test_a_thin_wall_between_two_samples_is_found():
+    wall = Obstacle(coal.Box(0.002, 4.0, 2.0), position=(1.3, 0.0, 0.0), name="wall")
+    robot, distances = unicycle_beside(wall)
+    q = driven(robot, np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0]]))
+    found = continuous_distances(distances, np.array([2.0, 4.0]), q)
+    assert found.at_samples.min() > 0.9
+    radius = distances.radii[: distances.link_shapes].max()
+    half = np.array([box.geometry.aabb_local.max_[0] for box in robot.collision_model.geometryObjects]).max()
+    assert -radius - 0.002 < found.smallest.min() < -0.8 * half
+    assert found.time[found.smallest.argmin()] == pytest.approx(2.0 + 2.0 * 1.3 / 3.0, abs=0.1)
+
+
+def test_samples_within_a_segment_count():
+    """Measured samples are far from the wall; the motion between them goes to it and back."""
+    wall = Obstacle(coal.Box(0.1, 4.0, 2.0), position=(1.5, 0.0, 0.0), name="wall")
+    robot, distances = unicycle_beside(wall)
+    time = np.linspace(0.0, 2.0, 81)
+    q = driven(robot, np.stack([1.3 * np.sin(0.5 * np.pi * time) ** 2, 0.1 * time, 0.3 * np.sin(3.0 * time)], axis=1))
+    every = continuous_distances(distances, time, q, within=0.2)
+    few = continuous_distances(distances, time, q, within=0.2, samples=np.array([0, 80]))
+    assert every.smallest.min() < 0.0 < few.at_samples.min()
+    near = every.smallest < 0.2
+    np.testing.assert_allclose(few.smallest[near], every.smallest[near], atol=2 * every.tolerance)
+
+
+def test_an_obstacle_that_passes_between_two_samples_is_found():
+    sweep = rnc.planning.Harmonic([0.0, 3.0, 0.0, 0.0], [0.0, 3.0, 0.0, 0.5], 0.5)  # there and back in 2 s
+    ball = Obstacle(coal.Sphere(0.1), name="ball", motion=sweep)
+    robot, distances = unicycle_beside(ball)
+    q = driven(robot, np.zeros((2, 3)))
+    found = continuous_distances(distances, np.array([0.0, 2.0]), q)
+    assert found.at_samples.min() > 2.0
+    assert found.smallest.min() < -0.1
+    assert found.time[found.smallest.argmin()] == pytest.approx(1.5, abs=0.1)
+
+
+def test_few_distances_are_measured_along_a_wall():
+    """A straight motion along a wall keeps its distance: both ends of the motion are enough."""
+    wall = Obstacle(coal.Box(20.0, 0.1, 2.0), position=(5.0, 0.5, 0.0), name="wall")
+    robot, distances = unicycle_beside(wall)
+    q = driven(robot, np.array([[0.0, 0.0, 0.0], [9.0, 0.0, 0.0]]))
+    measured, measure = [], distances.measure
+    distances.measure = lambda pairs: (measured.extend(pairs), measure(pairs))[1]
+    found = continuous_distances(distances, np.array([0.0, 9.0]), q, within=1.0)
+    assert len(measured) == 2 * len(distances.pairs)
+    np.testing.assert_allclose(found.smallest, found.at_samples[0])
+    assert found.constant.all()
+
+
+def test_same_motion_gives_the_same_bits():
+    motion = drawn_motion(7)
+    found = [
+        continuous_distances(CollisionDistances(motion.robot, motion.obstacles, q0=motion.q[0]), motion.time, motion.q)
+        for _ in range(2)
+    ]
+    for key in ("smallest", "time", "at_samples"):
+        assert getattr(found[0], key).tobytes() == getattr(found[1], key).tobytes()
+
+
+def test_tolerance_follows_the_size_of_the_robot():
+    model, geometry = pin.Model(), pin.GeometryModel()
+    joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "slide")
+    model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+    frame = model.addFrame(pin.Frame("bead", joint, 0, pin.SE3.Identity(), pin.FrameType.BODY))
+    geometry.addGeometryObject(pin.GeometryObject("bead_0", joint, frame, pin.SE3.Identity(), coal.Sphere(0.01)))
+    bead = CollisionDistances(rnc.Robot(model, geometry, geometry))
+    assert default_tolerance(bead) == pytest.approx(0.01 * np.sqrt(3.0) * 0.01)
+    assert default_tolerance(CollisionDistances(rnc.Robot.from_example("tiago_no_hand"))) == 1e-3
+
+
+@pytest.mark.parametrize(
+    ("time", "options", "words"),
+    [
+        ([0.0, -1.0], {}, "must not decrease"),
+        ([0.0], {}, r"found shapes \(2, \d+\), \(1,\)"),
+        ([0.0, 1.0], {"tolerance": 0.0}, "has to be positive, found 0 m"),
+    ],
+)
+def test_unusable_motions_are_refused(time, options, words):
+    robot, distances = unicycle_beside()
+    with pytest.raises(rnc.InputError, match=words):
+        continuous_distances(distances, np.array(time), driven(robot, np.zeros((2, 3))), **options)
