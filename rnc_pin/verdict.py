@@ -6,10 +6,11 @@ A run is *completed* if it reached its end. It *succeeded* only if no finding fa
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from functools import cached_property
+from typing import Any
 
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.io.json import Json
@@ -95,6 +96,15 @@ class Finding:
     def to_json(self) -> dict[str, Json]:
         """Return the finding as JSON content."""
         return {**asdict(self), "kind": str(self.kind), "severity": str(self.severity)}
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, Any]) -> Finding:
+        """Read the content of ``to_json``.
+
+        Raises:
+            KeyError, ValueError, TypeError: a field is missing, or has an unknown value.
+        """
+        return cls(**{**content, "kind": FindingKind(content["kind"]), "severity": Severity(content["severity"])})
 
 
 @dataclass(frozen=True, repr=False)

@@ -3,8 +3,8 @@
 from rnc_pin.optimal.action_models import ActionModel, action_model
 from rnc_pin.optimal.bounds import BoundKind, DistanceBound, InputBound, OutputBound, VelocityBound
 from rnc_pin.optimal.costs import AccelerationCost, CostKind, EffortCost, OutputCost, PostureCost, VelocityCost
+from rnc_pin.optimal.file_limits import FileLimits
 from rnc_pin.optimal.guesses import driven_configurations
-from rnc_pin.optimal.joint_limits import JointLimits
 from rnc_pin.optimal.motion_plan import Integration, MotionPlan, PlanInfo, PlannedOutputs, PlanVerification
 from rnc_pin.optimal.plan_feedback import PlanFeedback, tvlqr
 from rnc_pin.optimal.planner import plan_motion as plan
@@ -18,9 +18,9 @@ __all__ = [
     "CostKind",
     "DistanceBound",
     "EffortCost",
+    "FileLimits",
     "InputBound",
     "Integration",
-    "JointLimits",
     "MotionPlan",
     "OutputBound",
     "OutputCost",

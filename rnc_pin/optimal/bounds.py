@@ -191,10 +191,10 @@ class DistanceBound(BoundKind):
     pairs: int = 6
 
     def bind(self, model: ActionModel) -> NodeBound:
-        return Clearance(self)
+        return ClearanceRows(self)
 
 
-class Clearance(NodeBound):
+class ClearanceRows(NodeBound):
     """Distances of the nearest pairs at each node."""
 
     quantity = DISTANCE

@@ -14,8 +14,8 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.action_models import Form
 from rnc_pin.optimal.bounds import BoundKind
 from rnc_pin.optimal.costs import CostKind
+from rnc_pin.optimal.file_limits import FileLimits
 from rnc_pin.optimal.guesses import guesses
-from rnc_pin.optimal.joint_limits import JointLimits
 from rnc_pin.optimal.motion_plan import MotionPlan
 from rnc_pin.optimal.plan_feedback import tvlqr
 from rnc_pin.optimal.plan_search import PlanSearch
@@ -23,7 +23,7 @@ from rnc_pin.optimal.problem_building import build_problem
 from rnc_pin.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.optimal.transcription import Transcription
 
-_DEFAULT, _OF_FILE = SolverSettings(), JointLimits()
+_DEFAULT, _OF_FILE = SolverSettings(), FileLimits()
 
 Feedback = Literal["tvlqr", "plan"] | Callable[[MotionPlan], Any] | None
 """Feedback that a run will use: the gains of ``rnc.tvlqr(reduced, plan)``, those of the plan, a function from a plan to
@@ -39,7 +39,7 @@ def plan_motion(
     form: Form = "acceleration",
     costs: Sequence[CostKind] | None = None,
     bounds: Sequence[BoundKind] = (),
-    limits: JointLimits | None = _OF_FILE,
+    limits: FileLimits | None = _OF_FILE,
     settings: SolverSettings = _DEFAULT,
     guess: Any = None,
     seeds: int = 6,

@@ -12,7 +12,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.action_models import ActionModel, Nodes, action_model
 from rnc_pin.optimal.bounds import BoundKind, DistanceBound, GoalRows, NodeBound
 from rnc_pin.optimal.costs import CostKind, EffortCost, OutputCost
-from rnc_pin.optimal.joint_limits import JointLimits
+from rnc_pin.optimal.file_limits import FileLimits
 from rnc_pin.optimal.node_data import NodeData
 from rnc_pin.optimal.transcription import Transcription
 from rnc_pin.planning.references import Reference
@@ -32,7 +32,7 @@ def build_problem(
     v2_0: Any = None,
     at_rest: bool = True,
     time_weight: float = 0.0,
-    limits: JointLimits | None = None,
+    limits: FileLimits | None = None,
 ) -> Transcription:
     """Return the optimal control problem of ``plan``. Without ``limits``, those of the robot's file do not count.
 
@@ -48,8 +48,8 @@ def build_problem(
     for bound in bounds:
         if not isinstance(bound, BoundKind):
             raise ConfigurationError(f"bounds: expected bounds of rnc.optimal, found {bound!r}")
-    if not (limits is None or isinstance(limits, JointLimits)):
-        raise ConfigurationError(f"limits: expected JointLimits of rnc.optimal or None, found {limits!r}")
+    if not (limits is None or isinstance(limits, FileLimits)):
+        raise ConfigurationError(f"limits: expected FileLimits of rnc.optimal or None, found {limits!r}")
     if times[1] > times[0]:
         _check_free(costs, bounds)
     if nodes < 2:

@@ -16,8 +16,8 @@ from rnc_pin.optimal import (
     CostKind,
     DistanceBound,
     EffortCost,
+    FileLimits,
     InputBound,
-    JointLimits,
     MotionPlan,
     OutputBound,
     OutputCost,
@@ -125,11 +125,11 @@ def _regulator(scenario: Scenario) -> tuple[str, Weight, Weight]:
     return "tvlqr", 1.0, 1.0
 
 
-def _file_limits(settings: OptimalPlanner) -> JointLimits | None:
+def _file_limits(settings: OptimalPlanner) -> FileLimits | None:
     limits = settings.limits
     if limits is None:
         return None
-    return JointLimits(*(each is not None for each in (limits.position, limits.velocity, limits.effort)))
+    return FileLimits(*(each is not None for each in (limits.position, limits.velocity, limits.effort)))
 
 
 def _feedback(scenario: Scenario, reduced: ReducedModel) -> Feedback:

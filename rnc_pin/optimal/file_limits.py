@@ -18,7 +18,7 @@ from rnc_pin.robots.joint_values import NO_LIMIT
 
 
 @dataclass(frozen=True)
-class JointLimits:
+class FileLimits:
     """Limits of the robot's file that a plan keeps. A bound that is stated for the same row replaces one.
 
     Positions and velocities hold in every form. In the form "kinematic", velocities jump between intervals. Efforts
@@ -31,8 +31,8 @@ class JointLimits:
         effort: True for the effort limits of actuators; those of forces on frames are their ``limit``.
 
     Example:
-        >>> rnc.optimal.JointLimits(effort=False)  # argument of rnc.optimal.plan
-        JointLimits(position=True, velocity=True, effort=False)
+        >>> rnc.optimal.FileLimits(effort=False)  # argument of rnc.optimal.plan
+        FileLimits(position=True, velocity=True, effort=False)
     """
 
     position: bool = True
@@ -91,7 +91,7 @@ def _efforts(model: ActionModel, replaced: set[str]) -> list[NodeBound]:
 
 class _Positions(NodeBound):
     quantity = "output"
-    remedy = "state a bound for it, or limits=JointLimits(position=False); in files limits: {position: null}"
+    remedy = "state a bound for it, or limits=FileLimits(position=False); in files limits: {position: null}"
 
     def __init__(self, names: Sequence[str], places: tuple[list[int], list[int]], lower: Array, upper: Array) -> None:
         self._q, self._v = places
@@ -109,7 +109,7 @@ class _Velocities(NodeBound):
     """Velocities of joints: those that are reducing outputs are entries of v2, others follow from ``v = R v2 + b``."""
 
     quantity = "velocity"
-    remedy = "state a bound for it, or limits=JointLimits(velocity=False); in files limits: {velocity: null}"
+    remedy = "state a bound for it, or limits=FileLimits(velocity=False); in files limits: {velocity: null}"
 
     def __init__(self, model: ActionModel, places: Sequence[int], largest: Array) -> None:
         names, own = model.reduced.robot.velocity_names, model.reduced.reducing.names

@@ -7,7 +7,7 @@ import forklifts
 import rnc_pin as rnc
 import systems
 from benchmarks.planned_models import mobile_manipulator, tractor
-from rnc_pin.optimal import InputBound, JointLimits, OutputBound, SolverSettings, VelocityBound
+from rnc_pin.optimal import FileLimits, InputBound, OutputBound, SolverSettings, VelocityBound
 from rnc_pin.optimal.action_models import Nodes, action_model
 from rnc_pin.optimal.node_data import NodeData
 from rnc_pin.verdict import FindingKind, Severity
@@ -48,7 +48,7 @@ def test_goals_as_configurations_and_starts_are_compared_too(tmp_path):
     "options",
     [
         {"limits": None},
-        {"limits": JointLimits(position=False)},
+        {"limits": FileLimits(position=False)},
         {"bounds": [OutputBound(rnc.JointPosition("lift_joint"), 0.0, 3.0)]},
         {"bounds": [OutputBound("lift_joint", {"lift_joint": -np.inf})]},
     ],
@@ -67,7 +67,7 @@ def test_velocities_of_the_file_hold_during_the_motion(tmp_path, form):
     assert rates.max() <= 0.5 + 1e-4
     if form == "acceleration":
         assert rates.max() == pytest.approx(0.5, abs=1e-4)
-        free = lift_plan(reduced, 1.2, duration=3.0, form=form, limits=JointLimits(velocity=False))
+        free = lift_plan(reduced, 1.2, duration=3.0, form=form, limits=FileLimits(velocity=False))
         assert free.w[:, 2].max() == pytest.approx(0.6, rel=0.01)
     wider = lift_plan(reduced, 1.2, duration=2.0, form=form, bounds=[VelocityBound({"lift_joint": -1.0})])
     assert wider.q[-1, 4] == pytest.approx(1.2, abs=1e-4)  # a stated row replaces both sides
@@ -83,7 +83,7 @@ def test_velocities_of_joints_that_are_no_outputs_hold():
     ahead = {rnc.FramePosition("tractor", "xy"): [3.0, 0.0]}
     straight = {"bounds": [InputBound(-2.0, 2.0)], "settings": SolverSettings(nodes=20), "seeds": 0}
     hitch = reduced.robot.velocity_indices("hitch_1").start
-    plans = [rnc.optimal.plan(reduced, start, ahead, 6.0, limits=each, **straight) for each in (None, JointLimits())]
+    plans = [rnc.optimal.plan(reduced, start, ahead, 6.0, limits=each, **straight) for each in (None, FileLimits())]
     fastest = [np.abs(reduced.at(plan.q, plan.w).v[:, hitch]).max() for plan in plans]
     assert fastest[0] > 0.1
     assert fastest[1] == pytest.approx(0.08, abs=1e-4)
@@ -102,7 +102,7 @@ def test_efforts_of_the_file_hold_in_the_dynamic_form(tmp_path):
     assert np.abs(plan.u[:, 2]).max() == pytest.approx(10.0, abs=1e-3)
     with pytest.raises(rnc.InfeasibleError, match=r"no plan in 2\.4 s"):
         lift_plan(reduced, 0.2, duration=2.4, form="dynamic")
-    for free in ({"limits": JointLimits(effort=False)}, {"bounds": [InputBound({"lift_joint": -40.0})]}):
+    for free in ({"limits": FileLimits(effort=False)}, {"bounds": [InputBound({"lift_joint": -40.0})]}):
         assert np.abs(lift_plan(reduced, 0.2, duration=2.4, form="dynamic", **free).u[:, 2]).max() > 10.5
 
 
@@ -128,7 +128,7 @@ def test_derivatives_of_all_limits_are_those_of_central_differences(form, model)
     def data(at, u, flow=None):
         return NodeData(model, at, u, np.zeros(3), flow)
 
-    limits = JointLimits().bind(model, [])
+    limits = FileLimits().bind(model, [])
     assert limits
     for block in limits:
         found = block.rows(data(at, u, model.flow_derivatives(at, u)), True)
