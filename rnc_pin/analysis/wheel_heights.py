@@ -37,6 +37,7 @@ class _Wheel:
     center: Array
     contact: Array
     ground: GroundPlane | None
+    """Plane whose height the constraint states; None for z = 0."""
     fixed: bool
     """True if no joint changes the height of the contact point."""
 
@@ -100,7 +101,8 @@ def _wheels(block: Rows, robot: Robot, at: PositionKinematics) -> list[_Wheel]:
         lift = at.jacobian(robot.frame_id(each.frame))
         rising = up @ (lift[:3] - pin.skew(lines[0][0] - frame.translation) @ lift[3:])
         fixed = bool(np.abs(rising).max() < _FIXED)
-        found.append(_Wheel(each.frame, each.radius, axle, center, lines[0][0], plane, fixed))
+        stated = None if plane is None or (up[2] == 1.0 and not plane.point[2]) else plane  # z = 0 may be a default
+        found.append(_Wheel(each.frame, each.radius, axle, center, lines[0][0], stated, fixed))
     return found
 
 

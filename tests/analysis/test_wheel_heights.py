@@ -86,6 +86,12 @@ def test_a_base_may_be_described_at_any_height(tmp_path, height):
     assert findings(tmp_path, height=height) == ()
 
 
+def test_a_conveyor_at_zero_states_no_height(tmp_path):
+    conveyor = rnc.GroundPlane(velocity=(0.3, 0.0, 0.0))
+    assert findings(tmp_path, height=0.0, ground=conveyor) == ()
+    assert summary(findings(tmp_path, ground=conveyor)) == both("degrades", 0.08)
+
+
 def test_a_measured_wheel_may_be_at_any_height(tmp_path):
     shape = '<cylinder radius="0.25" length="0.04"/>'
     assert findings(tmp_path, shape=shape) == ()

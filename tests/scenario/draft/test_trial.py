@@ -58,6 +58,8 @@ def test_what_remains_of_an_error_is_said(tmp_path, monkeypatch):
         text, path = drafted(tmp_path)
     line = next(line for line in text.splitlines() if line.startswith("# tried for"))
     assert "is all that is asked for" in line
+    head = text.partition("\ntitle:")[0].replace("\n# ", " ")
+    assert "NOT CONFIRMED: its run misses its reference: elbow is off by" in head
     worst = max(execute(plan(str(path))).summary["max_error"].values())
     said = float(line.split("error is ")[1].split()[0])
     assert said == pytest.approx(worst, rel=0.05)
