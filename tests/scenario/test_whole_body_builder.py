@@ -213,6 +213,8 @@ def test_limits_that_gave_way_are_in_the_summary(tmp_path, program):
     changes = {"obstacles": [{"sphere": thrown}], "simulation": {"duration": 0.8, "dt": 0.02}}
     prepared = plan(point(tmp_path, controller=program, **changes))
     assert "passes through obstacle 'stone'" in prepared.experiment.warnings[0]
+    stands_in = program["type"] == "inverse_dynamics"
+    assert prepared.experiment.warnings[0].endswith("the run may differ)") == stands_in
     gave_way = execute(prepared).summary["limits_gave_way"]
     assert [name for name in gave_way if name.endswith("stone distance") and gave_way[name] > 1.0]
     calm = execute(plan(point(tmp_path, controller=program, **{**changes, "obstacles": []})))

@@ -186,12 +186,14 @@ def check_motion(
     task: Task | None = None,
     horizon: float | None = None,
     goals: TaskGoals | None = None,
+    stands_in: bool = False,
 ) -> tuple[Margins, tuple[str, ...], tuple[str, ...]]:
     """Roll out a kinematic controller. Return the margins of the motion, complaints, and doubts about goals.
 
     Args:
         context: inputs for building the controller.
         kinematic, task, horizon, goals: as for ``track``.
+        stands_in: True if another controller will run, so that the motion may differ.
 
     Raises:
         InfeasibleError: there are complaints, and preflight refuses such a motion.
@@ -205,6 +207,8 @@ def check_motion(
         *margins.complaints(MIN_SINGULAR_VALUE),
         *(f"the reference passes through obstacle '{each.names[1]}': {each}" for each in passed),
     )
+    if stands_in:
+        complaints = tuple(f"{each} (in a roll-out by velocities, the run may differ)" for each in complaints)
     doubts: tuple[str, ...] = ()
     given_up: tuple[str, ...] = ()
     if goals is not None and margins.singular is None:

@@ -49,7 +49,9 @@ def _input_program(settings: InverseDynamicsSettings, context: ControllerContext
     goals = TaskGoals(settings.tasks, tasks, reduced)
     if reduced.p >= reduced.r:  # with fewer actuators, the motion is not free to choose
         kinematic = VelocityQP(reduced, tasks, limits, solver=settings.solver)
-        _, complaints, doubts = check_motion(context, kinematic, horizon=simulation.duration, goals=goals)
+        _, complaints, doubts = check_motion(
+            context, kinematic, horizon=simulation.duration, goals=goals, stands_in=True
+        )
     return BuiltController(program, complaints, goals=goals, doubts=doubts)
 
 
