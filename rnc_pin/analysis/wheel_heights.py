@@ -69,17 +69,19 @@ def wheel_height_findings(
     for wheel in wheels:
         drawn = None if shapes is None else shapes.radius(wheel)
         difference = 0.0 if drawn is None else abs(wheel.radius - drawn)
-        if drawn is not None and difference > _EXACT * wheel.radius:
-            message = f"{wheel.frame}: radius {wheel.radius:g} m, but its collision shape has {drawn:.4g} m"
-            found.append(_finding(wheel, difference, message))
         gap = _gap(wheel, ground, drawn is not None and _severity(wheel, difference) is Severity.NOTE)
+        words = []
+        if abs(gap) > _EXACT * wheel.radius:
+            words.append(f"its centre is {_height(wheel, ground):.4g} m above the ground")
+        if drawn is not None and difference > _EXACT * wheel.radius:
+            words.append(f"its collision shape has {drawn:.4g} m")
+        if not words:
+            continue
+        message = f"{wheel.frame}: radius {wheel.radius:g} m, but {' and '.join(words)}"
         if abs(gap) > _EXACT * wheel.radius:
             side = "above" if gap > 0 else "below"
-            message = (
-                f"{wheel.frame}: radius {wheel.radius:g} m, but its centre is {_height(wheel, ground):.4g} m above the "
-                f"ground: the contact point is {abs(gap):.4g} m {side} the ground"
-            )
-            found.append(_finding(wheel, abs(gap), message))
+            message += f": the contact point is {abs(gap):.4g} m {side} the ground"
+        found.append(_finding(wheel, max(abs(gap), difference), message))
     return tuple(found)
 
 

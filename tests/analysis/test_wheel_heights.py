@@ -141,6 +141,15 @@ def test_a_radius_is_compared_with_the_shape_of_the_link(tmp_path, shape, base):
     assert findings(tmp_path, radius=0.17, height=0.0, shape=shape, base=base) == ()
 
 
+def test_height_and_shape_are_one_finding(tmp_path):
+    found = findings(tmp_path, radius=0.2, shape='<sphere radius="0.17"/>')
+    assert summary(found) == both("degrades", 0.03)
+    assert found[0].message == (
+        "wheel_left: radius 0.2 m, but its centre is 0.17 m above the ground and its collision shape has 0.17 m: "
+        "the contact point is 0.03 m below the ground"
+    )
+
+
 def test_a_mesh_is_measured_about_the_axle(tmp_path):
     angles = np.linspace(0, 2 * np.pi, 49)[:-1]
     rim = [(0.17 * np.cos(a), y, 0.17 * np.sin(a)) for a in angles for y in (-0.02, 0.02)]
