@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -11,7 +10,7 @@ import numpy as np
 
 import rnc_pin as rnc
 from benchmarks.planned_models import car, tractor
-from rnc_pin.errors import ModelWarning, SimulationError
+from rnc_pin.errors import SimulationError
 from rnc_pin.optimal import MotionPlan, OutputBound, PlanFeedback, SolverSettings, VelocityBound
 from rnc_pin.optimal.action_models import KinematicModel, Nodes
 from rnc_pin.scenario.execution import plan as planned_scenario
@@ -110,9 +109,15 @@ def _docking(trailers: int) -> Case:
     bounds = [steering, VelocityBound(-1.0, 1.0), OutputBound(hitches, -1.0, 1.0)]
     goal = {rnc.FramePosition("tractor", "xy"): [0.0, 0.0], rnc.FrameYaw("tractor"): 0.0, **dict.fromkeys(hitches, 0.0)}
     q0 = reduced.robot.configuration({"root_joint": [4.0, 1.0, 0.2]})
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)  # without feedback the hitch is unstable
-        plan = rnc.optimal.plan(reduced, q0, goal, 16.0, bounds=bounds, settings=SolverSettings(refinements=1))
+    plan = rnc.optimal.plan(
+        reduced,
+        q0,
+        goal,
+        16.0,
+        bounds=bounds,
+        settings=SolverSettings(refinements=1, accuracy=1e-2),
+        feedback=lambda found: rnc.tvlqr(reduced, found, state_cost=20.0).K,
+    )
     start, error = _displaced(reduced, q0), _end_error(reduced, plan, hitches=trailers)
     return Case(reduced, plan, 20.0, 0.02, reduced.n, start, error)
 
