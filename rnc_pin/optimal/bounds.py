@@ -191,10 +191,10 @@ class DistanceBound(BoundKind):
     pairs: int = 6
 
     def bind(self, model: ActionModel) -> NodeBound:
-        return ClearanceRows(self)
+        return DistanceRows(self)
 
 
-class ClearanceRows(NodeBound):
+class DistanceRows(NodeBound):
     """Distances of the nearest pairs at each node."""
 
     quantity = DISTANCE

@@ -25,7 +25,7 @@ from rnc_pin.optimal.transcription import Transcription
 
 _DEFAULT, _OF_FILE = SolverSettings(), FileLimits()
 
-Feedback = Literal["tvlqr", "plan"] | Callable[[MotionPlan], Any] | None
+RunFeedback = Literal["tvlqr", "plan"] | Callable[[MotionPlan], Any] | None
 """Feedback that a run will use: the gains of ``rnc.tvlqr(reduced, plan)``, those of the plan, a function from a plan to
 gains (K, nu, nx), or None for the inputs alone."""
 
@@ -48,7 +48,7 @@ def plan_motion(
     v2_0: Any = None,
     at_rest: bool = True,
     time_weight: float = 0.0,
-    feedback: Feedback = "tvlqr",
+    feedback: RunFeedback = "tvlqr",
 ) -> MotionPlan:
     """Return an optimal motion of a reduced system from a configuration to a goal.
 
@@ -116,7 +116,7 @@ def plan_motion(
     return made
 
 
-def _gains(reduced: ReducedModel, feedback: Feedback) -> Callable[[MotionPlan], Any] | None:
+def _gains(reduced: ReducedModel, feedback: RunFeedback) -> Callable[[MotionPlan], Any] | None:
     """Function from a plan to the gains of its feedback."""
     if feedback == "tvlqr":
         return lambda plan: tvlqr(reduced, plan).K

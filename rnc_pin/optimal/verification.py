@@ -12,7 +12,7 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.collision import continuous_distances
 from rnc_pin.errors import RncError
 from rnc_pin.optimal.action_models import Nodes
-from rnc_pin.optimal.bounds import ClearanceRows
+from rnc_pin.optimal.bounds import DistanceRows
 from rnc_pin.optimal.motion_plan import Integration, PlanVerification
 from rnc_pin.optimal.transcription import Iterate, Transcription
 
@@ -145,7 +145,7 @@ def _input_limits(problem: Transcription) -> tuple[Array, Array]:
 
 def _excesses(problem: Transcription, fine: Iterate, substeps: int, accuracy: float) -> Iterator[Excess]:
     """Largest excess of each row that a fine motion exceeds."""
-    others = [bound for bound in problem.bounds if not isinstance(bound, ClearanceRows)]
+    others = [bound for bound in problem.bounds if not isinstance(bound, DistanceRows)]
     duration = (fine.duration, fine.duration)
     same = Transcription(problem.model, problem.start, len(fine.u), [], others, problem.goal, duration)
     same.begin = problem.begin
@@ -166,7 +166,7 @@ def _excesses(problem: Transcription, fine: Iterate, substeps: int, accuracy: fl
                     block.quantity, block.titles[row], amount, block.units[row], float(times[at]), value, limit
                 )
     for bound in problem.bounds:
-        if isinstance(bound, ClearanceRows):
+        if isinstance(bound, DistanceRows):
             yield from _too_near(bound, times, fine.q, accuracy)
 
 
@@ -185,7 +185,7 @@ def _peaks(values: Float[Array, "n k"], substeps: int) -> Float[Array, "n k"]:
     return peaks
 
 
-def _too_near(bound: ClearanceRows, times: Array, q: Array, accuracy: float) -> Iterator[Excess]:
+def _too_near(bound: DistanceRows, times: Array, q: Array, accuracy: float) -> Iterator[Excess]:
     """Pairs that come nearer than the clearance at any time, or of which this is not certain."""
     found = continuous_distances(bound.distances, times, q, bound.clearance, 0.5 * accuracy)
     for k, pair in enumerate(bound.distances.pairs):

@@ -33,7 +33,7 @@ from rnc_pin.optimal import (
 from rnc_pin.optimal.action_models import Nodes
 from rnc_pin.optimal.costs import Weight
 from rnc_pin.optimal.guesses import goal_configuration
-from rnc_pin.optimal.planner import Feedback
+from rnc_pin.optimal.planner import RunFeedback
 from rnc_pin.planning import CarPath
 from rnc_pin.planning.steering_geometry import SteeringGeometry
 from rnc_pin.robots.robot import Robot
@@ -132,7 +132,7 @@ def _file_limits(settings: OptimalPlanner) -> FileLimits | None:
     return FileLimits(*(each is not None for each in (limits.position, limits.velocity, limits.effort)))
 
 
-def _feedback(scenario: Scenario, reduced: ReducedModel) -> Feedback:
+def _feedback(scenario: Scenario, reduced: ReducedModel) -> RunFeedback:
     gains, state_cost, input_cost = _regulator(scenario)
     if gains == "plan":
         return "plan"

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import yaml
 
+import forklifts
 import rnc_pin as rnc
 from rnc_pin.io.manifest import is_result
 from rnc_pin.scenario.execution import execute, plan, write
@@ -86,3 +87,72 @@ def test_existing_trackers_follow_the_outputs_of_the_plan_and_equal_plans_are_sh
 def test_mistakes_are_refused(tmp_path, changes, message):
     with pytest.raises(rnc.RncError, match=message):
         plan(written(tmp_path, **changes))
+
+
+FORKLIFT = """
+robot: {urdf: forklift.urdf, base: planar}
+constraints: [{no_side_slip: {frame: base}}]
+actuators: [{force: {frame: base, axis: x}}, {torque: {frame: base, axis: z}}, lift_joint]
+outputs:
+  reducing: [{frame_speed: {frame: base, axis: x}}, {frame_yaw: base}, {joint: lift_joint}]
+  vertical: [{frame_position: {frame: base, axes: xy}}]
+planner:
+  type: optimal
+  goal: {base_x: 1, base_y: 0, base_yaw: 0, lift_joint: 2.6}
+  duration: 8
+  nodes: 20
+  seeds: 0
+controller: {type: plan_feedback, state_cost: 10}
+simulation: {duration: 8, dt: 0.01}
+"""
+
+
+@pytest.fixture
+def warehouse(tmp_path):
+    forklifts.forklift(tmp_path)  # writes its file
+    return tmp_path
+
+
+def test_a_goal_beyond_a_limit_of_the_file_is_refused(warehouse, call):
+    status, _, error = call("run", written(warehouse, FORKLIFT), "--out", warehouse / "out")
+    assert status == 2
+    assert "planner: goal: value of lift_joint = 2.6 is above the limit 1.4 of the robot's file" in error
+    assert "limits: {position: null}" in error
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"limits": None},
+        {"limits": {"position": None}},
+        {"bounds": {"output": {"lift_joint": [0, 3]}}},
+        {"bounds": {"output": {"lift_joint": [None, None]}}},
+    ],
+)
+def test_limits_of_the_file_are_removed_or_replaced(warehouse, settings):
+    found = plan(written(warehouse, FORKLIFT, planner=settings)).experiment.plan
+    assert found.q[-1, 4] == pytest.approx(2.6, abs=1e-4)
+    assert found.verdict.succeeded
+
+
+def test_velocities_of_the_file_hold_unless_the_file_says_otherwise(warehouse):
+    high = {"lift_joint": 1.2, "base_x": 1.0, "base_y": 0.0, "base_yaw": 0.0}
+    quick = {"goal": high, "duration": 3.0}
+    slow, fast = (
+        plan(written(warehouse, FORKLIFT, planner={**quick, **each})).experiment.plan
+        for each in ({}, {"limits": {"velocity": None}})
+    )
+    assert slow.w[:, 2].max() == pytest.approx(0.5, abs=1e-3)
+    assert fast.w[:, 2].max() == pytest.approx(0.6, rel=0.02)
+
+
+def test_plans_are_judged_with_the_gains_of_the_run(warehouse):
+    """Without gains the motion with feedback is that of the inputs alone."""
+    near = {"goal": {"lift_joint": 0.5, "base_x": 1.0, "base_y": 0.3, "base_yaw": 0.3}, "seeds": 6}
+    zero = {"state_cost": 0.0, "input_cost": 1.0}
+    idle = plan(written(warehouse, FORKLIFT, planner=near, controller=zero)).experiment.plan.info.verification
+    stiff = {"state_cost": 1000.0}
+    firm = plan(written(warehouse, FORKLIFT, planner=near, controller=stiff)).experiment.plan.info.verification
+    assert idle.feedback.violation == pytest.approx(idle.inputs.violation, rel=1e-6)
+    assert firm.feedback.violation < 0.8 * firm.inputs.violation
+    assert firm.inputs == idle.inputs
