@@ -19,7 +19,7 @@ from rnc_pin.optimal.guesses import guesses
 from rnc_pin.optimal.motion_plan import MotionPlan
 from rnc_pin.optimal.plan_feedback import tvlqr
 from rnc_pin.optimal.plan_search import PlanSearch
-from rnc_pin.optimal.problem_building import build_problem
+from rnc_pin.optimal.problem_building import build_problem, check_start
 from rnc_pin.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.optimal.transcription import Transcription
 
@@ -105,6 +105,7 @@ def plan_motion(
     problem = build_problem(
         reduced, q0, goal, duration, form, costs, bounds, settings.nodes, v2_0, at_rest, time_weight, limits
     )
+    check_start(problem, settings.accuracy)
     _warn_of_differences(problem)
     wanted = max(1, solutions)
     search = PlanSearch(problem, settings, _gains(reduced, feedback), wanted, alone=not seeds and wanted == 1)

@@ -10,7 +10,7 @@ import numpy as np
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.action_models import ActionModel, Nodes, action_model
-from rnc_pin.optimal.bounds import BoundKind, DistanceBound, GoalRows, NodeBound
+from rnc_pin.optimal.bounds import BoundKind, DistanceBound, DistanceRows, GoalRows, NodeBound
 from rnc_pin.optimal.costs import CostKind, EffortCost, OutputCost
 from rnc_pin.optimal.file_limits import FileLimits
 from rnc_pin.optimal.node_data import NodeData
@@ -37,7 +37,7 @@ def build_problem(
     """Return the optimal control problem of ``plan``. Without ``limits``, those of the robot's file do not count.
 
     Raises:
-        InfeasibleError: the start or the goal is beyond a limit.
+        InfeasibleError: the goal is beyond a limit.
     """
     model = action_model(reduced, form)
     times = _duration(duration)
@@ -57,12 +57,32 @@ def build_problem(
     start, stated = _start(model, q0, v2_0), [bound.bind(model) for bound in bounds]
     of_file = [] if limits is None else limits.bind(model, stated)
     end = None if goal is None else GoalRows(model, goal, at_rest)
-    _check_start(model, start, of_file)
     if end is not None:
         _check_goal(model, end, stated, of_file)
     return Transcription(
         model, start, nodes, [cost.bind(model) for cost in costs], [*stated, *of_file], end, times, time_weight
     )
+
+
+def check_start(problem: Transcription, accuracy: float) -> None:
+    """Refuse a start beyond a limit or too near to something: no motion from it is within the bounds.
+
+    Raises:
+        InfeasibleError: the start violates a bound by more than the accuracy.
+    """
+    model, start = problem.model, problem.start
+    nodes = NodeData(model, start, None, np.full(1, problem.begin))
+    for bound in problem.bounds:
+        if isinstance(bound, DistanceRows):
+            found = bound.distances.at(start.q[0], problem.begin, within=bound.clearance)
+            if found.distance.min(initial=np.inf) < bound.clearance - accuracy:
+                nearest = int(found.distance.argmin())
+                pair, distance = bound.distances.pairs[found.pairs[nearest]], float(found.distance[nearest])
+                text = f"start: the distance of {pair.names[0]} and {pair.names[1]} is {distance:.4g} m, below the"
+                raise InfeasibleError(f"{text} clearance of {bound.clearance:g} m; start elsewhere or ask for less")
+        elif bound.of_state and bound.quantity in ("output", "velocity"):
+            values = bound.rows(nodes, False).value[0].tolist()
+            _compare("start", bound, dict(zip(bound.names, values, strict=True)), accuracy)
 
 
 def _start(model: ActionModel, q0: Any, v2_0: Any) -> Nodes:
@@ -98,14 +118,6 @@ def _check_free(costs: Sequence[CostKind], bounds: Sequence[BoundKind]) -> None:
             raise ConfigurationError("free duration: an obstacle moves over time; give one duration")
 
 
-def _check_start(model: ActionModel, start: Nodes, of_file: Sequence[NodeBound]) -> None:
-    """Refuse a start beyond a limit of the file, from which no motion begins within it."""
-    nodes = NodeData(model, start, None, np.zeros(1))
-    for bound in of_file:
-        if bound.of_state:
-            _compare("start", bound, dict(zip(bound.names, bound.rows(nodes, False).value[0].tolist(), strict=True)))
-
-
 def _check_goal(model: ActionModel, goal: GoalRows, stated: Sequence[NodeBound], of_file: Sequence[NodeBound]) -> None:
     """Refuse a goal beyond a limit at once: no motion ends there."""
     for bound in (*stated, *of_file):
@@ -118,10 +130,11 @@ def _check_goal(model: ActionModel, goal: GoalRows, stated: Sequence[NodeBound],
         _compare("goal", bound, values)
 
 
-def _compare(what: str, bound: NodeBound, values: dict[str, float]) -> None:
+def _compare(what: str, bound: NodeBound, values: dict[str, float], room: float = 0.0) -> None:
     for name, title, low, high in zip(bound.names, bound.titles, bound.lower, bound.upper, strict=True):
         value = values.get(name)
-        if value is None or low - _ROUNDING * max(1.0, abs(low)) <= value <= high + _ROUNDING * max(1.0, abs(high)):
+        around = [max(room, _ROUNDING * max(1.0, abs(limit))) for limit in (low, high)]
+        if value is None or low - around[0] <= value <= high + around[1]:
             continue
         side, limit = ("above", high) if value > high else ("below", low)
         source = f" of the robot's file ({bound.remedy})" if bound.remedy else " of its bound"

@@ -8,7 +8,7 @@ import forklifts
 import rnc_pin as rnc
 import systems
 from benchmarks.planned_models import tractor
-from rnc_pin.optimal import DistanceBound, SolverSettings, VelocityBound
+from rnc_pin.optimal import DistanceBound, OutputBound, SolverSettings, VelocityBound
 from rnc_pin.verdict import FindingKind, Severity
 
 RACK, SIZE, CLEARANCE = (0.0, 0.0, 1.0), (2.0, 0.6, 2.0), 0.1
@@ -77,6 +77,20 @@ def test_corners_between_nodes_are_kept_by_larger_distances_at_the_nodes_next_to
     assert len(plan.u) == 40
     q, _ = forklifts.replay(plan, reduced.robot.model)
     assert forklifts.smallest_distance(q, RACK, SIZE) > CLEARANCE - 5.1e-3
+
+
+def test_a_start_beyond_a_bound_is_refused_at_once(tmp_path):
+    reduced = forklifts.forklift(tmp_path)
+    rack = rnc.collision.Obstacle(coal.Box(*SIZE), position=RACK, name="rack")
+    distances = rnc.collision.CollisionDistances(reduced.robot, [rack], rnc.collision.PairSelection(links=False))
+    start = reduced.robot.configuration({"root_joint": [0.0, -0.8, 0.0], "lift_joint": 0.5})  # the base is 5 cm away
+    goal = forklifts.goal_of((0.0, -2.0, 0.0), 0.5)
+    with pytest.raises(rnc.InfeasibleError, match=r"start: the distance of base and rack is 0\.05 m, below the clear"):
+        rnc.optimal.plan(reduced, start, goal, 8.0, bounds=[DistanceBound(distances, CLEARANCE)])
+    with pytest.raises(rnc.InfeasibleError, match=r"start: value of base_y = -0\.8 is above the limit -1 of its bound"):
+        rnc.optimal.plan(
+            reduced, start, goal, 8.0, bounds=[OutputBound(rnc.FramePosition("base", "xy"), None, [9, -1])]
+        )
 
 
 def test_an_unstable_motion_is_judged_with_the_feedback_of_the_run():
