@@ -95,9 +95,10 @@ class Experiment:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Findings that are known before the run: warnings, as notes."""
+        """Findings that are known before the run: those of its plan, and warnings as notes."""
         told = (*self.model_warnings, *self.warnings)
-        return tuple(Finding(FindingKind.MODEL, "", None, "", None, Severity.NOTE, each) for each in told)
+        notes = (Finding(FindingKind.MODEL, "", None, "", None, Severity.NOTE, each) for each in told)
+        return (*(() if self.plan is None else self.plan.verdict.findings), *notes)
 
     @property
     def loop(self) -> LoopOptions:

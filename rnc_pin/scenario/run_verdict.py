@@ -8,6 +8,7 @@ from rnc_pin.control.whole_body.limits import CollisionAvoidance
 from rnc_pin.control.whole_body.whole_body_program import program_of
 from rnc_pin.scenario.builder import Experiment, off_tracking
 from rnc_pin.simulation import (
+    SHORTFALL,
     LimitReplay,
     Outcome,
     Summary,
@@ -50,7 +51,8 @@ def judged_summary(
     asked = _asked(experiment)
     replay = _replay(experiment, run, asked) if len(run.time) else None
     errors = _goal_errors(experiment, run, summary) if goals and run.outcome is Outcome.COMPLETED else {}
-    more = [*experiment.findings, *(() if replay is None else distance_findings(replay, asked))]
+    tolerance = SHORTFALL if scenario.planner is None else scenario.planner.accuracy
+    more = [*experiment.findings, *(() if replay is None else distance_findings(replay, asked, tolerance))]
     verdict = judge(
         run,
         replay,

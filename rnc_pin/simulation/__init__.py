@@ -2,7 +2,7 @@
 
 from rnc_pin.deprecation import former_exports
 from rnc_pin.plants import ReducedPlant
-from rnc_pin.simulation.distance_findings import distance_findings
+from rnc_pin.simulation.distance_findings import SHORTFALL, distance_findings
 from rnc_pin.simulation.former_arguments import Plant as Plant
 from rnc_pin.simulation.free_motion import free_motion
 from rnc_pin.simulation.friction_demand import FrictionDemand, grip_along, within_grip
@@ -34,6 +34,7 @@ from rnc_pin.simulation.trajectory_batch import TrajectoryBatch
 from rnc_pin.simulation.tuned_tracker import tuned_tracker
 
 __all__ = [
+    "SHORTFALL",
     "Clearance",
     "Columns",
     "ContactLoss",

@@ -64,7 +64,7 @@ def test_what_a_file_couples_to_a_joint_that_is_locked_is_held():
     """``joint = multiplier of + offset``, solved for whichever of the two moves."""
     robot = sliders("RRR", chain=False)
     locked = SimpleNamespace(
-        **{name: getattr(robot, name) for name in ("model", "nv", "joint_id")},
+        **{name: getattr(robot, name) for name in ("model", "nv", "joint_id", "single_joint")},
         joint_names=["a", "b"],
         locked={"c": 0.4},
     )
