@@ -28,8 +28,8 @@ CANDIDATES = 3
 BLOCKS = (3, 4, 5, 6, 8, 10)
 """Numbers of blocks of the speed, for guesses where the knife edge turns while it hardly moves."""
 DRIVES, NODES = 12, 40
-ROUGH: dict[str, Any] = {"tolerance": 1e-4, "substeps": 4, "refinements": 0, "accuracy": 1e-2}
-"""Settings of the steps: a plan that misses its pose by more than 1 cm or 0.01 rad is none; steps refine it."""
+ROUGH: dict[str, Any] = {"tolerance": 1e-4, "substeps": 4, "refinements": 0, "accuracy": 0.1}
+"""Settings of the steps: their plans are guesses of finer ones, so that they may miss the pose by 10 cm or 0.1 rad."""
 FORWARD_RATE, BOTH_RATES = 20.0, (200.0, 50.0)
 """Largest rate of the steering [rad/s]. The closed forms have no limit, and turn at once at cusps."""
 
