@@ -53,12 +53,12 @@ class CollisionDistances:
 
     Example:
         >>> import coal
-        >>> robot = rnc.Robot.from_example("panda")
-        >>> shelf = rnc.collision.Obstacle(coal.Box(0.2, 0.8, 0.4), position=(0.6, 0.0, 0.2), name="shelf")
-        >>> distances = rnc.collision.CollisionDistances(robot, [shelf])
-        >>> nearest = distances.at(robot.configuration(), within=0.5)
-        >>> distances.pairs[nearest.pairs[nearest.distance.argmin()]].label
-        'panda_hand / shelf'
+        >>> robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+        >>> box = rnc.collision.Obstacle(coal.Box(0.2, 0.2, 2.0), position=(2.45, 0.0, 0.0), name="box")
+        >>> distances = rnc.collision.CollisionDistances(robot, [box])
+        >>> nearest = distances.at(robot.configuration(), within=0.1)
+        >>> [distances.pairs[pair].label for pair in nearest.pairs], nearest.distance.round(6)  # two fingers
+        (['tip / box', 'tip / box'], array([0.05, 0.05]))
     """
 
     def __init__(

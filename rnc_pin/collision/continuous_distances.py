@@ -91,7 +91,7 @@ def continuous_distances(
         >>> q = np.array([robot.configuration(), robot.configuration()])
         >>> q[1, 0] = 2.0  # through the wall between two samples
         >>> found = rnc.collision.continuous_distances(distances, np.array([0.0, 1.0]), q)
-        >>> found.smallest.min() < 0.0 < found.at_samples.min()
+        >>> bool(found.smallest.min() < 0.0 < found.at_samples.min())
         True
     """
     time, q = np.asarray(time, dtype=float), np.asarray(q, dtype=float)

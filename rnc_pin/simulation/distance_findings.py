@@ -36,13 +36,14 @@ def distance_findings(
 
     Example:
         >>> import coal
-        >>> robot = rnc.Robot.from_urdf("unicycle.urdf", base="planar")
-        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("base")]).reduce()
-        >>> run = rnc.free_motion(reduced, robot.configuration(), [1.0, 0.0, 0.0], duration=2.0)
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> outputs = [rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")]
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce(outputs)
+        >>> run = rnc.free_motion(reduced, robot.configuration(), [1.0, 0.0], duration=2.0)
         >>> post = rnc.collision.Obstacle(coal.Cylinder(0.1, 2.0), position=(1.0, 0.0, 0.0), name="post")
-        >>> replay = rnc.simulation.replay_limits(robot, run, [post])
-        >>> {str(each.kind) for each in rnc.simulation.distance_findings(replay)}
-        {'collision'}
+        >>> (found,) = rnc.simulation.distance_findings(rnc.simulation.replay_limits(robot, run, [post]))
+        >>> str(found.kind), found.where
+        ('collision', 'sleigh / post')
     """
     if clearance is not None and clearance > replay.within:
         raise InputError(
