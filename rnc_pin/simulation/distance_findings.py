@@ -19,7 +19,7 @@ def distance_findings(
 ) -> list[Finding]:
     """Findings about the distances of a run, one for each pair of bodies.
 
-    Penetrations fail, and so do shortfalls of the clearance beyond the tolerance; smaller shortfalls degrade. The
+    Penetrations fail, and so do shortfalls of the clearance beyond the tolerance; smaller ones are notes. The
     clearance is that from obstacles: links of one robot are near each other by design. Pairs that touch or overlap at
     the start by design of the robot's own file are notes: their distance is not checked.
 
@@ -69,7 +69,7 @@ def _of_pairs(replay: LimitReplay, clearance: float | None, tolerance: float) ->
             near = f"{one} comes within {max(each.distance, 0.0):.3g} m of {other} {at}"
             words = f"{near}, {clearance:g} m was asked for"
             shortfall = clearance - each.distance
-            severity = Severity.FAILS if shortfall > tolerance else Severity.DEGRADES
+            severity = Severity.FAILS if shortfall > tolerance else Severity.NOTE
             yield _finding(FindingKind.CLEARANCE, each, shortfall, severity, words)
 
 

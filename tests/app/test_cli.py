@@ -416,7 +416,7 @@ def test_replay_shows_the_summary_or_writes_a_page(source, first_run, call, tmp_
     source, page = first_run[1] / source, tmp_path / "page.html"
     status, out, error = call("replay", source)
     assert (status, error) == (0, "")
-    assert "space-robot: completed" in out
+    assert "space-robot: succeeded" in out
     assert call("replay", source, "--html", page)[0] == 0
     assert page.stat().st_size > 500_000  # the viewer is in it
     written = page.read_bytes()

@@ -12,7 +12,8 @@ from rnc_pin.app.tables import print_summary
 from rnc_pin.app.watching import close, live_view
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.scenario.saved_run import Run, animation_of, compared, load_run, view_of
-from rnc_pin.simulation import summarize
+from rnc_pin.simulation import add_verdict, judge, replay_limits, summarize
+from rnc_pin.verdict import Verdict
 from rnc_pin.visualization.capture import write_frames, write_video
 from rnc_pin.visualization.drawn_state import recorded_states
 from rnc_pin.visualization.plots import write_plots
@@ -66,7 +67,15 @@ def replay_runs(
         _show(first, speed, browser, host)
     if not show and frames is None and not any(files.values()):
         for run in runs:
-            print_summary(summarize(run.trajectory), run.trajectory.info.outputs)
+            summary = summarize(run.trajectory)
+            add_verdict(summary, _verdict(run))
+            print_summary(summary, run.trajectory.info.outputs)
+
+
+def _verdict(run: Run) -> Verdict:
+    """Verdict of the run's file; else a new one, without the goals and obstacles of its scenario."""
+    stored = run.trajectory.info.verdict
+    return stored or judge(run.trajectory, replay_limits(run.reduced.robot, run.trajectory))
 
 
 def _show(run: Run, speed: float, browser: bool, host: str) -> None:

@@ -1,0 +1,269 @@
+"""Verdicts of runs beside an independent replay, as a confusion matrix: ``python -m benchmarks.verdicts [--runs 200]``.
+
+Drawn runs are those of three built-in scenarios with drawn durations, boxes near their paths, tighter limits of joints,
+and stuck joints. The oracle interpolates the recorded configurations at 1 ms with Pinocchio and measures each pair with
+coal. It reads limits and goals from the arrays. Built-in scenarios are judged as they are.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import warnings
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import coal
+import joblib
+import numpy as np
+import pinocchio as pin
+
+import rnc_pin as rnc
+from rnc_pin.collision import CollisionDistances, Obstacle
+from rnc_pin.scenario.execution import Plan, execute, plan
+from rnc_pin.scenario.files import built_in_names
+from rnc_pin.simulation import Trajectory
+from rnc_pin.verdict import FindingKind
+
+KINDS = (
+    FindingKind.POSITION,
+    FindingKind.VELOCITY,
+    FindingKind.EFFORT,
+    FindingKind.COLLISION,
+    FindingKind.CLEARANCE,
+    FindingKind.GOAL,
+)
+STEP = 1e-3  # of the replay [s]
+UNDECIDED = 1e-3  # depth or shortfall of a distance that may be judged either way [m]
+ROUNDING = 1e-9
+DRAWN = ("space-robot", "mobile-manipulator", "unicycle")
+SHORT = {"comparisons": {}, "plots": {}, "preflight": "warn"}
+
+
+class Case(NamedTuple):
+    """Truth and judgement of a kind of finding; None where the truth is within the tolerance of the judgement."""
+
+    true: bool | None
+    found: bool
+
+
+# ---------------------------------------------------------------------- the oracle
+
+
+def dense(run: Trajectory, model: pin.Model, step: float) -> Iterator[tuple[float, np.ndarray]]:
+    """Times and configurations of a run, interpolated between its samples."""
+    for k in range(len(run.time) - 1):
+        count = max(1, round((run.time[k + 1] - run.time[k]) / step))
+        for part in range(count):
+            share = part / count
+            t = (1 - share) * run.time[k] + share * run.time[k + 1]
+            yield float(t), pin.interpolate(model, run.q[k], run.q[k + 1], share)
+    yield float(run.time[-1]), run.q[-1]
+
+
+def smallest_distances(
+    robot: rnc.Robot, obstacles: tuple[Obstacle, ...], run: Trajectory, step: float
+) -> Mapping[bool, float]:
+    """Smallest distance of links from obstacles (True) and from each other (False), by coal at dense times [m].
+
+    Only the list of pairs is that of the package: those that touch at the start are left out by design.
+    """
+    pairs = CollisionDistances(robot, obstacles, q0=run.q[0])
+    links = len(pairs.shapes) - len(obstacles)
+    model, data = robot.model, robot.model.createData()
+    objects = robot.collision_model.geometryObjects
+    radii = [float(np.linalg.norm(shape.aabb_radius)) for shape in computed(pairs.shapes)]
+    centers = [np.array(shape.aabb_center) for shape in pairs.shapes]
+    smallest = {True: np.inf, False: np.inf}
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    for t, q in dense(run, model, step):
+        pin.forwardKinematics(model, data, q)
+        poses = [data.oMi[objects[k].parentJoint] * objects[k].placement for k in range(links)]
+        poses += [each.placement(t) for each in obstacles]
+        middles = [pose.act(center) for pose, center in zip(poses, centers, strict=True)]
+        for first, second, _ in pairs.pairs:
+            obstacle = second >= links
+            apart = float(np.linalg.norm(middles[first] - middles[second])) - radii[first] - radii[second]
+            if apart < min(smallest[obstacle], 1.0):
+                one, other = (coal.Transform3s(poses[k].rotation, poses[k].translation) for k in (first, second))
+                result.clear()
+                found = coal.distance(pairs.shapes[first], one, pairs.shapes[second], other, request, result)
+                smallest[obstacle] = min(smallest[obstacle], found)
+    return smallest
+
+
+def computed(shapes: Any) -> Any:
+    """Shapes with their bounding boxes."""
+    for shape in shapes:
+        shape.computeLocalAABB()
+    return shapes
+
+
+def exceeds(run: Trajectory, robot: rnc.Robot) -> dict[FindingKind, bool]:
+    """True for kinds of limits that the arrays of a run exceed."""
+    model = robot.model
+    scalar = [joint for joint in list(model.joints)[1:] if joint.nq == joint.nv == 1]
+    low, high = model.lowerPositionLimit, model.upperPositionLimit
+    beyond = [
+        max((run.q[:, j.idx_q] - high[j.idx_q]).max(), (low[j.idx_q] - run.q[:, j.idx_q]).max())
+        > ROUNDING * (high[j.idx_q] - low[j.idx_q])
+        for j in scalar
+        if -1e6 < low[j.idx_q] < high[j.idx_q] < 1e6
+    ]
+    fastest = np.abs(run.v).max(axis=0)
+    limits = model.upperVelocityLimit
+    speeds = [fastest[k] > limits[k] * (1 + ROUNDING) for k in range(model.nv) if 0 < limits[k] < 1e6]
+    efforts = []
+    for column, name in enumerate(run.info.outputs.T):
+        if name in robot.joint_names:
+            limit = float(model.upperEffortLimit[robot.velocity_indices(name).start])
+            if 0 < limit < 1e6:
+                efforts.append(np.abs(run.T[:, column]).max() > limit * (1 + ROUNDING))
+    found = {FindingKind.POSITION: beyond, FindingKind.VELOCITY: speeds, FindingKind.EFFORT: efforts}
+    return {kind: any(each) for kind, each in found.items()}
+
+
+def truths(made: Plan, run: Trajectory, step: float) -> dict[FindingKind, bool | None]:
+    """Truth of each kind except goals; None where it is within the tolerance."""
+    robot, obstacles = made.experiment.reduced.robot, made.experiment.obstacles
+    true: dict[FindingKind, bool | None] = dict(exceeds(run, robot))
+    geometry = robot.collision_model
+    smallest = smallest_distances(robot, obstacles, run, step) if geometry and len(geometry.geometryObjects) else {}
+    nearest = min(smallest.values(), default=np.inf)
+    true[FindingKind.COLLISION] = None if -UNDECIDED < nearest < UNDECIDED else nearest < 0
+    planner = made.experiment.scenario.planner
+    asked = None if planner is None else planner.clearance
+    if asked is None or not obstacles or smallest[True] < UNDECIDED:
+        true[FindingKind.CLEARANCE] = False if asked is None or not obstacles else None
+    else:
+        short = asked - planner.accuracy - smallest[True]
+        true[FindingKind.CLEARANCE] = None if abs(short) < UNDECIDED else short > 0
+    return true
+
+
+# ---------------------------------------------------------------------- drawn runs
+
+
+def drawn_plan(number: int, seed: int) -> Plan:
+    """Run with drawn duration, obstacles, limits and faults."""
+    generator = np.random.default_rng([seed, number])
+    name = DRAWN[number % len(DRAWN)]
+    options: dict[str, Any] = {**SHORT, "simulation.duration": float(generator.uniform(2.0, 7.0)), "seed": number}
+    nominal = plan(name, options)
+    robot = nominal.experiment.reduced.robot
+    run = execute(nominal).trajectory
+    boxes = []
+    for place in range(int(generator.integers(0, 3))):
+        q = run.q[generator.integers(len(run.q))]
+        data = robot.model.createData()
+        pin.framesForwardKinematics(robot.model, data, q)
+        shapes = robot.collision_model.geometryObjects
+        shape = shapes[int(generator.integers(len(shapes)))]
+        at = data.oMf[shape.parentFrame].translation + generator.normal(scale=0.25, size=3)
+        size = generator.uniform(0.005, 0.25, 3)
+        boxes.append({"box": {"name": f"box {place}", "size": size.tolist(), "position": at.tolist()}})
+    options["obstacles"] = boxes
+    driven = [each for each in nominal.experiment.scenario.actuators if isinstance(each, str)]
+    if driven and generator.random() < 0.3:
+        stuck = {"joint": str(generator.choice(driven)), "time": float(generator.uniform(0.1, 1.0))}
+        options["faults"] = {"stuck": stuck}
+    made = plan(name, options)
+    tighten(made.experiment.reduced.robot, run, generator)
+    return made
+
+
+def tighten(robot: rnc.Robot, run: Trajectory, generator: np.random.Generator) -> None:
+    """Draw limits of joints near what the nominal run uses, so that about half of the runs exceed one."""
+    model = robot.model
+    for joint in list(model.joints)[1:]:
+        if joint.nv != 1 or generator.random() < 0.5:
+            continue
+        q, v, share = joint.idx_q, joint.idx_v, generator.uniform(0.7, 2.0, 3)
+        if joint.nq == 1:
+            low, high = float(run.q[:, q].min()), float(run.q[:, q].max())
+            middle, half = 0.5 * (low + high), 0.5 * (high - low) + 0.05
+            model.lowerPositionLimit[q], model.upperPositionLimit[q] = (
+                middle - share[0] * half,
+                middle + share[0] * half,
+            )
+        model.upperVelocityLimit[v] = share[1] * (float(np.abs(run.v[:, v]).max()) + 0.01)
+    for column, name in enumerate(run.info.outputs.T):
+        if name in robot.joint_names and generator.random() < 0.5:
+            place = robot.velocity_indices(name).start
+            model.upperEffortLimit[place] = generator.uniform(0.7, 2.0) * (float(np.abs(run.T[:, column]).max()) + 0.01)
+
+
+def missed(made: Plan, run: Trajectory) -> bool:
+    """True if an output ended away from its desired value."""
+    tolerance = made.experiment.scenario.goal_tolerance
+    errors = []
+    for kind in ("x1", "x2"):
+        desired = getattr(run, f"{kind}_desired")[-1]
+        difference = run.coordinates(kind).difference(desired, getattr(run, kind)[-1])
+        columns = run.info.outputs.of(kind).names
+        errors += [abs(e) for e, name in zip(difference, columns, strict=True) if name in run.info.goals]
+    return any(each > tolerance for each in errors)
+
+
+def judged(made: Plan, step: float) -> dict[FindingKind, Case]:
+    """Truth and judgement of a run by kind."""
+    run = execute(replace(made, comparisons={})).trajectory
+    true = truths(made, run, step)
+    whole_body = made.experiment.goals is not None
+    true[FindingKind.GOAL] = None if whole_body or run.outcome is not rnc.Outcome.COMPLETED else missed(made, run)
+    found = {each.kind for each in run.verdict.findings if str(each.severity) == "fails"}
+    return {kind: Case(true[kind], kind in found) for kind in KINDS}
+
+
+def drawn_case(seed: int, number: int) -> dict[FindingKind, Case]:
+    """Truth and judgement of a drawn run by kind."""
+    with warnings.catch_warnings(action="ignore"), np.errstate(all="ignore"):
+        return judged(drawn_plan(number, seed), STEP)
+
+
+def built_in_case(name: str) -> dict[FindingKind, Case]:
+    """Truth and judgement of a built-in scenario by kind; at 4 ms, because of its meshes."""
+    with warnings.catch_warnings(action="ignore"), np.errstate(all="ignore"):
+        return judged(plan(name, SHORT), 4 * STEP)
+
+
+def matrix(cases: list[dict[FindingKind, Case]]) -> str:
+    """Confusion matrix as rows of a table."""
+    lines = [
+        "| finding | true and found | missed | invented | neither | within the tolerance |",
+        "|---|---|---|---|---|---|",
+    ]
+    for kind in KINDS:
+        counts = Counter((case[kind].true, case[kind].found) for case in cases)
+        undecided = counts[None, True] + counts[None, False]
+        row = (counts[True, True], counts[True, False], counts[False, True], counts[False, False], undecided)
+        lines.append(f"| {kind} | {' | '.join(map(str, row))} |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Print both matrices."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=200, help="drawn runs")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=2)
+    given = parser.parse_args()
+    start = time.perf_counter()
+    pool = joblib.Parallel(n_jobs=given.jobs)
+    cases = pool(joblib.delayed(partial(drawn_case, given.seed))(number) for number in range(given.runs))
+    print(f"{given.runs} drawn runs, seed {given.seed}\n\n{matrix(cases)}\n", flush=True)
+    names = built_in_names()
+    cases = pool(joblib.delayed(built_in_case)(name) for name in names)
+    print(f"{len(names)} built-in scenarios\n\n{matrix(cases)}\n")
+    for name, case in zip(names, cases, strict=True):
+        wrong = [str(kind) for kind in KINDS if case[kind].true is not None and case[kind].true != case[kind].found]
+        if wrong:
+            print(f"{name}: {', '.join(wrong)}")
+    print(f"{time.perf_counter() - start:.0f} s")
+
+
+if __name__ == "__main__":
+    main()
