@@ -16,8 +16,8 @@ from click.shell_completion import CompletionItem
 from rnc_pin.app import commands
 from rnc_pin.app.messages import announce
 from rnc_pin.app.termination import interruptible_imports
+from rnc_pin.finding_kinds import FindingKind
 from rnc_pin.scenario.files import built_in_names, find_scenario
-from rnc_pin.verdict import FindingKind
 
 Given: TypeAlias = Any
 """Argument from Click; the functions in ``commands`` declare the types."""

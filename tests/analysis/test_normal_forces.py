@@ -197,8 +197,9 @@ simulation: {duration: 0.3, dt: 0.01}
 def test_the_command_line_says_so_at_the_end_of_a_run(call, tmp_path, no_pictures):
     (tmp_path / "cart.yaml").write_text(SCENARIO)
     status, out, said = call("run", tmp_path / "cart.yaml", "--out", tmp_path / "out", "--force")
-    assert status == 0, said
-    assert said.count("warning: contact 'nose' would lift off at t = 0.") == 2  # before the run, and after it
+    assert status == 1, said
+    assert said.count("warning: contact 'nose' would lift off at t = 0.") == 1  # before the run
+    assert said.count("error: contact 'nose' would lift off at t = 0.") == 1  # after it
     assert "normal force of nose, lowest" in out
 
 

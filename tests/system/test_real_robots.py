@@ -16,6 +16,7 @@ RADIUS = 0.0985
 TRANSIENT = 1.0  # [s]
 BRIEF = ["simulation.duration=1.6", "simulation.dt=0.004"]
 HURRIED = [
+    "accept=[goal]",
     "simulation.duration=2.5", BRIEF[1], "reference.primary.minimum_jerk.duration=1.5", "controller.platform.begin=1.5"
 ]  # fmt: skip
 

@@ -1,0 +1,35 @@
+"""Verdicts beside an independent replay by Pinocchio and coal: no finding is missed, and none is invented."""
+
+import pytest
+
+from benchmarks import forklift_sweep, verdicts
+
+
+def wrong(case):
+    return [str(kind) for kind, each in case.items() if each.true is not None and each.true != each.found]
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_drawn_runs_are_judged_as_they_are(number):
+    """Two of each scenario; with seed 0 they hit boxes, and exceed positions, velocities and efforts."""
+    assert wrong(verdicts.drawn_case(0, number)) == []
+
+
+@pytest.mark.long
+def test_two_hundred_drawn_runs_and_all_built_in_scenarios(capsys, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["verdicts", "--runs", "200"])
+    verdicts.main()
+    out = capsys.readouterr().out
+    for line in out.splitlines():
+        if line.startswith("| ") and not line.startswith("| finding"):
+            missed, invented = line.split("|")[3:5]
+            assert (int(missed), int(invented)) == (0, 0), out
+
+
+@pytest.mark.long
+def test_runs_of_the_forklift_that_succeed_keep_clearance_and_goal(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["forklift_sweep", "--runs", "200", "--out", str(tmp_path)])
+    forklift_sweep.main()
+    out = capsys.readouterr().out
+    assert "kept in the replay" in out
+    assert "broken in the replay" not in out
