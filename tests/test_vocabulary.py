@@ -4,6 +4,7 @@ import ast
 import re
 from collections import Counter
 from functools import cache
+from typing import NamedTuple
 
 import pytest
 
@@ -17,7 +18,35 @@ LONGEST_SENTENCE = 30  # words
 PAGES = pages()
 
 
+class Facts(NamedTuple):
+    """Facts about a module for these rules; its syntax tree would keep millions of objects alive."""
+
+    docstrings: list[tuple[str, str]]
+    imported: list[tuple[int, str]]
+    defined: list[str]
+
+
 @cache
+def facts(path):
+    nodes = statements(path)
+    documented = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef | ast.Module
+    return Facts(
+        [
+            (getattr(node, "name", "module"), text)
+            for node in nodes
+            if isinstance(node, documented)
+            if (text := ast.get_docstring(node))
+        ],
+        [
+            (node.lineno, name)
+            for node in nodes
+            if isinstance(node, ast.Import | ast.ImportFrom)
+            for name in (getattr(node, "module", None) or "", *(each.name for each in node.names))
+        ],
+        [node.name for node in nodes[0].body if isinstance(node, ast.ClassDef | ast.FunctionDef)],
+    )
+
+
 def statements(path):
     """The module and the statements in it, in all depths; expressions hold no docstrings, imports or definitions."""
     found, left = [], [ast.parse(path.read_text())]
@@ -28,14 +57,6 @@ def statements(path):
             children = getattr(node, body, ())
             left += [each for each in children if not isinstance(each, ast.expr)] if isinstance(children, list) else ()
     return found
-
-
-def docstrings(path):
-    for node in statements(path):
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef | ast.Module):
-            text = ast.get_docstring(node)
-            if text:
-                yield getattr(node, "name", "module"), text
 
 
 def sentences(text):
@@ -52,7 +73,7 @@ def test_no_docstring_starts_with_a_question_word():
     asked = [
         f"{path.relative_to(ROOT)}: {name}: {text.splitlines()[0]}"
         for path in MODULES
-        for name, text in docstrings(path)
+        for name, text in facts(path).docstrings
         if QUESTION.match(text)
     ]
     assert not asked, "\n".join(asked)
@@ -72,11 +93,9 @@ def test_long_sentences_are_found():
 def test_no_test_file_imports_another():
     """Shared helpers are in ``tests/support``."""
     imported = [
-        f"{path.name}:{node.lineno}"
+        f"{path.name}:{line}"
         for path in (ROOT / "tests").rglob("*.py")
-        for node in statements(path)
-        if isinstance(node, ast.Import | ast.ImportFrom)
-        for name in (getattr(node, "module", None) or "", *(each.name for each in node.names))
+        for line, name in facts(path).imported
         if name.rpartition(".")[2].startswith("test_")
     ]
     assert not imported, ", ".join(imported)
@@ -90,10 +109,10 @@ def test_no_file_name_is_used_twice():
 def test_no_public_name_is_defined_twice():
     """Except by the command line, whose commands are named for what they call, and by what keeps former names."""
     defined = Counter(
-        node.name
+        name
         for path in (ROOT / "rnc_pin").rglob("*.py")
         if "app" not in path.relative_to(ROOT).parts and not path.stem.startswith("former_")
-        for node in statements(path)[0].body
-        if isinstance(node, ast.ClassDef | ast.FunctionDef) and not node.name.startswith("_")
+        for name in facts(path).defined
+        if not name.startswith("_")
     )
     assert [name for name, count in defined.items() if count > 1] == []

@@ -78,6 +78,11 @@ SCENARIOS = {
 SETTINGS = {"controller": {"type": "reducing_outputs"}, "simulation": {"duration": 0.1, "dt": 0.01}}
 
 
+@pytest.fixture(autouse=True)
+def no_wait_for_a_browser(monkeypatch):
+    monkeypatch.setattr("rnc_pin.visualization.live.LiveView.wait_for_browser", lambda *_: None)
+
+
 def residual(kind, trajectory):
     """Distance of the coupled joints from their closed form, and how far the first of them moved."""
     q = trajectory.q
