@@ -30,7 +30,7 @@ def round_the_rack(reduced, number, **options):
     )
 
 
-@pytest.mark.parametrize("number", range(4))
+@pytest.mark.parametrize("number", [0, 1, *(pytest.param(k, marks=pytest.mark.long) for k in range(2, 8))])
 def test_plans_round_a_rack_keep_goal_and_clearance_in_a_dense_replay(tmp_path, number):
     reduced = forklifts.forklift(tmp_path)
     (x, y, yaw, lift), plan = round_the_rack(reduced, number)
