@@ -10,7 +10,7 @@ import pytest
 import rnc_pin as rnc
 from carts import WHEELS, cart_with_arm
 from rnc_pin.collision import Obstacle, ground_shape
-from rnc_pin.simulation import replay_limits
+from rnc_pin.simulation import obstacles_passed, replay_limits
 
 
 @pytest.fixture(scope="module")
@@ -122,3 +122,15 @@ def test_other_robot_is_refused(run_of_panda):
     _, run = run_of_panda
     with pytest.raises(rnc.InputError, match="nq of the robot"):
         replay_limits(rnc.Robot.from_urdf("space_robot.urdf"), run)
+
+
+def test_a_plan_through_a_thin_wall_between_two_samples_passes_it(tmp_path):
+    robot = cart_with_arm(tmp_path)
+    q = np.array([robot.configuration()] * 2)
+    q[1, 0] = 4.0
+    wall = Obstacle(coal.Box(0.005, 4.0, 2.0), position=(2.5, 0.0, 0.0), name="wall")
+    floor = Obstacle(ground_shape(), name="floor", ignored_links=WHEELS)
+    (passed,) = obstacles_passed(robot, np.array([0.0, 2.0]), q, [wall, floor])
+    assert passed.names[1] == "wall"
+    assert passed.distance < -0.1
+    assert 0.5 < passed.time < 1.5
