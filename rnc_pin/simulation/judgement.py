@@ -118,7 +118,9 @@ def _limits(replay: LimitReplay) -> Iterator[Finding]:
 
 
 def _exceeded(use: LimitUse) -> Finding:
-    return Finding(_KINDS[use.kind], use.name, abs(use.value) - abs(use.limit), "", use.time, Severity.FAILS, str(use))
+    """Finding of a limit; positions have a lower and an upper limit, the others one of the absolute value."""
+    amount = abs(use.value - use.limit) if use.kind == "position" else abs(use.value) - use.limit
+    return Finding(_KINDS[use.kind], use.name, amount, "", use.time, Severity.FAILS, str(use))
 
 
 def _contacts(run: Trajectory) -> Iterator[Finding]:

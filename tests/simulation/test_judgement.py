@@ -59,6 +59,7 @@ def test_a_run_within_everything_has_no_finding(tmp_path):
     ("limit", "kind", "amount", "time"),
     [
         ('lower="-9" upper="0.3" velocity="9" effort="9"', FindingKind.POSITION, 0.2, 1.0),  # x = 0.5 at 1 s
+        ('lower="0.2" upper="9" velocity="9" effort="9"', FindingKind.POSITION, 0.2, 0.0),  # x = 0 at the start
         ('lower="-9" upper="9" velocity="0.6" effort="9"', FindingKind.VELOCITY, 0.4, 1.0),  # 1 m/s at 1 s
         ('lower="-9" upper="9" velocity="9" effort="0.75"', FindingKind.EFFORT, 0.25, 0.0),
     ],
