@@ -6,7 +6,7 @@ A run is *completed* if it reached its end. It *succeeded* only if no finding fa
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
@@ -16,7 +16,7 @@ from rnc_pin.finding_kinds import FindingKind, Severity
 from rnc_pin.io.json import Json
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 
-__all__ = ["Finding", "FindingKind", "Severity", "Verdict", "finding_kind"]
+__all__ = ["Finding", "FindingKind", "Severity", "Verdict", "finding_kind", "weight_of"]
 
 
 @dataclass(frozen=True)
@@ -136,9 +136,13 @@ class Verdict(SummaryMixin):
     def _summary(self) -> ObjectSummary:
         kinds: dict[str, list[Item]] = {}
         for each in self.findings:
-            accepted = each.severity is Severity.FAILS and each.kind in self.accepted
-            kinds.setdefault("accepted" if accepted else str(each.severity), []).append(Item(each.message))
+            kinds.setdefault(weight_of(each.kind, each.severity, self.accepted), []).append(Item(each.message))
         return ObjectSummary(self.word, list(kinds.items()))
+
+
+def weight_of(kind: str, severity: str, accepted: Collection[str]) -> str:
+    """Severity of a finding in words: "accepted" in place of "fails" if its kind is accepted."""
+    return "accepted" if severity == Severity.FAILS and kind in accepted else str(severity)
 
 
 def finding_kind(name: FindingKind | str) -> FindingKind:

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from rnc_pin.simulation import OutputNames, Summary
+from rnc_pin.verdict import weight_of
 
 if TYPE_CHECKING:
     from rnc_pin.sweeps.sweep_statistics import SweepStatistics  # sweeps import joblib
@@ -34,7 +35,7 @@ def print_summary(summary: Summary, outputs: OutputNames | None = None) -> None:
         errors.add_row(name + units.get(name, ""), *(f"{figure:.2e}" for figure in figures))
     console.print(errors)
     for finding in summary.get("findings", ()):
-        how = "accepted" if finding["kind"] in summary.get("accepted", ()) else finding["severity"]
+        how = weight_of(str(finding["kind"]), str(finding["severity"]), summary.get("accepted", ()))
         console.print(f"{how}: {finding['message']}", highlight=False, soft_wrap=True)
     invariants = Table(show_header=False, box=None, pad_edge=False)
     invariants.add_column()

@@ -41,7 +41,7 @@ class NodeBound(ABC):
     quantity = ""
     of_file = False
     remedy = ""
-    """How to remove a limit of the robot's file; "" for bounds that are stated."""
+    """Remedy that removes a limit of the robot's file; "" for bounds that are stated."""
 
     def __init__(
         self, names: Sequence[str], lower: Any, upper: Any, of_state: bool, units: Sequence[str] | None = None

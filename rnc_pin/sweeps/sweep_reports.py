@@ -13,7 +13,7 @@ from rnc_pin.io.atomic_write import atomic_file
 from rnc_pin.io.json import dump_json
 from rnc_pin.sweeps.sweep_results import SweepResults
 from rnc_pin.sweeps.sweep_statistics import sweep_statistics
-from rnc_pin.sweeps.swept_run import LIMITS, Row, verdict_or_failure
+from rnc_pin.sweeps.swept_run import LIMITS, SUCCESSFUL, Row, verdict_or_failure
 
 if TYPE_CHECKING:
     from rnc_pin.visualization.sweep_plots import Histogram
@@ -31,7 +31,7 @@ def write_reports(results: SweepResults) -> None:
     with atomic_file(results.path / "sweep.json") as partial:
         partial.write_text(dump_json({"scenario": of, **sweep_statistics(results)}) + "\n", encoding="utf-8")
     failures = results.path / "failures.txt"
-    if set(results.verdicts) - {"succeeded", "degraded"}:
+    if set(results.verdicts) - set(SUCCESSFUL):
         with atomic_file(failures) as partial, partial.open("w", encoding="utf-8") as file:
             file.writelines(f"{line}\n" for row in results.failures() for line in failure_lines(results, row))
     else:

@@ -21,6 +21,7 @@ from rnc_pin.sweeps.row_tables import common_schema, fitted, plain_rows, read_pa
 from rnc_pin.sweeps.run_store import BLOCK, block_rows, blocks_of, part_file
 from rnc_pin.sweeps.specification import RUNS, read_specification
 from rnc_pin.sweeps.swept_run import (
+    SUCCESSFUL,
     Row,
     is_result_column,
     trajectory_file,
@@ -175,7 +176,7 @@ class SweepResults(SummaryMixin):
     def verdicts(self) -> dict[str, int]:
         """Number of runs by verdict: "succeeded", "degraded", and of the others by the kind of their first failure."""
         found = self._counts(verdict_or_failure, "verdict", "finding")
-        first = [name for name in ("succeeded", "degraded") if name in found]
+        first = [name for name in SUCCESSFUL if name in found]
         return {name: found[name] for name in (*first, *sorted(set(found) - set(first)))}
 
     def _counts(self, label: Callable[..., str], *columns: str) -> dict[str, int]:

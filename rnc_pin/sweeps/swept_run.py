@@ -92,6 +92,10 @@ def results_of(summary: Summary) -> Row:
     }
 
 
+SUCCESSFUL = ("succeeded", "degraded")
+"""Verdicts of runs that did not fail."""
+
+
 def verdict_or_failure(verdict: str, finding: str) -> str:
     """Verdict of a run; the kind of the finding that failed it instead of "failed"."""
     return finding if verdict == "failed" else verdict

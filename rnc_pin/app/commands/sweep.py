@@ -17,6 +17,7 @@ from rnc_pin.scenario.files import parse_options, plant_option
 from rnc_pin.sweeps import SweepResults, sweep
 from rnc_pin.sweeps.sweep_reports import failure_lines
 from rnc_pin.sweeps.sweep_statistics import SweepStatistics, sweep_statistics
+from rnc_pin.sweeps.swept_run import SUCCESSFUL
 
 _SHOWN = 5  # failures on the terminal
 
@@ -73,7 +74,7 @@ def sweep_scenario(
 
 
 def _succeeded(figures: SweepStatistics) -> int:
-    return sum(figures["verdicts"].get(word, 0) for word in ("succeeded", "degraded"))
+    return sum(figures["verdicts"].get(word, 0) for word in SUCCESSFUL)
 
 
 def _print_failures(results: SweepResults, count: int) -> None:
