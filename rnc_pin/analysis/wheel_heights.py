@@ -20,7 +20,7 @@ from rnc_pin.robots.robot import Robot
 from rnc_pin.verdict import Finding, FindingKind, Severity
 
 _ROUNDED, _COARSE = 0.01, 0.05  # shares of a radius that rounding explains: always, and if its last digit is as coarse
-_EXACT = 1e-6  # share of a radius below which two lengths are equal
+_EXACT = 1e-4  # share of a radius below which two lengths are equal, and printed with the same digits
 _FIXED = 1e-9  # entry of a row below which a joint does not change the height of a contact
 _NEAREST, _FARTHEST = 0.25, 4.0  # heights of a centre, in radii, at which z = 0 can be its ground
 _ROUND, _BESIDE = 0.05, 0.02  # differences in radii up to which a mesh is round about the axle

@@ -15,12 +15,14 @@ from rnc_pin.model.coupling import COUPLED
 from rnc_pin.model.kernel_rows import Form, KernelRow
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.mechanisms import JointCoupler, Phrases
+from rnc_pin.model.parameter_types import Axis
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.robot import Robot
 from rnc_pin.robots.single_joint import SingleJoint
 
-_UPRIGHT = 1e-3  # horizontal part of a unit axis above which it is not vertical
+_UPRIGHT = 0.3  # horizontal part of a unit axis above which it is not vertical: kingpins lean by up to 17 degrees
 _APART = 1e-6  # smallest wheelbase and track [m]
+_LEVEL = 0.9  # smallest horizontal part of a unit axis along an axle
 
 
 @dataclass(frozen=True)
@@ -30,14 +32,19 @@ class AckermannSteering:
     A URDF cannot describe this linkage. Without it, the wheels slip or the car only drives straight ahead. With
     steering angles l and r to the left, wheelbase L and distance w of the pivots, the row is the rate of
     ``sin(l - r) - w / L sin(l) sin(r)``, which is zero if ``cot(r) - cot(l) = w / L``. It is holonomic, and regular
-    at every angle, zero included.
+    at every angle, zero included. With ``axis``, the pivots may have different distances L_l and L_r from the fixed
+    axle, such as a front wheel and a rear wheel on both sides of it: the row is then the rate of
+    ``sin(l) cos(r) - L_l / L_r cos(l) sin(r) - w / L_r sin(l) sin(r)``.
 
-    L and w are measured at the robot's neutral configuration. There, the wheels have to point straight ahead,
-    perpendicular to the line between the pivots. Wheels may be offset from their pivots along their own axles.
+    Distances are measured at the robot's neutral configuration. There, the wheels have to point straight ahead.
+    Wheels may be offset from their pivots along their own axles.
 
     Args:
-        left, right: the steering joints, in either order. Their axes are vertical, up or down.
+        left, right: the steering joints, in either order. Their axes are vertical, up or down; a lean of up to 17
+            degrees is allowed, and the row ignores it.
         axle: a frame on the fixed axle, e.g. of a rear wheel.
+        axis: the frame's own axis along the fixed axle, "x", "y" or "z". By default the fixed axle is parallel to the
+            line between the pivots.
 
     Raises:
         ModelError: unknown joint or frame.
@@ -59,10 +66,11 @@ class AckermannSteering:
     left: str
     right: str
     axle: str
+    axis: Axis | None = None
 
     def bind(self, robot: Robot) -> Rows:
         pivots = [_pivot(self.left, robot), _pivot(self.right, robot)]
-        return _AckermannRow(self, pivots, _track_over_wheelbase(self, pivots, robot))
+        return _AckermannRow(self, pivots, *_ratios(self, pivots, robot))
 
 
 class _Pivot(NamedTuple):
@@ -83,24 +91,29 @@ class _Shape(NamedTuple):
 
 
 class _AckermannRow(Rows):
-    """Row with ``f(l, r) = sin(l - r) - k sin(l) sin(r)``, where k is the track over the wheelbase.
+    """Row with ``f(l, r) = sin(l) cos(r) - p cos(l) sin(r) - k sin(l) sin(r)``.
 
-    k is negative if the joint ``left`` is on the right.
+    p is the ratio of the wheelbases, 1 for a pair; k is the track over the wheelbase of ``right``. It is negative if
+    the joint ``left`` is on the right.
     """
 
     holonomic = (True,)
     units = ("rad/s",)
 
-    def __init__(self, kind: AckermannSteering, pivots: list[_Pivot], ratio: float) -> None:
+    def __init__(self, kind: AckermannSteering, pivots: list[_Pivot], reach: float, ratio: float) -> None:
         self.names = (f"ackermann({kind.left}, {kind.right})",)
-        self._steering, self._pivots, self._ratio = kind, pivots, ratio
+        self._steering, self._pivots, self._reach, self._ratio = kind, pivots, reach, ratio
 
     def _shape(self, at: PositionKinematics) -> _Shape:
         q = components(at.q)
         (cl, sl), (cr, sr) = (_direction(pivot, q) for pivot in self._pivots)
-        k = self._ratio
-        cosine, sine = cl * cr + sl * sr, sl * cr - cl * sr  # of l - r
-        return _Shape(sine - k * sl * sr, cosine - k * cl * sr, -cosine - k * sl * cr, sine - k * cl * cr)
+        p, k = self._reach, self._ratio
+        return _Shape(
+            sl * cr - p * cl * sr - k * sl * sr,
+            cl * cr + p * sl * sr - k * cl * sr,
+            -(p * cl * cr + sl * sr) - k * sl * cr,
+            p * sl * cr - cl * sr - k * cl * cr,
+        )
 
     def _row(self, at: PositionKinematics, l_entry: Component, r_entry: Component) -> np.ndarray:
         """Row (..., 1, nv) from its entries for unit steering rates to the left."""
@@ -146,9 +159,9 @@ class _AckermannRow(Rows):
     def _left_angle(self, position: float) -> tuple[float, float]:
         """Position of the left joint up to half turns, from that of the right joint, and its slope."""
         left, right = (pivot.sign for pivot in self._pivots)
-        r, k = right * position, self._ratio
-        sine, cosine = np.sin(r), np.cos(r) - k * np.sin(r)  # tan(l) = sin r / (cos r - k sin r)
-        return left * float(np.arctan2(sine, cosine)), left * float(1.0 / (sine * sine + cosine * cosine)) * right
+        r, p, k = right * position, self._reach, self._ratio
+        sine, cosine = p * np.sin(r), np.cos(r) - k * np.sin(r)  # tan(l) = p sin r / (cos r - k sin r)
+        return left * float(np.arctan2(sine, cosine)), left * float(p / (sine * sine + cosine * cosine)) * right
 
     def phrases(self) -> Phrases:
         return COUPLED
@@ -157,7 +170,9 @@ class _AckermannRow(Rows):
         left, right = (pivot.joint for pivot in self._pivots)
         continuous = left.continuous + 2 * right.continuous
         integers = (left.idx_q, left.idx_v, right.idx_q, right.idx_v, continuous)
-        return [KernelRow(Form.ACKERMANN, (), integers, [self._ratio, *(pivot.sign for pivot in self._pivots)])]
+        return [
+            KernelRow(Form.ACKERMANN, (), integers, [self._ratio, *(pivot.sign for pivot in self._pivots), self._reach])
+        ]
 
 
 def _direction(pivot: _Pivot, q: Sequence[Component]) -> tuple[Component, Component]:
@@ -181,18 +196,25 @@ def _pivot(name: str, robot: Robot) -> _Pivot:
     return _Pivot(SingleJoint.of(joint), data.oMi[index].translation[:2].copy(), float(np.sign(z)))
 
 
-def _track_over_wheelbase(kind: AckermannSteering, pivots: list[_Pivot], robot: Robot) -> float:
+def _ratios(kind: AckermannSteering, pivots: list[_Pivot], robot: Robot) -> tuple[float, float]:
+    """Wheelbase of the first pivot, and track, over the wheelbase of the second pivot."""
     frame, data = robot.frame_id(kind.axle), robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, robot.configuration())
-    left, right = (pivot.where for pivot in pivots)
-    apart = left - right
-    track = float(np.linalg.norm(apart))
-    ahead = left - data.oMf[frame].translation[:2]
-    # Distance of the pivots' line in front of the axle; negative if the first pivot is on the right.
-    wheelbase = float(ahead[0] * apart[1] - ahead[1] * apart[0]) / track if track > _APART else 0.0
-    if abs(wheelbase) < _APART:
+    placement = data.oMf[frame]
+    left, right = (pivot.where - placement.translation[:2] for pivot in pivots)
+    track = left - right
+    across = track if kind.axis is None else placement.rotation[:2, "xyz".index(kind.axis)]
+    length = float(np.linalg.norm(across))
+    if kind.axis is not None and length < _LEVEL:
+        raise ConstraintError(f"axis {kind.axis} of frame '{kind.axle}' is vertical, expected the axis along its axle")
+    x, y = across / length if length > _APART else (1.0, 0.0)
+    # Distances in front of the fixed axle and to its side; a turn of the axle's direction by pi changes no ratio.
+    fore_l, fore_r = (float(each[0] * y - each[1] * x) for each in (left, right))
+    beside_l, beside_r = (float(each[0] * x + each[1] * y) for each in (left, right))
+    least = min(abs(fore_l), abs(fore_r)) if length > _APART else 0.0
+    if least < _APART:
         raise ConstraintError(
             f"track and wheelbase of steering joints '{kind.left}' and '{kind.right}' with frame '{kind.axle}' have to "
-            f"be above {_APART:g} m, found {track:.3g} m and {abs(wheelbase):.3g} m"
+            f"be above {_APART:g} m, found {np.linalg.norm(track):.3g} m and {least:.3g} m"
         )
-    return track / wheelbase
+    return fore_l / fore_r, (beside_l - beside_r) / fore_r

@@ -87,9 +87,9 @@ def ground_paths(run: Trajectory) -> list[GroundPath]:
         ]
         if not same:
             found.append(frame)
-        elif found[same[0]].desired is None:
-            one = found[same[0]]
-            found[same[0]] = GroundPath(one.name, one.points, one.headings, frame.desired)
+        elif found[same[0]].desired is None and frame.desired is not None:
+            one = found[same[0]]  # the actual path is that of the point that has a goal
+            found[same[0]] = GroundPath(one.name, frame.points, one.headings, frame.desired)
     return found[:MOST]
 
 

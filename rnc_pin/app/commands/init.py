@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import shlex
+import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -11,7 +13,7 @@ import click
 from rnc_pin.app.new_file import check_new_file
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.io.atomic_write import atomic_file
-from rnc_pin.scenario.draft import DraftOptions, draft
+from rnc_pin.scenario.draft import Decision, DraftOptions, draft_with_decisions, with_options
 from rnc_pin.scenario.files import parse_options
 
 
@@ -22,23 +24,49 @@ def draft_scenario(
     arguments: tuple[str, ...],
     package_dirs: tuple[Path, ...],
     lock: tuple[str, ...],
+    driven: tuple[str, ...],
+    passive: tuple[str, ...],
+    momentum: tuple[str, ...],
+    balance: bool | None,
+    rollers: bool | None,
     force: bool,
 ) -> None:
-    """Write a draft scenario for a robot."""
+    """Write a draft scenario for a robot; on a terminal, ask what the file leaves open."""
     path = out or Path(Path(robot).name.split(".")[0] + ".yaml")
     own = os.path.isfile(path) and path.resolve() == Path(robot).resolve()
     check_new_file("--out", path, force or own)
-    wishes = DraftOptions(base, parse_options(arguments), package_dirs, _held(lock))
-    text = draft(robot, path.parent, wishes)
+    wishes = DraftOptions(
+        base, parse_options(arguments), package_dirs, _held(lock), driven, passive, momentum, balance, rollers
+    )
+    found = draft_with_decisions(robot, path.parent, wishes)
+    answered = _answered(found.questions, wishes)
+    if answered != wishes:
+        found = draft_with_decisions(robot, path.parent, answered)
     if own:
         raise ConfigurationError(f"--out {path}: is the robot's own file; choose another name")
     try:
         with atomic_file(path, force) as partial:
-            partial.write_text(text, encoding="utf-8")
+            partial.write_text(found.text, encoding="utf-8")
     except OSError as error:
         raise ConfigurationError(f"--out {path}: cannot be written: {error.strerror}") from None
     quoted = shlex.quote(str(path))
     click.echo(f"wrote {path}: read it, then try: rnc-pin inspect {quoted}; rnc-pin run {quoted}")
+
+
+def _answered(questions: Sequence[Decision], wishes: DraftOptions) -> DraftOptions:
+    """Return the choices with the answers of the user; without a terminal, print the questions on stderr."""
+    for question in questions:
+        if not (sys.stdin.isatty() and sys.stderr.isatty()):
+            click.echo(f"rnc-pin: question: {question}", err=True)
+            continue
+        answers = [question.answer, *(each.answer for each in question.alternatives)]
+        listed = "; ".join(f"{number}: {answer}" for number, answer in enumerate(answers, 1))
+        click.echo(f"{question.question} ({question.evidence})", err=True)
+        kind = click.IntRange(1, len(answers))
+        chosen = click.prompt(listed, default=1, type=kind, err=True)
+        if chosen > 1:
+            wishes = with_options(wishes, question.alternatives[chosen - 2].options)
+    return wishes
 
 
 def _held(lock: tuple[str, ...]) -> dict[str, float]:

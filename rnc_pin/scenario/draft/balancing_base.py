@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-import re
+from typing import NoReturn
 
 import numpy as np
 
+from rnc_pin.errors import ConfigurationError, few
 from rnc_pin.io.json import Json
 from rnc_pin.printing import significant
 from rnc_pin.scenario.draft.base_assumptions import DRIVEN, BaseAssumptions, measured, place_and_heading, rolls
+from rnc_pin.scenario.draft.decision import LIKELY, SURE, Alternative, Decision
+from rnc_pin.scenario.draft.name_words import has_word
 from rnc_pin.scenario.draft.robot_at_start import RobotAtStart
 from rnc_pin.scenario.draft.wheel_detection import Wheel
 from rnc_pin.scenario.draft.wheel_layout import WheelGroup, WheelLayout, are_parallel
+from rnc_pin.scenario.draft.wheeled_base import one_lateral
 
-_SUPPORT = re.compile("caster|castor|support|skid|stabil|ball|roller|slider|foot|leg_rest")
-_BALANCES = re.compile("balanc|segway|pendul|upkie|hoverboard|two_?wheel")
+_SUPPORT = "caster.*|.*caster|castor.*|.*castor|support|skid|stabili[sz]er|ball|roller|slider|foot|feet|leg_rest"
+_BALANCES = "balanc.*|segway|pendul.*|upkie|hoverboard|two_?wheel(?:ed)?|self_?balanc.*"
 _TALL = 1.5  # smallest height of the center of mass above the axle of a balancing robot, in radii
 _NEAR = 0.3  # largest height of a support above the ground, in radii
 _FAR, _FAST = 0.05, 0.5  # displacement and speed with the same cost as a tilt of 0.1 rad [m, m/s]
@@ -22,35 +26,50 @@ _PUSHED = 0.1  # initial tilt rate of a bicycle [rad/s]; an initial tilt could a
 _FROUDE = 1.5  # speed of a bicycle / sqrt(gravity * wheelbase): enough for balance by steering
 
 
-def balances(layout: WheelLayout, at_start: RobotAtStart) -> bool:
-    """True if a base stands only on two wheels of one axle."""
+def balance_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | None) -> Decision | None:
+    """Return whether a base that stands on two wheels of one axle balances: by an option, its mass, supports and names.
+
+    Returns:
+        The decision, whose answer is "yes" or "no"; None if the question does not arise.
+    """
     lonely = not (layout.casters or layout.balls or layout.steered or layout.trailers)
     if not lonely or len(layout.fixed) != 2 or len(layout.axles) != 1:
-        return False
+        return None
     one, other = layout.fixed
     if np.linalg.norm(one.center - other.center) < one.radius:
-        return False
+        return None
+    question = "Does the base balance on its two wheels?"
+    no, yes = Alternative("a caster is missing in the file", ("--no-balance",)), Alternative("it does", ("--balance",))
+    if asked is not None:
+        return Decision(question, "yes" if asked else "no", SURE, "by an option")
     above, beside = _center_of_mass(layout, at_start)
-    named = _BALANCES.search(at_start.words) is not None
-    tall = above > (0.0 if named else _TALL * one.radius) and beside < max(0.5 * above, 0.2 * one.radius)
-    return tall and (named or not _is_supported(layout, at_start))
+    named = has_word(_BALANCES, *at_start.every_name)
+    if beside >= max(0.5 * above, 0.2 * one.radius) or above <= (0.0 if named else _TALL * one.radius):
+        return Decision(question, "no", LIKELY, "its center of mass is low, or beside the axle", (yes,))
+    if named:
+        return Decision(question, "yes", LIKELY, "by a name, and its center of mass is above the axle", (no,))
+    support = _support(layout, at_start)
+    if support:
+        return Decision(question, "no", LIKELY, f"{support} supports it", (yes,))
+    return Decision(question, "yes", LIKELY, "nothing else reaches the ground, and its center of mass is high", (no,))
 
 
-def balancing_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
+def balancing_base(layout: WheelLayout, at_start: RobotAtStart, decided: Decision) -> BaseAssumptions:
     """Free base on one axle: two wheel torques control both wheel angles and the pitch.
 
     The feedback uses wheel angles, not path length and heading: the motion of an unbalanced wheel depends on its angle.
     """
     wheels = layout.fixed
     result = BaseAssumptions("free", "2 wheels under a body that balances", at_start.frame, travel=DRIVEN)
+    result.decisions.append(decided)
     _lie_down(result, wheels, at_start)
     ahead = at_start.along(wheels[0].heading)
     tilt = f"{at_start.frame}_tilt_{ahead}"
     leaning: dict[str, Json] = {"frame_tilt": {"frame": at_start.frame, "axis": ahead}}
     forward = at_start.placement.rotation[:, "xyz".index(ahead)]
     cost: dict[str, Json] = {tilt: 100, f"{tilt}_dot": 1}
-    for wheel in wheels:
-        result.constraints.append((rolls(wheel), measured(wheel)))
+    for wheel, more in one_lateral(wheels):
+        result.constraints.append((rolls(wheel, **more), measured(wheel)))
         result.actuators.append((wheel.joint, ""))
         way = float(np.sign(wheel.heading @ forward)) * DRIVEN / wheel.radius
         result.outputs.append(({"joint": wheel.joint}, round(way, 2)))
@@ -68,7 +87,7 @@ def balancing_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptio
     result.lean = wheels[0].axle
     result.notes.append(
         "only two wheels touch the ground: feedback balances the base about the equilibrium near the start; "
-        "if a caster is missing in the file, use --base planar"
+        "if a caster is missing in the file, use --no-balance"
     )
     return result
 
@@ -85,11 +104,26 @@ def is_bicycle(layout: WheelLayout) -> bool:
     return bool(np.linalg.norm(between[:2]) < 1.05 * along and along > 0.8 * rear.radius)
 
 
+def refuse_one_track(layout: WheelLayout) -> NoReturn:
+    """Refuse wheels in line without steering.
+
+    Raises:
+        ConfigurationError: always.
+    """
+    raise ConfigurationError(
+        f"the wheels {few([wheel.joint for wheel in layout.wheels])} stand in line: such a robot falls sideways and "
+        "cannot turn by its wheels; add a steered wheel to the file, or hold it upright with --base planar"
+    )
+
+
 def bicycle_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     """Free base that rolls forward, tilts, and is balanced by its steering."""
     rear, fork = layout.fixed[0], layout.steered[0]
     front = fork.wheels[0]
     result = BaseAssumptions("free", "2 wheels in line: a bicycle, which leans", at_start.frame)
+    upright = Alternative("it is held upright", ("--base", "planar"))
+    evidence = "its wheels stand in line, and one of them is steered"
+    result.decisions.append(Decision("Does it lean, as a bicycle does?", "yes", LIKELY, evidence, (upright,)))
     _lie_down(result, [rear, front], at_start)
     result.constraints.append((rolls(rear), measured(rear)))
     result.constraints.append((rolls(front), f"steered by {fork.pivot.joint}; {measured(front)}"))
@@ -156,15 +190,22 @@ def _center_of_mass(layout: WheelLayout, at_start: RobotAtStart) -> tuple[float,
     return float(offset[2]), abs(float(offset @ layout.fixed[0].heading))
 
 
-def _is_supported(layout: WheelLayout, at_start: RobotAtStart) -> bool:
-    """True if another shape than the wheels reaches the ground, or if a name in the file means a support."""
-    if _SUPPORT.search(at_start.words):
-        return True
-    ground = layout.fixed[0].center[2] - layout.fixed[0].radius
+def _support(layout: WheelLayout, at_start: RobotAtStart) -> str:
+    """Name of a link that reaches the ground beside the wheels, or that is called a support; empty if there is none.
+
+    A link without a shape counts by its name if its origin is not higher than the axle.
+    """
+    axle, radius = layout.fixed[0].center[2], layout.fixed[0].radius
     own = {at_start.robot.joint_id(wheel.joint) for wheel in layout.fixed}
-    slack = _NEAR * layout.fixed[0].radius
-    everything = [each for kind in at_start.shapes.values() for each in kind]
-    return any(shape.joint not in own and shape.bottom - ground < slack for shape in everything)
+    everything = [each for kind in at_start.shapes.values() for each in kind if each.joint not in own]
+    for shape in everything:
+        if shape.bottom - (axle - radius) < _NEAR * radius:
+            return shape.name
+    for index, frame in enumerate(at_start.robot.model.frames):
+        low = at_start.data.oMf[index].translation[2] <= axle
+        if low and frame.parentJoint not in own and frame.name != "universe" and has_word(_SUPPORT, frame.name):
+            return str(frame.name)
+    return ""
 
 
 def _input_cost(layout: WheelLayout, at_start: RobotAtStart) -> float:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rnc_pin.io.json import Json
+from rnc_pin.scenario.draft.decision import Decision
 from rnc_pin.scenario.draft.wheel_detection import Wheel
 
 Entry = str | Mapping[str, Json]
@@ -43,6 +44,8 @@ class BaseAssumptions:
         v2: initial output rates, to be kept constant instead of a reference.
         travel: displacement of a base on wheels in the trial run [m]; 0 for other robots.
         without_effort: joints with effort 0 in the file, which states an effort of other joints.
+        idle: wheels without a motor, by assumption.
+        decisions: decisions behind these assumptions, with their evidence.
     """
 
     base: str | None
@@ -68,6 +71,8 @@ class BaseAssumptions:
     v2: dict[str, float] = field(default_factory=dict)
     travel: float = 0.0
     without_effort: set[str] = field(default_factory=set)
+    idle: list[str] = field(default_factory=list)
+    decisions: list[Decision] = field(default_factory=list)
 
     def hold(self, joints: Iterable[str], start: Mapping[str, float], why: str) -> None:
         """Lock joints at their start values, and note the reason."""

@@ -2,24 +2,38 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 
 import pinocchio as pin
 
 from rnc_pin.errors import few
 from rnc_pin.scenario.draft.base_assumptions import DRIVEN, BaseAssumptions
+from rnc_pin.scenario.draft.decision import GUESSED, LIKELY, SURE, Alternative, Decision
 from rnc_pin.scenario.draft.joint_properties import effort_limit
+from rnc_pin.scenario.draft.name_words import has_word
 from rnc_pin.scenario.draft.omnidirectional_base import push
 from rnc_pin.scenario.draft.robot_at_start import RobotAtStart
+from rnc_pin.scenario.draft.wheeled_base import planar
 
 _LIMBS = 3  # a body with at least this number of limbs probably floats
 _HEAVY = 0.5  # share of the mass in the first link above which the base probably floats
-_AFLOAT = re.compile(
-    "satellite|spacecraft|space_?robot|chaser|servicer|free_?fl|floating|drone|copter|quadrotor|uav|underwater"
+_AFLOAT = (
+    "satellite|spacecraft|space_?robot|space|chaser|servicer|free_?fly(?:er|ing)|free_?float.*|floating|drone"
+    "|.*copter|quadrotor|.*rotor|uav|mav|airship|blimp|rocket|underwater|rov|auv|submarine"
 )
-_WHEEL = re.compile("(?<!reaction_)wheel|tire|tyre|crawler|track(?!ing)")
-_BOLTED = re.compile("table|pedestal|stand|mount|wall|ground|world|rail")
+_AT_SEA = "boat|ship|vessel|usv|asv|catamaran|kayak|canoe|barge|hull|wam_?v|surface_vehicle"
+_MOVES_OVER_GROUND = "planar_?move.*|.*planar_?move|omnidirectional|holonomic|mecanum.*|force_?based_?move"
+_WHEEL = "(?!reaction|fly).*wheel|tire|tyre|crawler|track|caster"
+_BOLTED = "table|pedestal|stand|mount|wall|ground|world|rail"
+
+
+def moves_over_ground(at_start: RobotAtStart) -> str:
+    """Return why a robot without rolling wheels moves over the ground in any direction, or an empty string."""
+    if has_word(_MOVES_OVER_GROUND, at_start.names.plugins):
+        return "a plugin of the file moves it over the ground in any direction"
+    if at_start.is_rigid and has_word(_AT_SEA, *at_start.every_name):
+        return "a name of something that swims on the surface"
+    return ""
 
 
 def without_wheels(
@@ -33,8 +47,12 @@ def without_wheels(
         mass_of_base: returns the mass of the first link [kg]; it loads the robot.
         because: reason for the given base.
     """
-    if asked == "planar":
-        return _doubting_wheels(_on_ice(at_start), at_start)
+    over_ground = moves_over_ground(at_start)
+    if asked == "planar" or (asked is None and over_ground):
+        result = _on_ice(at_start, over_ground or "asked for; no wheels were found, so that it moves in any direction")
+        if asked is None:
+            _decide(result, "planar", over_ground, LIKELY, at_start)
+        return _doubting_wheels(result, at_start)
     own = bool(at_start.root) and at_start.robot.model.joints[at_start.root].nv == 6 and not at_start.is_rigid
     why = because if asked else "a free joint in the file" if own else _floats(at_start, mass_of_base)
     if asked == "fixed" or not why:
@@ -45,9 +63,22 @@ def without_wheels(
             result.kind = f"joints of the file let it move over the ground: {joints}"
             result.notes.append(f"{joints} are driven, and the base moves in any direction")
         elif asked is None:
-            result.notes.append("if it floats, as in space: --base free; if it drives: --base planar")
+            _decide(result, "fixed", "no wheels were found, and nothing tells that it floats", LIKELY, at_start)
         return _doubting_wheels(result, at_start)
-    return _doubting_wheels(_afloat(at_start, None if own and asked is None else "free", why), at_start)
+    result = _afloat(at_start, None if own and asked is None else "free", why)
+    if asked is None:
+        named = own or has_word(_AFLOAT, *at_start.every_name)
+        sure = SURE if own else LIKELY if named or not at_start.is_rigid else GUESSED
+        _decide(result, "free", why if not at_start.is_rigid or not named else f"{why}, with a name", sure, at_start)
+    return _doubting_wheels(result, at_start)
+
+
+def _decide(result: BaseAssumptions, base: str, evidence: str, confidence: float, at_start: RobotAtStart) -> None:
+    words = {"fixed": "it is bolted down", "planar": "it moves over the ground", "free": "it floats or flies"}
+    bases = ("planar", "free") if at_start.is_rigid else ("fixed", "planar", "free")
+    others = tuple(Alternative(words[each], ("--base", each)) for each in bases if each != base)
+    decision = Decision("How does the base move, without wheels that roll?", words[base], confidence, evidence, others)
+    result.decisions.append(decision)
 
 
 def fixed_base_with_locked_joints(at_start: RobotAtStart) -> BaseAssumptions:
@@ -62,7 +93,7 @@ def fixed_base_with_locked_joints(at_start: RobotAtStart) -> BaseAssumptions:
 def _doubting_wheels(result: BaseAssumptions, at_start: RobotAtStart) -> BaseAssumptions:
     """Add a note on links with a wheel's name that do not roll."""
     frames = at_start.robot.model.frames
-    named = [frame.name for frame in frames if frame.type == pin.FrameType.BODY and _WHEEL.search(frame.name.lower())]
+    named = [frame.name for frame in frames if frame.type == pin.FrameType.BODY and has_word(_WHEEL, frame.name)]
     if named:
         result.notes.append(
             f"links that are called wheels or tracks do not roll on the ground as they are read: {few(named)}"
@@ -80,18 +111,17 @@ def _floats(at_start: RobotAtStart, mass_of_base: Callable[[], float]) -> str:
     limbs = len(at_start.robot.model.children[0])
     if limbs >= _LIMBS:
         return f"no wheels, and {limbs} limbs on one body"
-    if _AFLOAT.search(at_start.words):
+    if has_word(_AFLOAT, *at_start.every_name):
         return "no wheels, and a name of something that floats"
     total = mass + sum(inertia.mass for inertia in at_start.robot.model.inertias[1:])
-    if mass > _HEAVY * total and not _BOLTED.search(at_start.words):
+    if mass > _HEAVY * total and not has_word(_BOLTED, *at_start.every_name):
         return f"no wheels, and {100 * mass / total:.0f} % of the mass in the first link: nothing is bolted so"
     return ""
 
 
-def _on_ice(at_start: RobotAtStart) -> BaseAssumptions:
-    result = BaseAssumptions(
-        "planar", "asked for; no wheels were found, so that it moves in any direction", at_start.frame
-    )
+def _on_ice(at_start: RobotAtStart, why: str) -> BaseAssumptions:
+    result = planar(at_start, why, [])
+    result.travel = 0.0
     push(result)
     return result
 

@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from rnc_pin.scenario.draft.robot_at_start import RobotAtStart
 from rnc_pin.scenario.draft.shapes import LEVEL, NEAR, Shape, across
-from rnc_pin.scenario.draft.tolerances import PLACED, SAME
+from rnc_pin.scenario.draft.tolerances import ALIGNED, PLACED, SAME
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class DrawnAxle:
 
 def find_drawn_axles(at_start: RobotAtStart) -> list[DrawnAxle]:
     """Return pairs of coaxial horizontal disks at the ground on one body: wheels without joints in the model."""
-    drawn = at_start.shapes["visual"]
+    drawn = at_start.shapes["visual"] or at_start.shapes["collision"]
     ground = min((shape.bottom for shape in drawn), default=0.0)
     axles: list[DrawnAxle] = []
     disks = [s for s in drawn if s.axis is not None and abs(s.axis[2]) < LEVEL and _thin(s)]
@@ -48,7 +48,7 @@ def find_drawn_axles(at_start: RobotAtStart) -> list[DrawnAxle]:
             radii = [_radius(each) for each in (one, other)]
             apart = np.linalg.norm(between)
             level = one.bottom - ground < NEAR * radii[0]
-            aligned = apart > radii[0] and abs(between @ axle) > (1 - SAME) * apart
+            aligned = apart > radii[0] and abs(between @ axle) > (1 - 0.5 * ALIGNED) * apart
             if not level or not aligned or abs(radii[0] - radii[1]) > SAME * radii[0]:
                 continue
             place = _frame_on(at_start, one.joint, one.points.mean(axis=0), axle)
@@ -78,6 +78,6 @@ def _frame_on(at_start: RobotAtStart, joint: int, point: np.ndarray, axle: np.nd
         offset = at_start.data.oMf[index].translation - point
         along = np.abs(at_start.data.oMf[index].rotation.T @ axle)
         beside = across(offset, axle)
-        if np.hypot(beside[0], beside[1]) < 10 * PLACED and along.max() > 1 - SAME:
+        if np.hypot(beside[0], beside[1]) < PLACED and along.max() > np.cos(2 * ALIGNED):
             best = (str(frame.name), "xyz"[int(along.argmax())])
     return best

@@ -7,29 +7,46 @@ import numpy as np
 from rnc_pin.io.json import Json
 from rnc_pin.math.linear_algebra import unit_rows
 from rnc_pin.scenario.draft.base_assumptions import BaseAssumptions, measured, rolls
+from rnc_pin.scenario.draft.decision import LIKELY, SURE, Alternative, Decision
 from rnc_pin.scenario.draft.joint_properties import turning_axis
+from rnc_pin.scenario.draft.name_words import has_word
 from rnc_pin.scenario.draft.robot_at_start import RobotAtStart
 from rnc_pin.scenario.draft.tolerances import SAME
 from rnc_pin.scenario.draft.wheel_detection import Wheel
 from rnc_pin.scenario.draft.wheel_layout import WheelLayout
 from rnc_pin.scenario.draft.wheeled_base import planar
 
-_OMNIDIRECTIONAL = ("mecanum", "omni", "swedish", "holonomic", "planar_move")
+_OMNIDIRECTIONAL = "mecanum.*|.*mecanum|omni|omniwheel|omnidirectional|swedish|holonomic|planar_move"
 _APART = 0.05  # smallest singular value of three independent rows on the base velocity
 _MECANUM = np.pi / 4
 
 
-def has_rollers(layout: WheelLayout, at_start: RobotAtStart) -> bool:
-    """True if wheels have rollers: as joints of the file, by name, or because their headings differ."""
+def rollers_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | None) -> Decision | None:
+    """Return whether wheels have rollers: by an option, as joints of the file, by headings, or by names.
+
+    Names count if they belong to a wheel or to the whole robot: an omnidirectional camera says nothing of the wheels.
+
+    Returns:
+        The decision, whose answer is "yes" or "no"; None if the question does not arise.
+    """
     wheels = layout.fixed
-    if len(wheels) < 3 or layout.steered:
-        return False
+    if layout.steered or len(wheels) < 3:
+        return None
+    no, yes = Alternative("no rollers", ("--no-rollers",)), Alternative("rollers", ("--rollers",))
+    question = "Do the wheels have rollers?"
+    if asked is not None:
+        return Decision(question, "yes" if asked else "no", SURE, "by an option")
     if any(wheel.rollers for wheel in wheels):
-        return True
-    return not layout.is_straight or any(word in at_start.words for word in _OMNIDIRECTIONAL)
+        return Decision(question, "yes", SURE, "they are joints of the file", (no,))
+    if not layout.is_straight:
+        return Decision(question, "yes", LIKELY, "wheels with different headings could not roll without", (no,))
+    names = {name for wheel in wheels for name in at_start.names_on(wheel.joint)}
+    if has_word(_OMNIDIRECTIONAL, *names, *at_start.title):
+        return Decision(question, "yes", LIKELY, "by the name of a wheel, a plugin or the robot", (no,))
+    return Decision(question, "no", LIKELY, "nothing in the file tells of rollers", (yes,))
 
 
-def omnidirectional_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
+def omnidirectional_base(layout: WheelLayout, at_start: RobotAtStart, decided: Decision) -> BaseAssumptions:
     """Base on three or more wheels with rollers; each roller is one constraint row."""
     wheels, parallel = layout.fixed, layout.is_straight
     angles = [_angle(wheel, wheels, at_start, parallel) for wheel in wheels]
@@ -37,6 +54,7 @@ def omnidirectional_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAss
         return force_driven_base(layout, at_start, "these rollers do not constrain the base in three directions")
     kind = f"{len(wheels)} {'Mecanum' if parallel else 'omni'} wheels"
     result = planar(at_start, kind, wheels)
+    result.decisions.append(decided)
     modelled = [roller for wheel in wheels for roller in wheel.rollers]
     result.hold(modelled, at_start.start, "the roller at the ground is a constraint row; those of the file are locked")
     for wheel, angle in zip(wheels, angles, strict=True):

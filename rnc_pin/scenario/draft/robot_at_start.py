@@ -9,8 +9,10 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.robots.robot import Robot
+from rnc_pin.scenario.draft.drive_evidence import DriveEvidence
 from rnc_pin.scenario.draft.joint_properties import body_frame, sliding_axis, turning_axis
 from rnc_pin.scenario.draft.shapes import Shape, shapes
+from rnc_pin.scenario.draft.source import FileNames
 from rnc_pin.scenario.draft.tolerances import ALIGNED, first_smallest
 
 
@@ -21,14 +23,16 @@ class RobotAtStart:
     Attributes:
         robot: the robot.
         start: start values of joints with one degree of freedom.
-        named: names in the file that the model does not contain.
+        names: names in the file that the model does not contain.
+        drives: evidence for which joints have a motor.
         is_urdf: True for a URDF; a base cannot replace free joints of a URDF.
         is_rigid: True if the file has no movable joint; the robot then has a free base.
     """
 
     robot: Robot
     start: dict[str, float]
-    named: str
+    names: FileNames
+    drives: DriveEvidence
     is_urdf: bool = True
     is_rigid: bool = False
 
@@ -134,7 +138,18 @@ class RobotAtStart:
         return [round(float(each), 6) + 0.0 for each in self.placement.actInv(point)]
 
     @cached_property
-    def words(self) -> str:
-        """All names in the file, in lower case."""
+    def title(self) -> tuple[str, ...]:
+        """Names of the whole robot: of its file, its model, its plugins and the frame of its base."""
+        return self.names.title, self.robot.model.name, self.names.plugins, self.frame
+
+    @cached_property
+    def every_name(self) -> tuple[str, ...]:
+        """Names of the whole robot, its joints and its links."""
         model = self.robot.model
-        return " ".join([self.named, model.name, *model.names, *(frame.name for frame in model.frames)]).lower()
+        return *self.title, *model.names, *(frame.name for frame in model.frames)
+
+    def names_on(self, *joints: str) -> tuple[str, ...]:
+        """Return the names of joints, of the links on them, and of the meshes of these links."""
+        indices = {self.robot.joint_id(joint) for joint in joints}
+        links = [str(frame.name) for frame in self.robot.model.frames if frame.parentJoint in indices]
+        return *joints, *links, *(self.names.meshes.get(link, "") for link in links)

@@ -12,16 +12,18 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.constraints import MomentumConservation
-from rnc_pin.errors import ConfigurationError, ConstraintError, RncError
+from rnc_pin.errors import ConfigurationError, ConstraintError, RncError, few
 from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.scenario.builder import Experiment, build_experiment, build_system
 from rnc_pin.scenario.draft.actuator_selection import actuator_candidates
 from rnc_pin.scenario.draft.base_assumptions import BaseAssumptions, Entry
 from rnc_pin.scenario.draft.coupled_joints import loop_closures, uncoupled_joints
+from rnc_pin.scenario.draft.decision import LIKELY, SURE, Alternative, Decision
 from rnc_pin.scenario.draft.joint_properties import effort_limit
 from rnc_pin.scenario.draft.output_selection import SelectedOutputs, output_candidates, select_outputs
 from rnc_pin.scenario.draft.regular_start import with_regular_inertia
+from rnc_pin.scenario.draft.robot_at_start import RobotAtStart
 from rnc_pin.scenario.draft.source import Source
 from rnc_pin.scenario.draft.trial import FAR, MEANINGFUL, Trial, worst_output
 from rnc_pin.scenario.draft.trial_findings import model_findings, run_findings
@@ -54,13 +56,13 @@ class ScenarioCandidate:
     Args:
         mobility: assumptions about the base.
         source: the robot's file.
-        start: initial joint values.
+        at_start: the robot of the file, with its initial joint values.
         folder: folder of the scenario.
     """
 
     mobility: BaseAssumptions
     source: Source
-    start: dict[str, float]
+    at_start: RobotAtStart
     folder: Path
 
     def __post_init__(self) -> None:
@@ -69,7 +71,7 @@ class ScenarioCandidate:
         self._undriven: list[str] = []
         self._against: list[str] = []
         mobility.lock = {**self.source.held, **mobility.lock}
-        self.start = {**self.start, **mobility.pose}
+        self.start = {**self.at_start.start, **mobility.pose}
         self.start = {name: value for name, value in self.start.items() if name in self.robot.joint_names}
         mobility.passive |= {mimic.joint for mimic in self.robot.mimics}
         self._find_momentum()
@@ -192,14 +194,19 @@ class ScenarioCandidate:
     # ------------------------------------------------------------------ parts of the scenario
 
     def _find_momentum(self) -> None:
-        """Mark joints without effort as passive, and add momentum conservation for such a joint on the ground."""
-        robot, mobility = self.robot, self.mobility
+        """Mark joints without a motor as passive, and add momentum conservation for such a joint on the ground."""
+        robot, mobility, drives = self.robot, self.mobility, self.at_start.drives
+        for name in self.source.options.momentum:
+            mobility.constraints.append(({"momentum": name}, "by an option"))
+            mobility.passive.add(name)
         limits = {name: effort_limit(robot, name) for name in self.start}
         weak = [name for name, limit in limits.items() if limit == 0 and name not in mobility.passive]
         powered = any(limit for name, limit in limits.items() if name not in mobility.passive)
-        if self.source.is_mjcf and any(limits.values()):
-            self._undriven = [name for name, limit in limits.items() if limit == 0]
-        named = [name for name in weak if name in self.source.driven()]
+        of_base = {entry for entry, _ in mobility.actuators if isinstance(entry, str)} | mobility.passive
+        listed = self.start if drives.is_complete else [name for name in self.start if name not in of_base]
+        self._undriven = drives.unlisted(listed)
+        self._decide_others([name for name in self.start if name not in of_base])
+        named = [name for name in weak if drives.says(name)]
         if powered:
             mobility.without_effort = set(weak) - set(named)
             mobility.passive |= mobility.without_effort
@@ -221,6 +228,21 @@ class ScenarioCandidate:
                 continue
             mobility.constraints.append(({"momentum": name}, "turns freely, and the robot starts at rest"))
             mobility.vertical.append({"joint": name})
+
+    def _decide_others(self, others: list[str]) -> None:
+        """Decide which joints beside the base are driven."""
+        drives = self.at_start.drives
+        idle = [name for name in others if name in self._undriven]
+        if not idle:
+            return
+        sources = list(dict.fromkeys(drives.named.values()))
+        asked = all(name in drives.passive for name in idle)
+        evidence = "by an option" if asked else f"not named by {few(sources)}, which name other joints"
+        alternatives = tuple(Alternative(f"{name} is driven", ("--driven", name)) for name in idle[:2])
+        question = "Which joints beside the base have no motor?"
+        self.mobility.decisions.append(
+            Decision(question, few(idle), SURE if asked or drives.is_complete else LIKELY, evidence, alternatives)
+        )
 
     def _hold_loose_joints(self) -> None:
         """Lock joints without an actuator in the file that no constraint couples to others."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -13,14 +12,15 @@ import numpy as np
 from rnc_pin.io.json import Json
 from rnc_pin.scenario.draft.base_assumptions import BaseAssumptions, Entry, measured, rolls
 from rnc_pin.scenario.draft.drawn_axles import DrawnAxle
-from rnc_pin.scenario.draft.joint_properties import effort_limit, joint_limits, turning_axis
+from rnc_pin.scenario.draft.joint_properties import joint_limits, turning_axis
+from rnc_pin.scenario.draft.name_words import has_word
 from rnc_pin.scenario.draft.robot_at_start import RobotAtStart
 from rnc_pin.scenario.draft.wheel_detection import Wheel
-from rnc_pin.scenario.draft.wheeled_base import planar
+from rnc_pin.scenario.draft.wheel_layout import TOWED
+from rnc_pin.scenario.draft.wheeled_base import one_lateral, planar
 
 _BODIES = 4  # smallest number of bodies with wheels; one less if the file calls it a snake
-_SNAKE = re.compile("snake|serpent|worm|acm")
-_TOWED = re.compile("hitch|trailer|kingpin|coupl|drawbar|tow")
+_SNAKE = "snake.*|.*snake|serpent.*|worm|acm"
 _BEND, _SHARE = 0.5, 0.8  # largest path angle from its mean [rad], and used share of joint limits
 _DURATION, _POINTS = 12.0, 24
 
@@ -46,27 +46,24 @@ class Segment:
     ground: float | None = None
 
 
-def find_snake(
-    wheels: Iterable[Wheel], axles: Iterable[DrawnAxle], at_start: RobotAtStart, driven: frozenset[str]
-) -> list[Segment]:
+def find_snake(wheels: Iterable[Wheel], axles: Iterable[DrawnAxle], at_start: RobotAtStart) -> list[Segment]:
     """Return the segments of a snake from its root on; empty if the robot is no snake.
 
     Args:
         wheels: wheels with joints.
         axles: axles of wheels that are only drawn.
         at_start: the robot.
-        driven: driven joints of the file; empty if the file does not name any.
     """
     segments = sorted([*_on_wheels(wheels), *_on_axles(axles, at_start)], key=lambda each: len(each.chain))
     chain = segments[-1].chain if segments else ()
     in_a_row = all(each.chain == chain[: len(each.chain)] for each in segments)
     bodies = len({each.chain for each in segments})
-    enough = bodies >= (_BODIES - 1 if _SNAKE.search(at_start.words) else _BODIES)
+    enough = bodies >= (_BODIES - 1 if has_word(_SNAKE, *at_start.every_name) else _BODIES)
     if not in_a_row or not enough or bodies < len(segments) or segments[0].chain:
         return []
-    if any(_TOWED.search(joint.lower()) or not _drives(joint, at_start, driven) for joint in chain):
+    if any(has_word(TOWED, joint) or not _drives(joint, at_start) for joint in chain):
         return []
-    if any(joint in driven for each in segments for joint in each.wheels):
+    if any(at_start.drives.says(joint) for each in segments for joint in each.wheels):
         return []
     return segments if all(_crosses(one, other) for one, other in pairwise(segments)) else []
 
@@ -172,7 +169,7 @@ def _on_wheels(wheels: Iterable[Wheel]) -> list[Segment]:
             chain,
             np.mean([each.center for each in mates], axis=0),
             mates[0].axle,
-            [(rolls(each), f"not driven; {measured(each)}") for each in mates],
+            [(rolls(each, **more), f"not driven; {measured(each)}") for each, more in one_lateral(mates)],
             tuple(each.joint for each in mates),
             min(float(each.center[2] - each.radius) for each in mates),
         )
@@ -197,9 +194,9 @@ def _on_axles(axles: Iterable[DrawnAxle], at_start: RobotAtStart) -> list[Segmen
     return found
 
 
-def _drives(joint: str, at_start: RobotAtStart, driven: frozenset[str]) -> bool:
+def _drives(joint: str, at_start: RobotAtStart) -> bool:
     upright = abs(turning_axis(at_start.robot.model, at_start.data, at_start.robot.joint_id(joint))[2]) > 0.99
-    return upright and (joint in driven if driven else effort_limit(at_start.robot, joint) > 0)
+    return upright and at_start.drives.drives(joint)
 
 
 def _crosses(one: Segment, other: Segment) -> bool:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import zip_longest
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -18,7 +21,8 @@ from rnc_pin.robots.robot_files import example_urdfs, find_urdf, shipped_directo
 from rnc_pin.robots.sources.description import parse_xml
 from rnc_pin.robots.sources.packages import Packages
 from rnc_pin.robots.sources.urdf import parse_urdf
-from rnc_pin.scenario.draft.driven_joints import driven_joints
+from rnc_pin.scenario.draft.drive_evidence import DriveEvidence, named_as_driven
+from rnc_pin.scenario.draft.joint_properties import effort_limit
 from rnc_pin.scenario.draft.shapes import shapes
 from rnc_pin.scenario.loading import admitted
 from rnc_pin.scenario.schema.robot_source import RobotSource
@@ -37,12 +41,52 @@ class DraftOptions:
         xacro_arguments: values for the arguments of a xacro file.
         package_dirs: folders of packages.
         lock: joints to lock, with their values.
+        driven: joints with a motor.
+        passive: joints without a motor.
+        momentum: joints whose momentum is conserved.
+        balance: whether the base balances; None if the draft decides.
+        rollers: whether the wheels have rollers, as Mecanum and omni wheels do; None if the draft decides.
     """
 
     base: str | None = None
     xacro_arguments: Mapping[str, Json] | None = None
     package_dirs: Sequence[Path] = ()
     lock: Mapping[str, float] | None = None
+    driven: Sequence[str] = ()
+    passive: Sequence[str] = ()
+    momentum: Sequence[str] = ()
+    balance: bool | None = None
+    rollers: bool | None = None
+
+
+def with_options(choices: DraftOptions, options: Sequence[str]) -> DraftOptions:
+    """Return choices with those of an alternative, such as ("--driven", "front_left") or ("--no-rollers",)."""
+    changes: dict[str, Any] = {}
+    for name, value in zip_longest(options[::2], options[1::2]):
+        key = name.removeprefix("--").removeprefix("no-")
+        if value is None:
+            changes[key] = not name.startswith("--no-")
+        elif key == "base":
+            changes[key] = value
+        else:
+            known = changes.get(key, getattr(choices, key))
+            changes[key] = (*known, value)
+    return dataclasses.replace(choices, **changes)
+
+
+@dataclass(frozen=True)
+class FileNames:
+    """Names of a file that the model does not contain.
+
+    Attributes:
+        title: names of the file and of the robot.
+        plugins: names and files of its plugins.
+        meshes: files of the meshes of each link.
+    """
+
+    title: str = ""
+    plugins: str = ""
+    meshes: Mapping[str, str] = field(default_factory=dict)
 
 
 class Source:
@@ -73,7 +117,6 @@ class Source:
         self.masses: dict[str, float] = {}
         self.held = dict(wishes.lock or {})
         self.notes: list[str] = []
-        self._driven: frozenset[str] | None = None
 
     def load(self, base: str | None, lock: Lock | None = None) -> Robot:
         """Return the robot; a joint that moves no mass is locked or its links get a mass, from now on."""
@@ -115,6 +158,11 @@ class Source:
             return robot, True
 
     @property
+    def options(self) -> DraftOptions:
+        """User's choices."""
+        return self._options
+
+    @property
     def is_mjcf(self) -> bool:
         """True for an MJCF file, which names its actuators."""
         return "mjcf" in self.entry
@@ -127,25 +175,44 @@ class Source:
         links = ", ".join(self.masses)
         return [*self.notes, f"links without a useful inertia are given one, WEIGH them: {links}"]
 
-    def words(self) -> str:
-        """Return names that the model does not contain: of the file, its meshes and its plugins."""
+    def names(self) -> FileNames:
+        """Return names that the model does not contain."""
         path = self._path()
         try:
             root = None if path is None else parse_xml(path)
         except ModelError:  # a xacro file can be incomplete XML
             root = None
-        elements = () if root is None else [each for each in root.iter() if each.tag in ("mesh", "plugin", "robot")]
-        return " ".join([self.name, *(value for each in elements for value in each.attrib.values())]).lower()
+        if root is None:
+            return FileNames(self.name)
+        plugins = [value for each in root.iter("plugin") for value in each.attrib.values()]
+        meshes = {
+            str(link.get("name")): " ".join(Path(each.get("filename", "")).name for each in link.iter("mesh"))
+            for link in root.iter("link")
+        }
+        return FileNames(f"{self.name} {root.get('name', '')}", " ".join(plugins), meshes)
 
-    def driven(self) -> frozenset[str]:
-        """Return the driven joints of a URDF; empty if it does not name any, or for an MJCF."""
-        if self._driven is None:
-            path, options = self._path(), self._options
-            self._driven = frozenset()
-            if path is not None:
-                packages = Packages(path.parent, options.package_dirs)
-                self._driven = driven_joints(parse_urdf(path, options.xacro_arguments, packages))
-        return self._driven
+    def drive_evidence(self, robot: Robot) -> DriveEvidence:
+        """Return which joints have a motor, as far as options and the file tell.
+
+        Raises:
+            ModelError: an option names an unknown joint.
+        """
+        options = self._options
+        for option in ("driven", "passive", "momentum"):
+            for joint in getattr(options, option):
+                if joint not in robot.joint_names:
+                    raise ModelError(f"--{option} {joint}: no joint '{joint}'{nearest(joint, robot.joint_names)}")
+        single = [name for name in robot.joint_names if robot.model.joints[robot.joint_id(name)].nv == 1]
+        efforts = {name: effort_limit(robot, name) for name in single}
+        if self.is_mjcf:  # an actuator without a limit has an infinite effort, a joint without an actuator has none
+            named, is_list = {name: "an actuator" for name in single if efforts[name] > 0}, any(efforts.values())
+        elif (path := self._path()) is not None:
+            packages = Packages(path.parent, options.package_dirs)
+            named, is_list = named_as_driven(parse_urdf(path, options.xacro_arguments, packages))
+        else:
+            named, is_list = {}, False
+        driven, passive = frozenset(options.driven), frozenset(options.passive)
+        return DriveEvidence(named, is_list, efforts, self.is_mjcf, driven, passive)
 
     def _path(self) -> Path | None:
         if "example" in self.entry:

@@ -8,7 +8,7 @@ import numpy as np
 
 from rnc_pin.io.json import Json
 from rnc_pin.scenario.draft.base_assumptions import BaseAssumptions
-from rnc_pin.scenario.draft.joint_properties import effort_limit, is_revolute, joint_limits, turning_axis
+from rnc_pin.scenario.draft.joint_properties import is_revolute, joint_limits, turning_axis
 from rnc_pin.scenario.draft.robot_at_start import RobotAtStart
 from rnc_pin.scenario.draft.shapes import LEVEL, Shape
 from rnc_pin.scenario.draft.tolerances import SAME
@@ -38,14 +38,13 @@ class Shell:
     height: float
 
 
-def find_shell(at_start: RobotAtStart, driven: frozenset[str]) -> Shell | None:
+def find_shell(at_start: RobotAtStart) -> Shell | None:
     """Return the shell of a spherical robot, or None.
 
     Args:
         at_start: the robot.
-        driven: driven joints of the file; empty if the file does not name any.
     """
-    if not _drives(at_start, driven):
+    if not _drives(at_start):
         return None
     for kind, shapes in at_start.shapes.items():
         for shape in shapes:
@@ -60,7 +59,7 @@ def find_shell(at_start: RobotAtStart, driven: frozenset[str]) -> Shell | None:
     return None
 
 
-def spherical_base(shell: Shell, at_start: RobotAtStart, driven: frozenset[str]) -> BaseAssumptions:
+def spherical_base(shell: Shell, at_start: RobotAtStart) -> BaseAssumptions:
     """Ball that rolls on the ground while the inner joints follow their references."""
     own = bool(at_start.root) and not at_start.is_rigid
     result = BaseAssumptions(None if own else "free", "a ball that joints inside it roll", at_start.frame)
@@ -69,7 +68,7 @@ def spherical_base(shell: Shell, at_start: RobotAtStart, driven: frozenset[str])
     result.ground = 0.0
     entry: dict[str, Json] = {"rolling_ball": {"frame": shell.frame, "radius": round(shell.radius, 6)}}
     result.constraints.append((entry, f"radius from the {shell.measured} geometry"))
-    drives = _drives(at_start, driven)
+    drives = _drives(at_start)
     result.passive |= set(at_start.start) - set(drives)
     ways = {name: _step(name, at_start) for name in drives}
     result.outputs += [({"joint": name}, way) for name, way in ways.items()]
@@ -85,9 +84,9 @@ def spherical_base(shell: Shell, at_start: RobotAtStart, driven: frozenset[str])
     return result
 
 
-def _drives(at_start: RobotAtStart, driven: frozenset[str]) -> list[str]:
+def _drives(at_start: RobotAtStart) -> list[str]:
     """Driven inner joints."""
-    return [name for name in at_start.start if (name in driven if driven else effort_limit(at_start.robot, name) > 0)]
+    return [name for name in at_start.start if at_start.drives.drives(name)]
 
 
 def _step(name: str, at_start: RobotAtStart) -> float:

@@ -1,4 +1,4 @@
-"""Tolerances for numbers of a file: files round lengths and angles to a few digits."""
+"""Tolerances for numbers of a file: files round to a few digits, and workshops build to a degree and a millimetre."""
 
 from __future__ import annotations
 
@@ -6,14 +6,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
-ALIGNED = 1e-3
-"""Angle [rad], or its sine, below which two directions are equal: ``1.57`` means a right angle."""
+ALIGNED = 0.0175
+"""Angle [rad], or its sine, below which two directions are equal: 1 degree, e.g. toe-in or the lean of a kingpin."""
 SAME = 1e-3
-"""Share of a length (such as a wheel radius) or of a range, below which two positions or values are equal."""
-PLACED = 1e-4
-"""Distance [m] below which two positions are equal if no reference length is known; wheels are larger than 1 cm."""
+"""Share of a range, or of a radius, below which two values are equal; it bounds rounding, not workmanship."""
+PLACED = 3e-3
+"""Distance [m] below which two positions are equal, e.g. the axles of two wheels of one axle line."""
 DRIVEN = 1e-3
 """Sine of the angle between actuators (or outputs) below which they are linearly dependent."""
+
+
+def placed(length: float) -> float:
+    """Return the distance [m] below which two positions on a part of this length are equal: a tenth of small parts."""
+    return min(PLACED, 0.1 * length)
 
 
 def first_smallest(values: Sequence[float] | np.ndarray, slack: float) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -10,19 +9,20 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.scenario.draft.joint_properties import body_frame, joint_limits, turning_axis
+from rnc_pin.scenario.draft.name_words import has_word
 from rnc_pin.scenario.draft.robot_at_start import RobotAtStart
 from rnc_pin.scenario.draft.shapes import LEVEL, NEAR, Shape, across, fitted_disk
-from rnc_pin.scenario.draft.tolerances import ALIGNED, PLACED, SAME
+from rnc_pin.scenario.draft.tolerances import ALIGNED, SAME, placed
 
 UPRIGHT = 1e-5  # horizontal part of a unit axis below which a pivot is vertical up to rounding
-_STEERS = 0.8  # smallest vertical part of a unit swivel axis: forks are inclined
+_STEERS = 0.5  # smallest vertical part of a unit swivel axis: forks are inclined, those of choppers by 50 degrees
 _TURNS = 4 * np.pi  # a joint with a larger range can be a wheel, like a continuous joint; wrists have less [rad]
 _WIDEST = 8.0  # largest width of a wheel, in radii
 _ROLLERS = 4  # smallest number of child joints on a rim that are rollers
 _SIZES = (0.01, 1.5)  # plausible radii if no shape gives one [m]
-_WHEEL = re.compile("wheel|tire|tyre|caster|castor")
-_NO_WHEEL = re.compile("reaction|flywheel|momentum|steering_?wheel")
-_PART = re.compile("rotor|prop|pulley|gear|diff_|ring|spider")
+_ON_AXLE = 1e-4  # largest distance of a wheel's frame from its axle [m]: a wheel that is farther away is eccentric
+_WHEEL = ".*wheel|wheel.*|tire|tyre|.*caster|caster.*|.*castor|castor.*"
+_NO_WHEEL = "reaction_wheel|flywheel|momentum_wheel|steering_?wheel|rotor|propeller|prop|pulley|gear|spider"
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Pivot:
         index: joint index in the model.
         point: point on the axis in the world frame (3,) [m].
         axis: axis in the world frame (3,), upward.
-        turns_round: True if it can turn through a full revolution.
+        is_continuous: True if it can turn through a full revolution.
     """
 
     joint: str
@@ -85,9 +85,9 @@ class Wheel:
         return np.asarray(along / np.linalg.norm(along))
 
     @property
-    def words(self) -> str:
-        """Names of joint, frame and nearest pivot, in lower case."""
-        return " ".join([self.joint, self.frame, *(each.joint for each in self.pivots[:1])]).lower()
+    def names(self) -> tuple[str, ...]:
+        """Names of joint, frame and nearest pivot."""
+        return self.joint, self.frame, *(each.joint for each in self.pivots[:1])
 
 
 @dataclass(frozen=True)
@@ -97,6 +97,8 @@ class _Candidate:
     axle: np.ndarray
     center: np.ndarray
     named: bool
+    doubtful: bool
+    """True if its name means another part: it is a wheel if its shape stands on the ground of other wheels."""
     parts: dict[str, list[Shape]]
     rollers: tuple[int, ...]
 
@@ -114,7 +116,8 @@ def find_wheels(at_start: RobotAtStart) -> list[Wheel]:
         size = _measured_size(at_start, candidate, floor)
         if size is not None:
             wheel = _wheel(at_start, candidate, size)
-            found.append(_Found(wheel, size.bottom, candidate.named))
+            if not candidate.doubtful or size.measured in candidate.parts:
+                found.append(_Found(wheel, size.bottom, candidate.named, candidate.doubtful))
         elif candidate.named:
             unmeasured.append(candidate)
     wheels = _on_the_ground(found, at_start.shapes["collision"] or at_start.shapes["visual"], at_start.root)
@@ -140,6 +143,7 @@ class _Found:
     wheel: Wheel
     bottom: float
     named: bool
+    doubtful: bool
 
     def touches(self, ground: float) -> bool:
         slack = 1.0 if self.wheel.measured in ("height", "inertia") else NEAR
@@ -154,18 +158,19 @@ def _candidates(at_start: RobotAtStart) -> Iterator[_Candidate]:
             continue
         axle = turning_axis(model, at_start.data, index)
         frame, center = _on_axle(at_start, index, axle)
-        named, other = _name_flags(model.names[index], frame)
+        doubtful = has_word(_NO_WHEEL, model.names[index], frame)
+        named = has_word(_WHEEL, model.names[index], frame) and not doubtful
         rollers = [int(each) for each in model.children[index]]
         if not _are_rollers(model, rollers):
             if not named:
                 continue
             rollers = []  # a named wheel can carry gears and hubs
         turns_on = _travel(at_start, index) > (1 + SAME) * _TURNS
-        if np.linalg.norm(axle) < 0.5 or abs(axle[2]) > LEVEL or not (turns_on or named) or other:
+        if np.linalg.norm(axle) < 0.5 or abs(axle[2]) > LEVEL or not (turns_on or named):
             continue
         behind = {index, *rollers}
         parts = {kind: [each for each in every if each.joint in behind] for kind, every in at_start.shapes.items()}
-        yield _Candidate(index, frame, axle, center, named, parts, tuple(rollers))
+        yield _Candidate(index, frame, axle, center, named, doubtful, parts, tuple(rollers))
 
 
 def _travel(at_start: RobotAtStart, index: int) -> float:
@@ -178,17 +183,10 @@ def _on_axle(at_start: RobotAtStart, joint: int, axle: np.ndarray) -> tuple[str,
     """Frame of a wheel and its position (3,): a link on the axle with a wheel's name, or the joint's body frame."""
     origin = at_start.data.oMi[joint].translation
     for index, frame in enumerate(at_start.robot.model.frames):
-        called = frame.parentJoint == joint and frame.type == pin.FrameType.BODY and _WHEEL.search(frame.name.lower())
-        if called and np.abs(across(at_start.data.oMf[index].translation - origin, axle)).max() < PLACED:
+        called = frame.parentJoint == joint and frame.type == pin.FrameType.BODY and has_word(_WHEEL, frame.name)
+        if called and np.abs(across(at_start.data.oMf[index].translation - origin, axle)).max() < _ON_AXLE:
             return str(frame.name), at_start.data.oMf[index].translation.copy()
     return body_frame(at_start.robot, joint), origin.copy()
-
-
-def _name_flags(joint: str, link: str) -> tuple[bool, bool]:
-    """Two flags: names mean a wheel; names mean another part."""
-    words = f"{joint} {link}".lower()
-    named = _WHEEL.search(words) is not None
-    return named, _NO_WHEEL.search(words) is not None or (not named and _PART.search(words) is not None)
 
 
 def _are_rollers(model: pin.Model, joints: list[int]) -> bool:
@@ -248,29 +246,28 @@ def _on_the_ground(found: list[_Found], everything: list[Shape], root: int) -> l
             return []  # named wheels, but above the ground
     else:
         bottoms = [shape.bottom for shape in everything if shape.joint <= root]
-        ground = min([*bottoms, *(each.bottom for each in found)], default=0.0)
-    return [each.wheel for each in found if each.touches(ground)]
+        ground = min([*bottoms, *(each.bottom for each in found if not each.doubtful)], default=0.0)
+    standing = [each for each in found if each.touches(ground)]
+    return [each.wheel for each in standing] if any(not each.doubtful for each in standing) else []
 
 
 def _wheel(at_start: RobotAtStart, candidate: _Candidate, size: _Size) -> Wheel:
     model, data = at_start.robot.model, at_start.data
     pivots: list[Pivot] = []
     carriers: list[str] = []
-    springs = True  # True while all carriers are prismatic: a suspension
     parent = model.parents[candidate.index]
     while parent > at_start.root and model.joints[parent].nv == 1:
         axis = turning_axis(model, data, parent)
         along = candidate.center - data.oMi[parent].translation
         parallel = axis.any() and np.abs(across(axis, candidate.axle)).max() < ALIGNED
-        if parallel and np.abs(across(along, axis)).max() < SAME * size.radius:
+        if parallel and np.abs(across(along, axis)).max() < placed(size.radius):
             pass  # a gear on the same axle rotates the wheel but does not move it
-        elif springs and abs(axis[2]) > _STEERS:
+        elif abs(axis[2]) > _STEERS:
             free = _travel(at_start, parent) >= (1 - 10 * SAME) * 2 * np.pi  # files write 3.14
             point = data.oMi[parent].translation.copy()
             pivots.append(Pivot(str(model.names[parent]), int(parent), point, axis * np.sign(axis[2]), free))
         else:
             carriers.append(str(model.names[parent]))
-            springs = springs and not axis.any()
         parent = model.parents[parent]
     return Wheel(
         joint=str(model.names[candidate.index]),
@@ -291,6 +288,6 @@ def _floor(at_start: RobotAtStart) -> float | None:
     heights = [
         float(at_start.data.oMf[index].translation[2])
         for index, frame in enumerate(at_start.robot.model.frames)
-        if frame.parentJoint <= at_start.root and "footprint" in frame.name.lower()
+        if frame.parentJoint <= at_start.root and has_word("base_footprint|footprint", frame.name)
     ]
     return min(heights, default=None)

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from rnc_pin.scenario.draft.drive_evidence import DriveEvidence, DrivenJoints
+from rnc_pin.scenario.draft.name_words import has_word
 from rnc_pin.scenario.draft.wheel_detection import Pivot, Wheel
 
 _TRAILS = 0.2  # smallest caster trail, in radii: from the swivel axis to the wheel
 _AXLE = 1.0  # smallest such distance of several wheels on one pivot that carry a trailer, in radii
-_CASTER = re.compile("caster|castor|swivel")
-_GLIDES = re.compile("caster|castor|ball|support")
-_STEERED = re.compile("steer|knuckle|articul")
-_TOWED = re.compile("hitch|trailer|kingpin|coupl|drawbar|tow")
+_ONE_TRACK = 0.25  # largest lateral distance of wheels that stand in line, in radii
+_CASTER = "caster.*|.*caster|castor.*|.*castor|swivel.*"
+_GLIDES = f"{_CASTER}|ball|support"
+_STEERED = "steer|steering|steered|knuckle|articulat.*"
+TOWED = "hitch|trailer|kingpin|king_pin|coupler|coupling|drawbar|tow|towed|towbar"
 
 
 @dataclass(frozen=True)
@@ -31,16 +33,25 @@ class WheelGroup:
         return self.pivot.joint, *(wheel.joint for wheel in self.wheels)
 
     @property
+    def depth(self) -> int:
+        """Number of pivots between the wheels and the base."""
+        return len(self.wheels[0].pivots)
+
+    @property
     def is_lone(self) -> bool:
         """True for one wheel, or for twin wheels side by side."""
         widest = max(np.linalg.norm(each.center - self.wheels[0].center) for each in self.wheels)
         return bool(widest < 2.5 * self.wheels[0].radius) and len(self.wheels) <= 2
 
     @property
+    def center(self) -> np.ndarray:
+        """Midpoint of the wheels in the world frame (3,) [m]."""
+        return np.asarray(np.mean([each.center for each in self.wheels], axis=0))
+
+    @property
     def trail(self) -> float:
         """Distance from the pivot's axis to the wheels along their heading [m]."""
-        center = np.mean([each.center for each in self.wheels], axis=0)
-        return abs(float(self.wheels[0].heading @ self.pivot.offset(center)))
+        return abs(float(self.wheels[0].heading @ self.pivot.offset(self.center)))
 
 
 @dataclass
@@ -53,6 +64,8 @@ class WheelLayout:
         casters: wheels on swivels that align themselves with the motion of the base.
         steered: wheels on pivots that need an actuator.
         trailers: wheels on towed pivots.
+        straight: driven pivots of towed bodies, which are held straight.
+        driven: wheels with a motor.
     """
 
     fixed: list[Wheel] = field(default_factory=list)
@@ -60,6 +73,8 @@ class WheelLayout:
     casters: list[WheelGroup] = field(default_factory=list)
     steered: list[WheelGroup] = field(default_factory=list)
     trailers: list[WheelGroup] = field(default_factory=list)
+    straight: list[Pivot] = field(default_factory=list)
+    driven: DrivenJoints = field(default_factory=lambda: DrivenJoints((), 0.0, ""))
 
     @property
     def wheels(self) -> list[Wheel]:
@@ -84,6 +99,16 @@ class WheelLayout:
         """Fixed wheels grouped by axle line."""
         return in_line(self.fixed)
 
+    @property
+    def is_on_one_track(self) -> bool:
+        """True if all wheels stand one behind the other, so that the robot falls sideways."""
+        wheels = self.wheels
+        if len(wheels) < 2 or self.balls or not all(are_parallel(wheels[0], each) for each in wheels):
+            return False
+        beside = [float((each.center - wheels[0].center) @ wheels[0].axle) for each in wheels]
+        along = [float((each.center - wheels[0].center) @ wheels[0].heading) for each in wheels]
+        return bool(np.ptp(beside) < _ONE_TRACK * wheels[0].radius < np.ptp(along))
+
 
 def in_line(wheels: Iterable[Wheel]) -> list[list[Wheel]]:
     """Return wheels grouped by axle line."""
@@ -100,17 +125,22 @@ def in_line(wheels: Iterable[Wheel]) -> list[list[Wheel]]:
 
 
 def are_parallel(one: Wheel, other: Wheel) -> bool:
-    """True if two wheels have the same heading, up to the rounding of a file."""
+    """True if two wheels have the same heading, up to 2.5 degrees."""
     return bool(abs(one.heading @ other.heading) > 1 - 1e-3)
 
 
-def classify_wheels(wheels: list[Wheel]) -> WheelLayout:
-    """Classify wheels by their function."""
+def classify_wheels(wheels: list[Wheel], drives: DriveEvidence) -> WheelLayout:
+    """Classify wheels by their function.
+
+    Args:
+        wheels: wheels that stand on the ground.
+        drives: evidence for which joints have a motor.
+    """
     result = WheelLayout()
     on_base = [wheel for wheel in wheels if not wheel.pivots]
     others = any(not wheel.is_ball for wheel in on_base)  # if all are spheres, the file draws its wheels as spheres
     for wheel in on_base:
-        glides = wheel.is_ball and (others or _GLIDES.search(wheel.words) is not None)
+        glides = wheel.is_ball and (others or has_word(_GLIDES, *wheel.names)) and drives.says(wheel.joint) is not True
         (result.balls if glides else result.fixed).append(wheel)
     groups: dict[str, list[Wheel]] = {}
     for wheel in wheels:
@@ -118,26 +148,46 @@ def classify_wheels(wheels: list[Wheel]) -> WheelLayout:
             groups.setdefault(wheel.pivots[0].joint, []).append(wheel)
     for group in groups.values():
         carriage = WheelGroup(group[0].pivots[0], tuple(group))
-        _others_like(carriage, result).append(carriage)
-    if not result.fixed and result.casters and all(_CASTER.search(_words(each)) is None for each in result.casters):
-        result.steered, result.casters = result.steered + result.casters, []  # without fixed wheels
+        _others_like(carriage, result, drives).append(carriage)
+    named = [each for each in result.casters if has_word(_CASTER, each.pivot.joint, *each.wheels[0].names)]
+    aimed = [each for each in result.casters if drives.says(each.pivot.joint) is False]
+    if not result.fixed and not result.steered and result.casters and not named and not aimed:
+        result.steered, result.casters = result.casters, []  # without other wheels
+    _straighten_towed(result)
+    wheels = [*result.fixed, *(wheel for each in result.steered for wheel in each.wheels)]
+    usual = result.fixed or wheels
+    result.driven = drives.driven_of([each.joint for each in wheels], [each.joint for each in usual], "wheels")
     return result
 
 
-def _others_like(carriage: WheelGroup, layout: WheelLayout) -> list[WheelGroup]:
-    """List of the layout to which a carriage belongs."""
-    words, trail, radius = _words(carriage), carriage.trail, carriage.wheels[0].radius
-    if _TOWED.search(words):
-        return layout.trailers
-    if _STEERED.search(words):
+def _straighten_towed(layout: WheelLayout) -> None:
+    """Hold steered axles of towed bodies straight if the base has an axle of its own."""
+    own = [each for each in layout.steered if each.depth == 1]
+    if not (own or layout.fixed):
+        return
+    for each in [each for each in layout.steered if each.depth > 1]:
+        layout.steered.remove(each)
+        layout.straight.append(each.pivot)
+        wheels = tuple(replace(wheel, pivots=wheel.pivots[1:]) for wheel in each.wheels)
+        same = [other for other in layout.trailers if other.pivot.joint == wheels[0].pivots[0].joint]
+        if same:
+            layout.trailers[layout.trailers.index(same[0])] = replace(same[0], wheels=(*same[0].wheels, *wheels))
+        else:
+            layout.trailers.append(WheelGroup(wheels[0].pivots[0], wheels))
+
+
+def _others_like(carriage: WheelGroup, layout: WheelLayout, drives: DriveEvidence) -> list[WheelGroup]:
+    """List of the layout to which a carriage belongs: by its motor, else by its name, else by its trail."""
+    pivot, radius, names = carriage.pivot, carriage.wheels[0].radius, (carriage.pivot.joint, *carriage.wheels[0].names)
+    follows = carriage.trail > _TRAILS * radius and pivot.is_continuous
+    if drives.says(pivot.joint):
         return layout.steered
-    if _CASTER.search(words):
+    if has_word(TOWED, *names):
+        return layout.trailers
+    if has_word(_STEERED, *names):
+        return layout.steered
+    if has_word(_CASTER, *names):
         return layout.casters
     if not carriage.is_lone:
-        return layout.trailers if trail > _AXLE * radius else layout.steered
-    follows = trail > _TRAILS * radius and carriage.pivot.is_continuous
+        return layout.trailers if carriage.trail > _AXLE * radius else layout.steered
     return layout.casters if follows else layout.steered
-
-
-def _words(carriage: WheelGroup) -> str:
-    return " ".join([carriage.pivot.joint, *(each.words for each in carriage.wheels)]).lower()

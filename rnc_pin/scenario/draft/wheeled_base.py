@@ -2,60 +2,95 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from rnc_pin.errors import few
 from rnc_pin.io.json import Json
 from rnc_pin.scenario.draft.base_assumptions import BENT, DRIVEN, TURNED, BaseAssumptions, measured, rolls
+from rnc_pin.scenario.draft.decision import GUESSED, LIKELY, Alternative, Decision
 from rnc_pin.scenario.draft.drawn_axles import DrawnAxle
+from rnc_pin.scenario.draft.name_words import has_word
 from rnc_pin.scenario.draft.robot_at_start import RobotAtStart
-from rnc_pin.scenario.draft.tolerances import SAME, first_smallest
+from rnc_pin.scenario.draft.tolerances import first_smallest, placed
 from rnc_pin.scenario.draft.wheel_detection import UPRIGHT, Wheel
 from rnc_pin.scenario.draft.wheel_layout import WheelGroup, WheelLayout, are_parallel, in_line
 
+_TRACK, _MANY = 3, 5  # smallest number of wheels of a track: called so, or of any name
+_TRACK_WORDS = "track|crawler|idler|sprocket|bogie|road|roadwheel|caterpillar|band|belt"
 
-def wheeled_base(
-    layout: WheelLayout, at_start: RobotAtStart, driven: frozenset[str] = frozenset(), *, toe: bool = False
-) -> BaseAssumptions:
-    """Base on one or more axles, with steered wheels, casters and trailers.
+
+def wheeled_base(layout: WheelLayout, at_start: RobotAtStart, decided: Sequence[Decision] = ()) -> BaseAssumptions:
+    """Base on one or more axles, with steered wheels, casters, trailers or tracks.
+
+    Each axle line has one lateral row, because wheels of a file are never on one line exactly: two nearly equal rows
+    would lock the base. The other wheels of the line skid within the tolerance of the file.
 
     Args:
         layout: wheels by their function.
         at_start: the robot.
-        driven: driven joints of the file; empty if the file does not name any.
-        toe: True if the second steered wheel skids, because the angles of a file do not let both roll.
+        decided: decisions that led to this kind of base.
     """
     result = planar(at_start, _kind(layout), layout.wheels)
+    result.decisions += decided
     result.lock_carriers(layout.wheels, at_start.start)
     gliding = [wheel.joint for wheel in layout.balls]
     result.hold(gliding, at_start.start, "ball casters slide, so that they are locked and only drawn")
+    towed = [pivot.joint for pivot in layout.straight]
+    result.hold(towed, at_start.start, "a steered axle of a trailer does not steer the base: locked straight")
     for dolly in layout.dollies:
         result.passive.add(dolly)
-    _roll(result, layout, at_start)
-    idle = [wheel.joint for wheel in layout.fixed if wheel.joint not in driven]
-    if 0 < len(idle) < len(layout.fixed):
-        result.actuators = [(entry, remark) for entry, remark in result.actuators if entry not in idle]
-        result.passive |= set(idle)
-        result.notes.append(f"the file drives other wheels, not {', '.join(idle)}")
+    sides = tracks(layout.fixed) if not layout.steered else []
+    if sides:
+        _crawl(result, layout, sides, at_start)
+    else:
+        _roll(result, layout, at_start)
+        drive(result, layout)
     along = at_start.along(layout.fixed[0].heading)
     result.outputs.append(({"frame_speed": {"frame": at_start.frame, "axis": along}}, DRIVEN))
     if layout.steered:
-        _steer(result, layout, at_start, toe)
+        _steer(result, layout, at_start)
     else:
         if len(layout.fixed) == 1:
             torque: dict[str, Json] = {"torque": {"frame": at_start.frame, "axis": "z"}}
             result.actuators.append((torque, "turns the base: one wheel cannot"))
             result.notes.append("one wheel, held upright by assumption: if it may fall, give the robot a free base")
         result.outputs.append(({"frame_yaw": at_start.frame}, TURNED))
-    for carriage in layout.casters:
-        for wheel in carriage.wheels:
-            result.constraints.append((_turned(wheel), f"a caster, not driven; {measured(wheel)}"))
-        result.passive |= set(carriage.joints)
+    support_by_casters(result, layout)
     for carriage in layout.trailers:
         _tow(result, carriage)
     result.vertical.append({"frame_position": {"frame": at_start.frame, "axes": "xy"}})
     if layout.steered:
         result.vertical.append({"frame_yaw": at_start.frame})
     return result
+
+
+def drive(result: BaseAssumptions, layout: WheelLayout) -> None:
+    """Add the driven wheels to the actuators; the others are passive."""
+    wheels = [*layout.fixed, *(wheel for each in layout.steered for wheel in each.wheels)]
+    driven, idle = layout.driven, [wheel.joint for wheel in wheels if wheel.joint not in layout.driven.joints]
+    result.actuators += [(wheel.joint, "") for wheel in wheels if wheel.joint in driven.joints]
+    result.passive |= set(idle)
+    result.idle += idle
+    instead = tuple(word for joint in idle for word in ("--driven", joint))
+    others = (Alternative(few(idle), instead),) if idle else ()
+    question = "Which wheels are driven?"
+    result.decisions.append(Decision(question, few(driven.joints), driven.confidence, driven.evidence, others))
+
+
+def support_by_casters(result: BaseAssumptions, layout: WheelLayout) -> None:
+    """Add casters, which follow the base."""
+    for carriage in layout.casters:
+        for line in in_line(carriage.wheels):
+            for wheel, more in one_lateral(line):
+                result.constraints.append((turned(wheel, **more), f"a caster, not driven; {measured(wheel)}"))
+        result.passive |= set(carriage.joints)
+
+
+def one_lateral(line: Sequence[Wheel]) -> list[tuple[Wheel, dict[str, Json]]]:
+    """Return the wheels of an axle line with their keys: the first has a lateral row, for all of them."""
+    return [(wheel, {} if index == 0 else {"lateral": False}) for index, wheel in enumerate(line)]
 
 
 def planar(at_start: RobotAtStart, kind: str, wheels: list[Wheel]) -> BaseAssumptions:
@@ -71,7 +106,7 @@ def planar(at_start: RobotAtStart, kind: str, wheels: list[Wheel]) -> BaseAssump
     elif at_start.has_replaceable_free_joint:
         result.lock.update(at_start.own_joint)
         result.notes.append(f"a planar base replaces the file's own {', '.join(at_start.own_joint)}")
-    elif at_start.root:
+    elif at_start.root and not at_start.is_rigid:
         result.base = "fixed" if at_start.is_urdf else "planar"
     result.ground = float(np.median([wheel.center[2] - wheel.radius for wheel in wheels])) if wheels else None
     return result
@@ -117,7 +152,7 @@ def _kind(layout: WheelLayout) -> str:
     if layout.steered:
         what = "steered like a car"
     elif len(layout.axles) > 1:
-        what = "skid-steered"
+        what = "on tracks, skid-steered" if tracks(layout.fixed) else "skid-steered"
     else:
         what = "differential drive" if len(layout.fixed) > 1 else "one wheel"
     towing = f" with {len(layout.trailers)} trailer{'s' * (len(layout.trailers) > 1)}" if layout.trailers else ""
@@ -131,7 +166,7 @@ def _roll(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) 
     guide = axles[0]
     if len(axles) > 1:
         distances = [abs(float((axle[0].center - middle) @ axle[0].heading)) for axle in axles]
-        guide = axles[first_smallest(distances, SAME * guide[0].radius)]
+        guide = axles[first_smallest(distances, placed(guide[0].radius))]
         nearby = min(distances) < 0.1 * guide[0].radius
         if not layout.steered and not nearby:
             guide = []
@@ -143,50 +178,112 @@ def _roll(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) 
             + "; if these are Mecanum or omni wheels, give each its roller instead of lateral"
         )
     for axle in axles:
-        for wheel in axle:
-            if axle is guide:
-                result.constraints.append((rolls(wheel), measured(wheel)))
-            else:
+        for wheel, more in one_lateral(axle):
+            if axle is not guide:
                 result.constraints.append((rolls(wheel, lateral=False), f"skids sideways; {measured(wheel)}"))
-            result.actuators.append((wheel.joint, ""))
+            else:
+                said = "" if not more else "its axle line has one lateral row; "
+                result.constraints.append((rolls(wheel, **more), said + measured(wheel)))
 
 
-def _steer(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart, toe: bool) -> None:
-    """Add steered wheels: a pair with Ackermann steering, or all wheels of one turntable; lock further pivots."""
-    first, *others = layout.steered
-    axle = layout.fixed[0]
-    beside = [each for each in others if _side_by_side(first, each, axle)]
-    leader = at_start.leader(first.pivot.joint)
-    for wheel in first.wheels:
-        result.constraints.append((_turned(wheel), f"steered by {first.pivot.joint}; {measured(wheel)}"))
+def tracks(wheels: Sequence[Wheel]) -> list[list[Wheel]]:
+    """Return the wheels of the left and the right track, the driven one first; empty if they are no tracks.
+
+    Wheels of a track are called so, or are many: vehicles with more than four axles run on tracks.
+    """
+    sides: dict[bool, list[Wheel]] = {}
+    if len(wheels) < 2 * _TRACK:
+        return []
+    middle = np.mean([wheel.center for wheel in wheels], axis=0)
+    for wheel in wheels:
+        sides.setdefault(float((wheel.center - middle) @ wheels[0].axle) > 0, []).append(wheel)
+    called = all(has_word(_TRACK_WORDS, *wheel.names) for wheel in wheels)
+    each_side = sorted(sides.values(), key=lambda side: wheels.index(side[0]))
+    enough = len(sides) == 2 and min(map(len, each_side)) >= (_TRACK if called else _MANY)
+    return each_side if enough else []
+
+
+def _crawl(result: BaseAssumptions, layout: WheelLayout, sides: list[list[Wheel]], at_start: RobotAtStart) -> None:
+    """Add two tracks: a band couples the wheels of one side, and one of them drives it."""
+    middle = np.mean([wheel.center for wheel in layout.fixed], axis=0)
+    edge = _midway(at_start, layout.fixed[0].axle, middle)
+    result.constraints.append(({"no_side_slip": edge}, "the middle of the tracks: MEASURE where it turns"))
+    drivers = []
+    for side in sides:
+        named = [wheel for wheel in side if wheel.joint in layout.driven.joints and layout.driven.confidence > GUESSED]
+        called = [wheel for wheel in side if has_word("sprocket|drive|driver|driving", *wheel.names)]
+        driver = (called or named or side)[0]
+        drivers.append(driver.joint)
+        result.constraints.append((rolls(driver, lateral=False), f"drives its track; {measured(driver)}"))
+        result.actuators.append((driver.joint, "drives its track"))
+        for wheel in side:
+            if wheel is not driver:
+                ratio = round(float(np.sign(wheel.axle @ driver.axle)) * driver.radius / wheel.radius, 6)
+                coupled: dict[str, Json] = {"joint": wheel.joint, "driver": driver.joint, "ratio": ratio}
+                result.constraints.append(({"joint_coupling": coupled}, f"on the track of {driver.joint}"))
+                result.passive.add(wheel.joint)
+    others = tuple(Alternative(f"{wheel.joint} too", ("--driven", wheel.joint)) for wheel in sides[0][1:2])
+    question, evidence = "Do tracks couple the wheels of each side?", "by the names or the number of its wheels"
+    result.decisions.append(Decision(question, f"yes, driven by {few(drivers)}", LIKELY, evidence, others))
+
+
+def _steer(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) -> None:
+    """Add steered axles: the one that is farthest from the fixed axle leads, the others turn about the same point."""
+    fixed = layout.axles[0]
+    steered = _steered_axles(layout, fixed[0])
+    main = steered[0]
+    leader = at_start.leader(main[0].pivot.joint)
     result.actuators.append((leader, "steering"))
     result.outputs.append(({"joint": leader}, BENT))
-    result.passive |= set(first.joints) - {leader}
-    for other in beside[:1]:
-        pair = [first.pivot.joint, other.pivot.joint]
-        together = at_start.leader(pair[1]) == leader
-        if together:
-            result.notes.append(f"{pair[0]} and {pair[1]} have the same angle, so that the second wheel skids")
+    for number, axle in enumerate(steered):
+        for one in axle:
+            pivot = one.pivot.joint
+            same = at_start.leader(pivot) == leader
+            lateral = one is main[0]
+            ackermann: dict[str, Json] | None = None
+            if not lateral and not same and _reach(one, fixed[0]) > placed(one.wheels[0].radius):
+                ackermann = {"left": main[0].pivot.joint, "right": pivot, "axle": fixed[0].frame}
+                if number:
+                    ackermann["axis"] = _own_axis(at_start, fixed[0])
+                result.constraints.append(({"ackermann": ackermann}, "all steered wheels turn about one point"))
+            elif not lateral and same:
+                result.notes.append(f"{main[0].pivot.joint} and {pivot} have the same angle, so that a wheel skids")
+            elif not lateral:
+                result.hold([pivot], at_start.start, "on the line of the fixed axle, where no steering is needed")
+            for line in in_line(one.wheels):
+                for wheel, more in one_lateral(line):
+                    keys = more if lateral else {"lateral": False}
+                    result.constraints.append((turned(wheel, **keys), f"steered by {pivot}; {measured(wheel)}"))
+            result.passive |= {pivot} - {leader}
+    others = tuple(Alternative(f"{axle[0].pivot.joint}", ("--passive", main[0].pivot.joint)) for axle in steered[1:2])
+    evidence = "the farthest from the fixed axle" if others else "the only steered axle"
+    result.decisions.append(Decision("Which axle steers?", leader, LIKELY, evidence, others))
+
+
+def _steered_axles(layout: WheelLayout, axle: Wheel) -> list[list[WheelGroup]]:
+    """Steered axles of the base, of one or two groups each, those that are farthest from the fixed axle first."""
+    found: list[list[WheelGroup]] = []
+    for each in layout.steered:
+        mates = [line for line in found if len(line) == 1 and _side_by_side(line[0], each, axle)]
+        if mates:
+            mates[0].append(each)
         else:
-            ackermann: dict[str, Json] = {"left": pair[0], "right": pair[1], "axle": axle.frame}
-            result.constraints.append(({"ackermann": ackermann}, "both steered wheels turn about one point"))
-            if toe:
-                said = "the axles of the steered wheels are not parallel in the file, as with toe-in"
-                result.notes.append(f"{said}: the wheel on {pair[1]} skids a little, because both cannot roll")
-        for wheel in other.wheels:
-            entry = _turned(wheel, lateral=False) if together or toe else _turned(wheel)
-            result.constraints.append((entry, f"steered by {other.pivot.joint}; {measured(wheel)}"))
-        result.passive |= set(other.joints) - {leader}
-    straight = [each for each in others if each not in beside[:1]]
-    for each in straight:
-        for wheel in each.wheels:
-            result.constraints.append((rolls(wheel, lateral=False), f"locked straight, skids; {measured(wheel)}"))
-        result.passive |= {wheel.joint for wheel in each.wheels}
-    pivots = (each.pivot.joint for each in straight)
-    result.hold(pivots, at_start.start, "only one pair of wheels steers; locked straight")
+            found.append([each])
+    return sorted(found, key=lambda line: -round(_reach(line[0], axle), 2))  # stable: in the order of the file
 
 
-def _turned(wheel: Wheel, **more: Json) -> dict[str, Json]:
+def _reach(group: WheelGroup, axle: Wheel) -> float:
+    """Distance of a pivot from the line of the fixed axle [m]."""
+    return abs(float((group.pivot.point - axle.center) @ axle.heading))
+
+
+def _own_axis(at_start: RobotAtStart, wheel: Wheel) -> str:
+    """Axis of a wheel's frame along its axle."""
+    frame = at_start.data.oMf[at_start.robot.frame_id(wheel.frame)]
+    return "xyz"[int(np.argmax(np.abs(frame.rotation.T @ wheel.axle)))]
+
+
+def turned(wheel: Wheel, **more: Json) -> dict[str, Json]:
     """Entry of a wheel on a pivot; no vertical row if the pivot is inclined, because a planar base keeps its height."""
     leans = any(float(np.hypot(*pivot.axis[:2])) > UPRIGHT for pivot in wheel.pivots)
     return rolls(wheel, **more, **({"vertical": False} if leans else {}))
@@ -201,10 +298,10 @@ def _side_by_side(one: WheelGroup, other: WheelGroup, axle: Wheel) -> bool:
 
 
 def _tow(result: BaseAssumptions, carriage: WheelGroup) -> None:
-    guides = {wheel.joint for wheel in in_line(carriage.wheels)[0]}
+    guide = in_line(carriage.wheels)[0][0]
     for wheel in carriage.wheels:
-        entry = _turned(wheel) if wheel.joint in guides else _turned(wheel, lateral=False)
-        what = "" if wheel.joint in guides else ", skids sideways"
+        entry = turned(wheel) if wheel is guide else turned(wheel, lateral=False)
+        what = "" if wheel is guide else ", skids sideways or is on the line of the first"
         result.constraints.append((entry, f"of a trailer{what}; {measured(wheel)}"))
     result.notes.append(
         f"{carriage.pivot.joint} is a hitch that nothing drives: if it is steered, add it to the actuators"

@@ -10,6 +10,7 @@ import yaml
 
 from rnc_pin.io.json import Json
 from rnc_pin.scenario.draft.base_assumptions import BaseAssumptions, Entry
+from rnc_pin.scenario.draft.decision import Decision
 from rnc_pin.scenario.draft.trial import Trial
 from rnc_pin.verdict import Severity
 
@@ -60,12 +61,14 @@ def write_draft(name: str, scenario: Drafted, remark: str, trial: Trial, mobilit
     lines = [
         *_remark(f"First draft for {name}, guessed from its file by rnc-pin init: read it before you believe it."),
         *(line for each in trial.verdict.findings for line in _remark(f"{_WORDS[each.severity]}: {each}.")),
+        *(line for each in mobility.decisions for line in _remark(f"{_label(each)}: {each}.")),
         *(line for note in mobility.notes for line in _remark(f"Assumed: {note}.")),
         f"title: {_flow(f'First draft for {name}')}",
         *_remark(f"base {mobility.base or 'as in the file'}: {mobility.kind}"),
         f"robot: {_flow(scenario['robot'])}",
         *_entries("constraints", scenario["constraints"], "# A(q) v = 0"),
         *_entries("actuators", scenario["actuators"], "# joint torques and forces"),
+        *(f"  # - {joint}  # uncomment it if it has a motor" for joint in mobility.idle if scenario["actuators"]),
         "outputs:",
         *_remark("one row for each degree of freedom that the constraints leave; controllers move these", "  "),
         *_entries("reducing", [(each, "") for each in outputs["reducing"]], "", "  "),
@@ -96,6 +99,10 @@ def write_draft(name: str, scenario: Drafted, remark: str, trial: Trial, mobilit
         f"view: {_flow(scenario['view'])}",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _label(decision: Decision) -> str:
+    return "QUESTION" if decision.is_open else "Decided"
 
 
 def _entries(key: str, entries: list[tuple[Entry, str]], remark: str, indent: str = "") -> list[str]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rnc_pin.scenario.draft import DraftOptions, draft, scenario_candidate
-from rnc_pin.scenario.draft.driven_joints import driven_joints
+from rnc_pin.scenario.draft.drive_evidence import named_as_driven
 from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.scenario.files import read_yaml
 
@@ -146,7 +146,9 @@ def test_what_the_file_drives_decides(tmp_path):
 )  # fmt: skip
 def test_joints_that_a_file_drives(text, expected):
     joints = '<joint name="a"/><joint name="b"/>'
-    assert driven_joints(ElementTree.fromstring(f"<robot>{joints}{text}</robot>")) == expected
+    named, is_list = named_as_driven(ElementTree.fromstring(f"<robot>{joints}{text}</robot>"))
+    assert set(named) == expected
+    assert is_list == (bool(expected) and "plugin" not in text)
 
 
 # ---------------------------------------------------------------------- spherical robots
@@ -225,5 +227,8 @@ def test_wheels_that_the_file_does_not_drive_are_not_driven(tmp_path):
     plugin = f'<gazebo><plugin name="drive" filename="libgazebo_ros_diff_drive.so">{drive}</plugin></gazebo>'
     content, _, path = drafted(f'<robot name="cart">{"".join(parts)}{plugin}</robot>', tmp_path)
     assert content["actuators"] == ["rear_left_joint", "rear_right_joint"]
-    assert "the file drives other wheels, not front_left_joint, front_right_joint" in path.read_text()
+    assert (
+        "Which wheels are driven? rear_left_joint, rear_right_joint (95 % sure: named by a plugin)" in path.read_text()
+    )
+    assert "# - front_left_joint  # uncomment it if it has a motor" in path.read_text()
     assert execute(plan(str(path), {"simulation.duration": 0.1})).summary["outcome"] == "completed"
