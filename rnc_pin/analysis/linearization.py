@@ -12,6 +12,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.analysis.derivatives import StateDerivatives, state_derivatives
 from rnc_pin.analysis.frame_bracket import frame_bracket
+from rnc_pin.analysis.symmetry import entries_of
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConstraintError, InputError, ModelError, nearest
 from rnc_pin.math.linear_algebra import sorted_eigenvalues
@@ -85,6 +86,7 @@ def linearize(
     T: Array | None = None,
     coordinates: Sequence[Coordinate] | None = None,
     rates: Sequence[str] | None = None,
+    cyclic: Sequence[str] = (),
 ) -> Linearization:
     """Linearise a reduced system about an equilibrium or a steady motion.
 
@@ -103,6 +105,8 @@ def linearize(
             An entry of ``v`` is a small motion of that joint; ``"root_joint[3]"`` is the roll of a free base in its own
             axes. By default all entries of ``v``, as perturbations in a frame that moves along with the motion.
         rates: names of the reducing outputs whose rates are states; all of them by default.
+        cyclic: joints, or entries of v by name, whose positions count as having no effect although they have a small
+            one, such as the angle of a slightly non-round wheel; the same as in ``equilibrium``.
 
     Raises:
         InputError: shapes do not fit, or no coordinate and no rate is left.
@@ -128,6 +132,8 @@ def linearize(
     _check_steady(reduced, q, v2, T)
     derivatives = state_derivatives(reduced, q, v2, T)
     A, B = _whole(reduced, derivatives)
+    for name in cyclic:
+        A[:, entries_of(reduced.robot, name)] = 0.0
     read = _Coordinates(reduced, coordinates)
     kept = _kept_rates(reduced, rates)
     if not (read.names or kept):

@@ -103,15 +103,14 @@ def find_symmetries(reduced: ReducedModel, q: np.ndarray, cyclic: Sequence[str] 
         X, _, misfit = _whole_motions(model, data, configuration)
         of_robot += [misfit, *(_scaled(each) @ X for each in (changes.bodies, *changes.others))]
         of_joints += [_scaled(each) for each in (changes.joints, *changes.others)]
-    columns = [_null_space(np.vstack(of_joints)), *(_entries(robot, name) for name in cyclic)]
+    columns = [_null_space(np.vstack(of_joints)), *(np.eye(robot.nv)[:, entries_of(robot, name)] for name in cyclic)]
     return Symmetries(reduced, _null_space(np.vstack(of_robot)), scipy.linalg.orth(np.hstack(columns)))
 
 
-def _entries(robot: Robot, name: str) -> np.ndarray:
-    """Unit velocities (nv, k) of a joint, or of an entry of v."""
+def entries_of(robot: Robot, name: str) -> list[int]:
+    """Return the indices in v of a joint, or of an entry of v by name."""
     names = robot.velocity_names
-    where = [names.index(name)] if name in names else robot.velocity_indices(name)
-    return np.eye(robot.nv)[:, where]
+    return [names.index(name)] if name in names else [*range(robot.nv)[robot.velocity_indices(name)]]
 
 
 class _Changes(NamedTuple):

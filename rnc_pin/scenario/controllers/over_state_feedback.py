@@ -26,7 +26,7 @@ def _state_feedback(settings: StateFeedbackSettings, context: ControllerContext)
     v2 = context.v2_0 if settings.v2 is None else reduced_velocity(reduced, settings.v2, "controller.v2")
     try:
         found = equilibrium(reduced, context.q0, settings.hold, v2, settings.cyclic)
-        linear = linearize(reduced, found.q, v2, found.T, settings.coordinates, settings.rates)
+        linear = linearize(reduced, found.q, v2, found.T, settings.coordinates, settings.rates, settings.cyclic)
         K = lqr(linear, settings.state_cost, settings.input_cost)
         check_sampling(linear, K, context.simulation.dt)
     except RncError as error:

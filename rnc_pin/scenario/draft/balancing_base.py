@@ -21,7 +21,8 @@ _SUPPORT = "caster.*|.*caster|castor.*|.*castor|support|skid|stabili[sz]er|ball|
 _BALANCES = "balanc.*|segway|pendul.*|upkie|hoverboard|two_?wheel(?:ed)?|self_?balanc.*"
 _TALL = 1.5  # smallest height of the center of mass above the axle of a balancing robot, in radii
 _NEAR = 0.3  # largest height of a support above the ground, in radii
-_FAR, _FAST = 0.05, 0.5  # displacement and speed with the same cost as a tilt of 0.1 rad [m, m/s]
+_FAR, _FAST = 0.05, 0.5  # displacement and speed with the same cost as a tilt of 0.1 rad, at wheels of 0.1 m [m, m/s]
+_SMALL, _LARGE = 0.1, 0.3  # radii for which the costs of a body on one axle, and of a bicycle, are stated [m]
 _PUSHED = 0.1  # initial tilt rate of a bicycle [rad/s]; an initial tilt could also be that of a steady circle
 _FROUDE = 1.5  # speed of a bicycle / sqrt(gravity * wheelbase): enough for balance by steering
 
@@ -67,14 +68,15 @@ def balancing_base(layout: WheelLayout, at_start: RobotAtStart, decided: Decisio
     tilt = f"{at_start.frame}_tilt_{ahead}"
     leaning: dict[str, Json] = {"frame_tilt": {"frame": at_start.frame, "axis": ahead}}
     forward = at_start.placement.rotation[:, "xyz".index(ahead)]
-    cost: dict[str, Json] = {tilt: 100, f"{tilt}_dot": 1}
+    size = wheels[0].radius / _SMALL  # lengths grow with it, and times with its square root
+    cost: dict[str, Json] = {tilt: 100, f"{tilt}_dot": significant(size)}
     for wheel, more in one_lateral(wheels):
         result.constraints.append((rolls(wheel, **more), measured(wheel)))
         result.actuators.append((wheel.joint, ""))
         way = float(np.sign(wheel.heading @ forward)) * DRIVEN / wheel.radius
         result.outputs.append(({"joint": wheel.joint}, round(way, 2)))
-        cost[wheel.joint] = significant((wheel.radius / _FAR) ** 2)
-        cost[f"{wheel.joint}_dot"] = significant((wheel.radius / _FAST) ** 2)
+        cost[wheel.joint] = significant((wheel.radius / (size * _FAR)) ** 2)
+        cost[f"{wheel.joint}_dot"] = significant((wheel.radius / _FAST) ** 2 / size)
     result.outputs.append((leaning, 0.0))
     result.untracked.add(tilt)
     result.vertical += place_and_heading(at_start.frame)
@@ -137,11 +139,18 @@ def bicycle_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions
     driven: dict[str, Json] = {"frame_speed": {"frame": at_start.frame, "axis": along}}
     result.outputs += [(driven, 0.0), (leaning, 0.0), ({"joint": steering}, 0.0)]
     result.vertical += place_and_heading(at_start.frame)
+    size = rear.radius / _LARGE
     feedback: dict[str, Json] = {
         "type": "state_feedback",
         "coordinates": [leaning, steering],
         "rates": [speed, tilt, steering],
-        "state_cost": {tilt: 100, steering: 10, speed: 4, f"{tilt}_dot": 1, f"{steering}_dot": 1},
+        "state_cost": {
+            tilt: 100,
+            steering: 10,
+            speed: significant(4 / size),
+            f"{tilt}_dot": significant(size),
+            f"{steering}_dot": significant(size),
+        },
         "input_cost": _input_cost(layout, at_start),
     }
     wheelbase = abs(float((front.center - rear.center) @ rear.heading))

@@ -114,7 +114,7 @@ def _floats(at_start: RobotAtStart, mass_of_base: Callable[[], float]) -> str:
     if has_word(_AFLOAT, *at_start.every_name):
         return "no wheels, and a name of something that floats"
     total = mass + sum(inertia.mass for inertia in at_start.robot.model.inertias[1:])
-    if mass > _HEAVY * total and not has_word(_BOLTED, *at_start.every_name):
+    if mass > _HEAVY * total and not has_word(_BOLTED, *at_start.title, *at_start.names_on("universe")):
         return f"no wheels, and {100 * mass / total:.0f} % of the mass in the first link: nothing is bolted so"
     return ""
 

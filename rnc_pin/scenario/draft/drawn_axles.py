@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from rnc_pin.scenario.draft.robot_at_start import RobotAtStart
 from rnc_pin.scenario.draft.shapes import LEVEL, NEAR, Shape, across
-from rnc_pin.scenario.draft.tolerances import ALIGNED, PLACED, SAME
+from rnc_pin.scenario.draft.tolerances import ALIGNED, PLACED
 
 
 @dataclass(frozen=True)
@@ -49,9 +49,9 @@ def find_drawn_axles(at_start: RobotAtStart) -> list[DrawnAxle]:
             apart = np.linalg.norm(between)
             level = one.bottom - ground < NEAR * radii[0]
             aligned = apart > radii[0] and abs(between @ axle) > (1 - 0.5 * ALIGNED) * apart
-            if not level or not aligned or abs(radii[0] - radii[1]) > SAME * radii[0]:
+            if not level or not aligned or abs(radii[0] - radii[1]) > 0.1 * radii[0]:
                 continue
-            place = _frame_on(at_start, one.joint, one.points.mean(axis=0), axle)
+            place = _frame_on(at_start, one.joint, one.points.mean(axis=0), axle, max(PLACED, 0.2 * radii[0]))
             if place is not None and all(place[0] != each.frame for each in axles):
                 center = (one.points.mean(axis=0) + other.points.mean(axis=0)) / 2
                 axles.append(DrawnAxle(*place, one.joint, radii[0], axle, center))
@@ -69,8 +69,10 @@ def _radius(cylinder: Shape) -> float:
     return float(np.linalg.norm(across(offsets, cylinder.axis), axis=1).max())
 
 
-def _frame_on(at_start: RobotAtStart, joint: int, point: np.ndarray, axle: np.ndarray) -> tuple[str, str] | None:
-    """Frame of the body with its origin above or on the axle, and its local axis along the axle, or None."""
+def _frame_on(
+    at_start: RobotAtStart, joint: int, point: np.ndarray, axle: np.ndarray, near: float
+) -> tuple[str, str] | None:
+    """Frame of the body with its origin above or on the axle [m], and its local axis along the axle, or None."""
     best = None
     for index, frame in enumerate(at_start.robot.model.frames):
         if frame.parentJoint != joint or frame.type != pin.FrameType.BODY:
@@ -78,6 +80,6 @@ def _frame_on(at_start: RobotAtStart, joint: int, point: np.ndarray, axle: np.nd
         offset = at_start.data.oMf[index].translation - point
         along = np.abs(at_start.data.oMf[index].rotation.T @ axle)
         beside = across(offset, axle)
-        if np.hypot(beside[0], beside[1]) < PLACED and along.max() > np.cos(2 * ALIGNED):
+        if np.hypot(beside[0], beside[1]) < near and along.max() > np.cos(2 * ALIGNED):
             best = (str(frame.name), "xyz"[int(along.argmax())])
     return best

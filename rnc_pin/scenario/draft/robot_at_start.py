@@ -150,6 +150,6 @@ class RobotAtStart:
 
     def names_on(self, *joints: str) -> tuple[str, ...]:
         """Return the names of joints, of the links on them, and of the meshes of these links."""
-        indices = {self.robot.joint_id(joint) for joint in joints}
+        indices = {0 if joint == "universe" else self.robot.joint_id(joint) for joint in joints}
         links = [str(frame.name) for frame in self.robot.model.frames if frame.parentJoint in indices]
         return *joints, *links, *(self.names.meshes.get(link, "") for link in links)

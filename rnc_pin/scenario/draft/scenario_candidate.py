@@ -139,7 +139,8 @@ class ScenarioCandidate:
     def _controllers(self, is_loaded: bool) -> list[tuple[Mapping[str, Json], float, str]]:
         """Settings, period [s] and remark of each candidate controller, the preferred one first."""
         if self.mobility.feedback is not None:
-            return [(self.mobility.feedback, 0.002, self.mobility.feedback_remark)]
+            periods = (0.002, 0.0005)  # small robots fall fast
+            return [(self.mobility.feedback, dt, self.mobility.feedback_remark) for dt in periods]
         return [
             ({"type": "reducing_outputs", "tracker": tracker, "preset": "scaled"}, dt, remark)
             for tracker, dt, remark in _TRACKERS

@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from rnc_pin.errors import ModelError
 from rnc_pin.robots.robot import Robot
+from rnc_pin.scenario.draft.tolerances import PLACED
 
 LEVEL = 0.1
 """Largest vertical component of a unit axle vector."""
@@ -106,7 +107,10 @@ class Disk:
 
 
 def fitted_disk(parts: list[Shape], center: np.ndarray, axle: np.ndarray) -> Disk | None:
-    """Return the disk that shapes form about an axle through ``center``, or None if they are not round."""
+    """Return the disk that shapes form about an axle near ``center``, or None if they are not round or far from it.
+
+    Radius and roundness are those about the middle of the shapes, which files place a little beside the axle.
+    """
     if not parts:
         return None
     upward = np.array([0.0, 0.0, 1.0]) - axle[2] * axle
@@ -117,11 +121,11 @@ def fitted_disk(parts: list[Shape], center: np.ndarray, axle: np.ndarray) -> Dis
         for reach, each in ((_low, parts), (_high, parts))
     )
     extents = high - low
-    radius = max(
-        float(np.linalg.norm(across(part.points - center, axle), axis=1).max()) + part.margin for part in parts
-    )
-    middle = np.abs(high + low)[:2] / 2
-    is_round = extents[:2].min() > 0.9 * extents[:2].max() and middle.max() < 0.1 * radius
+    middle = (high + low)[:2] / 2
+    own = center + middle[0] * forward + middle[1] * upward
+    radius = max(float(np.linalg.norm(across(part.points - own, axle), axis=1).max()) + part.margin for part in parts)
+    is_near = float(np.linalg.norm(middle)) < max(0.1 * radius, PLACED)
+    is_round = extents[:2].min() > 0.9 * extents[:2].max() and is_near
     # A square has equal extents too, but its corners are farther away than its sides.
     if not is_round or 2 * radius > 1.1 * extents[:2].max():
         return None

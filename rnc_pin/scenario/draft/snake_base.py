@@ -10,14 +10,14 @@ from itertools import pairwise
 import numpy as np
 
 from rnc_pin.io.json import Json
-from rnc_pin.scenario.draft.base_assumptions import BaseAssumptions, Entry, measured, rolls
+from rnc_pin.scenario.draft.base_assumptions import BaseAssumptions, Entry, measured
 from rnc_pin.scenario.draft.drawn_axles import DrawnAxle
 from rnc_pin.scenario.draft.joint_properties import joint_limits, turning_axis
 from rnc_pin.scenario.draft.name_words import has_word
 from rnc_pin.scenario.draft.robot_at_start import RobotAtStart
 from rnc_pin.scenario.draft.wheel_detection import Wheel
 from rnc_pin.scenario.draft.wheel_layout import TOWED
-from rnc_pin.scenario.draft.wheeled_base import one_lateral, planar
+from rnc_pin.scenario.draft.wheeled_base import one_lateral, planar, turned
 
 _BODIES = 4  # smallest number of bodies with wheels; one less if the file calls it a snake
 _SNAKE = "snake.*|.*snake|serpent.*|worm|acm"
@@ -59,7 +59,8 @@ def find_snake(wheels: Iterable[Wheel], axles: Iterable[DrawnAxle], at_start: Ro
     in_a_row = all(each.chain == chain[: len(each.chain)] for each in segments)
     bodies = len({each.chain for each in segments})
     enough = bodies >= (_BODIES - 1 if has_word(_SNAKE, *at_start.every_name) else _BODIES)
-    if not in_a_row or not enough or bodies < len(segments) or segments[0].chain:
+    missing = bodies < len(segments) or bodies < len(chain) + 1
+    if not in_a_row or not enough or missing or segments[0].chain:
         return []
     if any(has_word(TOWED, joint) or not _drives(joint, at_start) for joint in chain):
         return []
@@ -169,7 +170,7 @@ def _on_wheels(wheels: Iterable[Wheel]) -> list[Segment]:
             chain,
             np.mean([each.center for each in mates], axis=0),
             mates[0].axle,
-            [(rolls(each, **more), f"not driven; {measured(each)}") for each, more in one_lateral(mates)],
+            [(turned(each, **more), f"not driven; {measured(each)}") for each, more in one_lateral(mates)],
             tuple(each.joint for each in mates),
             min(float(each.center[2] - each.radius) for each in mates),
         )
