@@ -3,10 +3,18 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from rnc_pin.robots.sources.containment import AllowedFolders, folders_above, package_name
+
+_FOUND = re.compile(r"(?:file://)?\$\(find\s+([^\s()]+)\s*\)/*")
+
+
+def package_uri(name: str) -> str:
+    """Return ``package://name/path`` for a file name ``$(find name)/path``, as xacro has it; others do not change."""
+    return _FOUND.sub(r"package://\1/", name, count=1) if _FOUND.match(name) else name
 
 
 class Packages:

@@ -12,7 +12,15 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning, few, nearest
-from rnc_pin.robots.sources.description import ROOT_JOINTS, Description, Mimic, captured_stderr, check_base, parse_xml
+from rnc_pin.robots.sources.description import (
+    ROOT_JOINTS,
+    URDF_CHILDREN,
+    Description,
+    Mimic,
+    captured_stderr,
+    check_base,
+    parse_xml,
+)
 from rnc_pin.robots.sources.numeric_checks import check_not_negative, check_numbers, read_number, read_numbers
 from rnc_pin.robots.sources.packages import Packages
 from rnc_pin.robots.sources.rounding import Roundings
@@ -23,8 +31,7 @@ from rnc_pin.robots.sources.xacro import expand, has_macros, is_xacro
 
 _TYPES = ("fixed", "revolute", "continuous", "prismatic", "floating", "planar")
 _LONGEST_CHAIN = 1000
-_NOT_NEGATIVE = {"dynamics": ("damping", "friction"), "limit": ("effort", "velocity")}
-_ELEMENTS = ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor")
+_NOT_NEGATIVE = ("damping", "friction")
 
 
 def read_urdf(
@@ -104,10 +111,10 @@ def parse_urdf(path: Path, xacro_arguments: Mapping[str, object] | None, package
 
 
 def _why_no_links(root: ElementTree.Element, path: Path) -> str:
-    macros = [str(each.get("name")) for each in parse_xml(path).findall("{*}macro")]
+    macros = [str(each.get("name")) for each in parse_xml(path).findall("xacro:macro")]
     if macros:
         return f"has no links, it only defines macros ({few(macros)}): give the file that calls them"
-    calls = [each.tag for each in root if isinstance(each.tag, str) and each.tag not in _ELEMENTS]
+    calls = [each.tag for each in root if each.tag not in URDF_CHILDREN["robot"]]
     if calls:
         return f"has no links, and <{calls[0]}> is not known: a macro is called with its prefix, <xacro:{calls[0]}>"
     return "has no links"
@@ -168,11 +175,10 @@ def _first_complaint(lines: list[str]) -> str | None:
 
 def _check_joints(root: ElementTree.Element, path: Path) -> None:
     for joint in root.findall("joint"):
-        for tag, keys in _NOT_NEGATIVE.items():
-            element = joint.find(tag)
-            if element is not None and joint.get("type") != "fixed":
-                values = {key: read_number(element.get(key)) for key in keys}
-                check_not_negative(values, f"joint '{joint.get('name')}'", f"{path}: ")
+        element = joint.find("dynamics")
+        if element is not None and joint.get("type") != "fixed":
+            values = {key: read_number(element.get(key)) for key in _NOT_NEGATIVE}
+            check_not_negative(values, f"joint '{joint.get('name')}'", f"{path}: ")
 
 
 def _check_links(root: ElementTree.Element, path: Path) -> None:

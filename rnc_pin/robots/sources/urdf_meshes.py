@@ -21,7 +21,7 @@ from rnc_pin.robots.sources.description import GEOMETRY, geometry_errors
 from rnc_pin.robots.sources.mesh_formats import MeshError
 from rnc_pin.robots.sources.mesh_shapes import LoadedMesh, MeshShapes, put_in
 from rnc_pin.robots.sources.numeric_checks import read_numbers
-from rnc_pin.robots.sources.packages import Packages
+from rnc_pin.robots.sources.packages import Packages, package_uri
 
 STAND_IN = "_stand_in"
 """Suffix of the names of boxes that replace meshes; Pinocchio's own names of shapes end in a number."""
@@ -47,7 +47,8 @@ class Meshes:
         for element in root.iter():
             if element.tag not in ("mesh", "texture") or "filename" not in element.attrib:
                 continue
-            name = element.attrib["filename"]
+            name = package_uri(element.attrib["filename"])
+            element.set("filename", name)
             try:
                 found = packages.file(name)
             except ModelError as error:

@@ -128,8 +128,12 @@ def _geometry(root: ElementTree.Element) -> Iterator[str]:
 
 
 def _limits(root: ElementTree.Element) -> Iterator[str]:
-    """Complete limits. A lower limit above the upper one means no limit, as in some simulators."""
-    ranges, others, upside_down = [], [], []
+    """Complete limits.
+
+    Simulators take a lower limit above the upper one, and a negative effort or velocity, for no limit. A range that the
+    file does not state is none either, although urdfdom takes it for 0 to 0.
+    """
+    ranges, others, upside_down, negative, unstated = [], [], [], [], []
     for joint in root.findall("joint"):
         name = str(joint.get("name"))
         limit = joint.find("limit")
@@ -141,16 +145,28 @@ def _limits(root: ElementTree.Element) -> Iterator[str]:
             ranges.append(name)
         elif joint.get("type") != "fixed" and any(limit.get(key) is None for key in ("effort", "velocity")):
             others.append(name)
+        if any((read_number(limit.get(key)) or 0.0) < 0 for key in ("effort", "velocity")):
+            negative.append(name)
         for key in ("effort", "velocity"):
-            limit.set(key, limit.get(key, repr(ENDLESS)))
+            if limit.get(key) is None or (read_number(limit.get(key)) or 0.0) < 0:
+                limit.set(key, repr(ENDLESS))
+        if joint.get("type") not in _LIMITED:
+            continue
         lower, upper = (read_number(limit.get(key)) or 0.0 for key in ("lower", "upper"))
-        if joint.get("type") in _LIMITED and lower > upper:
+        if lower > upper:
             _open(limit)
             upside_down.append(name)
+        elif lower == upper and None in (limit.get("lower"), limit.get("upper")):
+            _open(limit)
+            unstated.append(name)
     if ranges:
         yield f"has no <limit> and is taken as unlimited: joint {few(ranges)}"
     if others:
         yield f"has no limit of effort or velocity, which is taken as infinite: joint {few(others)}"
+    if negative:
+        yield f"has a negative limit of effort or velocity, which is taken as infinite: joint {few(negative)}"
+    if unstated:
+        yield f"has a <limit> without lower and upper and is taken as unlimited: joint {few(unstated)}"
     if upside_down:
         yield f"has a lower limit above the upper and is taken as unlimited: joint {few(upside_down)}"
 

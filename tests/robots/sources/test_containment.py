@@ -65,6 +65,8 @@ OUTSIDE = [
     "package://robot/../private/secret.obj",
     "package://robot//{tree}/private/secret.obj",
     "package://robot/linked/secret.obj",
+    "file://$(find robot)/../private/secret.obj",
+    "$(find private)/secret.obj",
     "package://private/secret.obj",
     "model://private/secret.obj",
 ]

@@ -8,6 +8,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.robots.robot_files import shipped_directory
+from rnc_pin.robots.sources.containment import package_name
 from rnc_pin.robots.sources.packages import Packages
 from tolerances import ROUNDING
 
@@ -189,6 +190,19 @@ def test_a_package_may_lie_in_a_folder_of_another_name(tmp_path):
     write(tmp_path / "git-checkout/meshes/t.obj", TRIANGLES)
     write(tmp_path / "git-checkout/package.xml", "<package><name>shapes</name></package>")
     path = write(tmp_path / "git-checkout/urdf/arm.urdf", urdf(visual=MESH))
+    assert names(rnc.Robot.from_urdf(path)) == 1
+
+
+@pytest.mark.parametrize("name", ["$(find shapes)/meshes/t.obj", "file://$(find  shapes )/meshes/t.obj"])
+def test_a_package_is_found_as_xacro_names_it_although_the_file_is_none(name, tmp_path):
+    text = urdf(visual=MESH.replace("package://shapes/meshes/t.obj", name))
+    write(tmp_path / "checkout/meshes/t.obj", TRIANGLES)
+    path = write(tmp_path / "checkout/urdf/arm.urdf", text)
+    robot = rnc.Robot.from_urdf(path)
+    with pytest.warns(rnc.ModelWarning, match=r"1 mesh was not found: package 'shapes' \(1\); give the folder"):
+        assert names(robot) == 0
+    write(tmp_path / "checkout/package.xml", "<package><name>shapes</name></package>")
+    package_name.cache_clear()
     assert names(rnc.Robot.from_urdf(path)) == 1
 
 

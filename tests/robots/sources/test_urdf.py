@@ -24,7 +24,7 @@ XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
 
 def loaded(name, **options):
     """A robot, and the lines of the model warnings that reading it gave."""
-    load = rnc.Robot.from_mjcf if name.endswith(".xml") else rnc.Robot.from_urdf
+    load = rnc.Robot.from_mjcf if str(name).endswith(".xml") else rnc.Robot.from_urdf
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         robot = load(DIRT / name, **options)
@@ -366,12 +366,18 @@ def test_an_expression_inside_a_urdf_is_expanded_and_a_namespace_alone_is_nothin
         ("missing_include.urdf.xacro", "gazebo/nowhere.xacro': No such file"),
         ("argument_without_default.urdf.xacro", "give it with xacro_arguments={'track': ...} (--arg track=...)"),
         ("macros_only.urdf.xacro", "it only defines macros (cart): give the file that calls them"),
-        ("call_without_prefix.urdf.xacro", "<cart> is not known: a macro is called with its prefix, <xacro:cart>"),
+        ("call_without_prefix.urdf.xacro", "element <cart>: a macro of this name exists; write <xacro:cart> (line 5)"),
         ("nothing.urdf", "has no links"),
     ],
 )
 def test_xacro_that_cannot_be_expanded_is_refused_with_a_remedy(name, words):
     assert words in refusal(name)
+
+
+def test_a_call_of_a_macro_that_the_file_does_not_include_is_not_known(tmp_path):
+    (tmp_path / "r.xacro").write_text(f'<robot name="r" {XACRO}><cart/></robot>')
+    with pytest.raises(rnc.ModelError, match="<cart> is not known: a macro is called with its prefix, <xacro:cart>"):
+        rnc.Robot.from_urdf(tmp_path / "r.xacro")
 
 
 def test_an_argument_without_default_can_be_given():
@@ -394,6 +400,75 @@ def test_joints_without_limits_move_without_end():
     assert robot.model.effortLimit[at["lift"]] == robot.model.velocityLimit[at["shoulder"]] == np.inf
     assert axis_of(robot, "wrist").tolist() == [1, 0, 0]
     assert np.isfinite(robot.random_configuration(np.random.default_rng(0))).all()
+
+
+def limited(limit, tmp_path):
+    """A robot with two joints of this limit, a lift and a wrist, and what was said of it."""
+    text = (DIRT / "no_limits.urdf").read_text()
+    given = re.findall("<limit .*?/>", text)
+    assert len(given) == 2
+    for each in given:
+        text = text.replace(each, limit)
+    (tmp_path / "r.urdf").write_text(text)
+    return loaded(tmp_path / "r.urdf")
+
+
+def test_a_negative_effort_or_velocity_is_no_limit(tmp_path):
+    """As in SDF, where a limit is not enforced if its value is negative."""
+    robot, said = limited('<limit lower="-1" upper="1" effort="-1.0" velocity="-1"/>', tmp_path)
+    assert said[1:] == [
+        "r.urdf: has a negative limit of effort or velocity, which is taken as infinite: joint lift, wrist"
+    ]
+    assert robot.model.effortLimit.tolist() == robot.model.velocityLimit.tolist() == [np.inf] * robot.nv
+    for name in ("lift", "wrist"):
+        index = robot.model.joints[robot.joint_id(name)].idx_q
+        assert (robot.model.lowerPositionLimit[index], robot.model.upperPositionLimit[index]) == (-1, 1)
+    one, said = limited('<limit lower="-1" upper="1" effort="3" velocity="-1"/>', tmp_path)
+    at = one.velocity_indices("lift").start
+    assert (one.model.effortLimit[at], one.model.velocityLimit[at]) == (3, np.inf)
+    assert len(said) == 2
+
+
+@pytest.mark.parametrize("stated", ["", 'lower="0"', 'upper="0"'])
+def test_a_range_that_the_file_does_not_state_is_unlimited(stated, tmp_path):
+    robot, said = limited(f'<limit {stated} effort="1" velocity="1"/>', tmp_path)
+    assert said[1:] == ["r.urdf: has a <limit> without lower and upper and is taken as unlimited: joint lift, wrist"]
+    assert np.isinf(robot.model.upperPositionLimit).all()
+
+
+def test_a_stated_range_of_no_width_is_kept(tmp_path):
+    robot, said = limited('<limit lower="0" upper="0" effort="1" velocity="1"/>', tmp_path)
+    assert len(said) == 1
+    index = robot.model.joints[robot.joint_id("wrist")].idx_q
+    assert (robot.model.lowerPositionLimit[index], robot.model.upperPositionLimit[index]) == (0, 0)
+
+
+# ---------------------------------------------------------------------- namespaces
+
+
+@pytest.mark.parametrize(
+    "namespace",
+    [
+        'xmlns="http://drake.mit.edu"',
+        'xmlns="http://www.ros.org" xmlns:sim="http://simulators.org"',
+        'xmlns="http://simulators.org" xmlns:sim="http://simulators.org"',
+        "",  # urdfdom does not ask for a declaration
+    ],
+)
+def test_namespaces_are_read_as_by_urdfdom(namespace, tmp_path):
+    """It knows none: a default namespace changes no name, and an element with a prefix has another name."""
+    text = (DIRT / "no_limits.urdf").read_text()
+    foreign = '<sim:joint name="foreign" type="fixed"/><sim:link name="foreign"><sim:mass value="1"/></sim:link>'
+    text = text.replace("<robot ", f"<robot {namespace} ").replace("</robot>", f"{foreign}</robot>")
+    (tmp_path / "r.urdf").write_text(text)
+    robot, said = loaded(tmp_path / "r.urdf")
+    plain, usual = loaded("no_limits.urdf")
+    assert robot.joint_names == plain.joint_names
+    assert [each.name for each in robot.model.frames] == [each.name for each in plain.model.frames]
+    assert [each.partition(":")[2] for each in said] == [each.partition(":")[2] for each in usual]
+    theirs = pin.buildModelFromXML((DIRT / "continuous_with_limits.urdf").read_text())
+    named = (DIRT / "continuous_with_limits.urdf").read_text().replace("<robot ", f"<robot {namespace} ")
+    assert pin.buildModelFromXML(named) == theirs  # what urdfdom itself does
 
 
 def test_limits_of_a_continuous_joint_do_not_bound_it():

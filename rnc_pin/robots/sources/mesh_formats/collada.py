@@ -29,8 +29,7 @@ def read_collada(content: bytes) -> Mesh:
     """
     root = parse_tree(content)
     for element in root.iter():
-        if isinstance(element.tag, str):
-            element.tag = element.tag.rpartition("}")[2]
+        element.tag = element.tag.rpartition(":")[2]
     if root.tag != "COLLADA":
         raise MeshError("no Collada file")
     return _Scene(root).mesh()

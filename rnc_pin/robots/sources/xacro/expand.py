@@ -14,7 +14,6 @@ from rnc_pin.io.safe_read import read_bytes
 if TYPE_CHECKING:
     from rnc_pin.robots.sources.xacro.substitution import FileAccess
 
-_NAMESPACE = re.compile(r"\{https?://(www\.)?(ros\.org/wiki/xacro|wiki\.ros\.org/xacro)[^}]*\}")
 _EXPRESSION = re.compile(r"\$\{|\$\((arg|find|env|optenv|eval|dirname|anon)\b")
 
 
@@ -24,13 +23,13 @@ def is_xacro(path: Path) -> bool:
 
 
 def has_macros(root: Element, path: Path) -> bool:
-    """True if a file declares the xacro namespace and has a xacro element or expression, whatever its name.
+    """True if a file has a xacro element, or declares the prefix and has an expression of xacro, whatever its name.
 
     Args:
         root: root element of the file, parsed as plain XML.
         path: path of the file.
     """
-    if any(_NAMESPACE.match(element.tag) for element in root.iter()):
+    if any(element.tag.startswith("xacro:") for element in root.iter()):
         return True
     used = any(_EXPRESSION.search(text) for element in root.iter() for text in element.attrib.values())
     return used and b"xmlns:xacro" in read_bytes(path)
@@ -58,8 +57,7 @@ def expand(path: Path, arguments: Mapping[str, object] | None, access: FileAcces
     except RecursionError:
         raise ModelError(f"{path}: xacro: macros or includes are recursive or nested too deeply") from None
     except ModelError as error:
-        place = "" if expander.place == path else f" (in {expander.place})"
-        raise ModelError(f"{path}: xacro: {error}{place}") from None
+        raise ModelError(f"{path}: xacro: {error}{expander.fault}") from None
     for name in given:
         if name not in given.asked:
             raise ModelError(f"{path}: no xacro argument '{name}'{nearest(name, given.asked)}")

@@ -16,8 +16,9 @@ from typing import TypeAlias
 from xml.etree.ElementTree import Element
 
 from rnc_pin.errors import ModelError, nearest
+from rnc_pin.robots.sources.description import URDF_CHILDREN
 from rnc_pin.robots.sources.xacro.bounded_values import Function, Namespace, Value
-from rnc_pin.robots.sources.xacro.documents import read_document
+from rnc_pin.robots.sources.xacro.documents import PlacedElement, read_document
 from rnc_pin.robots.sources.xacro.macros import Macro, Parameter, read_macro
 from rnc_pin.robots.sources.xacro.scopes import Scope, ScopeNamespace, truth
 from rnc_pin.robots.sources.xacro.substitution import Arguments, FileAccess, Substitution
@@ -43,6 +44,8 @@ class Expander:
         self._substitution = Substitution(path, arguments, access)
         self._arguments = arguments
         self._depth = 0
+        self._called: list[Macro] = []
+        self._fault: tuple[Path, int] | None = None
         self._elements: Mapping[str, Callable[[Element, Element, Macros, Scope], None]] = {
             "arg": self._arg,
             "attribute": self._attribute,
@@ -57,9 +60,11 @@ class Expander:
         }
 
     @property
-    def place(self) -> Path:
-        """Path of the file that is being read."""
-        return self._substitution.files[-1]
+    def fault(self) -> str:
+        """File and line of the error of ``expand``, in brackets after a blank; empty if they are unknown."""
+        file, line = self._fault or (self._path, 0)
+        words = [*([] if file == self._path else [f"in {file}"]), *([f"line {line}"] if line else [])]
+        return f" ({', '.join(words)})" if words else ""
 
     def expand(self) -> Element:
         """Return the root element of the expanded file.
@@ -67,9 +72,18 @@ class Expander:
         Raises:
             ModelError: not XML, or an unknown or refused element, name or expression.
         """
-        source = read_document(self._path)
+        source = self._read(self._path)
         scope = Scope(self._substitution.symbols, self._substitution.value)
         return self._copy(source, source.tag, ChainMap(), scope)
+
+    def _read(self, path: Path) -> Element:
+        try:
+            root = read_document(path)
+        except ModelError:
+            self._fault = path, 0
+            raise
+        self._arguments.announce(each for each in root.iter(f"{_PREFIX}arg"))
+        return root
 
     def _value(self, text: str, scope: Scope) -> Value:
         return self._substitution.value(text, scope)
@@ -81,7 +95,7 @@ class Expander:
         return str(value)
 
     def _copy(self, source: Element, tag: str, macros: Macros, scope: Scope) -> Element:
-        copy = Element(tag)
+        copy = source.copied(tag) if isinstance(source, PlacedElement) else Element(tag)
         for name, text in source.items():
             if not name.startswith(_PREFIX):
                 copy.set(name, self._text(text, scope))
@@ -93,14 +107,33 @@ class Expander:
         if source.text:
             _write(target, self._text(source.text, scope))
         for child in source:
-            self._substitution.budget.spend(10)
-            if child.tag.startswith(_PREFIX):
-                name = child.tag.removeprefix(_PREFIX)
-                self._elements.get(name, self._call)(child, target, macros, scope)
-            else:
-                target.append(self._copy(child, child.tag, macros, scope))
-            if child.tail:
-                _write(target, self._text(child.tail, scope))
+            try:
+                self._add(child, target, macros, scope)
+            except ModelError:
+                if self._fault is None and isinstance(child, PlacedElement) and child.line:
+                    self._fault = child.file, child.line  # the innermost element is the nearest to the error
+                raise
+
+    def _add(self, child: Element, target: Element, macros: Macros, scope: Scope) -> None:
+        self._substitution.budget.spend(10)
+        if child.tag.startswith(_PREFIX):
+            name = child.tag.removeprefix(_PREFIX)
+            self._elements.get(name, self._call)(child, target, macros, scope)
+        else:
+            self._check_prefix(child.tag, target.tag, macros)
+            target.append(self._copy(child, child.tag, macros, scope))
+        if child.tail:
+            _write(target, self._text(child.tail, scope))
+
+    def _check_prefix(self, tag: str, parent: str, macros: Macros) -> None:
+        """Refuse a macro or element of xacro without its prefix: xacro would leave it alone, and urdfdom ignore it."""
+        if tag in URDF_CHILDREN.get(parent, (tag,)):
+            return
+        macro = macros.get(tag)
+        if isinstance(macro, Macro) and macro not in self._called:  # a macro can write an element of its own name
+            raise ModelError(f"element <{tag}>: a macro of this name exists; write <{_PREFIX}{tag}>")
+        if tag in self._elements:
+            raise ModelError(f"element <{tag}>: xacro has an element of this name; write <{_PREFIX}{tag}>")
 
     def _arg(self, element: Element, _target: Element, _macros: Macros, scope: Scope) -> None:
         name, default = _required(element, "name"), element.get("default")
@@ -192,7 +225,9 @@ class Expander:
         if missing:
             raise ModelError(f"macro '{name}' is called without {', '.join(missing)}")
         with_depth = self._deeper()
+        self._called.append(macro)
         self._inside(macro.body, target, known_macros.new_child(), inner)
+        self._called.pop()
         self._depth = with_depth
 
     def _take_blocks(
@@ -237,7 +272,7 @@ class Expander:
             if not os.path.isfile(path):  # raises the error in the file that includes it
                 read_document(path)
             files.append(path)
-            self._inside(read_document(path), target, inner_macros, inner)
+            self._inside(self._read(path), target, inner_macros, inner)
             files.pop()
             self._depth = depth
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 import re
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Protocol
+from xml.etree.ElementTree import Element
 
 import yaml
 
@@ -42,6 +43,13 @@ class Arguments(Mapping[str, Value]):
         self._texts = dict(given)
         self.given = tuple(given.values())
         self.asked: set[str] = set()
+        self._bare: dict[str, bool] = {}  # argument to whether no declaration that was read has a default
+
+    def announce(self, elements: Iterable[Element]) -> None:
+        """Note the ``<xacro:arg>`` of a file before it is expanded: a missing value is reported with all others."""
+        for element in elements:
+            name = element.get("name", "")
+            self._bare[name] = self._bare.get(name, True) and "default" not in element.attrib
 
     def declare(self, name: str, default: str | None) -> None:
         """Declare an argument; the default applies if the user gives no value."""
@@ -53,8 +61,8 @@ class Arguments(Mapping[str, Value]):
         """Return the text of an argument; a missing value raises ModelError."""
         self.asked.add(name)
         if name not in self._texts:
-            remedy = f"give it with xacro_arguments={{'{name}': ...}} (--arg {name}=...)"
-            raise ModelError(f"argument '{name}' has no value: {remedy}")
+            others = [each for each, bare in self._bare.items() if bare and each not in (name, *self._texts)]
+            raise ModelError(_no_values([name, *others]))
         return self._texts[name]
 
     def __getitem__(self, name: str) -> Value:
@@ -260,6 +268,14 @@ class _Either(Mapping[str, Value]):
 
     def __len__(self) -> int:
         return len(self._known) + len(self._arguments)
+
+
+def _no_values(names: Sequence[str]) -> str:
+    said, it, have = ("argument", "it", "has") if len(names) == 1 else ("arguments", "them", "have")
+    quoted = ", ".join(f"'{name}'" for name in names)
+    in_python = ", ".join(f"'{name}': ..." for name in names)
+    options = " ".join(f"--arg {name}=..." for name in names)
+    return f"{said} {quoted} {have} no value: give {it} with xacro_arguments={{{in_python}}} ({options})"
 
 
 def _check_variable(name: str) -> None:
