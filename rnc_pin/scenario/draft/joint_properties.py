@@ -68,5 +68,5 @@ def start_values(robot: Robot) -> dict[str, float]:
     for _ in robot.mimics:  # mimic joints can form chains
         for joint, of, multiplier, offset in robot.mimics:
             if joint in start:
-                start[joint] = round(multiplier * start.get(of, 0.0) + offset, 9) + 0.0
+                start[joint] = round(multiplier * start.get(of, robot.locked.get(of, 0.0)) + offset, 9) + 0.0
     return start

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
@@ -19,11 +21,13 @@ from rnc_pin.robots.inertias import MOVES_NONE, Massless, UselessInertia, mass_o
 from rnc_pin.robots.robot import Robot
 from rnc_pin.robots.robot_files import example_urdfs, find_urdf, shipped_directory
 from rnc_pin.robots.sources.description import parse_xml
+from rnc_pin.robots.sources.numeric_checks import read_number
 from rnc_pin.robots.sources.packages import Packages
 from rnc_pin.robots.sources.urdf import parse_urdf
 from rnc_pin.scenario.draft.drive_evidence import DriveEvidence, named_as_driven
 from rnc_pin.scenario.draft.joint_properties import effort_limit
 from rnc_pin.scenario.draft.shapes import shapes
+from rnc_pin.scenario.draft.tolerances import PLACED
 from rnc_pin.scenario.loading import admitted
 from rnc_pin.scenario.schema.robot_source import RobotSource
 
@@ -143,7 +147,11 @@ class Source:
         return {**self.entry, **masses, **({} if base is None else {"base": base})}
 
     def load_for_detection(self) -> tuple[Robot, bool]:
-        """Return the robot without an added base and False, or with a free base and True if it is one rigid body."""
+        """Return the robot without an added base and False, or with a free base and True if it is one rigid body.
+
+        Joints whose limits leave no motion are locked from now on.
+        """
+        self._lock_motionless()
         if self.is_mjcf:
             return self.load(None), False
         try:
@@ -206,13 +214,20 @@ class Source:
         efforts = {name: effort_limit(robot, name) for name in single}
         if self.is_mjcf:  # an actuator without a limit has an infinite effort, a joint without an actuator has none
             named, is_list = {name: "an actuator" for name in single if efforts[name] > 0}, any(efforts.values())
-        elif (path := self._path()) is not None:
-            packages = Packages(path.parent, options.package_dirs)
-            named, is_list = named_as_driven(parse_urdf(path, options.xacro_arguments, packages))
+        elif self._urdf is not None:
+            named, is_list = named_as_driven(self._urdf)
         else:
             named, is_list = {}, False
         driven, passive = frozenset(options.driven), frozenset(options.passive)
         return DriveEvidence(named, is_list, efforts, self.is_mjcf, driven, passive)
+
+    @cached_property
+    def _urdf(self) -> ElementTree.Element | None:
+        """Root element of a URDF, expanded; None for an MJCF."""
+        path, options = self._path(), self._options
+        if path is None:
+            return None
+        return parse_urdf(path, options.xacro_arguments, Packages(path.parent, options.package_dirs))
 
     def _path(self) -> Path | None:
         if "example" in self.entry:
@@ -226,6 +241,18 @@ class Source:
         if given or far:
             folder = self._folder.resolve()
             self.entry["package_dirs"] = [os.path.relpath(each, folder) for each in dict.fromkeys([*given, *far])]
+
+    def _lock_motionless(self) -> None:
+        limited = [] if self._urdf is None else list(_stated_limits(self._urdf))
+        still = {name: (low + high) / 2 for name, low, high in limited if 0 <= high - low < PLACED}
+        movable = () if self._urdf is None else self._urdf.findall("joint")
+        if still and len(still) == sum(joint.get("type") != "fixed" for joint in movable):
+            self.notes.append("the file states no limits: lower and upper are equal for every joint")
+            return
+        new = {name: value for name, value in still.items() if name not in self.held}
+        self.held.update(new)
+        if new:
+            self.notes.append(f"locked, because the limits of the file leave no motion: {', '.join(new)}")
 
     def mass_of_base(self) -> float:
         """Return the mass of the first link [kg]; 0 for a ground or world link."""
@@ -247,6 +274,17 @@ class Source:
         if held:
             self.notes.append(f"locked, because they move no mass: {', '.join(held)}")
         return bool(held)
+
+
+def _stated_limits(robot: ElementTree.Element) -> Iterator[tuple[str, float, float]]:
+    """Yield name, lower and upper limit of each joint that has both, without mimic joints."""
+    for joint in robot.findall("joint"):
+        limit = joint.find("limit")
+        if limit is None or joint.get("type") not in ("revolute", "prismatic") or joint.find("mimic") is not None:
+            continue
+        low, high = (read_number(limit.get(key)) for key in ("lower", "upper"))
+        if low is not None and high is not None:
+            yield str(joint.get("name")), low, high
 
 
 def _weightless_base(robot: Robot) -> str | None:

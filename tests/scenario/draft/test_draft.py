@@ -18,6 +18,7 @@ pytestmark = pytest.mark.filterwarnings(
     "error",
     "ignore:zmq.eventloop.ioloop is deprecated:DeprecationWarning",
     "ignore:.* rounded in the file:rnc_pin.errors.ModelWarning",
+    "ignore:centauro.* has a <limit> without lower and upper:rnc_pin.errors.ModelWarning",
 )
 
 
