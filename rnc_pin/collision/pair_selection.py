@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from rnc_pin.errors import ModelError, nearest
 from rnc_pin.io.safe_read import read_bytes
-from rnc_pin.robots.sources.description import parse_tree
+from rnc_pin.io.safe_xml import parse_tree
 
 
 class LinkPair(NamedTuple):

@@ -12,13 +12,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, NamedTuple
 from xml.etree import ElementTree
-from xml.parsers import expat
 
 import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, nearest
 from rnc_pin.io.safe_read import read_bytes
+from rnc_pin.io.safe_xml import parse_tree
 
 GEOMETRY = {"visual": pin.GeometryType.VISUAL, "collision": pin.GeometryType.COLLISION}
 ROOT_JOINTS: Mapping[str, Callable[[], object] | None] = {
@@ -26,20 +26,6 @@ ROOT_JOINTS: Mapping[str, Callable[[], object] | None] = {
     "planar": pin.JointModelPlanar,
     "free": pin.JointModelFreeFlyer,
 }
-
-URDF_CHILDREN: Mapping[str, tuple[str, ...]] = {
-    "robot": ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor"),
-    "link": ("inertial", "visual", "collision", "contact", "sensor"),
-    "joint": (
-        *("parent", "child", "origin", "axis", "limit", "dynamics", "mimic", "calibration", "safety_controller"),
-        *("hardwareInterface", "physics"),
-    ),
-    "inertial": ("origin", "mass", "inertia"),
-    "visual": ("origin", "geometry", "material", "name"),
-    "collision": ("origin", "geometry", "material", "name", "contact_coefficients", "verbose"),
-    "geometry": ("box", "cylinder", "sphere", "mesh", "capsule"),
-}
-"""Known elements in an element of a URDF, with customary ones of simulators; elements that are no key can have any."""
 
 
 def check_base(base: object) -> None:
@@ -123,8 +109,6 @@ class Description:
 
 
 _DECLARATION = re.compile(rb"<\?xml[^>]*\?>")
-_DEEPEST = 400  # nesting depth; bodies of MJCF are nested
-_MOST = 1_000_000  # elements: each takes more memory than its text
 _BLANK = b" \t\r\n\0"
 
 
@@ -150,58 +134,6 @@ def parse_xml(path: Path) -> ElementTree.Element:
         if again is not None:
             return again
         raise ModelError(f"{path}: not well-formed XML: {error}") from None
-
-
-def parse_tree(
-    content: str | bytes,
-    deepest: int = _DEEPEST,
-    make: Callable[[str, dict[str, str], int], ElementTree.Element] | None = None,
-) -> ElementTree.Element:
-    """Return the root element of a text, without external entities.
-
-    Names keep their prefixes, and declarations of namespaces are dropped: urdfdom, MuJoCo and xacro read no namespaces.
-
-    Args:
-        content: the text.
-        deepest: largest depth of an element.
-        make: function from tag, attributes and line to an element; ``Element`` by default.
-
-    Raises:
-        ModelError: elements are too deep, or too many.
-        xml.etree.ElementTree.ParseError: the text is not well formed.
-    """
-    parser = expat.ParserCreate()
-    builder = ElementTree.TreeBuilder(
-        None if make is None else lambda tag, attributes: make(tag, attributes, parser.CurrentLineNumber)
-    )
-    depth = count = 0
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal depth, count
-        depth += 1
-        count += 1
-        if depth > deepest or count > _MOST:
-            raise ModelError(f"elements are more than {deepest} deep, or more than {_MOST:,}")
-        kept = {key: value for key, value in attributes.items() if key != "xmlns" and not key.startswith("xmlns:")}
-        builder.start(tag, kept)
-
-    def end(tag: str) -> None:
-        nonlocal depth
-        depth -= 1
-        builder.end(tag)
-
-    def refuse(name: str | None, *_place: object) -> None:
-        raise ElementTree.ParseError(f"undefined entity &{name};: line {parser.CurrentLineNumber}")
-
-    parser.buffer_text = True
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    parser.CharacterDataHandler = builder.data
-    parser.SkippedEntityHandler = parser.ExternalEntityRefHandler = refuse
-    try:
-        parser.Parse(content, True)
-    except expat.ExpatError as error:
-        raise ElementTree.ParseError(str(error)) from None
-    return builder.close()
 
 
 def _again(content: bytes, error: Exception) -> ElementTree.Element | None:

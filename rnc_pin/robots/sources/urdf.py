@@ -12,15 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning, few, nearest
-from rnc_pin.robots.sources.description import (
-    ROOT_JOINTS,
-    URDF_CHILDREN,
-    Description,
-    Mimic,
-    captured_stderr,
-    check_base,
-    parse_xml,
-)
+from rnc_pin.robots.sources.description import ROOT_JOINTS, Description, Mimic, captured_stderr, check_base, parse_xml
 from rnc_pin.robots.sources.numeric_checks import check_not_negative, check_numbers, read_number, read_numbers
 from rnc_pin.robots.sources.packages import Packages
 from rnc_pin.robots.sources.rounding import Roundings
@@ -28,6 +20,20 @@ from rnc_pin.robots.sources.urdf_inertias import bodies_of, give_masses
 from rnc_pin.robots.sources.urdf_meshes import Meshes
 from rnc_pin.robots.sources.urdf_repairs import ENDLESS, repair
 from rnc_pin.robots.sources.xacro import expand, has_macros, is_xacro
+
+CHILDREN: Mapping[str, tuple[str, ...]] = {
+    "robot": ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor"),
+    "link": ("inertial", "visual", "collision", "contact", "sensor"),
+    "joint": (
+        *("parent", "child", "origin", "axis", "limit", "dynamics", "mimic", "calibration", "safety_controller"),
+        *("hardwareInterface", "physics"),
+    ),
+    "inertial": ("origin", "mass", "inertia"),
+    "visual": ("origin", "geometry", "material", "name"),
+    "collision": ("origin", "geometry", "material", "name", "contact_coefficients", "verbose"),
+    "geometry": ("box", "cylinder", "sphere", "mesh", "capsule"),
+}
+"""Known elements in an element of a URDF, with customary ones of simulators; elements that are no key can have any."""
 
 _TYPES = ("fixed", "revolute", "continuous", "prismatic", "floating", "planar")
 _LONGEST_CHAIN = 1000
@@ -100,7 +106,7 @@ def parse_urdf(path: Path, xacro_arguments: Mapping[str, object] | None, package
     """
     root = None if is_xacro(path) else parse_xml(path)
     if root is None or has_macros(root, path):
-        root = expand(path, xacro_arguments, packages)
+        root = expand(path, xacro_arguments, packages, CHILDREN)
     elif xacro_arguments:
         raise ModelError(f"{path}: xacro arguments are for a file whose name ends in .xacro or that uses xacro")
     if root.tag != "robot":
@@ -114,7 +120,7 @@ def _why_no_links(root: ElementTree.Element, path: Path) -> str:
     macros = [str(each.get("name")) for each in parse_xml(path).findall("xacro:macro")]
     if macros:
         return f"has no links, it only defines macros ({few(macros)}): give the file that calls them"
-    calls = [each.tag for each in root if each.tag not in URDF_CHILDREN["robot"]]
+    calls = [each.tag for each in root if each.tag not in CHILDREN["robot"]]
     if calls:
         return f"has no links, and <{calls[0]}> is not known: a macro is called with its prefix, <xacro:{calls[0]}>"
     return "has no links"

@@ -15,6 +15,7 @@ import rnc_pin as rnc
 from patience import ending_within
 from places import ROOT
 from rnc_pin.robots.sources.packages import Packages
+from rnc_pin.robots.sources.urdf import CHILDREN
 from rnc_pin.robots.sources.xacro import expand
 from rnc_pin.robots.sources.xacro.bounded_values import admit
 from rnc_pin.robots.sources.xacro.expressions import evaluate
@@ -53,7 +54,7 @@ def by_the_library(path, arguments, packages):
 
 def by_us(path, arguments, packages):
     try:
-        return expand(path, arguments, packages)
+        return expand(path, arguments, packages, CHILDREN)
     except rnc.RncError:
         return None
 
@@ -202,7 +203,7 @@ def test_parameters_of_many_letters_are_read():
 def expanded(tmp_path, inside, arguments=None):
     path = tmp_path / "r.xacro"
     path.write_text(f'<robot name="r" {XACRO}>{inside}</robot>')
-    return expand(path, arguments, Packages(tmp_path))
+    return expand(path, arguments, Packages(tmp_path), CHILDREN)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.robots.sources.description import parse_tree
+from rnc_pin.io.safe_xml import parse_tree
 from rnc_pin.robots.sources.mesh_formats.mesh import Mesh, MeshError, check_counts, checked_mesh, fans, numbers
 
 _MOST_NODES = 100_000  # visited nodes; each instance counts

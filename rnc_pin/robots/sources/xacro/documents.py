@@ -7,7 +7,7 @@ from xml.etree.ElementTree import Element, ParseError
 
 from rnc_pin.errors import ModelError
 from rnc_pin.io.safe_read import read_bytes
-from rnc_pin.robots.sources.description import parse_tree
+from rnc_pin.io.safe_xml import parse_tree
 
 _DEEPEST = 200
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 from xml.etree.ElementTree import Element
 
@@ -35,13 +36,20 @@ def has_macros(root: Element, path: Path) -> bool:
     return used and b"xmlns:xacro" in read_bytes(path)
 
 
-def expand(path: Path, arguments: Mapping[str, object] | None, access: FileAccess) -> Element:
+def expand(
+    path: Path,
+    arguments: Mapping[str, object] | None,
+    access: FileAccess,
+    known: Mapping[str, Collection[str]] = MappingProxyType({}),
+) -> Element:
     """Return the root element of an expanded xacro file.
 
     Args:
         path: path of the file.
         arguments: values for its ``<xacro:arg>``.
         access: files and packages that it may name.
+        known: element to the elements that the format knows inside. Others, with the name of a macro, are refused: they
+            are calls without the prefix.
 
     Raises:
         ModelError: not XML, an unknown macro, argument, property or package, or a refused expression.
@@ -51,7 +59,7 @@ def expand(path: Path, arguments: Mapping[str, object] | None, access: FileAcces
     from rnc_pin.robots.sources.xacro.substitution import Arguments
 
     given = Arguments({str(name): _text(value) for name, value in (arguments or {}).items()})
-    expander = Expander(path, given, access)
+    expander = Expander(path, given, access, known)
     try:
         root = expander.expand()
     except RecursionError:

@@ -9,14 +9,13 @@ from __future__ import annotations
 import keyword
 import os
 from collections import ChainMap
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TypeAlias
 from xml.etree.ElementTree import Element
 
 from rnc_pin.errors import ModelError, nearest
-from rnc_pin.robots.sources.description import URDF_CHILDREN
 from rnc_pin.robots.sources.xacro.bounded_values import Function, Namespace, Value
 from rnc_pin.robots.sources.xacro.documents import PlacedElement, read_document
 from rnc_pin.robots.sources.xacro.macros import Macro, Parameter, read_macro
@@ -37,10 +36,13 @@ class Expander:
         path: path of the file.
         arguments: its arguments.
         access: files and packages that it may name.
+        known: see ``expand``.
     """
 
-    def __init__(self, path: Path, arguments: Arguments, access: FileAccess) -> None:
-        self._path = path
+    def __init__(
+        self, path: Path, arguments: Arguments, access: FileAccess, known: Mapping[str, Collection[str]]
+    ) -> None:
+        self._path, self._known = path, known
         self._substitution = Substitution(path, arguments, access)
         self._arguments = arguments
         self._depth = 0
@@ -126,8 +128,8 @@ class Expander:
             _write(target, self._text(child.tail, scope))
 
     def _check_prefix(self, tag: str, parent: str, macros: Macros) -> None:
-        """Refuse a macro or element of xacro without its prefix: xacro would leave it alone, and urdfdom ignore it."""
-        if tag in URDF_CHILDREN.get(parent, (tag,)):
+        """Refuse a macro or element of xacro without its prefix: xacro would leave it alone."""
+        if tag in self._known.get(parent, (tag,)):
             return
         macro = macros.get(tag)
         if isinstance(macro, Macro) and macro not in self._called:  # a macro can write an element of its own name
