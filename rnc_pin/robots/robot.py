@@ -45,6 +45,8 @@ class Robot(NamedModel, SummaryMixin):
             them by constraints.
         closures: kinematic loops of an MJCF (``<connect>``, ``<weld>``). The model leaves them open: add
             ``LoopClosure(*closure)`` to the constraints for each.
+        references: values of the hinges and slides of an MJCF in the configuration that the file draws, their ``ref``
+            [rad or m]; empty for a URDF, whose joints are zero there.
         locked: joint name to value [rad or m] of the locked joints.
         packages: name to folder of the ROS packages that the file names and that were found.
         far_packages: those of ``packages`` that were found by ``package_dirs`` or the environment, not in the folders
@@ -74,6 +76,7 @@ class Robot(NamedModel, SummaryMixin):
         self._geometry = LazyGeometry(visual=visual_model, collision=collision_model)
         self.mimics: tuple[Mimic, ...] = ()
         self.closures: tuple[Closure, ...] = ()
+        self.references: Mapping[str, float] = {}
         self.locked: dict[str, float] = {}
         self._frozen: frozenset[str] = frozenset()  # all locked joints, also those with several values
         self.packages: Mapping[str, Path] = {}
@@ -226,7 +229,7 @@ class Robot(NamedModel, SummaryMixin):
         locked = LockedModel(model, lock) if lock else None
         robot = admitted(model if locked is None else locked.model)
         robot._geometry = LazyGeometry(read.geometry if locked is None else partial(locked.geometry, read.geometry))
-        robot.mimics, robot.closures = read.mimics, read.closures
+        robot.mimics, robot.closures, robot.references = read.mimics, read.closures, read.references
         robot._frozen = frozenset(lock or ())
         for name, value in (lock or {}).items():
             if np.size(value) == 1:  # mimics refer only to joints with one value
@@ -286,6 +289,7 @@ class Robot(NamedModel, SummaryMixin):
         if len(robot.closures) < len(self.closures) + len(other.closures):
             text = f"robot '{other.name}': its loop closures with the world are omitted, because it is mounted"
             warnings.warn(text, ModelWarning, stacklevel=2)
+        robot.references = {**self.references, **other.references}
         robot.locked = {**self.locked, **other.locked}
         robot._frozen = self._frozen | other._frozen
         robot.packages = {**other.packages, **self.packages}

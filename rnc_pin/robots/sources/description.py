@@ -96,6 +96,7 @@ class Description:
         far_packages: those of ``packages`` that were found only by the environment or the given folders.
         folders: folders whose files the description may name, absolute and without symbolic links.
         closures: kinematic loops of an MJCF.
+        references: values of the joints of an MJCF in the configuration that the file draws, its ``ref`` [rad or m].
     """
 
     model: pin.Model
@@ -106,6 +107,7 @@ class Description:
     far_packages: Mapping[str, Path] = field(default_factory=dict)
     folders: tuple[Path, ...] = ()
     closures: tuple[Closure, ...] = ()
+    references: Mapping[str, float] = field(default_factory=dict)
 
 
 _DECLARATION = re.compile(rb"<\?xml[^>]*\?>")

@@ -54,5 +54,10 @@ def read_mjcf(path: Path, base: str | None, package_dirs: Sequence[Path] = (), *
         warnings.warn(f"{path.name}: {note}", ModelWarning, stacklevel=3)
     geometry = MjcfGeometry(compiled, built, assets)
     return Description(
-        built.model, geometry, coupled, folders=allowed.folders, closures=tuple(closures(compiled, built))
+        built.model,
+        geometry,
+        coupled,
+        folders=allowed.folders,
+        closures=tuple(closures(compiled, built)),
+        references=built.references,
     )

@@ -51,6 +51,7 @@ class ModelBuilder:
         model: the model.
         carriers: bodies by their index in MuJoCo, the world first.
         joints: index in MuJoCo to index in the model; a replaced free joint is missing.
+        references: values of hinges and slides in the configuration of the file [rad or m].
         notes: texts on what is left out; each can follow the file name.
 
     Raises:
@@ -64,6 +65,7 @@ class ModelBuilder:
         self.model.name = name
         self.model.gravity.linear = np.zeros(3) if compiled.opt.disableflags & _gravity_flag() else compiled.opt.gravity
         self.joints: dict[int, int] = {}
+        self.references: dict[str, float] = {}
         self._check_joint_names()
         self._check_roots()
         self._names = self._body_names()
@@ -166,6 +168,7 @@ class ModelBuilder:
         anchor, rest = pin.SE3(np.eye(3), compiled.jnt_pos[k]), pin.SE3.Identity()
         if kind in _SKEW:
             axis, value = compiled.jnt_axis[k], compiled.qpos0[compiled.jnt_qposadr[k]]
+            self.references[name] = float(value)
             motion = pin.Motion(np.zeros(6))
             motion.vector = np.r_[np.zeros(3), axis] if kind == HINGE else np.r_[axis, np.zeros(3)]
             rest = pin.exp6(-value * motion)

@@ -23,7 +23,6 @@ from rnc_pin.scenario.draft.base_without_wheels import (
 )
 from rnc_pin.scenario.draft.decision import Decision
 from rnc_pin.scenario.draft.drawn_axles import find_drawn_axles
-from rnc_pin.scenario.draft.joint_properties import start_values
 from rnc_pin.scenario.draft.omnidirectional_base import (
     force_driven_base,
     omnidirectional_base,
@@ -34,6 +33,7 @@ from rnc_pin.scenario.draft.scenario_candidate import ScenarioCandidate
 from rnc_pin.scenario.draft.snake_base import find_snake, snake_base
 from rnc_pin.scenario.draft.source import DraftOptions, Source
 from rnc_pin.scenario.draft.spherical_base import find_shell, spherical_base
+from rnc_pin.scenario.draft.start_values import start_values
 from rnc_pin.scenario.draft.steered_drives import is_swerve, is_turret, swerve_base, turret_base
 from rnc_pin.scenario.draft.trial import Trial
 from rnc_pin.scenario.draft.wheel_detection import find_wheels

@@ -1,4 +1,4 @@
-"""Properties of single joints: axes, limits, efforts, body frames and start values."""
+"""Properties of single joints: axes, limits, efforts and body frames."""
 
 from __future__ import annotations
 
@@ -50,23 +50,3 @@ def effort_limit(robot: Robot, name: str) -> float:
 def is_revolute(robot: Robot, name: str) -> bool:
     """True if a joint with one degree of freedom is revolute, False if it is prismatic."""
     return robot.velocity_units[robot.velocity_indices(name).start] == "rad/s"
-
-
-def start_values(robot: Robot) -> dict[str, float]:
-    """Start values of joints with one degree of freedom: zero if well within the limits, else their middle.
-
-    Mimic joints take the values that their leaders give them.
-    """
-    start = {}
-    for index, name in enumerate(robot.joint_names, start=1):
-        if robot.model.joints[index].nv != 1:
-            continue
-        low, high = joint_limits(robot, name)
-        margin = 0.02 * (high - low) if np.isfinite(high - low) else 0.0
-        inside = low + margin < 0 < high - margin or low >= high
-        start[name] = 0.0 if inside else round(float((low + high) / 2), 4)
-    for _ in robot.mimics:  # mimic joints can form chains
-        for joint, of, multiplier, offset in robot.mimics:
-            if joint in start:
-                start[joint] = round(multiplier * start.get(of, robot.locked.get(of, 0.0)) + offset, 9) + 0.0
-    return start

@@ -84,6 +84,8 @@ def write_draft(name: str, scenario: Drafted, remark: str, trial: Trial, mobilit
             *_remark(
                 "joints start in the shape of the path"
                 if mobility.pose
+                else "joints start at zero, or in the middle of limits that do not contain zero; loops start closed"
+                if any("loop_closure" in entry for entry, _ in scenario["constraints"])
                 else "joints start at zero, or in the middle of limits that do not contain zero"
             ),
             f"initial: {_flow(scenario['initial'])}",
