@@ -139,19 +139,24 @@ def _severity(wheel: _Wheel, difference: float) -> Severity:
 
 
 class _Shapes:
-    """Collision shapes of a robot at a configuration (nq,). Missing files count as no shapes."""
+    """Collision shapes of a robot at a configuration (nq,), without those of links that lack a mesh.
+
+    The other shapes of such a link, such as the hub of a wheel without its tyre, do not give its radius.
+    """
 
     def __init__(self, robot: Robot, q: Array) -> None:
         self._robot = robot
         try:
-            geometry = robot.collision_model
+            geometry, missing = robot.collision_model, robot.missing_meshes("collision")
         except ModelError:
-            geometry = None
+            geometry, missing = None, {}
+        partial = {robot.model.frames[robot.frame_id(link)].parentJoint for link in missing}
         self._objects: list[tuple[Any, pin.SE3]] = []
         if geometry is not None:
             data, placed = robot.model.createData(), geometry.createData()
             pin.updateGeometryPlacements(robot.model, data, geometry, placed, q)
-            self._objects = list(zip(geometry.geometryObjects, placed.oMg, strict=True))
+            pairs = zip(geometry.geometryObjects, placed.oMg, strict=True)
+            self._objects = [(item, place) for item, place in pairs if item.parentJoint not in partial]
 
     def radius(self, wheel: _Wheel) -> float | None:
         """Largest radius of the round shapes about the wheel's centre on its link [m]; None without such shapes."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from functools import partial
 from pathlib import Path
@@ -74,6 +74,7 @@ class Robot(NamedModel, SummaryMixin):
     ) -> None:
         super().__init__(model)
         self._geometry = LazyGeometry(visual=visual_model, collision=collision_model)
+        self._lost: Callable[[str], Mapping[str, tuple[str, ...]]] | None = None
         self.mimics: tuple[Mimic, ...] = ()
         self.closures: tuple[Closure, ...] = ()
         self.references: Mapping[str, float] = {}
@@ -229,6 +230,7 @@ class Robot(NamedModel, SummaryMixin):
         locked = LockedModel(model, lock) if lock else None
         robot = admitted(model if locked is None else locked.model)
         robot._geometry = LazyGeometry(read.geometry if locked is None else partial(locked.geometry, read.geometry))
+        robot._lost = read.lost
         robot.mimics, robot.closures, robot.references = read.mimics, read.closures, read.references
         robot._frozen = frozenset(lock or ())
         for name, value in (lock or {}).items():
@@ -344,6 +346,15 @@ class Robot(NamedModel, SummaryMixin):
     def collision_model(self) -> pin.GeometryModel | None:
         """Collision geometry without missing meshes; meshes are read on first access."""
         return self._geometry.get("collision")
+
+    def missing_meshes(self, kind: Literal["visual", "collision"]) -> Mapping[str, tuple[str, ...]]:
+        """Return names of the meshes of a URDF that are missing or not readable, by link; empty for a mounted robot.
+
+        Args:
+            kind: geometry that the meshes belong to.
+        """
+        self._geometry.get(kind)
+        return {} if self._lost is None else self._lost(kind)
 
     # ------------------------------------------------------------------ print
 

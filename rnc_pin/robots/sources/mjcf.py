@@ -56,7 +56,7 @@ def read_mjcf(path: Path, base: str | None, package_dirs: Sequence[Path] = (), *
     return Description(
         built.model,
         geometry,
-        coupled,
+        mimics=coupled,
         folders=allowed.folders,
         closures=tuple(closures(compiled, built)),
         references=built.references,

@@ -85,6 +85,7 @@ def read_urdf(
     return Description(
         model,
         partial(meshes.geometry, model),
+        meshes.lost,
         mimics,
         bodies,
         packages.found,

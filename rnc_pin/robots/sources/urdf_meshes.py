@@ -43,6 +43,7 @@ class Meshes:
     def __init__(self, root: ElementTree.Element, path: Path, packages: Packages) -> None:
         self._root, self._path = root, path
         self._missing: dict[str, str] = {}  # file name to its expected package or folder
+        self._lost: dict[str, dict[str, tuple[str, ...]]] = {kind: {} for kind in GEOMETRY}
         self._warned = False
         for element in root.iter():
             if element.tag not in ("mesh", "texture") or "filename" not in element.attrib:
@@ -68,20 +69,22 @@ class Meshes:
         missing, faults = dict[str, str](), dict[str, str]()
         shapes, bare = MeshShapes(), dict[str, ElementTree.Element]()
         loaded: dict[str, LoadedMesh] = {}
+        gone: dict[str, tuple[str, ...]] = {}
         for link in root.findall("link"):
-            name, kept, lost = str(link.get("name")), 0, 0
+            name, kept = str(link.get("name")), 0
             for shape in link.findall(kind):
                 mesh = _mesh_of(shape)
                 found = None if mesh is None else self._load(mesh, shapes, missing, faults)
                 if mesh is not None and found is None:
                     link.remove(shape)
-                    lost += 1
+                    gone[name] = (*gone.get(name, ()), Path(mesh.get("filename", "")).name)
                     continue
                 if found is not None:
                     loaded[f"{name}_{kept}"] = found  # Pinocchio's name
                 kept += 1
-            if lost and not kept:
+            if name in gone and not kept:
                 bare[name] = link
+        self._lost[kind] = gone
         geometry = self._build(model, root, kind)
         put_in(geometry, loaded)
         if kind == "visual":
@@ -91,6 +94,10 @@ class Meshes:
             self._warned = True
             self._warn(missing, faults)
         return geometry
+
+    def lost(self, kind: str) -> Mapping[str, tuple[str, ...]]:
+        """Names of the meshes that ``geometry`` of a kind left out, by link."""
+        return self._lost[kind]
 
     def _load(
         self, mesh: ElementTree.Element, shapes: MeshShapes, missing: dict[str, str], faults: dict[str, str]

@@ -104,7 +104,7 @@ def rolls(wheel: Wheel, **more: Json) -> dict[str, Json]:
 def measured(wheel: Wheel) -> str:
     """Remark on the source of a wheel's radius."""
     if wheel.measured == "height":
-        return "MEASURE the radius: the wheel has no shape in the file, the value is the axle's height"
+        return "MEASURE the radius: no shape of the wheel was read, the value is the axle's height"
     if wheel.measured == "inertia":
-        return "MEASURE the radius: the wheel has no shape in the file, the value fits its inertia as a solid disk"
+        return "MEASURE the radius: no shape of the wheel was read, the value fits its inertia as a solid disk"
     return f"radius from the {wheel.measured} geometry"

@@ -11,7 +11,7 @@ import pinocchio as pin
 from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.draft.drive_evidence import DriveEvidence
 from rnc_pin.scenario.draft.joint_properties import body_frame, sliding_axis, turning_axis
-from rnc_pin.scenario.draft.shapes import Shape, shapes
+from rnc_pin.scenario.draft.shapes import GEOMETRY, Shape, missing_meshes, shapes
 from rnc_pin.scenario.draft.source import FileNames
 from rnc_pin.scenario.draft.tolerances import ALIGNED, first_smallest
 
@@ -51,8 +51,24 @@ class RobotAtStart:
 
     @cached_property
     def shapes(self) -> dict[str, list[Shape]]:
-        """Shapes of the "collision" and the "visual" geometry."""
-        return {kind: shapes(self.robot, kind, self.q) for kind in ("collision", "visual")}
+        """Shapes of the "collision" and the "visual" geometry.
+
+        A body behind the base that lacks a mesh has no shapes of that geometry: the rest, such as the hub of a wheel
+        without its tyre, would give a wrong size.
+        """
+        return {
+            kind: [
+                each
+                for each in shapes(self.robot, kind, self.q)
+                if each.joint <= self.root or each.joint not in self.missing_meshes[kind]
+            ]
+            for kind in GEOMETRY
+        }
+
+    @cached_property
+    def missing_meshes(self) -> dict[str, dict[int, list[str]]]:
+        """Names of missing meshes of the "collision" and the "visual" geometry, by joint index."""
+        return {kind: missing_meshes(self.robot, kind) for kind in GEOMETRY}
 
     @cached_property
     def own_planar_joints(self) -> tuple[str, ...]:

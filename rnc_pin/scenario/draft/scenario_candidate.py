@@ -75,6 +75,7 @@ class ScenarioCandidate:
         self.start = {name: value for name, value in self.start.items() if name in self.robot.joint_names}
         mobility.passive |= {mimic.joint for mimic in self.robot.mimics}
         self._find_momentum()
+        mobility.constraints = [_with_meshes(each, self.source) for each in mobility.constraints]
         mobility.constraints += loop_closures(self.robot)
         self._hold_loose_joints()
         self.trial = Trial(0.0)
@@ -321,6 +322,14 @@ class ScenarioCandidate:
         }
         self.mobility.notes += [f"{words}: {', '.join(joints)}" for words, joints in said.items() if joints]
         return driving
+
+
+def _with_meshes(constraint: tuple[Entry, str], source: Source) -> tuple[Entry, str]:
+    """Add the missing meshes of a wheel to the remark on it."""
+    entry, remark = constraint
+    wheel = entry.get("rolling_wheel") if isinstance(entry, Mapping) else None
+    names = source.missing_meshes(str(wheel["frame"])) if isinstance(wheel, Mapping) else []
+    return entry, f"{remark}; missing: {few(names)}" if names else remark
 
 
 def _rounded(value: float | list[float]) -> float | list[float]:

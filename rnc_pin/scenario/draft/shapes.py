@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -11,6 +11,9 @@ import pinocchio as pin
 from rnc_pin.errors import ModelError
 from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.draft.tolerances import PLACED
+
+Kind: TypeAlias = Literal["collision", "visual"]
+GEOMETRY: tuple[Kind, ...] = ("collision", "visual")
 
 LEVEL = 0.1
 """Largest vertical component of a unit axle vector."""
@@ -47,7 +50,20 @@ class Shape:
         return float(self.points[:, 2].min() - self.margin)
 
 
-def shapes(robot: Robot, kind: str, q: np.ndarray) -> list[Shape]:
+def missing_meshes(robot: Robot, kind: Kind) -> dict[int, list[str]]:
+    """Return the names of missing meshes of the "visual" or "collision" geometry, by index of the parent joint."""
+    found: dict[int, list[str]] = {}
+    try:
+        missing = robot.missing_meshes(kind)
+    except ModelError:
+        return found
+    for link, names in missing.items():
+        joint = int(robot.model.frames[robot.frame_id(link)].parentJoint)
+        found.setdefault(joint, []).extend(names)
+    return found
+
+
+def shapes(robot: Robot, kind: Kind, q: np.ndarray) -> list[Shape]:
     """Return the "visual" or "collision" geometry at a configuration (nq,); empty if files are missing."""
     try:
         geometry = robot.visual_model if kind == "visual" else robot.collision_model

@@ -26,7 +26,7 @@ from rnc_pin.robots.sources.packages import Packages
 from rnc_pin.robots.sources.urdf import parse_urdf
 from rnc_pin.scenario.draft.drive_evidence import DriveEvidence, named_as_driven
 from rnc_pin.scenario.draft.joint_properties import effort_limit
-from rnc_pin.scenario.draft.shapes import shapes
+from rnc_pin.scenario.draft.shapes import GEOMETRY, missing_meshes, shapes
 from rnc_pin.scenario.draft.tolerances import PLACED
 from rnc_pin.scenario.loading import admitted
 from rnc_pin.scenario.schema.robot_source import RobotSource
@@ -121,6 +121,7 @@ class Source:
         self.masses: dict[str, float] = {}
         self.held = dict(wishes.lock or {})
         self.notes: list[str] = []
+        self._detected: Robot | None = None
 
     def load(self, base: str | None, lock: Lock | None = None) -> Robot:
         """Return the robot; a joint that moves no mass is locked or its links get a mass, from now on."""
@@ -152,18 +153,28 @@ class Source:
         Joints whose limits leave no motion are locked from now on.
         """
         self._lock_motionless()
-        if self.is_mjcf:
-            return self.load(None), False
+        is_rigid = False
         try:
-            return self.load("fixed"), False
+            self._detected = self.load(None if self.is_mjcf else "fixed")
         except ModelError as error:
+            if self.is_mjcf:
+                raise
             try:
-                robot = self.load_unchanged("free")
+                self._detected = self.load_unchanged("free")
             except ModelError:
                 raise error from None
-            if robot.nv > 6:
+            if self._detected.nv > 6:
                 raise
-            return robot, True
+            is_rigid = True
+        return self._detected, is_rigid
+
+    def missing_meshes(self, frame: str) -> list[str]:
+        """Return the kinds and names of the missing meshes of the body that carries a frame, after the detection."""
+        robot = self._detected
+        if robot is None:
+            return []
+        joint = robot.model.frames[robot.frame_id(frame)].parentJoint
+        return [f"{kind} mesh {name}" for kind in GEOMETRY for name in missing_meshes(robot, kind).get(joint, [])]
 
     @property
     def options(self) -> DraftOptions:
@@ -298,7 +309,7 @@ def _weightless_base(robot: Robot) -> str | None:
 def _volume(robot: Robot) -> float:
     """Volume of the box around the shapes of the base [m^3]."""
     q = robot.configuration()
-    everything = [[each for each in shapes(robot, kind, q) if each.joint == 1] for kind in ("collision", "visual")]
+    everything = [[each for each in shapes(robot, kind, q) if each.joint == 1] for kind in GEOMETRY]
     parts = next((each for each in everything if each), [])
     if not parts:
         return 0.0

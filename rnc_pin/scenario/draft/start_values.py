@@ -12,6 +12,7 @@ from rnc_pin.errors import RncError
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.outputs import JointPosition
 from rnc_pin.planning import solve_ik
+from rnc_pin.planning.output_targets import OutputTarget
 from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.draft.coupled_joints import loop_closures, uncoupled_joints
 from rnc_pin.scenario.draft.joint_properties import joint_limits
@@ -75,12 +76,12 @@ def _closed(robot: Robot, start: dict[str, float]) -> dict[str, float]:
         inside = all(low <= values[name] <= high for name in coupled for low, high in [joint_limits(robot, name)])
         if inside and np.abs(system.assembly.residual(robot.configuration(values))).max() < _CLOSED:
             return values
-    targets = {JointPosition(name): _middle(robot, name) for name in coupled}
+    targets: dict[OutputTarget, float] = {JointPosition(name): _middle(robot, name) for name in coupled}
     found = solve_ik(system.reduce(), robot.configuration(start), targets, hold=loose)
     if found.holonomic_residual > _SOLVED:
         return start
-    values = robot.joint_values(found.q)
-    return {name: round(float(values[name]), 9) + 0.0 for name in start}
+    solved = robot.joint_values(found.q)
+    return {name: round(float(np.ravel(solved[name])[0]), 9) + 0.0 for name in start}
 
 
 def _guesses(robot: Robot, start: Mapping[str, float], coupled: list[str]) -> Iterator[dict[str, float]]:
