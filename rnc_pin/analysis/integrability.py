@@ -18,6 +18,7 @@ from rnc_pin.math.linear_algebra import unit_rows
 from rnc_pin.model.reduced_model import ReducedModel
 
 _TOLERANCE = 1e-5  # for unit rows; the closure is as accurate as the brackets
+_TAKES_PART = 1e-3  # share of the largest entries below which those of a row are too small for a pivot
 _CLEAR = 1e6  # margin above which a closure is accurate enough to judge rows
 
 
@@ -26,7 +27,7 @@ class Combination:
     """A combination of constraint rows that is integrable.
 
     Attributes:
-        coefficients: by row name, the first is 1; at one configuration if they vary.
+        coefficients: by row name, the largest is 1 or -1, the first is positive; at one configuration if they vary.
         constant: True if the coefficients are the same at every sampled configuration.
     """
 
@@ -96,11 +97,11 @@ def _combinations(
     """Sparse basis of the ``count`` combinations c with ``c^T A`` zero on the closure; single rows come first."""
     if not count:
         return ()
-    spaces = []
-    for A, growth in zip(rows, growths, strict=True):
-        left = np.linalg.svd(unit_rows(A) @ growth.closure)[0][:, -count:]
-        spaces.append(left / np.linalg.norm(A, axis=1)[:, None])  # of the rows as they are, (m, count)
+    spaces = [
+        np.linalg.svd(unit_rows(A) @ growth.closure)[0][:, -count:] for A, growth in zip(rows, growths, strict=True)
+    ]
     pivots = _pivots(spaces[0], order, count)
+    spaces = [space / np.linalg.norm(A, axis=1)[:, None] for A, space in zip(rows, spaces, strict=True)]
     reduced = np.stack([space @ np.linalg.pinv(space[pivots]) for space in spaces])  # (samples, m, count)
     reduced[np.abs(reduced) < _TOLERANCE * np.abs(reduced).max(axis=1, keepdims=True)] = 0.0
     result = []
@@ -108,17 +109,21 @@ def _combinations(
         taking_part = np.flatnonzero(reduced[:, :, k].any(axis=0))
         parts = reduced[:, taking_part, k]
         here = parts[np.argmax(np.abs(parts[:, 0]))]
-        scaled = here / here[0]
-        constant = bool(np.abs(parts - parts[:, :1] * scaled).max() < _TOLERANCE * np.abs(parts).max())
+        constant = bool(np.abs(parts - parts[:, :1] * (here / here[0])).max() < _TOLERANCE * np.abs(parts).max())
+        scaled = here / (np.sign(here[0]) * np.abs(here).max())
         coefficients = {names[int(row)]: float(value) for row, value in zip(taking_part, scaled, strict=True)}
         result.append(Combination(coefficients, constant))
     return tuple(result)
 
 
 def _pivots(space: np.ndarray, order: np.ndarray, count: int) -> list[int]:
-    """Pivot rows of a basis (m, count), in order of preference; their entries form a regular matrix."""
+    """Pivot rows of a basis (m, count), in order of preference; their entries form a regular matrix.
+
+    Rows that hardly take part in any combination are no pivots: their entries are rounding, and directions of rounding.
+    """
+    sizes = np.linalg.norm(space, axis=1)
     chosen: list[int] = []
-    for row in order:
+    for row in order[sizes[order] > _TAKES_PART * sizes.max()]:
         if len(chosen) < count and scipy.linalg.svdvals(unit_rows(space[[*chosen, row]]))[-1] > 1e-3:
             chosen.append(int(row))
     return chosen

@@ -15,8 +15,9 @@ BASE = """<link name="{root}"/><joint name="stand" type="fixed"><parent link="{r
   <collision><origin xyz="0 0 0.15"/><geometry><box size="0.5 0.3 0.15"/></geometry></collision>
   <collision><geometry><mesh filename="bumper.stl"/></geometry></collision></link>"""
 
-WHEEL = """<link name="{side}_wheel"><inertial><mass value="0.5"/><inertia ixx="0.0022" iyy="0.0042" izz="0.0022" ixy="0"
-  ixz="0" iyz="0"/></inertial>{shapes}</link><joint name="{side}_joint" type="continuous"><origin xyz="0 {y} 0"/>
+WHEEL = """<link name="{side}_wheel"><inertial><mass value="0.5"/><inertia ixx="0.0022" iyy="0.0042" izz="0.0022"
+  ixy="0" ixz="0" iyz="0"/></inertial>{shapes}</link><joint name="{side}_joint" type="continuous">
+  <origin xyz="0 {y} 0"/>
   <parent link="base_link"/><child link="{side}_wheel"/><axis xyz="0 1 0"/><limit effort="9" velocity="9"/></joint>"""
 
 HUB_LINK = """<link name="{side}_hub"><collision><origin rpy="1.5708 0 0"/><geometry><cylinder radius="0.03"
