@@ -182,8 +182,7 @@ def _roll(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) 
             if axle is not guide:
                 result.constraints.append((rolls(wheel, lateral=False), f"skids sideways; {measured(wheel)}"))
             else:
-                said = "" if not more else "its axle line has one lateral row; "
-                result.constraints.append((rolls(wheel, **more), said + measured(wheel)))
+                result.constraints.append((rolls(wheel, **more), measured(wheel)))
 
 
 def tracks(wheels: Sequence[Wheel]) -> list[list[Wheel]]:
@@ -301,7 +300,7 @@ def _tow(result: BaseAssumptions, carriage: WheelGroup) -> None:
     guide = in_line(carriage.wheels)[0][0]
     for wheel in carriage.wheels:
         entry = turned(wheel) if wheel is guide else turned(wheel, lateral=False)
-        what = "" if wheel is guide else ", skids sideways or is on the line of the first"
+        what = "" if wheel is guide else ", without a lateral row of its own"
         result.constraints.append((entry, f"of a trailer{what}; {measured(wheel)}"))
     result.notes.append(
         f"{carriage.pivot.joint} is a hitch that nothing drives: if it is steered, add it to the actuators"

@@ -66,7 +66,7 @@ def write_draft(name: str, scenario: Drafted, remark: str, trial: Trial, mobilit
         f"title: {_flow(f'First draft for {name}')}",
         *_remark(f"base {mobility.base or 'as in the file'}: {mobility.kind}"),
         f"robot: {_flow(scenario['robot'])}",
-        *_entries("constraints", scenario["constraints"], "# A(q) v = 0"),
+        *_entries("constraints", scenario["constraints"], _of_rows(scenario["constraints"])),
         *_entries("actuators", scenario["actuators"], "# joint torques and forces"),
         *(f"  # - {joint}  # uncomment it if it has a motor" for joint in mobility.idle if scenario["actuators"]),
         "outputs:",
@@ -101,6 +101,12 @@ def write_draft(name: str, scenario: Drafted, remark: str, trial: Trial, mobilit
         f"view: {_flow(scenario['view'])}",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _of_rows(constraints: list[tuple[Entry, str]]) -> str:
+    """Remark on the constraints."""
+    shares = any("lateral: false" in _flow(entry) for entry, _ in constraints)
+    return "# A(q) v = 0" + ("; wheels of one axle line share a lateral row" if shares else "")
 
 
 def _label(decision: Decision) -> str:

@@ -7,7 +7,9 @@ import yaml
 
 import rnc_pin as rnc
 from rnc_pin.scenario.draft import draft, scenario_candidate
+from rnc_pin.scenario.draft.drive_evidence import DriveEvidence
 from rnc_pin.scenario.draft.robot_at_start import RobotAtStart
+from rnc_pin.scenario.draft.source import FileNames
 
 BASE = """<link name="{root}"/><joint name="stand" type="fixed"><parent link="{root}"/><child link="base_link"/>
   <origin xyz="0 0 {height}"/></joint><link name="base_link"><inertial><origin xyz="0 0 0.15"/><mass value="10"/>
@@ -85,7 +87,7 @@ def test_a_body_keeps_no_part_of_the_geometry_that_lacks_a_mesh_and_the_base_doe
     robot = rnc.Robot.from_urdf(cart(tmp_path, HUB + TYRE + DISK.format(kind="visual", radius=0.14)))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", rnc.ModelWarning)
-        shapes = RobotAtStart(robot, {}, "").shapes
+        shapes = RobotAtStart(robot, {}, FileNames(), DriveEvidence({}, False, {})).shapes
     assert [each.name for each in shapes["collision"]] == ["base_link_0"]
     assert [each.name for each in shapes["visual"]] == ["left_wheel_0", "right_wheel_0"]
     assert robot.missing_meshes("collision") == {
