@@ -107,11 +107,11 @@ def test_no_file_name_is_used_twice():
 
 
 def test_no_public_name_is_defined_twice():
-    """Except by the command line, whose commands are named for what they call, and by what keeps former names."""
+    """Except by the command line, whose commands are named for what they call."""
     defined = Counter(
         name
         for path in (ROOT / "rnc_pin").rglob("*.py")
-        if "app" not in path.relative_to(ROOT).parts and not path.stem.startswith("former_")
+        if "app" not in path.relative_to(ROOT).parts
         for name in facts(path).defined
         if not name.startswith("_")
     )

@@ -12,7 +12,6 @@ import numpy as np
 import scipy
 
 from rnc_pin.control.controller import Description
-from rnc_pin.deprecation import former_keywords, former_name
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.printing import ReprMixin
 
@@ -38,7 +37,6 @@ class ChainedStabilizer(ReprMixin):
         (-1.0, True)
     """
 
-    @former_keywords({"fastest": "max_input"})
     def __init__(self, n: int, k: float = 0.5, rate: float = 1.5, max_input: float = 1e3) -> None:
         if not max_input > 0:
             raise ConfigurationError(f"a chained stabiliser needs a positive largest input, found {max_input:g}")
@@ -49,8 +47,6 @@ class ChainedStabilizer(ReprMixin):
         A = np.diag(k * np.arange(size, dtype=float)) - np.diag(np.full(size - 1, k), -1)
         poles = -rate * (1.0 + 0.1 * np.arange(size))
         self.P = scipy.signal.place_poles(A, np.eye(size)[:, :1], poles).gain_matrix[0]
-
-    fastest = former_name("max_input")
 
     def describe(self) -> Description:
         """Return the rates."""

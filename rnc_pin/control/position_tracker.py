@@ -14,7 +14,6 @@ from rnc_pin.control.controller import Command, Description, check_size, elapsed
 from rnc_pin.control.deviation import fed_back
 from rnc_pin.control.gain_design import PositionGains
 from rnc_pin.control.windup import saturation_mask
-from rnc_pin.deprecation import former_keywords, former_name
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.coordinates import Coordinates, angle_difference
 from rnc_pin.math.linear_algebra import apply
@@ -80,7 +79,6 @@ class PositionTracker(ReprMixin):
         array([4., 0., 0.])
     """
 
-    @former_keywords({"held": "gravity_compensation"})
     def __init__(
         self,
         reference: Reference,
@@ -104,8 +102,6 @@ class PositionTracker(ReprMixin):
             0.0 if gravity_compensation is None else np.asarray(gravity_compensation, dtype=float)
         )
         check_size(reference, len(self.outputs), "tracked")
-
-    held = former_name("gravity_compensation")
 
     def describe(self) -> Description:
         """Return the gains and the gravity compensation."""

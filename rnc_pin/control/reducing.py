@@ -6,7 +6,6 @@ import numpy as np
 
 from rnc_pin.control.controller import Description, VelocityTarget, check_size, goals_at, listed
 from rnc_pin.control.deviation import Feedback
-from rnc_pin.deprecation import former_keywords, former_name
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.planning.references import Reference
@@ -37,7 +36,6 @@ class ReducingOutputController(ReprMixin):
         array([2., 0.])
     """
 
-    @former_keywords({"watched": "monitored"})
     def __init__(
         self,
         reduced: ReducedModel,
@@ -50,7 +48,6 @@ class ReducingOutputController(ReprMixin):
         self.reference, self.k2 = reference, k2
         self._feedback = Feedback(reduced.reducing.coordinates, k2)
 
-    watched = former_name("monitored")
     accepts_batches = True
     """All runs have one reference."""
 

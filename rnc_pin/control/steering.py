@@ -12,7 +12,6 @@ from rnc_pin.control.batches import step_in_turn
 from rnc_pin.control.controller import Description, VelocityTarget, check_size, goals_at, listed
 from rnc_pin.control.deviation import Feedback
 from rnc_pin.control.slithering import PathState, SlitheringReference
-from rnc_pin.deprecation import former_keywords, former_name
 from rnc_pin.errors import ConfigurationError, InputError, SingularityError
 from rnc_pin.math.linear_algebra import apply, apply_transposed, clipped, solve
 from rnc_pin.model.measurement import Measurement
@@ -71,7 +70,6 @@ class SteeringController(ReprMixin):
         array([2., 0., 0.])
     """
 
-    @former_keywords({"fastest": "max_rate", "watched": "monitored"})
     def __init__(
         self,
         reduced: ReducedModel,
@@ -105,9 +103,6 @@ class SteeringController(ReprMixin):
         self._redundant = np.array(task.redundant, dtype=np.int64)
         gains = np.broadcast_to(k3, len(task.vertical)), task.vertical_coordinates.kinds
         self._table = np.concatenate(gains, dtype=float)  # for the compiled kernel
-
-    fastest = former_name("max_rate")
-    watched = former_name("monitored")
 
     @property
     def accepts_batches(self) -> bool:

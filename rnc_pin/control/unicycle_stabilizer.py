@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 
 from rnc_pin.control.controller import Description, VelocityTarget, listed
-from rnc_pin.deprecation import former_keywords, former_name
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.math.coordinates import wrapped
 from rnc_pin.model.measurement import Measurement
@@ -85,7 +84,6 @@ class UnicycleStabilizer(ReprMixin):
         array([1., 0.])
     """
 
-    @former_keywords({"close": "tolerance", "soft": "ramp_time", "fastest": "max_speed"})
     def __init__(
         self,
         goal: np.ndarray,
@@ -113,10 +111,6 @@ class UnicycleStabilizer(ReprMixin):
         )
         # Near the line of sight the angles have the polynomial s^2 + c s + k^2 h: poles at -rate and -1.2 rate.
         self._c, self._h = 2.2 * rate, 1.2 * rate**2 / k**2
-
-    close = former_name("tolerance")
-    soft = former_name("ramp_time")
-    fastest = former_name("max_speed")
 
     def describe(self) -> Description:
         """Return the goal, the start time, the rates and the limits."""

@@ -25,7 +25,6 @@ from rnc_pin.control.controller import (
 from rnc_pin.control.dead_zone import apply_dead_zone
 from rnc_pin.control.gain_design import VelocityGains
 from rnc_pin.control.windup import saturation_mask
-from rnc_pin.deprecation import former_keywords, former_name
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.printing import ReprMixin
@@ -78,7 +77,6 @@ class VelocityTracker(ReprMixin):
         array([20.,  0.])
     """
 
-    @former_keywords({"held": "gravity_compensation"})
     def __init__(
         self,
         target: KinematicController,
@@ -93,8 +91,6 @@ class VelocityTracker(ReprMixin):
         )
         rows = self.gains.k, self.gains.beta, self.gains.dead_zone, self.gravity_compensation
         self._table = np.stack(np.broadcast_arrays(*map(np.atleast_1d, rows))).astype(float)
-
-    held = former_name("gravity_compensation")
 
     @property
     def accepts_batches(self) -> bool:

@@ -11,12 +11,11 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Controller
-from rnc_pin.deprecation import former_keywords, former_name, keep_former_attributes
 from rnc_pin.errors import ConstraintError, InputError, RncError, SingularityError, printable
 from rnc_pin.loop.command import input_of, unpack_step
 from rnc_pin.loop.guard import Guard, InvalidMeasurementError, is_time
 from rnc_pin.loop.loop_state import LoopState
-from rnc_pin.loop.options import FORMER_OPTIONS, admit_controller, admit_limits, admit_model, check_choice, check_number
+from rnc_pin.loop.options import admit_controller, admit_limits, admit_model, check_choice, check_number
 from rnc_pin.loop.restoring import restore
 from rnc_pin.loop.saved_state import write_state
 from rnc_pin.loop.state_checks import check_state
@@ -44,9 +43,6 @@ class Decision(NamedTuple):
     requested: Float[Array, " p"]
     """Inputs of the command before clipping."""
     T: Float[Array, " p"]
-
-
-keep_former_attributes(Decision, {"asked": "requested"})
 
 
 class ControlLoop:
@@ -103,7 +99,6 @@ class ControlLoop:
         array([20.,  0.])
     """
 
-    @former_keywords(FORMER_OPTIONS)
     def __init__(
         self,
         reduced: ReducedModel,
@@ -221,8 +216,7 @@ class ControlLoop:
         requested = input_of(self.reduced, state, command)
         T = requested if self._limits is None else clipped(requested, self._limits)
         deficit = None if T is requested else _input_deficit(requested, T)
-        fields = begin, t, state.q, state.v2, integrals, before.motion, T, deficit, own, None, None, False
-        self.state = LoopState._make(fields)  # without the search for former names
+        self.state = LoopState(begin, t, state.q, state.v2, integrals, before.motion, T, deficit, own)
         self.last = Decision(t - begin, state, measurement, command, requested, T)
         return T
 
@@ -349,10 +343,6 @@ class ControlLoop:
         state, controller = restore(Path(path), self.reduced, self._make_controller)
         self.resume(state)
         self._controller = self._controller if controller is None else controller
-
-    at_work = former_name("active_component")
-    decide = former_name("compute_input")
-    acted = former_name("report_applied_input")
 
     def _make_controller(self, measurement: Measurement) -> Controller:
         """Return the controller; constructed from the first measurement if a function was given."""

@@ -8,7 +8,6 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import State
-from rnc_pin.deprecation import adopt_former_fields
 from rnc_pin.loop.velocity import VelocityEstimate
 
 
@@ -44,6 +43,3 @@ class LoopState(NamedTuple):
     """Reason for the safe command, as text; None in normal operation."""
     failed: bool = False
     """True after an error of the controller: the safe command is permanent."""
-
-
-adopt_former_fields(LoopState, {"trouble": "fault", "bad_since": "invalid_since", "missing": "input_deficit"})

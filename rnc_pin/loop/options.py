@@ -12,14 +12,6 @@ from rnc_pin.control.controller import Controller
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.reduced_model import ReducedModel
 
-FORMER_OPTIONS = {
-    "on_trouble": "fallback",
-    "patience": "timeout",
-    "fastest": "max_speed",
-    "margin": "min_singular_value",
-}
-"""Present names of options by the names of version 0.1."""
-
 
 class LoopOptions(TypedDict, total=False):
     """Keyword options of ``ControlLoop``; see there."""

@@ -14,7 +14,6 @@ from rnc_pin.io.atomic_write import atomic_file
 from rnc_pin.io.json import Json
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
 
-_FORMER_NAMES = {"Motion": "VelocityEstimate"}  # names of types in files of version 0.1
 _STRUCTURE = "structure"
 _ROOM = 64 * 2**20  # largest size of all arrays of a controller's state [bytes]
 
@@ -67,7 +66,6 @@ def read_state(path: Path, kinds: Sequence[type], template: Callable[[np.ndarray
         arrays = read_npz(path, text=[_STRUCTURE], largest=_ROOM)
         structure = json.loads(str(arrays.pop(_STRUCTURE)))
         known = {"tuple": tuple, **{each.__qualname__: each for each in kinds}}
-        known |= {former: known[name] for former, name in _FORMER_NAMES.items() if name in known}
         fields = dict(zip(kind._fields, structure["items"], strict=True))  # type: ignore[attr-defined]
         q = _value(fields["q"], arrays, known)
         if q is not None:

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.deprecation import adopt_former_fields
 
 _ABSENT: Any = None  # a field may be absent if the controller does not read it
 
@@ -54,6 +53,3 @@ class Measurement(NamedTuple):
     or if it is not computed."""
     input_deficit: Float[Array, "*batch p"] | None = None
     """Actuator inputs that saturation cut off at the last sample: requested minus applied inputs."""
-
-
-adopt_former_fields(Measurement, {"excess": "force_deficit", "missing": "input_deficit"})

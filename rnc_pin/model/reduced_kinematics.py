@@ -186,4 +186,4 @@ class ReducedKinematics(ConfigurationEvaluation):
             offset = apply(self.J1, self.b)
             offset_dot = apply(self.J1_dot, self.b) + apply(self.J1, self.b_dot)
         fields = self.q, self.v, self.v2, x1, x2, self.v1, self.A_star, self.A_star_dot, offset, offset_dot
-        return Measurement._make((*fields, self.residual, None, None))  # without the search for former names
+        return Measurement(*fields, self.residual)

@@ -13,13 +13,11 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.deprecation import former_name
 from rnc_pin.errors import InputError
 from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.compiled import CompiledReduction
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
-from rnc_pin.model.former_methods import FormerMethods
 from rnc_pin.model.independence import DroppedRow
 from rnc_pin.model.input_validation import (
     ArrayInput,
@@ -37,7 +35,7 @@ from rnc_pin.printing import ObjectSummary, SummaryMixin
 from rnc_pin.robots.robot import Robot
 
 
-class ReducedModel(FormerMethods, SummaryMixin):
+class ReducedModel(SummaryMixin):
     """Nonholonomic system in the velocities ``v2`` of its reducing outputs.
 
     ``NonholonomicSystem.reduce`` returns one. All methods take leading batch axes: q (..., nq), v2 (..., r).
@@ -202,9 +200,6 @@ class ReducedModel(FormerMethods, SummaryMixin):
         if self._data.free:
             parts = parts.in_entries(np.argmax(state.J2, axis=1).tolist())
         return ReducedModel(parts, self.assembly, self.dropped_rows)
-
-    parts = former_name("reduction_data")
-    settled_at = former_name("with_basis_at")
 
     # ------------------------------------------------------------------ dynamics
 

@@ -13,7 +13,6 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.deprecation import adopt_former_names
 from rnc_pin.errors import InputError, SingularityError
 from rnc_pin.math.components import Component, smallest
 from rnc_pin.model.kernel_rows import Form, KernelRow
@@ -56,10 +55,6 @@ class Rows(ABC):
     ground: GroundSurface | None = None
     unnamed: bool = False
     kind: ConstraintKind | None = None
-
-    def __init_subclass__(cls) -> None:
-        super().__init_subclass__()
-        adopt_former_names(cls, {"drift": "bias_acceleration", "drift_gradient": "bias_acceleration_gradient"})
 
     @abstractmethod
     def jacobian(self, at: PositionKinematics) -> np.ndarray:

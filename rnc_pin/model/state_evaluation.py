@@ -13,7 +13,6 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.deprecation import former_name
 from rnc_pin.errors import DivergenceError
 from rnc_pin.math.components import Component
 from rnc_pin.math.linear_algebra import (
@@ -80,9 +79,6 @@ class StateEvaluation(ReducedKinematics):
     def with_velocity(self, v: Array) -> StateEvaluation:
         """The same configurations with other full velocities (..., nv)."""
         return StateEvaluation(self, v=v)
-
-    as_seen_by = former_name("in_reduction")
-    moving = former_name("with_velocity")
 
     # ------------------------------------------------------------------ dynamics
 

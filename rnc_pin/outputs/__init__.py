@@ -4,7 +4,6 @@ from rnc_pin.outputs.center_of_mass import CenterOfMass
 from rnc_pin.outputs.custom import Output
 from rnc_pin.outputs.distance import Distance
 from rnc_pin.outputs.frame_angular_velocity import FrameAngularVelocity
-from rnc_pin.outputs.frame_angular_velocity import FrameSpin as FrameSpin
 from rnc_pin.outputs.frame_orientation import FrameOrientation
 from rnc_pin.outputs.frame_position import FramePosition
 from rnc_pin.outputs.frame_speed import FrameSpeed

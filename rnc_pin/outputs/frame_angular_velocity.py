@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from rnc_pin.deprecation import warn_of_rename
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.model.frame_velocity import FrameVelocityRows, axis_index
 from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES
@@ -41,34 +40,17 @@ class FrameAngularVelocity:
     axes: Literal["own", "world"] = "own"
 
     def bind(self, robot: Robot) -> OutputRows:
-        return _AngularVelocityRow(self, robot, "angular_velocity")
-
-
-@dataclass(frozen=True)
-class FrameSpin(FrameAngularVelocity):
-    """Former name of ``FrameAngularVelocity``. Its output is named ``hand_spin_z``, not ``hand_angular_velocity_z``.
-
-    Args:
-        frame: name of the frame.
-        axis: "x", "y" or "z".
-        axes: "own" for the frame's own axis, "world" for that of the world.
-    """
-
-    def __post_init__(self) -> None:
-        warn_of_rename("FrameSpin (frame_spin)", "FrameAngularVelocity (frame_angular_velocity)", stacklevel=4)
-
-    def bind(self, robot: Robot) -> OutputRows:
-        return _AngularVelocityRow(self, robot, "spin")
+        return _AngularVelocityRow(self, robot)
 
 
 class _AngularVelocityRow(FrameVelocityRows, OutputRows):
     quasi = True
 
-    def __init__(self, kind: FrameAngularVelocity, robot: Robot, name: str) -> None:
+    def __init__(self, kind: FrameAngularVelocity, robot: Robot) -> None:
         if kind.axes not in ("own", "world"):
             found = nearest(str(kind.axes), ["own", "world"])
             raise ConfigurationError(f"angular velocity of '{kind.frame}': axes '{kind.axes}' is not known{found}")
         own = kind.axes == "own"
         super().__init__(robot, kind.frame, (3 + axis_index(kind.axis),), OWN_AXES if own else WORLD_AXES)
-        self.names = (f"{kind.frame}_{name}_{'' if own else 'world_'}{kind.axis}",)
+        self.names = (f"{kind.frame}_angular_velocity_{'' if own else 'world_'}{kind.axis}",)
         self.angular = (False,)

@@ -1,6 +1,5 @@
 """Plants: controlled systems with actuator inputs and measured states, and wrappers for faults and mid-run changes."""
 
-from rnc_pin.deprecation import former_exports
 from rnc_pin.plants.changing import ChangingPlant
 from rnc_pin.plants.faults import Faults, FaultyPlant
 from rnc_pin.plants.plant import Plant
@@ -25,7 +24,3 @@ __all__ = [
     "UnilateralContact",
     "VelocityPlant",
 ]
-
-__getattr__ = former_exports(
-    __name__, {"Machine": "Plant", "FaultyMachine": "FaultyPlant", "ChangingMachine": "ChangingPlant"}
-)

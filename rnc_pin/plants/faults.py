@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.deprecation import former_name
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants.plant import Plant, energy_minus_work
@@ -126,8 +125,6 @@ class FaultyPlant:
         """Return the true configuration (nq,) and velocity (nv,)."""
         q, v = self.plant.read()
         return q, v + self._slip
-
-    machine = former_name("plant")
 
     def __getattr__(self, name: str) -> Any:
         """Forward optional attributes to the plant."""

@@ -1,9 +1,7 @@
 """Simulation of controllers in closed loop with a plant."""
 
-from rnc_pin.deprecation import former_exports
 from rnc_pin.plants import ReducedPlant
 from rnc_pin.simulation.distance_findings import SHORTFALL, distance_findings
-from rnc_pin.simulation.former_arguments import Plant as Plant
 from rnc_pin.simulation.free_motion import free_motion
 from rnc_pin.simulation.friction_demand import FrictionDemand, grip_along, within_grip
 from rnc_pin.simulation.judgement import judge
@@ -83,5 +81,3 @@ __all__ = [
     "tuned_tracker",
     "within_grip",
 ]
-
-__getattr__ = former_exports(__name__, {"GripNeeded": "FrictionDemand"})

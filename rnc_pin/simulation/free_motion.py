@@ -17,7 +17,6 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import ReducedPlant
 from rnc_pin.plants.reduced import ConstrainedDynamics
 from rnc_pin.simulation.ending import Progress, complete_run
-from rnc_pin.simulation.former_arguments import Plant as FormerPlant
 from rnc_pin.simulation.phase_events import lift_off_monitor
 from rnc_pin.simulation.record import Record
 from rnc_pin.simulation.run_info import Provenance, provenance_of
@@ -173,8 +172,6 @@ def _dynamics(reduced: ReducedModel, plant: ReducedPlant | None) -> ConstrainedD
     """Equations of motion with the effects of a plant."""
     if plant is None:
         return ConstrainedDynamics(reduced)
-    if isinstance(plant, FormerPlant):
-        plant = plant.of(reduced)
     if not isinstance(plant, ReducedPlant) or plant.reduced is not reduced:
         raise InputError("free_motion requires a ReducedPlant of the same model; use simulate for another plant")
     if plant.joint_friction:

@@ -11,7 +11,6 @@ import numpy as np
 
 from rnc_pin.analysis import Grip, LiftOff
 from rnc_pin.control import KinematicController
-from rnc_pin.deprecation import former_name
 from rnc_pin.errors import InfeasibleError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
@@ -43,8 +42,6 @@ class FrictionDemand:
     time: float
     time_scale: float
     lift_off: LiftOff | None = None
-
-    slower = former_name("time_scale")
 
     def complaints(self) -> list[str]:
         """Reasons why the ground cannot support the motion, as text; empty if there are none."""

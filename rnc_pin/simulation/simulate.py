@@ -11,7 +11,6 @@ from rnc_pin.errors import InputError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants import Plant
 from rnc_pin.simulation.ending import complete_run
-from rnc_pin.simulation.former_arguments import accept_former_arguments
 from rnc_pin.simulation.many_runs import ManyRuns, is_batch, simulate_many
 from rnc_pin.simulation.sampled_run import SampledRun
 from rnc_pin.simulation.simulation_options import DEFAULT_OPTIONS, SimulationOptions
@@ -37,7 +36,6 @@ def sample_count(duration: float, dt: float) -> int:
     return samples
 
 
-@accept_former_arguments
 def simulate(
     reduced: ReducedModel,
     controller: Controller,

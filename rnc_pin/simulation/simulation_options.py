@@ -9,11 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from rnc_pin.control.controller import Command, State
-from rnc_pin.deprecation import present_keywords
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.io.json import Json
 from rnc_pin.loop import LoopOptions
-from rnc_pin.loop.options import FORMER_OPTIONS, type_name
+from rnc_pin.loop.options import type_name
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.simulation.run_info import Provenance
 from rnc_pin.simulation.stop import DEFAULT_STOP, Stop
@@ -78,12 +77,11 @@ class SimulationOptions:
             raise ConfigurationError(
                 f"loop: expected a mapping of options of ControlLoop, found {type_name(self.loop)}"
             )
-        loop = present_keywords(self.loop, FORMER_OPTIONS, "loop", stacklevel=5)
-        for option in loop:
+        for option in self.loop:
             if option not in LoopOptions.__annotations__:
                 hint = nearest(str(option), LoopOptions.__annotations__)
                 raise ConfigurationError(f"loop: no option '{option}'{hint}")
-        object.__setattr__(self, "loop", loop)
+        object.__setattr__(self, "loop", dict(self.loop))
         if self.observer is not None and not callable(self.observer):
             raise ConfigurationError(f"observer: expected a function of a Sample, found {type_name(self.observer)}")
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from rnc_pin.control import KinematicController, VelocityTracker, design_velocity_gains
-from rnc_pin.deprecation import former_keywords
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.simulation.rollout import kinematic_rollout
 
 
-@former_keywords({"held": "gravity_compensation"})
 def tuned_tracker(
     reduced: ReducedModel,
     kinematic: KinematicController,

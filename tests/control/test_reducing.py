@@ -17,13 +17,6 @@ from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import Hold
 
 
-def test_the_former_name_of_monitored_outputs_warns_and_works():
-    reduced = SimpleNamespace(r=1, reducing=SimpleNamespace(coordinates=Coordinates([False])))
-    aside = np.array([0]), Hold([0.5])
-    with pytest.warns(DeprecationWarning, match="use 'monitored'"):
-        assert ReducingOutputController(reduced, Hold([0.0]), watched=aside).monitored is aside
-
-
 @pytest.mark.parametrize("monitored", [False, True])
 def test_reducing_outputs_follow_at_their_gains(monitored):
     """Angles by the shorter way; batches; what is monitored is said and moves nothing."""

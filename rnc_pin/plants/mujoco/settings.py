@@ -7,7 +7,6 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from rnc_pin.deprecation import former_name
 from rnc_pin.errors import ConfigurationError, nearest
 
 Integrator = Literal["implicitfast", "implicit", "Euler", "RK4"]
@@ -92,8 +91,6 @@ class MuJoCoSettings:
     def contact_time_constant(self) -> float:
         """Time constant of contacts [s]."""
         return max(self.contact_time, 4 * self.step)
-
-    firmness = former_name("contact_time_constant")
 
     def __post_init__(self) -> None:
         for name, choices in _CHOICES.items():

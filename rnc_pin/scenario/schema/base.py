@@ -10,7 +10,7 @@ import sys
 from collections.abc import Mapping
 from functools import cache
 from itertools import pairwise
-from typing import Annotated, Any, ClassVar, get_args, get_origin
+from typing import Annotated, Any, get_args, get_origin
 
 from pydantic import (
     AfterValidator,
@@ -24,7 +24,6 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError
 
-from rnc_pin.deprecation import present_keywords
 from rnc_pin.errors import nearest
 from rnc_pin.model.parameter_types import Positive as Positive
 
@@ -102,20 +101,12 @@ class Strict(BaseModel):
     ``use_attribute_docstrings`` reads all sources at every import, which takes longer than a short run.
     """
 
-    former_keys: ClassVar[Mapping[str, str]] = {}
-    """Present keys by former ones, which work for one version."""
-
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
 
     @model_validator(mode="before")
     @classmethod
     def _known_keys(cls, raw: Any) -> Any:
         if isinstance(raw, dict):
-            if cls.former_keys.keys() & raw.keys():
-                try:
-                    raw = present_keywords(raw, cls.former_keys, cls.__name__)
-                except TypeError as error:
-                    raise ValueError(str(error)) from None
             for key, value in raw.items():
                 if key not in cls.model_fields:
                     raise ValueError(f"'{key}' is not known{_hint(cls, str(key))}")

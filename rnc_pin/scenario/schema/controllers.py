@@ -83,7 +83,6 @@ class InertiaBoundSettings(ControllerSettings):
 class AdaptationSettings(InertiaBoundSettings):
     """Settings of controllers that learn disturbance forces, and unknown parameters of the kinematics."""
 
-    former_keys: ClassVar[dict[str, str]] = {"held": "gravity_compensation"}
     scaled_only: ClassVar[tuple[str, ...]] = ("adaptation", "delay")
 
     gravity_compensation: bool | None = None
@@ -373,9 +372,8 @@ def _check_keys(raw: object) -> object:
         return raw
     kept = {}
     for key, value in raw.items():
-        present = AdaptationSettings.former_keys.get(key, key)
-        others = [name for name, each in TYPES.items() if present in each.model_fields]
-        if present in own.model_fields or not others:
+        others = [name for name, each in TYPES.items() if key in each.model_fields]
+        if key in own.model_fields or not others:
             kept[key] = value
         elif value is not None:
             whose, hint = ", ".join(others), nearest(key, own.model_fields)

@@ -20,7 +20,6 @@ from rnc_pin.outputs import (
     RelativeAngle,
     RelativeAngularVelocity,
 )
-from rnc_pin.outputs.frame_angular_velocity import FrameSpin
 from rnc_pin.scenario.schema.base import Strict
 from rnc_pin.scenario.schema.derived import Entry, one_of
 
@@ -38,7 +37,6 @@ OutputItem = Annotated[
         frame_tilt=Entry(FrameTilt, required=("axis",)),
         relative_angle=RelativeAngle,
         relative_angular_velocity=RelativeAngularVelocity,
-        frame_spin=Entry(FrameSpin, required=("axis",)),
     ),
 ]
 

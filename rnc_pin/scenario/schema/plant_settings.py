@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal, cast
+from typing import Annotated, Literal, cast
 
 from pydantic import Field, model_validator
 
-from rnc_pin.loop.options import FORMER_OPTIONS
 from rnc_pin.plants import Faults
 from rnc_pin.plants.mujoco import MuJoCoSettings
 from rnc_pin.scenario.schema.base import Positive, Strict
@@ -87,8 +86,6 @@ class FaultSettings(_FAULTS.model):  # type: ignore[name-defined, misc]
 
 class LoopSettings(Strict):
     """Control loop around the controller: velocity estimation, supervision and safe commands."""
-
-    former_keys: ClassVar = FORMER_OPTIONS
 
     velocity: Literal["measured", "filtered", "observer"] = "measured"
     """"measured": velocities of the sensors. "filtered": velocities from positions by low-pass filters. "observer":
