@@ -94,9 +94,7 @@ class SurfaceContactRows(Rows):
         columns = self._shape.point_rate(each, axes)  # along the world's x, y and z
         return SurfaceContact(point, gap, normal, turning, arm, axes @ columns.mT, self._direction(rotation, normal))
 
-    def _stepped(
-        self, rotation: np.ndarray, origin: np.ndarray, found: SurfaceContact
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _stepped(self, origin: np.ndarray, found: SurfaceContact) -> tuple[np.ndarray, np.ndarray]:
         """Newton step (..., 3) and (...) of point and gap."""
         apart = origin + found.arm - found.point - found.gap[..., None] * found.normal
         solved = _solve(found.relative, np.stack([apart, found.normal], axis=-1))
@@ -115,7 +113,7 @@ class SurfaceContactRows(Rows):
             found = found._replace(gap=gap)
             size = np.linalg.norm(found.arm, axis=-1) + np.linalg.norm(point, axis=-1)
             for _ in range(_STEPS):
-                moved, wider = self._stepped(rotation, origin, found)
+                moved, wider = self._stepped(origin, found)
                 found = self._at(rotation, found.point + moved, found.gap + wider)
                 last = np.linalg.norm(moved, axis=-1) + np.abs(wider)
                 if not (last > _ACCURATE * size).any():
@@ -244,7 +242,7 @@ class SurfaceContactRows(Rows):
         def bias(flat: np.ndarray, place: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
             R = flat.reshape(3, 3)
             # One Newton step from the solution gives the first derivative of the contact exactly.
-            moved, wider = self._stepped(R, place, self._at(R, found.point.astype(complex), found.gap))
+            moved, wider = self._stepped(place, self._at(R, found.point.astype(complex), found.gap))
             return self._bias(self._at(R, found.point + moved, found.gap + wider), place, velocity, acceleration)
 
         return complex_step(

@@ -70,7 +70,7 @@ class _BoundBase(BoundTask):
             rows[2] = 0.0
         if not base.turns:
             rows[1] = 0.0 if self._steering is None else np.eye(rows.shape[1])[self._steering]
-        wanted = None if self._task.resting else self._rates(sample, rows)
+        wanted = None if self._task.resting else self._rates(sample)
         if wanted is not None:
             return TaskRows(rows, np.array([wanted.forward, wanted.turn, wanted.left]))
         if not self._task.resting and not goals.hold_base:
@@ -79,7 +79,7 @@ class _BoundBase(BoundTask):
             rows[1] = 0.0  # the posture has the steering joint
         return TaskRows((_BASE_AT_REST if self._task.resting else 1.0) * rows, np.zeros(3))
 
-    def _rates(self, sample: ControlSample, rows: np.ndarray) -> BaseRates | None:
+    def _rates(self, sample: ControlSample) -> BaseRates | None:
         board, base = self._task.board, self._task.base
         speed, turn = board.gain("base speed"), board.gain("turn rate")
         shares = board.goals.velocity_at(sample.time - sample.dt)

@@ -118,7 +118,7 @@ class ActionModel(ABC):
         columns = nx + nu + 1
         first = self.flow_derivatives(at, u)
         start_q, start_w, input_ = np.split(np.eye(columns)[:-1], [nv, nx])
-        v, a = self._columns(first, start_q, start_w, input_, n)
+        v, a = self._columns(first, start_q, start_w, input_)
 
         turned, pushed = self.manifold.integrate_derivatives(at.q, half[:, None] * first.v)
         rate_q = half[:, None, None] * v
@@ -128,7 +128,7 @@ class ActionModel(ABC):
         middle_w[:, :, -1] += first.a / 2
         middle = Nodes(self.manifold.integrate(at.q, half[:, None] * first.v), at.w + half[:, None] * first.a)
         second = self.flow_derivatives(middle, u)
-        v, a = self._columns(second, middle_q, middle_w, input_, n)
+        v, a = self._columns(second, middle_q, middle_w, input_)
 
         step = 2 * half[:, None]
         turned, pushed = self.manifold.integrate_derivatives(at.q, step * second.v)
@@ -142,7 +142,7 @@ class ActionModel(ABC):
         assert nw + nv == nx
         return StepDerivatives(after, out[:, :, :nx], out[:, :, nx : nx + nu], out[:, :, -1], first)
 
-    def _columns(self, flow: FlowDerivatives, q: Array, w: Array, u: Array, n: int) -> tuple[Array, Array]:
+    def _columns(self, flow: FlowDerivatives, q: Array, w: Array, u: Array) -> tuple[Array, Array]:
         """Derivatives of velocity and acceleration (n, ..., columns), from those of configuration and velocity."""
         speed = u if self.form == "kinematic" else w
         return flow.v_q @ q + flow.v_w @ speed, flow.a_q @ q + flow.a_w @ speed + flow.a_u @ u

@@ -21,6 +21,7 @@ from rnc_pin.optimal.riccati import RiccatiFactors
 _MOST = 40
 _BOUNDARY = 0.995  # part of the way to the boundary that a step may go
 _STIFFEST = 1e11  # largest weight of a row in the Newton matrix, which rounding allows
+_TOLERANCE = 1e-8  # complementarity and residual of the scaled subproblem at the end, relative to the cost
 _ENOUGH = 1e-5  # complementarity of a point that is of use
 
 
@@ -50,14 +51,7 @@ class _Point(NamedTuple):
 
 
 class InteriorPointSolver:
-    """Solver of subproblems.
-
-    Args:
-        tolerance: complementarity and residual of the scaled subproblem at which it ends, relative to the cost.
-    """
-
-    def __init__(self, tolerance: float = 1e-8) -> None:
-        self._tolerance = tolerance
+    """Solver of subproblems."""
 
     def solve(self, problem: LinearQuadratic, damping: float, weight: float) -> Direction:
         """Return the solution.
@@ -72,7 +66,7 @@ class InteriorPointSolver:
         """
         scaled, equal = _scaled(problem, damping)
         with np.errstate(all="ignore"):
-            found = _without_bounds(scaled, problem, equal, weight)
+            found = _without_bounds(scaled, equal, weight)
             z, costate, iterations = self._iterate(scaled, weight) if found is None else found
         nx = problem.A.shape[1]
         if not (np.isfinite(z).all() and np.isfinite(costate).all()):
@@ -102,7 +96,7 @@ class InteriorPointSolver:
             step, costate = _newton(p, point, now, factors, W, sigma * mu, step)
             length = min(1.0, _BOUNDARY * _length(now, point, step))
             point = _moved(point, step, length)
-            if mu <= self._tolerance * scale and length > 0.9:
+            if mu <= _TOLERANCE * scale and length > 0.9:
                 return point.z, costate, iteration
         return point.z, costate, _MOST
 
@@ -135,9 +129,7 @@ def _scaled(problem: LinearQuadratic, damping: float) -> tuple[_Scaled, Array]:
     return scaled, problem.lower[-1] == problem.upper[-1]
 
 
-def _without_bounds(
-    p: _Scaled, problem: LinearQuadratic, equal: Array, weight: float
-) -> tuple[Array, Array, int] | None:
+def _without_bounds(p: _Scaled, equal: Array, weight: float) -> tuple[Array, Array, int] | None:
     """Solution under the equations at the end alone; None if it violates a bound or needs a larger multiplier."""
     N, nx, nz = p.AB.shape
     half = p.G.shape[1] // 2

@@ -56,7 +56,7 @@ def with_link_masses(
             raise ModelError(f"no link '{name}' in robot '{robot}'{nearest(str(name), links)}")
         link = links[name]
         old = _own(changed, link, locked)
-        _exchange(changed, link, _new(name, mass, old, robot), old, locked)
+        _exchange(changed, link, _new(name, mass, old, robot), old)
     return changed
 
 
@@ -136,9 +136,7 @@ def _new(name: str, mass: object, old: np.ndarray, robot: str) -> np.ndarray | p
     return old * (float(mass) / old[0])
 
 
-def _exchange(
-    model: pin.Model, link: _Link, new: np.ndarray | pin.Inertia, old: np.ndarray, locked: Collection[str]
-) -> None:
+def _exchange(model: pin.Model, link: _Link, new: np.ndarray | pin.Inertia, old: np.ndarray) -> None:
     frame = model.frames[link.frame]
     parameters = new if isinstance(new, np.ndarray) else _parameters(new, frame.placement)
     joint, difference = frame.parentJoint, parameters - old

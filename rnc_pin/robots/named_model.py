@@ -108,8 +108,3 @@ class NamedModel:
                 if low < high:
                     q[joint.idx_q] = generator.uniform(low, high)
         return q
-
-    @property
-    def is_commutative(self) -> bool:
-        """True if every joint has one degree of freedom, so that increments of q add up."""
-        return all(joint.nv == 1 for joint in list(self.model.joints)[1:])

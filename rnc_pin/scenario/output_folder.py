@@ -6,7 +6,7 @@ import fcntl
 import os
 import secrets
 import shutil
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
@@ -112,40 +112,29 @@ class OutputFolder:
 
     # ------------------------------------------------------------------ putting into place
 
-    def keep_so_far(self, without: Collection[str] = ()) -> None:
-        """Move the results into place if the folder had no earlier ones; otherwise do nothing.
-
-        Args:
-            without: unfinished files and folders.
-        """
+    def keep_so_far(self) -> None:
+        """Move the results into place if the folder had no earlier ones; otherwise do nothing."""
         if not self._had_results:
-            self._move(without)
+            self._move()
 
-    def keep(self, without: Collection[str] = ()) -> None:
+    def keep(self) -> None:
         """Move the complete results into place, and delete other results of earlier runs.
-
-        Args:
-            without: incomplete files and folders, which are dropped.
 
         Raises:
             ConfigurationError: during the run, something that may not be replaced took the name of a result, or the
                 disk is full. The folder is unchanged.
         """
-        earlier = self._move(without)
+        earlier = self._move()
         with self.writing() as fresh:
             for name in earlier.digests.keys() - self._kept:
                 earlier.remove(name)
             Manifest(self.path, self._kept).write(fresh)
 
-    def _move(self, without: Collection[str]) -> Manifest:
+    def _move(self) -> Manifest:
         """Move the results into place. Return the manifest from before."""
         with self.writing() as fresh:
             staged = {path.relative_to(fresh).as_posix(): path for path in sorted(fresh.rglob("*"))}
-            new = {
-                name: [digest(path)]
-                for name, path in staged.items()
-                if is_result(name) and name not in without and name.split("/")[0] not in without
-            }
+            new = {name: [digest(path)] for name, path in staged.items() if is_result(name)}
             earlier = Manifest.read(self.path) or Manifest(self.path)
             foreign = [name for name in new if not self._may_write(name, earlier)]
             if foreign:

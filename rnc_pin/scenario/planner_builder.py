@@ -91,7 +91,7 @@ def build_plan(scenario: Scenario, reduced: ReducedModel, start: Start, obstacle
             goal,
             (settings.duration[0], settings.duration[1]) if isinstance(settings.duration, list) else settings.duration,
             form=settings.form,
-            costs=list(_costs(settings, reduced, start, names)),
+            costs=list(_costs(settings, start, names)),
             bounds=list(_bounds(settings, reduced, obstacles, names)),
             limits=_file_limits(settings),
             settings=SolverSettings(
@@ -169,7 +169,7 @@ def _goal(scenario: Scenario, reduced: ReducedModel, names: Sequence[str]) -> di
     return goal | rest
 
 
-def _costs(settings: OptimalPlanner, reduced: ReducedModel, start: Start, names: Sequence[str]) -> Iterator[CostKind]:
+def _costs(settings: OptimalPlanner, start: Start, names: Sequence[str]) -> Iterator[CostKind]:
     costs = settings.costs
     if costs.effort is not None:
         yield EffortCost(costs.effort)

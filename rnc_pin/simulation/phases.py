@@ -186,7 +186,7 @@ class _PhasedRun:
                     phase = self._phase(number)
                     name = self._name(number, phase)
                     self._start(number, phase)
-                self._go(number, phase, progress)
+                self._go(phase, progress)
             except RncError as error:
                 raise _located(error, name, self._time) from error.__cause__
             if self._failure is not None:
@@ -261,7 +261,7 @@ class _PhasedRun:
 
     # ------------------------------------------------------------------ motion
 
-    def _go(self, number: int, phase: Phase, progress: Progress) -> None:
+    def _go(self, phase: Phase, progress: Progress) -> None:
         """Run a phase to its event, or to its end."""
         assert self._run is not None
         run, plant = self._run, cast(ReducedPlant, self._run.plant)

@@ -9,6 +9,7 @@ from rnc_pin.integrators import LieRungeKutta4
 from rnc_pin.model.reduced_model import ReducedModel
 
 _STEPS = 5
+_DISTANCE = 0.35  # change of the output [its unit]
 _NOTHING_ELSE = np.zeros(0)
 
 
@@ -18,11 +19,10 @@ class NullMotion:
     Args:
         reduced: reduced model.
         output: name of the reducing output.
-        far: change of the output [its unit].
     """
 
-    def __init__(self, reduced: ReducedModel, output: str, distance: float = 0.35) -> None:
-        self._reduced, self._step = reduced, distance / _STEPS
+    def __init__(self, reduced: ReducedModel, output: str) -> None:
+        self._reduced, self._step = reduced, _DISTANCE / _STEPS
         self._column = list(reduced.reducing.names).index(output)
         self._integrator = LieRungeKutta4(reduced.robot)
 

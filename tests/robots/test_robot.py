@@ -61,7 +61,6 @@ def test_sizes_on_each_base(file, base, nq, nv):
     assert (robot.nq, robot.nv) == (nq, nv) == (robot.model.nq, robot.model.nv)
     assert len(robot.velocity_names) == nv
     assert ("root_joint" in robot.joint_names) == (base != "fixed")
-    assert robot.is_commutative == (base == "fixed")
 
 
 def inertia_behind(robot, joint):

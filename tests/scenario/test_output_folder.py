@@ -86,15 +86,6 @@ def test_only_files_with_names_of_results_are_kept(tmp_path):
     assert contents(tmp_path) == {"a.png": "a"}
 
 
-def test_unfinished_runs_of_a_sweep_are_dropped(tmp_path):
-    with OutputFolder(tmp_path) as folder:
-        for name in ("run_0000", "run_0001"):
-            (folder.fresh / name).mkdir()
-            (folder.fresh / name / "summary.json").write_text(name)
-        folder.keep(without=["run_0001"])
-    assert contents(tmp_path) == {"run_0000/summary.json": "run_0000"}
-
-
 def test_a_second_run_removes_what_the_first_wrote_and_nothing_else(tmp_path):
     sweep(tmp_path, 2, "old")
     (tmp_path / "notes.txt").write_text("mine")

@@ -91,7 +91,7 @@ class BodyTree:
             for number, single in enumerate(singles):
                 last = number == len(singles) - 1
                 body = _body(body, placement * single.placement, name if last else f"{name}/{number}")
-                self._add_single(body, single, joint, number, name if len(singles) == 1 else f"{name}/{number}", index)
+                self._add_single(body, single, joint, number, name if len(singles) == 1 else f"{name}/{number}")
                 placement = pin.SE3.Identity()
         else:
             body = _body(self.bodies[parent], placement, name)
@@ -115,7 +115,7 @@ class BodyTree:
         _weigh(body, model.inertias[index])
         return body
 
-    def _add_single(self, body: Any, single: _Single, joint: Any, number: int, name: str, index: int) -> None:
+    def _add_single(self, body: Any, single: _Single, joint: Any, number: int, name: str) -> None:
         added = _move(body, name, single.slides, single.axis)
         q, v = joint.idx_q, joint.idx_v + number
         if number:
