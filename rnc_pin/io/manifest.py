@@ -11,15 +11,13 @@ import json
 import os
 import re
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 
 from rnc_pin.io.safe_read import open_regular
 
 MANIFEST = ".rnc_pin"
 _RESULT = re.compile(
-    r"(run_\d{4,}/)?(trajectory(_\w+)?\.npz|plan\.npz|summary\.json|commands\.json|scenario\.yaml|animation\.html"
-    r"|sweep\.(csv|json)|[^/\0]+\.png)"
+    r"trajectory(_\w+)?\.npz|plan\.npz|summary\.json|commands\.json|scenario\.yaml|animation\.html|[^/\0]+\.png"
 )
 _MAX_SIZE = 64_000_000  # [bytes]
 
@@ -29,7 +27,7 @@ class Manifest:
 
     Args:
         folder: the output folder.
-        digests: SHA-256 by name relative to the folder; several of a file that a run is just replacing.
+        digests: SHA-256 by name; several of a file that a run is just replacing.
     """
 
     def __init__(self, folder: Path, digests: Mapping[str, list[str]] | None = None) -> None:
@@ -64,7 +62,7 @@ class Manifest:
         try:
             return (
                 name in self.digests
-                and not path.parent.is_symlink()
+                and not self.folder.is_symlink()
                 and path.lstat().st_dev == self.folder.stat().st_dev
                 and digest(path) in self.digests[name]
             )
@@ -72,13 +70,9 @@ class Manifest:
             return False
 
     def remove(self, name: str) -> None:
-        """Delete a file that the manifest owns, and the folder of its run if that is then empty."""
+        """Delete a file that the manifest owns."""
         if self.owns(name):
-            path = self.folder / name
-            path.unlink()
-            if path.parent != self.folder:
-                with suppress(OSError):  # not empty
-                    path.parent.rmdir()
+            (self.folder / name).unlink()
 
     def __or__(self, digests: Mapping[str, list[str]]) -> Manifest:
         """Manifest with further files, and with further contents of the same files."""
@@ -87,7 +81,7 @@ class Manifest:
 
 
 def is_result(name: str) -> bool:
-    """True if runs write files of this name; files in the folder of a run of a sweep have names with a slash."""
+    """True if runs write files of this name."""
     return _RESULT.fullmatch(name) is not None
 
 

@@ -88,8 +88,6 @@ class OutputFolder:
     def _may_write(self, name: str, manifest: Manifest) -> bool:
         """True if a run may write this file: there is none, or it may be replaced."""
         path = self.path / name
-        if path.parent != self.path and os.path.lexists(path.parent) and not _is_folder(path.parent):
-            return False
         return not os.path.lexists(path) or manifest.owns(name) or (self._force and not _is_folder(path))
 
     @contextmanager
@@ -133,7 +131,7 @@ class OutputFolder:
     def _move(self) -> Manifest:
         """Move the results into place. Return the manifest from before."""
         with self.writing() as fresh:
-            staged = {path.relative_to(fresh).as_posix(): path for path in sorted(fresh.rglob("*"))}
+            staged = {path.name: path for path in sorted(fresh.iterdir())}
             new = {name: [digest(path)] for name, path in staged.items() if is_result(name)}
             earlier = Manifest.read(self.path) or Manifest(self.path)
             foreign = [name for name in new if not self._may_write(name, earlier)]
@@ -146,7 +144,6 @@ class OutputFolder:
                 )
             (earlier | new).write(fresh)  # holds whether or not a kill interrupts the moves
             for name in new:
-                (self.path / name).parent.mkdir(exist_ok=True)
                 os.replace(staged[name], self.path / name)
             self._kept |= new
             return earlier

@@ -42,14 +42,9 @@ def run(folder, force=False, **files):
     write(folder, {name.replace("_", "."): text for name, text in files.items()}, force)
 
 
-def sweep(folder, runs, text, force=False):
-    write(folder, {**{f"run_{k:04d}/summary.json": text for k in range(runs)}, "sweep.csv": text}, force)
-
-
 def write(folder, files, force=False):
     with OutputFolder(folder, force, list(files)) as out:
         for name, text in files.items():
-            (out.fresh / name).parent.mkdir(exist_ok=True)
             (out.fresh / name).write_text(text)
         out.keep()
 
@@ -67,12 +62,12 @@ def forge(folder, files):
 
 def test_a_new_folder_is_made_with_its_parents_and_a_manifest(tmp_path):
     place = tmp_path / "runs" / "first"
-    files = {"a.png": "a", "run_0000/summary.json": "{}", "summary.json": "b"}
+    files = {"a.png": "a", "summary.json": "b"}
     write(place, files)
     manifest = json.loads((place / MANIFEST).read_text())
     assert manifest["files"] == {name: digest(text) for name, text in files.items()}
     assert contents(place) == files
-    assert sorted(path.name for path in place.iterdir()) == [MANIFEST, "a.png", "run_0000", "summary.json"]
+    assert sorted(path.name for path in place.iterdir()) == [MANIFEST, "a.png", "summary.json"]
 
 
 def test_a_run_that_keeps_nothing_leaves_nothing(tmp_path):
@@ -82,32 +77,22 @@ def test_a_run_that_keeps_nothing_leaves_nothing(tmp_path):
 
 
 def test_only_files_with_names_of_results_are_kept(tmp_path):
-    write(tmp_path, {"a.png": "a", "notes.txt": "b", "run_0000/notes.txt": "c"})
+    with OutputFolder(tmp_path) as folder:
+        (folder.fresh / "a.png").write_text("a")
+        (folder.fresh / "notes.txt").write_text("b")
+        (folder.fresh / "run_0000").mkdir()
+        (folder.fresh / "run_0000" / "summary.json").write_text("c")
+        folder.keep()
     assert contents(tmp_path) == {"a.png": "a"}
 
 
 def test_a_second_run_removes_what_the_first_wrote_and_nothing_else(tmp_path):
-    sweep(tmp_path, 2, "old")
+    run(tmp_path, old_png="old", summary_json="old")
     (tmp_path / "notes.txt").write_text("mine")
     (tmp_path / "photos").mkdir()
     (tmp_path / "photos" / "robot.txt").write_text("mine")
     run(tmp_path, new_png="new")
     assert contents(tmp_path) == {"new.png": "new", "notes.txt": "mine", "photos/robot.txt": "mine"}
-    assert not (tmp_path / "run_0000").exists()
-
-
-def test_a_sweep_leaves_what_is_not_its_own_in_the_folders_of_its_runs(tmp_path):
-    sweep(tmp_path, 3, "old")
-    for name in ("run_0000", "run_0002"):
-        (tmp_path / name / "notes.txt").write_text("mine")
-    sweep(tmp_path, 2, "new")
-    assert contents(tmp_path) == {
-        "run_0000/notes.txt": "mine", "run_0000/summary.json": "new", "run_0001/summary.json": "new",
-        "run_0002/notes.txt": "mine", "sweep.csv": "new",
-    }  # fmt: skip
-    sweep(tmp_path, 3, "more")
-    assert contents(tmp_path)["run_0002/summary.json"] == "more"
-    assert contents(tmp_path)["run_0002/notes.txt"] == "mine"
 
 
 def test_what_was_there_before_stays_until_the_new_results_are_complete(tmp_path):
@@ -240,9 +225,7 @@ FORGED = {
     "other names": "data.csv",
     "a repository": ".git",
     "sources": "src",
-    "a run": "run_0000",
-    "a linked run": "run_0001",
-    "inside a linked run": "run_0001/summary.json",
+    "inside a folder": "src/summary.json",
     "a link": "overview.png",
 }
 
@@ -255,12 +238,11 @@ def test_a_forged_manifest_leads_nowhere(name, shape, tmp_path):
     (tmp_path / "beside" / "summary.json").write_text("mine")
     forge(tmp_path / "beside", {"summary.json": digest("mine")})
     target = tmp_path / "out"
-    for folder in (".git", "src", "run_0000"):
+    for folder in (".git", "src"):
         (target / folder).mkdir(parents=True)
         (target / folder / "summary.json").write_text("mine")
     (target / "data.csv").write_text("mine")
     (target / "link").symlink_to(tmp_path / "beside", target_is_directory=True)
-    (target / "run_0001").symlink_to(tmp_path / "beside", target_is_directory=True)
     (target / "overview.png").symlink_to(tmp_path / "precious.txt")
     forge(target, {name: digest("mine")} if shape == "digests" else [name])
     before = contents(tmp_path)
@@ -305,15 +287,6 @@ def test_what_is_no_plain_file_is_neither_written_through_nor_waited_for(name, k
         assert not (out / "summary.json").is_symlink()
     assert other.read_text() == "mine"
     assert not other.with_name("none").exists()
-
-
-def test_no_result_of_a_sweep_goes_through_a_link(tmp_path):
-    (tmp_path / "beside").mkdir()
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "run_0000").symlink_to(tmp_path / "beside", target_is_directory=True)
-    for force in (False, True):
-        refusal(lambda force=force: sweep(tmp_path / "out", 1, "new", force))
-    assert not contents(tmp_path)
 
 
 def test_a_file_in_the_way_is_refused_and_left_alone(tmp_path):
