@@ -1,8 +1,8 @@
 """rnc_pin: dynamics, redundancy and control of nonholonomic mechanical systems on Pinocchio.
 
-``__init__.pyi`` lists the exports. Each is imported at its first use.
+``__init__.pyi`` lists the exports. Each is imported at its first use (``lazy_exports``).
 """
 
-import lazy_loader as lazy
+from rnc_pin.lazy_exports import lazy_exports
 
-__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -1,226 +1,112 @@
-"""Exports of ``rnc_pin``. Type checkers and editors read it; ``__init__.py`` imports each name lazily from it."""
+"""Exports of ``rnc_pin``, which ``__init__.py`` imports at their first use."""
 
-from . import (
-    analysis,
-    collision,
-    constraints,
-    control,
-    errors,
-    forces,
-    gym,
-    loop,
-    optimal,
-    outputs,
-    planning,
-    plants,
-    robots,
-    simulation,
-    sweeps,
-)
-from ._kernel import kernel
-from .analysis import (
-    Equilibrium,
-    Grip,
-    Linearization,
-    Report,
-    SteadyMotion,
-    analyze,
-    continuation,
-    equilibrium,
-    linearize,
-    lqr,
-    state_derivatives,
-)
-from .constraints import (
-    AckermannSteering,
-    BodySurface,
-    Caster,
-    Cone,
-    Cylinder,
-    CylindricalGround,
-    Ellipsoid,
-    GroundPlane,
-    HeightField,
-    JointCoupling,
-    LoopClosure,
-    MomentumConservation,
-    NoSideSlip,
-    Pfaffian,
-    PrescribedMotion,
-    RollingBall,
-    RollingBody,
-    RollingWheel,
-    Sphere,
-    SphericalGround,
-    Torus,
-)
-from .errors import (
-    ConfigurationError,
-    ConstraintError,
-    DivergenceError,
-    InfeasibleError,
-    InputError,
-    LimitError,
-    ModelError,
-    ModelWarning,
-    RncError,
-    SimulationError,
-    SingularityError,
-)
-from .loop import ControlLoop, VelocityLoop
-from .model.actuation import FrameForce, FrameTorque, OutputForce
-from .model.impact import Impact, impact
-from .model.measurement import Measurement
-from .model.reduced_model import ReducedModel
-from .model.system import NonholonomicSystem
-from .model.task import Task
-from .optimal import MotionPlan, tvlqr
-from .outputs import (
-    CenterOfMass,
-    Distance,
-    FrameAngularVelocity,
-    FrameOrientation,
-    FramePosition,
-    FrameSpeed,
-    FrameTilt,
-    FrameYaw,
-    JointPosition,
-    Output,
-    RelativeAngle,
-    RelativeAngularVelocity,
-)
-from .planning import IkResult, solve_ik
-from .plants import ContactPlant, Faults, ReducedPlant, UnilateralContact
-from .robots.robot import Robot
-from .simulation import (
-    ContactLoss,
-    Outcome,
-    OutputCrossing,
-    Phase,
-    SimulationOptions,
-    Stop,
-    Trajectory,
-    TrajectoryBatch,
-    free_motion,
-    kinematic_rollout,
-    preflight,
-    simulate,
-    simulate_phases,
-    summarize,
-    tuned_tracker,
-)
-from .sweeps import SweepResults, load_sweep, sweep
-from .version import __version__
-
-__all__ = [
-    "AckermannSteering",
-    "BodySurface",
-    "Caster",
-    "CenterOfMass",
-    "Cone",
-    "ConfigurationError",
-    "ConstraintError",
-    "ContactLoss",
-    "ContactPlant",
-    "ControlLoop",
-    "Cylinder",
-    "CylindricalGround",
-    "Distance",
-    "DivergenceError",
-    "Ellipsoid",
-    "Equilibrium",
-    "Faults",
-    "FrameAngularVelocity",
-    "FrameForce",
-    "FrameOrientation",
-    "FramePosition",
-    "FrameSpeed",
-    "FrameTilt",
-    "FrameTorque",
-    "FrameYaw",
-    "Grip",
-    "GroundPlane",
-    "HeightField",
-    "IkResult",
-    "Impact",
-    "InfeasibleError",
-    "InputError",
-    "JointCoupling",
-    "JointPosition",
-    "LimitError",
-    "Linearization",
-    "LoopClosure",
-    "Measurement",
-    "ModelError",
-    "ModelWarning",
-    "MomentumConservation",
-    "MotionPlan",
-    "NoSideSlip",
-    "NonholonomicSystem",
-    "Outcome",
-    "Output",
-    "OutputCrossing",
-    "OutputForce",
-    "Pfaffian",
-    "Phase",
-    "PrescribedMotion",
-    "ReducedModel",
-    "ReducedPlant",
-    "RelativeAngle",
-    "RelativeAngularVelocity",
-    "Report",
-    "RncError",
-    "Robot",
-    "RollingBall",
-    "RollingBody",
-    "RollingWheel",
-    "SimulationError",
-    "SimulationOptions",
-    "SingularityError",
-    "Sphere",
-    "SphericalGround",
-    "SteadyMotion",
-    "Stop",
-    "SweepResults",
-    "Task",
-    "Torus",
-    "Trajectory",
-    "TrajectoryBatch",
-    "UnilateralContact",
-    "VelocityLoop",
-    "__version__",
-    "analysis",
-    "analyze",
-    "collision",
-    "constraints",
-    "continuation",
-    "control",
-    "equilibrium",
-    "errors",
-    "forces",
-    "free_motion",
-    "gym",
-    "impact",
-    "kernel",
-    "kinematic_rollout",
-    "linearize",
-    "load_sweep",
-    "loop",
-    "lqr",
-    "optimal",
-    "outputs",
-    "planning",
-    "plants",
-    "preflight",
-    "robots",
-    "simulate",
-    "simulate_phases",
-    "simulation",
-    "solve_ik",
-    "state_derivatives",
-    "summarize",
-    "sweep",
-    "sweeps",
-    "tuned_tracker",
-    "tvlqr",
-]
+from . import analysis as analysis
+from . import collision as collision
+from . import constraints as constraints
+from . import control as control
+from . import errors as errors
+from . import forces as forces
+from . import gym as gym
+from . import loop as loop
+from . import optimal as optimal
+from . import outputs as outputs
+from . import planning as planning
+from . import plants as plants
+from . import robots as robots
+from . import simulation as simulation
+from . import sweeps as sweeps
+from ._kernel import kernel as kernel
+from .analysis import Equilibrium as Equilibrium
+from .analysis import Grip as Grip
+from .analysis import Linearization as Linearization
+from .analysis import Report as Report
+from .analysis import SteadyMotion as SteadyMotion
+from .analysis import analyze as analyze
+from .analysis import continuation as continuation
+from .analysis import equilibrium as equilibrium
+from .analysis import linearize as linearize
+from .analysis import lqr as lqr
+from .analysis import state_derivatives as state_derivatives
+from .constraints import AckermannSteering as AckermannSteering
+from .constraints import BodySurface as BodySurface
+from .constraints import Caster as Caster
+from .constraints import Cone as Cone
+from .constraints import Cylinder as Cylinder
+from .constraints import CylindricalGround as CylindricalGround
+from .constraints import Ellipsoid as Ellipsoid
+from .constraints import GroundPlane as GroundPlane
+from .constraints import HeightField as HeightField
+from .constraints import JointCoupling as JointCoupling
+from .constraints import LoopClosure as LoopClosure
+from .constraints import MomentumConservation as MomentumConservation
+from .constraints import NoSideSlip as NoSideSlip
+from .constraints import Pfaffian as Pfaffian
+from .constraints import PrescribedMotion as PrescribedMotion
+from .constraints import RollingBall as RollingBall
+from .constraints import RollingBody as RollingBody
+from .constraints import RollingWheel as RollingWheel
+from .constraints import Sphere as Sphere
+from .constraints import SphericalGround as SphericalGround
+from .constraints import Torus as Torus
+from .errors import ConfigurationError as ConfigurationError
+from .errors import ConstraintError as ConstraintError
+from .errors import DivergenceError as DivergenceError
+from .errors import InfeasibleError as InfeasibleError
+from .errors import InputError as InputError
+from .errors import LimitError as LimitError
+from .errors import ModelError as ModelError
+from .errors import ModelWarning as ModelWarning
+from .errors import RncError as RncError
+from .errors import SimulationError as SimulationError
+from .errors import SingularityError as SingularityError
+from .loop import ControlLoop as ControlLoop
+from .loop import VelocityLoop as VelocityLoop
+from .model.actuation import FrameForce as FrameForce
+from .model.actuation import FrameTorque as FrameTorque
+from .model.actuation import OutputForce as OutputForce
+from .model.impact import Impact as Impact
+from .model.impact import impact as impact
+from .model.measurement import Measurement as Measurement
+from .model.reduced_model import ReducedModel as ReducedModel
+from .model.system import NonholonomicSystem as NonholonomicSystem
+from .model.task import Task as Task
+from .optimal import MotionPlan as MotionPlan
+from .optimal import tvlqr as tvlqr
+from .outputs import CenterOfMass as CenterOfMass
+from .outputs import Distance as Distance
+from .outputs import FrameAngularVelocity as FrameAngularVelocity
+from .outputs import FrameOrientation as FrameOrientation
+from .outputs import FramePosition as FramePosition
+from .outputs import FrameSpeed as FrameSpeed
+from .outputs import FrameTilt as FrameTilt
+from .outputs import FrameYaw as FrameYaw
+from .outputs import JointPosition as JointPosition
+from .outputs import Output as Output
+from .outputs import RelativeAngle as RelativeAngle
+from .outputs import RelativeAngularVelocity as RelativeAngularVelocity
+from .planning import IkResult as IkResult
+from .planning import solve_ik as solve_ik
+from .plants import ContactPlant as ContactPlant
+from .plants import Faults as Faults
+from .plants import ReducedPlant as ReducedPlant
+from .plants import UnilateralContact as UnilateralContact
+from .robots.robot import Robot as Robot
+from .simulation import ContactLoss as ContactLoss
+from .simulation import Outcome as Outcome
+from .simulation import OutputCrossing as OutputCrossing
+from .simulation import Phase as Phase
+from .simulation import SimulationOptions as SimulationOptions
+from .simulation import Stop as Stop
+from .simulation import Trajectory as Trajectory
+from .simulation import TrajectoryBatch as TrajectoryBatch
+from .simulation import free_motion as free_motion
+from .simulation import kinematic_rollout as kinematic_rollout
+from .simulation import preflight as preflight
+from .simulation import simulate as simulate
+from .simulation import simulate_phases as simulate_phases
+from .simulation import summarize as summarize
+from .simulation import tuned_tracker as tuned_tracker
+from .sweeps import SweepResults as SweepResults
+from .sweeps import load_sweep as load_sweep
+from .sweeps import sweep as sweep
+from .version import __version__ as __version__

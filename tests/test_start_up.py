@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import sysconfig
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ import pytest
 import rnc_pin as rnc
 from benchmarks.commands import COLD_START
 from patience import PATIENCE
-from rnc_pin.app import commands
+from places import ROOT
 from rnc_pin.scenario.files import built_in_names
 
 COMMAND = Path(sysconfig.get_path("scripts")) / "rnc-pin"
@@ -103,14 +104,33 @@ def test_commands_and_options_are_completed():
     assert {"--set", "--show"} <= completed("rnc-pin run --s")[0]
 
 
-@pytest.mark.parametrize("package", [rnc, commands], ids=lambda package: package.__name__)
-def test_every_public_name_is_there(package):
+PACKAGES = sorted(".".join(stub.parent.relative_to(ROOT).parts) for stub in (ROOT / "rnc_pin").rglob("__init__.pyi"))
+
+
+@pytest.mark.parametrize("name", PACKAGES)
+def test_every_public_name_is_there(name):
+    package = import_module(name)
     stub = ast.parse(Path(package.__file__).with_suffix(".pyi").read_text())
-    names = ast.literal_eval(next(node.value for node in stub.body if isinstance(node, ast.Assign)))
+    names = [each.asname for node in stub.body if isinstance(node, ast.ImportFrom) for each in node.names]
     assert package.__all__ == dir(package) == sorted(names)
-    assert all(getattr(package, name) is not None for name in names)
+    assert all(getattr(package, each) is not None for each in names)
     with pytest.raises(AttributeError, match="nothing"):
         _ = package.nothing
+
+
+def test_an_export_is_not_hidden_by_its_module():
+    """``simulate`` of ``simulation/simulate.py`` is the function, whatever was imported first."""
+    code = "import rnc_pin.simulation.simulate, rnc_pin as rnc; print(rnc.simulation.simulate.__name__)"
+    assert imported([sys.executable, "-c", code])[0] == "simulate\n"
+    code = "from rnc_pin.simulation import preflight; import rnc_pin.simulation.preflight; print(preflight.__name__)"
+    assert imported([sys.executable, "-c", code])[0] == "preflight\n"
+
+
+def test_the_example_of_the_readme_loads_a_fifth_of_the_package():
+    example = (ROOT / "README.md").read_text().partition("```python\n")[2].partition("```")[0]
+    count = "import sys; print(sum(name.startswith('rnc_pin.') for name in sys.modules))"
+    out, _ = imported([sys.executable, "-c", f"{example}\n{count}"])
+    assert int(out.splitlines()[-1]) <= 110
 
 
 def test_a_star_takes_every_public_name():

@@ -4,8 +4,6 @@ envs = rnc.gym.make_vec("mobile-manipulator", num_envs=64)
 observations, info = envs.reset(seed=0)
 """
 
-from rnc_pin.gym.episode_batch import Transition
-from rnc_pin.gym.episode_limits import EpisodeLimits
-from rnc_pin.gym.making import make, make_vec
+from rnc_pin.lazy_exports import lazy_exports
 
-__all__ = ["EpisodeLimits", "Transition", "make", "make_vec"]
+__getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -134,3 +134,7 @@ def _warn_of_differences(problem: Transcription) -> None:
     if error > 0:
         text = f"derivatives of user-defined rows or outputs are finite differences (error {error:.1g} at the start)"
         warnings.warn(f"plan: {text}; nodes are evaluated one at a time", ModelWarning, stacklevel=3)
+
+
+plan = plan_motion
+"""Name of the export; a scenario has another ``plan``."""

@@ -1,26 +1,5 @@
 """Plants: controlled systems with actuator inputs and measured states, and wrappers for faults and mid-run changes."""
 
-from rnc_pin.plants.changing import ChangingPlant
-from rnc_pin.plants.faults import Faults, FaultyPlant
-from rnc_pin.plants.plant import Plant
-from rnc_pin.plants.reduced import (
-    ContactEvent,
-    ContactPlant,
-    ReducedPlant,
-    ReducedPlantBatch,
-    UnilateralContact,
-    VelocityPlant,
-)
+from rnc_pin.lazy_exports import lazy_exports
 
-__all__ = [
-    "ChangingPlant",
-    "ContactEvent",
-    "ContactPlant",
-    "Faults",
-    "FaultyPlant",
-    "Plant",
-    "ReducedPlant",
-    "ReducedPlantBatch",
-    "UnilateralContact",
-    "VelocityPlant",
-]
+__getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -1,6 +1,5 @@
 """Sweeps: many runs with drawn values, on all cores or a cluster, as a data set with one row a run."""
 
-from rnc_pin.sweeps.run_sweep import sweep
-from rnc_pin.sweeps.sweep_results import SweepResults, load_sweep
+from rnc_pin.lazy_exports import lazy_exports
 
-__all__ = ["SweepResults", "load_sweep", "sweep"]
+__getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -17,6 +17,7 @@ from patience import PATIENCE, eventually
 from rnc_pin.control import Command
 from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.scenario import plot_files
+from rnc_pin.simulation.record import Record
 from systems import sleigh
 
 RUN = ["run", "space-robot", "--set", "comparisons={}", "--set", "plots={}"]
@@ -175,14 +176,14 @@ def test_interruptions_wait_until_nothing_is_lost_by_them():
 
 
 def test_three_interruptions_keep_the_run_in_a_program_of_ones_own(monkeypatch):
-    reduced, finish = sleigh(), rnc.simulation.record.Record.finish
+    reduced, finish = sleigh(), Record.finish
 
     def impatient(*arguments):
         signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGINT)
         return finish(*arguments)
 
-    monkeypatch.setattr(rnc.simulation.record.Record, "finish", impatient)
+    monkeypatch.setattr(Record, "finish", impatient)
     then = Pushing(lambda: signal.raise_signal(signal.SIGINT))
     run = rnc.simulate(reduced, then, reduced.robot.configuration(), 1.0, dt=0.01)
     assert run.outcome is rnc.Outcome.INTERRUPTED

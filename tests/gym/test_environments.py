@@ -9,6 +9,7 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.control import Command
 from rnc_pin.gym.episode_task import EpisodeTask
+from rnc_pin.scenario.execution import execute, plan
 
 gymnasium = pytest.importorskip("gymnasium", reason="needs the extra gym")
 env_checker = pytest.importorskip("gymnasium.utils.env_checker")
@@ -171,9 +172,7 @@ def test_limits_come_from_the_model_and_from_the_scenarios_own_run():
     robot = rnc.gym.make("mobile-manipulator", options={**options, "simulation.dt": 0.002}).unwrapped
     high = robot.action_space.high
     assert high[2:].tolist() == [400.0, 400.0]  # of the joints in the file
-    run = rnc.gym.episode_limits.execute(
-        rnc.gym.episode_limits.plan("mobile-manipulator", {**options, "simulation.dt": 0.002, "comparisons": {}})
-    ).trajectory
+    run = execute(plan("mobile-manipulator", {**options, "simulation.dt": 0.002, "comparisons": {}})).trajectory
     assert high[0] == 2 * np.abs(run.T[:, 0]).max()
     assert robot.observation_space.high[-1] == 10 * np.abs(run.v2[:, 3]).max()
 

@@ -3,6 +3,6 @@
 ``__init__.pyi`` lists them. Each module here imports what it needs at its top.
 """
 
-import lazy_loader as lazy
+from rnc_pin.lazy_exports import lazy_exports
 
-__getattr__, __dir__, __all__ = lazy.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_exports(__name__)

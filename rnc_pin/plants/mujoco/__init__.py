@@ -3,6 +3,6 @@
 The settings do not need MuJoCo; importing the plant loads it.
 """
 
-import lazy_loader
+from rnc_pin.lazy_exports import lazy_exports
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -1,4 +1,4 @@
-"""Exports of the package. Type checkers and editors read it; ``__init__.py`` imports each name lazily from it."""
+"""Exports of ``rnc_pin.plants.mujoco``, which ``__init__.py`` imports at their first use."""
 
 from .mujoco_plant import MuJoCoPlant as MuJoCoPlant
 from .settings import MuJoCoSettings as MuJoCoSettings

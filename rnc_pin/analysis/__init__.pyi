@@ -1,0 +1,33 @@
+"""Exports of ``rnc_pin.analysis``, which ``__init__.py`` imports at their first use."""
+
+from .boundedness import Approach as Approach
+from .boundedness import Boundedness as Boundedness
+from .boundedness import boundedness as boundedness
+from .continuation import SteadyMotion as SteadyMotion
+from .continuation import continuation as continuation
+from .derivatives import StateDerivatives as StateDerivatives
+from .derivatives import state_derivatives as state_derivatives
+from .equilibrium import Equilibrium as Equilibrium
+from .equilibrium import equilibrium as equilibrium
+from .grip import Grip as Grip
+from .grip import lift_off_along as lift_off_along
+from .growth import GrowthEvidence as GrowthEvidence
+from .growth import growth_vector as growth_vector
+from .integrability import Integrability as Integrability
+from .integrability import integrability as integrability
+from .lemma_1 import lemma_1_residuals as lemma_1_residuals
+from .limit_effects import LimitEffect as LimitEffect
+from .linearization import Linearization as Linearization
+from .linearization import linearize as linearize
+from .normal_forces import LiftOff as LiftOff
+from .normal_forces import NormalForces as NormalForces
+from .normal_forces import first_lift_off as first_lift_off
+from .redundancy_class import Block as Block
+from .redundancy_class import Evidence as Evidence
+from .redundancy_class import Redundancy as Redundancy
+from .redundancy_class import Spread as Spread
+from .redundancy_class import classify as classify
+from .regulator import lqr as lqr
+from .report import Report as Report
+from .report import analyze as analyze
+from .singularities import Singularity as Singularity

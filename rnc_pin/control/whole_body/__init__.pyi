@@ -1,0 +1,13 @@
+"""Exports of ``rnc_pin.control.whole_body``, which ``__init__.py`` imports at their first use."""
+
+from . import limits as limits
+from . import tasks as tasks
+from .control_sample import ControlSample as ControlSample
+from .inverse_dynamics_qp import InputSolution as InputSolution
+from .inverse_dynamics_qp import InverseDynamicsQP as InverseDynamicsQP
+from .inverse_dynamics_qp import InverseDynamicsState as InverseDynamicsState
+from .velocity_qp import ProgramSolution as ProgramSolution
+from .velocity_qp import ProgramState as ProgramState
+from .velocity_qp import VelocityQP as VelocityQP
+from .whole_body_program import LimitReport as LimitReport
+from .whole_body_program import WholeBodyProgram as WholeBodyProgram

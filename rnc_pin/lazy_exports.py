@@ -1,0 +1,58 @@
+"""Exports of a package, imported at their first use.
+
+The stub ``__init__.pyi`` of the package lists them, as type checkers and editors read them. So each is stated once.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Callable
+from importlib import import_module
+from importlib.util import resolve_name
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+
+class _Package(ModuleType):
+    """Package with an export that has the name of its module, e.g. the function ``simulate`` of ``simulate.py``.
+
+    Python sets each imported module as an attribute of its package. This one would hide the export.
+    """
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name not in self.__dict__["_hidden_modules"] or not isinstance(value, ModuleType):
+            super().__setattr__(name, value)
+
+
+def lazy_exports(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+    """Return ``__getattr__``, ``__dir__`` and ``__all__`` of a package, from the imports in its stub.
+
+    Args:
+        package: name of the package, whose ``__init__.py`` is running.
+    """
+    module = sys.modules[package]
+    stub = ast.parse(Path(str(module.__file__)).with_suffix(".pyi").read_text(encoding="utf-8"))
+    exports = {
+        each.asname or each.name: (resolve_name("." * node.level + (node.module or ""), package), each.name)
+        for node in stub.body
+        if isinstance(node, ast.ImportFrom)
+        for each in node.names
+    }
+    names = sorted(exports)
+    hidden = {name for name, (origin, _) in exports.items() if origin == f"{package}.{name}"}
+    if hidden:
+        module.__dict__["_hidden_modules"] = hidden
+        module.__class__ = _Package
+
+    def get(name: str) -> Any:
+        if name not in exports:
+            raise AttributeError(f"module '{package}' has no attribute '{name}'")
+        origin, attribute = exports[name]
+        if origin == package:  # from . import subpackage
+            return import_module(f"{package}.{attribute}")
+        value = module.__dict__[name] = getattr(import_module(origin), attribute)
+        return value
+
+    return get, lambda: names.copy(), names.copy()

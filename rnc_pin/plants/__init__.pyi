@@ -1,0 +1,12 @@
+"""Exports of ``rnc_pin.plants``, which ``__init__.py`` imports at their first use."""
+
+from .changing import ChangingPlant as ChangingPlant
+from .faults import Faults as Faults
+from .faults import FaultyPlant as FaultyPlant
+from .plant import Plant as Plant
+from .reduced import ContactEvent as ContactEvent
+from .reduced import ContactPlant as ContactPlant
+from .reduced import ReducedPlant as ReducedPlant
+from .reduced import ReducedPlantBatch as ReducedPlantBatch
+from .reduced import UnilateralContact as UnilateralContact
+from .reduced import VelocityPlant as VelocityPlant

@@ -1,0 +1,11 @@
+"""Exports of ``rnc_pin.plants.reduced``, which ``__init__.py`` imports at their first use."""
+
+from .constrained_dynamics import ConstrainedDynamics as ConstrainedDynamics
+from .constrained_dynamics import integrated_outputs as integrated_outputs
+from .contact_plant import ContactEvent as ContactEvent
+from .contact_plant import ContactPlant as ContactPlant
+from .plant_batch import ReducedPlantBatch as ReducedPlantBatch
+from .reduced_plant import Checkpoint as Checkpoint
+from .reduced_plant import ReducedPlant as ReducedPlant
+from .unilateral_contact import UnilateralContact as UnilateralContact
+from .velocity_plant import VelocityPlant as VelocityPlant
