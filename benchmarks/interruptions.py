@@ -29,7 +29,7 @@ SHORT = ["--set", "comparisons={}", "--set", "plots={}", "--set", "simulation.du
 LONG = [*SHORT[:4], "--set", "simulation.duration=1000"]
 ALL = {".rnc_pin", "trajectory.npz", "summary.json", "scenario.yaml"}
 
-_MAIN = "\nfrom rnc_pin.app.command_line import main\nmain()\n"
+_MAIN = "\nfrom rnc_pin.app.cli import main\nmain()\n"
 _EACH_CONTROLLER = """
 from rnc_pin.control import ComputedTorque, Command, VelocityTracker
 def spoil(kind):

@@ -101,11 +101,6 @@ def test_no_test_file_imports_another():
     assert not imported, ", ".join(imported)
 
 
-def test_no_file_name_is_used_twice():
-    names = Counter(path.name for path in (ROOT / "rnc_pin").rglob("*.py"))
-    assert {name for name, count in names.items() if count > 1} == {"__init__.py"}
-
-
 def test_no_public_name_is_defined_twice():
     """Except by the command line, whose commands are named for what they call."""
     defined = Counter(

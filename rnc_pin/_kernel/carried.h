@@ -1,4 +1,4 @@
-/* Rows on ground that a frame carries; a part of kernel.c, see carried_ground.py and relative_kinematics.py.
+/* Rows on ground that a frame carries; a part of kernel.c, see carried_ground.py.
 
    Such a row is the same function of the motion of frame a relative to frame b, the carrier, in the axes of b. Its wrench
    acts on a, and its opposite on b. */

@@ -1,10 +1,10 @@
-"""Page of a driven run: keys, clicks on the ground, sliders, and the status of the run."""
+"""Page of a driven run: keys, clicks on the ground, sliders, the status of the run, and highlights of active limits."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,8 +12,8 @@ from rnc_pin.driving.drive_goals import DriveGoals
 from rnc_pin.driving.drive_log import CommandQueue
 from rnc_pin.driving.drive_plan import DrivePlan
 from rnc_pin.driving.drive_status import DriveStatus
-from rnc_pin.driving.limit_bodies import LimitBodies
 from rnc_pin.io.json import Json
+from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.saved_run import view_of
 from rnc_pin.simulation import RunInfo, Sample
 from rnc_pin.visualization.browser.access import LOOPBACK
@@ -26,6 +26,56 @@ from rnc_pin.visualization.view import View
 
 _GOAL = 0xE69F00
 _GOAL_SIZE = 0.06  # radius of the mark of the base's goal [m]
+
+_DISTANCE, _JOINT = " distance", (" position", " velocity")
+
+
+class HighlightedBodies(NamedTuple):
+    """Bodies of limits: names of visual shapes of the robot, and of obstacles."""
+
+    shapes: frozenset[str]
+    obstacles: frozenset[str]
+
+
+class LimitBodies:
+    """Map from the names of limits to bodies.
+
+    Args:
+        robot: robot with its visual shapes.
+        obstacles: names of the obstacles.
+    """
+
+    def __init__(self, robot: Robot, obstacles: Iterable[str]) -> None:
+        self._obstacles = frozenset(obstacles)
+        model, visual = robot.model, robot.visual_model
+        self._by_joint: dict[int, set[str]] = {}
+        self._by_link: dict[str, set[str]] = {}
+        for shape in () if visual is None else visual.geometryObjects:
+            self._by_joint.setdefault(int(shape.parentJoint), set()).add(str(shape.name))
+            self._by_link.setdefault(str(model.frames[shape.parentFrame].name), set()).add(str(shape.name))
+        names = robot.velocity_names
+        self._joints = {names[joint.idx_v + k]: i for i, joint in enumerate(model.joints) if i for k in range(joint.nv)}
+        self._frames = {str(frame.name): int(frame.parentJoint) for frame in model.frames}
+
+    def of(self, limits: Iterable[str]) -> HighlightedBodies:
+        """Return the bodies of limits by their names; accelerations concern none."""
+        joints: set[int] = set()
+        shapes: set[str] = set()
+        obstacles: set[str] = set()
+        for name in limits:
+            ending = next((each for each in _JOINT if name.endswith(each)), None)
+            if name.endswith(_DISTANCE):
+                for body in name.removesuffix(_DISTANCE).split(" / "):
+                    if body in self._obstacles:
+                        obstacles.add(body)
+                    else:
+                        shapes |= self._by_link.get(body, set())
+            elif ending is not None and name.removesuffix(ending) in self._joints:
+                joints.add(self._joints[name.removesuffix(ending)])
+            elif not name.endswith(" acceleration") and name.split(" ")[0] in self._frames:
+                joints.add(self._frames[name.split(" ")[0]])
+        shapes |= {shape for joint in joints for shape in self._by_joint.get(joint, ())}
+        return HighlightedBodies(frozenset(shapes), frozenset(obstacles))
 
 
 class DrivenViewer(MeshcatViewer):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -24,7 +25,6 @@ from rnc_pin.errors import ConfigurationError, InputError, SimulationError
 from rnc_pin.extras import missing_extra
 from rnc_pin.interruption import interruptible
 from rnc_pin.sweeps.swept_run import Numbered, Row, Runs
-from rnc_pin.sweeps.worker_processes import exit_with_parent
 from rnc_pin.version import __version__
 
 _BATCH_TIME, _LARGEST_BATCH = 0.2, 200  # time that a batch should take [s], and its largest number of runs
@@ -214,3 +214,29 @@ def _dask_pool(scheduler: str) -> Iterator[tuple[Callable[[], Executor], Callabl
     finally:
         executor.shutdown(wait=False)
         client.close()
+
+
+# ------------------------------------------------------------------ worker processes
+
+_PERIOD = 0.5  # [s]
+_watched: set[int] = set()
+
+
+def exit_with_parent(parent: int) -> None:
+    """End this process when its parent ends for any reason, and ignore Ctrl-C.
+
+    Args:
+        parent: id of the parent process; in that process itself this function does nothing.
+    """
+    if os.getpid() == parent or parent in _watched:
+        return
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends Ctrl-C to both processes
+    _watched.add(parent)
+    threading.Thread(target=_watch, args=(parent,), name="parent", daemon=True).start()
+
+
+def _watch(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(_PERIOD)
+    os._exit(1)

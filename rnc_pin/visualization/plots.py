@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -19,8 +20,7 @@ from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import Trajectory
 from rnc_pin.visualization import panels as p
 from rnc_pin.visualization import plot_style as ps
-from rnc_pin.visualization.drawn_obstacles import outline
-from rnc_pin.visualization.footprints import draw_footprints, footprints
+from rnc_pin.visualization.drawn_obstacles import outline, surface_points
 from rnc_pin.visualization.top_view import draw_obstacles, draw_top_view, ground_paths
 
 _WIDTH, _NARROW = 8.0, 7.0  # width of a panel and its legend in figures of one and of several columns [inches]
@@ -251,3 +251,37 @@ def _title(axes: Axes, title: str | None) -> None:
     if title:
         lines = textwrap.wrap(title, _LONGEST_TITLE, max_lines=_TITLE_LINES, placeholder="...")
         axes.set_title("\n".join(ps.escape_dollars(line) for line in lines), loc="left")
+
+
+# ------------------------------------------------------------------ footprints
+
+_MOMENTS = 5
+_FACE, _EDGE = "0.55", "0.3"
+
+
+def footprints(robot: Robot, q: np.ndarray) -> list[np.ndarray]:
+    """Outline (n, 2) [m] of every moving part from above at a configuration (nq,): the hull of its collision shapes."""
+    from scipy.spatial import ConvexHull  # the import takes 0.1 s and is seldom needed
+
+    source = robot.collision_model
+    if source is None:
+        return []
+    data, placed = robot.model.createData(), source.createData()
+    pin.updateGeometryPlacements(robot.model, data, source, placed, q)
+    parts: dict[int, list[np.ndarray]] = {}
+    for shape, pose in zip(source.geometryObjects, placed.oMg, strict=True):
+        points = surface_points(shape.geometry) @ pose.rotation.T + pose.translation
+        parts.setdefault(int(shape.parentJoint), []).append(points[:, :2])
+    hulls = [np.concatenate(points) for joint, points in parts.items() if joint]
+    return [points[ConvexHull(points).vertices] for points in hulls]
+
+
+def draw_footprints(axes: Axes, robot: Robot, q: np.ndarray) -> list[ps.LegendEntry]:
+    """Draw the outlines at moments of a run, (N, nq), darker towards its end. Return the legend entry."""
+    lines = []
+    for k, index in enumerate(np.linspace(0, len(q) - 1, _MOMENTS).round().astype(int)):
+        strength = 0.25 + 0.75 * k / (_MOMENTS - 1)
+        for points in footprints(robot, q[index]):
+            axes.fill(*points.T, color=_FACE, alpha=0.12 * strength, zorder=0.6, lw=0)
+            lines += axes.plot(*np.concatenate([points, points[:1]]).T, color=_EDGE, lw=0.8, alpha=strength, zorder=0.7)
+    return [ps.LegendEntry("robot", lines[-1:])] if lines else []

@@ -337,7 +337,7 @@ def test_a_pipe_for_a_trajectory_is_refused(tmp_path, call):
 FULL = """
 import resource, signal, sys
 sys.dont_write_bytecode = True  # with a limit, Python leaves half of a file where the next import reads it
-from rnc_pin.app.command_line import main
+from rnc_pin.app.cli import main
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv.pop(1)),) * 2)
 main()

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.scenario.batch_execution import execute_together as together
 from rnc_pin.sweeps import scenario_runs
 from rnc_pin.sweeps.scenario_runs import ScenarioRuns
+from rnc_pin.sweeps.scenario_runs import execute_together as together
 from rnc_pin.sweeps.seeded_draws import SeededDraws
 
 QUICK = {"simulation.duration": 0.06, "simulation.dt": 0.01}

@@ -16,7 +16,7 @@ from rnc_pin.simulation import Columns, OutputNames, output_names
 from rnc_pin.visualization.camera import ASPECT, FIELD_OF_VIEW, VIEW_DIRECTION, fitting_camera
 from rnc_pin.visualization.drawn_state import RATE, DrawnState, recorded_states, sample_configurations
 from rnc_pin.visualization.elements import _cylinder_transform
-from rnc_pin.visualization.keyframes import Keyframes
+from rnc_pin.visualization.meshcat_scene import Keyframes
 from rnc_pin.visualization.null_motion import NullMotion
 from rnc_pin.visualization.overlay import Overlay, margin_color
 from rnc_pin.visualization.recording import Recording

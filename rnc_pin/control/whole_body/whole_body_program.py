@@ -11,12 +11,11 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Description
-from rnc_pin.control.whole_body.desired_outputs import DesiredOutputs
 from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
 from rnc_pin.control.whole_body.limit_stack import LimitStack
 from rnc_pin.control.whole_body.limits.control_limit import ControlLimit
 from rnc_pin.control.whole_body.task_hierarchy import TaskStack
-from rnc_pin.control.whole_body.tasks.control_task import ControlTask
+from rnc_pin.control.whole_body.tasks.control_task import BoundTask, ControlTask
 from rnc_pin.errors import InputError
 from rnc_pin.io.json import Json
 from rnc_pin.model.measurement import Measurement
@@ -143,3 +142,40 @@ def _describe_item(description: object) -> Json:
         else:
             found[each.name] = repr(value) if is_dataclass(value) else type(value).__name__
     return found
+
+
+# ------------------------------------------------------------------ desired outputs
+
+
+class DesiredOutputs:
+    """Desired values of a model's outputs, as far as tasks have them.
+
+    Args:
+        tasks: tasks of the model.
+        reduced: the model.
+    """
+
+    def __init__(self, tasks: Sequence[BoundTask], reduced: ReducedModel) -> None:
+        self._sizes = reduced.vertical.size, reduced.r
+        self._goals = [
+            (task.goal, own, where, place)
+            for task in tasks
+            for place, names in enumerate((reduced.vertical.names, reduced.reducing.names))
+            for own, where in [_matches(task.goal_names, names)]
+            if own
+        ]
+
+    def at(self, t: float) -> tuple[Array | None, Array | None]:
+        """Return x1 and x2 at a time [s], NaN for outputs without a task; None if no task has an output."""
+        if not self._goals:
+            return None, None
+        found = np.full(self._sizes[0], np.nan), np.full(self._sizes[1], np.nan)
+        for goal, own, where, place in self._goals:
+            found[place][where] = goal(t)[own]
+        return found
+
+
+def _matches(names: Sequence[str], among: Sequence[str]) -> tuple[list[int], list[int]]:
+    """Indices of common names in both sequences."""
+    own = [index for index, name in enumerate(names) if name in among]
+    return own, [list(among).index(names[index]) for index in own]

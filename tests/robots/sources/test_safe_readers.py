@@ -13,7 +13,7 @@ import pytest
 
 import rnc_pin as rnc
 from patience import ending_within
-from rnc_pin.app.analysis_tables import print_report
+from rnc_pin.app.commands.inspect import print_report
 from rnc_pin.app.tables import print_summary
 from rnc_pin.control.jacobian_transpose import effective_inertia
 from rnc_pin.errors import nearest

@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.plants.reduced.contact_impacts import ContactImpacts
+from rnc_pin.plants.reduced.contact_modes import ContactImpacts
 from rnc_pin.plants.reduced.unilateral_contact import BoundContact
 from simple_controllers import Idle
 

@@ -7,7 +7,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.collision.convex_shapes import hull_of
-from rnc_pin.collision.support_functions import support
+from rnc_pin.collision.pair_bounds import support
 from tolerances import ROUNDING
 
 HULL = hull_of(np.random.default_rng(0).normal(size=(40, 3)), "hull")

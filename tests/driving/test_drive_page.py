@@ -1,7 +1,7 @@
 """Bodies that a page highlights, by the names of limits."""
 
 import rnc_pin as rnc
-from rnc_pin.driving.limit_bodies import LimitBodies
+from rnc_pin.driving.drive_page import LimitBodies
 
 
 def test_names_of_limits_lead_to_bodies():

@@ -8,7 +8,7 @@ import pytest
 
 import rnc_pin as rnc
 from drawn_motions import random_joint, random_pose
-from rnc_pin.collision.joint_steps import JointSteps
+from rnc_pin.collision.motion_segments import JointSteps
 
 
 @pytest.mark.parametrize("seed", range(60))
