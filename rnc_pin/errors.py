@@ -6,7 +6,7 @@ import difflib
 import itertools
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 if TYPE_CHECKING:
     import numpy as np
@@ -71,6 +71,11 @@ class RncError(Exception):
 
     def __str__(self) -> str:
         return printable(self._words())
+
+    def within(self, place: object) -> Self:
+        """Prepend a place to the message, e.g. the key of a scenario. Return the error itself, with all its data."""
+        self.args = (f"{place}: {self._words()}",)
+        return self
 
     def _words(self) -> str:
         """Return the message; it may contain unescaped names from files."""
@@ -201,6 +206,10 @@ class DivergenceError(SimulationError):
         self.what, self.time = what, time
         super().__init__(what)
 
+    def within(self, place: object) -> Self:
+        self.what = f"{place}: {self.what}"
+        return self
+
     def _words(self) -> str:
         when = "" if self.time is None else f" at t = {self.time:.3f} s"
         return f"diverged{when}: {self.what}"
@@ -259,6 +268,10 @@ class SingularityError(SimulationError):
         self.rows = tuple(rows)
         self.time = time
         super().__init__(what)
+
+    def within(self, place: object) -> Self:
+        self.what = f"{place}: {self.what}"
+        return self
 
     def _words(self) -> str:
         when = "" if self.time is None else f" at t = {self.time:.3f} s"

@@ -218,13 +218,13 @@ class Robot(NamedModel, SummaryMixin):
                 error.args = (f"{path}: {error.what}: {remedy(model, error.joints)}",)
                 raise error from None
             except ModelError as error:
-                raise ModelError(f"{path}: {error}") from None
+                raise error.within(path) from None
 
         model = read.model
         try:
             check_model_size(model)
         except ModelError as error:
-            raise ModelError(f"{path}: {error}") from None
+            raise error.within(path) from None
         if gravity is not None:
             model.gravity.linear = check_acceleration(gravity)
         locked = LockedModel(model, lock) if lock else None

@@ -13,7 +13,7 @@ import yaml
 
 from rnc_pin.control.controller import State
 from rnc_pin.control.whole_body.whole_body_program import report_within
-from rnc_pin.errors import ConfigurationError, RncError, SingularityError
+from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.io.json import Json, dump_json
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.scenario.builder import Experiment, build_experiment
@@ -145,12 +145,8 @@ def located_experiment(
             else:
                 experiment = build_experiment(scenario, folder, plans, reduced)
         return replace(experiment, model_warnings=tuple(told))
-    except SingularityError as error:
-        error.what = f"{source}: {error.what}"
-        raise
     except RncError as error:
-        error.args = (f"{source}: {error}",)  # keep this object: some errors take more arguments
-        raise error from None
+        raise error.within(source) from None
 
 
 def execute(

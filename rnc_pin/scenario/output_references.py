@@ -124,7 +124,7 @@ def plan_path(scenario: Scenario, reduced: ReducedModel, task: Task, q0: np.ndar
         if trailer is not None:
             slithering = SlitheringReference(reduced, task, settings.frame, trailer.frame, trailer.kingpin)
     except ConfigurationError as error:
-        raise type(error)(f"reference.path: {error}") from None
+        raise error.within("reference.path") from None
     poses = np.round(path.poses[:: max(1, len(path.poses) // 400)], 5).tolist()
     trailing = None if trailer is None else trailer.frame
     names = [f"{settings.frame}_{axis}" for axis in "xy"]

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.constraints import GroundPlane, LoopClosure, PrescribedMotion
-from rnc_pin.errors import ConfigurationError, InputError, RncError, SingularityError
+from rnc_pin.errors import ConfigurationError, InputError, RncError
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.offset_frame import OffsetFrame
 from rnc_pin.model.reduced_model import ReducedModel
@@ -49,7 +49,7 @@ def build_phased(scenario: Scenario, folder: Path) -> Experiment:
         try:
             builders.append(_PhaseBuilder(scenario, settings, robot, folder))
         except RncError as error:
-            raise _located(error, number) from None
+            raise error.within(f"phases[{number}]") from None
     check_plots(scenario, [builder.reduced for builder in builders])
     first = builders[0]
     if first.settings.capture_distance is not None or first.settings.impact:
@@ -156,7 +156,7 @@ class _PhaseBuilder:
                 experiment = experiment_at(scenario, self._folder, reduced, q, reduced.at(q, v=v, t=0.0).v2)
                 return self.phase(experiment, reduced, impact)
             except RncError as error:
-                raise _located(error, number) from None
+                raise error.within(f"phases[{number}]") from None
 
         return build
 
@@ -199,12 +199,3 @@ def _captured(kind: ConstraintKind, robot: Robot, q: np.ndarray, distance: float
         )
     rpy = tuple(pin.rpy.matrixToRpy(relative.rotation).tolist()) if kind.kind == "frame" else kind.rpy
     return replace(kind, offset_a=tuple(relative.translation.tolist()), rpy=rpy)
-
-
-def _located(error: RncError, number: int) -> RncError:
-    """Prepend the phase to the message of an error."""
-    if isinstance(error, SingularityError):
-        error.what = f"phases[{number}]: {error.what}"
-        return error
-    error.args = (f"phases[{number}]: {error}",)
-    return error

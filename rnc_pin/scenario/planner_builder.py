@@ -110,8 +110,7 @@ def build_plan(scenario: Scenario, reduced: ReducedModel, start: Start, obstacle
             feedback=_feedback(scenario, reduced),
         )
     except RncError as error:
-        error.args = (f"planner: {error}",)  # keep this object: some errors take more arguments
-        raise error from None
+        raise error.within("planner") from None
 
 
 def _regulator(scenario: Scenario) -> tuple[str, Weight, Weight]:

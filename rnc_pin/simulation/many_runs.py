@@ -195,7 +195,7 @@ def simulate_many(many: ManyRuns) -> TrajectoryBatch:
             runs.append(many.run(number))
             numbers.append(number)
         except (InputError, ConfigurationError) as error:
-            raise _of_run(error, number) from None
+            raise error.within(f"run {number}") from None
         except RncError as error:
             results[number] = RunResult(outcome_of(error), error, None)
     if runs:
@@ -208,13 +208,9 @@ def _guarded(many: ManyRuns, number: int) -> RunResult:
     try:
         return many.alone(number)
     except (InputError, ConfigurationError) as error:
-        raise _of_run(error, number) from None
+        raise error.within(f"run {number}") from None
     except RncError as error:
         return RunResult(outcome_of(error), error, None)
-
-
-def _of_run(error: RncError, number: int) -> RncError:
-    return type(error)(f"run {number}: {error}")
 
 
 def result_alone(run: SampledRun, samples: int, advance_first: bool = False) -> RunResult:

@@ -15,10 +15,8 @@ from rnc_pin.control.controller import Controller, describe
 from rnc_pin.errors import (
     ConfigurationError,
     ConstraintError,
-    DivergenceError,
     RncError,
     SimulationError,
-    SingularityError,
 )
 from rnc_pin.loop.options import type_name
 from rnc_pin.model.impact import Impact, Restitution, impact
@@ -188,7 +186,7 @@ class _PhasedRun:
                     self._start(number, phase)
                 self._go(phase, progress)
             except RncError as error:
-                raise _located(error, name, self._time) from error.__cause__
+                raise error.within(f"phase '{name}', from t = {self._time:.3f} s") from error.__cause__
             if self._failure is not None:
                 return f"phase '{name}': {self._failure}"
         return None
@@ -371,16 +369,6 @@ def _time_of_crossing(event: BoundEvent, plant: ReducedPlant, here: Checkpoint, 
         return _value(event, plant)
 
     return float(scipy.optimize.brentq(value, 0.0, dt, xtol=_PRECISION * dt, rtol=1e-14))
-
-
-def _located(error: RncError, name: str, start: float) -> RncError:
-    """Prepend the phase to the message of an error."""
-    prefix = f"phase '{name}', from t = {start:.3f} s: "
-    if isinstance(error, SingularityError | DivergenceError):
-        error.what = prefix + error.what
-    else:
-        error.args = (f"{prefix}{error}",)
-    return error
 
 
 def _check_same_robot(first: ReducedModel, other: ReducedModel, number: int) -> None:

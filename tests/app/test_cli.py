@@ -615,6 +615,22 @@ def test_a_key_of_a_level_below_is_named_with_its_level(option, words, call):
     assert words in error
 
 
+def test_a_singular_start_of_a_regulator_is_one_line_with_its_place(tmp_path, call):
+    """A straight arm, which the outputs of the regulator do not determine."""
+    file = tmp_path / "straight.yaml"
+    file.write_text(
+        "robot: {urdf: space_robot.urdf, base: fixed}\n"
+        "constraints: [{momentum: platform}]\n"
+        "actuators: [joint_1, joint_2, joint_3]\n"
+        "outputs: {reducing: [{frame_position: {frame: tip, axes: xy}}, {joint: joint_1}]}\n"
+        "controller: {type: state_feedback, coordinates: [joint_1], rates: [joint_1], state_cost: 1, input_cost: 1}\n"
+        "simulation: {duration: 1, dt: 0.01}\n"
+    )
+    status, _, error = call("run", file, "--out", tmp_path / "out")
+    assert status == 2
+    assert "straight.yaml: controller: singular configuration: rows tip_x are dependent" in error.splitlines()[-1]
+
+
 def test_remedies_are_spelled_as_they_are_typed(capsys):
     for message, words in (
         (

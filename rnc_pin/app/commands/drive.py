@@ -130,8 +130,7 @@ def _rebuilt(record: RecordedDrive, path: Path) -> DrivePlan:
         prepared = rebuild_drive(record.scenario, record.config, folder, record.frames)
         prepared.log.commands[:] = record.log(prepared.controls).commands
     except RncError as error:
-        error.args = (f"{path}: {error}",)
-        raise error from None
+        raise error.within(path) from None
     return prepared
 
 

@@ -175,7 +175,7 @@ class ContactModes:
             try:
                 self._plants[closed] = self._plant_of(self._system.with_constraints(kinds).reduce())
             except ConstraintError as error:
-                raise ConstraintError(f"contacts {self.names(closed)} closed: {error}") from None
+                raise error.within(f"contacts {self.names(closed)} closed") from None
         return self._plants[closed]
 
     def names(self, closed: Iterable[int]) -> str:

@@ -181,4 +181,4 @@ def at_key(key: str) -> Iterator[None]:
     try:
         yield
     except ConfigurationError as error:
-        raise type(error)(f"{key}: {error}") from None
+        raise error.within(key) from None

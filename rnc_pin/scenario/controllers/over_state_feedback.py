@@ -30,7 +30,7 @@ def _state_feedback(settings: StateFeedbackSettings, context: ControllerContext)
         K = lqr(linear, settings.state_cost, settings.input_cost)
         check_sampling(linear, K, context.simulation.dt)
     except RncError as error:
-        raise type(error)(f"controller: {error}") from None
+        raise error.within("controller") from None
     parts: list[Reference] = []
     names: list[str] = []
     for which in context.given:

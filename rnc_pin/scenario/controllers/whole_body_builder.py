@@ -63,7 +63,7 @@ def _tasks(settings: WholeBodySettings, context: ControllerContext) -> list[Cont
             task = item if isinstance(item, ControlTask) else _task(item, context)
             task.bind(context.reduced)
         except RncError as error:
-            raise type(error)(f"controller.tasks.{index}: {error}") from None
+            raise error.within(f"controller.tasks.{index}") from None
         tasks.append(task)
     return tasks
 
@@ -74,7 +74,7 @@ def _at_limits() -> Iterator[None]:
     try:
         yield
     except RncError as error:
-        raise type(error)(f"controller.limits: {error}") from None
+        raise error.within("controller.limits") from None
 
 
 def _task(draft: TaskDraft, context: ControllerContext) -> ControlTask:
