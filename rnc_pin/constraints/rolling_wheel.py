@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -15,7 +14,6 @@ from rnc_pin.constraints.ground_plane import GroundPlane
 from rnc_pin.constraints.surface_contact import SurfaceContact, SurfaceContactRows
 from rnc_pin.constraints.wheel_rows import RollingRows, RowsOnPlane, WheelDisk
 from rnc_pin.errors import ConfigurationError, ConstraintError
-from rnc_pin.math.components import Component
 from rnc_pin.math.linear_algebra import apply, vector_product
 from rnc_pin.model.frame_velocity import axis_index
 from rnc_pin.model.kinematics import (
@@ -28,10 +26,6 @@ from rnc_pin.model.mechanisms import Friction, Phrases
 from rnc_pin.model.parameter_types import Axis, Positive
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.robot import Robot
-
-_FLAT = 1e-6  # sine of the angle between axle and vertical below which a wheel lies flat
-
-Axle: TypeAlias = "tuple[Component, Component, Component, Component]"
 
 
 @dataclass(frozen=True)
