@@ -10,6 +10,7 @@ from pathlib import Path
 
 import click
 
+from rnc_pin.app.messages import announce
 from rnc_pin.app.new_file import check_new_file
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.io.atomic_write import atomic_file
@@ -35,9 +36,9 @@ def draft_scenario(
     path = out or Path(Path(robot).name.split(".")[0] + ".yaml")
     own = os.path.isfile(path) and path.resolve() == Path(robot).resolve()
     check_new_file("--out", path, force or own)
-    wishes = DraftOptions(
-        base, parse_options(arguments), package_dirs, _held(lock), driven, passive, momentum, balance, rollers
-    )
+    xacro = parse_options(arguments)
+    chosen = (driven, passive, momentum, balance, rollers)
+    wishes = DraftOptions(base, xacro, package_dirs, _held(lock), *chosen, report=_report)
     found = draft_with_decisions(robot, path.parent, wishes)
     answered = _answered(found.questions, wishes)
     if answered != wishes:
@@ -67,6 +68,11 @@ def _answered(questions: Sequence[Decision], wishes: DraftOptions) -> DraftOptio
         if chosen > 1:
             wishes = with_options(wishes, question.alternatives[chosen - 2].options)
     return wishes
+
+
+def _report(text: str) -> None:
+    """Print what is tried, on a terminal only."""
+    announce(text, quiet=True)
 
 
 def _held(lock: tuple[str, ...]) -> dict[str, float]:

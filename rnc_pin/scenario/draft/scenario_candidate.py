@@ -120,6 +120,9 @@ class ScenarioCandidate:
                 continue  # a shorter period would not reduce its tracking error
             scenario["controller"] = controller
             scenario["simulation"] = {"duration": mobility.duration + _REST, "dt": dt}
+            base = mobility.base or "as in the file"
+            law = controller.get("tracker", controller["type"])
+            self.source.report(f"trying base {base}: {mobility.kind}; {law}, dt {dt:g} s")
             try:
                 trial = self._try_out(scenario)
             except RncError as error:

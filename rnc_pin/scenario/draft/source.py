@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import zip_longest
@@ -50,6 +50,7 @@ class DraftOptions:
         momentum: joints whose momentum is conserved.
         balance: whether the base balances; None if the draft decides.
         rollers: whether the wheels have rollers, as Mecanum and omni wheels do; None if the draft decides.
+        report: function that is told what is tried, before each trial run.
     """
 
     base: str | None = None
@@ -61,6 +62,7 @@ class DraftOptions:
     momentum: Sequence[str] = ()
     balance: bool | None = None
     rollers: bool | None = None
+    report: Callable[[str], None] | None = None
 
 
 def with_options(choices: DraftOptions, options: Sequence[str]) -> DraftOptions:
@@ -175,6 +177,11 @@ class Source:
             return []
         joint = robot.model.frames[robot.frame_id(frame)].parentJoint
         return [f"{kind} mesh {name}" for kind in GEOMETRY for name in missing_meshes(robot, kind).get(joint, [])]
+
+    def report(self, text: str) -> None:
+        """Tell the user what is tried."""
+        if self._options.report is not None:
+            self._options.report(f"{self.name}: {text}")
 
     @property
     def options(self) -> DraftOptions:
