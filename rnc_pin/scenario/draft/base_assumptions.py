@@ -13,6 +13,7 @@ from rnc_pin.scenario.draft.wheel_detection import Wheel
 
 Entry = str | Mapping[str, Json]
 
+UNMEASURED = "MEASURE the radius: no round shape of the wheel was read"
 DRIVEN, TURNED, BENT = 0.5, 0.4, 0.2  # displacements of the reference: base, heading, joint [m, rad, rad]
 
 
@@ -104,7 +105,7 @@ def rolls(wheel: Wheel, **more: Json) -> dict[str, Json]:
 def measured(wheel: Wheel) -> str:
     """Remark on the source of a wheel's radius."""
     if wheel.measured == "height":
-        return "MEASURE the radius: no shape of the wheel was read, the value is the axle's height"
+        return f"{UNMEASURED}, the value is the axle's height"
     if wheel.measured == "inertia":
-        return "MEASURE the radius: no shape of the wheel was read, the value fits its inertia as a solid disk"
+        return f"{UNMEASURED}, the value fits its inertia as a solid disk"
     return f"radius from the {wheel.measured} geometry"

@@ -17,13 +17,14 @@ from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.scenario.builder import Experiment, build_experiment, build_system
 from rnc_pin.scenario.draft.actuator_selection import actuator_candidates
-from rnc_pin.scenario.draft.base_assumptions import BaseAssumptions, Entry
+from rnc_pin.scenario.draft.base_assumptions import UNMEASURED, BaseAssumptions, Entry
 from rnc_pin.scenario.draft.coupled_joints import loop_closures, uncoupled_joints
 from rnc_pin.scenario.draft.decision import LIKELY, SURE, Alternative, Decision
 from rnc_pin.scenario.draft.joint_properties import effort_limit
 from rnc_pin.scenario.draft.output_selection import SelectedOutputs, output_candidates, select_outputs
 from rnc_pin.scenario.draft.regular_start import with_regular_inertia
 from rnc_pin.scenario.draft.robot_at_start import RobotAtStart
+from rnc_pin.scenario.draft.shapes import GEOMETRY
 from rnc_pin.scenario.draft.source import Source
 from rnc_pin.scenario.draft.trial import FAR, MEANINGFUL, Trial, worst_output
 from rnc_pin.scenario.draft.trial_findings import model_findings, run_findings
@@ -328,10 +329,13 @@ class ScenarioCandidate:
 
 
 def _with_meshes(constraint: tuple[Entry, str], source: Source) -> tuple[Entry, str]:
-    """Add the missing meshes of a wheel to the remark on it."""
+    """Add the missing meshes that could have given the radius of a wheel to the remark on it."""
     entry, remark = constraint
     wheel = entry.get("rolling_wheel") if isinstance(entry, Mapping) else None
-    names = source.missing_meshes(str(wheel["frame"])) if isinstance(wheel, Mapping) else []
+    if not isinstance(wheel, Mapping):
+        return constraint
+    kinds = GEOMETRY if UNMEASURED in remark else GEOMETRY[:1]  # collision geometry comes before visual geometry
+    names = source.missing_meshes(str(wheel["frame"]), kinds)
     return entry, f"{remark}; missing: {few(names)}" if names else remark
 
 

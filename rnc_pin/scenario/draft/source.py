@@ -26,7 +26,7 @@ from rnc_pin.robots.sources.packages import Packages
 from rnc_pin.robots.sources.urdf import parse_urdf
 from rnc_pin.scenario.draft.drive_evidence import DriveEvidence, named_as_driven
 from rnc_pin.scenario.draft.joint_properties import effort_limit
-from rnc_pin.scenario.draft.shapes import GEOMETRY, missing_meshes, shapes
+from rnc_pin.scenario.draft.shapes import GEOMETRY, Kind, missing_meshes, shapes
 from rnc_pin.scenario.draft.tolerances import PLACED
 from rnc_pin.scenario.loading import admitted
 from rnc_pin.scenario.schema.robot_source import RobotSource
@@ -170,13 +170,13 @@ class Source:
             is_rigid = True
         return self._detected, is_rigid
 
-    def missing_meshes(self, frame: str) -> list[str]:
-        """Return the kinds and names of the missing meshes of the body that carries a frame, after the detection."""
+    def missing_meshes(self, frame: str, kinds: Sequence[Kind]) -> list[str]:
+        """Return kinds and names of the missing meshes of the body that carries a frame, after the detection."""
         robot = self._detected
         if robot is None:
             return []
         joint = robot.model.frames[robot.frame_id(frame)].parentJoint
-        return [f"{kind} mesh {name}" for kind in GEOMETRY for name in missing_meshes(robot, kind).get(joint, [])]
+        return [f"{kind} mesh {name}" for kind in kinds for name in missing_meshes(robot, kind).get(joint, [])]
 
     def report(self, text: str) -> None:
         """Tell the user what is tried."""

@@ -31,7 +31,7 @@ DISK = '<{kind}><origin rpy="1.5708 0 0"/><geometry><cylinder radius="{radius}" 
 
 TYRE, SKIN = (MESH.format(kind=kind) for kind in ("collision", "visual"))
 HUB = DISK.format(kind="collision", radius=0.03)
-GUESS = "MEASURE the radius: no shape of the wheel was read, the value"
+GUESS = "MEASURE the radius: no round shape of the wheel was read, the value"
 DISK_130 = pytest.approx(0.13, abs=1e-3)  # sqrt(2 * 0.0042 / 0.5)
 
 
@@ -75,8 +75,11 @@ def test_meshes_of_both_geometries_are_named(tmp_path):
     assert text.count("; missing: collision mesh tyre.stl, visual mesh tyre.stl\n") == 2
 
 
-@pytest.mark.parametrize(("shapes", "remark"), [(HUB, "radius from the collision geometry"), ("", GUESS)])
-def test_a_wheel_that_lacks_no_mesh_is_measured_as_it_is(shapes, remark, tmp_path):
+@pytest.mark.parametrize(
+    ("shapes", "remark"),
+    [(HUB, "radius from the collision geometry"), (HUB + SKIN, "radius from the collision geometry"), ("", GUESS)],
+)
+def test_a_wheel_that_lacks_no_mesh_for_its_radius_is_measured_as_it_is(shapes, remark, tmp_path):
     with pytest.warns(rnc.ModelWarning, match="not found"):  # that of the base
         text = draft(str(cart(tmp_path, shapes)), tmp_path)
     assert text.count(f"# {remark}") == 2
