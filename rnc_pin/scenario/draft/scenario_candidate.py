@@ -215,6 +215,8 @@ class ScenarioCandidate:
         named = [name for name in weak if drives.says(name)]
         if powered:
             mobility.without_effort = set(weak) - set(named)
+            if mobility.travel:  # beside driven wheels, a loose joint without an effort is held
+                self._undriven += [name for name in weak if name not in {*named, *of_base, *self._undriven}]
             mobility.passive |= mobility.without_effort
             if named:
                 said = "effort 0 in the file, which names them as driven all the same: driven without a limit"

@@ -39,8 +39,7 @@ def wheeled_base(layout: WheelLayout, at_start: RobotAtStart, decided: Sequence[
     result.hold(gliding, at_start.start, "ball casters slide, so that they are locked and only drawn")
     towed = [pivot.joint for pivot in layout.straight]
     result.hold(towed, at_start.start, "a steered axle of a trailer does not steer the base: locked straight")
-    for dolly in layout.dollies:
-        result.passive.add(dolly)
+    result.passive |= {dolly for dolly in layout.dollies if not at_start.drives.says(dolly)}
     sides = tracks(layout.fixed) if not layout.steered else []
     if sides:
         _crawl(result, layout, sides, at_start)

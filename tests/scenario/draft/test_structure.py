@@ -196,6 +196,62 @@ def test_a_driven_turret_carries_the_body(beside, arm, drafted, tmp_path):
     assert moved(tmp_path, **{"controller.tracker": "computed_torque"}) > 0.1
 
 
+def test_a_body_on_casters_may_turn_above_its_drive(drafted, tmp_path):
+    """The driven wheels belong to the root, and the pivot above them carries the body with its casters."""
+    parts = [link("drive", 10.0, BOX), wheel("l", "drive", (0, 0.2, 0)), wheel("r", "drive", (0, -0.2, 0))]
+    parts.append(pivot("body", "drive", (0, 0, 0.1), turns_round=True))
+    parts += [caster(f"c{k}", "body", (x, y, -0.15)) for k, (x, y) in enumerate(((0.4, 0), (-0.3, 0.3), (-0.3, -0.3)))]
+    kind, content, _ = drafted(robot(*parts, transmissions("l_joint", "r_joint", "body_joint")))
+    assert kind == "planar: 5 wheels, differential drive"
+    assert content["actuators"] == ["l_joint", "r_joint", "body_joint"]
+    assert len(of(content, "rolling_wheel")) == 5
+    assert moved(tmp_path) > 0.05
+
+
+@pytest.mark.parametrize("listed", [True, False], ids=["transmissions", "efforts"])
+def test_the_differential_of_a_rover_is_no_motor(listed, drafted, tmp_path):
+    """Rockers and bogies carry six driven wheels; a bar across the body couples the rockers, and nothing drives it."""
+    parts = [link("base", 20.0, BOX, at="0 0 0.2"), link("bar", 0.5)]
+    parts.append(joint("bar_joint", "base", "bar", (0, 0, 0.4), "0 0 1", "revolute", 0.0, (-0.3, 0.3)))
+    wheels, steering = [], []
+    for side, y in (("l", 0.3), ("r", -0.3)):
+        parts += [link(f"rocker_{side}"), link(f"bogie_{side}")]
+        parts += [
+            joint(f"rocker_{side}_joint", "base", f"rocker_{side}", (0, y, 0.2), "0 1 0", "revolute", 0.0, (-1, 1))
+        ]
+        parts += [
+            joint(
+                f"bogie_{side}_joint",
+                f"rocker_{side}",
+                f"bogie_{side}",
+                (-0.2, 0, 0),
+                "0 1 0",
+                "revolute",
+                0.0,
+                (-1, 1),
+            )
+        ]
+        for end, carrier, x in (
+            ("f", f"rocker_{side}", 0.4),
+            ("m", f"bogie_{side}", 0.2),
+            ("b", f"bogie_{side}", -0.2),
+        ):
+            name = f"{end}{side}"
+            if end == "m":
+                parts.append(wheel(f"w_{name}", carrier, (x, 0, -0.2)))
+            else:
+                parts += [pivot(f"s_{name}", carrier, (x, 0, -0.2)), wheel(f"w_{name}", f"s_{name}", (0, 0, 0))]
+                steering.append(f"s_{name}_joint")
+            wheels.append(f"w_{name}_joint")
+    kind, content, _ = drafted(robot(*parts, transmissions(*wheels, *steering) if listed else ""))
+    assert kind == "planar: 6 wheels, steered like a car"
+    assert "bar_joint" not in content["actuators"]
+    assert len(of(content, "ackermann")) == 3
+    driven = {*content["actuators"]} & {*wheels}
+    assert driven == ({*wheels} if listed else {"w_ml_joint", "w_mr_joint"})
+    assert moved(tmp_path) > 0.05
+
+
 def trailer_car(steered_trailer_first=True):
     """A car whose trailer has a steered axle, which the file describes first."""
     trailer = [
