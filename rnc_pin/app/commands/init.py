@@ -14,7 +14,7 @@ from rnc_pin.app.messages import announce
 from rnc_pin.app.new_file import check_new_file
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.io.atomic_write import atomic_file
-from rnc_pin.scenario.draft import Decision, DraftOptions, draft_with_decisions, with_options
+from rnc_pin.scenario.draft import DraftDecision, DraftOptions, draft_with_decisions, with_choices
 from rnc_pin.scenario.files import parse_options
 
 
@@ -54,7 +54,7 @@ def draft_scenario(
     click.echo(f"wrote {path}: read it, then try: rnc-pin inspect {quoted}; rnc-pin run {quoted}")
 
 
-def _answered(questions: Sequence[Decision], wishes: DraftOptions) -> DraftOptions:
+def _answered(questions: Sequence[DraftDecision], wishes: DraftOptions) -> DraftOptions:
     """Return the choices with the answers of the user; without a terminal, print the questions on stderr."""
     for question in questions:
         if not (sys.stdin.isatty() and sys.stderr.isatty()):
@@ -66,7 +66,7 @@ def _answered(questions: Sequence[Decision], wishes: DraftOptions) -> DraftOptio
         kind = click.IntRange(1, len(answers))
         chosen = click.prompt(listed, default=1, type=kind, err=True)
         if chosen > 1:
-            wishes = with_options(wishes, question.alternatives[chosen - 2].options)
+            wishes = with_choices(wishes, question.alternatives[chosen - 2].options)
     return wishes
 
 

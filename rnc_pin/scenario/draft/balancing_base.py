@@ -10,7 +10,7 @@ from rnc_pin.errors import ConfigurationError, few
 from rnc_pin.io.json import Json
 from rnc_pin.printing import significant
 from rnc_pin.scenario.draft.base_assumptions import DRIVEN, BaseAssumptions, measured, place_and_heading, rolls
-from rnc_pin.scenario.draft.decision import LIKELY, SURE, Alternative, Decision
+from rnc_pin.scenario.draft.decision import LIKELY, SURE, Alternative, DraftDecision
 from rnc_pin.scenario.draft.name_words import has_word
 from rnc_pin.scenario.draft.robot_at_start import RobotAtStart
 from rnc_pin.scenario.draft.wheel_detection import Wheel
@@ -27,7 +27,7 @@ _PUSHED = 0.1  # initial tilt rate of a bicycle [rad/s]; an initial tilt could a
 _FROUDE = 1.5  # speed of a bicycle / sqrt(gravity * wheelbase): enough for balance by steering
 
 
-def balance_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | None) -> Decision | None:
+def balance_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | None) -> DraftDecision | None:
     """Return whether a base that stands on two wheels of one axle balances: by an option, its mass, supports and names.
 
     Returns:
@@ -42,20 +42,22 @@ def balance_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | 
     question = "Does the base balance on its two wheels?"
     no, yes = Alternative("a caster is missing in the file", ("--no-balance",)), Alternative("it does", ("--balance",))
     if asked is not None:
-        return Decision(question, "yes" if asked else "no", SURE, "by an option")
+        return DraftDecision(question, "yes" if asked else "no", SURE, "by an option")
     above, beside = _center_of_mass(layout, at_start)
     named = has_word(_BALANCES, *at_start.every_name)
     if beside >= max(0.5 * above, 0.2 * one.radius) or above <= (0.0 if named else _TALL * one.radius):
-        return Decision(question, "no", LIKELY, "its center of mass is low, or beside the axle", (yes,))
+        return DraftDecision(question, "no", LIKELY, "its center of mass is low, or beside the axle", (yes,))
     if named:
-        return Decision(question, "yes", LIKELY, "by a name, and its center of mass is above the axle", (no,))
+        return DraftDecision(question, "yes", LIKELY, "by a name, and its center of mass is above the axle", (no,))
     support = _support(layout, at_start)
     if support:
-        return Decision(question, "no", LIKELY, f"{support} supports it", (yes,))
-    return Decision(question, "yes", LIKELY, "nothing else reaches the ground, and its center of mass is high", (no,))
+        return DraftDecision(question, "no", LIKELY, f"{support} supports it", (yes,))
+    return DraftDecision(
+        question, "yes", LIKELY, "nothing else reaches the ground, and its center of mass is high", (no,)
+    )
 
 
-def balancing_base(layout: WheelLayout, at_start: RobotAtStart, decided: Decision) -> BaseAssumptions:
+def balancing_base(layout: WheelLayout, at_start: RobotAtStart, decided: DraftDecision) -> BaseAssumptions:
     """Free base on one axle: two wheel torques control both wheel angles and the pitch.
 
     The feedback uses wheel angles, not path length and heading: the motion of an unbalanced wheel depends on its angle.
@@ -125,7 +127,7 @@ def bicycle_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions
     result = BaseAssumptions("free", "2 wheels in line: a bicycle, which leans", at_start.frame)
     upright = Alternative("it is held upright", ("--base", "planar"))
     evidence = "its wheels stand in line, and one of them is steered"
-    result.decisions.append(Decision("Does it lean, as a bicycle does?", "yes", LIKELY, evidence, (upright,)))
+    result.decisions.append(DraftDecision("Does it lean, as a bicycle does?", "yes", LIKELY, evidence, (upright,)))
     _lie_down(result, [rear, front], at_start)
     result.constraints.append((rolls(rear), measured(rear)))
     result.constraints.append((rolls(front), f"steered by {fork.pivot.joint}; {measured(front)}"))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rnc_pin.io.json import Json
-from rnc_pin.scenario.draft.decision import Decision
+from rnc_pin.scenario.draft.decision import DraftDecision
 from rnc_pin.scenario.draft.wheel_detection import Wheel
 
 Entry = str | Mapping[str, Json]
@@ -73,7 +73,7 @@ class BaseAssumptions:
     travel: float = 0.0
     without_effort: set[str] = field(default_factory=set)
     idle: list[str] = field(default_factory=list)
-    decisions: list[Decision] = field(default_factory=list)
+    decisions: list[DraftDecision] = field(default_factory=list)
 
     def hold(self, joints: Iterable[str], start: Mapping[str, float], why: str) -> None:
         """Lock joints at their start values, and note the reason."""

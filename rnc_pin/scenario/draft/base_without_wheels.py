@@ -8,7 +8,7 @@ import pinocchio as pin
 
 from rnc_pin.errors import few
 from rnc_pin.scenario.draft.base_assumptions import DRIVEN, BaseAssumptions
-from rnc_pin.scenario.draft.decision import GUESSED, LIKELY, SURE, Alternative, Decision
+from rnc_pin.scenario.draft.decision import GUESSED, LIKELY, SURE, Alternative, DraftDecision
 from rnc_pin.scenario.draft.joint_properties import effort_limit
 from rnc_pin.scenario.draft.name_words import has_word
 from rnc_pin.scenario.draft.omnidirectional_base import push
@@ -77,7 +77,9 @@ def _decide(result: BaseAssumptions, base: str, evidence: str, confidence: float
     words = {"fixed": "it is bolted down", "planar": "it moves over the ground", "free": "it floats or flies"}
     bases = ("planar", "free") if at_start.is_rigid else ("fixed", "planar", "free")
     others = tuple(Alternative(words[each], ("--base", each)) for each in bases if each != base)
-    decision = Decision("How does the base move, without wheels that roll?", words[base], confidence, evidence, others)
+    decision = DraftDecision(
+        "How does the base move, without wheels that roll?", words[base], confidence, evidence, others
+    )
     result.decisions.append(decision)
 
 

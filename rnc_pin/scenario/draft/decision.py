@@ -33,7 +33,7 @@ class Alternative:
 
 
 @dataclass(frozen=True)
-class Decision:
+class DraftDecision:
     """One decision of a draft.
 
     Attributes:

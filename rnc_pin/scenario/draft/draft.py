@@ -21,7 +21,7 @@ from rnc_pin.scenario.draft.base_without_wheels import (
     moves_over_ground,
     without_wheels,
 )
-from rnc_pin.scenario.draft.decision import Decision
+from rnc_pin.scenario.draft.decision import DraftDecision
 from rnc_pin.scenario.draft.drawn_axles import find_drawn_axles
 from rnc_pin.scenario.draft.omnidirectional_base import (
     force_driven_base,
@@ -54,10 +54,10 @@ class Draft:
     """
 
     text: str
-    decisions: tuple[Decision, ...]
+    decisions: tuple[DraftDecision, ...]
 
     @property
-    def questions(self) -> list[Decision]:
+    def questions(self) -> list[DraftDecision]:
         """Decisions whose confidence is too low to be taken without asking."""
         return [each for each in self.decisions if each.is_open]
 

@@ -7,7 +7,7 @@ import numpy as np
 from rnc_pin.io.json import Json
 from rnc_pin.math.linear_algebra import unit_rows
 from rnc_pin.scenario.draft.base_assumptions import BaseAssumptions, measured, rolls
-from rnc_pin.scenario.draft.decision import LIKELY, SURE, Alternative, Decision
+from rnc_pin.scenario.draft.decision import LIKELY, SURE, Alternative, DraftDecision
 from rnc_pin.scenario.draft.joint_properties import turning_axis
 from rnc_pin.scenario.draft.name_words import has_word
 from rnc_pin.scenario.draft.robot_at_start import RobotAtStart
@@ -21,7 +21,7 @@ _APART = 0.05  # smallest singular value of three independent rows on the base v
 _MECANUM = np.pi / 4
 
 
-def rollers_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | None) -> Decision | None:
+def rollers_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | None) -> DraftDecision | None:
     """Return whether wheels have rollers: by an option, as joints of the file, by headings, or by names.
 
     Names count if they belong to a wheel or to the whole robot: an omnidirectional camera says nothing of the wheels.
@@ -35,18 +35,18 @@ def rollers_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | 
     no, yes = Alternative("no rollers", ("--no-rollers",)), Alternative("rollers", ("--rollers",))
     question = "Do the wheels have rollers?"
     if asked is not None:
-        return Decision(question, "yes" if asked else "no", SURE, "by an option")
+        return DraftDecision(question, "yes" if asked else "no", SURE, "by an option")
     if any(wheel.rollers for wheel in wheels):
-        return Decision(question, "yes", SURE, "they are joints of the file", (no,))
+        return DraftDecision(question, "yes", SURE, "they are joints of the file", (no,))
     if not layout.is_straight:
-        return Decision(question, "yes", LIKELY, "wheels with different headings could not roll without", (no,))
+        return DraftDecision(question, "yes", LIKELY, "wheels with different headings could not roll without", (no,))
     names = {name for wheel in wheels for name in at_start.names_on(wheel.joint)}
     if has_word(_OMNIDIRECTIONAL, *names, *at_start.title):
-        return Decision(question, "yes", LIKELY, "by the name of a wheel, a plugin or the robot", (no,))
-    return Decision(question, "no", LIKELY, "nothing in the file tells of rollers", (yes,))
+        return DraftDecision(question, "yes", LIKELY, "by the name of a wheel, a plugin or the robot", (no,))
+    return DraftDecision(question, "no", LIKELY, "nothing in the file tells of rollers", (yes,))
 
 
-def omnidirectional_base(layout: WheelLayout, at_start: RobotAtStart, decided: Decision) -> BaseAssumptions:
+def omnidirectional_base(layout: WheelLayout, at_start: RobotAtStart, decided: DraftDecision) -> BaseAssumptions:
     """Base on three or more wheels with rollers; each roller is one constraint row."""
     wheels, parallel = layout.fixed, layout.is_straight
     angles = [_angle(wheel, wheels, at_start, parallel) for wheel in wheels]

@@ -19,7 +19,7 @@ from rnc_pin.scenario.builder import Experiment, build_experiment, build_system
 from rnc_pin.scenario.draft.actuator_selection import actuator_candidates
 from rnc_pin.scenario.draft.base_assumptions import UNMEASURED, BaseAssumptions, Entry
 from rnc_pin.scenario.draft.coupled_joints import loop_closures, uncoupled_joints
-from rnc_pin.scenario.draft.decision import LIKELY, SURE, Alternative, Decision
+from rnc_pin.scenario.draft.decision import LIKELY, SURE, Alternative, DraftDecision
 from rnc_pin.scenario.draft.joint_properties import effort_limit
 from rnc_pin.scenario.draft.output_selection import SelectedOutputs, output_candidates, select_outputs
 from rnc_pin.scenario.draft.regular_start import with_regular_inertia
@@ -249,7 +249,7 @@ class ScenarioCandidate:
         alternatives = tuple(Alternative(f"{name} is driven", ("--driven", name)) for name in idle[:2])
         question = "Which joints beside the base have no motor?"
         self.mobility.decisions.append(
-            Decision(question, few(idle), SURE if asked or drives.is_complete else LIKELY, evidence, alternatives)
+            DraftDecision(question, few(idle), SURE if asked or drives.is_complete else LIKELY, evidence, alternatives)
         )
 
     def _hold_loose_joints(self) -> None:

@@ -65,7 +65,7 @@ class DraftOptions:
     report: Callable[[str], None] | None = None
 
 
-def with_options(choices: DraftOptions, options: Sequence[str]) -> DraftOptions:
+def with_choices(choices: DraftOptions, options: Sequence[str]) -> DraftOptions:
     """Return choices with those of an alternative, such as ("--driven", "front_left") or ("--no-rollers",)."""
     changes: dict[str, Any] = {}
     for name, value in zip_longest(options[::2], options[1::2]):

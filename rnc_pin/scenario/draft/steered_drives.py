@@ -6,12 +6,12 @@ import numpy as np
 
 from rnc_pin.io.json import Json
 from rnc_pin.scenario.draft.base_assumptions import BENT, DRIVEN, TURNED, BaseAssumptions, measured, place_and_heading
-from rnc_pin.scenario.draft.decision import LIKELY, Alternative, Decision
+from rnc_pin.scenario.draft.decision import LIKELY, Alternative, DraftDecision
 from rnc_pin.scenario.draft.joint_properties import body_frame, turning_axis
 from rnc_pin.scenario.draft.robot_at_start import RobotAtStart
 from rnc_pin.scenario.draft.wheel_detection import Wheel
 from rnc_pin.scenario.draft.wheel_layout import WheelGroup, WheelLayout, are_parallel, in_line
-from rnc_pin.scenario.draft.wheeled_base import drive, one_lateral, planar, support_by_casters, turned
+from rnc_pin.scenario.draft.wheeled_base import add_wheel_motors, one_lateral, planar, support_by_casters, turned
 
 _GUIDES = 2  # largest number of axle lines with a lateral row: two of them fix the centre of rotation
 
@@ -44,7 +44,7 @@ def turret_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
         layout, at_start, f"{len(layout.wheels)} wheels, driven by a turret with {len(unit.wheels)} wheels"
     )
     _add_unit(result, unit, lateral=True)
-    drive(result, layout)
+    add_wheel_motors(result, layout)
     pivot = unit.pivot
     result.actuators.append((pivot.joint, "turns the turret"))
     frame = body_frame(at_start.robot, pivot.index)
@@ -75,7 +75,7 @@ def swerve_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
         _add_unit(result, each, lateral=each.wheels[0].joint in guides)
         upward = np.sign(turning_axis(at_start.robot.model, at_start.data, each.pivot.index)[2])
         result.outputs.append(({"joint": each.pivot.joint}, float(upward * BENT)))
-    drive(result, layout)
+    add_wheel_motors(result, layout)
     result.actuators += [(each.pivot.joint, "steering") for each in layout.steered]
     support_by_casters(result, layout)
     result.vertical += place_and_heading(result.frame)
@@ -108,4 +108,4 @@ def _farthest(lines: list[list[Wheel]]) -> list[list[Wheel]]:
 
 def _decide(result: BaseAssumptions, question: str, answer: str, evidence: str, joint: str) -> None:
     other = Alternative(f"{joint} is a caster's", ("--passive", joint))
-    result.decisions.append(Decision(question, answer, LIKELY, evidence, (other,)))
+    result.decisions.append(DraftDecision(question, answer, LIKELY, evidence, (other,)))

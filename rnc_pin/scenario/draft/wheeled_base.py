@@ -9,7 +9,7 @@ import numpy as np
 from rnc_pin.errors import few
 from rnc_pin.io.json import Json
 from rnc_pin.scenario.draft.base_assumptions import BENT, DRIVEN, TURNED, BaseAssumptions, measured, rolls
-from rnc_pin.scenario.draft.decision import GUESSED, LIKELY, Alternative, Decision
+from rnc_pin.scenario.draft.decision import GUESSED, LIKELY, Alternative, DraftDecision
 from rnc_pin.scenario.draft.drawn_axles import DrawnAxle
 from rnc_pin.scenario.draft.name_words import has_word
 from rnc_pin.scenario.draft.robot_at_start import RobotAtStart
@@ -21,7 +21,7 @@ _TRACK, _MANY = 3, 5  # smallest number of wheels of a track: called so, or of a
 _TRACK_WORDS = "track|crawler|idler|sprocket|bogie|road|roadwheel|caterpillar|band|belt"
 
 
-def wheeled_base(layout: WheelLayout, at_start: RobotAtStart, decided: Sequence[Decision] = ()) -> BaseAssumptions:
+def wheeled_base(layout: WheelLayout, at_start: RobotAtStart, decided: Sequence[DraftDecision] = ()) -> BaseAssumptions:
     """Base on one or more axles, with steered wheels, casters, trailers or tracks.
 
     Each axle line has one lateral row, because wheels of a file are never on one line exactly: two nearly equal rows
@@ -45,7 +45,7 @@ def wheeled_base(layout: WheelLayout, at_start: RobotAtStart, decided: Sequence[
         _crawl(result, layout, sides, at_start)
     else:
         _roll(result, layout, at_start)
-        drive(result, layout)
+        add_wheel_motors(result, layout)
     along = at_start.along(layout.fixed[0].heading)
     result.outputs.append(({"frame_speed": {"frame": at_start.frame, "axis": along}}, DRIVEN))
     if layout.steered:
@@ -65,7 +65,7 @@ def wheeled_base(layout: WheelLayout, at_start: RobotAtStart, decided: Sequence[
     return result
 
 
-def drive(result: BaseAssumptions, layout: WheelLayout) -> None:
+def add_wheel_motors(result: BaseAssumptions, layout: WheelLayout) -> None:
     """Add the driven wheels to the actuators; the others are passive."""
     wheels = [*layout.fixed, *(wheel for each in layout.steered for wheel in each.wheels)]
     driven, idle = layout.driven, [wheel.joint for wheel in wheels if wheel.joint not in layout.driven.joints]
@@ -75,7 +75,7 @@ def drive(result: BaseAssumptions, layout: WheelLayout) -> None:
     instead = tuple(word for joint in idle for word in ("--driven", joint))
     others = (Alternative(few(idle), instead),) if idle else ()
     question = "Which wheels are driven?"
-    result.decisions.append(Decision(question, few(driven.joints), driven.confidence, driven.evidence, others))
+    result.decisions.append(DraftDecision(question, few(driven.joints), driven.confidence, driven.evidence, others))
 
 
 def support_by_casters(result: BaseAssumptions, layout: WheelLayout) -> None:
@@ -222,7 +222,7 @@ def _crawl(result: BaseAssumptions, layout: WheelLayout, sides: list[list[Wheel]
                 result.passive.add(wheel.joint)
     others = tuple(Alternative(f"{wheel.joint} too", ("--driven", wheel.joint)) for wheel in sides[0][1:2])
     question, evidence = "Do tracks couple the wheels of each side?", "by the names or the number of its wheels"
-    result.decisions.append(Decision(question, f"yes, driven by {few(drivers)}", LIKELY, evidence, others))
+    result.decisions.append(DraftDecision(question, f"yes, driven by {few(drivers)}", LIKELY, evidence, others))
 
 
 def _steer(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) -> None:
@@ -255,7 +255,7 @@ def _steer(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart)
             result.passive |= {pivot} - {leader}
     others = tuple(Alternative(f"{axle[0].pivot.joint}", ("--passive", main[0].pivot.joint)) for axle in steered[1:2])
     evidence = "the farthest from the fixed axle" if others else "the only steered axle"
-    result.decisions.append(Decision("Which axle steers?", leader, LIKELY, evidence, others))
+    result.decisions.append(DraftDecision("Which axle steers?", leader, LIKELY, evidence, others))
 
 
 def _steered_axles(layout: WheelLayout, axle: Wheel) -> list[list[WheelGroup]]:

@@ -10,7 +10,7 @@ import yaml
 
 from rnc_pin.io.json import Json
 from rnc_pin.scenario.draft.base_assumptions import BaseAssumptions, Entry
-from rnc_pin.scenario.draft.decision import Decision
+from rnc_pin.scenario.draft.decision import DraftDecision
 from rnc_pin.scenario.draft.trial import Trial
 from rnc_pin.verdict import Severity
 
@@ -109,7 +109,7 @@ def _of_rows(constraints: list[tuple[Entry, str]]) -> str:
     return "# A(q) v = 0" + ("; wheels of one axle line share a lateral row" if shares else "")
 
 
-def _label(decision: Decision) -> str:
+def _label(decision: DraftDecision) -> str:
     return "QUESTION" if decision.is_open else "Decided"
 
 

@@ -5,7 +5,7 @@ import pytest
 import yaml
 
 from rnc_pin.errors import ConfigurationError, ModelError
-from rnc_pin.scenario.draft import DraftOptions, draft_with_decisions, scenario_candidate, with_options
+from rnc_pin.scenario.draft import DraftOptions, draft_with_decisions, scenario_candidate, with_choices
 from rnc_pin.scenario.execution import execute, plan
 from urdf_parts import BOX, caster, joint, link, pivot, plugin, robot, transmissions, wheel
 
@@ -154,11 +154,11 @@ def test_options_name_joints_of_the_file(drafted):
 
 
 def test_options_of_an_alternative_are_choices():
-    choices = with_options(DraftOptions(driven=("a",)), ("--driven", "b", "--driven", "c"))
+    choices = with_choices(DraftOptions(driven=("a",)), ("--driven", "b", "--driven", "c"))
     assert choices.driven == ("a", "b", "c")
-    assert with_options(choices, ("--no-balance",)).balance is False
-    assert with_options(choices, ("--rollers",)).rollers is True
-    assert with_options(choices, ("--base", "planar")).base == "planar"
+    assert with_choices(choices, ("--no-balance",)).balance is False
+    assert with_choices(choices, ("--rollers",)).rollers is True
+    assert with_choices(choices, ("--base", "planar")).base == "planar"
 
 
 # ---------------------------------------------------------------------- what carries what
