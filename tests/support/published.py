@@ -10,6 +10,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from base_kind import comments, kind_words
 from rnc_pin.robots.robot_files import example_urdfs
 
 SAMPLES = 8
@@ -223,16 +224,9 @@ def _rnc_pin(command: str, arguments: list[str], folder: Path) -> tuple[int, str
 
 def _read(draft: str) -> tuple[str, list[str]]:
     """(kind, doubts) of a draft: what its comments say."""
-    notes: list[str] = []
-    for line in draft.splitlines():
-        if line.startswith(("# Assumed: ", "# base ")) or not line.startswith("# "):
-            notes.append(line)
-        else:
-            notes[-1:] = [f"{notes[-1]} {line[2:]}"] if notes else [line]  # comments are wrapped
-    kind = next((note.removeprefix("# ") for note in notes if note.startswith("# base ")), "")
-    doubts = [note.removeprefix("# Assumed: ") for note in notes if note.startswith("# Assumed: ")]
-    remarks = [line.partition("  # ")[2] for line in draft.splitlines() if line[:1] == " "]
-    return kind, doubts + [remark for remark in remarks if _DOUBT.search(remark)]
+    doubts = [each.removeprefix("Assumed: ") for each in comments(draft) if each.startswith("Assumed: ")]
+    beside = [each.partition("  # ")[2] for each in draft.splitlines() if each[:1] == " "]
+    return kind_words(draft), doubts + [each for each in beside if _DOUBT.search(each)]
 
 
 def _rank(doubt: str) -> int:
