@@ -211,10 +211,9 @@ def _within(seconds: float) -> Iterator[None]:
         signal.signal(signal.SIGPROF, before)
 
 
-def kept_share(found: Iterable[Trial]) -> float:
-    """Share of trials that keep the kind or say why not."""
-    outcomes = [each.outcome in (KEPT, EXPLAINED) for each in found]
-    return float(np.mean(outcomes)) if outcomes else 1.0
+def share(found: Iterable[Trial], *outcomes: str) -> float:
+    """Share of trials with one of these outcomes."""
+    return float(np.mean([each.outcome in outcomes for each in found]))
 
 
 def table(found: Sequence[Trial]) -> str:
@@ -266,7 +265,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
             if not own:
                 print(f"{name}: refused as it is", flush=True)
         found += own
-    print(f"\n{table(found)}\n\n{100 * kept_share(found):.1f} % keep the kind or say why not")
+    print(f"\n{table(found)}")
+    if found:
+        kept, said = (100 * share(found, outcome) for outcome in (KEPT, EXPLAINED))
+        print(f"\n{kept:.1f} % keep the kind, {said:.1f} % say why not")
 
 
 if __name__ == "__main__":
