@@ -37,7 +37,7 @@ from rnc_pin.scenario.draft import DraftOptions, draft
 
 sys.path.append(str(Path(__file__).parents[1] / "tests" / "support"))
 
-import crawlers
+import generated_urdfs as generated
 import published
 from base_kind import BaseKind, base_kind, base_parts, explanation, wheel_axles
 from perturbed_urdf import DRAWN, PERTURBATIONS, new_names, with_drives
@@ -106,7 +106,12 @@ def sources() -> dict[str, Path | str]:
     installed = {name: robot.file() for name, robot in published.ROBOTS.items() if robot.installed}
     shipped = {path.stem: path for path in sorted(shipped_directory().glob("*.urdf"))}
     tests = {f"dirt/{name}": DIRT / f"{name}.urdf" for name in _FAMILIES.split()}
-    made = {"snake": crawlers.snake(), "drawn_snake": crawlers.snake(6, forward=1, drawn=True), "ball": crawlers.ball()}
+    made = {
+        "snake": generated.snake(),
+        "drawn_snake": generated.snake(6, forward=1, drawn=True),
+        "ball": generated.ball(),
+        "six_wheels": generated.cart(front=0.3, middle=0.0, rear=-0.3),
+    }
     return {**shipped, **made, **tests, **installed, **example_urdfs()}
 
 
@@ -137,8 +142,10 @@ def drafted(description: Description, original: Description | None = None) -> Dr
         if original is not None:
             before = [each.get("filename", "") for each in ElementTree.fromstring(original.urdf).iter("mesh")]
             for old, new in zip(before, files, strict=True) if len(before) == len(files) else ():
-                if old != new and Path(old).is_file():
-                    shutil.copy(old, folder / new)
+                # A new name is a bare one, in this folder. In another order, absolute paths differ too: the installed
+                # meshes themselves, which nothing may overwrite.
+                if new == Path(new).name and Path(old).is_absolute() and Path(old).is_file():
+                    shutil.copyfile(old, folder / new)
         known = sorted({Path(each).parent for each in files if Path(each).is_absolute()})
         path = folder / description.file
         path.write_text(description.urdf)

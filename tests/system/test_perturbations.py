@@ -336,6 +336,23 @@ def test_meshes_that_have_new_names_are_found(tmp_path, monkeypatch):
     assert "wedge" not in str(seen[0][0])
 
 
+def test_no_file_of_a_robot_is_overwritten(tmp_path, monkeypatch):
+    """In another order, other meshes stand in the same places of the description."""
+    place, contents = tmp_path / "installed", {f"{name}.stl": name.encode() for name in ("one", "two", "three")}
+    place.mkdir()
+    for name, content in contents.items():
+        (place / name).write_bytes(content)
+    mesh = f'<visual><geometry><mesh filename="{place}/{{}}"/></geometry></visual>'
+    links = "".join(f'<link name="{name}">{mesh.format(name)}</link>' for name in contents)
+    original = perturbations.Description("r.urdf", f'<robot name="r">{links}</robot>')
+    monkeypatch.setattr(perturbations, "draft", lambda *_: "")
+    for change in perturbed.PERTURBATIONS.values():
+        for seed in range(4):
+            urdf = change(original.urdf, seed)
+            perturbations.drafted(perturbations.Description("r.urdf", urdf or original.urdf), original)
+    assert {each.name: each.read_bytes() for each in place.iterdir()} == contents
+
+
 @pytest.mark.long  # an hour
 def test_drafts_keep_the_kind_of_base():
     found = [trial for name in perturbations.sources() for trial in perturbations.trials(name)]

@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from crawlers import ball, joint, link, snake
+from generated_urdfs import ball, cart, snake
 from rnc_pin.scenario.draft import DraftOptions, draft, scenario_candidate
 from rnc_pin.scenario.draft.drive_evidence import named_as_driven
 from rnc_pin.scenario.execution import execute, plan
@@ -158,14 +158,7 @@ def test_other_bodies_are_no_balls(text, tmp_path):
 
 def test_wheels_that_the_file_does_not_drive_are_not_driven(tmp_path):
     """Four wheels of which a plugin drives the rear ones: the others roll along."""
-    parts = [link("base", 10.0, '<box size="0.6 0.3 0.1"/>')]
-    for end, x in (("front", 0.25), ("rear", -0.25)):
-        for side, y in (("left", 0.2), ("right", -0.2)):
-            parts.append(link(f"{end}_{side}", 0.5, '<cylinder radius="0.1" length="0.04"/>', turn="1.570796 0 0"))
-            parts.append(joint(f"{end}_{side}_joint", "base", f"{end}_{side}", f"{x} {y} 0", "0 1 0"))
-    drive = "<left_joint>rear_left_joint</left_joint><right_joint>rear_right_joint</right_joint>"
-    plugin = f'<gazebo><plugin name="drive" filename="libgazebo_ros_diff_drive.so">{drive}</plugin></gazebo>'
-    content, _, path = drafted(f'<robot name="cart">{"".join(parts)}{plugin}</robot>', tmp_path)
+    content, _, path = drafted(cart(front=0.25, rear=-0.25), tmp_path)
     assert content["actuators"] == ["rear_left_joint", "rear_right_joint"]
     assert (
         "Which wheels are driven? rear_left_joint, rear_right_joint (95 % sure: named by a plugin)" in path.read_text()

@@ -1,4 +1,4 @@
-"""URDFs of a snake on passive wheels and of a spherical robot."""
+"""URDFs of a snake on passive wheels, a spherical robot and a cart."""
 
 INERTIA = (
     '<inertial><origin xyz="{at}"/><mass value="{m}"/><inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/>'
@@ -59,3 +59,15 @@ def ball(shell='<sphere radius="0.3"/>', effort=8.0):
     ]
     parts[2] = parts[2].replace('<origin xyz="0 0 0"/>', '<origin xyz="0 0 -0.15"/>', 1)
     return f'<robot name="roller">{"".join(parts)}</robot>'
+
+
+def cart(**axles):
+    """Two wheels on each axle, of which a plugin drives those of the axle called rear; places of axles [m] by name."""
+    parts = [link("base", 10.0, '<box size="0.6 0.3 0.1"/>')]
+    for end, x in axles.items():
+        for side, y in (("left", 0.2), ("right", -0.2)):
+            parts.append(link(f"{end}_{side}", 0.5, '<cylinder radius="0.1" length="0.04"/>', turn="1.570796 0 0"))
+            parts.append(joint(f"{end}_{side}_joint", "base", f"{end}_{side}", f"{x} {y} 0", "0 1 0"))
+    drive = "<left_joint>rear_left_joint</left_joint><right_joint>rear_right_joint</right_joint>"
+    plugin = f'<gazebo><plugin name="drive" filename="libgazebo_ros_diff_drive.so">{drive}</plugin></gazebo>'
+    return f'<robot name="cart">{"".join(parts)}{plugin}</robot>'
