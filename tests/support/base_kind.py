@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import yaml
 
-_HEADS = ("First draft for", "NOT CONFIRMED: ", "CHECK: ", "Note: ", "Assumed: ", "base ")
+_HEADS = ("First draft for", "NOT CONFIRMED: ", "CHECK: ", "Note: ", "QUESTION: ", "Decided: ", "Assumed: ", "base ")
 
 # What a draft says of a base, by family; the first that fits.
 _FAMILIES = {
@@ -93,8 +93,8 @@ def base_kind(draft: str, urdf: str) -> BaseKind:
 def explanation(before: BaseKind, after: BaseKind, draft: str, concerned: Iterable[str]) -> str:
     """Return the remark of a draft that says why its kind is not the one before, or an empty string.
 
-    It names the former family, or wheels and actuators that are concerned. A general alternative, ``--base``, does not
-    count.
+    It names the former family, or wheels and actuators that are concerned. A question may name the option of the former
+    base instead. What the draft is sure of does not count, and neither does ``--base`` as a general alternative.
 
     Args:
         before: kind that was expected.
@@ -105,8 +105,13 @@ def explanation(before: BaseKind, after: BaseKind, draft: str, concerned: Iterab
     names = [re.compile(rf"(?<![\w/.-]){re.escape(each)}(?![\w/-])") for each in concerned]
     if before.family != after.family:
         names.append(re.compile(_FAMILIES.get(before.family, re.escape(before.family)), re.IGNORECASE))
-    said = (each for each in comments(draft) if not each.startswith(("base ", "First draft")) and "--base" not in each)
-    return next((each for each in said if any(name.search(each) for name in names)), "")
+    for each in comments(draft):
+        asks = each.startswith("QUESTION: ")
+        if each.startswith(("base ", "First draft", "Decided: ")) or ("--base" in each and not asks):
+            continue
+        if any(name.search(each) for name in names) or (asks and f"--base {before.base}" in each):
+            return each
+    return ""
 
 
 def base_parts(draft: str, urdf: str) -> set[str]:

@@ -13,7 +13,7 @@ from base_kind import BaseKind, base_kind, comments, explanation, wheel_axles
 from benchmarks import perturbations
 from places import DIRT
 from rnc_pin.scenario.draft import DraftOptions, draft, scenario_candidate
-from rnc_pin.scenario.draft.driven_joints import driven_joints
+from rnc_pin.scenario.draft.drive_evidence import named_as_driven
 from rnc_pin.scenario.draft.shapes import shapes
 
 pytestmark = pytest.mark.filterwarnings("ignore::rnc_pin.ModelWarning")
@@ -144,6 +144,10 @@ def test_a_mimic_joint_of_another_kind_keeps_its_ratio_in_a_scaled_robot():
     assert (mimic.get("multiplier"), mimic.get("offset")) == ("5.0", "1.0")
 
 
+def driven(urdf):
+    return set(named_as_driven(ElementTree.fromstring(urdf))[0])
+
+
 def elements(urdf):
     return Counter(ElementTree.canonicalize(ElementTree.tostring(each)) for each in ElementTree.fromstring(urdf))
 
@@ -174,7 +178,7 @@ def test_a_renamed_robot_is_the_same_to_the_last_bit():
         free = {"mesh": "filename", "robot": "name", "transmission": "name", "plugin": "name"}.get(one.tag)
         assert (one.tag, one.text) == (other.tag, other.text)
         assert {**one.attrib, free: None} == {**other.attrib, free: None}
-    assert driven_joints(back) == {"joint 0", "joint_2"}
+    assert driven(text) == {"joint 0", "joint_2"}
     models = model_of(urdf), model_of(perturbed.renamed(urdf, 3))
     for name, new in names.items():
         if models[0].existJointName(name):
@@ -215,17 +219,17 @@ def test_numbers_that_are_none_are_refused():
 
 def test_drives_are_removed_and_given():
     urdf = (DIRT / "simulator_tags.urdf").read_text()
-    assert driven_joints(ElementTree.fromstring(urdf))
+    assert driven(urdf)
     without = perturbed.without_drives(urdf)
-    assert not driven_joints(ElementTree.fromstring(without))
+    assert not driven(without)
     assert perturbed.without_drives(without) is None
     described = {"link", "joint", "material"}
     assert [each for each in elements(without) if each[1:].split()[0] in described] == [
         each for each in elements(urdf) if each[1:].split()[0] in described
     ]
     joint = ElementTree.fromstring(urdf).find("joint").get("name")
-    assert driven_joints(ElementTree.fromstring(perturbed.with_drives(skew_robot(), ["joint 3"]))) == {"joint 3"}
-    assert driven_joints(ElementTree.fromstring(perturbed.with_drives(urdf, [joint]))) == {joint}
+    assert driven(perturbed.with_drives(skew_robot(), ["joint 3"])) == {"joint 3"}
+    assert driven(perturbed.with_drives(urdf, [joint])) == {joint}
 
 
 # ---------------------------------------------------------------------- kinds of base
@@ -284,6 +288,10 @@ CAR, CART = BaseKind("planar", "car", 0, 4, 3), BaseKind("planar", "differential
         ("Assumed: steered like a car with --base planar", CAR, CART, False),
         ("base planar: steered like a car", CAR, CART, False),
         ("Assumed: not 'steered like a car'", CAR, BaseKind("planar", "car", 0, 3, 3), False),
+        ("Decided: Which wheels are driven? front_left (80 % sure: as usual)", CAR, CART, False),
+        ("QUESTION: Which wheels are driven? front_left (50 % sure: as usual)", CAR, CART, True),
+        ("QUESTION: How does it move? it floats. Otherwise it rolls: --base planar", CAR, CART, True),
+        ("QUESTION: How does it move? it floats. Otherwise it is held: --base fixed", CAR, CART, False),
     ],
 )
 def test_what_explains_another_kind(remark, before, after, explains):
