@@ -191,11 +191,20 @@ def _trial(name: str, perturbation: str, draw: int, first: Drafted, changed: Des
         return Trial(name, perturbation, draw, REFUSED, str(first.kind), found.refusal, "", seconds)
     before, after, why = first.kind, found.kind, ""
     if before != after:
-        names = new_names(first.description.urdf, changed.urdf)
-        old = {names.get(each, each) for each in base_parts(first.text, first.description.urdf)}
-        why = explanation(before, after, found.text, old ^ base_parts(found.text, changed.urdf))
+        why = explanation(before, after, found.text, _concerned(first, found))
     outcome = KEPT if before == after else EXPLAINED if why else CHANGED
     return Trial(name, perturbation, draw, outcome, str(before), str(after), why, seconds)
+
+
+def _concerned(first: Drafted, found: Drafted) -> set[str]:
+    """Wheels that do not roll any more; in the same family, all wheels and actuators of one of the two drafts only."""
+    names = new_names(first.description.urdf, found.description.urdf)
+    old_parts = base_parts(first.text, first.description.urdf)
+    old_wheels, old_actuators = ({names.get(each, each) for each in parts} for parts in old_parts)
+    wheels, actuators = base_parts(found.text, found.description.urdf)
+    if first.kind.family != found.kind.family:
+        return old_wheels - wheels
+    return (old_wheels ^ wheels) | (old_actuators ^ actuators)
 
 
 class _TooLong(BaseException):

@@ -20,7 +20,10 @@ _FAMILIES = {
     "bicycle": "bicycle",
     "Mecanum": "Mecanum",
     "omni": "omni wheels",
+    "tracks": "on tracks",
     "skid-steered": "skid-steered",
+    "turret": "turret",
+    "steered drives": "steered drives",
     "tricycle": "tricycle",
     "car": "like a car",
     "differential": "differential",
@@ -100,7 +103,7 @@ def explanation(before: BaseKind, after: BaseKind, draft: str, concerned: Iterab
         before: kind that was expected.
         after: kind of the draft.
         draft: the draft.
-        concerned: joints and links that are wheels, or actuators of the base, of one of the two drafts only.
+        concerned: joints and links that the difference is about.
     """
     names = [re.compile(rf"(?<![\w/.-]){re.escape(each)}(?![\w/-])") for each in concerned]
     if before.family != after.family:
@@ -114,11 +117,12 @@ def explanation(before: BaseKind, after: BaseKind, draft: str, concerned: Iterab
     return ""
 
 
-def base_parts(draft: str, urdf: str) -> set[str]:
-    """Frames of the wheels that roll, their joints, and the actuators of the base that are joints."""
+def base_parts(draft: str, urdf: str) -> tuple[set[str], set[str]]:
+    """Frames and joints of the wheels that roll, and actuators of the base that are joints."""
     content, above = yaml.safe_load(draft), _joints_above(urdf)
     frames = [each["frame"] for each in _rolling(content)]
-    return {*frames, *(above[each][0] for each in frames if above.get(each)), *_of_base(content, urdf)} - {""}
+    wheels = {*frames, *(above[each][0] for each in frames if above.get(each))}
+    return wheels, {*_of_base(content, urdf)} - {""}
 
 
 def wheel_axles(draft: str, urdf: str) -> tuple[list[list[str]], list[str]]:
