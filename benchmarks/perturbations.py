@@ -30,6 +30,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from rnc_pin.errors import RncError
+from rnc_pin.io.safe_xml import parse_tree
 from rnc_pin.robots.robot_files import example_urdfs, find_example, shipped_directory
 from rnc_pin.robots.sources.packages import Packages
 from rnc_pin.robots.sources.urdf import parse_urdf
@@ -138,9 +139,9 @@ def drafted(description: Description, original: Description | None = None) -> Dr
     with tempfile.TemporaryDirectory() as temporary, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         folder = Path(temporary)
-        files = [each.get("filename", "") for each in ElementTree.fromstring(description.urdf).iter("mesh")]
+        files = [each.get("filename", "") for each in parse_tree(description.urdf).iter("mesh")]
         if original is not None:
-            before = [each.get("filename", "") for each in ElementTree.fromstring(original.urdf).iter("mesh")]
+            before = [each.get("filename", "") for each in parse_tree(original.urdf).iter("mesh")]
             for old, new in zip(before, files, strict=True) if len(before) == len(files) else ():
                 # A new name is a bare one, in this folder. In another order, absolute paths differ too: the installed
                 # meshes themselves, which nothing may overwrite.

@@ -48,6 +48,7 @@ def select_independent(
     names: Sequence[str],
     rates: np.ndarray | None = None,
     lengths: np.ndarray | None = None,
+    angular: np.ndarray | None = None,
 ) -> Selection:
     """Select a maximal set of rows that is independent at every sample, if such a set exists.
 
@@ -61,6 +62,8 @@ def select_independent(
         names: names of the rows, (k,).
         rates: required values mu of ``A v``, (samples, k), if not zero.
         lengths: length of each row relative to which it counts as zero, (k,); 0 for rows without such a length.
+        angular: True for the columns of angular velocities, (nv,). The margin compares them with the others by the
+            longest lever arm of the rows, so that a robot and its small model have the same margin.
 
     Raises:
         ConstraintError: the rank is not the same at every sample, or a dependent row requires a velocity that
@@ -92,6 +95,7 @@ def select_independent(
         else:
             dropped.append(_dropped(row, kept, matrices, names, tolerance))
     size = left / np.where(lengths > 0, lengths, np.inf)
+    matrices = unit_rows(matrices / _column_sizes(samples, angular))
     matrices = matrices * np.where((size > 0) & (size < _WELL), size, 1.0)[:, None]  # small rows lower the margin
     return Selection(kept, dropped, *_margin(matrices, kept, names))
 
@@ -107,6 +111,18 @@ def block_row_scales(block: Rows, samples: np.ndarray) -> np.ndarray:
     if not any(block.holonomic):
         return np.zeros_like(lengths)
     return np.array([max(lengths[k] for k, other in enumerate(block.units) if other == unit) for unit in block.units])
+
+
+def _column_sizes(samples: np.ndarray, angular: np.ndarray | None) -> np.ndarray:
+    """Length of each column that counts as one, (nv,): the longest lever arm for angular columns, 1 for others."""
+    size = np.ones(samples.shape[-1])
+    if angular is None or not angular.any() or angular.all():
+        return size
+    both = np.abs(samples[..., ~angular]).max(axis=-1) > 0  # only these rows compare lengths and angles
+    turning = np.abs(samples[..., angular]).max(axis=-1)
+    arms = turning[both & (turning > 0)]
+    size[angular] = arms.max() if len(arms) else 1.0
+    return size
 
 
 def _margin(matrices: np.ndarray, kept: Sequence[int], names: Sequence[str]) -> tuple[float, list[str]]:

@@ -57,7 +57,7 @@ class NonholonomicSystem(SummaryMixin):
         constraints: the independent rows.
         dropped_rows: the other rows, with reasons.
         row_margin: smallest singular value of the kept rows, of unit length, at the sampled configuration where it is
-            largest.
+            largest; angles count times the longest lever arm of the rows.
         nearly_dependent_rows: names of the kept rows that nearly depend on others; empty if ``row_margin`` is large.
         assembly: projection onto the holonomic rows, dropped ones included.
 
@@ -100,7 +100,8 @@ class NonholonomicSystem(SummaryMixin):
         lengths = _lengths(self.rows, samples)
         coupled = [name for block in blocks[len(constraints) :] for name in block.names]
         check_reactions(self.rows, samples, lengths, coupled)
-        found = select_independent(samples, self.rows.names, rates if self.rows.affine else None, lengths)
+        angular = np.array([unit == "rad/s" for unit in robot.velocity_units])
+        found = select_independent(samples, self.rows.names, rates if self.rows.affine else None, lengths, angular)
         self.kept, self.dropped_rows = found.kept, found.dropped
         self.row_margin = found.margin
         self.nearly_dependent_rows = tuple(found.weak) if found.margin < _THIN else ()

@@ -10,6 +10,8 @@ import numpy as np
 import pinocchio as pin
 import yaml
 
+from rnc_pin.io.safe_xml import parse_tree
+
 _HEADS = ("First draft for", "NOT CONFIRMED: ", "CHECK: ", "Note: ", "QUESTION: ", "Decided: ", "Assumed: ", "base ")
 
 # What a draft says of a base, by family; the first that fits.
@@ -132,7 +134,7 @@ def wheel_axles(draft: str, urdf: str) -> tuple[list[list[str]], list[str]]:
     """
     content, above = yaml.safe_load(draft), _joints_above(urdf)
     on_base = {above[each["frame"]][0]: each["radius"] for each in _rolling(content) if len(above[each["frame"]]) == 1}
-    robot = ElementTree.fromstring(urdf)
+    robot = parse_tree(urdf)
     joints = {each.find("child").get("link"): each for each in robot.findall("joint")}
     places: list[tuple[float, str]] = []
     heading = None
@@ -188,7 +190,7 @@ def _at_zero(link: str, joints: Mapping[str, ElementTree.Element]) -> pin.SE3:
 
 def _joints_above(urdf: str) -> dict[str, list[str]]:
     """Movable joints between a link, or a joint, and the root, the nearest first."""
-    robot = ElementTree.fromstring(urdf)
+    robot = parse_tree(urdf)
     joints = {each.find("child").get("link"): each for each in robot.findall("joint")}
     above: dict[str, list[str]] = {}
     for link in (each.get("name", "") for each in robot.findall("link")):

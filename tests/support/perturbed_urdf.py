@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.io.safe_xml import parse_tree
 from rnc_pin.robots.sources.numeric_checks import read_numbers
 
 LENGTH, ANGLE = 1e-3, np.deg2rad(0.1)  # standard deviation of the noise along and about each axis [m, rad]
@@ -26,7 +27,7 @@ _MIRROR = np.array([1.0, -1.0, 1.0])
 
 def with_noise(urdf: str, seed: int) -> str:
     """Return a URDF whose joints, shapes and centers of mass are displaced and turned a little, by normal noise."""
-    robot, generator = ElementTree.fromstring(urdf), np.random.default_rng(seed)
+    robot, generator = parse_tree(urdf), np.random.default_rng(seed)
     for owner in _placed(robot):
         origin = _child(owner, "origin")
         place, angles = (_numbers(origin, key, "0 0 0") for key in ("xyz", "rpy"))
@@ -41,7 +42,7 @@ def renamed(urdf: str, seed: int) -> str:
 
     The file name of a plugin stays: it is a program, and no name that an author chose. Meshes keep their endings.
     """
-    robot, generator = ElementTree.fromstring(urdf), np.random.default_rng(seed)
+    robot, generator = parse_tree(urdf), np.random.default_rng(seed)
     named = [robot, *(each for each in robot.iter() if each.tag in ("link", "joint", *_DRIVES, "plugin", "actuator"))]
     meshes = [each.get("filename", "") for each in robot.iter("mesh")]
     names = dict.fromkeys([*(each.get("name", "") for each in named), *meshes])
@@ -63,7 +64,7 @@ def renamed(urdf: str, seed: int) -> str:
 def new_names(before: str, after: str) -> dict[str, str]:
     """Return the new names of links and joints by their names before; empty if they have kept their names."""
     one, other = (
-        [(each.tag, each.get("name", "")) for each in ElementTree.fromstring(urdf) if each.tag in ("link", "joint")]
+        [(each.tag, each.get("name", "")) for each in parse_tree(urdf) if each.tag in ("link", "joint")]
         for urdf in (before, after)
     )
     if set(one) == set(other):
@@ -73,20 +74,20 @@ def new_names(before: str, after: str) -> dict[str, str]:
 
 def shuffled(urdf: str, seed: int) -> str:
     """Return a URDF with the elements of the robot in another order."""
-    robot, generator = ElementTree.fromstring(urdf), np.random.default_rng(seed)
+    robot, generator = parse_tree(urdf), np.random.default_rng(seed)
     robot[:] = [robot[k] for k in generator.permutation(len(robot))]
     return _text(robot)
 
 
 def without_drives(urdf: str, seed: int = 0) -> str | None:
     """Return a URDF that names no driven joint: without transmissions, ros2_control, and plugins that name joints."""
-    robot = ElementTree.fromstring(urdf)
+    robot = parse_tree(urdf)
     return _text(robot) if _remove_drives(robot) else None
 
 
 def with_drives(urdf: str, joints: Iterable[str]) -> str:
     """Return a URDF that names these joints as the driven ones, by transmissions."""
-    robot = ElementTree.fromstring(urdf)
+    robot = parse_tree(urdf)
     _remove_drives(robot)
     for name in joints:
         transmission = ElementTree.SubElement(robot, "transmission", name=f"of_{name}")
@@ -102,7 +103,7 @@ def scaled(urdf: str, scale: float) -> str:
     Angular velocities grow with s^-0.5 and linear ones with s^0.5. Damping is an effort at such a velocity, friction an
     effort. Numbers in plugins stay.
     """
-    robot = ElementTree.fromstring(urdf)
+    robot = parse_tree(urdf)
     for owner in _placed(robot):
         _multiply(owner.find("origin"), xyz=scale)
     for link in robot.findall("link"):
@@ -136,7 +137,7 @@ def mirrored(urdf: str, seed: int = 0) -> str:
 
     Joint values keep their meaning, and so do limits and mimics: an axis of rotation changes its sign beside.
     """
-    robot = ElementTree.fromstring(urdf)
+    robot = parse_tree(urdf)
     for owner in _placed(robot):
         origin = owner.find("origin")
         if origin is not None:

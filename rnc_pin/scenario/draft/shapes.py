@@ -140,7 +140,7 @@ def fitted_disk(parts: list[Shape], center: np.ndarray, axle: np.ndarray) -> Dis
     middle = (high + low)[:2] / 2
     own = center + middle[0] * forward + middle[1] * upward
     radius = max(float(np.linalg.norm(across(part.points - own, axle), axis=1).max()) + part.margin for part in parts)
-    is_near = float(np.linalg.norm(middle)) < max(0.1 * radius, PLACED)
+    is_near = float(np.linalg.norm(middle)) < max(0.2 * radius, PLACED)
     is_round = extents[:2].min() > 0.9 * extents[:2].max() and is_near
     # A square has equal extents too, but its corners are farther away than its sides.
     if not is_round or 2 * radius > 1.1 * extents[:2].max():
