@@ -23,7 +23,8 @@ _AFLOAT = (
 )
 _AT_SEA = "boat|ship|vessel|usv|asv|catamaran|kayak|canoe|barge|hull|wam_?v|surface_vehicle"
 _MOVES_OVER_GROUND = "planar_?move.*|.*planar_?move|omnidirectional|holonomic|mecanum.*|force_?based_?move"
-_WHEEL = "(?!reaction|fly).*wheel|tire|tyre|crawler|track|caster"
+_WHEEL = ".*wheel|wheel.*|tire|tyre|crawler|track|caster"
+_INNER_WHEEL = "reaction_?wheel|fly_?wheel|momentum_?wheel|steering_?wheel"
 _BOLTED = "table|pedestal|stand|mount|wall|ground|world|rail"
 
 
@@ -65,6 +66,11 @@ def without_wheels(
         elif asked is None:
             _decide(result, "fixed", "no wheels were found, and nothing tells that it floats", LIKELY, at_start)
         return _doubting_wheels(result, at_start)
+    if asked is None and not own and _called_wheels(at_start):
+        called = "links are called wheels, so that it stands on the ground, and no joint turns them there"
+        result = _on_ice(at_start, called)
+        _decide(result, "planar", called, GUESSED, at_start)
+        return _doubting_wheels(result, at_start)
     result = _afloat(at_start, None if own and asked is None else "free", why)
     if asked is None:
         named = own or has_word(_AFLOAT, *at_start.every_name)
@@ -92,10 +98,15 @@ def fixed_base_with_locked_joints(at_start: RobotAtStart) -> BaseAssumptions:
     return _doubting_wheels(result, at_start)
 
 
+def _called_wheels(at_start: RobotAtStart) -> list[str]:
+    """Links that are called wheels, casters or tracks."""
+    links = [frame.name for frame in at_start.robot.model.frames if frame.type == pin.FrameType.BODY]
+    return [each for each in links if has_word(_WHEEL, each) and not has_word(_INNER_WHEEL, each)]
+
+
 def _doubting_wheels(result: BaseAssumptions, at_start: RobotAtStart) -> BaseAssumptions:
     """Add a note on links with a wheel's name that do not roll."""
-    frames = at_start.robot.model.frames
-    named = [frame.name for frame in frames if frame.type == pin.FrameType.BODY and has_word(_WHEEL, frame.name)]
+    named = _called_wheels(at_start)
     if named:
         result.notes.append(
             f"links that are called wheels or tracks do not roll on the ground as they are read: {few(named)}"

@@ -161,7 +161,7 @@ def _candidates(at_start: RobotAtStart) -> Iterator[_Candidate]:
         doubtful = has_word(_NO_WHEEL, model.names[index], frame)
         named = has_word(_WHEEL, model.names[index], frame) and not doubtful
         rollers = [int(each) for each in model.children[index]]
-        if not _are_rollers(model, rollers):
+        if not _are_rollers(at_start, rollers, center, axle):
             if not named:
                 continue
             rollers = []  # a named wheel can carry gears and hubs
@@ -189,9 +189,15 @@ def _on_axle(at_start: RobotAtStart, joint: int, axle: np.ndarray) -> tuple[str,
     return body_frame(at_start.robot, joint), origin.copy()
 
 
-def _are_rollers(model: pin.Model, joints: list[int]) -> bool:
+def _are_rollers(at_start: RobotAtStart, joints: list[int], center: np.ndarray, axle: np.ndarray) -> bool:
+    """True if child joints stand on a rim about the axle; side gears of a differential are on the axle itself."""
+    if not joints:
+        return True
+    model = at_start.robot.model
     leaves = all(model.joints[each].nv == 1 and not len(model.children[each]) for each in joints)
-    return not joints or (len(joints) >= _ROLLERS and leaves)
+    away = np.array([across(at_start.data.oMi[each].translation - center, axle) for each in joints])
+    distances = np.linalg.norm(away, axis=1)
+    return len(joints) >= _ROLLERS and leaves and bool(distances.min() > 0.5 * distances.max())
 
 
 def _measured_size(at_start: RobotAtStart, candidate: _Candidate, floor: float | None) -> _Size | None:

@@ -446,6 +446,21 @@ def test_the_rear_axle_of_a_car_may_be_called_a_ring(drafted):
     assert content["actuators"] == ["diff_ring_joint", "k_l_joint"]
 
 
+def test_side_gears_of_a_differential_are_no_rollers(drafted):
+    """The ring of a live axle carries gears; two of them, on the axle, carry the rear wheels."""
+    parts = [link("base", 10.0, BOX), link("ring", 0.3), joint("ring_joint", "base", "ring", (-0.3, 0, 0))]
+    for side, y in (("l", 0.2), ("r", -0.2)):
+        parts += [wheel(f"rear_{side}", "ring", (0, y, 0))]
+        parts += [
+            link(f"spider_{side}", 0.1),
+            joint(f"spider_{side}_joint", "ring", f"spider_{side}", (y / 20, 0, 0), "1 0 0"),
+        ]
+        parts += [pivot(f"k_{side}", "base", (0.3, y, 0)), wheel(f"f_{side}", f"k_{side}", (0, 0, 0))]
+    kind, content, _ = drafted(robot(*parts))
+    assert kind == "planar: 4 wheels, steered like a car"
+    assert {each["frame"] for each in of(content, "rolling_wheel")} == {"rear_l", "rear_r", "f_l", "f_r"}
+
+
 # ---------------------------------------------------------------------- land or space
 
 
@@ -462,6 +477,24 @@ def test_one_body_on_fixed_wheels_stays_on_the_ground(drafted):
     kind, content, _ = drafted(robot(*parts))
     assert kind.startswith("planar: wheels are drawn")
     assert of(content, "no_side_slip")
+
+
+def test_a_body_with_links_called_wheels_stays_on_the_ground_and_init_asks(drafted):
+    """A body with many limbs on casters that no joint turns; a reaction wheel is no sign of ground."""
+
+    def body(name):
+        parts = [link("base", 30.0, '<box size="0.6 0.6 0.3"/>')]
+        for k, (x, y) in enumerate(((0.2, 0.2), (0.2, -0.2), (-0.2, 0.2))):
+            parts += [
+                link(f"{name}_{k}", 0.3),
+                joint(f"m{k}", "base", f"{name}_{k}", (x, y, 0), "0 0 1", "revolute", 5.0, (-1, 1)),
+            ]
+        return robot(*parts)
+
+    kind, _, decided = drafted(body("caster"))
+    assert kind.startswith("planar: links are called wheels")
+    assert [each.is_open for each in decided.values()] == [True]
+    assert drafted(body("reaction_wheel"))[0].startswith("free")
 
 
 def test_a_boat_is_no_spacecraft_and_an_unknown_body_is_a_question(drafted):
