@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import itertools
+import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, Self
@@ -324,6 +325,11 @@ def nearest(name: str, valid: Iterable[str], ending: str = "") -> str:
         return f"; did you mean '{close}{ending}'?"
     shown = ", ".join(choice + ending for choice in choices[:12]) + (", ..." if len(choices) > 12 else "")
     return f"; expected one of: {shown}"
+
+
+def argument(name: str, value: object) -> str:
+    """Return an argument of a robot as Python and as scenario files take it: ``base='free' (robot: {base: free})``."""
+    return f"{name}={value!r} (robot: {{{name}: {json.dumps(value).replace(chr(34), '')}}})"
 
 
 def few(names: Sequence[str], most: int = 3) -> str:

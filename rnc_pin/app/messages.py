@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import sys
 import time
 import warnings
@@ -19,15 +18,6 @@ from rnc_pin.io.json import dump_json
 def print_json(content: object) -> None:
     """Print JSON on standard output."""
     click.echo(dump_json(content))
-
-
-_SPELLINGS = (
-    (re.compile(r"\bbase='(\w+)'( or '(\w+)')?"), r"--base \1\2 (in a scenario: robot: {base: \1})"),
-    (re.compile(r"\b(lock|masses)=(\{[^{}]*\})"), r"robot: {\1: \2} in the scenario"),
-    (re.compile(r"\bmimic=False\b"), "mimic: false"),
-    (re.compile(r"\bsnap=False\b"), "robot: {snap: false}"),
-)
-"""Python arguments in error remedies, and the equal options or scenario keys."""
 
 
 def announce(text: str, quiet: bool = False) -> None:
@@ -50,19 +40,12 @@ def seconds_since_start() -> float:
 
 def complain(message: str) -> None:
     """Print an error in one line."""
-    click.echo(f"rnc-pin: error: {printable(_as_typed(message))}", err=True)
+    click.echo(f"rnc-pin: error: {printable(message)}", err=True)
 
 
 def warn(message: str) -> None:
     """Print a warning in one line."""
-    click.echo(f"rnc-pin: warning: {printable(_as_typed(message))}", err=True)
-
-
-def _as_typed(message: str) -> str:
-    """Replace Python remedies in a message by command-line options or scenario keys."""
-    for python, typed in _SPELLINGS:
-        message = python.sub(typed, message)
-    return message
+    click.echo(f"rnc-pin: warning: {printable(message)}", err=True)
 
 
 @contextmanager

@@ -95,7 +95,7 @@ def check_reactions(rows: RowStack, samples: np.ndarray, lengths: np.ndarray, co
         if not found:
             continue
         acts = f"constraint row {found[0]} acts" if len(found) == 1 else f"constraint rows {few(found)} act"
-        coupled = " (mimic=False omits the file's couplings)" if {*found} & {*couplings} else ""
+        coupled = " (mimic=False, or mimic: false, omits the file's couplings)" if {*found} & {*couplings} else ""
         momentum = block.names[0].removesuffix("[0]")
         raise ConstraintError(
             f"{acts} on {momentum}, which is declared as conserved: omit the momentum (the motion follows from the "

@@ -111,7 +111,9 @@ class NonholonomicSystem(SummaryMixin):
         self.constraints = RowStack(blocks, self.kept)
         self.n, self.m, self.p = robot.nv, self.constraints.size, self.actuation.size
         if self.m >= self.n:
-            hint = f"; {few(coupled)} come from the robot's file, mimic=False omits them" if coupled else ""
+            hint = (
+                f"; {few(coupled)} come from the robot's file, mimic=False (mimic: false) omits them" if coupled else ""
+            )
             raise ConstraintError(
                 f"{self.m} independent constraint rows leave no motion of {self.n} degrees of freedom{hint}"
             )

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError
+from rnc_pin.errors import ModelError, argument
 from rnc_pin.robots.joint_values import JointValue, configuration, joint_index
 from rnc_pin.robots.lazy_geometry import LazyGeometry
 
@@ -19,7 +19,7 @@ class LockedModel:
         self._full = model
         self._joints = [joint_index(model, name) for name in lock]
         if "root_joint" in lock and model.joints[joint_index(model, "root_joint")].nv > 1:
-            raise ModelError("'root_joint' cannot be locked: load the robot with base='fixed' instead")
+            raise ModelError(f"'root_joint' cannot be locked: load the robot with {argument('base', 'fixed')} instead")
         self._reference = configuration(model, lock)
         self.model = self._reduced(None)[0]
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError, ModelWarning, few
+from rnc_pin.errors import ModelError, ModelWarning, argument, few
 from rnc_pin.math.linear_algebra import unit_diagonal
 from rnc_pin.printing import significant
 from rnc_pin.robots.sources.description import Body
@@ -149,11 +149,11 @@ def remedy(model: pin.Model, joints: Sequence[Massless]) -> str:
     if not masses:
         return "give the links behind it an inertia"
     several = f"link '{next(iter(masses))}' a mass" if len(masses) == 1 else f"{len(masses)} links masses"
-    words = f"give {several} with masses={masses}"
+    words = f"give {several} with {argument('masses', masses)}"
     lock = {each.joint: _neutral(model, each.joint) for each in joints}
     if any(each.why != MOVES_NONE for each in joints) or not _holds(model, list(lock)):
         return words
-    return f"lock {'it' if len(lock) == 1 else 'them'} with lock={lock}, or {words}"
+    return f"lock {'it' if len(lock) == 1 else 'them'} with {argument('lock', lock)}, or {words}"
 
 
 def _check_places(model: pin.Model) -> None:

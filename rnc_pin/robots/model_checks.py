@@ -6,7 +6,7 @@ import warnings
 
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError, ModelWarning, few
+from rnc_pin.errors import ModelError, ModelWarning, argument, few
 from rnc_pin.robots.inertias import check_inertias, check_model_size
 
 _BODY_FIXED = ("Planar", "FreeFlyer", "Spherical", "Translation")  # joints of several axes, constant in the body
@@ -19,7 +19,9 @@ def check_model(model: pin.Model) -> None:
         ModelError: no joints or too many, duplicate joint names, interleaved branches, or invalid inertias.
     """
     if model.nv == 0:
-        raise ModelError(f"robot '{model.name}' has no moving joint: load it with base='planar' or 'free'")
+        raise ModelError(
+            f"robot '{model.name}' has no moving joint: load it with {argument('base', 'planar')}, or 'free'"
+        )
     check_model_size(model)
     names = list(model.names)[1:]
     for name in names:

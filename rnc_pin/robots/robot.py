@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError, ModelWarning
+from rnc_pin.errors import ModelError, ModelWarning, argument
 from rnc_pin.printing import ObjectSummary, SummaryMixin, counted, items
 from rnc_pin.robots import robot_files
 from rnc_pin.robots.derived_models import AttachedModel, LockedModel
@@ -282,7 +282,9 @@ class Robot(NamedModel, SummaryMixin):
         """
         index = self.frame_id(frame)
         if "root_joint" in other.joint_names:
-            raise ModelError(f"robot '{other.name}' has a moving base: load it with base='fixed' to mount it")
+            raise ModelError(
+                f"robot '{other.name}' has a moving base: load it with {argument('base', 'fixed')} to mount it"
+            )
         attached = AttachedModel(self.model, other.model, index, placement)
         robot = Robot(attached.model)
         robot._geometry = LazyGeometry(partial(attached.geometry, self._geometry, other._geometry))

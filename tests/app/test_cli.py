@@ -17,7 +17,6 @@ import yaml
 import rnc_pin as rnc
 from patience import PATIENCE
 from rnc_pin.app.cli import main
-from rnc_pin.app.messages import complain, warn
 from rnc_pin.robots.robot_files import shipped_directory
 from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.scenario.files import built_in_names, find_scenario
@@ -629,22 +628,3 @@ def test_a_singular_start_of_a_regulator_is_one_line_with_its_place(tmp_path, ca
     status, _, error = call("run", file, "--out", tmp_path / "out")
     assert status == 2
     assert "straight.yaml: controller: singular configuration: rows tip_x are dependent" in error.splitlines()[-1]
-
-
-def test_remedies_are_spelled_as_they_are_typed(capsys):
-    for message, words in (
-        (
-            "load the robot with base='planar' or 'free'",
-            "with --base planar or 'free' (in a scenario: robot: {base: planar})",
-        ),
-        (
-            "give 2 links masses with masses={'a': 0.1, 'b': 0.2}",
-            "with robot: {masses: {'a': 0.1, 'b': 0.2}} in the scenario",
-        ),
-        ("lock it with lock={'j': 0}, or", "lock it with robot: {lock: {'j': 0}} in the scenario, or"),
-        ("leave one of them out (mimic=False, where", "leave one of them out (mimic: false, where"),
-    ):
-        complain(message)
-        warn(message)
-        error = capsys.readouterr().err
-        assert error.count(words) == 2, error

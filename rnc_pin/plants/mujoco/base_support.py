@@ -10,7 +10,7 @@ import pinocchio as pin
 import scipy
 
 from rnc_pin.constraints import GroundPlane
-from rnc_pin.errors import ConfigurationError
+from rnc_pin.errors import ConfigurationError, argument
 from rnc_pin.plants.mujoco.body_tree import Root
 from rnc_pin.plants.mujoco.contact_bodies import ContactBody
 from rnc_pin.plants.mujoco.settings import MuJoCoSettings
@@ -57,14 +57,14 @@ def choose_support(
         raise ConfigurationError(
             f"MuJoCo: friction of wheel '{contacts[0].name}' needs weight, and gravity is "
             f"{np.round(down, 6).tolist()}: expected one that points down onto level ground, such as (0, 0, -9.81), or "
-            "base='free'"
+            f"{argument('base', 'free')}"
         )
     if base == "JointModelFreeFlyer":
         return BaseSupport("as it is")
     if base != "JointModelPlanar" or any(each.joint == 0 for each in contacts):
         raise ConfigurationError(
-            f"MuJoCo: nothing presses wheel '{contacts[0].name}' on the ground: load the robot with base='planar' or "
-            "'free'"
+            f"MuJoCo: nothing presses wheel '{contacts[0].name}' on the ground: load the robot with "
+            f"{argument('base', 'planar')}, or 'free'"
         )
     if settings.stance == "level":
         return BaseSupport("level", lift=-ground)

@@ -13,6 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree
 
+from rnc_pin.errors import argument
+
 PRECISION = 2e-6
 """Relative error of any number in a file, from single precision or unit conversions."""
 CLOSE = 1e-4
@@ -153,7 +155,7 @@ class Roundings:
         taken = f"{'is' if verb == 'was' else 'are'} taken as {article} of pi" if self.angles else "made exact"
         return (
             f"{' and '.join(counts)} {verb} rounded in the file and {taken} "
-            f"(largest change {self.largest:.0e} rad, {self.where}); snap=False keeps them"
+            f"(largest change {self.largest:.0e} rad, {self.where}); {argument('snap', False)} keeps them"
         )
 
 

@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError, ModelWarning, few, nearest
+from rnc_pin.errors import ModelError, ModelWarning, argument, few, nearest
 from rnc_pin.robots.sources.description import ROOT_JOINTS, Description, Mimic, captured_stderr, check_base, parse_xml
 from rnc_pin.robots.sources.numeric_checks import check_not_negative, check_numbers, read_number, read_numbers
 from rnc_pin.robots.sources.packages import Packages
@@ -245,7 +245,7 @@ def _check_mass(element: ElementTree.Element, link: str, path: Path) -> None:
     mass = element.find("inertial/mass")
     number = None if mass is None else read_number(mass.get("value"))
     if number is not None and number < 0:
-        remedy = f"give it another with masses={{'{link}': 0.1}}"
+        remedy = f"give it another with {argument('masses', {link: 0.1})}"
         raise ModelError(f"{path}: mass of link '{link}' is negative: {number:g} kg; {remedy}")
 
 
