@@ -3,6 +3,9 @@
 Drawn runs are those of three built-in scenarios with drawn durations, boxes near their paths, tighter limits of joints,
 and stuck joints. The oracle interpolates the recorded configurations at 1 ms with Pinocchio and measures each pair with
 coal. It reads limits and goals from the arrays. Built-in scenarios are judged as they are.
+
+``python -m benchmarks.verdicts cost`` prints the processor time of each verdict of a built-in scenario beside that of
+its run.
 """
 
 from __future__ import annotations
@@ -25,6 +28,7 @@ import rnc_pin as rnc
 from rnc_pin.collision import CollisionDistances, Obstacle
 from rnc_pin.scenario.execution import Plan, execute, plan
 from rnc_pin.scenario.files import built_in_names
+from rnc_pin.scenario.run_verdict import judged_summary, run_summary
 from rnc_pin.simulation import Trajectory
 from rnc_pin.verdict import FindingKind
 
@@ -230,6 +234,25 @@ def built_in_case(name: str) -> dict[FindingKind, Case]:
         return judged(plan(name, SHORT), 4 * STEP)
 
 
+def cost(name: str, repeats: int = 3) -> str:
+    """Row of a table: processor times of the run and of its verdict [s], and their ratio. Hulls of meshes exist."""
+    with warnings.catch_warnings(action="ignore"), np.errstate(all="ignore"):
+        made = plan(name, SHORT)
+        execute(made)
+        start = time.process_time()
+        run = execute(made).trajectory
+        whole = time.process_time() - start
+        times = []
+        for _ in range(repeats):
+            start = time.process_time()
+            run_summary(made.experiment, run)
+            middle = time.process_time()
+            judged_summary(made.experiment, run)
+            times.append((time.process_time() - middle) - (middle - start))
+    spent, verdict = whole - min(times), min(times)
+    return f"| `{name}` | {spent:.2f} | {verdict:.3f} | {100 * verdict / spent:.1f} % |"
+
+
 def matrix(cases: list[dict[FindingKind, Case]]) -> str:
     """Confusion matrix as rows of a table."""
     lines = [
@@ -245,12 +268,18 @@ def matrix(cases: list[dict[FindingKind, Case]]) -> str:
 
 
 def main() -> None:
-    """Print both matrices."""
+    """Print both matrices, or the cost of verdicts."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("what", nargs="?", choices=("matrices", "cost"), default="matrices")
     parser.add_argument("--runs", type=int, default=200, help="drawn runs")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2)
     given = parser.parse_args()
+    if given.what == "cost":
+        print("| scenario | run [s] | verdict [s] | share |\n|---|---|---|---|")
+        for name in built_in_names():
+            print(cost(name), flush=True)
+        return
     start = time.perf_counter()
     pool = joblib.Parallel(n_jobs=given.jobs)
     cases = pool(joblib.delayed(partial(drawn_case, given.seed))(number) for number in range(given.runs))

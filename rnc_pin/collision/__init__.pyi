@@ -2,6 +2,7 @@
 
 from .collision_distances import CollisionDistances as CollisionDistances
 from .continuous_distances import ContinuousDistances as ContinuousDistances
+from .continuous_distances import DistanceCurves as DistanceCurves
 from .continuous_distances import continuous_distances as continuous_distances
 from .obstacle import Obstacle as Obstacle
 from .obstacle import ObstacleMotion as ObstacleMotion

@@ -12,12 +12,13 @@ from numpy.typing import ArrayLike
 
 from rnc_pin import _kernel
 from rnc_pin.collision.convex_shapes import bounding_box, convex_shape
-from rnc_pin.collision.distance_bounds import DistanceBounds, ShapePoses
+from rnc_pin.collision.distance_bounds import DistanceBounds, PlacedBodies, ShapePoses
 from rnc_pin.collision.flat_contacts import FlatParts, common_corners
 from rnc_pin.collision.obstacle import Obstacle, check_ignored_links
 from rnc_pin.collision.pair_distances import PairDistances
 from rnc_pin.collision.pair_measurement import PairMeasurement
 from rnc_pin.collision.pair_selection import LinkPair, OmittedPair, PairSelection, select_pairs
+from rnc_pin.collision.spinning_shapes import SpinningShapes, axes_of_rotation
 from rnc_pin.errors import InputError, ModelError
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.input_validation import ConfigurationValidator
@@ -25,6 +26,7 @@ from rnc_pin.robots.robot import Robot
 
 _HULLS: WeakKeyDictionary[Robot, list[coal.CollisionGeometry]] = WeakKeyDictionary()
 """Convex shapes of the links of each robot: hulls of meshes take most of the time of a construction."""
+_UP = np.array([0.0, 0.0, 1.0])  # obstacles that move turn by yaw
 
 
 class CollisionDistances:
@@ -46,6 +48,7 @@ class CollisionDistances:
         carriers: joint that carries each shape.
         radii: radii of the spheres around the boxes around the shapes [m].
         shape_pairs: first and second shape of each pair (2, k).
+        spinning: shapes of links that spin about their own axes.
 
     Raises:
         ModelError: the robot has no collision geometry, two obstacles share a name, or a rule or an obstacle names an
@@ -153,7 +156,7 @@ class CollisionDistances:
         """Number of shapes of links; the shapes of obstacles follow."""
         return len(self.carriers) - len(self.obstacles)
 
-    def place(self, q: np.ndarray, t: float) -> tuple[ShapePoses, np.ndarray]:
+    def place(self, q: np.ndarray, t: float) -> PlacedBodies:
         """Place all bodies for ``lower_bounds`` and ``measure``.
 
         Args:
@@ -161,7 +164,7 @@ class CollisionDistances:
             t: time, for obstacles that move [s].
 
         Returns:
-            Poses of the shapes, and the origins in the world of all joints and of the obstacles that move, (j, 3) [m].
+            Poses of the bodies, with shapes of revolution as if they did not spin about their axes.
         """
         moving = [self.link_shapes + k for k in self._moving]
         for k, shape in zip(self._moving, moving, strict=True):
@@ -169,11 +172,14 @@ class CollisionDistances:
         pin.forwardKinematics(self._model, self._data, q)
         joints = np.array([each.homogeneous for each in self._data.oMi])
         self._place_by(joints[:, :3].swapaxes(1, 2).reshape(-1, 12))
-        return self._at, np.concatenate([joints[:, :3, 3], self._at.origins[moving]])
+        origins = np.concatenate([joints[:, :3, 3], self._at.origins[moving]])
+        axes = np.concatenate([np.matvec(joints[:, :3, :3], self._axes), np.tile(_UP, (len(moving), 1))])
+        still = self.spinning.without_spin(self._at.rotations, joints[:, :3, :3])
+        return PlacedBodies(still, self._at.origins, self._at.middles, origins, axes)
 
-    def lower_bounds(self) -> np.ndarray:
-        """Lower bounds (k,) of the distances of all pairs [m] by bounding volumes, as placed."""
-        return self._bounds.of_volumes(self._at)
+    def lower_bounds(self, pairs: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """Lower bounds (k,) of the distances of pairs [m], all by default, by bounding volumes, as placed."""
+        return self._bounds.of_volumes(self._at, pairs)
 
     def measure(self, pairs: np.ndarray) -> np.ndarray:
         """Distance, normal and nearest points of pairs, (k, 10), as placed."""
@@ -191,6 +197,9 @@ class CollisionDistances:
         self._centers, halves = (np.array([box[k] for box in boxes]) for k in (0, 1))
         self.radii = np.linalg.norm(halves, axis=1)
         self._bounds = DistanceBounds(self.shape_pairs[0], self.shape_pairs[1], halves)
+        poses = self._own_rotations, self._own_origins
+        self._axes = axes_of_rotation(self._model)
+        self.spinning = SpinningShapes(self._model, self._axes, self.shapes, self._link_carriers, *poses, self.radii)
         support = np.zeros((len(self.carriers), self._model.nv))
         for k, joint in enumerate(self.carriers):
             for above in self._model.supports[joint]:

@@ -10,16 +10,18 @@ a segment contains further samples, or where an obstacle moves.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import get_args
 
 import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Bool, Float, Int
 from rnc_pin.collision.collision_distances import CollisionDistances
-from rnc_pin.collision.distance_bounds import ShapePoses
-from rnc_pin.collision.motion_segments import SampledMotion, Segments
-from rnc_pin.collision.pair_bounds import PairBounds, PairEnds
+from rnc_pin.collision.distance_bounds import PlacedBodies
+from rnc_pin.collision.motion_segments import SampledMotion
+from rnc_pin.collision.pair_bounds import BoundKind, PairBounds, PairEnds
 from rnc_pin.errors import InputError
 
 TOLERANCE = 1e-3
@@ -27,6 +29,8 @@ TOLERANCE = 1e-3
 _SHARE = 0.01  # of the radius of the largest link, for robots that are small
 _FINEST = 2e-5  # [m]; coal's errors are below
 _MOST_PLACES = 2_500  # places beside the samples: those of a diverged run have no end
+_FIRST = 16  # samples between those of the first look
+_SAME = 1e-7  # [m]; errors of coal: a sample that may be nearer by less is not measured
 _UNCHANGED = 1e-5  # [m]; range of distances of a pair that counts as constant
 
 
@@ -36,14 +40,14 @@ class ContinuousDistances:
 
     Attributes:
         smallest: smallest distance (k,) of each pair [m]. Below ``within`` the motion has this distance at ``time``,
-            and it is nowhere smaller by more than ``tolerance``; else ``smallest`` is a lower bound of the samples.
+            and it is nowhere smaller by more than ``tolerance``; else the pair is nowhere nearer than ``within``.
         time: time (k,) of the smallest distance [s].
-        constant: True (k,) for pairs whose distance does not change.
+        constant: True (k,) for pairs whose distance is the same wherever it was measured.
         uncertain: True (k,) for pairs whose smallest distance is not certain to the tolerance, because the motion is
             too fast between its samples, as in a run that diverged.
         within: distance up to which smallest distances are exact [m].
         tolerance: their tolerance [m].
-        at_samples: distances (n, k) at the samples that were measured [m]. Beyond ``within`` they are lower bounds.
+        curves: distances at samples, measured when they are asked for.
     """
 
     smallest: Float[Array, " k"]
@@ -52,7 +56,43 @@ class ContinuousDistances:
     uncertain: Bool[Array, " k"]
     within: float
     tolerance: float
-    at_samples: Float[Array, "n k"]
+    curves: DistanceCurves
+
+
+@dataclass(frozen=True)
+class DistanceCurves:
+    """Distances of pairs at the samples of a motion, for pictures.
+
+    Attributes:
+        distances: pairs of a robot and its obstacles.
+        time: times (n,) of the samples [s].
+        q: configurations (n, nq).
+        within: distance up to which distances are exact [m].
+    """
+
+    distances: CollisionDistances
+    time: Float[Array, " n"]
+    q: Float[Array, "n nq"]
+    within: float
+
+    def of(self, pairs: Int[Array, " k"]) -> Float[Array, "n k"]:
+        """Distances (n, k) of pairs [m]; lower bounds beyond ``within``."""
+        found = np.empty((len(self.q), len(pairs)))
+        for row, q, t in zip(found, self.q, self.time.tolist(), strict=True):
+            self.distances.place(q, t)
+            row[:] = _measured(self.distances, pairs, self.within)[:, 0]
+        return found
+
+
+def _measured(distances: CollisionDistances, pairs: Int[Array, " k"], within: float) -> Float[Array, "k 4"]:
+    """Distances and normals of pairs, as placed. Beyond ``within`` lower bounds, with NaN as normals."""
+    if within == np.inf:
+        return distances.measure(pairs)[:, :4]
+    found = np.full((len(pairs), 4), np.nan)
+    found[:, 0] = distances.lower_bounds(pairs)
+    near = np.flatnonzero(found[:, 0] < within)
+    found[near] = distances.measure(pairs[near])[:, :4]
+    return found
 
 
 def default_tolerance(distances: CollisionDistances) -> float:
@@ -68,6 +108,7 @@ def continuous_distances(
     within: float = 0.05,
     tolerance: float | None = None,
     samples: Int[Array, " n"] | None = None,
+    exact: float | None = None,
 ) -> ContinuousDistances:
     """Find the smallest distance of each pair along a motion whose joints move at constant rate between samples.
 
@@ -77,7 +118,9 @@ def continuous_distances(
         q: configurations (N, nq).
         within: distance up to which smallest distances are exact [m].
         tolerance: tolerance of the smallest distances [m]; ``default_tolerance`` by default.
-        samples: samples that are measured at first, with the first and the last one; all by default.
+        samples: samples that count, with the first and the last one; all by default. A smallest distance is not larger
+            than the distance at any of them if this is below ``exact``.
+        exact: distance up to which samples have no tolerance [m]; ``within`` by default. A smaller one is faster.
 
     Raises:
         InputError: times decrease, or do not belong to the configurations.
@@ -91,7 +134,7 @@ def continuous_distances(
         >>> q = np.array([robot.configuration(), robot.configuration()])
         >>> q[1, 0] = 2.0  # through the wall between two samples
         >>> found = rnc.collision.continuous_distances(distances, np.array([0.0, 1.0]), q)
-        >>> bool(found.smallest.min() < 0.0 < found.at_samples.min())
+        >>> bool(found.smallest.min() < 0.0 < found.curves.of(np.arange(len(distances.pairs))).min())
         True
     """
     time, q = np.asarray(time, dtype=float), np.asarray(q, dtype=float)
@@ -104,33 +147,40 @@ def continuous_distances(
         raise InputError(f"the tolerance of distances has to be positive, found {accuracy:g} m")
     chosen = np.arange(len(q)) if samples is None else np.asarray(samples, dtype=int)
     motion = SampledMotion(distances.robot.model, time, q, distances.obstacles)
-    return _Search(distances, motion, within, max(accuracy, _FINEST)).result(chosen)
+    curves = DistanceCurves(distances, time[chosen], q[chosen], within)
+    bounds = within, within if exact is None else exact, max(accuracy, _FINEST)
+    return _Search(distances, motion, chosen, *bounds).result(curves)
 
 
 class _Places:
-    """Poses of all shapes and joints at the places of a motion that are known so far."""
+    """Poses of all bodies at the places of a motion that are known so far."""
 
     def __init__(self) -> None:
-        self.places: list[float] = []
-        self._rotations: list[Array] = []
-        self._origins: list[Array] = []
-        self._middles: list[Array] = []
-        self._joints: list[Array] = []
+        self._places: list[float] = []
+        self._fresh: list[PlacedBodies] = []
+        self._stacked: PlacedBodies | None = None
 
-    def add(self, place: float, poses: ShapePoses, joints: Array) -> int:
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def add(self, place: float, bodies: PlacedBodies) -> int:
         """Keep the poses of a place, and return its number."""
-        self.places.append(place)
-        self._rotations.append(poses.rotations)
-        self._origins.append(poses.origins)
-        self._middles.append(poses.middles)
-        self._joints.append(joints)
-        return len(self.places) - 1
+        self._places.append(place)
+        self._fresh.append(bodies)
+        return len(self._places) - 1
 
-    def stacked(self) -> tuple[Array, Array, Array, Array]:
-        """Rotations, origins and middles of shapes, and origins of joints, each with the place as first axis."""
-        found = self._rotations, self._origins, self._middles, self._joints
-        rotations, origins, middles, joints = (np.array(each) for each in found)
-        return rotations, origins, middles, joints
+    def of(self, numbers: Int[Array, "s 2"]) -> Float[Array, "s 2"]:
+        """Places by their numbers."""
+        return np.array(self._places)[numbers]
+
+    def stacked(self) -> PlacedBodies:
+        """Poses of all bodies, with the place as first axis."""
+        if self._fresh:
+            fresh = PlacedBodies(*map(np.array, zip(*self._fresh, strict=True)))
+            known = [fresh] if self._stacked is None else [self._stacked, fresh]
+            self._stacked, self._fresh = PlacedBodies(*map(np.concatenate, zip(*known, strict=True))), []
+        assert self._stacked is not None
+        return self._stacked
 
 
 @dataclass
@@ -148,112 +198,124 @@ class _Entries:
 
 
 class _Search:
-    """Search for the smallest distances of one motion."""
+    """Search for the smallest distances of one motion.
 
-    def __init__(self, distances: CollisionDistances, motion: SampledMotion, within: float, tolerance: float) -> None:
-        self._distances, self._motion = distances, motion
-        self._within, self._tolerance = within, tolerance
+    Places are measured as far as the bounds do not show that they are not nearer, to the tolerance, than the smallest
+    distance that is known. Samples that may be nearer than ``exact`` have no tolerance.
+    """
+
+    def __init__(
+        self,
+        distances: CollisionDistances,
+        motion: SampledMotion,
+        samples: Int[Array, " n"],
+        within: float,
+        exact: float,
+        tolerance: float,
+    ) -> None:
+        self._distances, self._motion, self._samples = distances, motion, samples
+        self._within, self._exact, self._tolerance = within, exact, tolerance
         self._places = _Places()
         count = len(distances.pairs)
         self._best, self._best_time = np.full(count, np.inf), np.zeros(count)
         self._largest = np.full(count, -np.inf)
         self._bounds = PairBounds(distances)
 
-    def result(self, samples: Int[Array, " n"]) -> ContinuousDistances:
-        """Smallest distances, after a first look at some samples."""
-        at_samples, entries = self._first_look(samples)
-        most = len(samples) + _MOST_PLACES
-        while len(entries.pair) and len(self._places.places) < most:
+    def result(self, curves: DistanceCurves) -> ContinuousDistances:
+        """Smallest distances, after a first look at every few samples."""
+        entries, most = self._first_look(), len(self._samples) + _MOST_PLACES
+        while len(entries.pair) and len(self._places) < most:
             entries = self._halved(entries)
         uncertain = np.zeros(len(self._best), dtype=bool)
         uncertain[entries.pair] = True
         kind = self._largest - self._best < _UNCHANGED, uncertain
-        return ContinuousDistances(self._best, self._best_time, *kind, self._within, self._tolerance, at_samples)
+        return ContinuousDistances(self._best, self._best_time, *kind, self._within, self._tolerance, curves)
 
-    def _first_look(self, samples: Int[Array, " n"]) -> tuple[Float[Array, "n k"], _Entries]:
-        """Distances at samples, and the pairs and segments between them that need a closer look."""
-        count = len(self._distances.pairs)
-        known = np.empty((len(samples), count))
-        keys, normals = [], [np.zeros((0, 3))]  # of the distances that are exact
-        for number, sample in enumerate(samples.tolist()):
-            self._place(float(sample))
-            known[number] = self._distances.lower_bounds()
-            near = np.flatnonzero(known[number] < self._within)
-            found = self._distances.measure(near)
-            known[number, near] = found[:, 0]
-            keys += (number * count + near).tolist()
-            normals.append(found[:, 1:4])
-            self._note(np.arange(count), known[number], self._motion.time_at(float(sample)))
-        starts = np.arange(len(samples) - 1)
-        if not (count and len(starts)):
-            return known, _Entries(*(np.zeros(0, dtype=int),) * 3, *(np.zeros((0, 4)),) * 2)
-        segments, stacked = self._segments(starts, starts + 1), self._places.stacked()
-        means = 0.5 * (known[:-1] + known[1:])
-        doubtful = means - self._bounds.coarse(segments, stacked) < self._target() - self._tolerance
+    def _first_look(self) -> _Entries:
+        """Distances at every few samples, and the pairs and segments between them that need a closer look."""
+        every = np.arange(len(self._distances.pairs))
+        last = len(self._samples) - 1
+        looked = self._samples[np.unique(np.append(np.arange(0, last, _FIRST), last))] if len(every) else []
+        known = np.array([self._look(float(sample), every, self._within)[1] for sample in looked])
+        starts = np.arange(len(looked) - 1)
+        if not len(starts):
+            return _Entries(*(np.zeros(0, dtype=int),) * 3, *(np.zeros((0, 4)),) * 2)
+        paths = self._motion.paths(self._places.of(np.column_stack([starts, starts + 1])))
+        means = 0.5 * (known[:-1, :, 0] + known[1:, :, 0])
+        doubtful = means - self._bounds.coarse(paths, self._places.stacked()) < self._target()
         rows, pairs = np.nonzero(doubtful)
-        exact, every = np.array(keys, dtype=int), np.concatenate([*normals, np.full((1, 3), np.nan)])
-
-        def numbers(row: Array) -> Array:
-            wanted = row * count + pairs
-            place = np.searchsorted(exact, wanted)
-            is_exact = np.append(exact, -1)[place] == wanted
-            return np.column_stack([known[row, pairs], every[np.where(is_exact, place, len(exact))]])
-
-        entries = _Entries(rows, rows + 1, pairs, numbers(rows), numbers(rows + 1))
-        return known, entries.chosen(self._undecided(entries, segments, rows, stacked))
+        return self._undecided(_Entries(rows, rows + 1, pairs, known[rows, pairs], known[rows + 1, pairs]))
 
     def _halved(self, entries: _Entries) -> _Entries:
         """Measure pairs halfway along their segments, and return the halves that need a closer look."""
-        ends, of_segment = np.unique(np.stack([entries.start, entries.end]), axis=1, return_inverse=True)
-        of_segment = of_segment.ravel()
+        ends, of_segment = _unique_segments(entries)
         middle = np.full(len(of_segment), -1)
         measured = np.full((len(of_segment), 4), np.nan)
         order = np.argsort(of_segment, kind="stable")
-        cuts = np.searchsorted(of_segment[order], np.arange(ends.shape[1] + 1))
-        for k, (start, end) in enumerate(ends.T.tolist()):
-            place = self._motion.halfway(self._places.places[start], self._places.places[end])
+        cuts = np.searchsorted(of_segment[order], np.arange(len(ends) + 1))
+        for k, place in enumerate(self._halfway(self._places.of(ends))):
             if place is None:
                 continue
             which = order[cuts[k] : cuts[k + 1]]
-            middle[which] = self._place(place)
-            pairs = entries.pair[which]
-            measured[which] = self._distances.measure(pairs)[:, :4]
-            self._note(pairs, measured[which, 0], self._motion.time_at(place))
+            middle[which], measured[which] = self._look(place, entries.pair[which])
         kept = middle >= 0
         entries, middle, measured = entries.chosen(kept), middle[kept], measured[kept]
-        halves = _Entries(
-            np.concatenate([entries.start, middle]),
-            np.concatenate([middle, entries.end]),
-            np.tile(entries.pair, 2),
-            np.concatenate([entries.at_start, measured]),
-            np.concatenate([measured, entries.at_end]),
+        return self._undecided(
+            _Entries(
+                np.concatenate([entries.start, middle]),
+                np.concatenate([middle, entries.end]),
+                np.tile(entries.pair, 2),
+                np.concatenate([entries.at_start, measured]),
+                np.concatenate([measured, entries.at_end]),
+            )
         )
-        if not len(halves.pair):
-            return halves
-        ends, of_segment = np.unique(np.stack([halves.start, halves.end]), axis=1, return_inverse=True)
-        segments = self._segments(*ends)
-        return halves.chosen(self._undecided(halves, segments, of_segment.ravel(), self._places.stacked()))
 
-    def _undecided(
-        self, entries: _Entries, segments: Segments, rows: Array, stacked: tuple[Array, Array, Array, Array]
-    ) -> Array:
-        """Indices of entries whose distance may fall below the smallest one that is known."""
-        bound = self._bounds.along(PairEnds(*vars(entries).values()), segments, rows, stacked)
-        return np.flatnonzero(bound < self._target()[entries.pair] - self._tolerance)
+    def _undecided(self, entries: _Entries) -> _Entries:
+        """Entries whose distance may fall below the smallest one that is known: the cheapest bound decides first."""
+        for kind in get_args(BoundKind):
+            entries = self._doubtful(entries, kind)
+        return entries
+
+    def _doubtful(self, entries: _Entries, kind: BoundKind) -> _Entries:
+        """Entries that a bound does not decide."""
+        if not len(entries.pair):
+            return entries
+        ends, of_segment = _unique_segments(entries)
+        places = self._places.of(ends)
+        displaced = self._motion.segments if kind == "steady" else self._motion.paths
+        own = PairEnds(*vars(entries).values())
+        bound = self._bounds.along(kind, own, displaced(places.tolist()), of_segment, self._places.stacked())
+        first, last = self._inside(places)
+        slack = np.where((first < last)[of_segment] & (bound < self._exact), _SAME, self._tolerance)
+        return entries.chosen(np.flatnonzero(bound < self._target()[entries.pair] - slack))
+
+    def _look(self, place: float, pairs: Int[Array, " k"], within: float = np.inf) -> tuple[int, Float[Array, "k 4"]]:
+        """Number of a new place, and the distances and normals of pairs there, exact up to a distance [m]."""
+        t = self._motion.time_at(place)
+        number = self._places.add(place, self._distances.place(self._motion.configuration_at(place), t))
+        found = _measured(self._distances, pairs, within)
+        distance = found[:, 0]
+        smaller = distance < self._best[pairs]
+        self._best[pairs[smaller]], self._best_time[pairs[smaller]] = distance[smaller], t
+        self._largest[pairs] = np.maximum(self._largest[pairs], distance)
+        return number, found
 
     def _target(self) -> Array:
         return np.minimum(self._best, self._within)
 
-    def _place(self, place: float) -> int:
-        motion = self._motion
-        poses, joints = self._distances.place(motion.configuration_at(place), motion.time_at(place))
-        return self._places.add(place, poses, joints)
+    def _inside(self, places: Float[Array, "s 2"]) -> tuple[Int[Array, " s"], Int[Array, " s"]]:
+        """First sample inside each segment, and the one after the last, as indices into the samples."""
+        return np.searchsorted(self._samples, places[:, 0], "right"), np.searchsorted(self._samples, places[:, 1])
 
-    def _note(self, pairs: Array, found: Array, t: float) -> None:
-        smaller = found < self._best[pairs]
-        self._best[pairs[smaller]], self._best_time[pairs[smaller]] = found[smaller], t
-        self._largest[pairs] = np.maximum(self._largest[pairs], found)
+    def _halfway(self, places: Float[Array, "s 2"]) -> Iterator[float | None]:
+        """Places about halfway, samples if there are some; None for segments that are not halved."""
+        for (start, end), first, last in zip(places.tolist(), *self._inside(places), strict=True):
+            inside = first < last
+            yield float(self._samples[(first + last) // 2]) if inside else self._motion.halfway(start, end)
 
-    def _segments(self, starts: Array, ends: Array) -> Segments:
-        places = self._places.places
-        return self._motion.segments([(places[a], places[b]) for a, b in zip(starts, ends, strict=True)])
+
+def _unique_segments(entries: _Entries) -> tuple[Int[Array, "s 2"], Int[Array, " k"]]:
+    """Segments, each once, as numbers of both places; and the segment of each entry."""
+    count = int(entries.end.max(initial=0)) + int(entries.start.max(initial=0)) + 1
+    keys, of_segment = np.unique(entries.start * count + entries.end, return_inverse=True)
+    return np.stack(np.divmod(keys, count), axis=1), of_segment.ravel()

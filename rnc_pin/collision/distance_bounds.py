@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy import ndarray as Array
 
@@ -56,6 +58,24 @@ class ShapePoses:
         origins[:count] = _product(turns, origins[:count, :, None])[:, :, 0] + carrying[:, 9:]
         rotations[:count] = _product(turns, rotations[:count])
         return cls(rotations, origins, centers)
+
+
+class PlacedBodies(NamedTuple):
+    """Poses of all bodies in the world, at one place of a motion or at many, which are then the first axis.
+
+    Attributes:
+        rotations: rotations (s, 3, 3) of the shapes; those that spin about their own axes are as if they did not.
+        origins: origins (s, 3) of the shapes [m].
+        middles: centres (s, 3) of the boxes around the shapes [m].
+        joints: origins (j, 3) of all joints, then of the obstacles that move [m].
+        axes: axes (j, 3) about which they turn; NaN for joints that turn about several ones, or none.
+    """
+
+    rotations: Array
+    origins: Array
+    middles: Array
+    joints: Array
+    axes: Array
 
 
 class DistanceBounds:

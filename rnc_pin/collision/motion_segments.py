@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -180,7 +181,37 @@ class SampledMotion:
         linear_deviation += angular * linear_deviation + linear * angular_deviation
         angular_deviation += angular * angular_deviation
         found = Segments(angular, linear, angular_deviation, linear_deviation)
-        times = np.array([(self.time_at(start), self.time_at(end)) for start, end in places]).reshape(-1, 2)
+        return self._with_tracks(found, self._times(places))
+
+    def paths(self, places: Sequence[tuple[float, float]]) -> Segments:
+        """Rotations and translations of the joints along segments, summed over all samples in them.
+
+        They bound the paths of points, at whatever rates the joints move. Obstacles are as in ``segments``.
+        """
+        ends = np.array(places).reshape(-1, 2)
+        before = np.minimum(ends.astype(int), max(len(self._time) - 2, 0))
+        after, part = np.minimum(before + 1, len(self._time) - 1), (ends - before)[:, :, None]
+        at = [total[before] + part * (total[after] - total[before]) for total in self._travelled]
+        angular, linear = (each[:, 1] - each[:, 0] for each in at)
+        found = Segments(angular, linear, np.zeros(angular.shape), np.zeros(linear.shape))
+        return self._with_tracks(found, self._times(places))
+
+    def _times(self, places: Sequence[tuple[float, float]]) -> Float[Array, "k 2"]:
+        """Times [s] of both ends of segments."""
+        return np.array([(self.time_at(start), self.time_at(end)) for start, end in places]).reshape(-1, 2)
+
+    @cached_property
+    def _travelled(self) -> tuple[Float[Array, "N j"], Float[Array, "N j"]]:
+        """Rotations [rad] and translations [m] of the joints from the first sample to each one."""
+        q, model = self._q, self._model
+        steps = np.zeros((len(q), model.nv))
+        for k in range(1, len(q)):
+            steps[k] = pin.difference(model, q[k - 1], q[k])
+        angular, linear = self._steps.of(steps)
+        return angular.cumsum(axis=0), linear.cumsum(axis=0)
+
+    def _with_tracks(self, found: Segments, times: Float[Array, "k 2"]) -> Segments:
+        """Add the columns of the obstacles that move."""
         for track in self._tracks:
             found = Segments(*map(np.column_stack, zip(found, track.segments(times), strict=True)))
         return found

@@ -7,14 +7,16 @@ velocity that joint j causes, by joint i, is the axis of the one nearer to the f
 other. Two bounds follow:
 
 * The distance changes at most by the path: ``(d0 + d1 - L) / 2``, where L is V, or the largest displacement between
-  both ends plus ``A / 4``.
+  both ends plus ``A / 4``. With V it holds for joints that move at any rate.
 * The gap along a fixed direction is at least that of points on straight lines, less ``A / 8``. So it is not smaller
-  than its linear interpolation less ``A / 8``. The directions are the normals at both ends.
+  than its linear interpolation less ``A / 8``. The directions are the normals at both ends. Turns about such a
+  direction do not change the gap: ``A``, and the part of ``V`` by rotations, count with the sine of the angle between
+  the direction and the axes. So the height of a level arm over a base is certain, however the arm turns.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import coal
 import numpy as np
@@ -22,6 +24,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Bool, Float, Int
 from rnc_pin.collision.collision_distances import CollisionDistances
+from rnc_pin.collision.distance_bounds import PlacedBodies
 from rnc_pin.collision.motion_segments import Segments
 from rnc_pin.errors import ModelError
 
@@ -29,10 +32,7 @@ _CHUNK = 20_000  # entries at a time: bounds memory
 _LARGEST = 50.0  # exponent; the bound is of no use far below
 _NO_GAP = -1e9  # [m]; gap along a direction that coal does not give, or in which a half space has no end
 _UNIT = 1e-6  # error of the square of a unit vector
-
-Stacked = tuple[Array, Array, Array, Array]
-"""Rotations, origins and middles of shapes, and origins of joints and moving obstacles, by place."""
-
+BoundKind = Literal["path", "normals", "steady"]
 _ALONG = 1e-9  # distance of a direction from the normal of a half space that counts as rounding
 
 
@@ -103,22 +103,26 @@ class PairBounds:
             carried[shape, list(model.supports[joint])[1:]] = True
             if shape in columns:
                 carried[shape, columns[shape]] = True
+        spinning = distances.spinning
+        carried[spinning.shapes, np.array(distances.carriers)[spinning.shapes]] = False
         first, second = distances.shape_pairs
         # The other body is the smaller one: its radius is the lever of rotations. Obstacles are seen from.
         swap = (second >= links) | (distances.radii[first] < distances.radii[second])
         self._from, self._other = np.where(swap, second, first), np.where(swap, first, second)
         self._sign = np.where(swap, -1.0, 1.0)  # of normals, which point from the first to the second body
         self._between: Bool[Array, "k j"] = carried[first] ^ carried[second]
+        # Both bounds and measured distances are those of turned shapes, each within a wobble of an exact one.
+        self._wobble: Float[Array, " k"] = 4.0 * spinning.wobble[distances.shape_pairs].sum(axis=0)
         self._radii, self._shapes, self._links = distances.radii, distances.shapes, links
         self._moving = np.array([columns.get(shape, 0) for shape in second.tolist()])  # the column of an obstacle
         self._joints = model.njoints
 
-    def coarse(self, segments: Segments, stacked: Stacked) -> Float[Array, "s k"]:
+    def coarse(self, segments: Segments, placed: PlacedBodies) -> Float[Array, "s k"]:
         """Largest decrease of each pair's mean distance along each segment, cheap and far from sharp.
 
         Segment k starts at place k.
         """
-        _, _, middles, joints = stacked
+        middles, joints = placed.middles, placed.joints
         rows, robot = slice(0, len(segments.angular)), slice(1, self._joints)
         centers = middles[rows, : self._links]
         center = centers.mean(axis=1, keepdims=True)
@@ -133,54 +137,73 @@ class PairBounds:
             found[:, self._moving == column] = (0.5 * path + error)[:, None]
         return found
 
-    def along(self, ends: PairEnds, segments: Segments, rows: Int[Array, " k"], stacked: Stacked) -> Float[Array, " k"]:
+    def along(
+        self, kind: BoundKind, ends: PairEnds, segments: Segments, rows: Int[Array, " k"], placed: PlacedBodies
+    ) -> Float[Array, " k"]:
         """Lower bounds (k,) of distances [m].
 
         Args:
+            kind: bound that is used: that of the path, that of the path along the normals at both ends, or all of them
+                with that of motion at constant rates. The first two hold however the joints move: their segments are
+                lengths of paths. The others are displacements.
             ends: pairs and their segments.
             segments: displacements of some segments.
             rows: the row of ``segments`` of each pair.
-            stacked: poses at all places.
+            placed: poses at all places.
         """
         found = np.empty(len(rows))
         for first in range(0, len(rows), _CHUNK):
             part = slice(first, first + _CHUNK)
             own = Segments(*(each[rows[part]] for each in segments))
-            found[part] = self._along(PairEnds(*(each[part] for each in ends)), own, stacked)
+            found[part] = self._along(PairEnds(*(each[part] for each in ends)), own, placed, kind)
         return found
 
-    def _along(self, ends: PairEnds, segments: Segments, stacked: Stacked) -> Float[Array, " k"]:
-        rotations, origins, middles, joints = stacked
+    def _along(self, ends: PairEnds, segments: Segments, placed: PlacedBodies, kind: BoundKind) -> Float[Array, " k"]:
         pair, between = ends.pair, self._between[ends.pair]
-        one, other = self._from[pair], self._other[pair]
-        radius = self._radii[other]
-        levers = np.linalg.norm(joints[ends.start] - middles[ends.start, other][:, None], axis=2) + radius[:, None]
-        path, turning, error = _paths(Segments(*(each * between for each in segments)), levers)
+        radius = self._radii[self._other[pair]]
+        arms = placed.joints[ends.start] - placed.middles[ends.start, self._other[pair]][:, None]
+        levers = np.sqrt(np.vecdot(arms, arms)) + radius[:, None]
+        own = Segments(*(each * between for each in segments))
+        path, turning, error = _paths(own, levers)
         curved = 2.0 * turning * path  # bound of the second derivative
-        relative, places, centers = [], [], []
-        for place in (ends.start, ends.end):
-            world = rotations[place, one].swapaxes(1, 2)
-            relative.append(world @ rotations[place, other])
-            places.append(np.matvec(world, origins[place, other] - origins[place, one]))
-            centers.append(np.matvec(world, middles[place, other] - origins[place, one]))
-        turn = np.linalg.norm((relative[1] - relative[0]).reshape(-1, 9), axis=1) * np.sqrt(0.5)
-        chord = np.linalg.norm(centers[1] - centers[0], axis=1) + turn * radius
-        longest = np.minimum(path, chord + 0.25 * curved)
+        longest = np.minimum(path, self._chords(ends, placed) + 0.25 * curved) if kind == "steady" else path
         before, after = ends.at_start[:, 0], ends.at_end[:, 0]
         found = 0.5 * (before + after - longest)
         exact = np.flatnonzero(np.isfinite(ends.at_start[:, 1]) & np.isfinite(ends.at_end[:, 1]))
-        if len(exact):
-            sign = self._sign[pair[exact], None]
-            normals = [
-                np.matvec(rotations[place[exact], one[exact]].swapaxes(1, 2), sign * numbers[exact, 1:])
-                for place, numbers in ((ends.start, ends.at_start), (ends.end, ends.at_end))
-            ]
-            poses = [(relative[k][exact], places[k][exact]) for k in (0, 1)]
-            gaps = [[self._gaps(one[exact], other[exact], normal, *pose) for pose in poses] for normal in normals]
-            crossing = _smallest_maximum(*gaps[0], *gaps[1])
-            straight = np.minimum(np.minimum(before[exact], after[exact]), crossing)
-            found[exact] = np.maximum(found[exact], straight - 0.125 * curved[exact])
-        return found - error
+        if kind != "path" and len(exact):
+            some = PairEnds(*(each[exact] for each in ends))
+            gaps = self._gaps_at_ends(some, placed)
+            tilt = _tilt(some, own.angular[exact], turning[exact], placed)
+            if kind == "steady":
+                straight = np.minimum(np.minimum(before[exact], after[exact]), _smallest_maximum(*gaps[0], *gaps[1]))
+                along = straight - 0.125 * curved[exact] * tilt
+            else:
+                moved = own.linear[exact].sum(axis=1) * np.exp(np.minimum(turning[exact], _LARGEST))
+                along = 0.5 * (gaps.sum(axis=1).max(axis=0) - moved - tilt * (path[exact] - moved))
+            found[exact] = np.maximum(found[exact], along)
+        return found - error - self._wobble[pair]
+
+    def _chords(self, ends: PairEnds, placed: PlacedBodies) -> Float[Array, " k"]:
+        """Largest displacement of a point of the other body between both ends, seen from the first one [m]."""
+        one, other = self._from[ends.pair], self._other[ends.pair]
+        relative, centers = [], []
+        for place in (ends.start, ends.end):
+            world = placed.rotations[place, one].swapaxes(1, 2)
+            relative.append(world @ placed.rotations[place, other])
+            centers.append(np.matvec(world, placed.middles[place, other] - placed.origins[place, one]))
+        turn = np.linalg.norm((relative[1] - relative[0]).reshape(-1, 9), axis=1) * np.sqrt(0.5)
+        return np.linalg.norm(centers[1] - centers[0], axis=1) + turn * self._radii[other]
+
+    def _gaps_at_ends(self, ends: PairEnds, placed: PlacedBodies) -> Float[Array, "2 2 k"]:
+        """Gaps along the normals of both ends (first axis) at both ends (second axis) [m]."""
+        one, other, sign = self._from[ends.pair], self._other[ends.pair], self._sign[ends.pair, None]
+        poses, normals = [], []
+        for place, numbers in ((ends.start, ends.at_start), (ends.end, ends.at_end)):
+            world = placed.rotations[place, one].swapaxes(1, 2)
+            shift = placed.origins[place, other] - placed.origins[place, one]
+            poses.append((world @ placed.rotations[place, other], np.matvec(world, shift)))
+            normals.append(np.matvec(world, sign * numbers[:, 1:]))
+        return np.array([[self._gaps(one, other, normal, *pose) for pose in poses] for normal in normals])
 
     def _gaps(self, one: Array, other: Array, normal: Array, rotation: Array, place: Array) -> Float[Array, " k"]:
         """Gaps of two shapes along unit vectors in the frame of the first one; very low without a unit vector."""
@@ -207,6 +230,22 @@ def _paths(segments: Segments, levers: Float[Array, "k j"]) -> tuple[Array, Arra
     path = (linear + angular * levers).sum(axis=1) * np.exp(np.minimum(turning, _LARGEST))
     error = (moved + turned * (levers + path[:, None])).sum(axis=1)
     return path, turning, error * np.exp(np.minimum(turned.sum(axis=1), _LARGEST))
+
+
+def _tilt(
+    ends: PairEnds, angular: Float[Array, "k j"], turning: Float[Array, " k"], placed: PlacedBodies
+) -> Float[Array, " k"]:
+    """Largest sine of the angle between the normals and the axes of the joints that turn, along each segment.
+
+    The angle of two axes changes at most by the turn times the sine of the angle to the axis of the turn, so that the
+    largest sine grows at most as the exponential function of twice the turn. Parallel axes stay parallel.
+    """
+    largest = np.zeros(len(turning))
+    for place, numbers in ((ends.start, ends.at_start), (ends.end, ends.at_end)):
+        across = np.cross(placed.axes[place], numbers[:, None, 1:])
+        sines = np.where(angular > 0.0, np.sqrt(np.vecdot(across, across)), 0.0)
+        largest = np.maximum(largest, np.where(np.isnan(sines), 1.0, sines).max(axis=1, initial=0.0))
+    return np.minimum(1.0, largest * np.exp(np.minimum(2.0 * turning, _LARGEST)))
 
 
 def _smallest_maximum(a0: Array, a1: Array, b0: Array, b1: Array) -> Array:

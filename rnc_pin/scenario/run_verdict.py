@@ -105,7 +105,8 @@ def _goal_errors(experiment: Experiment, run: Trajectory, summary: Summary) -> d
 def _replay(experiment: Experiment, run: Trajectory, asked: float | None) -> LimitReplay:
     step = max(_REPLAY_STEP, float(run.time[-1]) / _REPLAYED)
     robot, obstacles = experiment.reduced.robot, experiment.obstacles
-    return replay_limits(robot, run, obstacles, step=step, within=max(REPLAY_DISTANCE, asked or 0.0))
+    near = asked or 0.0
+    return replay_limits(robot, run, obstacles, step=step, within=max(REPLAY_DISTANCE, near), exact=near)
 
 
 def _asked(experiment: Experiment) -> float | None:

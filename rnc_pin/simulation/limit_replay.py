@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from rnc_pin.collision import (
     CollisionDistances,
     ContinuousDistances,
+    DistanceCurves,
     Obstacle,
     OmittedPair,
     PairSelection,
@@ -91,10 +93,10 @@ class LimitReplay:
         omitted: pairs of links that are not checked because they touch at the start, and why.
         time: times (N,) of the distances and excesses [s].
         excesses: excess (N, u) of each limit in ``uses`` over time, as a share of its range.
-        distances: distances (N, k) of the pairs in ``clearances`` over time [m]. Beyond ``within`` they are lower
-            bounds.
         within: distance up to which distances are exact [m].
         tolerance: tolerance of the distances in ``clearances`` [m]; zero without collision geometry.
+        curves: distances over time, measured when they are asked for; None without collision geometry.
+        pairs: numbers of the pairs in ``clearances``, for the curves.
     """
 
     uses: tuple[LimitUse, ...]
@@ -102,9 +104,21 @@ class LimitReplay:
     omitted: tuple[OmittedPair, ...]
     time: np.ndarray
     excesses: np.ndarray
-    distances: np.ndarray
     within: float
     tolerance: float = 0.0
+    curves: DistanceCurves | None = None
+    pairs: tuple[int, ...] = ()
+
+    @cached_property
+    def distances(self) -> np.ndarray:
+        """Distances (N, k) of the pairs in ``clearances`` over time [m]. Beyond ``within`` they are lower bounds."""
+        if self.curves is None:
+            return np.zeros((len(self.time), 0))
+        return self.curves.of(np.array(self.pairs, dtype=int))
+
+    def __getstate__(self) -> dict[str, object]:
+        """State with the curves themselves: what measures them takes long to build again."""
+        return {**self.__dict__, "distances": self.distances, "curves": None}
 
     @property
     def violations(self) -> tuple[LimitUse, ...]:
@@ -139,6 +153,7 @@ def replay_limits(
     selection: PairSelection | None = None,
     step: float = 0.0,
     within: float = 0.05,
+    exact: float | None = None,
 ) -> LimitReplay:
     """Replay a trajectory and return how much of each limit it uses, and the smallest distances of pairs.
 
@@ -152,6 +167,7 @@ def replay_limits(
         step: time between the samples whose distances are over time in the result [s]; every sample by default.
             Smallest distances are those of the whole motion, whose joints move at constant rate from sample to sample.
         within: distance up to which distances are exact [m].
+        exact: distance up to which samples have no tolerance, as in ``continuous_distances`` [m].
 
     Raises:
         InputError: the trajectory has no samples, or belongs to another robot.
@@ -174,15 +190,15 @@ def replay_limits(
     excesses = np.array([excess[every] for _, excess in found]).reshape(len(found), len(every)).T
     model = robot.collision_model
     if model is None or not len(model.geometryObjects):
-        return LimitReplay(uses, (), (), time, excesses, np.zeros((len(every), 0)), within)
+        return LimitReplay(uses, (), (), time, excesses, within)
     checked = CollisionDistances(robot, obstacles, selection, q0=trajectory.q[0])
     omitted = tuple(each for each in checked.omitted if each.reason.startswith("overlap"))
-    measured = continuous_distances(checked, trajectory.time, trajectory.q, within, samples=every)
+    measured = continuous_distances(checked, trajectory.time, trajectory.q, within, samples=every, exact=exact)
     smallest = measured.smallest
-    near = [int(k) for k in np.argsort(smallest, kind="stable") if smallest[k] < within]
+    near = tuple(int(k) for k in np.argsort(smallest, kind="stable") if smallest[k] < within)
     clearances = tuple(_clearance(checked, measured, k) for k in near)
-    curves = measured.at_samples[:, near]
-    return LimitReplay(uses, clearances, omitted, time, excesses, curves, within, measured.tolerance)
+    accuracy = within, measured.tolerance
+    return LimitReplay(uses, clearances, omitted, time, excesses, *accuracy, measured.curves, near)
 
 
 def obstacles_passed(

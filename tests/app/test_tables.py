@@ -17,7 +17,7 @@ def test_distances_to_obstacles_are_printed_apart(capsys):
         Clearance(("base", "rack"), 0.0512, 3.14, True),
     )
     summary = rnc.summarize(run)
-    add_limits(summary, LimitReplay((), pairs, (), run.time, run.q[:, :0], run.q[:, :0], 0.2))
+    add_limits(summary, LimitReplay((), pairs, (), run.time, run.q[:, :0], 0.2))
     print_summary(summary)
     printed = " ".join(capsys.readouterr().out.split())
     assert "distance to obstacles, smallest 0.0512 m, base / rack at t = 3.14 s" in printed

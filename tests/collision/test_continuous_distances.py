@@ -7,7 +7,7 @@ import pytest
 
 import rnc_pin as rnc
 from drawn_motions import DenseReplay, drawn_motion
-from rnc_pin.collision import CollisionDistances, Obstacle, continuous_distances
+from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection, continuous_distances
 from rnc_pin.collision.continuous_distances import default_tolerance
 
 WITHIN = 0.05
@@ -32,6 +32,11 @@ def test_no_contact_is_missed_and_none_is_invented(seed):
         assert dense.distances(found.time[k], [k]) == pytest.approx([found.smallest[k]], abs=COAL)
 
 
+def at_samples(found):
+    """Distances of all pairs at the samples of a motion."""
+    return found.curves.of(np.arange(len(found.smallest)))
+
+
 def unicycle_beside(*obstacles):
     robot = rnc.Robot.from_urdf("unicycle.urdf", base="planar")
     return robot, CollisionDistances(robot, obstacles)
@@ -49,7 +54,7 @@ def test_a_thin_wall_between_two_samples_is_found():
     robot, distances = unicycle_beside(wall)
     q = driven(robot, np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0]]))
     found = continuous_distances(distances, np.array([2.0, 4.0]), q)
-    assert found.at_samples.min() > 0.9
+    assert at_samples(found).min() > 0.9
     radius = distances.radii[: distances.link_shapes].max()
     half = np.array([box.geometry.aabb_local.max_[0] for box in robot.collision_model.geometryObjects]).max()
     assert -radius - 0.002 < found.smallest.min() < -0.8 * half
@@ -64,7 +69,7 @@ def test_samples_within_a_segment_count():
     q = driven(robot, np.stack([1.3 * np.sin(0.5 * np.pi * time) ** 2, 0.1 * time, 0.3 * np.sin(3.0 * time)], axis=1))
     every = continuous_distances(distances, time, q, within=0.2)
     few = continuous_distances(distances, time, q, within=0.2, samples=np.array([0, 80]))
-    assert every.smallest.min() < 0.0 < few.at_samples.min()
+    assert every.smallest.min() < 0.0 < at_samples(few).min()
     near = every.smallest < 0.2
     np.testing.assert_allclose(few.smallest[near], every.smallest[near], atol=2 * every.tolerance)
 
@@ -75,7 +80,7 @@ def test_an_obstacle_that_passes_between_two_samples_is_found():
     robot, distances = unicycle_beside(ball)
     q = driven(robot, np.zeros((2, 3)))
     found = continuous_distances(distances, np.array([0.0, 2.0]), q)
-    assert found.at_samples.min() > 2.0
+    assert at_samples(found).min() > 2.0
     assert found.smallest.min() < -0.1
     assert found.time[found.smallest.argmin()] == pytest.approx(1.5, abs=0.1)
 
@@ -89,8 +94,42 @@ def test_few_distances_are_measured_along_a_wall():
     distances.measure = lambda pairs: (measured.extend(pairs), measure(pairs))[1]
     found = continuous_distances(distances, np.array([0.0, 9.0]), q, within=1.0)
     assert len(measured) == 2 * len(distances.pairs)
-    np.testing.assert_allclose(found.smallest, found.at_samples[0])
+    np.testing.assert_allclose(found.smallest, at_samples(found)[0])
     assert found.constant.all()
+
+
+def test_few_samples_are_measured_where_bodies_are_far_or_slow():
+    """An arm that swings past a wall: most of its 2001 samples need no measurement, and the nearest one is found."""
+    robot = rnc.Robot.from_example("panda")
+    q = np.array([robot.configuration({"panda_joint2": 0.3, "panda_joint4": -1.8})] * 2001)
+    q[:, 0] = np.sin(np.linspace(0.0, 3.0, 2001))
+    wall = Obstacle(coal.Box(0.1, 4.0, 4.0), position=(1.0, 0.0, 0.0), name="wall")
+    distances = CollisionDistances(robot, [wall], PairSelection(links=False), q0=q[0])
+    placed, place = [], distances.place
+    distances.place = lambda q, t: (placed.append(t), place(q, t))[1]
+    found = continuous_distances(distances, np.linspace(0.0, 3.0, 2001), q, within=0.5, exact=0.0)
+    assert len(placed) < 400
+    every = found.curves.of(np.arange(len(distances.pairs))).min(axis=0)
+    near = every < 0.5
+    assert near.any()
+    assert (found.smallest - every)[near].max() < found.tolerance
+    exact = continuous_distances(distances, np.linspace(0.0, 3.0, 2001), q, within=0.5)
+    np.testing.assert_allclose(np.minimum(exact.smallest, every)[near], exact.smallest[near], atol=COAL)
+
+
+def test_a_wheel_that_spins_fast_beside_a_wall_is_certain():
+    """The spin of a wheel about its own axis does not move it: 200 turns between two samples change no distance."""
+    wall = Obstacle(coal.Box(9.0, 0.1, 2.0), position=(0.0, 0.4, 0.0), name="wall")
+    robot, distances = unicycle_beside(wall)
+    wheels = distances.spinning.shapes
+    assert len(wheels) == 2
+    q = driven(robot, np.zeros((2, 3)))
+    spun = [robot.model.joints[distances.carriers[k]].idx_q for k in wheels.tolist()]
+    assert all(robot.model.joints[distances.carriers[k]].nv == 1 for k in wheels.tolist())
+    q[1, spun] = 1256.0
+    found = continuous_distances(distances, np.array([0.0, 1.0]), q, within=1.0)
+    assert not found.uncertain.any()
+    np.testing.assert_allclose(found.smallest, found.curves.of(np.arange(len(distances.pairs)))[0], atol=COAL)
 
 
 def test_same_motion_gives_the_same_bits():
@@ -99,8 +138,9 @@ def test_same_motion_gives_the_same_bits():
         continuous_distances(CollisionDistances(motion.robot, motion.obstacles, q0=motion.q[0]), motion.time, motion.q)
         for _ in range(2)
     ]
-    for key in ("smallest", "time", "at_samples"):
+    for key in ("smallest", "time"):
         assert getattr(found[0], key).tobytes() == getattr(found[1], key).tobytes()
+    assert at_samples(found[0]).tobytes() == at_samples(found[1]).tobytes()
 
 
 def test_tolerance_follows_the_size_of_the_robot():

@@ -15,8 +15,7 @@ from rnc_pin.verdict import FindingKind, Severity
 
 def replay_of(*clearances, omitted=()):
     time = np.array([0.0, 1.0])
-    curves = np.tile([each.distance for each in clearances], (2, 1))
-    return LimitReplay((), clearances, omitted, time, np.zeros((2, 0)), curves, 0.2, 1e-3)
+    return LimitReplay((), clearances, omitted, time, np.zeros((2, 0)), 0.2, 1e-3)
 
 
 def test_a_run_along_a_rack_over_a_floor(tmp_path):
