@@ -240,7 +240,7 @@ class _Search:
         starts = np.arange(len(looked) - 1)
         if not len(starts):
             return _Entries(*(np.zeros(0, dtype=int),) * 3, *(np.zeros((0, 4)),) * 2)
-        paths = self._motion.paths(self._places.of(np.column_stack([starts, starts + 1])))
+        paths = self._motion.paths(self._places.of(np.column_stack([starts, starts + 1])).tolist())
         means = 0.5 * (known[:-1, :, 0] + known[1:, :, 0])
         doubtful = means - self._bounds.coarse(paths, self._places.stacked()) < self._target()
         rows, pairs = np.nonzero(doubtful)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from rnc_pin.control.limited_acceleration import limited_accelerations
 from rnc_pin.control.whole_body.limits import CollisionAvoidance
 from rnc_pin.control.whole_body.whole_body_program import program_of
 from rnc_pin.scenario.builder import Experiment, off_tracking
@@ -106,7 +107,9 @@ def _replay(experiment: Experiment, run: Trajectory, asked: float | None) -> Lim
     step = max(_REPLAY_STEP, float(run.time[-1]) / _REPLAYED)
     robot, obstacles = experiment.reduced.robot, experiment.obstacles
     near = asked or 0.0
-    return replay_limits(robot, run, obstacles, step=step, within=max(REPLAY_DISTANCE, near), exact=near)
+    within = max(REPLAY_DISTANCE, near)
+    limits = limited_accelerations(experiment.controller)
+    return replay_limits(robot, run, obstacles, step=step, within=within, exact=near, accelerations=limits)
 
 
 def _asked(experiment: Experiment) -> float | None:

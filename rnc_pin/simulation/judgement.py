@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 
 import numpy as np
 
 from rnc_pin.analysis import first_lift_off
+from rnc_pin.control.limited_acceleration import LimitedAcceleration
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation.limit_replay import ROUNDING, LimitReplay, LimitUse, replay_limits
 from rnc_pin.simulation.run_info import Outcome
@@ -17,7 +18,6 @@ from rnc_pin.verdict import Finding, FindingKind, Severity, Verdict
 _SATURATED = 0.2  # share of a run at a bound from which an input counts as saturated
 _MOSTLY = 0.5  # share of a run under a fallback command that fails
 _SLIPS = 1.0 + 1e-6  # use of friction that is beyond the stated friction, and not rounding
-_KINDS = {"position": FindingKind.POSITION, "velocity": FindingKind.VELOCITY, "effort": FindingKind.EFFORT}
 
 
 def judge(
@@ -111,16 +111,14 @@ def _goals(run: Trajectory, errors: Mapping[str, float], tolerance: float) -> It
 
 
 def _limits(replay: LimitReplay) -> Iterator[Finding]:
-    """Findings of limits of the robot's file: one for each joint and kind that exceeds."""
-    for use in replay.uses:
-        if use.excess > ROUNDING:
-            yield _exceeded(use)
+    """Findings of limits of the robot's file and of a program: one for each joint and kind that exceeds."""
+    yield from map(_exceeded, replay.violations)
 
 
 def _exceeded(use: LimitUse) -> Finding:
     """Finding of a limit; positions have a lower and an upper limit, the others one of the absolute value."""
     amount = abs(use.value - use.limit) if use.kind == "position" else abs(use.value) - use.limit
-    return Finding(_KINDS[use.kind], use.name, amount, "", use.time, Severity.FAILS, str(use))
+    return Finding(FindingKind(use.kind), use.name, amount, "", use.time, Severity.FAILS, str(use))
 
 
 def _contacts(run: Trajectory) -> Iterator[Finding]:
@@ -160,10 +158,17 @@ def _given_way(amounts: Mapping[str, float]) -> Iterator[Finding]:
         yield Finding(FindingKind.LIMIT_GAVE_WAY, name, amount, "", None, Severity.DEGRADES, message)
 
 
-def judged_by(run: Trajectory, robot: Robot) -> Trajectory:
-    """Return a run whose verdict follows at its first use from its samples and from the limits of its robot."""
-    return run.judged_later(partial(_judged, robot))
+def judged_by(run: Trajectory, robot: Robot, accelerations: Sequence[LimitedAcceleration] = ()) -> Trajectory:
+    """Return a run whose verdict follows at its first use from its samples and from limits.
+
+    Args:
+        run: the run.
+        robot: its robot, with the limits of its file.
+        accelerations: limits of accelerations, as for ``replay_limits``.
+    """
+    return run.judged_later(partial(_judged, robot, accelerations))
 
 
-def _judged(robot: Robot, run: Trajectory) -> Verdict:
-    return judge(run, replay_limits(robot, run, exact=0.0) if len(run.time) else None)
+def _judged(robot: Robot, accelerations: Sequence[LimitedAcceleration], run: Trajectory) -> Verdict:
+    replay = replay_limits(robot, run, exact=0.0, accelerations=accelerations) if len(run.time) else None
+    return judge(run, replay)

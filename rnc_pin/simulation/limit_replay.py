@@ -18,6 +18,7 @@ from rnc_pin.collision import (
     PairSelection,
     continuous_distances,
 )
+from rnc_pin.control.limited_acceleration import LimitedAcceleration
 from rnc_pin.errors import InputError
 from rnc_pin.robots.joint_values import NO_LIMIT
 from rnc_pin.robots.robot import Robot
@@ -26,7 +27,10 @@ from rnc_pin.simulation.trajectory import Trajectory
 ROUNDING = 1e-9
 """Largest excess over a limit that counts as rounding, as a share of its range."""
 
-LimitKind = Literal["position", "velocity", "effort"]
+_ROUNDING_OF_RATES = 1e-4
+"""The same for accelerations: they are quotients of two samples, between which the inputs are held."""
+
+LimitKind = Literal["position", "velocity", "effort", "acceleration"]
 LIMIT_KINDS: tuple[LimitKind, ...] = get_args(LimitKind)
 
 
@@ -34,13 +38,13 @@ class LimitUse(NamedTuple):
     """Largest use of a joint limit in a run.
 
     Attributes:
-        kind: "position", "velocity" or "effort".
-        name: joint.
+        kind: "position", "velocity", "effort" or "acceleration".
+        name: joint, or the reducing output whose rate an acceleration is of.
         excess: largest excess over the limit, as a share of its range; negative while the limit is kept. The range is
             that from the lower to the upper position limit, or the limit itself. For an effort limit of zero it is
             the largest effort in the file.
         time: time of the largest excess [s].
-        value: value at that time [rad, m, rad/s, m/s, N m or N].
+        value: value at that time [rad, m, rad/s, m/s, N m, N, rad/s^2 or m/s^2].
         limit: limit that is nearest to it.
     """
 
@@ -50,6 +54,11 @@ class LimitUse(NamedTuple):
     time: float
     value: float
     limit: float
+
+    @property
+    def exceeded(self) -> bool:
+        """True if the excess is more than rounding."""
+        return self.excess > (_ROUNDING_OF_RATES if self.kind == "acceleration" else ROUNDING)
 
     def __str__(self) -> str:
         return (
@@ -123,7 +132,7 @@ class LimitReplay:
     @property
     def violations(self) -> tuple[LimitUse, ...]:
         """Limits that the run exceeds."""
-        return tuple(use for use in self.uses if use.excess > ROUNDING)
+        return tuple(use for use in self.uses if use.exceeded)
 
     @property
     def collisions(self) -> tuple[Clearance, ...]:
@@ -154,10 +163,12 @@ def replay_limits(
     step: float = 0.0,
     within: float = 0.05,
     exact: float | None = None,
+    accelerations: Sequence[LimitedAcceleration] = (),
 ) -> LimitReplay:
     """Replay a trajectory and return how much of each limit it uses, and the smallest distances of pairs.
 
-    Limits of position and velocity, and those of the effort of driven joints, come from the robot's file.
+    Limits of position and velocity, and those of the effort of driven joints, come from the robot's file. A robot's
+    file has no limits of acceleration.
 
     Args:
         robot: robot of the trajectory.
@@ -168,6 +179,8 @@ def replay_limits(
             Smallest distances are those of the whole motion, whose joints move at constant rate from sample to sample.
         within: distance up to which distances are exact [m].
         exact: distance up to which samples have no tolerance, as in ``continuous_distances`` [m].
+        accelerations: limits of accelerations, such as those of a whole-body program. The acceleration is the change
+            of the velocity from sample to sample over the time between them.
 
     Raises:
         InputError: the trajectory has no samples, or belongs to another robot.
@@ -185,6 +198,7 @@ def replay_limits(
     if not len(trajectory.time):
         raise InputError("the run has no samples")
     found = [*_positions(robot, trajectory), *_rates(robot, trajectory), *_efforts(robot, trajectory)]
+    found += _accelerations(trajectory, accelerations)
     every = _spaced(trajectory.time, step)
     time, uses = trajectory.time[every], tuple(use for use, _ in found)
     excesses = np.array([excess[every] for _, excess in found]).reshape(len(found), len(every)).T
@@ -288,6 +302,19 @@ def _efforts(robot: Robot, run: Trajectory) -> list[_Use]:
             span = limit if limit > 0 else float(stated.max())
             uses.append(_symmetric("effort", name, run.time, run.T[:, column], limit, span))
     return uses
+
+
+def _accelerations(run: Trajectory, limits: Sequence[LimitedAcceleration]) -> list[_Use]:
+    """Use of limits of acceleration, each at the sample before the change of velocity."""
+    spans = np.diff(run.time)
+    if not len(spans) or not (spans > 0).all():
+        return []
+    rates = {each: np.diff(getattr(run, each), axis=0) / spans[:, None] for each in {each.quantity for each in limits}}
+    found = []
+    for name, quantity, column, largest in limits:
+        values = np.append(rates[quantity][:, column], 0.0)
+        found.append(_symmetric("acceleration", name, run.time, values, largest))
+    return found
 
 
 def _symmetric(

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from rnc_pin.control.controller import Command, Controller
+from rnc_pin.control.limited_acceleration import limited_accelerations
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.loop import ControlLoop, LoopOptions, LoopState, VelocityInputLoop
 from rnc_pin.loop.options import admit_controller, admit_model, type_name
@@ -19,6 +20,7 @@ from rnc_pin.plants import Plant, ReducedPlant
 from rnc_pin.plants.plant import takes_velocities
 from rnc_pin.plants.reduced import Checkpoint, integrated_outputs
 from rnc_pin.simulation.ending import MODEL, Progress
+from rnc_pin.simulation.judgement import judged_by
 from rnc_pin.simulation.phase_events import lift_off_monitor
 from rnc_pin.simulation.plant_adapter import PlantAdapter
 from rnc_pin.simulation.record import Record
@@ -71,6 +73,7 @@ class SampledRun:
         self.stop, self._dt, self.samples = StopMonitor(options.stop, reduced.robot), dt, 0
         self._start, self._lift_off = start, lift_off_monitor(options.stop, adapter.model, reduced)
         self._zeros = zeros = np.zeros(reduced.r)
+        self._robot, self._accelerations = reduced.robot, limited_accelerations(controller)
         first = reduced.at(assembled_start(reduced, numbers_of(q0, "q0")), zeros if v2_0 is None else v2_0, t=0.0)
         adapter.plant.reset(first.q, first.v)
         state = options.controller_state
@@ -186,7 +189,8 @@ class SampledRun:
         self.record.phases = self._adapter.phases(self._start, self._dt)
         if self.record.fallback is not None:
             self.record.fallback = replace(self.record.fallback, at_the_end=self.loop.state.fault is not None)
-        return self.record.finish(self._dt, self._provenance, outcome, message, deferred)
+        run = self.record.finish(self._dt, self._provenance, outcome, message, deferred)
+        return judged_by(run, self._robot, self._accelerations)
 
 
 def _check_arguments(reduced: Any, controller: Any, plant: Any, options: Any) -> None:

@@ -70,6 +70,26 @@ def test_what_exceeds_a_limit_of_the_file_fails(tmp_path, limit, kind, amount, t
     assert (found.amount, found.time) == (pytest.approx(amount, abs=1e-9), pytest.approx(time))
 
 
+@pytest.mark.parametrize(("mass", "word"), [(1.0, "succeeded"), (0.8, "failed")])
+def test_accelerations_above_the_limit_of_a_program_fail(tmp_path, mass, word):
+    """The program of a robot of 1 kg accelerates at its limit of 0.5 m/s^2; a lighter one accelerates more."""
+    robot = sliders(tmp_path, WIDE, WIDE)
+    reduced = rnc.NonholonomicSystem(robot, [], list(robot.joint_names)).reduce()
+    lighter = rnc.Robot.from_urdf(tmp_path / "sliders.urdf")
+    for body in lighter.model.inertias:
+        body.mass *= mass
+    plant = rnc.ReducedPlant(rnc.NonholonomicSystem(lighter, [], list(robot.joint_names)).reduce())
+    reach = rnc.control.tasks.PostureTask({"a": 1.0}, gain=4.0)
+    limit = rnc.control.limits.AccelerationLimit(0.5, joints=["a"])
+    program = rnc.control.InverseDynamicsQP(reduced, [reach], [limit], dt=0.01)
+    run = rnc.simulate(reduced, program, robot.configuration(), 0.5, 0.01, plant=plant)
+    assert run.verdict.word == word
+    if word == "failed":
+        (found,) = run.verdict.findings
+        assert (found.kind, found.where) == (FindingKind.ACCELERATION, "a")
+        assert found.amount == pytest.approx(0.5 / mass - 0.5, rel=0.01)
+
+
 def test_an_effort_of_zero_is_a_limit_where_the_file_states_others(tmp_path):
     none = 'lower="-9" upper="9" velocity="9" effort="0"'
     (found,) = pushed(sliders(tmp_path, none, WIDE), [8.7, 1.0]).verdict.findings

@@ -11,8 +11,10 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Description
+from rnc_pin.control.limited_acceleration import LimitedAcceleration
 from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
 from rnc_pin.control.whole_body.limit_stack import LimitStack
+from rnc_pin.control.whole_body.limits.acceleration_limit import AccelerationLimit
 from rnc_pin.control.whole_body.limits.control_limit import ControlLimit
 from rnc_pin.control.whole_body.task_hierarchy import TaskStack
 from rnc_pin.control.whole_body.tasks.control_task import BoundTask, ControlTask
@@ -64,6 +66,12 @@ class WholeBodyProgram(ReprMixin):
         self._desired = DesiredOutputs(self._tasks.bound, reduced)
         self.limit_names: tuple[str, ...] = self._limits.names
         """Names of the limits' rows, in the order of ``excess`` of the state."""
+
+    @property
+    def limited_accelerations(self) -> tuple[LimitedAcceleration, ...]:
+        """Accelerations that the limits bound, for the verdict of a run."""
+        limits = [each for each in self.limits if isinstance(each, AccelerationLimit)]
+        return tuple(entry for limit in limits for entry in limit.entries(self._reduced))
 
     def _describe(self, **settings: Json) -> Description:
         """Description with the tasks and limits, then these settings, then the solver."""

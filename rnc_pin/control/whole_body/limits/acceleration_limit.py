@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
+from rnc_pin.control.limited_acceleration import LimitedAcceleration
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.limits.control_limit import BoundLimit, ControlLimit, LimitRows
 from rnc_pin.control.whole_body.limits.limited_joints import selection_rows
@@ -41,23 +43,38 @@ class AccelerationLimit(ControlLimit):
     def bind(self, reduced: ReducedModel) -> BoundLimit:
         return _BoundAccelerations(self, reduced)
 
+    def entries(self, reduced: ReducedModel) -> tuple[LimitedAcceleration, ...]:
+        """Limited entries of the accelerations of a model.
+
+        Raises:
+            ModelError: a joint does not exist.
+            ConfigurationError: the limits are not positive, or do not fit the entries.
+        """
+        if self.joints is None:
+            quantity: Literal["v", "v2"] = "v2"
+            columns, names = list(range(reduced.r)), list(reduced.reducing.names)
+        else:
+            quantity, velocities = "v", [reduced.robot.velocity_indices(name) for name in self.joints]
+            columns = [index for each in velocities for index in range(each.start, each.stop)]
+            names = [reduced.robot.velocity_names[index] for index in columns]
+        largest = np.asarray(self.limit, dtype=float)
+        if largest.shape not in ((), (len(names),)) or not ((largest > 0) & (largest < np.inf)).all():
+            raise ConfigurationError(
+                f"an acceleration limit has to be a positive number or {len(names)}, found {self.limit}"
+            )
+        limits = np.broadcast_to(largest, len(names)).tolist()
+        found = zip(names, columns, limits, strict=True)
+        return tuple(LimitedAcceleration(name, quantity, column, limit) for name, column, limit in found)
+
 
 class _BoundAccelerations(BoundLimit):
     def __init__(self, limit: AccelerationLimit, reduced: ReducedModel) -> None:
-        self._indices: list[int] | None = None
-        names: Sequence[str] = reduced.reducing.names
-        if limit.joints is not None:
-            velocities = [reduced.robot.velocity_indices(name) for name in limit.joints]
-            self._indices = [index for each in velocities for index in range(each.start, each.stop)]
+        entries = limit.entries(reduced)
+        self.names = tuple(f"{each.name} acceleration" for each in entries)
+        self._largest = np.array([each.largest for each in entries])
+        self._indices = None if limit.joints is None else [each.column for each in entries]
+        if self._indices is not None:
             self._jacobian = selection_rows(self._indices, reduced.n)
-            names = [reduced.robot.velocity_names[index] for index in self._indices]
-        self.names = tuple(f"{name} acceleration" for name in names)
-        largest = np.asarray(limit.limit, dtype=float)
-        if largest.shape not in ((), (len(names),)) or not ((largest > 0) & (largest < np.inf)).all():
-            raise ConfigurationError(
-                f"an acceleration limit has to be a positive number or {len(names)}, found {limit.limit}"
-            )
-        self._largest = largest
 
     def rows(self, sample: ControlSample) -> LimitRows:
         change = self._largest * sample.dt
