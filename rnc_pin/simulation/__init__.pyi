@@ -28,6 +28,7 @@ from .rollout_evaluation import Margin as Margin
 from .rollout_evaluation import RolloutEvaluation as RolloutEvaluation
 from .run_info import Columns as Columns
 from .run_info import FallbackUse as FallbackUse
+from .run_info import MissedUpdates as MissedUpdates
 from .run_info import Outcome as Outcome
 from .run_info import OutputNames as OutputNames
 from .run_info import PhaseInfo as PhaseInfo

@@ -17,6 +17,9 @@ from rnc_pin.verdict import Finding, FindingKind, Severity, Verdict
 
 _SATURATED = 0.2  # share of a run at a bound from which an input counts as saturated
 _MOSTLY = 0.5  # share of a run under a fallback command that fails
+_AT_LIMIT = 0.99  # use of friction of a contact that slides; MuJoCo gives it to 1e-3
+_MOMENT = 0.01  # share of a run at the limit of friction that fails: more than a landing
+_SLIDING = 0.01  # [m/s or rad/s]; contacts of MuJoCo that stick creep by less than 1e-3
 _SLIPS = 1.0 + 1e-6  # use of friction that is beyond the stated friction, and not rounding
 
 
@@ -57,6 +60,7 @@ def judge(
         *_end(run),
         *_finite(run),
         *_fallback(run),
+        *_missed_updates(run),
         *(_goals(run, goal_errors or {}, goal_tolerance) if completed else ()),
         *(() if replay is None else _limits(replay)),
         *_contacts(run),
@@ -103,6 +107,20 @@ def _fallback(run: Trajectory) -> Iterator[Finding]:
     yield Finding(FindingKind.FALLBACK, "control loop", share, "", used.first, severity, message)
 
 
+def _missed_updates(run: Trajectory) -> Iterator[Finding]:
+    """Finding of updates of a predictive controller that were late or failed: it fails if they are most of them."""
+    counts = run.info.missed_updates
+    if counts is None:
+        return
+    share = counts.missed / (counts.missed + counts.updates)
+    message = (
+        f"{counts.missed} of {counts.missed + counts.updates} updates of the predictive controller were late or "
+        "failed: its last motion went on"
+    )
+    severity = Severity.FAILS if share > _MOSTLY else Severity.DEGRADES
+    yield Finding(FindingKind.FALLBACK, "predictive controller", share, "", None, severity, message)
+
+
 def _goals(run: Trajectory, errors: Mapping[str, float], tolerance: float) -> Iterator[Finding]:
     for name, error in errors.items():
         if not error <= tolerance:
@@ -122,19 +140,38 @@ def _exceeded(use: LimitUse) -> Finding:
 
 
 def _contacts(run: Trajectory) -> Iterator[Finding]:
-    """Findings of contacts that pull, or that need more friction than is stated."""
+    """Findings of contacts that pull, that need more friction than is stated, or that slide at its limit."""
     lifted = first_lift_off(run.time, run.normal_forces, run.info.outputs.normal_forces)
     if lifted is not None:
         yield Finding(
             FindingKind.LIFT_OFF, lifted.contact, -lifted.lowest, "N", lifted.time, Severity.FAILS, str(lifted)
         )
-    used = np.nan_to_num(run.friction_used)
-    for column, name in enumerate(run.info.outputs.friction_used):
-        most = int(used[:, column].argmax()) if len(used) else 0
-        if len(used) and used[most, column] > _SLIPS:
-            share, time = float(used[most, column]), float(run.time[most])
-            message = f"contact '{name}' needs {share:.3g} times the stated friction at t = {time:.2f} s"
-            yield Finding(FindingKind.SLIP, name, share, "", time, Severity.FAILS, message)
+    yield from _slips(run)
+
+
+def _slips(run: Trajectory) -> Iterator[Finding]:
+    """Findings of contacts at the limit of their friction, where a plant lets them slide, and of rows that slip."""
+    used, slip = np.nan_to_num(run.friction_used), np.abs(np.nan_to_num(run.slip))
+    for column, name in enumerate(run.info.outputs.friction_used if len(used) else ()):
+        most, at_limit = int(used[:, column].argmax()), used[:, column] > _AT_LIMIT
+        share, demand, time = float(at_limit.mean()), float(used[most, column]), float(run.time[most])
+        if demand > _SLIPS:
+            message = f"contact '{name}' needs {demand:.3g} times the stated friction at t = {time:.2f} s"
+            yield Finding(FindingKind.SLIP, name, demand, "", time, Severity.FAILS, message)
+        elif share > 0.0:
+            first = float(run.time[int(at_limit.argmax())])
+            message = (
+                f"contact '{name}' is at the limit of the stated friction for {100 * share:.3g} % of the run, first at "
+                f"t = {first:.2f} s: it slides, or its drive force is cut"
+            )
+            severity = Severity.FAILS if share > _MOMENT else Severity.DEGRADES
+            yield Finding(FindingKind.SLIP, name, share, "", first, severity, message)
+    for column, name in enumerate(run.info.outputs.multipliers if len(slip) else ()):
+        most = int(slip[:, column].argmax())
+        speed, time = float(slip[most, column]), float(run.time[most])
+        if speed > _SLIDING:
+            message = f"row '{name}' slips by up to {speed:.3g} m/s or rad/s, at t = {time:.2f} s"
+            yield Finding(FindingKind.SLIP, name, speed, "m/s or rad/s", time, Severity.DEGRADES, message)
 
 
 def _saturation(run: Trajectory, replay: LimitReplay) -> Iterator[Finding]:

@@ -15,7 +15,7 @@ from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.rows import OutputRows
 from rnc_pin.simulation.judgement import judged_by
 from rnc_pin.simulation.record import columns_of
-from rnc_pin.simulation.run_info import FallbackUse, Outcome, OutputNames, PhaseInfo, RunInfo
+from rnc_pin.simulation.run_info import FallbackUse, MissedUpdates, Outcome, OutputNames, PhaseInfo, RunInfo
 from rnc_pin.simulation.trajectory import Trajectory
 
 _EQUAL = ("time", "q", "v", "energy", "constraint_residual", "position_residual", "singular_value")
@@ -91,6 +91,7 @@ def joined(parts: Sequence[PhasePart], dt: float, outcome: Outcome, message: str
         message,
         tuple(part.info for part in parts),
         _fallback([run.info.fallback for run in runs]),
+        _missed_updates([run.info.missed_updates for run in runs]),
     )
     return judged_by(Trajectory(**arrays, info=info), parts[0].reduced.robot)
 
@@ -102,6 +103,12 @@ def _fallback(uses: Sequence[FallbackUse | None]) -> FallbackUse | None:
         return None
     at_the_end = uses[-1] is not None and uses[-1].at_the_end
     return replace(found[0], samples=sum(each.samples for each in found), at_the_end=at_the_end)
+
+
+def _missed_updates(counts: Sequence[MissedUpdates | None]) -> MissedUpdates | None:
+    """Missed updates of predictive controllers in all phases that missed some."""
+    found = [each for each in counts if each is not None]
+    return MissedUpdates(sum(each.missed for each in found), sum(each.updates for each in found)) if found else None
 
 
 def _blocks(parts: Sequence[PhasePart]) -> tuple[list[OutputRows], list[OutputRows]]:

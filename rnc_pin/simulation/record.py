@@ -75,6 +75,8 @@ class Record:
         """Intervals with one set of constraints, of a plant whose contacts open and close."""
         self.fallback: FallbackUse | None = None
         """Use of fallback commands by the control loop."""
+        self.missed_updates: MissedUpdates | None = None
+        """Updates of a predictive controller that were late or failed."""
         self.start = 0.0
         """Time of the first sample [s], at which the time of rheonomic constraints is zero."""
 
@@ -240,6 +242,7 @@ class Record:
             message,
             self.phases,
             self.fallback,
+            self.missed_updates,
         )
         if deferred and outcome is Outcome.COMPLETED:
             q, v, T = (a[name].copy() for name in ("q", "v", "T"))  # the caller may change the others

@@ -233,6 +233,19 @@ class FallbackUse:
 
 
 @dataclass(frozen=True)
+class MissedUpdates:
+    """Updates of a predictive controller that were late or failed: its last motion and feedback went on instead.
+
+    Attributes:
+        missed: number of these updates.
+        updates: number of updates that were used.
+    """
+
+    missed: Whole
+    updates: Whole
+
+
+@dataclass(frozen=True)
 class RunInfo:
     """Metadata and outcome of a run.
 
@@ -246,6 +259,7 @@ class RunInfo:
         message: reason of an early end, if any.
         phases: phases of the run; empty for a run under one set of constraints.
         fallback: use of fallback commands; None if there was none.
+        missed_updates: updates of a predictive controller that were not used; None if there were none.
         verdict: findings about the run, if it was judged.
     """
 
@@ -258,6 +272,7 @@ class RunInfo:
     message: str | None = None
     phases: tuple[PhaseInfo, ...] = ()
     fallback: FallbackUse | None = None
+    missed_updates: MissedUpdates | None = None
     verdict: Verdict | None = None
 
     def to_json(self) -> dict[str, Json]:
@@ -278,6 +293,7 @@ class RunInfo:
             **({} if self.message is None else {"message": self.message}),
             **({"phases": [asdict(each) for each in self.phases]} if self.phases else {}),
             **({} if self.fallback is None else {"fallback": asdict(self.fallback)}),
+            **({} if self.missed_updates is None else {"missed_updates": asdict(self.missed_updates)}),
             **({} if self.verdict is None else {"verdict": self.verdict.to_json()}),
         }
         return to_json_mapping(content, "meta")

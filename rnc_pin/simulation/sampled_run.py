@@ -24,7 +24,7 @@ from rnc_pin.simulation.judgement import judged_by
 from rnc_pin.simulation.phase_events import lift_off_monitor
 from rnc_pin.simulation.plant_adapter import PlantAdapter
 from rnc_pin.simulation.record import Record
-from rnc_pin.simulation.run_info import FallbackUse, Outcome, provenance_of
+from rnc_pin.simulation.run_info import FallbackUse, MissedUpdates, Outcome, provenance_of
 from rnc_pin.simulation.simulation_options import DEFAULT_OPTIONS, Sample, SimulationOptions
 from rnc_pin.simulation.stop import StopMonitor
 from rnc_pin.simulation.trajectory import Trajectory
@@ -189,8 +189,16 @@ class SampledRun:
         self.record.phases = self._adapter.phases(self._start, self._dt)
         if self.record.fallback is not None:
             self.record.fallback = replace(self.record.fallback, at_the_end=self.loop.state.fault is not None)
+        self.record.missed_updates = _missed_updates(self.loop.state.controller)
         run = self.record.finish(self._dt, self._provenance, outcome, message, deferred)
         return judged_by(run, self._robot, self._accelerations)
+
+
+def _missed_updates(state: Any) -> MissedUpdates | None:
+    """Late and failed updates of a predictive controller, by its state or that of the controller within it."""
+    while state is not None and not hasattr(state, "missed"):
+        state = getattr(state, "target", None)
+    return MissedUpdates(state.missed, state.updates) if state is not None and state.missed else None
 
 
 def _check_arguments(reduced: Any, controller: Any, plant: Any, options: Any) -> None:

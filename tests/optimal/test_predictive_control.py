@@ -1,6 +1,7 @@
 """Model-predictive control in closed loop, with a delay, and when its budget is missed."""
 
 import numpy as np
+import pytest
 
 import rnc_pin as rnc
 import systems
@@ -34,6 +35,25 @@ def test_a_missed_budget_keeps_the_feedback_of_the_last_motion():
         command, state = controller.step(0.05 * k, measurement, state)
         np.testing.assert_allclose(command.T, 0.0, atol=1e-12)
     assert (state.updates, state.missed) == (0, 3)
+
+
+def test_missed_updates_reach_the_verdict():
+    """Every second update of the sleigh is late, then every one: the run was once 'succeeded'."""
+    reduced = systems.sleigh()
+
+    class Late(PredictiveController):
+        def step(self, t, measurement, state):
+            self.budget = 0.0 if self.always or round(t / 0.05) % 2 else None
+            return super().step(t, measurement, state)
+
+    for always, word in ((False, "degraded"), (True, "failed")):
+        controller = controller_of(reduced)
+        controller.__class__, controller.always = Late, always
+        run = rnc.simulate(reduced, controller, reduced.robot.configuration(), 0.5, dt=0.05)
+        assert run.verdict.word == word
+        (found,) = (each for each in run.verdict.findings if each.kind == "fallback")
+        assert (found.where, found.amount) == ("predictive controller", 1.0 if always else pytest.approx(0.5, abs=0.1))
+    assert rnc.simulate(reduced, controller_of(reduced), reduced.robot.configuration(), 0.1, dt=0.05).verdict.succeeded
 
 
 def test_prediction_over_the_delay_is_the_simulated_state():

@@ -107,6 +107,9 @@ def test_slip_shows_in_what_is_measured_and_recorded():
     assert run.constraint_residual.max() == pytest.approx(0.17)
     assert run.constraint_residual[~slipping].max() < 1e-9
     assert np.linalg.norm(run.q[-1, :2] - run.q[0, :2]) == pytest.approx(0.17 * 0.05, rel=0.15)
+    (found,) = (each for each in run.verdict.findings if each.kind == "slip")
+    assert (found.where, found.severity) == (run.info.outputs.multipliers[0], "degrades")
+    assert (found.amount, found.time) == (pytest.approx(0.17), pytest.approx(0.13, abs=0.026))
 
 
 def balance_of(plant, reduced, target, duration=0.3):
