@@ -36,7 +36,7 @@ class ScenarioEnv(Env[np.ndarray, np.ndarray]):
     """Environment of one episode at a time.
 
     Observations are ``[x1, x2, error, v2]``, actions are the inputs of the actuators. ``info`` has the time [s] of the
-    episode, and the ``failure`` that ended it: "singular", "diverged", "limit", or none.
+    episode, and the ``failure`` that ended it: "singular", "ended_early", "position", or none.
 
     Args:
         batch: a batch of one episode.

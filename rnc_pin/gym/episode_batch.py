@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError, LimitError, SingularityError
+from rnc_pin.finding_kinds import FindingKind
 from rnc_pin.gym.episode_limits import SpaceBounds
 from rnc_pin.gym.episode_task import EpisodeStart, EpisodeTask
 from rnc_pin.math.coordinates import wrapped
@@ -60,7 +61,8 @@ class EpisodeBatch:
         largest_inputs: bounds (p,) of the inputs [N or N m].
         high: bounds (n,) of the observations ``[x1, x2, error, v2]``.
         observations: clipped observations (B, n).
-        failures: reason (B,) of each failure: "singular", "diverged", "limit"; empty without one.
+        failures: kind (B,) of the finding that each failure is in a verdict: "singular", "ended_early" or "position";
+            empty without one.
 
     Raises:
         ConfigurationError: the scenario has no reference, and there is no ``reward``.
@@ -193,7 +195,8 @@ class EpisodeBatch:
         for i in chosen[~known[chosen]].tolist():
             state = None if plants.failed[i] else plants.checkpoint(i).state
             if state is None:
-                self.failures[i] = "diverged" if isinstance(plants.errors[i], DivergenceError) else "singular"
+                diverged = isinstance(plants.errors[i], DivergenceError)
+                self.failures[i] = str(FindingKind.ENDED_EARLY if diverged else FindingKind.SINGULAR)
                 continue
             x1, x2 = state.outputs(integrals[i])
             self._observe(np.array([i]), state.q[None], x1[None], x2[None], state.v2[None])
@@ -205,12 +208,12 @@ class EpisodeBatch:
             try:
                 self._stop.check(0.0, state)
             except LimitError:
-                return "limit"
+                return str(FindingKind.POSITION)
             except DivergenceError:
-                return "diverged"
+                return str(FindingKind.ENDED_EARLY)
         if not (np.abs(v2) < self._bounds.speed).all():
-            return "diverged"
-        return "singular" if singular_value < self._task.min_singular_value else ""
+            return str(FindingKind.ENDED_EARLY)
+        return str(FindingKind.SINGULAR) if singular_value < self._task.min_singular_value else ""
 
     def _observe(self, which: np.ndarray, q: np.ndarray, x1: np.ndarray, x2: np.ndarray, v2: np.ndarray) -> None:
         """Write configurations, outputs, errors and velocities of some episodes, a row each."""

@@ -111,7 +111,7 @@ def test_the_default_reward_is_the_mean_relative_error_and_failing_never_pays():
     while not failed:
         _, reward, failed, _, info = env.step([200.0, 200.0, 200.0])
         total += reward
-    assert info["failure"] == "diverged"
+    assert info["failure"] == "ended_early"
     assert total < -(0.5 - info["time"])
     with pytest.raises(rnc.InputError, match="over"):
         env.step(np.zeros(3))
@@ -125,7 +125,7 @@ def test_an_episode_ends_at_a_position_limit():
     while not failed:
         angle = env.unwrapped.batch.configurations[0, 4]
         _, _, failed, _, info = env.step([0.0, 0.0, 400.0, 0.0])
-    assert info["failure"] == "limit"
+    assert info["failure"] == "position"
     assert angle < 20 * np.pi < env.unwrapped.batch.configurations[0, 4]
 
 
@@ -140,6 +140,50 @@ def test_an_episode_ends_near_a_singularity():
         values.append(reduced.at(env.unwrapped.batch.configurations[0]).smallest_singular_value)
     assert info["failure"] == "singular"
     assert values[-1] < 0.08 < values[-2]
+
+
+@pytest.mark.parametrize(
+    ("failure", "name", "options", "inputs", "limits"),
+    [
+        ("ended_early", "space-robot", SHORT, [200.0, 200.0, 200.0], LIMITS),
+        (
+            "position",
+            "mobile-manipulator",
+            {"initial.q.joint_1": 62.5},
+            [0.0, 0.0, 400.0, 0.0],
+            rnc.gym.EpisodeLimits(input=500.0, speed=1e4, output=3.0),
+        ),
+        ("singular", "space-robot", SHORT, [0.0, -20.0, 20.0], LIMITS),
+    ],
+)
+def test_failures_are_the_findings_of_a_run(failure, name, options, inputs, limits):
+    """The same inputs in a run of ``simulate``, with the limits of the environment as conditions to stop."""
+    smallest = 0.08 if failure == "singular" else 0.01
+    settings = {"options": options, "period": 0.05, "limits": limits, "min_singular_value": smallest}
+    env = rnc.gym.make(name, draws={}, **settings)
+    env.reset(seed=0)
+    failed = False
+    while not failed:
+        _, _, failed, _, info = env.step(inputs)
+    assert info["failure"] == failure
+
+    class Constant:
+        def initial_state(self, measurement):
+            return None
+
+        def step(self, t, measurement, state):
+            return Command(T=np.array(inputs)), None
+
+    task = EpisodeTask(name, options, {}, 0.05, smallest)
+    plant = rnc.ReducedPlant(task.reduced, substeps=task.samples)
+    stop = rnc.Stop(speed=float(np.max(limits.speed)))
+    more = {"plant": plant, "options": rnc.SimulationOptions(stop=stop, loop={"min_singular_value": smallest})}
+    try:
+        run = rnc.simulate(task.reduced, Constant(), task.nominal.q, info["time"], 0.05, **more)
+    except rnc.RncError as error:
+        run = error.trajectory
+    fails = {each.kind for each in run.verdict.findings if each.severity == "fails"}
+    assert failure in fails
 
 
 def test_a_reward_function_gets_the_step():
@@ -248,6 +292,6 @@ def test_an_episode_whose_state_overflows_fails_and_leaves_the_others_alone():
     with np.errstate(over="ignore", invalid="ignore"):
         observations, _, terminated, _, info = envs.step(np.array([[0.1, 0.2, 0.3, 0.4], [1e200, 1e200, 0.0, 0.0]]))
     assert terminated.tolist() == [False, True]
-    assert info["failure"].tolist() == ["", "diverged"]
+    assert info["failure"].tolist() == ["", "ended_early"]
     assert equal(observations[0], single.step(np.array([0.1, 0.2, 0.3, 0.4]))[0])
     assert equal(observations[1], before[1])  # the last regular one
