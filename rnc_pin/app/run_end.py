@@ -8,19 +8,30 @@ from rnc_pin.app.messages import complain, warn
 from rnc_pin.app.status import DONE, FAILED
 from rnc_pin.scenario.execution import Result
 from rnc_pin.scenario.pictures import Drawn
-from rnc_pin.verdict import Severity
+from rnc_pin.verdict import Severity, Verdict
 
 
-def report_verdict(result: Result, drawn: Drawn, folder: Path) -> int:
-    """Print what degrades a run as warnings, and its first failure as an error. Return the exit status."""
-    verdict = result.trajectory.verdict
+def report_findings(verdict: Verdict, ending: str, others: str = "") -> int:
+    """Print what degrades a run as warnings, and its first failure as an error. Return the exit status.
+
+    Args:
+        verdict: verdict of the run.
+        ending: end of the error, such as where the results are.
+        others: where the other failures are.
+    """
     for finding in verdict.findings:
         if finding.severity is not Severity.NOTE and finding not in verdict.failures:
             warn(str(finding))
-    if verdict.failures:
-        more = len(verdict.failures) - 1
-        others = f", and {more} more in summary.json" if more else ""
-        complain(f"{verdict.failures[0]}{others}; results so far are in {folder}")
+    if not verdict.failures:
+        return DONE
+    more = len(verdict.failures) - 1
+    complain(f"{verdict.failures[0]}{f', and {more} more{others}' if more else ''}; {ending}")
+    return FAILED
+
+
+def report_verdict(result: Result, drawn: Drawn, folder: Path) -> int:
+    """Print the findings of a run that wrote a folder, and whether it was interrupted. Return the exit status."""
+    if report_findings(result.trajectory.verdict, f"results so far are in {folder}", " in summary.json") == FAILED:
         return FAILED
     if result.interrupted or drawn.interrupted:
         complain(f"interrupted; results so far are in {folder}")

@@ -140,6 +140,7 @@ def run(**given: Given) -> int:
     "--frame", "frames", metavar="FRAME", multiple=True, help="Frame that can have a goal; guessed by default."
 )
 @click.option("--duration", type=click.FloatRange(min=0, min_open=True), help="End after this time [s].")
+@_accept
 @click.option("--browser/--no-browser", default=True, help="Open the browser, or print the address only.")
 @_json
 @_force
@@ -215,12 +216,13 @@ def schema() -> None:
 @click.option("--rate", type=click.FloatRange(1, 60), default=25.0, help="Frames per second of frames and videos.")
 @click.option("--plot", type=click.Path(path_type=Path), help="Write plots: .png, .pdf or .svg.")
 @click.option("--aside", is_flag=True, help="Show the runs side by side, not overlaid.")
+@_accept
 @_force
 @_debug
-def replay(**given: Given) -> None:
+def replay(**given: Given) -> int:
     """Replay runs: folders of ``run``, or their trajectory.npz. Further runs are compared with the first."""
     announce(f"{', '.join(map(str, given['sources']))}: reading", quiet=True)
-    _command("replay_runs")(**given)
+    return _command("replay_runs")(**given)
 
 
 @cli.command()
@@ -232,6 +234,7 @@ def replay(**given: Given) -> None:
 @click.option("--trajectories", is_flag=True, help="Write the trajectory of each run too.")
 @_options
 @_plant
+@_accept
 @_json
 @_force
 @_debug

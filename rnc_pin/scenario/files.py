@@ -163,17 +163,20 @@ def plant_option(scenario: str, plant: str | None) -> dict[str, Json]:
     return {"plant.type" if isinstance(found, Mapping) and plant == "mujoco" else "plant": plant}
 
 
-def accept_option(scenario: str, options: Mapping[str, Json], kinds: Sequence[str]) -> dict[str, Json]:
+def accept_option(
+    scenario: str | Mapping[str, Json], options: Mapping[str, Json], kinds: Sequence[str]
+) -> dict[str, Json]:
     """Return the option that accepts kinds of findings, in addition to those that a scenario or its options accept.
 
     Args:
-        scenario: a built-in name or a file.
+        scenario: a built-in name, a file, or its mapping.
         options: other options.
         kinds: kinds of findings.
     """
     if not kinds:
         return {}
-    found = options.get("accept", read_yaml(find_scenario(scenario)).get("accept"))
+    raw = read_yaml(find_scenario(scenario)) if isinstance(scenario, str) else scenario
+    found = options.get("accept", raw.get("accept"))
     return {"accept": [*(found if isinstance(found, list) else ()), *kinds]}
 
 

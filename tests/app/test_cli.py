@@ -246,6 +246,15 @@ def test_a_run_that_misses_a_goal_says_so(call, tmp_path, no_pictures):
     assert [each["where"] for each in summary["findings"] if each["kind"] == "goal"] == list(missed)
     first = next(iter(missed))
     assert f"rnc-pin: error: the goal of {first} is missed by " in error.splitlines()[-1]
+    status, out, error = call("replay", tmp_path)
+    assert (status, "space-robot: failed" in out) == (1, True)
+    assert f"rnc-pin: error: the goal of {first} is missed by " in error.splitlines()[-1]
+    assert f"the run is in {tmp_path}" in error.splitlines()[-1]
+    status, out, error = call("replay", tmp_path, "--accept", "goal")
+    assert (status, "space-robot: degraded" in out) == (0, True)
+    assert f"rnc-pin: warning: the goal of {first} is missed by " in error
+    status, _, error = call("replay", tmp_path, "--accept", "goal", "--html", tmp_path / "page.html")
+    assert (status, "--accept: a replay judges" in the_line(error)) == (2, True)
     status, out, error = call("run", "space-robot", *BARE, *stuck, "--json", "--out", tmp_path, "--accept", "goal")
     assert (status, parsed(out)["verdict"]) == (0, "degraded")
     assert f"rnc-pin: warning: the goal of {first} is missed by " in error
@@ -499,6 +508,15 @@ def test_a_sweep_has_the_same_results_on_any_number_of_processes(call, tmp_path)
         here, there = (arrays(folder / "trajectories" / f"run_{run:07d}.npz") for folder in (one, two))
         assert all((here[name] == there[name]).all() for name in here)
         assert here["q"][0, 2] == first["initial.q.joint_2"][run]
+
+
+def test_a_sweep_accepts_kinds_of_findings(call, tmp_path):
+    """A stuck joint keeps the arm from its goal in one of two runs."""
+    stuck = ["--set", "faults.stuck={joint: joint_1, time: 0.1}", "--set", "simulation.duration=1"]
+    short = ["sweep", "space-robot", *stuck, "--runs", "2", "--json"]
+    for more, status, verdict in (([], 1, "goal"), (["--accept", "goal"], 0, "degraded")):
+        found, out, _ = call(*short, *more, "--out", tmp_path / verdict)
+        assert (found, parsed(out)["verdicts"]) == (status, {"succeeded": 1, verdict: 1})
 
 
 def test_a_sweep_with_runs_that_fail_says_so(call, tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -21,7 +22,7 @@ from rnc_pin.driving.real_time import RealTimeClock
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.scenario.execution import Result, data_names, write
-from rnc_pin.scenario.files import find_scenario, parse_options
+from rnc_pin.scenario.files import accept_option, find_scenario, parse_options
 from rnc_pin.scenario.output_folder import OutputFolder
 from rnc_pin.scenario.pictures import Drawn, draw_pictures, picture_names
 
@@ -39,6 +40,7 @@ def drive_robot(
     browser: bool,
     as_json: bool,
     force: bool,
+    accept: tuple[str, ...] = (),
 ) -> int:
     """Drive a robot in the browser, or replay the commands of a drive; write its folder and return the exit status."""
     if (source is None) == (replayed is None):
@@ -47,10 +49,12 @@ def drive_robot(
     if replayed is not None:
         record = read_drive(replayed)
         _check_replay(options, frames, duration)
+        record = replace(record, config={**record.config, **accept_option(record.config, {}, accept)})
         prepared = _rebuilt(record, replayed)
     else:
         given = parse_options(options)
         name, raw, folder, built_in = read_source(str(source), given)
+        raw = {**raw, **accept_option(raw, {}, accept)}
         prepared = prepare_drive(name, raw, folder, built_in, given, frames)
     for warning in prepared.plan.experiment.warnings:
         warn(warning)

@@ -8,6 +8,8 @@ from pathlib import Path
 import click
 
 from rnc_pin.app.new_file import check_new_file
+from rnc_pin.app.run_end import report_findings
+from rnc_pin.app.status import DONE
 from rnc_pin.app.tables import print_summary
 from rnc_pin.app.watching import close, live_view
 from rnc_pin.errors import ConfigurationError
@@ -32,8 +34,12 @@ def replay_runs(
     plot: Path | None,
     aside: bool,
     force: bool,
-) -> None:
-    """Write the requested files of runs, show them, or print their summaries."""
+    accept: tuple[str, ...] = (),
+) -> int:
+    """Write the requested files of runs, show them, or print their summaries and verdicts. Return the exit status."""
+    judges = not show and frames is None and not any((html, video, plot))
+    if accept and not judges:
+        raise ConfigurationError("--accept: a replay judges runs only if it prints their summaries; remove the option")
     runs = [load_run(source) for source in sources]
     first = runs[0]
     others = compared(runs)
@@ -65,11 +71,16 @@ def replay_runs(
         raise ConfigurationError(f"{error.filename}: cannot be written: {error.strerror}") from None
     if show:
         _show(first, speed, browser, host)
-    if not show and frames is None and not any(files.values()):
-        for run in runs:
-            summary = summarize(run.trajectory)
-            add_verdict(summary, _verdict(run))
-            print_summary(summary, run.trajectory.info.outputs)
+    return max([_judged(run, accept) for run in runs]) if judges else DONE
+
+
+def _judged(run: Run, accept: tuple[str, ...]) -> int:
+    """Print the summary and the verdict of a run, and return the exit status."""
+    summary, found = summarize(run.trajectory), _verdict(run)
+    verdict = Verdict.of(found.findings, {*found.accepted, *accept})
+    add_verdict(summary, verdict)
+    print_summary(summary, run.trajectory.info.outputs)
+    return report_findings(verdict, f"the run is in {run.source}")
 
 
 def _verdict(run: Run) -> Verdict:

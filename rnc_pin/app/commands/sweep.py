@@ -13,7 +13,7 @@ from rnc_pin.app.progress import ProgressBar
 from rnc_pin.app.status import DONE, FAILED
 from rnc_pin.app.tables import print_sweep_statistics
 from rnc_pin.errors import SimulationError
-from rnc_pin.scenario.files import parse_options, plant_option
+from rnc_pin.scenario.files import accept_option, parse_options, plant_option
 from rnc_pin.sweeps import SweepResults, sweep
 from rnc_pin.sweeps.sweep_reports import failure_lines
 from rnc_pin.sweeps.sweep_statistics import SweepStatistics, sweep_statistics
@@ -33,8 +33,10 @@ def sweep_scenario(
     plant: str | None,
     as_json: bool,
     force: bool,
+    accept: tuple[str, ...] = (),
 ) -> int:
     """Run a scenario many times with drawn values, write a data set and return the exit status."""
+    given = parse_options(options)
     bar = ProgressBar(Console(stderr=True), runs, f"{scenario} x {runs}", quiet=as_json)
     reached = 0
     try:
@@ -52,7 +54,7 @@ def sweep_scenario(
                 runs,
                 out=out,
                 jobs=jobs,
-                options={**plant_option(scenario, plant), **parse_options(options)},
+                options={**plant_option(scenario, plant), **given, **accept_option(scenario, given, accept)},
                 scheduler=scheduler,
                 trajectories=trajectories,
                 progress=progress,
