@@ -31,6 +31,13 @@ class Finding:
         time: time of the largest amount [s]; None if it has none.
         severity: weight of the finding.
         message: one line for a reader.
+
+    Example:
+        >>> from rnc_pin.simulation import Finding, FindingKind, Severity, Verdict
+        >>> message = "the goal of tip is missed by 0.03 m"
+        >>> missed = Finding(FindingKind.GOAL, "tip", 0.03, "m", 2.0, Severity.FAILS, message)
+        >>> print(Verdict.of([missed]).word, "-", missed)
+        failed - the goal of tip is missed by 0.03 m
     """
 
     kind: FindingKind

@@ -1,6 +1,10 @@
 """Exports of ``rnc_pin.simulation``, which ``__init__.py`` imports at their first use."""
 
 from rnc_pin.plants import ReducedPlant as ReducedPlant
+from rnc_pin.verdict import Finding as Finding
+from rnc_pin.verdict import FindingKind as FindingKind
+from rnc_pin.verdict import Severity as Severity
+from rnc_pin.verdict import Verdict as Verdict
 
 from .distance_findings import SHORTFALL as SHORTFALL
 from .distance_findings import distance_findings as distance_findings

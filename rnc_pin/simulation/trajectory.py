@@ -122,7 +122,10 @@ class Trajectory(SummaryMixin):
             raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
 
     def __getstate__(self) -> dict[str, Any]:
-        return {each.name: getattr(self, each.name) for each in fields(self)}
+        state = {each.name: getattr(self, each.name) for each in fields(self)}
+        if self.info.verdict is None and "_judge" in vars(self):
+            state["_judge"] = vars(self)["_judge"]  # a copy is judged like the run
+        return state
 
     def judged_later(self, judge: Callable[[Trajectory], Verdict]) -> Trajectory:
         """Return this run, whose verdict is computed at its first use.
