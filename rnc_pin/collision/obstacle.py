@@ -43,7 +43,8 @@ class Obstacle:
         shape: a coal shape: ``coal.Box(x, y, z)``, ``coal.Sphere(radius)``, ``coal.Cylinder(radius, length)`` and
             ``coal.Capsule(radius, length)`` along z, ``coal.Halfspace(normal, offset)``, or the result of
             ``load_mesh_shape``. A mesh counts as its hull. ``ground_shape()`` is a floor.
-        position: position of the shape's centre in the world (3,) [m].
+        position: position of the shape's centre in the world (3,) [m]; of a mesh, of its file's origin; of a floor,
+            of a point on it.
         yaw: rotation about the world's z [rad], after roll and pitch.
         roll: rotation about x [rad].
         pitch: rotation about y [rad].

@@ -63,7 +63,7 @@ def task_references(
         try:
             coordinates: Coordinates = getattr(task, f"{name}_coordinates")
             if settings is not None:
-                references[name] = settings.build(start, coordinates)
+                references[name] = settings.from_start(start, coordinates)
             elif motion is not None and outputs and name in getattr(scenario.controller, "followed", ()):
                 references[name] = motion.reference(outputs)
             else:

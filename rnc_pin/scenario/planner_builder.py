@@ -222,7 +222,7 @@ def _guess(settings: OptimalPlanner, reduced: ReducedModel, start: Start, goal: 
         return driven_configurations(reduced, start.q, reference, duration)
     if guess.reducing is not None:
         _, x2 = reduced.at(start.q).outputs()
-        motion = guess.reducing.build(x2, reduced.reducing.coordinates)
+        motion = guess.reducing.from_start(x2, reduced.reducing.coordinates)
         return driven_configurations(reduced, start.q, motion, duration)
     assert guess.through is not None
     end = goal_configuration(reduced, start.q, goal)

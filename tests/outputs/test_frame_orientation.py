@@ -14,7 +14,7 @@ from rnc_pin.control import (
 )
 from rnc_pin.math.coordinates import Coordinates, left_jacobian
 from rnc_pin.planning import Harmonic, Hold, MinimumJerk
-from rnc_pin.scenario.schema.reference_settings import MinimumJerkReference
+from rnc_pin.planning.relative_references import RelativeMinimumJerk
 from systems import random_states
 from tolerances import FINITE_DIFFERENCE, ROUNDING
 
@@ -183,7 +183,7 @@ def test_an_orientation_is_not_torn_apart():
 
 
 def test_displacements_in_scenario_files_turn_in_world_axes():
-    reference = MinimumJerkReference(minimum_jerk={"by": [0.0, 0.0, 0.5], "duration": 1.0})
+    reference = RelativeMinimumJerk(by=[0.0, 0.0, 0.5], duration=1.0)
     start = np.array([1.0, 0.2, 0.0])
-    goal = reference.build(start, ROTATION).at(2.0).position
+    goal = reference.from_start(start, ROTATION).at(2.0).position
     np.testing.assert_allclose(pin.exp3(goal), pin.exp3(np.array([0, 0, 0.5])) @ pin.exp3(start), atol=ROUNDING)

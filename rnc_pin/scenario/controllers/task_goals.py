@@ -18,7 +18,7 @@ from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.rows import OutputKind
 from rnc_pin.outputs import FramePosition, FrameYaw
 from rnc_pin.planning import Reference
-from rnc_pin.scenario.schema.whole_body_settings import TaskDraft
+from rnc_pin.scenario.schema.derived import Draft
 
 
 class GoalError(NamedTuple):
@@ -46,13 +46,13 @@ class TaskGoals:
     """
 
     def __init__(
-        self, items: Sequence[ControlTask | TaskDraft], tasks: Sequence[ControlTask], reduced: ReducedModel
+        self, items: Sequence[ControlTask | Draft[ControlTask]], tasks: Sequence[ControlTask], reduced: ReducedModel
     ) -> None:
         self._reduced, self._first = reduced, min(task.priority for task in tasks)
         self._goals = [
             (index, draft, task, task.bind(reduced).names)
             for index, (draft, task) in enumerate(zip(items, tasks, strict=True))
-            if isinstance(draft, TaskDraft)
+            if isinstance(draft, Draft)
         ]
 
     def errors(self, t: float, q: Float[Array, " nq"], v: Float[Array, " nv"] | None = None) -> list[GoalError]:
@@ -103,7 +103,7 @@ class TaskGoals:
         )
 
 
-def goal_values(draft: TaskDraft, reduced: ReducedModel, q: Array) -> tuple[Array, Coordinates]:
+def goal_values(draft: Draft[ControlTask], reduced: ReducedModel, q: Array) -> tuple[Array, Coordinates]:
     """Values that the reference of a task describes, at a configuration (nq,)."""
     stack = goal_stack(draft, reduced)
     if stack is not None:
@@ -114,7 +114,7 @@ def goal_values(draft: TaskDraft, reduced: ReducedModel, q: Array) -> tuple[Arra
     return np.array(center[axes]), Coordinates([False] * len(axes))
 
 
-def goal_stack(draft: TaskDraft, reduced: ReducedModel) -> OutputStack | None:
+def goal_stack(draft: Draft[ControlTask], reduced: ReducedModel) -> OutputStack | None:
     """Outputs that the reference of a task describes; None for the centre of mass."""
     given = draft.given
     if draft.kind is CenterOfMassTask:

@@ -18,7 +18,8 @@ from rnc_pin.scenario.schema.controllers import (
     VelocityProgramSettings,
     WholeBodySettings,
 )
-from rnc_pin.scenario.schema.whole_body_settings import CollisionSettings, LimitSettings, TaskDraft
+from rnc_pin.scenario.schema.derived import Draft
+from rnc_pin.scenario.schema.whole_body_settings import CollisionSettings, LimitSettings
 
 
 @build_type.register
@@ -77,11 +78,11 @@ def _at_limits() -> Iterator[None]:
         raise error.within("controller.limits") from None
 
 
-def _task(draft: TaskDraft, context: ControllerContext) -> ControlTask:
+def _task(draft: Draft[ControlTask], context: ControllerContext) -> ControlTask:
     """Task whose reference starts at the initial values of its outputs."""
     start, coordinates = goal_values(draft, context.reduced, context.q0)
-    reference = draft.given["reference"].build(start, coordinates)
-    return draft.kind(**{**draft.given, "reference": reference})
+    reference = draft.given["reference"].from_start(start, coordinates)
+    return draft.build(reference=reference)
 
 
 def _limits(settings: LimitSettings, context: ControllerContext) -> list[ControlLimit]:

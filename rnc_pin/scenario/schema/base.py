@@ -83,7 +83,7 @@ def _classes(module: str) -> Mapping[str, ast.ClassDef]:
 
 
 @cache
-def _docstrings(kind: type) -> Mapping[str, str]:
+def attribute_texts(kind: type) -> Mapping[str, str]:
     """Text below each annotated attribute in the source of a class; empty if the class has no source."""
     found = _classes(kind.__module__).get(kind.__qualname__)
     return {
@@ -123,7 +123,7 @@ class Strict(BaseModel):
     def key_descriptions(cls) -> dict[str, str]:
         """Description of each key, from its field or from the docstring of the attribute."""
         kinds = [kind for kind in reversed(cls.__mro__) if issubclass(kind, Strict)]
-        texts = {name: text for kind in kinds for name, text in _docstrings(kind).items()}
+        texts = {name: text for kind in kinds for name, text in attribute_texts(kind).items()}
         texts |= {name: field.description for name, field in cls.model_fields.items() if field.description is not None}
         return {name: texts[name] for name in cls.model_fields if name in texts}
 

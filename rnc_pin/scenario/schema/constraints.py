@@ -63,7 +63,7 @@ class _MotionArguments(Strict):
 
 def _motion(given: _MotionArguments) -> Reference:
     start = np.array(given.start, dtype=float)
-    return given.reference.build(start, Coordinates([False] * start.size))
+    return given.reference.from_start(start, Coordinates([False] * start.size))
 
 
 ConstraintItem = Annotated[

@@ -1,7 +1,8 @@
-"""Entries of a scenario file, derived from the dataclasses that they build.
+"""Entries of scenario files, derived from the classes that they build.
 
-The dataclass alone defines names, types, defaults and descriptions; its docstring gives the descriptions. An ``Entry``
-lists the differences between the file and the dataclass.
+The class alone defines names, types, defaults and descriptions: a dataclass by its fields, another class or a function
+by the parameters of its call. The docstring gives the descriptions. An ``Entry`` lists the differences between the file
+and the class.
 """
 
 from __future__ import annotations
@@ -9,12 +10,12 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field
 from functools import cached_property, reduce
 from operator import attrgetter, or_
 from types import GenericAlias, UnionType
-from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Generic, NamedTuple, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 from pydantic import (
@@ -32,46 +33,113 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
 from rnc_pin.errors import RncError, nearest
-from rnc_pin.scenario.schema.base import BY_KIND, NAME, PLAIN, Strict
+from rnc_pin.scenario.schema.base import BY_KIND, NAME, PLAIN, Numbers, Strict, attribute_texts
+
+T = TypeVar("T")
+
+
+class _Parameter(NamedTuple):
+    name: str
+    kind: object
+    default: object
+    """Default value; ``MISSING`` for none."""
+    text: str
+
+    @property
+    def unlimited(self) -> bool:
+        """True if the default is infinite. Files write null for it."""
+        return isinstance(self.default, float) and bool(np.isinf(self.default))
+
+
+@dataclass(frozen=True)
+class Draft(Generic[T]):
+    """Call of a class with the arguments that a file gives. A builder gives the others.
+
+    Attributes:
+        kind: the class.
+        given: arguments of the file by name.
+    """
+
+    kind: Callable[..., T]
+    given: Mapping[str, Any]
+
+    def build(self, **others: object) -> T:
+        """Make the call. The arguments here go before those of the file."""
+        return self.kind(**{**self.given, **others})
 
 
 @dataclass(frozen=True, eq=False)  # hashable by identity: a union hashes its parts
-class Entry:
-    """Reader of a dataclass from a file: ``Annotated[View, Entry(View)]`` validates to a ``View``.
+class Entry(Generic[T]):
+    """Reader of a class from a file: ``Annotated[View, Entry(View)]`` validates to a ``View``.
+
+    With ``late`` parameters or ``draft`` it validates to a ``Draft``. A mapping with further keys inherits from
+    ``model`` and calls ``build``.
 
     Attributes:
-        kind: the dataclass.
-        short: a field whose value may replace the mapping.
-        only: a field whose value always replaces the mapping.
-        keys: field name to key in the file, where the two differ.
-        required: fields that a file must give although the dataclass has a default.
-        forms: field name to its type in the file, where the two differ.
+        kind: dataclass, other class, or function.
+        short: a parameter whose value may replace the mapping.
+        only: a parameter whose value always replaces the mapping.
+        keys: parameter to key in the file, where the two differ.
+        required: parameters that a file must give although the class has a default.
+        forms: parameter to its type in the file, where the two differ.
+        late: parameters that a builder gives, and no file.
+        optional: parameters that may be null in a file, which is their default there. The builder then chooses.
+        defaults: parameter to its default in the file, in the form of the file, where the class has another or none.
+        draft: True if values of the file are drafts, from which only a builder makes the arguments.
     """
 
-    kind: type
+    kind: Callable[..., T]
     short: str | None = None
     only: str | None = None
     keys: Mapping[str, str] = field(default_factory=dict)
     required: tuple[str, ...] = ()
     forms: Mapping[str, object] = field(default_factory=dict)
+    late: tuple[str, ...] = ()
+    optional: tuple[str, ...] = ()
+    defaults: Mapping[str, object] = field(default_factory=dict)
+    draft: bool = False
 
-    def build(self, said: object) -> object:
-        """Build the dataclass from the values of a file. Missing values take the defaults of the dataclass."""
+    def build(self, said: object, **others: object) -> T:
+        """Call the class with the values of a file, which are attributes of ``said``, and with further arguments.
+
+        Missing values take the defaults of the class.
+        """
+        return Draft(self.kind, self.given(said)).build(**others)
+
+    def given(self, said: object) -> dict[str, Any]:
+        """Arguments that a file gives, by name."""
+        if not isinstance(said, BaseModel):
+            return {str(self.only): said}
+        found = {}
+        for each in self._parameters:
+            key = self._key(each.name)
+            if key in said.model_fields_set or each.name in self.defaults:
+                value = getattr(said, key)
+                if value is not None or not (each.unlimited or each.name in self.optional):
+                    found[each.name] = value
+        return found
+
+    def read(self, said: object) -> object:
+        """Value of the entry: the built object, or a draft of it.
+
+        Raises:
+            ValueError: the class refuses the values.
+        """
+        if self.late or self.draft:
+            return Draft(self.kind, self.given(said))
         try:
-            return self.kind(**self._given(said))
+            return self.build(said)
         except RncError as error:  # pydantic adds the place in the file
             raise ValueError(str(error)) from None
 
-    def _given(self, said: object) -> dict[str, object]:
-        if not isinstance(said, BaseModel):
-            return {str(self.only): said}
-        keys = {each: self._key(each.name) for each in self._fields if self._key(each.name) in said.model_fields_set}
-        values = {each: getattr(said, key) for each, key in keys.items()}
-        return {each.name: value for each, value in values.items() if value is not None or not _unlimited(each)}
-
     @property
-    def _fields(self) -> list[dataclasses.Field[object]]:
-        return [each for each in dataclasses.fields(self.kind) if each.init]
+    def title(self) -> str:
+        """Name of the class."""
+        return self.kind.__name__
+
+    @cached_property
+    def _parameters(self) -> list[_Parameter]:
+        return [each for each in _parameters(self.kind) if each.name not in self.late]
 
     def _key(self, name: str) -> str:
         return self.keys.get(name, name)
@@ -79,36 +147,38 @@ class Entry:
     @cached_property
     def model(self) -> type[Strict]:
         """Pydantic model of the mapping in a file."""
-        types, texts = {**get_type_hints(self.kind, include_extras=True), **self.forms}, descriptions(self.kind)
-        fields = {
-            self._key(each.name): self._field(each, types[each.name], texts.get(each.name, "")) for each in self._fields
-        }
-        return _mapping(self.kind.__name__, summary(self.kind), fields)
+        fields = {self._key(each.name): self._field(each) for each in self._parameters}
+        return _mapping(self.title, summary(self.kind), fields)
 
-    def _field(self, each: dataclasses.Field[object], kind: object, text: str) -> tuple[object, object]:
+    def _field(self, each: _Parameter) -> tuple[object, object]:
         """Type and default of a field of the mapping."""
-        default = each.default if each.default_factory is MISSING else each.default_factory()
-        if _unlimited(each):
+        kind = self.forms.get(each.name, each.kind)
+        default = self.defaults.get(each.name, each.default)
+        default = list(default) if isinstance(default, tuple) else default
+        if each.unlimited or each.name in self.optional:
             kind, default = _either([kind, None]), None
         if default is MISSING or each.name in self.required:
             default = ...
-        return _in_files(kind), Field(list(default) if isinstance(default, tuple) else default, description=text)
+        if each.name in self.defaults:
+            return _in_files(kind), Field(default, description=each.text, validate_default=True)
+        return _in_files(kind), Field(default, description=each.text)
 
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         if self.only is None:
             form = handler.generate_schema(self.model)
         else:
-            form = handler.generate_schema(get_type_hints(self.kind, include_extras=True)[self.only])
+            (kind,) = (each.kind for each in self._parameters if each.name == self.only)
+            form = handler.generate_schema(kind)
         if self.short is not None:
             form = core_schema.no_info_before_validator_function(self._spelled_out, form)
-        return core_schema.no_info_after_validator_function(self.build, form)
+        return core_schema.no_info_after_validator_function(self.read, form)
 
     def _spelled_out(self, raw: object) -> object:
         assert self.short is not None
         if isinstance(raw, str):
             return {self._key(self.short): raw}
         if not isinstance(raw, Mapping):
-            keys = [self._key(each.name) for each in self._fields]
+            keys = [self._key(each.name) for each in self._parameters]
             raise ValueError(f"expected a {self.short}'s name or a mapping with {' and '.join(keys)}, found {raw!r}")
         return raw
 
@@ -121,18 +191,37 @@ class Entry:
         return form
 
 
-def one_of(names: bool = False, /, **entries: type | Entry) -> object:
-    """Return a reader of one of several dataclasses, each a mapping with one key: ``{key: {field: value, ...}}``.
+def _parameters(kind: Callable[..., object]) -> list[_Parameter]:
+    """Parameters of a class or function."""
+    texts = descriptions(kind)
+    if dataclasses.is_dataclass(kind):
+        types = get_type_hints(kind, include_extras=True)
+        found = [
+            (each.name, each.default if each.default_factory is MISSING else each.default_factory())
+            for each in dataclasses.fields(kind)
+            if each.init
+        ]
+    else:
+        call: object = vars(kind)["__init__"] if isinstance(kind, type) else kind
+        types = get_type_hints(call, include_extras=True)
+        signature = inspect.signature(kind).parameters.values()
+        found = [(each.name, MISSING if each.default is each.empty else each.default) for each in signature]
+    return [_Parameter(name, types[name], default, texts.get(name, "")) for name, default in found]
+
+
+def one_of(names: bool = False, /, **entries: type | Entry[Any]) -> object:
+    """Return a reader of one of several classes, each a mapping with one key: ``{key: {field: value, ...}}``.
 
     Args:
         names: True to accept a bare name too; it is returned unchanged.
-        **entries: the dataclass of each key, or an ``Entry`` where the file differs from the dataclass.
+        **entries: the class of each key, or an ``Entry`` where the file differs from the class. A mapping of a file is
+            read as it is.
     """
-    items = [_keyed(key, _entry(each)) for key, each in entries.items()]
+    items = [_keyed(key, each) for key, each in entries.items()]
     return _ReadAs(Annotated[_either([Annotated[str, Tag(NAME)]] * names + items), BY_KIND])
 
 
-def plain_or(plain: type, /, **entries: type | Entry) -> object:
+def plain_or(plain: type, /, **entries: type | Entry[Any]) -> object:
     """Return a reader of a dataclass ``{field: value, ...}``, or of another one as a mapping with its key."""
 
     def tag(raw: object) -> str:
@@ -149,7 +238,7 @@ def plain_or(plain: type, /, **entries: type | Entry) -> object:
                 raise ValueError(f"'{key}' is not known{nearest(str(key), names)}")
         return raw
 
-    items = [Annotated[plain, Entry(plain), Tag(PLAIN)], *(_keyed(key, _entry(each)) for key, each in entries.items())]
+    items = [Annotated[plain, Entry(plain), Tag(PLAIN)], *(_keyed(key, each) for key, each in entries.items())]
     return _ReadAs(Annotated[_either(items), Discriminator(tag), BeforeValidator(known)])
 
 
@@ -163,14 +252,14 @@ class _ReadAs:
         return handler.generate_schema(self.form)
 
 
-def _entry(kind: type | Entry) -> Entry:
-    return kind if isinstance(kind, Entry) else Entry(kind)
-
-
-def _keyed(key: str, entry: Entry) -> object:
-    """Mapping with one key that contains an entry."""
-    name = f"{entry.kind.__name__}Entry"
-    around = _mapping(name, summary(entry.kind), {key: (Annotated[entry.kind, entry], ...)})
+def _keyed(key: str, kind: type | Entry[Any]) -> object:
+    """Mapping with one key that contains an entry, or another mapping of a file."""
+    if isinstance(kind, type) and issubclass(kind, Strict):
+        title, text, content = kind.__name__, summary(kind), cast(object, kind)
+    else:
+        entry = kind if isinstance(kind, Entry) else Entry(kind)
+        title, text, content = entry.title, summary(entry.kind), Annotated[object, entry]
+    around = _mapping(f"{title}Entry", text, {key: (content, ...)})
     return Annotated[around, AfterValidator(attrgetter(key)), Tag(key)]
 
 
@@ -179,36 +268,52 @@ def _mapping(name: str, text: str, fields: Mapping[str, tuple[object, object]]) 
     return create_model(name, __base__=Strict, __doc__=text, **settings)
 
 
-def _unlimited(each: dataclasses.Field[object]) -> bool:
-    """True if the default of a field is infinite. Files write null for it."""
-    return isinstance(each.default, float) and np.isinf(each.default)
-
-
 def _in_files(kind: object) -> object:
-    """Form of a type in files: lists in place of sequences, and no arrays."""
+    """Form of a type in files: lists in place of sequences and arrays."""
     origin, parts = get_origin(kind), get_args(kind)
     if origin is Annotated:
         return Annotated[_in_files(parts[0]), *parts[1:]]
+    if kind is np.ndarray:
+        return Numbers
     if origin in (Union, UnionType):
-        return _either([_in_files(part) for part in parts if part is not np.ndarray])
+        lists = any(get_origin(_bare(part)) is Sequence for part in parts)  # the same numbers as those of an array
+        return _either([_in_files(part) for part in parts if part is not np.ndarray or not lists])
     return GenericAlias(list, tuple(map(_in_files, parts))) if origin is Sequence else kind
+
+
+def _bare(kind: object) -> object:
+    return get_args(kind)[0] if get_origin(kind) is Annotated else kind
 
 
 def _either(kinds: Sequence[object]) -> object:
     return reduce(or_, kinds)
 
 
-def summary(kind: type) -> str:
-    """First paragraph of the docstring of a dataclass."""
+def summary(kind: Callable[..., object]) -> str:
+    """First paragraph of the docstring of a class."""
     return " ".join((inspect.getdoc(kind) or "").split("\n\n")[0].split())
 
 
-def descriptions(kind: type) -> dict[str, str]:
-    """Descriptions of the fields of a dataclass, from ``Args`` or ``Attributes`` of its docstring and its bases'."""
+def descriptions(kind: Callable[..., object]) -> dict[str, str]:
+    """Descriptions of the parameters of a class or function.
+
+    They are in ``Args`` or ``Attributes`` of its docstring, or below the fields of a dataclass, also of its bases.
+    """
+    family = [kind]
+    if dataclasses.is_dataclass(kind):
+        family = [each for each in reversed(inspect.getmro(cast(type, kind))) if dataclasses.is_dataclass(each)]
     found: dict[str, str] = {}
-    own = [inspect.getdoc(each) or "" for each in reversed(kind.__mro__) if dataclasses.is_dataclass(each)]
-    for section in re.findall(r"^(?:Args|Attributes):\n((?:    .*\n?|\n)*)", "\n\n".join(own), re.MULTILINE):
-        for names, text in re.findall(r"^    (\w+(?:, \w+)*): (.*\n?(?:     .*\n?)*)", section, re.MULTILINE):
-            sentence = re.sub(r"\bNone\b", "null", " ".join(text.split()))
-            found |= dict.fromkeys(names.split(", "), sentence[0].upper() + sentence[1:])
-    return found
+    for each in family:
+        for section in re.findall(
+            r"^(?:Args|Attributes):\n((?:    .*\n?|\n)*)", inspect.getdoc(each) or "", re.MULTILINE
+        ):
+            for names, text in re.findall(r"^    (\w+(?:, \w+)*): (.*\n?(?:     .*\n?)*)", section, re.MULTILINE):
+                found |= dict.fromkeys(names.split(", "), text)
+        if isinstance(each, type):
+            found |= attribute_texts(each)
+    return {name: _sentence(text) for name, text in found.items()}
+
+
+def _sentence(text: str) -> str:
+    text = re.sub(r"\bNone\b", "null", " ".join(text.split()))
+    return text[0].upper() + text[1:]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, cast
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
@@ -38,7 +38,7 @@ class PlantSettings(_MUJOCO.model):  # type: ignore[name-defined, misc]
     @property
     def settings(self) -> MuJoCoSettings:
         """Settings of MuJoCo."""
-        return cast(MuJoCoSettings, _MUJOCO.build(self))
+        return _MUJOCO.build(self)
 
 
 class Payload(Strict):
@@ -81,7 +81,7 @@ class FaultSettings(_FAULTS.model):  # type: ignore[name-defined, misc]
     @property
     def faults(self) -> Faults:
         """Faults of sensors and actuators."""
-        return cast(Faults, _FAULTS.build(self))
+        return _FAULTS.build(self)
 
 
 class LoopSettings(Strict):

@@ -5,12 +5,8 @@ To add a task or a limit, add its class to ``TaskItem`` or ``LimitSettings``.
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Annotated, Any
-
-from pydantic import Field
+from functools import partial
+from typing import Annotated
 
 from rnc_pin.control.whole_body.limits import (
     AccelerationLimit,
@@ -31,54 +27,26 @@ from rnc_pin.control.whole_body.tasks import (
     SingularityTask,
 )
 from rnc_pin.model.parameter_types import NotNegative, Positive
-from rnc_pin.model.rows import OutputKind
-from rnc_pin.planning.references import Reference
 from rnc_pin.scenario.schema.base import Strict
-from rnc_pin.scenario.schema.derived import Entry, one_of
+from rnc_pin.scenario.schema.derived import Draft, Entry, one_of
 from rnc_pin.scenario.schema.outputs import OutputItem
-from rnc_pin.scenario.schema.reference_settings import HoldReference, ReferenceItem
+from rnc_pin.scenario.schema.reference_settings import HOLD, ReferenceItem
 
-
-@dataclass(frozen=True)
-class TaskDraft:
-    """Task whose reference starts at the initial configuration, so that only a builder can construct it.
-
-    Attributes:
-        kind: class of the task.
-        given: its settings; ``reference`` holds the settings of the reference.
-    """
-
-    kind: type[ControlTask]
-    given: Mapping[str, Any]
-
-
-class TaskEntry(Entry):
-    """Entry of a task: outputs and references are written as elsewhere in the file."""
-
-    def build(self, said: object) -> object:
-        """Build the task, or a draft of it if it follows a reference."""
-        given = self._given(said)
-        if not any(each.name == "reference" for each in dataclasses.fields(self.kind)):
-            return super().build(said)
-        return TaskDraft(self.kind, {"reference": HoldReference(), **given})
-
-    def _field(self, each: dataclasses.Field[object], kind: object, text: str) -> tuple[object, object]:
-        if kind is Reference:
-            return ReferenceItem, Field(HoldReference(), description=text)
-        return super()._field(each, OutputItem if kind is OutputKind else kind, text)
-
+_task = partial(Entry, forms={"output": OutputItem, "reference": ReferenceItem})
+_following = partial(_task, defaults={"reference": HOLD}, draft=True)
+"""Entry of a task with a reference, which starts at the initial configuration."""
 
 TaskItem = Annotated[
-    ControlTask | TaskDraft,
+    ControlTask | Draft[ControlTask],
     one_of(
-        output=TaskEntry(OutputTask),
-        posture=TaskEntry(PostureTask),
-        base_pose=TaskEntry(BasePoseTask),
-        center_of_mass=TaskEntry(CenterOfMassTask),
-        look_at=TaskEntry(LookAtTask),
-        damping=TaskEntry(DampingTask),
-        manipulability=TaskEntry(ManipulabilityTask),
-        singularity=TaskEntry(SingularityTask),
+        output=_following(OutputTask),
+        posture=_task(PostureTask),
+        base_pose=_following(BasePoseTask),
+        center_of_mass=_following(CenterOfMassTask),
+        look_at=_task(LookAtTask),
+        damping=_task(DampingTask),
+        manipulability=_task(ManipulabilityTask),
+        singularity=_task(SingularityTask),
     ),
 ]
 

@@ -20,7 +20,7 @@ from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.saved_run import view_of
 from rnc_pin.scenario.schema.actuators import ActuatorItem
 from rnc_pin.scenario.schema.constraints import ConstraintItem
-from rnc_pin.scenario.schema.derived import Entry, descriptions, one_of
+from rnc_pin.scenario.schema.derived import Draft, Entry, descriptions, one_of
 from rnc_pin.visualization.view import View
 
 KINDS = [getattr(package, name) for package in (constraints, outputs) for name in package.__all__]
@@ -149,6 +149,33 @@ def test_an_entry_tells_what_a_file_says_otherwise():
     assert momentum.validate_python("platform") == momentum.validate_python({"joint": "platform"})
     with pytest.raises(ValidationError, match="expected a joint's name or a mapping with joint and momentum, found 3"):
         momentum.validate_python(3)
+
+
+class Motor:
+    """A motor on a spring.
+
+    Args:
+        spring: what it pulls.
+        power: largest power [W].
+        gear: ratio; that of the catalogue by default.
+    """
+
+    def __init__(self, spring: Spring, power: float = np.inf, gear: Annotated[float, Gt(0)] | np.ndarray = 1.0) -> None:
+        self.spring, self.power, self.gear = spring, power, gear
+
+
+def test_a_class_is_read_by_its_constructor_and_built_once_the_rest_is_known():
+    entry = Entry(Motor, late=("spring",), optional=("gear",))
+    reader = TypeAdapter(Annotated[object, entry])
+    draft = reader.validate_python({"power": None, "gear": [2, 3]})
+    assert draft == Draft(Motor, {"gear": [2.0, 3.0]})
+    motor = draft.build(spring=Spring("a", "b", 2.0))
+    assert (motor.spring.frame_b, motor.power, motor.gear) == ("b", np.inf, [2.0, 3.0])
+    fields = reader.json_schema()["properties"]
+    assert (list(fields), fields["gear"]["default"]) == (["power", "gear"], None)
+    assert fields["gear"]["description"] == "Ratio; that of the catalogue by default."
+    with pytest.raises(ValidationError, match="'spring' is not known"):
+        reader.validate_python({"spring": SPRING})
 
 
 def test_a_field_may_have_another_form_in_files():
