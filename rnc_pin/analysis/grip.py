@@ -10,6 +10,7 @@ from numpy import ndarray as Array
 from rnc_pin.analysis.normal_forces import LiftOff, NormalForces, contacts_of, first_lift_off
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.model.parameter_types import Positive
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 
@@ -27,7 +28,7 @@ class Grip:
     Args:
         reduced: the model.
         friction: coefficient of friction of the ground.
-        loads: known loads by name of the contact [N].
+        loads: known loads by name of the contact, its frame [N]; statics gives the others.
 
     Attributes:
         names: frame names of the contacts that grip, (w,).
@@ -46,7 +47,7 @@ class Grip:
         (('sleigh',), array([0.3]))
     """
 
-    def __init__(self, reduced: ReducedModel, friction: float, loads: Mapping[str, float] | None = None) -> None:
+    def __init__(self, reduced: ReducedModel, friction: Positive, loads: Mapping[str, float] | None = None) -> None:
         if not 0 < friction < np.inf:
             raise ConfigurationError(f"friction of the ground has to be positive, found {friction}")
         self._reduced, self.friction, self.normal = reduced, friction, NormalForces(reduced)

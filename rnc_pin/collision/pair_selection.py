@@ -59,7 +59,7 @@ class PairSelection:
     Attributes:
         pairs: pairs of links to check, by name; None checks all pairs, except those that the other rules exclude.
         disabled: pairs of links to omit, by name, such as the result of ``read_disabled_pairs``.
-        links: True to check links against each other.
+        links: True to check links against each other; obstacles always count.
     """
 
     pairs: Sequence[tuple[str, str]] | None = None

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Annotated
 
 import numpy as np
 import pinocchio as pin
+from annotated_types import Gt, Le, Len
 
 from rnc_pin.control.controller import Description, check_size, describe, listed
 from rnc_pin.control.deviation import deviation, fed_back
@@ -74,7 +76,7 @@ class Posture(ReprMixin):
     Args:
         task: task that defines the redundant outputs.
         reference: of x22.
-        k: [1/s]; a number or one for each output. 0 for outputs without a desired position.
+        k: gain [1/s]; a number or one for each output. 0 for outputs without a desired position.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
@@ -122,9 +124,9 @@ class JointLimits(ReprMixin):
     Args:
         reduced: the system.
         task: task that defines the redundant outputs.
-        k: [m^2/s or rad^2/s]; a number or one for each redundant output.
-        margin: width of a zone as a share of the joint's range, up to 0.5.
-        joints: names; by default every joint with limits.
+        k: gain [m^2/s or rad^2/s]; a number or one for each redundant output.
+        margin: width of the zone at each end as a share of the joint's range, up to 0.5.
+        joints: names of joints; by default every joint with limits.
 
     Raises:
         ModelError: unknown joint.
@@ -148,8 +150,8 @@ class JointLimits(ReprMixin):
         reduced: ReducedModel,
         task: Task,
         k: float | np.ndarray = 0.1,
-        margin: float = 0.1,
-        joints: Sequence[str] | None = None,
+        margin: Annotated[float, Gt(0), Le(0.5)] = 0.1,
+        joints: Annotated[Sequence[str], Len(1)] | None = None,
     ) -> None:
         if not 0 < margin <= 0.5:
             raise ConfigurationError(f"margin of joint limits has to be a share of the range, 0 to 0.5, found {margin}")
@@ -202,7 +204,7 @@ class SingularityDistance(ReprMixin):
     Args:
         reduced: the system.
         task: its vertical and redundant outputs.
-        k: [m^2/s or rad^2/s]; a number or one for each redundant output.
+        k: gain [m^2/s or rad^2/s]; a number or one for each redundant output.
 
     Raises:
         SingularityError: the configuration at a sample is singular, so w has no gradient.

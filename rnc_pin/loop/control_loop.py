@@ -23,6 +23,7 @@ from rnc_pin.loop.velocity import FilteredVelocity, VelocityEstimator, VelocityO
 from rnc_pin.math.linear_algebra import apply, clipped
 from rnc_pin.model.input_validation import vector
 from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.parameter_types import NotNegative, Positive
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 
@@ -73,7 +74,8 @@ class ControlLoop:
         limits: True clips inputs to the effort limits of the actuators, False does not clip; or limits (p,). The safe
             command and held inputs are always clipped. With False their limits are those of the actuators.
         fallback: safe command: "hold" the last inputs, "brake" (``F = -brake diag(H) v2``, with the inertia of the
-            model), "zero", or "raise" the error.
+            model), "zero", or "raise" the error. The default of
+            ``simulate`` and of scenarios is "raise" on the reduced model without faults.
         timeout: time for which the last inputs are held while measurements are invalid [s]; five steps by default.
         max_speed: largest valid speed, of v and of the difference of two configurations over time [rad/s, m/s].
         min_singular_value: limit for the smallest singular value of E. Below it the loop fails with a
@@ -106,13 +108,13 @@ class ControlLoop:
         dt: float,
         *,
         velocity: Literal["measured", "filtered", "observer"] = "measured",
-        cutoff: float | None = None,
+        cutoff: Positive | None = None,
         limits: bool | Float[Array, " p"] = True,
         fallback: Literal["hold", "brake", "zero", "raise"] = "hold",
-        timeout: float | None = None,
-        max_speed: float = 100.0,
-        min_singular_value: float = 0.0,
-        brake: float = 5.0,
+        timeout: Positive | None = None,
+        max_speed: Positive = 100.0,
+        min_singular_value: NotNegative = 0.0,
+        brake: Positive = 5.0,
     ) -> None:
         check_number("dt", dt)
         self.reduced, self.dt = admit_model(reduced), dt

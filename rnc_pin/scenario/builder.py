@@ -104,8 +104,7 @@ class Experiment:
     def loop(self) -> LoopOptions:
         """Options of the control loop that the scenario sets."""
         said = self.scenario.loop
-        options = {} if said is None else {key: getattr(said, key) for key in type(said).model_fields}
-        return cast(LoopOptions, {key: value for key, value in options.items() if value is not None})
+        return cast(LoopOptions, {} if said is None else {**said.given})
 
     @property
     def notes(self) -> dict[str, Json]:
@@ -281,7 +280,7 @@ def _grip(scenario: Scenario, reduced: ReducedModel) -> Grip | None:
     if not isinstance(scenario.controller, VelocityTrackerSettings):
         raise ConfigurationError("grip: requires a controller over a velocity tracker, such as type 'redundancy'")
     try:
-        return Grip(reduced, scenario.grip.friction, scenario.grip.loads)
+        return scenario.grip.build(reduced)
     except ConfigurationError as error:
         raise ConfigurationError(f"grip: {error}") from None
 

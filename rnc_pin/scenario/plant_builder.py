@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 
-from rnc_pin.constraints import Pfaffian
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.plants import ChangingPlant, ContactPlant, FaultyPlant, Plant, ReducedPlant, VelocityPlant, mujoco
-from rnc_pin.robots.robot import Robot
+from rnc_pin.plants.model_changes import MassErrors, TimedChange
 from rnc_pin.scenario.schema import Scenario
-
-_Change = Callable[[Robot], list[Pfaffian]]
 
 
 def build_plant(scenario: Scenario, reduced: ReducedModel, q0: np.ndarray, folder: Path) -> Plant:
@@ -46,8 +43,7 @@ def build_plant(scenario: Scenario, reduced: ReducedModel, q0: np.ndarray, folde
         _check_contacts(scenario)
         args = scenario.constraints, scenario.actuators, scenario.mimic, scenario.forces
         system = NonholonomicSystem(reduced.robot, *args)
-        limits = settings.joint_damping, settings.actuator_limits, settings.joint_friction, settings.substeps
-        return ContactPlant(system, scenario.contacts, *limits)
+        return ContactPlant(system, scenario.contacts, **settings.plant_options)
 
     def plant_of(model: ReducedModel) -> Plant:
         if in_mujoco:
@@ -55,27 +51,17 @@ def build_plant(scenario: Scenario, reduced: ReducedModel, q0: np.ndarray, folde
             return mujoco.MuJoCoPlant(model, plant.settings, q0)
         if servo_time is not None:
             return VelocityPlant(model, servo_time, settings.substeps)
-        return ReducedPlant(
-            model, settings.joint_damping, settings.actuator_limits, settings.joint_friction, settings.substeps
-        )
+        return ReducedPlant(model, **settings.plant_options)
 
     if faults is None:
         return plant_of(reduced)
-    changes: list[_Change] = []
-    if faults.masses:
-        changes.append(lambda robot: _perturb_masses(robot, faults.masses, scenario.seed))
-    timed: list[tuple[float, _Change]] = []
+    changes: list[MassErrors | TimedChange] = [MassErrors(faults.masses, scenario.seed)] if faults.masses else []
+    timed = [each for each in (faults.payload, faults.stuck) if each is not None]
     try:
-        if faults.payload is not None:
-            load = faults.payload
-            timed.append((load.time, lambda robot: _add_payload(robot, load.frame, load.mass)))
-        if faults.stuck is not None:
-            stuck = faults.stuck
-            timed.append((stuck.time, lambda robot: _lock_joint(robot, stuck.joint)))
         true_plant = plant_of(_true_model(scenario, folder, changes) if changes or faults.forces else reduced)
-        for time, change in sorted(timed, key=lambda each: each[0]):
-            changes.append(change)
-            true_plant = ChangingPlant(true_plant, plant_of(_true_model(scenario, folder, changes)), time)
+        for each in sorted(timed, key=attrgetter("time")):
+            changes.append(each)
+            true_plant = ChangingPlant(true_plant, plant_of(_true_model(scenario, folder, changes)), each.time)
     except RncError as error:
         raise ConfigurationError(f"faults: {error}") from None
     return FaultyPlant(true_plant, faults.faults, reduced, settings.dt, scenario.seed)
@@ -115,32 +101,11 @@ def _check_servos(scenario: Scenario, servo_time: float | None) -> None:
         raise ConfigurationError("faults: effort and dead_zone are those of forces, and the plant takes velocities")
 
 
-def _true_model(scenario: Scenario, folder: Path, changes: list[_Change]) -> ReducedModel:
+def _true_model(scenario: Scenario, folder: Path, changes: Sequence[MassErrors | TimedChange]) -> ReducedModel:
     """Build the true model: the system with further forces, and with changes to a separate copy of the robot."""
     robot = scenario.robot.build(folder)
-    rows = [row for change in changes for row in change(robot)]
+    rows = [row for change in changes for row in change.change(robot)]
     constraints, forces = [*scenario.constraints, *rows], list(scenario.forces)
     if scenario.faults is not None:
         forces += scenario.faults.forces
     return NonholonomicSystem(robot, constraints, scenario.actuators, scenario.mimic, forces).reduce()
-
-
-def _perturb_masses(robot: Robot, share: float, seed: int) -> list[Pfaffian]:
-    generator = np.random.default_rng([seed, 1])
-    for joint, inertia in enumerate(robot.model.inertias):
-        factor = 1.0 + share * generator.uniform(-1.0, 1.0)
-        robot.model.inertias[joint] = pin.Inertia(factor * inertia.mass, inertia.lever, factor * inertia.inertia)
-    return []
-
-
-def _add_payload(robot: Robot, frame: str, mass: float) -> list[Pfaffian]:
-    place = robot.model.frames[robot.frame_id(frame)]
-    load = pin.Inertia(mass, place.placement.translation, np.zeros((3, 3)))
-    robot.model.inertias[place.parentJoint] += load
-    return []
-
-
-def _lock_joint(robot: Robot, joint: str) -> list[Pfaffian]:
-    rows = np.eye(robot.nv)[robot.velocity_indices(joint)]
-    zeros = np.zeros_like(rows)
-    return [Pfaffian(lambda q: rows, lambda q, v: zeros, [f"stuck({joint})"] if len(rows) == 1 else None)]

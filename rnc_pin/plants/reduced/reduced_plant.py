@@ -38,7 +38,7 @@ class ReducedPlant:
         joint_damping: True for the viscous joint damping of the robot's file.
         actuator_limits: True to clip inputs to the effort limits of the robot's file and of the actuators.
         joint_friction: True for the dry joint friction of the robot's file, with stiction.
-        substeps: integration steps per call of ``advance``.
+        substeps: integration steps in one call of ``advance``, which is a sampling period.
 
     Raises:
         ConstraintError: damping or friction acts on a momentum that the model declares conserved.

@@ -10,13 +10,10 @@ from rnc_pin.control import (
     ActuatorVelocityController,
     Combined,
     ComputedTorque,
-    JointLimits,
     KinematicController,
-    Posture,
     ReducingOutputController,
     RedundancyController,
     Secondary,
-    SingularityDistance,
     SteeringController,
     VelocityGains,
     VelocityQP,
@@ -237,12 +234,11 @@ def _secondary(settings: SecondarySettings, context: ControllerContext) -> Secon
     reduced, task = context.reduced, context.task
     parts: list[Secondary] = []
     if settings.posture is not None:
-        parts.append(Posture(task, context.redundant, np.array(settings.posture.k)))
+        parts.append(settings.posture.build(task=task, reference=context.redundant))
     if settings.joint_limits is not None:
-        limits = settings.joint_limits
-        parts.append(JointLimits(reduced, task, np.array(limits.k), limits.margin, limits.joints))
+        parts.append(settings.joint_limits.build(reduced=reduced, task=task))
     if settings.singularity is not None:
-        parts.append(SingularityDistance(reduced, task, np.array(settings.singularity.k)))
+        parts.append(settings.singularity.build(reduced=reduced, task=task))
     return Combined(parts)
 
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from rnc_pin.collision import PairSelection
 from rnc_pin.control.whole_body import InverseDynamicsQP, VelocityQP
-from rnc_pin.control.whole_body.limits import CollisionAvoidance, ControlLimit
+from rnc_pin.control.whole_body.limits import ControlLimit
 from rnc_pin.control.whole_body.tasks import ControlTask
 from rnc_pin.errors import RncError
 from rnc_pin.scenario.controllers.context import BuiltController, ControllerContext, build_type
@@ -93,17 +92,5 @@ def _limits(settings: LimitSettings, context: ControllerContext) -> list[Control
     if "collision" not in settings.model_fields_set and geometry is not None and len(geometry.geometryObjects):
         wanted = CollisionSettings()
     if wanted is not None:
-        selection = PairSelection(links=wanted.links)
-        found.append(
-            CollisionAvoidance(
-                wanted.clearance,
-                wanted.influence,
-                wanted.rate,
-                context.obstacles,
-                selection,
-                q0=context.q0,
-                corners=wanted.corners,
-                deceleration=wanted.deceleration,
-            )
-        )
+        found.append(wanted.build(context.obstacles, context.q0))
     return found

@@ -46,6 +46,11 @@ class _Parameter(NamedTuple):
     text: str
 
     @property
+    def may_be_none(self) -> bool:
+        """True if None is a value. Otherwise null in a file leaves the parameter out."""
+        return self.kind is Any or type(None) in get_args(self.kind)
+
+    @property
     def unlimited(self) -> bool:
         """True if the default is infinite. Files write null for it."""
         return isinstance(self.default, float) and bool(np.isinf(self.default))
@@ -115,7 +120,7 @@ class Entry(Generic[T]):
             key = self._key(each.name)
             if key in said.model_fields_set or each.name in self.defaults:
                 value = getattr(said, key)
-                if value is not None or not (each.unlimited or each.name in self.optional):
+                if value is not None or each.may_be_none:
                     found[each.name] = value
         return found
 

@@ -20,7 +20,7 @@ from rnc_pin.scenario.schema.obstacles import ObstacleItem
 from rnc_pin.scenario.schema.outputs import Outputs, TaskOutputs
 from rnc_pin.scenario.schema.phase_settings import PhaseSettings
 from rnc_pin.scenario.schema.planner_settings import OptimalPlanner
-from rnc_pin.scenario.schema.plant_settings import FaultSettings, LoopSettings, PlantSettings
+from rnc_pin.scenario.schema.plant_settings import FaultSettings, LoopItem, PlantSettings
 from rnc_pin.scenario.schema.reference_settings import References
 from rnc_pin.scenario.schema.robot_source import RobotSource
 from rnc_pin.scenario.schema.simulation_settings import GripSettings, SimulationSettings
@@ -100,7 +100,7 @@ class Scenario(Strict):
     """Simulated plant: "reduced" (default, the reduced model of rnc_pin) or "mujoco", or a mapping with settings."""
     faults: FaultSettings | None = None
     """Differences between the simulated plant and the model of the controller."""
-    loop: LoopSettings | None = None
+    loop: LoopItem | None = None
     """Velocity estimation, supervision and safe commands of the control loop."""
     grip: GripSettings | None = None
     """Friction of the ground; the check before the run compares the references with it."""

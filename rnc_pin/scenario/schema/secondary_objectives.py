@@ -4,44 +4,23 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
-from rnc_pin.scenario.schema.base import Numbers, Strict
-
-
-class PostureSettings(Strict):
-    """Posture: redundant outputs stay near ``reference.redundant``, by default their initial values."""
-
-    k: float | Numbers = 1.0
-    """Gain [1/s]; one number, or one for each redundant output."""
-
-
-class JointLimitSettings(Strict):
-    """Repulsion of joints from their limits."""
-
-    k: float | Numbers = 0.1
-    """Gain [m^2/s or rad^2/s]; one number, or one for each redundant output."""
-    margin: Annotated[float, Field(gt=0, le=0.5)] = 0.1
-    """Width of the repulsion zone at each end, as a fraction of the joint's range."""
-    joints: Annotated[list[str], Field(min_length=1)] | None = None
-    """Joints with repulsion; by default all that have limits."""
-
-
-class SingularitySettings(Strict):
-    """Repulsion from singular configurations."""
-
-    k: float | Numbers = 0.1
-    """Gain [m^2/s or rad^2/s]; one number, or one for each redundant output."""
+from rnc_pin.control import JointLimits, Posture, SingularityDistance
+from rnc_pin.scenario.schema.base import Strict
+from rnc_pin.scenario.schema.derived import Draft, Entry
 
 
 class SecondarySettings(Strict):
     """Secondary objectives, for tasks with more redundant than vertical outputs. The controller adds them."""
 
-    posture: PostureSettings | None = None
-    """Stay near a posture."""
-    joint_limits: JointLimitSettings | None = None
+    posture: Annotated[Draft[Posture], Entry(Posture, late=("task", "reference"))] | None = None
+    """Stay near a posture: ``reference.redundant``, by default the initial values of the redundant outputs."""
+    joint_limits: Annotated[Draft[JointLimits], Entry(JointLimits, late=("reduced", "task"))] | None = None
     """Stay away from joint limits."""
-    singularity: SingularitySettings | None = None
+    singularity: Annotated[Draft[SingularityDistance], Entry(SingularityDistance, late=("reduced", "task"))] | None = (
+        None
+    )
     """Stay away from singular configurations."""
 
     @model_validator(mode="after")

@@ -2,47 +2,49 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from rnc_pin.scenario.schema.base import Positive, Strict
+from rnc_pin.analysis import Grip
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.plants import ReducedPlant
+from rnc_pin.scenario.schema.base import Positive
+from rnc_pin.scenario.schema.derived import Entry
 from rnc_pin.simulation import Stop
 
+_PLANT = Entry(ReducedPlant, late=("reduced",), forms={"substeps": Annotated[int, Field(ge=1)]})
+_STOP = Entry(Stop, late=("speed", "lift_off"))
+_GRIP = Entry(Grip, late=("reduced",), forms={"loads": dict[str, Positive]}, defaults={"loads": {}})
 
-class SimulationSettings(Strict):
+
+class SimulationSettings(_PLANT.model, _STOP.model):  # type: ignore[name-defined, misc]
     """Duration and steps of the simulation, and the effects of a real robot that it includes."""
 
     duration: Positive
     """Simulated time [s]."""
     dt: Positive = 0.002
     """Sampling period of the controller [s]."""
-    substeps: Annotated[int, Field(ge=1)] = 1
-    """Number of integration steps in one sampling period."""
-    joint_damping: bool = False
-    """True to include the viscous joint damping of the robot's file."""
-    joint_friction: bool = False
-    """True to include the dry joint friction of the robot's file, with stiction."""
-    actuator_limits: bool = False
-    """True to clip inputs to the limits of the actuators."""
-    position_limits: bool = False
-    """True to end the run when a joint reaches its position limit."""
-
     on_lift_off: Literal["ignore", "stop"] = "ignore"
     """Action if a contact with the ground would have to pull: "ignore" only reports it, "stop" ends the run."""
 
     @property
+    def plant_options(self) -> dict[str, Any]:
+        """Arguments of ``ReducedPlant`` by name."""
+        return _PLANT.given(self)
+
+    @property
     def stop(self) -> Stop:
         """Conditions that end the run early."""
-        return Stop(position_limits=self.position_limits, lift_off=self.on_lift_off == "stop")
+        return _STOP.build(self, lift_off=self.on_lift_off == "stop")
 
 
-class GripSettings(Strict):
+class GripSettings(_GRIP.model):  # type: ignore[name-defined, misc]
     """Friction of the ground. A reference that needs more friction causes a warning, is refused, or is slowed down."""
 
-    friction: Positive
-    """Coefficient of friction."""
-    loads: dict[str, Positive] = {}
-    """Frame of a wheel or blade to its normal load [N]. Statics gives the loads that are not listed."""
     slow: bool = False
     """True to slow down all references by one factor until no wheel slips."""
+
+    def build(self, reduced: ReducedModel) -> Grip:
+        """Friction limits of the contacts of a model."""
+        return _GRIP.build(self, reduced=reduced)

@@ -5,11 +5,16 @@ To add a task or a limit, add its class to ``TaskItem`` or ``LimitSettings``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Annotated
 
+import numpy as np
+
+from rnc_pin.collision import Obstacle, PairSelection
 from rnc_pin.control.whole_body.limits import (
     AccelerationLimit,
+    CollisionAvoidance,
     JointPositionLimit,
     JointVelocityLimit,
     RegionLimit,
@@ -26,7 +31,6 @@ from rnc_pin.control.whole_body.tasks import (
     PostureTask,
     SingularityTask,
 )
-from rnc_pin.model.parameter_types import NotNegative, Positive
 from rnc_pin.scenario.schema.base import Strict
 from rnc_pin.scenario.schema.derived import Draft, Entry, one_of
 from rnc_pin.scenario.schema.outputs import OutputItem
@@ -51,21 +55,16 @@ TaskItem = Annotated[
 ]
 
 
-class CollisionSettings(Strict):
+_AVOIDANCE = Entry(CollisionAvoidance, late=("obstacles", "selection", "q0", "priority"))
+_PAIRS = Entry(PairSelection, late=("pairs", "disabled"))
+
+
+class CollisionSettings(_AVOIDANCE.model, _PAIRS.model):  # type: ignore[name-defined, misc]
     """Distances between links of the robot, and to the obstacles of the scenario."""
 
-    clearance: NotNegative = 0.02
-    """Distance that remains [m]."""
-    influence: Positive = 0.15
-    """Distance from which a pair is slowed down [m]."""
-    rate: Positive = 5.0
-    """Largest rate of approach over remaining distance [1/s]."""
-    links: bool = True
-    """True for distances between links of the robot too; those to obstacles always count."""
-    corners: bool = False
-    """True for rows at the corners of parallel faces: a body that turns beside a wall loses no clearance."""
-    deceleration: Positive | None = None
-    """Deceleration with which an approach can stop [m/s^2]; by default half of what the effort limits give."""
+    def build(self, obstacles: Sequence[Obstacle], q0: np.ndarray) -> CollisionAvoidance:
+        """Limit of a robot that is free of collisions at a configuration (nq,)."""
+        return _AVOIDANCE.build(self, obstacles=obstacles, selection=_PAIRS.build(self), q0=q0)
 
 
 class LimitSettings(Strict):

@@ -51,7 +51,8 @@ class CollisionAvoidance(ControlLimit):
         obstacles: bodies in the world.
         selection: rules for pairs of links; by default all pairs that are not adjacent.
         q0: configuration (nq,) without collisions; by default the neutral one.
-        corners: True for rows at the corners of parallel faces and edges.
+        corners: True for rows at the corners of parallel faces and edges: a body that turns beside a wall then loses
+            no clearance.
         deceleration: deceleration a of an approach [m/s^2]; by default from the effort limits.
 
     Example:
