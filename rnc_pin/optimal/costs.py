@@ -64,8 +64,8 @@ class OutputCost(CostKind):
     Args:
         output: an output object, the name of an output of the model, or a list of these.
         target: numbers, or a reference of as many outputs.
-        weight: of each row [1/(unit^2 s) over time, 1/unit^2 at the end].
-        phase: "running", "terminal" or "both".
+        weight: weight of each row [1/(unit^2 s) over time, 1/unit^2 at the end].
+        phase: "running" for over the motion, "terminal" for at its end, or "both".
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")

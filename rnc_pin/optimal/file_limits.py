@@ -26,9 +26,9 @@ class FileLimits:
     means that the limit is not stated, as in runs: the verdict of a plan that uses such an actuator has a finding.
 
     Args:
-        position: True for the position limits of joints; continuous joints and bases have none.
-        velocity: True for the velocity limits of joints.
-        effort: True for the effort limits of actuators; those of forces on frames are their ``limit``.
+        position: keep the position limits of joints; continuous joints and bases have none.
+        velocity: keep the velocity limits of joints.
+        effort: keep the effort limits of actuators; those of forces on frames are their ``limit``.
 
     Example:
         >>> rnc.optimal.FileLimits(effort=False)  # argument of rnc.optimal.plan

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Ge, Le
 
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.errors import ModelWarning
+from rnc_pin.model.parameter_types import NotNegative
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.action_models import Form
 from rnc_pin.optimal.bounds import BoundKind
@@ -42,12 +44,12 @@ def plan_motion(
     limits: FileLimits | None = _OF_FILE,
     settings: SolverSettings = _DEFAULT,
     guess: Any = None,
-    seeds: int = 6,
+    seeds: Annotated[int, Ge(0), Le(1000)] = 6,
     seed: int = 0,
-    solutions: int = 1,
+    solutions: Annotated[int, Ge(1), Le(1000)] = 1,
     v2_0: Any = None,
     at_rest: bool = True,
-    time_weight: float = 0.0,
+    time_weight: NotNegative = 0.0,
     feedback: RunFeedback = "tvlqr",
 ) -> MotionPlan:
     """Return an optimal motion of a reduced system from a configuration to a goal.

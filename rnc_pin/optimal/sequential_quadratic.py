@@ -9,11 +9,13 @@ its solution descends. A step that fails is repeated with more damping.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
+from annotated_types import Ge, Le
 
 from rnc_pin.errors import RncError, SimulationError
+from rnc_pin.model.parameter_types import Positive
 from rnc_pin.optimal.interior_point import InteriorPointSolver
 from rnc_pin.optimal.linear_quadratic import Direction, LinearQuadratic
 from rnc_pin.optimal.transcription import Iterate, Transcription, Values, Violation
@@ -32,8 +34,8 @@ class SolverSettings:
     """Settings of the planner.
 
     Args:
-        nodes: number of intervals.
-        iterations: largest number of iterations.
+        nodes: number of intervals with constant inputs.
+        iterations: largest number of iterations from each guess.
         tolerance: largest violation of bounds, goal and dynamics [their units].
         cost_tolerance: relative change of the cost at which the iterations end.
         penalty: first cost of a violation, in units of the row's typical size. It rises while violations remain.
@@ -47,14 +49,14 @@ class SolverSettings:
         100
     """
 
-    nodes: int = 40
-    iterations: int = 100
+    nodes: Annotated[int, Ge(2), Le(1000)] = 40
+    iterations: Annotated[int, Ge(1), Le(10000)] = 100
     tolerance: float = 1e-5
     cost_tolerance: float = 1e-6
     penalty: float = 1e3
     substeps: int = 20
-    refinements: int = 2
-    accuracy: float = 5e-3
+    refinements: Annotated[int, Ge(0), Le(4)] = 2
+    accuracy: Positive = 5e-3
 
 
 @dataclass

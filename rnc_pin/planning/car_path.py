@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cache
 from itertools import pairwise
+from typing import Annotated
 
 import numpy as np
 import scipy
+from annotated_types import Gt, Lt
 from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, InfeasibleError
+from rnc_pin.model.parameter_types import Positive
 from rnc_pin.planning.driven_path import continued_back, distances
 from rnc_pin.planning.leg import Leg, best_legs
 from rnc_pin.planning.references import InTurn, Reference, ViaPoints
@@ -31,9 +34,10 @@ class CarPath:
         start: (x, y, heading) of the rear axle's middle [m, m, rad].
         goal: the same.
         duration: [s].
-        wheelbase: rear to front axle [m].
-        via: intermediate poses where the vehicle stops, in this order.
-        max_steering: largest angle of a front wheel in the middle [rad]; it and the wheelbase give the smallest radius.
+        wheelbase: distance between rear and front axle [m].
+        via: intermediate poses where the vehicle stops, in this order. If the path is infeasible, further ones follow.
+        max_steering: largest steering angle of an equivalent front wheel in the middle [rad]. With the wheelbase it
+            gives the smallest turning radius.
         forward_only: True forbids backing up.
         geometry: steering geometry, if the outputs are not speed and the angle of a front wheel in the middle.
 
@@ -60,11 +64,11 @@ class CarPath:
         self,
         start: ArrayLike,
         goal: ArrayLike,
-        duration: float,
-        wheelbase: float,
+        duration: Positive,
+        wheelbase: Positive,
         *,
         via: Sequence[ArrayLike] = (),
-        max_steering: float = np.pi / 4,
+        max_steering: Annotated[float, Gt(0), Lt(np.pi / 2)] = np.pi / 4,
         forward_only: bool = False,
         geometry: SteeringGeometry | None = None,
     ) -> None:

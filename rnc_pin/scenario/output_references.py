@@ -13,8 +13,7 @@ from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.optimal.motion_plan import MotionPlan
-from rnc_pin.planning import CarPath, Hold, Reference
-from rnc_pin.planning.steering_geometry import SteeringGeometry
+from rnc_pin.planning import Hold, Reference
 from rnc_pin.scenario.frame_poses import frame_poses
 from rnc_pin.scenario.schema import Scenario
 from rnc_pin.simulation import PlannedPath
@@ -104,29 +103,21 @@ def plan_path(scenario: Scenario, reduced: ReducedModel, task: Task, q0: np.ndar
     start = frame_poses(reduced.robot, settings.frame, q0[None]).planar[0]
     trailer, slithering = settings.trailer, None
     try:
-        path = CarPath(
+        path = settings.path(
+            reduced,
+            q0,
             start,
-            settings.to,
             settings.duration,
-            settings.wheelbase,
-            via=settings.via,
-            max_steering=settings.max_steering,
+            speed=speed,
+            steering=steering,
             forward_only=trailer is not None or bool(settings.forward_only),
-            geometry=SteeringGeometry(
-                reduced,
-                q0,
-                settings.frame,
-                speed=speed,
-                steering=steering,
-                largest=np.tan(settings.max_steering) / settings.wheelbase,
-            ),
         )
         if trailer is not None:
-            slithering = SlitheringReference(reduced, task, settings.frame, trailer.frame, trailer.kingpin)
+            slithering = trailer.build(reduced=reduced, task=task, tractor=settings.frame)
     except ConfigurationError as error:
         raise error.within("reference.path") from None
     poses = np.round(path.poses[:: max(1, len(path.poses) // 400)], 5).tolist()
-    trailing = None if trailer is None else trailer.frame
+    trailing = None if trailer is None else str(trailer.given["axle"])
     names = [f"{settings.frame}_{axis}" for axis in "xy"]
     monitored = None
     if all(name in reduced.vertical.names for name in names):

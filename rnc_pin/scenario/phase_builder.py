@@ -17,7 +17,6 @@ from rnc_pin.model.offset_frame import OffsetFrame
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.rows import ConstraintKind
 from rnc_pin.model.system import NonholonomicSystem
-from rnc_pin.plants import ReducedPlant
 from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.builder import Experiment, check_plots, experiment_at, start_of
 from rnc_pin.scenario.schema import Scenario
@@ -120,20 +119,8 @@ class _PhaseBuilder:
 
     def phase(self, experiment: Experiment, reduced: ReducedModel, impact: NonholonomicSystem | None = None) -> Phase:
         """Phase with the controller and the plant of an experiment."""
-        plant, settings = experiment.plant, self.settings
-        assert isinstance(plant, ReducedPlant)
-        return Phase(
-            reduced,
-            self.duration,
-            experiment.controller,
-            until=settings.until,
-            restitution=settings.restitution,
-            impact=impact,
-            on_lift_off=settings.on_lift_off,
-            pushing=settings.pushing,
-            plant=plant,
-            name=settings.name,
-        )
+        plant, controller = experiment.plant, experiment.controller
+        return self.settings.build(reduced, duration=self.duration, controller=controller, impact=impact, plant=plant)
 
     def start(self, number: int) -> Callable[[np.ndarray, np.ndarray, float], Phase]:
         """Function from the state before the phase, and the time, to the phase."""

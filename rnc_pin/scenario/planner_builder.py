@@ -16,31 +16,27 @@ from rnc_pin.optimal import (
     CostKind,
     DistanceBound,
     EffortCost,
-    FileLimits,
     InputBound,
     MotionPlan,
     OutputBound,
-    OutputCost,
     PostureCost,
-    SolverSettings,
     VelocityBound,
     VelocityCost,
     action_model,
     driven_configurations,
-    plan,
     tvlqr,
 )
 from rnc_pin.optimal.action_models import Nodes
 from rnc_pin.optimal.costs import Weight
 from rnc_pin.optimal.guesses import goal_configuration
 from rnc_pin.optimal.planner import RunFeedback
-from rnc_pin.planning import CarPath
-from rnc_pin.planning.steering_geometry import SteeringGeometry
+from rnc_pin.planning import Reference
 from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.frame_poses import frame_poses
 from rnc_pin.scenario.schema import Scenario
 from rnc_pin.scenario.schema.controllers import PlanFeedbackSettings
-from rnc_pin.scenario.schema.planner_settings import Limits, OptimalPlanner, PathGuess
+from rnc_pin.scenario.schema.planner_settings import Limits, OptimalPlanner
+from rnc_pin.scenario.schema.reference_settings import DrivenPath
 from rnc_pin.simulation import PlannedPath
 
 _POINTS = 400  # of a planned path
@@ -85,28 +81,15 @@ def build_plan(scenario: Scenario, reduced: ReducedModel, start: Start, obstacle
         if kinematic and start.v2.any():
             raise ConfigurationError("form 'kinematic' starts with any velocity; remove 'initial.v2'")
         goal = _goal(scenario, reduced, names) or None
-        return plan(
+        return settings.build(
             reduced,
-            start.q,
-            goal,
-            (settings.duration[0], settings.duration[1]) if isinstance(settings.duration, list) else settings.duration,
-            form=settings.form,
+            q0=start.q,
+            goal=goal,
             costs=list(_costs(settings, start, names)),
             bounds=list(_bounds(settings, reduced, obstacles, names)),
-            limits=_file_limits(settings),
-            settings=SolverSettings(
-                nodes=settings.nodes,
-                iterations=settings.iterations,
-                refinements=settings.refinements,
-                accuracy=settings.accuracy,
-            ),
             guess=None if settings.guess is None else _guess(settings, reduced, start, goal),
-            seeds=settings.seeds,
             seed=scenario.seed,
-            solutions=settings.solutions,
             v2_0=None if kinematic else start.v2,
-            at_rest=settings.at_rest,
-            time_weight=settings.time_weight,
             feedback=_feedback(scenario, reduced),
         )
     except RncError as error:
@@ -122,13 +105,6 @@ def _regulator(scenario: Scenario) -> tuple[str, Weight, Weight]:
     if isinstance(chosen, PlanFeedbackSettings):
         return chosen.gains, chosen.state_cost, chosen.input_cost
     return "tvlqr", 1.0, 1.0
-
-
-def _file_limits(settings: OptimalPlanner) -> FileLimits | None:
-    limits = settings.limits
-    if limits is None:
-        return None
-    return FileLimits(*(each is not None for each in (limits.position, limits.velocity, limits.effort)))
 
 
 def _feedback(scenario: Scenario, reduced: ReducedModel) -> RunFeedback:
@@ -179,8 +155,8 @@ def _costs(settings: OptimalPlanner, start: Start, names: Sequence[str]) -> Iter
     if costs.posture is not None:
         yield PostureCost(start.q, costs.posture)
     for each in costs.outputs:
-        _check_names("costs.outputs", each.outputs, names)
-        yield OutputCost(each.outputs, each.target, each.weight, each.phase)
+        _check_names("costs.outputs", each.output, names)
+        yield each
 
 
 def _bounds(
@@ -218,7 +194,7 @@ def _guess(settings: OptimalPlanner, reduced: ReducedModel, start: Start, goal: 
     assert guess is not None
     duration = float(np.mean(settings.duration))
     if guess.path is not None:
-        reference = _path(guess.path, reduced, start.q, duration).reference
+        reference = _path(guess.path, reduced, start.q, duration)
         return driven_configurations(reduced, start.q, reference, duration)
     if guess.reducing is not None:
         _, x2 = reduced.at(start.q).outputs()
@@ -239,17 +215,8 @@ def _with_joints(robot: Robot, q: np.ndarray, joints: Mapping[str, float | list[
     return moved
 
 
-def _path(settings: PathGuess, reduced: ReducedModel, q0: np.ndarray, duration: float) -> CarPath:
+def _path(settings: DrivenPath, reduced: ReducedModel, q0: np.ndarray, duration: float) -> Reference:
     if reduced.reducing.quasi.tolist() != [True, False]:
         raise ConfigurationError("guess.path: reducing outputs must be forward speed and steering angle, in this order")
-    largest = float(np.tan(settings.max_steering) / settings.wheelbase)
     poses, _ = frame_poses(reduced.robot, settings.frame, q0[None])
-    return CarPath(
-        poses[0],
-        settings.to,
-        duration,
-        settings.wheelbase,
-        via=settings.via,
-        max_steering=settings.max_steering,
-        geometry=SteeringGeometry(reduced, q0, settings.frame, speed=0, steering=1, largest=largest),
-    )
+    return settings.path(reduced, q0, poses[0], duration).reference

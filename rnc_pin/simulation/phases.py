@@ -20,6 +20,7 @@ from rnc_pin.errors import (
 )
 from rnc_pin.loop.options import type_name
 from rnc_pin.model.impact import Impact, Restitution, impact
+from rnc_pin.model.parameter_types import Positive
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.plants import ReducedPlant
@@ -72,7 +73,7 @@ class Phase:
     """
 
     reduced: ReducedModel
-    duration: float
+    duration: Positive
     controller: Controller | None = None
     until: Event | None = None
     restitution: Restitution = 0.0

@@ -29,6 +29,7 @@ from pydantic import (
     Tag,
     create_model,
 )
+from pydantic.fields import FieldInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
@@ -86,7 +87,8 @@ class Entry(Generic[T]):
         only: a parameter whose value always replaces the mapping.
         keys: parameter to key in the file, where the two differ.
         required: parameters that a file must give although the class has a default.
-        forms: parameter to its type in the file, where the two differ.
+        forms: parameter to its type in the file, where the two differ. ``Field(description=...)`` in the annotation
+            replaces the text of the class.
         late: parameters that a builder gives, and no file.
         optional: parameters that may be null in a file, which is their default there. The builder then chooses.
         defaults: parameter to its default in the file, in the form of the file, where the class has another or none.
@@ -158,6 +160,8 @@ class Entry(Generic[T]):
     def _field(self, each: _Parameter) -> tuple[object, object]:
         """Type and default of a field of the mapping."""
         kind = self.forms.get(each.name, each.kind)
+        parts = get_args(kind) if get_origin(kind) is Annotated else ()
+        text = next((part.description for part in parts if isinstance(part, FieldInfo) and part.description), each.text)
         default = self.defaults.get(each.name, each.default)
         default = list(default) if isinstance(default, tuple) else default
         if each.unlimited or each.name in self.optional:
@@ -165,8 +169,8 @@ class Entry(Generic[T]):
         if default is MISSING or each.name in self.required:
             default = ...
         if each.name in self.defaults:
-            return _in_files(kind), Field(default, description=each.text, validate_default=True)
-        return _in_files(kind), Field(default, description=each.text)
+            return _in_files(kind), Field(default, description=text, validate_default=True)
+        return _in_files(kind), Field(default, description=text)
 
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         if self.only is None:

@@ -7,6 +7,9 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, model_validator
 
+from rnc_pin.control import SlitheringReference
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.planning import CarPath, SteeringGeometry
 from rnc_pin.planning.relative_references import (
     RelativeHarmonic,
     RelativeHold,
@@ -15,7 +18,7 @@ from rnc_pin.planning.relative_references import (
     RelativeViaPoints,
 )
 from rnc_pin.scenario.schema.base import Positive, Strict
-from rnc_pin.scenario.schema.derived import one_of
+from rnc_pin.scenario.schema.derived import Draft, Entry, one_of
 
 ReferenceItem = Annotated[
     RelativeReference,
@@ -30,40 +33,63 @@ HOLD: dict[str, object] = {"hold": {}}
 """Reference that keeps the initial value, in the form of a file."""
 
 
-class TrailerSettings(Strict):
-    """Trailer whose axle follows the path of the vehicle in front."""
+Pose = Annotated[list[float], Field(min_length=3, max_length=3)]
+_PATH = Entry(
+    CarPath,
+    late=("start", "duration", "forward_only", "geometry"),
+    keys={"goal": "to"},
+    forms={
+        "goal": Annotated[Pose, Field(description="Goal pose: x, y [m] and heading [rad].")],
+        "via": list[Pose],
+    },
+)
+TrailerItem = Annotated[
+    Draft[SlitheringReference],
+    Entry(SlitheringReference, late=("reduced", "task", "tractor", "spacing", "window"), keys={"axle": "frame"}),
+]
+
+
+class DrivenPath(_PATH.model):  # type: ignore[name-defined, misc]
+    """Path of a steered vehicle, whose reducing outputs are forward speed and steering angle."""
 
     frame: str
-    """Frame at the middle of the trailer's axle."""
-    kingpin: str | None = None
-    """Frame of the coupling; by default the frame of the path."""
+    """Frame at the middle of the rear axle, with x forward."""
+
+    def path(
+        self,
+        reduced: ReducedModel,
+        q0: np.ndarray,
+        start: np.ndarray,
+        duration: float,
+        *,
+        speed: int = 0,
+        steering: int = 1,
+        forward_only: bool = False,
+    ) -> CarPath:
+        """Path from a pose (3,) of the frame at a configuration (nq,).
+
+        Args:
+            reduced, q0, start: the model, its configuration, and the pose of the frame there.
+            duration: duration of the motion [s].
+            speed, steering: indices of these reducing outputs.
+            forward_only: True to exclude reverse motion.
+        """
+        largest = float(np.tan(self.max_steering) / self.wheelbase)
+        geometry = SteeringGeometry(reduced, q0, self.frame, speed=speed, steering=steering, largest=largest)
+        return _PATH.build(self, start=start, duration=duration, forward_only=forward_only, geometry=geometry)
 
 
-Pose = Annotated[list[float], Field(min_length=3, max_length=3)]
-
-
-class PathSettings(Strict):
+class PathSettings(DrivenPath):
     """Path of a steered vehicle from its initial pose to a goal pose. It gives the primary reference and, with a
     trailer, the vertical one. The constraints give the steering angle for each curvature, for any steering geometry.
     """
 
-    frame: str
-    """Frame at the middle of the rear axle, with x forward."""
-    to: Pose
-    """Goal pose: x, y [m] and heading [rad]."""
-    via: list[Pose] = []
-    """Intermediate poses; the vehicle stops at each. If the path is infeasible, the planner adds further poses."""
     duration: Positive
     """Duration of the motion [s]."""
-    wheelbase: Positive
-    """Distance between rear and front axle [m]."""
-    max_steering: Annotated[float, Field(gt=0, lt=np.pi / 2)] = np.pi / 4
-    """Largest steering angle of an equivalent front wheel in the middle [rad]. With the wheelbase it gives the smallest
-    turning radius."""
     forward_only: bool | None = None
     """True to exclude reverse motion. The default is true with a trailer, which cannot follow in reverse."""
-    trailer: TrailerSettings | None = None
-    """Trailer that follows the path."""
+    trailer: TrailerItem | None = None
+    """Trailer whose axle follows the path of the vehicle."""
 
     @model_validator(mode="after")
     def _no_pushing(self) -> PathSettings:
