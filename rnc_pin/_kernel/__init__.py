@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import warnings
+from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
@@ -44,6 +45,18 @@ def _chosen() -> tuple[Any, str]:
     return found, reason
 
 
+class _Calls:
+    """Functions of the compiled kernel. Each returns False for arrays that it leaves to NumPy, as all do without it."""
+
+    def __getattr__(self, name: str) -> Callable[..., bool]:
+        return _declined if library is None else getattr(library, name)
+
+
+def _declined(*arguments: object) -> bool:
+    return False
+
+
+calls = _Calls()
 library: Any
 """Extension module with the class ``Evaluator``; None if NumPy evaluates."""
 outdated: str

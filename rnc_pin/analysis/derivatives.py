@@ -105,16 +105,8 @@ def _read_only(found: StateDerivatives) -> StateDerivatives:
 
 
 def _compiled(reduced: ReducedModel, q: object, v2: object, T: object, t: ArrayInput | None) -> StateDerivatives | None:
-    """Derivatives from the compiled kernel, of one state or a stack of states; None if it cannot."""
-    data = reduced.reduction_data
-    if data.compiled is None or not data.kinematics.axes_are_constant:
-        return None
-    time = None
-    if data.rheonomic:
-        if not isinstance(t, float | int | np.floating):  # none, or one for each state
-            return None
-        time = float(t)
-    found = data.compiled.state_derivatives(q, v2, T, time)
+    """Derivatives from one call of the evaluator, of one state or a stack of states; None if it has none."""
+    found = reduced.evaluator.state_derivatives(q, v2, T, t)
     if found is None:
         return None
     count = found["v"].shape[:-1]

@@ -60,15 +60,7 @@ class ComputedTorque(ReprMixin):
         target, state = self.target.step(t, measurement, state)
         rate = target.v2_dot + self.k * (target.v2 - measurement.v2)
         q, v2 = measurement.q, measurement.v2
-        F = self._of_all_runs(q, v2, rate) if v2.ndim == 2 else None
-        if F is None and v2.ndim == 2:  # one after the other, because products of stacked matrices round differently
-            each = zip(q, v2, rate, strict=True)
-            F = np.stack([self._reduced.inverse_dynamics(*state_of_run, t=t) for state_of_run in each])
-        if F is None:
-            F = self._reduced.inverse_dynamics(q, v2, rate, t=t)
+        evaluator = self._reduced.evaluator
+        of_runs = v2.ndim == 2
+        F = (evaluator.inverse_dynamics_of_runs if of_runs else evaluator.inverse_dynamics)(q, v2, rate, t)
         return command_towards(target, F), state
-
-    def _of_all_runs(self, q: np.ndarray, v2: np.ndarray, v2_dot: np.ndarray) -> np.ndarray | None:
-        """Forces (B, r) from one call of the compiled kernel; None if a run needs the other path."""
-        compiled = None if self._reduced.rheonomic else self._reduced.reduction_data.compiled
-        return None if compiled is None else compiled.inverse_dynamics(q, v2, v2_dot)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -17,13 +18,15 @@ from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.dead_zone import apply_dead_zone
 from rnc_pin.math.linear_algebra import solve
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.numpy_evaluator import NumPyEvaluator
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import ReductionData, row_scales
 from rnc_pin.model.row_stack import RowStack
 from rnc_pin.robots.robot import Robot
 
 _SAMPLES = 12
-_Thing = TypeVar("_Thing", Robot, RowStack, ReductionData, ReducedModel)
+_Thing = TypeVar("_Thing", Robot, RowStack, ReductionData, NumPyEvaluator, ReducedModel)
 
 
 class Regressor(Protocol):
@@ -101,16 +104,8 @@ class EstimatedModel:
             generator = np.random.default_rng(0)
             samples = np.stack([robot.random_configuration(generator) for _ in range(_SAMPLES)])
             self._scales = row_scales(robot, copied.rows, known.reducing, samples)
-        data = ReductionData(
-            robot,
-            copied.rows,
-            known.kept,
-            known.actuation,
-            known.reducing,
-            known.vertical,
-            known.singularity_limit,
-            self._scales,
-            forces=known.forces,
+        data = replace(
+            known, robot=robot, rows=copied.rows, scales=self._scales, free=False, kinematics=Kinematics(robot)
         )
         own_rows = copied.rows is not self._reduced.all_constraints
         return _ModelMemory(ReducedModel(data, self._reduced.assembly), copied.set_parameters, own_rows)
@@ -140,15 +135,17 @@ class _ModelMemory:
 
     def lend(self, p: Array) -> ReducedModel:
         """Return the model with parameters p (s,)."""
-        own, lease = self._model.reduction_data, _Lease()
+        own, lease = self._model.evaluator, _Lease()
         self._set_parameters(p)
         if self._has_own_rows:
             own.rows_changed()
         # Evaluations and other reductions of the same model hold these robot and rows.
-        robot, rows, data, model = _shallow(own.robot), _shallow(own.rows), _shallow(own), _shallow(self._model)
+        robot, rows, data = _shallow(own.data.robot), _shallow(own.data.rows), _shallow(own.data)
         vars(robot)["_lease"] = vars(rows)["_lease"] = lease
         vars(data).update(robot=robot, rows=rows)
-        vars(model)["_data"] = data
+        evaluator, model = _shallow(own), _shallow(self._model)
+        evaluator.data = data
+        vars(model).update(_data=data, _evaluator=evaluator)
         self._lease = weakref.ref(lease)
         return model
 

@@ -15,7 +15,6 @@ from rnc_pin.control.slithering import PathState, SlitheringReference
 from rnc_pin.errors import ConfigurationError, InputError, SingularityError
 from rnc_pin.math.linear_algebra import apply, apply_transposed, clipped, solve
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.model.output_gradients import kinematic_gradient
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.planning.references import Reference, ReferencePoint
@@ -107,7 +106,7 @@ class SteeringController(ReprMixin):
     @property
     def accepts_batches(self) -> bool:
         """True if the compiled kernel evaluates the model."""
-        return self._reduced.reduction_data.compiled is not None and not self._reduced.rheonomic
+        return self._reduced.evaluator.compiled and not self._reduced.rheonomic
 
     def describe(self) -> Description:
         """Return the gains."""
@@ -134,9 +133,7 @@ class SteeringController(ReprMixin):
         self, t: float, measurement: Measurement, state: PathState | None = None
     ) -> tuple[VelocityTarget, PathState | None]:
         task, m = self.task, measurement
-        slopes = self._slopes(m.q)
-        if slopes is None and m.v2.ndim == 2:  # NumPy rounds differently
-            return cast(tuple[VelocityTarget, PathState | None], step_in_turn(self, t, m, state))
+        slopes = self._reduced.evaluator.output_slopes(m.q, self._redundant)
         given = state
         if state is None and isinstance(self.vertical, SlitheringReference):
             raise InputError("steering along the driven path needs the last step's state, at first initial_state's")
@@ -149,16 +146,11 @@ class SteeringController(ReprMixin):
             x11d, state = self.vertical.step(m, v2_dot, state)
         else:
             x11d = self.vertical.at(t)
-        gradient = None
-        if slopes is None:
-            gradient = kinematic_gradient(self._reduced.at(m.q), task.redundant)
-            slopes = np.ascontiguousarray(np.moveaxis(gradient, -1, 0))
         v22 = self._by_kernel(m, slopes, v21d, v21d_dot, x11d)
         if v22 is None and m.v2.ndim == 2:
             return cast(tuple[VelocityTarget, PathState | None], step_in_turn(self, t, m, given))
         if v22 is None:
-            gradient = np.moveaxis(slopes, 0, -1) if gradient is None else gradient
-            v22 = self._by_numpy(m, gradient, v21d_dot, x11d)
+            v22 = self._by_numpy(m, np.moveaxis(slopes, 0, -1), v21d_dot, x11d)
         v2 = np.empty(m.v2.shape)
         v2[..., task.primary] = v21d
         v2[..., task.redundant] = v22
@@ -171,11 +163,6 @@ class SteeringController(ReprMixin):
             x1=x1,
             x2=goals_at(x21d.position, task.primary, m.x2.shape),
         ), state
-
-    def _slopes(self, q: np.ndarray) -> np.ndarray | None:
-        """Slopes (..., a, k, r) of A_star along the redundant outputs, from the compiled kernel; None if it cannot."""
-        compiled = None if self._reduced.rheonomic else self._reduced.reduction_data.compiled
-        return None if compiled is None else compiled.output_slopes(q, self._redundant)
 
     def _by_kernel(
         self, m: Measurement, slopes: np.ndarray, v21d: np.ndarray, v21d_dot: np.ndarray, x11d: ReferencePoint

@@ -1,167 +1,121 @@
-"""Compiled evaluation of a reduction; ``rnc_pin/_kernel/kernel.c`` has the formulas.
+"""Compiled evaluator of a reduction.
 
 The kernel evaluates one state or a loop of states into records, and declines if a row is undefined, E is singular, or
-other constraint rows have to be considered. Then the formulas of ``configuration_evaluation`` and ``state_evaluation``
-decide. They are also the reference: ``kernel_comparison`` compares both before a reduction uses the kernel, and
-``kernel_tables`` makes the tables that the kernel reads.
+other constraint rows have to be considered. Then ``NumPyEvaluator`` decides. It is also the reference:
+``evaluator_for`` compares both before a reduction uses the kernel.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+import warnings
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 
 import numpy as np
 from numpy import ndarray as Array
 
+from rnc_pin import _kernel
+from rnc_pin.errors import SingularityError
 from rnc_pin.math.components import Component
-from rnc_pin.model.compiled_states import CompiledConfiguration, CompiledState, concatenated, empty_records
-from rnc_pin.model.kernel_tables import RowTable, blocks_valued_by_python, kernel_evaluator
-from rnc_pin.model.kinematics import PositionKinematics
+from rnc_pin.model.compiled_runs import CompiledRuns
+from rnc_pin.model.compiled_states import CompiledArraysAtQ, CompiledArraysAtV, concatenated, empty_records
+from rnc_pin.model.evaluator import ArraysAtQ, ArraysAtV, Configurations, HasArraysAtQ, States
+from rnc_pin.model.input_validation import ArrayInput
+from rnc_pin.model.numpy_evaluator import NumPyEvaluator
+from rnc_pin.model.reduction_data import ReductionData
+from rnc_pin.model.reduction_kernel import ReductionKernel
 from rnc_pin.model.result_types import ReducedTerms
+from rnc_pin.model.runs import NumPyRuns
+from rnc_pin.model.state_evaluation import StateEvaluation
 
-if TYPE_CHECKING:
-    from rnc_pin.model.reduction_data import ReductionData
-
-
-class UsesKernel:
-    """Owner of properties ``compiled...`` or ``_compiled...`` that refer to memory, which copies and pickles omit."""
-
-    def __getstate__(self) -> dict[str, object]:
-        return {name: value for name, value in self.__dict__.items() if not name.lstrip("_").startswith("compiled")}
+_TOLERANCE = 1e-9  # largest relative difference of kernel and NumPy at the state that compares them
+_TIME = 0.3  # of rows over time [s]
+_ATTEMPTS = 8  # random states that may be singular
+_COMPARED = "passive_force", "M", "E", "nonlinear_effects", "gamma", "E_dot", "J1", "J1_dot"
 
 
-class CompiledReduction:
-    """Kernel for the rows, outputs and actuators of a reduction.
+class CompiledEvaluator(NumPyEvaluator):
+    """Evaluator that fills arrays by the compiled kernel.
 
     Args:
         data: the reduction.
-
-    Raises:
-        ValueError: Pinocchio's data have a memory layout that the kernel does not know.
+        kernel: its kernel, which other evaluators of the same rows may share.
     """
 
-    def __init__(self, data: ReductionData) -> None:
-        self._data = data
-        table = self._table = RowTable(data)
-        self.external, self.external_vertical = table.external, table.external_vertical
-        self.python_rows = bool(table.external or table.external_vertical)
-        """True if Python evaluates rows of E or of J1."""
-        parts = data.actuation.parts
-        self.has_inputs, self.fused = parts is not None, table.fused
-        mu = np.array(table.rates) if data.affine else None
-        self._evaluator = kernel_evaluator(data, table, mu)
-        self._time: float | None = None  # of the rates in the evaluator
-        if table.driven and data.kinematics.time is not None:
-            self._evaluator.set_rates(self.rates_over_time([data.kinematics.time]))
-        self.forward_dynamics: Callable[[object, object, object], Array | None] = self._evaluator.forward_dynamics
-        """Reduced accelerations for q, v2 and T; None if the arrays or the state need the other path.
+    compiled = True
 
-        Call ``set_time`` before, if the constraints depend on time."""
-        self.inverse_dynamics: Callable[[object, object, object], Array | None] = self._evaluator.inverse_dynamics
-        """Reduced forces for q, v2 and v2_dot, in the same way."""
-        n, r, k, p = data.n, data.r, data.vertical.size, data.p
-        kinematics = {"M": (n, n), "J": (6, n), "placements": (data.robot.model.njoints, 12)}
-        inverse = {"E": (n, n), "E_inverse": (n, n)}
-        rows = {"J1": (k, n), "A_star": (k, r)}
-        biases = {"bias": (n,), "gamma": (n,), "E_inverse_gamma": (n,), "unforced": (n,), "H": (r, r)}
-        velocities = {"velocities": (n,), "v1": (k,)}
-        rates = {"E_dot": (n, n), "R_dot": (n, r), **rows, "J1_dot": (k, n), "A_star_dot": (k, r), **velocities}
-        coriolis = {"C": (n, n), "V": (r, r), "g": (n,), "G": (r,)}
-        forces = {"bias": (n,), "H": (r, r), "B": (n, p), "input_matrix": (r, p), "b": (n,), "b_dot": (n,)}
-        self.kinematics, self.inverse, self.rows = _record(kinematics), _record(inverse), _record(rows)
-        self.biases, self.rates = _record(biases), _record(rates)
-        self._terms = _record({**kinematics, **inverse, "v": (n,), **rates, **coriolis, **forces})
-        by = {"v_q": (n, n), "v_v2": (n, r), "v2_dot_q": (r, n), "v2_dot_v2": (r, r), "v2_dot_T": (r, p)}
-        self._derivatives = _record({"v": (n,), "v2_dot": (r,), **by})
-        stages = {"kinematics": self.kinematics, "inverse": self.inverse, "rates": self.rates}
-        self._measured = np.dtype([*stages.items(), ("x2", float, (r,)), ("x1", float, (k,))])
+    def __init__(self, data: ReductionData, kernel: ReductionKernel) -> None:
+        super().__init__(data)
+        self.kernel, self._calls = kernel, kernel.calls
+        self.measures, self._steady = kernel.measures, not data.rheonomic
 
-        self.python_values = tuple(
-            blocks_valued_by_python(stack, data.robot.model) for stack in (data.reducing, data.vertical)
-        )
-        """Blocks of reducing and of vertical outputs whose values Python evaluates."""
-        self.measures = not (self.python_rows or any(self.python_values))
-        """True if ``measure`` evaluates all rows and values."""
+    def __reduce__(self) -> tuple[object, ...]:
+        return evaluator_for, (self.data,)  # the kernel refers to memory
 
-    def refresh(self) -> None:
-        """Read the numbers of the constraint rows again, after a parameter of one changed."""
-        self._table.read_constraints()
-        self._evaluator.set_numbers(self._table.numbers)
+    def rows_changed(self) -> None:
+        self.kernel.refresh()
 
-    def configuration(
-        self, q: Array, position: PositionKinematics | None, kinematics: Array | None = None
-    ) -> CompiledConfiguration | None:
-        """Evaluation at configurations (..., nq); None if the other path has to evaluate them.
+    # ------------------------------------------------------------------ arrays
 
-        Args:
-            q: configurations, contiguous.
-            position: kinematics at q; None if ``python_rows`` is False.
-            kinematics: kinematics record at q, if known.
-        """
-        external = concatenated(self.external, lambda block: block.jacobian(position), -2)
-        known = kinematics is not None
-        record = empty_records(q.shape[:-1], self.kinematics) if kinematics is None else kinematics
-        inverse = empty_records(q.shape[:-1], self.inverse)
-        if not self._evaluator.configure(q, record, inverse, external, known):
-            return None
-        return CompiledConfiguration(self, q, position, record, inverse)
+    def fill_at_q(self, at: Configurations, same: HasArraysAtQ | None) -> ArraysAtQ:
+        kernel, kinematics = self.kernel, None
+        position = at.position if kernel.python_rows else None
+        known = None if same is None else same.arrays_at_q
+        if isinstance(known, CompiledArraysAtQ):
+            kinematics = known.kinematics
+            if known.kernel.data.has_rows_of(kernel.data):
+                return CompiledArraysAtQ(kernel, at.q, position, kinematics, known.inverse)
+        external = concatenated(kernel.external, lambda block: block.jacobian(position), -2)
+        batch = at.q.shape[:-1]
+        record = empty_records(batch, kernel.kinematics) if kinematics is None else kinematics
+        inverse = empty_records(batch, kernel.inverse)
+        if not self._calls.configure(at.q, record, inverse, external, kinematics is not None):
+            return super().fill_at_q(at, same)
+        return CompiledArraysAtQ(kernel, at.q, position, record, inverse)
 
-    def rates_over_time(self, times: Sequence[float]) -> Array:
-        """Right-hand sides mu at times (s,), then their rates over time, (s, 2, m); zero for moving ground."""
-        found = np.zeros((len(times), 2, self._data.m))
-        found[:, 0] = self._table.rates
-        for t, rates in zip(times, found, strict=True):
-            for place in self._table.driven:
-                for rate, values in zip(rates, place.block.rates_over_time(t), strict=True):
-                    rate[place.where] = place.of(values)
-        return found
+    def fill_at_v(self, at: States, filled: ArraysAtQ) -> ArraysAtV:
+        if not isinstance(filled, CompiledArraysAtQ) or at.v.shape[:-1] != filled.batch:
+            return super().fill_at_v(at, filled)
+        return CompiledArraysAtV(filled, at.v, at.motion if self.kernel.python_rows else None, at.t)
 
-    def drift(self, t: Component | None, batch: tuple[int, ...]) -> Array | None:
-        """Rates of mu over time at states (...), (..., m); None for constraints that do not depend on time."""
-        if t is None or not self._table.driven:
-            return None
-        rates = self.rates_over_time(np.ravel(t).tolist())[:, 1].reshape(*np.shape(t), -1)
-        return np.ascontiguousarray(np.broadcast_to(rates, (*batch, self._data.m)))
-
-    def set_time(self, t: Component | None) -> bool:
-        """Use the rates of constraints over time at t in later calls; False without one time for all states."""
-        if not self._data.rheonomic:
-            return True
-        if t is None or np.ndim(t) or not self._data.affine:
-            return False
-        if t != self._time:
-            self._evaluator.set_rates(self.rates_over_time([float(t)]))
-            self._time = float(t)
-        return True
-
-    def measure(self, q: Array, v: Array, t: Component | None = None) -> tuple[CompiledState, Array, Array] | None:
-        """State (q, v) with its rates, and values x1 and x2, in one call; None if the other path has to decide.
-
-        Args:
-            q, v: one configuration (nq,) and one velocity (nv,), contiguous floats.
-            t: time for constraints that depend on it [s].
-        """
-        numbers = np.empty(self._measured.itemsize // 8)
-        if not self._evaluator.measure(q, v, numbers):
-            return None
+    def measured(self, q: Array, v: Array, t: float | None = None) -> StateEvaluation:
+        kernel = self.kernel
+        numbers = np.empty(kernel.measured.itemsize // 8)
+        if not kernel.measures or not self._calls.measure(q, v, numbers):
+            return super().measured(q, v, t)
         numbers.setflags(write=False)
-        found = np.ndarray((), self._measured, numbers)
-        at = CompiledConfiguration(self, q, None, found["kinematics"], found["inverse"])
-        state = CompiledState(at, v, None, t)
-        state.rates = found["rates"]
-        return state, found["x1"], found["x2"]
+        found = np.ndarray((), kernel.measured, numbers)
+        at_q = CompiledArraysAtQ(kernel, q, None, found["kinematics"], found["inverse"], (found["x1"], found["x2"]))
+        return StateEvaluation.filled(self, q, v, (at_q, CompiledArraysAtV(at_q, v, None, t, found["rates"])), t)
 
-    def output_slopes(self, q: Array, along: Array) -> Array | None:
-        """Rates (..., s, k, r) of A_star in the motions of single reducing outputs; None if the other path decides.
+    # ------------------------------------------------------------------ whole calls
 
-        Args:
-            q: configurations (nq,) or (B, nq).
-            along: indices of the outputs (s,).
-        """
-        found = np.empty((*q.shape[:-1], len(along), self._data.vertical.size, self._data.r))
-        return found if self._evaluator.output_slopes(q, along, found) else None
+    def forward_dynamics(self, q: ArrayInput, v2: ArrayInput, T: ArrayInput, t: ArrayInput | None) -> Array:
+        found: Array | None = (
+            self._calls.forward_dynamics(q, v2, T) if self._steady or self.kernel.set_time(t) else None
+        )
+        return super().forward_dynamics(q, v2, T, t) if found is None else found
+
+    def inverse_dynamics(self, q: ArrayInput, v2: ArrayInput, v2_dot: ArrayInput, t: ArrayInput | None) -> Array:
+        found: Array | None = (
+            self._calls.inverse_dynamics(q, v2, v2_dot) if self._steady or self.kernel.set_time(t) else None
+        )
+        return super().inverse_dynamics(q, v2, v2_dot, t) if found is None else found
+
+    def inverse_dynamics_of_runs(self, q: Array, v2: Array, v2_dot: Array, t: float) -> Array:
+        found: Array | None = None if self.data.rheonomic else self._calls.inverse_dynamics(q, v2, v2_dot)
+        return super().inverse_dynamics_of_runs(q, v2, v2_dot, t) if found is None else found
+
+    def terms(self, q: ArrayInput, v2: ArrayInput) -> ReducedTerms:
+        return self._fused_terms(q, v2, None) or super().terms(q, v2)
+
+    def output_slopes(self, q: Array, along: Sequence[int] | Array) -> Array:
+        data = self.data
+        if not data.rheonomic:
+            found = np.empty((*q.shape[:-1], len(along), data.vertical.size, data.r))
+            if self._calls.output_slopes(q, along, found):
+                return found
+        return super().output_slopes(q, along)
 
     def state_derivative(
         self,
@@ -171,88 +125,58 @@ class CompiledReduction:
         external: Array | None,
         damping: Array | None,
         t: float | None = None,
-    ) -> tuple[Array, Array] | None:
-        """Full velocity, and rates of v2, of the integrals of J1 v, of a time, and of the work.
+    ) -> tuple[Array, Array]:
+        data, n = self.data, self.data.n
+        found = np.empty(n + data.r + data.vertical.size + 1 + data.rheonomic)
+        if (self._steady or self.kernel.set_time(t)) and self._calls.state_derivative(
+            q, v2, T, external, damping, found
+        ):
+            return found[:n], found[n:]
+        return super().state_derivative(q, v2, T, external, damping, t)
 
-        None if the other path decides.
-
-        Args:
-            q: one configuration (nq,); all arrays are contiguous floats.
-            v2: reduced velocities (r,).
-            T: actuator inputs (p,).
-            external: generalized forces (nv,) in addition to inputs and damping; None for zero.
-            damping: viscous coefficients (nv,); None for zero.
-            t: time for constraints that depend on it [s].
-        """
-        n, r = self._data.n, self._data.r
-        found = np.empty(n + r + self._data.vertical.size + 1 + self._data.rheonomic)
-        if not self.set_time(t) or not self._evaluator.state_derivative(q, v2, T, external, damping, found):
-            return None
-        return found[:n], found[n:]
+    def admissible_velocity(self, q: Array, v2: Array, t: float | None = None) -> tuple[Array, float]:
+        found = np.empty(self.data.n + 1)
+        if (self._steady or self.kernel.set_time(t)) and self._calls.admissible_velocity(q, v2, found):
+            return found[:-1], found[-1]
+        return super().admissible_velocity(q, v2, t)
 
     def integrate(self, q: Array, y: Array, T: Array, h: float, steps: int) -> tuple[Array, Array] | None:
-        """Configuration and y after equal Runge-Kutta steps; None if the other path has to decide.
-
-        Args:
-            q: configuration (nq,); all arrays are contiguous floats.
-            y: reduced velocities v2, integrals of the rates of the vertical outputs, and work, (r + k + 1,). If the
-                constraints depend on time, it comes before the work.
-            T: actuator inputs (p,), constant.
-            h: duration of each step [s].
-            steps: number of steps.
-        """
         found = np.empty(len(q) + len(y))
         rates = None
-        if self._data.rheonomic and self.fused:
-            rates = self.rates_over_time((y[-2] + 0.5 * h * np.arange(2 * steps + 1)).tolist())
-            self._time = None
-        if not self._evaluator.integrate(q, y, T, h, steps, rates, found):
+        if self.data.rheonomic and self.kernel.fused:
+            rates = self.kernel.rates_between(y[-2] + 0.5 * h * np.arange(2 * steps + 1))
+        if not self._calls.integrate(q, y, T, h, steps, rates, found):
             return None
         return found[: len(q)], found[len(q) :]
 
     def chart_rate(self, q: Array, x: Array, T: Array, damping: Array | None) -> Array | None:
-        """Rates of local coordinates ``x = (u, y)`` at ``q (+) u``; None if the other path has to decide.
-
-        Args:
-            q: configuration (nq,) at the centre; all arrays are contiguous floats.
-            x: coordinates u (nv,), then y as for ``integrate``.
-            T: actuator inputs (p,).
-            damping: viscous coefficients (nv,); None for zero.
-        """
         found = np.empty(len(x))
-        if not self.set_time(float(x[-2]) if self._data.rheonomic else None):
-            return None
-        return found if self._evaluator.chart_rate(q, x, T, damping, found) else None
-
-    def admissible_velocity(self, q: Array, v2: Array, t: float | None = None) -> tuple[Array, float] | None:
-        """Full velocity (nv,) at one state, and the sum of the squares of R; None if the other path has to decide."""
-        found = np.empty(self._data.n + 1)
-        if not self.set_time(t):
-            return None
-        return (found[:-1], found[-1]) if self._evaluator.admissible_velocity(q, v2, found) else None
+        timed = self.kernel.set_time(float(x[-2]) if self.data.rheonomic else None)
+        return found if timed and self._calls.chart_rate(q, x, T, damping, found) else None
 
     def state_derivatives(
         self, q: object, v2: object, T: object, t: Component | None = None
     ) -> Mapping[str, Array] | None:
-        """Derivatives of ``analysis.derivatives`` at one state or a stack of states, by name, as read-only views.
-
-        None if the arrays or the states need the other path.
-        """
-        numbers = self._evaluator.state_derivatives(q, v2, T) if self.set_time(t) else None
+        kernel = self.kernel
+        if not self.data.kinematics.axes_are_constant or not kernel.set_time(t):
+            return None
+        numbers = self._calls.state_derivatives(q, v2, T)
         if numbers is None:
             return None
         numbers.setflags(write=False)
-        record = np.ndarray(numbers.shape[:-1], self._derivatives, numbers)
-        return {name: record[name] for name in self._derivatives.names or ()}
+        record = np.ndarray(numbers.shape[:-1], kernel.derivatives, numbers)
+        return {name: record[name] for name in kernel.derivatives.names or ()}
 
-    def terms(self, q: object, v2: object, t: Component | None = None) -> ReducedTerms | None:
-        """All matrices at states (q, v2), as read-only views; None if the arrays or the states need the other path."""
-        numbers = self._evaluator.terms(q, v2) if self.set_time(t) else None
+    def fused_terms(self, q: Array, v2: Array | None, t: Component | None) -> ReducedTerms | None:
+        return None if v2 is None else self._fused_terms(q, v2, t)
+
+    def _fused_terms(self, q: object, v2: object, t: Component | None) -> ReducedTerms | None:
+        numbers = self._calls.terms(q, v2) if self._steady or self.kernel.set_time(t) else None
         if numbers is None:
             return None
         numbers.setflags(write=False)
-        record = np.ndarray(numbers.shape[:-1], self._terms, numbers)
-        m = self._data.m
+        record = np.ndarray(numbers.shape[:-1], self.kernel.terms, numbers)
+        m = self.data.m
         terms = object.__new__(ReducedTerms)  # its own constructor takes as long as all matrices of a small system
         vars(terms).update(
             R=record["E_inverse"][..., m:],
@@ -271,12 +195,58 @@ class CompiledReduction:
         )
         return terms
 
+    @property
+    def runs(self) -> NumPyRuns:
+        return super().runs if self.data.rheonomic else CompiledRuns(self, self.kernel)
 
-def _record(fields: Mapping[str, tuple[int, ...]]) -> np.dtype[Any]:
-    """Type of a record of arrays, one after the other."""
-    return _record_type(tuple(fields.items()))
+    @property
+    def chart(self) -> object:
+        return super().chart if self.data.rheonomic else self._calls
 
 
-@lru_cache(maxsize=256)  # NumPy takes long to make one, and each chart of a run has the same
-def _record_type(fields: tuple[tuple[str, tuple[int, ...]], ...]) -> np.dtype[Any]:
-    return np.dtype([(name, float, shape) for name, shape in fields])
+def evaluator_for(data: ReductionData, known: NumPyEvaluator | None = None) -> NumPyEvaluator:
+    """Evaluator of a reduction: compiled if the kernel agrees with NumPy at a random state.
+
+    Args:
+        data: the reduction.
+        known: evaluator of another reduction of the same system. Rows that were compared for it are not compared again.
+    """
+    if _kernel.library is None:
+        return NumPyEvaluator(data)
+    compared = isinstance(known, CompiledEvaluator) and data.varies_as(known.data)
+    try:
+        found = CompiledEvaluator(data, ReductionKernel(data))
+        difference = 0.0 if compared else _difference(found)
+    except ValueError as error:
+        _warn(str(error))
+        return NumPyEvaluator(data)
+    if difference is not None and not difference < _TOLERANCE:
+        _warn(f"it differs from NumPy by {difference:.1e} (relative), limit {_TOLERANCE:.0e}")
+    return found if difference is not None and difference < _TOLERANCE else NumPyEvaluator(data)
+
+
+def _warn(why: str) -> None:
+    warnings.warn(f"the compiled kernel is not used for this model: {why}", RuntimeWarning, stacklevel=2)
+
+
+def _difference(found: CompiledEvaluator) -> float | None:
+    """Largest relative difference at a random regular state; None if there is none."""
+    data, generator = found.data, np.random.default_rng(0)
+    t = _TIME if data.rheonomic else None
+    for _ in range(_ATTEMPTS):
+        q, v = data.robot.random_configuration(generator), generator.uniform(-1.0, 1.0, data.n)
+        with suppress(SingularityError, NotImplementedError):  # a row is undefined at q, or has no rate
+            by_numpy, by_kernel = (StateEvaluation.at(each, q, v=v, t=t) for each in (NumPyEvaluator(data), found))
+            expected = {name: getattr(by_numpy, name) for name in _COMPARED}
+            if isinstance(by_kernel.arrays_at_v, CompiledArraysAtV) and by_kernel.arrays_at_v.rates is not None:
+                differences = [_relative(getattr(by_kernel, name), value) for name, value in expected.items()]
+                if data.affine:  # rates of the constraints at the velocity at which the reducing outputs rest
+                    moved, _ = found.admissible_velocity(q, np.zeros(data.r), t)
+                    differences.append(_relative(by_numpy.A @ moved, by_numpy.mu))
+                return max(differences)
+    return None
+
+
+def _relative(found: Array, expected: Array) -> float:
+    scale = max(float(np.abs(expected).max(initial=0.0)), 1e-3)
+    return float(np.abs(found - expected).max(initial=0.0)) / scale

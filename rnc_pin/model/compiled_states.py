@@ -1,202 +1,259 @@
-"""Quantities at configurations and states, in records that the compiled kernel fills."""
+"""Arrays at configurations and states, in records that the compiled kernel fills; see ``evaluator``."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.math.components import Component
 from rnc_pin.model.cached_property import cached_property
+from rnc_pin.model.evaluator import ArraysAtQ, ArraysAtV, Configurations
+from rnc_pin.model.factorization import Factorization
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
+from rnc_pin.model.known_kinematics import KnownKinematics
+from rnc_pin.model.passive_forces import ForceSums
+from rnc_pin.model.reduction_data import ReductionData
+from rnc_pin.model.reduction_kernel import ReductionKernel
 from rnc_pin.model.row_stack import Place
 
-if TYPE_CHECKING:
-    from rnc_pin.model.compiled import CompiledReduction
+
+class _Forced(Protocol):
+    """What ``accelerated`` reads from an evaluation."""
+
+    @property
+    def passive_force(self) -> Array:
+        """Generalized forces that follow from the state (..., nv)."""
 
 
-class CompiledConfiguration:
-    """Quantities at configurations.
+class _Entry:
+    """Array of a record, by the name of the attribute; None if the kernel declined to fill the record."""
 
-    Attributes:
+    def __init__(self, record: str) -> None:
+        self._record = record
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, owner: object, kind: type) -> Array | None:
+        record: Array | None = getattr(owner, self._record)
+        return None if record is None else record[self._name]
+
+
+class CompiledArraysAtQ(ArraysAtQ):
+    """Arrays at regular configurations.
+
+    Args:
+        kernel: the kernel.
+        q: configurations (..., nq).
+        position: kinematics at q; None if ``python_rows`` is False.
         kinematics: record of M, J and placements of joints; ``inverse``: record of E and its inverse.
+        output_values: values x1 and x2, if known.
     """
+
+    one_by_one = True
+    M = _Entry("kinematics")
+    E, E_inverse = _Entry("inverse"), _Entry("inverse")
+    J1, A_star = _Entry("vertical"), _Entry("vertical")
 
     def __init__(
         self,
-        reduction: CompiledReduction,
+        kernel: ReductionKernel,
         q: Array,
         position: PositionKinematics | None,
         kinematics: Array,
         inverse: Array,
+        output_values: tuple[Array, Array] | None = None,
     ) -> None:
-        self.reduction, self.q, self.kinematics, self.inverse = reduction, q, kinematics, inverse
-        self._position, self._evaluator = position, reduction._evaluator
+        self.kernel, self.q, self.kinematics, self.inverse = kernel, q, kinematics, inverse
+        self._position, self._calls, self._output_values = position, kernel.calls, output_values
         self.batch = q.shape[:-1]
         kinematics.setflags(write=False)
         inverse.setflags(write=False)
 
-    @property
-    def M(self) -> Array:
-        """Inertia matrix before reduction."""
-        return self.kinematics["M"]
+    @cached_property
+    def factorization(self) -> Factorization:
+        """E and its inverse, with the default rows."""
+        return Factorization(
+            self.inverse["E"], self.inverse["E_inverse"], np.ones(self.batch, dtype=bool) if self.batch else True
+        )
 
-    @property
-    def E(self) -> Array:
-        """Constraint rows and reducing outputs."""
-        return self.inverse["E"]
+    def position_of(self, data: ReductionData, at: Configurations) -> PositionKinematics:
+        """Kinematics at the configurations; of one configuration without another visit of Pinocchio."""
+        if self.batch:
+            return super().position_of(data, at)
+        return KnownKinematics(data.kinematics, self.q, data.kinematics.time_of(at.t), self.kinematics)
 
-    @property
-    def E_inverse(self) -> Array:
-        """Inverse of E."""
-        return self.inverse["E_inverse"]
-
-    def values(self, position: Callable[[], PositionKinematics]) -> tuple[Array, Array]:
-        """Values of the vertical and of the reducing outputs; ``position`` returns kinematics at q."""
-        data = self.reduction._data
+    def output_values(self, data: ReductionData, at: Configurations) -> tuple[Array, Array]:
+        """Values x1 (..., k) and x2 (..., r)."""
+        if self._output_values is not None:
+            return self._output_values
         values = np.empty((*self.batch, data.r + data.vertical.size))
-        self._evaluator.values(self.q, self.kinematics, values)
+        self._calls.values(self.q, self.kinematics, values)
         x2, x1 = values[..., : data.r], values[..., data.r :]
-        for x, places in zip((x2, x1), self.reduction.python_values, strict=True):
+        for x, places in zip((x2, x1), self.kernel.python_values, strict=True):
             for block, where in places:
-                x[..., where] = block.value(position())
+                x[..., where] = block.value(at.position)
         return x1, x2
 
-    def velocity(self, v2: Array, mu: Array | None) -> Array:
-        """Full velocity (..., nv)."""
-        v = np.empty((*self.batch, self.reduction._data.n))
-        self._evaluator.velocity(self.inverse, mu, v2, v)
+    def velocity(self, at: Configurations, v2: Array) -> Array | None:
+        """Full velocity (..., nv); None for velocities (..., r) with more axes."""
+        if v2.shape[:-1] != self.batch:
+            return None
+        data = self.kernel.data
+        v = np.empty((*self.batch, data.n))
+        self._calls.velocity(self.inverse, at.mu if data.affine else None, v2, v)
         return v
 
     @cached_property
     def H(self) -> Array:
         """Reduced inertia matrix."""
-        r = self.reduction._data.r
+        r = self.kernel.data.r
         H = np.empty((*self.batch, r, r))
-        self._evaluator.inertia(self.kinematics, self.inverse, H)
+        self._calls.inertia(self.kinematics, self.inverse, H)
         return H
 
-    def B(self) -> Array:
-        """Actuation matrix, if it is not a function of the user."""
-        data = self.reduction._data
-        B = np.empty((*self.batch, data.n, data.p))
-        self._evaluator.actuation(self.q, self.kinematics, B)
+    @property
+    def varying_B(self) -> Array | None:
+        """Actuation matrix; None if it is a function of the user."""
+        if not self.kernel.has_inputs:
+            return None
+        B = np.empty((*self.batch, self.kernel.data.n, self.kernel.data.p))
+        self._calls.actuation(self.q, self.kinematics, B)
         return B
 
-    def allocate(self, F: Array) -> Array | None:
-        """Actuator inputs (..., p) for reduced forces (..., r); None if the other path has to decide."""
-        data = self.reduction._data
-        if data.p != data.r or not self.reduction.has_inputs or F.shape[:-1] != self.batch:
+    def allocated(self, at: Configurations, F: Array) -> Array | None:
+        """Actuator inputs (..., p) for reduced forces (..., r); None if NumPy has to decide."""
+        data = self.kernel.data
+        if data.p != data.r or not self.kernel.has_inputs or F.shape[:-1] != self.batch:
             return None
         T = np.empty(F.shape)
         force = np.ascontiguousarray(F)
-        return T if self._evaluator.allocate(self.q, self.kinematics, self.inverse, force, T) else None
+        return T if self._calls.allocate(self.q, self.kinematics, self.inverse, force, T) else None
 
-    def output_slopes(self, along: Sequence[int] | Array) -> Array | None:
-        """Rates (s, k, r) of A_star in the motions of single reducing outputs; None if the other path has to decide."""
-        data = self.reduction._data
-        if self.batch or self.reduction.python_rows or data.affine or not len(along):
+    def output_slopes(self, at: Configurations, along: Sequence[int] | Array) -> Array | None:
+        """Rates (s, k, r) of A_star in the motions of single reducing outputs; None if NumPy has to evaluate them."""
+        data = self.kernel.data
+        if self.batch or self.kernel.python_rows or data.affine or not len(along):
             return None
-        rates = empty_records((len(along),), self.reduction.rates)
+        rates = empty_records((len(along),), self.kernel.rates)
         for place, j in enumerate(along):
-            v = self.E_inverse[:, data.m + j].copy()
+            v = self.inverse["E_inverse"][:, data.m + j].copy()
             record = rates[place : place + 1]
-            if not self._evaluator.rates(self.q, self.kinematics, self.inverse, v, None, None, None, record):
+            if not self._calls.rates(self.q, self.kinematics, self.inverse, v, None, None, None, record):
                 return None
         return rates["A_star_dot"]
 
     @cached_property
     def vertical(self) -> Array | None:
         """Record of J1 and A_star; None if a row is undefined."""
-        external = concatenated(self.reduction.external_vertical, lambda block: block.jacobian(self._position), -2)
-        rows = empty_records(self.batch, self.reduction.rows)
-        return rows if self._evaluator.vertical(self.q, self.kinematics, self.inverse, external, rows) else None
+        external = concatenated(self.kernel.external_vertical, lambda block: block.jacobian(self._position), -2)
+        rows = empty_records(self.batch, self.kernel.rows)
+        return rows if self._calls.vertical(self.q, self.kinematics, self.inverse, external, rows) else None
 
 
-class CompiledState:
-    """Quantities at states.
+class CompiledArraysAtV(ArraysAtV):
+    """Arrays at states.
 
     Args:
-        at: the configurations.
+        at_q: arrays at the configurations.
         v: full velocities (..., nv).
         motion: kinematics at the states; None if ``python_rows`` is False.
         t: times (...) for constraints that depend on them [s].
+        rates: record of rates, if known.
     """
+
+    nonlinear_effects, gamma = _Entry("biases"), _Entry("biases")
+    E_inverse_gamma, motion_force = _Entry("biases"), _Entry("biases")
+    E_dot, R_dot = _Entry("rates"), _Entry("rates")
+    J1_dot, A_star_dot = _Entry("rates"), _Entry("rates")
 
     def __init__(
         self,
-        at: CompiledConfiguration,
+        at_q: CompiledArraysAtQ,
         v: Array,
         motion: VelocityKinematics | None,
         t: Component | None = None,
+        rates: Array | None = None,
     ) -> None:
-        self.at, self._v, self._motion, self._t = at, np.ascontiguousarray(v), motion, t
-        self._evaluator = at._evaluator
+        self.at_q, self._v, self._motion, self._t = at_q, np.ascontiguousarray(v), motion, t
+        self._kernel, self._calls = at_q.kernel, at_q.kernel.calls
+        if rates is not None:
+            self.rates = rates
 
     @cached_property
     def biases(self) -> Array:
         """Record of bias, gamma, its product with E^-1, and forces without actuators."""
-        at, reduction = self.at, self.at.reduction
-        external = concatenated(reduction.external, lambda block: block.bias_acceleration(self._motion), -1)
-        biases = empty_records(at.batch, reduction.biases)
-        drift = reduction.drift(self._t, at.batch)
-        self._evaluator.biases(at.q, at.kinematics, at.inverse, self._v, external, drift, biases)
+        at, kernel = self.at_q, self._kernel
+        external = concatenated(kernel.external, lambda block: block.bias_acceleration(self._motion), -1)
+        biases = empty_records(at.batch, kernel.biases)
+        drift = kernel.drift(self._t, at.batch)
+        self._calls.biases(at.q, at.kinematics, at.inverse, self._v, external, drift, biases)
         return biases
 
-    def acceleration(self, force: Array) -> Array | None:
+    def accelerated(self, state: _Forced, force: Array) -> Array | None:
         """Reduced acceleration under forces (..., nv); None if it is not finite, or if the forces have more axes."""
-        at = self.at
+        at, data = self.at_q, self._kernel.data
         if force.shape[:-1] != at.batch:
             return None
-        v2_dot = np.empty((*at.batch, at.reduction._data.r))
-        force = np.ascontiguousarray(force)
-        return v2_dot if self._evaluator.accelerate(at.inverse, self.biases, force, v2_dot) else None
+        v2_dot = np.empty((*at.batch, data.r))
+        force = np.ascontiguousarray(force + state.passive_force if data.forces else force)
+        return v2_dot if self._calls.accelerate(at.inverse, self.biases, force, v2_dot) else None
 
-    @cached_property
-    def passive(self) -> tuple[Array, Array] | None:
-        """Forces that follow from the state, and those of springs (..., nv); None if Python evaluates them."""
-        if not self.at.reduction.fused:
+    @property
+    def passive_sums(self) -> ForceSums | None:
+        """Sums of the passive forces; None if Python evaluates one of them."""
+        if not self._kernel.fused:
             return None
         found = np.empty((*self._v.shape[:-1], 2, self._v.shape[-1]))
-        if not self._evaluator.passive_forces(self.at.q, self.at.kinematics, self._v, found):
+        if not self._calls.passive_forces(self.at_q.q, self.at_q.kinematics, self._v, found):
             return None
         found.setflags(write=False)
-        return found[..., 0, :], found[..., 1, :]
+        total, springs = found[..., 0, :], found[..., 1, :]
+        return ForceSums(total, total - springs)
 
-    @cached_property
+    @property
     def row_velocities(self) -> Array:
         """Rates ``E v`` of the constraint rows and of the reducing outputs, (..., nv)."""
-        if "rates" in vars(self) and self.rates is not None:
-            return self.rates["velocities"]
+        known: Array | None = vars(self).get("rates")
+        if known is not None:
+            return known["row_velocities"]
         velocities = np.empty(self._v.shape)
-        self._evaluator.row_velocities(self.at.inverse, False, self._v, velocities)
+        self._calls.row_velocities(self.at_q.inverse, False, self._v, velocities)
         return velocities
 
-    @cached_property
+    @property
     def v1(self) -> Array | None:
         """Rates of the vertical outputs ``J1 v``, (..., k); None if a row of J1 is undefined."""
-        if "rates" in vars(self):
-            return None if self.rates is None else self.rates["v1"]
-        rows = self.at.vertical
+        known: Array | None = vars(self).get("rates")
+        if known is not None:
+            return known["v1"]
+        rows = self.at_q.vertical
         if rows is None:
             return None
-        v1 = np.empty((*self.at.batch, self.at.reduction._data.vertical.size))
-        self._evaluator.row_velocities(rows, True, self._v, v1)
+        v1 = np.empty((*self.at_q.batch, self._kernel.data.vertical.size))
+        self._calls.row_velocities(rows, True, self._v, v1)
         return v1
+
+    @property
+    def A_star(self) -> Array | None:
+        """Kinematics of the vertical outputs; None if a row is undefined."""
+        known: Array | None = vars(self).get("rates")
+        return self.at_q.A_star if known is None else known["A_star"]
 
     @cached_property
     def rates(self) -> Array | None:
         """Record of J1, A_star, the rates of E, R, J1 and A_star, E v and J1 v; None if a row of J1 is undefined."""
-        at, reduction = self.at, self.at.reduction
-        rows = concatenated(reduction.external_vertical, lambda block: block.jacobian(at._position), -2)
-        stacks = reduction.external, reduction.external_vertical
+        at, kernel = self.at_q, self._kernel
+        rows = concatenated(kernel.external_vertical, lambda block: block.jacobian(at._position), -2)
+        stacks = kernel.external, kernel.external_vertical
         at_rates = None if self._motion is None else self._motion
         external = [concatenated(each, lambda block: block.jacobian_dot(at_rates), -2) for each in stacks]
-        rates = empty_records(at.batch, reduction.rates)
+        rates = empty_records(at.batch, kernel.rates)
         arguments = at.q, at.kinematics, at.inverse, self._v, rows, *external, rates
-        return rates if self._evaluator.rates(*arguments) else None
+        return rates if self._calls.rates(*arguments) else None
 
 
 def concatenated(places: Sequence[Place], of: Callable[[Any], Array], axis: int) -> Array | None:

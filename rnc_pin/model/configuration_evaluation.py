@@ -9,7 +9,7 @@ Paper (2)-(3), (6)-(7). All quantities have leading batch axes.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy import ndarray as Array
@@ -19,28 +19,30 @@ from rnc_pin.errors import ConstraintError, InputError, SingularityError
 from rnc_pin.math.components import Component
 from rnc_pin.math.linear_algebra import apply, inverse, product
 from rnc_pin.model.cached_property import cached_property
-from rnc_pin.model.compiled import UsesKernel
-from rnc_pin.model.compiled_states import CompiledConfiguration
+from rnc_pin.model.evaluator import ArraysAtQ, Evaluator, filled_for_q, solved_for_q
 from rnc_pin.model.factorization import Factorization, factorize, row_lengths
 from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.kinematics import PositionKinematics
-from rnc_pin.model.known_kinematics import KnownKinematics
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.row_stack import rheonomic_names
 
 _AMPLIFIED = 1e10  # amplification of rounding errors above which actuators count as dependent
 
 
-class ConfigurationEvaluation(UsesKernel):
+NOTHING_AT_Q = ArraysAtQ()
+
+
+class ConfigurationEvaluation:
     """Reduced model at configurations (..., nq). Each quantity is computed once, on first use, and is read-only.
 
     ``ReducedModel.at(q)`` returns one. It does not change when the model is evaluated at other states.
 
     Args:
-        data: rows, outputs and actuators of the model.
+        evaluator: evaluator of the model.
         q: admitted configurations (..., nq), contiguous and read-only.
         same: evaluation of the same configurations, perhaps in another reduction, whose results are used.
         t: times (...) for rheonomic constraints [s]; None for other constraints.
+        arrays: arrays that the evaluator has filled for q; None if it fills them on first use.
 
     Raises (every quantity that needs R):
         SingularityError: the outputs do not parametrise the motion at q.
@@ -48,63 +50,68 @@ class ConfigurationEvaluation(UsesKernel):
 
     def __init__(
         self,
-        data: ReductionData,
+        evaluator: Evaluator,
         q: Array,
         same: ConfigurationEvaluation | None = None,
         t: Component | None = None,
+        arrays: ArraysAtQ | None = None,
     ) -> None:
-        self._data, self.q, self._same, self.t = data, q, same, t
-        self._equal = same if same is not None and same._data is data else None
+        self._evaluator, self._data, self.q, self._same, self.t = evaluator, evaluator.data, q, same, t
+        self._equal = same if same is not None and same._evaluator is evaluator else None
+        if arrays is not None:
+            self.arrays_at_q = arrays
+
+    _of_velocity: ClassVar[set[str]] = set()  # names of subclasses that need one
+
+    def __init_subclass__(cls) -> None:
+        ConfigurationEvaluation._of_velocity |= vars(cls).keys()
+
+    def __getstate__(self) -> dict[str, object]:  # the kernel's memory is filled again
+        return {name: value for name, value in vars(self).items() if not name.startswith("arrays_at_")}
 
     @classmethod
-    def at(cls, data: ReductionData, q: Array, *, t: Component | None = None) -> ConfigurationEvaluation:
+    def at(cls, evaluator: Evaluator, q: Array, *, t: Component | None = None) -> ConfigurationEvaluation:
         """Evaluation at admitted configurations (..., nq), which become read-only, and times t (...).
 
         Raises:
             InputError: the rows of the constraints depend on time, and t is missing.
         """
-        if t is None and data.turning:
-            raise no_time(data)
+        if t is None and evaluator.data.turning:
+            raise no_time(evaluator.data)
         if q.ndim > 1:
             q = np.ascontiguousarray(q)
         q.setflags(write=False)
-        return cls(data, q, None, t)
+        return cls(evaluator, q, None, t)
 
-    def in_reduction(self, data: ReductionData) -> ConfigurationEvaluation:
+    def in_reduction(self, evaluator: Evaluator) -> ConfigurationEvaluation:
         """The same configurations in another reduction of the same system."""
-        return ConfigurationEvaluation(data, self.q, self, self.t)
+        return ConfigurationEvaluation(evaluator, self.q, self, self.t)
 
     @cached_property
     def position(self) -> PositionKinematics:
         """Kinematics at the configurations."""
         if self._same is not None:
             return self._same.position
-        kinematics = self._data.kinematics
-        compiled = vars(self).get("compiled")
-        if compiled is None or self.batch:
-            return kinematics.position(self.q, self.t)
-        return KnownKinematics(kinematics, self.q, kinematics.time_of(self.t), compiled.kinematics)
+        # Rows that Python evaluates need the kinematics before the evaluator fills arrays.
+        filled: ArraysAtQ = vars(self).get("arrays_at_q", NOTHING_AT_Q)
+        return filled.position_of(self._data, self)
 
     @cached_property
-    def compiled(self) -> CompiledConfiguration | None:
-        """Values of the compiled kernel; None if the formulas below apply."""
-        reduction = self._data.compiled
-        if self._equal is not None or reduction is None:
-            return None if self._equal is None else self._equal.compiled
-        position = self.position if reduction.python_rows else None  # no reference to this object: it would be a cycle
-        same = None if self._same is None else self._same.compiled
-        if self._same is None or same is None:
-            return reduction.configuration(self.q, position)
-        if self._same._data.has_rows_of(self._data):
-            return CompiledConfiguration(reduction, self.q, position, same.kinematics, same.inverse)
-        return reduction.configuration(self.q, position, same.kinematics)
+    def arrays_at_q(self) -> ArraysAtQ:
+        """What the evaluator has filled for q."""
+        if self._equal is not None:
+            return self._equal.arrays_at_q
+        return self._evaluator.fill_at_q(self, self._same)
+
+    @property
+    def compiled(self) -> Any:
+        """Records of the compiled kernel at q; None if it has filled none."""
+        return self.arrays_at_q if self.arrays_at_q.one_by_one else None
 
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> None:
-            from rnc_pin.model.state_evaluation import StateEvaluation  # imported only to raise an error
-
-            if hasattr(StateEvaluation, name):
+            if name in ConfigurationEvaluation._of_velocity:
                 raise InputError(f"'{name}' needs a velocity: use at(q, v2), or at(q, v=v) with a measured velocity")
             raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
 
@@ -120,10 +127,10 @@ class ConfigurationEvaluation(UsesKernel):
 
     # ------------------------------------------------------------------ matrices
 
-    @cached_property
+    @filled_for_q
     def M(self) -> Float[Array, "*batch nv nv"]:
         """Inertia matrix H* before reduction."""
-        return self.position.M if self.compiled is None else self.compiled.M
+        return self.position.M
 
     @cached_property
     def B(self) -> Float[Array, "*batch nv p"]:
@@ -132,35 +139,31 @@ class ConfigurationEvaluation(UsesKernel):
         if actuation.constant is not None:
             constant = actuation.constant
             return np.broadcast_to(constant, (*self.batch, *constant.shape)) if self.batch else constant
-        if self.compiled is not None and actuation.parts is not None:
-            return self.compiled.B()
-        return actuation.matrix(self.position)
+        return self.varying_B
+
+    @filled_for_q
+    def varying_B(self) -> Float[Array, "*batch nv p"]:
+        """Actuation matrix of actuators whose effect depends on q."""
+        return self._data.actuation.matrix(self.position)
 
     @cached_property
     def all_rows(self) -> Float[Array, "*batch k nv"]:
         """All constraint rows, dropped ones included."""
         return self._data.rows.jacobian(self.position)
 
-    @cached_property
+    @filled_for_q
     def factorization(self) -> Factorization:
         """Matrix E, its inverse and the constraint rows in it."""
-        if self._equal is not None:
-            return self._equal.factorization
-        if self.compiled is not None:
-            regular = np.ones(self.batch, dtype=bool) if self.batch else True
-            return Factorization(self.compiled.E, self.compiled.E_inverse, regular)
-        return factorize(self._data, self.position)
+        return factorize(self._data, self.position) if self._equal is None else self._equal.factorization
 
-    @cached_property
+    @filled_for_q
     def E(self) -> Float[Array, "*batch nv nv"]:
         """Stack ``E = [A; J2]`` of constraint rows and reducing outputs; defined at singular configurations too."""
-        return self.factorization.E if self.compiled is None else self.compiled.E
+        return self.factorization.E
 
-    @cached_property
+    @filled_for_q
     def E_inverse(self) -> Float[Array, "*batch nv nv"]:
         """Inverse ``E^-1``: the columns of the multipliers, then R."""
-        if self.compiled is not None:  # regular states only
-            return self.compiled.E_inverse
         found = self.factorization
         if not found.everywhere_regular:
             raise self._singularity(np.asarray(found.regular))
@@ -176,11 +179,9 @@ class ConfigurationEvaluation(UsesKernel):
         """Jacobian of the reducing outputs: ``v2 = J2 v``."""
         return self.E[..., self._data.m :, :]
 
-    @cached_property
+    @filled_for_q
     def J1(self) -> Float[Array, "*batch k nv"]:
         """Jacobian of the vertical outputs."""
-        if self.compiled is not None and self.compiled.vertical is not None:
-            return self.compiled.vertical["J1"]
         return self._data.vertical.jacobian(self.position)
 
     @cached_property
@@ -188,11 +189,9 @@ class ConfigurationEvaluation(UsesKernel):
         """Null-space basis, ``v = R v2 + b``."""
         return self.E_inverse[self._data.basis]
 
-    @cached_property
+    @filled_for_q
     def A_star(self) -> Float[Array, "*batch k r"]:
         """Kinematics of the vertical outputs, ``x1dot = A_star v2 + J1 b``."""
-        if self.compiled is not None and self.compiled.vertical is not None:
-            return self.compiled.vertical["A_star"]
         return self.J1 @ self.R
 
     @cached_property
@@ -200,11 +199,9 @@ class ConfigurationEvaluation(UsesKernel):
         """``R^T B``: reduced force for unit actuator inputs."""
         return product(self.R.mT, self.B)
 
-    @cached_property
+    @filled_for_q
     def H(self) -> Float[Array, "*batch r r"]:
-        """Reduced inertia matrix."""
-        if self.compiled is not None:
-            return self.compiled.H
+        """Reduced inertia matrix ``R^T H* R``."""
         R = self.R
         return product(R.mT, product(self.M, R))
 
@@ -276,18 +273,14 @@ class ConfigurationEvaluation(UsesKernel):
 
     @cached_property
     def _values(self) -> tuple[Array, Array]:
-        if self.compiled is not None:
-            values = self.compiled.values(lambda: self.position)
-        else:
-            values = self._data.vertical.value(self.position), self._data.reducing.value(self.position)
+        values = self.arrays_at_q.output_values(self._data, self)
         for each in values:
             each.setflags(write=False)
         return values
 
+    @solved_for_q
     def velocity(self, v2: Array) -> Float[Array, "*batch nv"]:
         """Full velocity ``R v2 + b`` for reduced velocities (..., r)."""
-        if self.compiled is not None and v2.shape[:-1] == self.batch:
-            return self.compiled.velocity(v2, self.mu if self._data.affine else None)
         v = apply(self.R, v2)
         return v + self.b if self._data.affine else v
 
@@ -297,11 +290,12 @@ class ConfigurationEvaluation(UsesKernel):
         Raises:
             ConstraintError: the actuators cannot produce every F (rank of ``R^T B`` below r).
         """
+        return self.allocated(vector(F, self._data.r, "F"))
+
+    @solved_for_q
+    def allocated(self, F: Array) -> Float[Array, "*batch p"]:
+        """As ``allocate``, for an array (..., r)."""
         data = self._data
-        F = vector(F, data.r, "F")
-        T = None if self.compiled is None else self.compiled.allocate(F)
-        if T is not None:
-            return T
         matrix = self.input_matrix
         if data.p == data.r:
             inverted = inverse(matrix)

@@ -12,6 +12,7 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConstraintError, InputError, nearest
 from rnc_pin.math.linear_algebra import apply, apply_transposed, solve_positive_definite
+from rnc_pin.model.compiled import evaluator_for
 from rnc_pin.model.input_validation import ArrayInput, numbers_of
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import best_entries
@@ -153,8 +154,8 @@ def _regular_state(reduced: ReducedModel, q: ArrayInput, v: ArrayInput) -> State
             f"impact: the configuration violates {name} by {residual:.3g} [m or rad]: constraints appear only where "
             "they are satisfied; reduced.assembled(q) returns such a configuration"
         )
-    data = reduced.reduction_data
-    return state.in_reduction(data.in_entries(best_entries(state.A, data.r), free=True))
+    data = reduced.reduction_data.in_entries(best_entries(state.A, reduced.r), free=True)
+    return state.in_reduction(evaluator_for(data, reduced.evaluator))
 
 
 def _coefficients(rows: RowStack, restitution: Restitution) -> Array:

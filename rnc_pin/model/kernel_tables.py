@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -20,13 +20,10 @@ from rnc_pin.model.kernel_rows import (
     attached,
     placement_numbers,
 )
+from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.row_stack import OutputStack, Place, RowStack
 from rnc_pin.model.rows import OutputRows
 from rnc_pin.robots.robot import Robot
-
-if TYPE_CHECKING:
-    from rnc_pin.model.reduction_data import ReductionData
-
 
 _CURVED = {"JointModelPlanar": 0, "JointModelSpherical": 1, "JointModelFreeFlyer": 2}
 

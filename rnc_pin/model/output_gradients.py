@@ -9,6 +9,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
+from rnc_pin.model.evaluator import solved_for_q
 from rnc_pin.model.state_evaluation import StateEvaluation
 
 
@@ -19,10 +20,13 @@ def kinematic_gradient(here: ConfigurationEvaluation, along: Sequence[int] | Arr
         here: evaluation at configurations.
         along: indices in x2, (s,).
     """
-    slopes = None if here.compiled is None else here.compiled.output_slopes(along)
-    if slopes is None:
-        slopes = _single_motions(here, along, lambda state: state.A_star_dot)
-    return np.moveaxis(slopes, 0, -1)
+    return np.moveaxis(output_slopes(here, along), 0, -1)
+
+
+@solved_for_q
+def output_slopes(here: ConfigurationEvaluation, along: Sequence[int] | Array) -> Float[Array, "s *batch k r"]:
+    """Rates of ``A_star`` in the motions of single reducing outputs at unit rate, by their indices in x2, (s,)."""
+    return _single_motions(here, along, lambda state: state.A_star_dot)
 
 
 def log_determinant_gradient(here: ConfigurationEvaluation, along: Sequence[int] | Array) -> Float[Array, "*batch s"]:

@@ -17,8 +17,8 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.math.linear_algebra import apply, product
 from rnc_pin.model.cached_property import cached_property
-from rnc_pin.model.compiled_states import CompiledState
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
+from rnc_pin.model.evaluator import ArraysAtV, filled_for_v
 from rnc_pin.model.input_validation import ArrayInput
 from rnc_pin.model.kinematics import VelocityKinematics
 from rnc_pin.model.measurement import Measurement
@@ -32,6 +32,7 @@ class ReducedKinematics(ConfigurationEvaluation):
         v2: validated reduced velocities (..., r).
         v: validated measured full velocities (..., nv), instead of v2.
         motion: kinematics at these configurations and full velocities, if known.
+        arrays: arrays that the evaluator has filled for v; None if it fills them on first use.
 
     Raises (every quantity that needs R):
         SingularityError: the outputs do not parametrise the motion at q.
@@ -43,24 +44,23 @@ class ReducedKinematics(ConfigurationEvaluation):
         v2: Array | None = None,
         v: Array | None = None,
         motion: VelocityKinematics | None = None,
+        arrays: ArraysAtV | None = None,
     ) -> None:
         self.configuration: ConfigurationEvaluation = (
             configuration.configuration if isinstance(configuration, ReducedKinematics) else configuration
         )
-        super().__init__(configuration._data, configuration.q, self.configuration, configuration.t)
+        super().__init__(configuration._evaluator, configuration.q, self.configuration, configuration.t)
         self._check_time()
         self._v2, self._v, self._motion = v2, v, motion
+        if arrays is not None:
+            self.arrays_at_v = arrays
 
     # ------------------------------------------------------------------ velocities
 
     @cached_property
     def v2(self) -> Float[Array, "*batch r"]:
         """Rates of the reducing outputs."""
-        if self._v2 is not None:
-            return self._v2
-        if self.compiled_motion is None:
-            return apply(self.J2, self.v)
-        return np.ascontiguousarray(self.compiled_motion.row_velocities[..., self._data.m :])
+        return np.ascontiguousarray(self.row_velocities[..., self._data.m :]) if self._v2 is None else self._v2
 
     @cached_property
     def v(self) -> Float[Array, "*batch nv"]:
@@ -75,23 +75,18 @@ class ReducedKinematics(ConfigurationEvaluation):
         return self._motion
 
     @cached_property
-    def compiled_motion(self) -> CompiledState | None:
-        """Values of the compiled kernel at (q, v); None if the formulas below apply."""
-        at = self.compiled
-        if at is None or self.v.shape[:-1] != at.batch:
-            return None
-        return CompiledState(at, self.v, self.motion if at.reduction.python_rows else None, self.t)
+    def arrays_at_v(self) -> ArraysAtV:
+        """What the evaluator has filled for v."""
+        return self._evaluator.fill_at_v(self, self.arrays_at_q)
 
-    @property
-    def _rates(self) -> Array | None:
-        """Record of rates from the compiled kernel; None if the formulas below apply."""
-        return None if self.compiled_motion is None else self.compiled_motion.rates
+    @filled_for_v
+    def row_velocities(self) -> Float[Array, "*batch nv"]:
+        """Rates ``E v`` of the constraint rows and of the reducing outputs."""
+        return apply(self.E, self.v)
 
-    @cached_property
+    @filled_for_v
     def gamma(self) -> Float[Array, "*batch nv"]:
         """Bias acceleration ``Edot v - [mudot; 0]`` of constraint rows and reducing outputs, at zero ``vdot``."""
-        if self.compiled_motion is not None:
-            return self.compiled_motion.biases["gamma"]
         data = self._data
         if self.factorization.kept is None:
             return data.stack.bias_acceleration(self.motion)
@@ -101,26 +96,22 @@ class ReducedKinematics(ConfigurationEvaluation):
     @cached_property
     def residual(self) -> Float[Array, "*batch m"]:
         """Constraint residual ``A v - mu`` of the velocity."""
-        motion = self.compiled_motion
-        residual = apply(self.A, self.v) if motion is None else motion.row_velocities[..., : self._data.m]
+        residual = self.row_velocities[..., : self._data.m]
         return residual - self.mu if self._data.affine else residual
 
-    @cached_property
+    @filled_for_v
     def v1(self) -> Float[Array, "*batch k"]:
         """Rates of the vertical outputs, ``J1 v``."""
-        found = None if self.compiled_motion is None else self.compiled_motion.v1
-        return apply(self.J1, self.v) if found is None else found
+        return apply(self.J1, self.v)
 
     @cached_property
     def rates(self) -> VelocityKinematics:
         """Kinematics at (q, v) with rates along v."""
         return self.motion
 
-    @cached_property
+    @filled_for_v
     def E_dot(self) -> Float[Array, "*batch nv nv"]:
         """Rate of E."""
-        if self._rates is not None:
-            return self._rates["E_dot"]
         data = self._data
         if self.factorization.kept is None:
             return data.stack.jacobian_dot(self.rates)
@@ -133,30 +124,24 @@ class ReducedKinematics(ConfigurationEvaluation):
         """Rate of A."""
         return self.E_dot[..., : self._data.m, :]
 
-    @cached_property
+    @filled_for_v
     def R_dot(self) -> Float[Array, "*batch nv r"]:
-        """Rate of R."""
-        if self._rates is not None:
-            return self._rates["R_dot"]
+        """Rate ``-E^-1 Edot R`` of R."""
         return -product(self.E_inverse, product(self.E_dot, self.R))
 
-    @cached_property
+    @filled_for_v
     def J1_dot(self) -> Float[Array, "*batch k nv"]:
         """Rate of J1."""
-        if self._rates is not None:
-            return self._rates["J1_dot"]
         return self._data.vertical.jacobian_dot(self.rates)
 
-    @cached_property
+    @filled_for_v
     def A_star(self) -> Float[Array, "*batch k r"]:
         """Kinematics of the vertical outputs, ``x1dot = A_star v2 + J1 b``."""
-        return super().A_star if self._rates is None else self._rates["A_star"]
+        return super().A_star
 
-    @cached_property
+    @filled_for_v
     def A_star_dot(self) -> Float[Array, "*batch k r"]:
         """Rate of A_star."""
-        if self._rates is not None:
-            return self._rates["A_star_dot"]
         return self.J1_dot @ self.R + self.J1 @ self.R_dot
 
     @cached_property

@@ -13,19 +13,13 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.errors import InputError
 from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.assembly import Assembly
-from rnc_pin.model.compiled import CompiledReduction
+from rnc_pin.model.compiled import evaluator_for
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.independence import DroppedRow
-from rnc_pin.model.input_validation import (
-    ArrayInput,
-    ConfigurationValidator,
-    admit_times,
-    broadcast_states,
-    vector,
-)
+from rnc_pin.model.input_validation import ArrayInput, ConfigurationValidator
+from rnc_pin.model.numpy_evaluator import NumPyEvaluator
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.result_types import LagrangianTerms, ReducedTerms
 from rnc_pin.model.row_stack import OutputStack, RowStack
@@ -62,12 +56,11 @@ class ReducedModel(SummaryMixin):
     """
 
     def __init__(self, parts: ReductionData, assembly: Assembly, dropped_rows: Sequence[DroppedRow] = ()) -> None:
-        self._data = parts
+        self._evaluator, self._data = evaluator_for(parts), parts
         self._validator = ConfigurationValidator(parts.robot)
         self.assembly = assembly
         self.dropped_rows = tuple(dropped_rows)
         """Redundant constraint rows, with the reasons."""
-        _ = parts.compiled  # a comparison of the kernel with NumPy warns now, not at the first sample
 
     # ------------------------------------------------------------------ components
 
@@ -75,6 +68,11 @@ class ReducedModel(SummaryMixin):
     def reduction_data(self) -> ReductionData:
         """Rows, outputs, actuators and workspace, to construct other models from."""
         return self._data
+
+    @property
+    def evaluator(self) -> NumPyEvaluator:
+        """What fills the arrays of evaluations, by the compiled kernel or by NumPy."""
+        return self._evaluator
 
     @property
     def robot(self) -> Robot:
@@ -169,18 +167,7 @@ class ReducedModel(SummaryMixin):
         Raises:
             InputError: also for a rheonomic system without t.
         """
-        q = self._validator.validate(q)
-        t = None if t is None or not self._data.rheonomic else admit_times(t, q.shape[:-1])
-        if v2 is not None:
-            if v is not None:
-                raise InputError("at() takes v2 or v, not both")
-            v2 = vector(v2, self._data.r, "v2").copy()
-            q, v2 = broadcast_states(q, v2, "v2")
-            return StateEvaluation.at(self._data, q, v2, t=t)
-        if v is not None:
-            q, v = broadcast_states(q, vector(v, self._data.n, "v"), "v")
-            return StateEvaluation.at(self._data, q, v=v.copy(), t=t)
-        return ConfigurationEvaluation.at(self._data, q, t=t)
+        return self._evaluator.at(q, v2, v, t)
 
     def frozen(self, t: float) -> ReducedModel:
         """The same model at one time t [s]: its constraints have the rows, rates and positions of this time.
@@ -210,23 +197,13 @@ class ReducedModel(SummaryMixin):
 
         Constraints over time need the times t (...) [s].
         """
-        compiled = self._kernel_at(t) if self._data.rheonomic else self._data.compiled
-        found = None if compiled is None else compiled.forward_dynamics(q, v2, T)
-        return self.at(q, v2, t=t).v2_dot(T) if found is None else found
-
-    def _kernel_at(self, t: ArrayInput | None) -> CompiledReduction | None:
-        """Kernel at one time [s]; None without it, or if each state has its own time."""
-        compiled = self._data.compiled
-        one = isinstance(t, float | int | np.floating) and compiled is not None and compiled.set_time(float(t))
-        return compiled if one else None
+        return self._evaluator.forward_dynamics(q, v2, T, t)
 
     def inverse_dynamics(
         self, q: ArrayInput, v2: ArrayInput, v2_dot: ArrayInput, *, t: ArrayInput | None = None
     ) -> Float[Array, "*batch r"]:
         """Reduced forces ``F = H v2_dot + V v2 + G``; rheonomic constraints need the times t (...) [s]."""
-        compiled = self._kernel_at(t) if self._data.rheonomic else self._data.compiled
-        found = None if compiled is None else compiled.inverse_dynamics(q, v2, v2_dot)
-        return self.at(q, v2, t=t).inverse_dynamics(v2_dot) if found is None else found
+        return self._evaluator.inverse_dynamics(q, v2, v2_dot, t)
 
     def allocate(self, q: ArrayInput, F: ArrayInput) -> Float[Array, "*batch p"]:
         """Actuator inputs T with ``R^T B T = F``; those of least norm if they are not unique.
@@ -248,9 +225,7 @@ class ReducedModel(SummaryMixin):
 
     def terms(self, q: ArrayInput, v2: ArrayInput) -> ReducedTerms:
         """All matrices of the reduced system at (q, v2)."""
-        compiled = self._data.compiled
-        found = None if compiled is None else compiled.terms(q, v2)
-        return self.at(q, v2).terms() if found is None else found
+        return self._evaluator.terms(q, v2)
 
     def lagrangian_terms(self, q: ArrayInput, v2: ArrayInput) -> LagrangianTerms:
         """Matrices H*, C*, g* and B of the unreduced system (1), with C* at ``v = R v2 + b``."""

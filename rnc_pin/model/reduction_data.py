@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+from types import EllipsisType
 
 import numpy as np
 
 from rnc_pin.errors import SingularityError
 from rnc_pin.math.linear_algebra import null_space, pivot_columns
 from rnc_pin.model.actuation import Actuation
-from rnc_pin.model.cached_property import cached_property
-from rnc_pin.model.compiled import CompiledReduction, UsesKernel
-from rnc_pin.model.kernel_comparison import compile_reduction
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.passive_forces import PassiveForces
 from rnc_pin.model.row_stack import OutputStack, RowStack
@@ -23,77 +23,120 @@ _CHOOSE_AGAIN = 1e3  # dependence of a row above which other rows are selected, 
 _TIE = 1e-6  # relative preference of an entry of v over the next one, to break ties
 
 
-class ReductionData(UsesKernel):
-    """Data of a reduction with ``E = [A; J2]``: constraint rows, reducing and vertical outputs, actuators.
+@dataclass(frozen=True, eq=False)
+class ReductionData:
+    """Data of a reduction with ``E = [A; J2]``: constraint rows, reducing and vertical outputs, actuators."""
 
-    Args:
-        robot: the robot.
-        rows: all constraint rows.
-        kept: indices of the rows that are in A by default, (m,).
-        actuation: the actuators.
-        reducing, vertical: the outputs x2 and x1.
-        singularity_limit: largest dependence of a row of E, see ``NonholonomicSystem.reduce``.
-        lengths: typical lengths of all constraint rows, then of the reducing outputs.
-        free: True if other reducing velocities may be selected where they are dependent, because none was named.
-        kinematics: a workspace to share with another reduction of the same system.
-        compared: reduction of the same system with the same rows that vary, for which the kernel was compared.
-        forces: passive forces; None for none.
-        constraints: the rows kept by default, if a reduction has made them.
-
-    Attributes:
-        constraints: the rows kept by default; ``stack``: E.
-        basis, multiplied: index of the columns of E^-1 that form R, and of the columns of the multipliers.
-        template: E with the values of its constant rows.
-        constraint_scales, output_scales: typical lengths of all constraint rows and of the reducing outputs.
-        affine, rheonomic, turning: True if the constraints move; if states need the time; if configurations need it.
-    """
-
-    def __init__(
-        self,
-        robot: Robot,
-        rows: RowStack,
-        kept: Sequence[int],
-        actuation: Actuation,
-        reducing: OutputStack,
-        vertical: OutputStack,
-        singularity_limit: float,
-        lengths: np.ndarray,
-        free: bool = False,
-        kinematics: Kinematics | None = None,
-        compared: ReductionData | None = None,
-        forces: PassiveForces | None = None,
-        constraints: RowStack | None = None,
-    ) -> None:
-        self.robot, self.rows, self.kept, self.actuation = robot, rows, tuple(kept), actuation
-        self.reducing, self.vertical, self.free, self._compared = reducing, vertical, free, compared
-        self.forces = PassiveForces((), robot) if forces is None else forces
-        if constraints is None:
-            constraints = RowStack([block for block, *_ in rows.places], self.kept)
-        self.constraints = constraints
-        self.stack = RowStack.joined(self.constraints, reducing)
-        self.n, self.m, self.r, self.p = robot.nv, self.constraints.size, reducing.size, actuation.size
-        self.kinematics = Kinematics(robot) if kinematics is None else kinematics
-        self.affine, self.rheonomic = rows.affine, rows.rheonomic and not self.kinematics.frozen
-        self.turning = rows.turning and self.rheonomic
-        self.basis, self.multiplied = (..., slice(self.m, None)), (..., slice(None, self.m))
-        self.template = self.stack.template(self.n)
-        self.constraint_scales, self.output_scales = lengths[: rows.size], lengths[rows.size :]
-        self.lengths = np.concatenate([self.constraint_scales[list(self.kept)], self.output_scales])
-        self.singularity_limit = singularity_limit
-        self.has_alternatives = free or rows.size > self.m
-        limit = min(_CHOOSE_AGAIN, singularity_limit) if self.has_alternatives else singularity_limit
-        self.fast_limit = limit**2
-        self.fast_length = float(self.lengths.dot(self.lengths))
+    robot: Robot
+    rows: RowStack
+    """All constraint rows."""
+    kept: tuple[int, ...]
+    """Indices of the rows that are in A by default, (m,)."""
+    actuation: Actuation
+    reducing: OutputStack
+    """Reducing outputs x2."""
+    vertical: OutputStack
+    """Vertical outputs x1."""
+    singularity_limit: float
+    """Largest dependence of a row of E, see ``NonholonomicSystem.reduce``."""
+    scales: np.ndarray
+    """Typical lengths of all constraint rows, then of the reducing outputs."""
+    kinematics: Kinematics
+    """Workspace; reductions of the same system share it."""
+    forces: PassiveForces
+    free: bool = False
+    """True if other reducing velocities may be selected where they are dependent, because none was named."""
 
     @cached_property
-    def compiled(self) -> CompiledReduction | None:
-        """Compiled kernel; None if NumPy evaluates the reduction."""
-        return compile_reduction(self, self._compared is None or self._compared.compiled is None)
+    def constraints(self) -> RowStack:
+        """Rows kept by default."""
+        return self.rows.selected(self.kept)
 
-    def rows_changed(self) -> None:
-        """Read the parameters of constraint rows again; call it after a change of e.g. the radius of a wheel."""
-        if self.compiled is not None:
-            self.compiled.refresh()
+    @cached_property
+    def stack(self) -> RowStack:
+        """Rows of E."""
+        return RowStack.joined(self.constraints, self.reducing)
+
+    @cached_property
+    def n(self) -> int:
+        """Degrees of freedom nv before the constraints."""
+        return self.robot.nv
+
+    @cached_property
+    def m(self) -> int:
+        """Number of rows of A."""
+        return self.constraints.size
+
+    @cached_property
+    def r(self) -> int:
+        """Number of reducing outputs."""
+        return self.reducing.size
+
+    @cached_property
+    def p(self) -> int:
+        """Number of actuators."""
+        return self.actuation.size
+
+    @cached_property
+    def affine(self) -> bool:
+        """True if the constraints move, ``A v = mu``."""
+        return self.rows.affine
+
+    @cached_property
+    def rheonomic(self) -> bool:
+        """True if states need the time."""
+        return self.rows.rheonomic and not self.kinematics.frozen
+
+    @cached_property
+    def turning(self) -> bool:
+        """True if configurations need the time."""
+        return self.rows.turning and self.rheonomic
+
+    @cached_property
+    def basis(self) -> tuple[EllipsisType, slice]:
+        """Index of the columns of E^-1 that form R."""
+        return ..., slice(self.m, None)
+
+    @cached_property
+    def multiplied(self) -> tuple[EllipsisType, slice]:
+        """Index of the columns of E^-1 that belong to the multipliers."""
+        return ..., slice(None, self.m)
+
+    @cached_property
+    def template(self) -> np.ndarray:
+        """E with the values of its constant rows; do not write to it."""
+        return self.stack.template(self.n)
+
+    @cached_property
+    def constraint_scales(self) -> np.ndarray:
+        """Typical lengths of all constraint rows."""
+        return self.scales[: self.rows.size]
+
+    @cached_property
+    def output_scales(self) -> np.ndarray:
+        """Typical lengths of the reducing outputs."""
+        return self.scales[self.rows.size :]
+
+    @cached_property
+    def lengths(self) -> np.ndarray:
+        """Typical lengths of the rows of E."""
+        return np.concatenate([self.constraint_scales[list(self.kept)], self.output_scales])
+
+    @cached_property
+    def has_alternatives(self) -> bool:
+        """True if other rows can replace those of E where they are dependent."""
+        return self.free or self.rows.size > self.m
+
+    @cached_property
+    def fast_limit(self) -> float:
+        """Square of the dependence of a row from which other rows are considered."""
+        limit = min(_CHOOSE_AGAIN, self.singularity_limit) if self.has_alternatives else self.singularity_limit
+        return limit**2
+
+    @cached_property
+    def fast_length(self) -> float:
+        """Sum of the squares of ``lengths``."""
+        return float(self.lengths.dot(self.lengths))
 
     def in_velocities(
         self, W: np.ndarray, names: Sequence[str] = (), free: bool = False, vertical: OutputStack | None = None
@@ -108,9 +151,9 @@ class ReductionData(UsesKernel):
         """
         names = names or [f"w[{k}]" for k in range(self.r)]
         reducing = OutputStack([VelocityRows(W, names, [""] * self.r)])
-        known = {id(place.block) for stack in (self.reducing, self.vertical) for place in stack.places}
-        rows_are_known = vertical is None or all(id(place.block) in known for place in vertical.places)
-        return self._with(self.kept, reducing, np.ones(self.r), free, vertical, self if rows_are_known else None)
+        scales = np.concatenate([self.constraint_scales, np.ones(self.r)])
+        vertical = self.vertical if vertical is None else vertical
+        return replace(self, reducing=reducing, scales=scales, free=free, vertical=vertical)
 
     def in_entries(self, entries: Sequence[int], free: bool = False) -> ReductionData:
         """Reduction of the same system to r entries of v."""
@@ -119,47 +162,27 @@ class ReductionData(UsesKernel):
 
     def keeping(self, kept: Sequence[int]) -> ReductionData:
         """The same reduction with other constraint rows in A, (m,)."""
-        return self._with(kept, self.reducing, self.output_scales, self.free)
+        return replace(self, kept=tuple(kept))
 
     def measuring(self, vertical: OutputStack) -> ReductionData:
         """The same reduction with other vertical outputs."""
-        return self._with(self.kept, self.reducing, self.output_scales, self.free, vertical)
+        return replace(self, vertical=vertical)
+
+    def frozen(self, t: float) -> ReductionData:
+        """The same reduction at time t [s]."""
+        return replace(self, kinematics=Kinematics(self.robot, t))
 
     def has_rows_of(self, other: ReductionData) -> bool:
         """True if E is that of another reduction of the same system, and regular at the same configurations."""
         same = self.constraints is other.constraints and self.reducing is other.reducing
         return same and self.kinematics is other.kinematics and self.fast_limit == other.fast_limit
 
-    def frozen(self, t: float) -> ReductionData:
-        """The same reduction at time t [s]."""
-        kinematics = Kinematics(self.robot, t)
-        return self._with(self.kept, self.reducing, self.output_scales, self.free, kinematics=kinematics)
-
-    def _with(
-        self,
-        kept: Sequence[int],
-        reducing: OutputStack,
-        lengths: np.ndarray,
-        free: bool,
-        vertical: OutputStack | None = None,
-        compared: ReductionData | None = None,
-        kinematics: Kinematics | None = None,
-    ) -> ReductionData:
-        return ReductionData(
-            self.robot,
-            self.rows,
-            kept,
-            self.actuation,
-            reducing,
-            self.vertical if vertical is None else vertical,
-            self.singularity_limit,
-            np.concatenate([self.constraint_scales, lengths]),
-            free,
-            self.kinematics if kinematics is None else kinematics,
-            compared,
-            self.forces,
-            self.constraints if kept is self.kept else None,
-        )
+    def varies_as(self, other: ReductionData) -> bool:
+        """True if the rows that are not constant are known from another reduction of the same system."""
+        known = {id(place.block) for stack in (other.reducing, other.vertical) for place in stack.places}
+        own = (place.block for stack in (self.reducing, self.vertical) for place in stack.places)
+        same = self.constraints is other.constraints and self.kinematics is other.kinematics
+        return same and all(id(block) in known or isinstance(block, ConstantRows) for block in own)
 
 
 class VelocityRows(ConstantRows, OutputRows):

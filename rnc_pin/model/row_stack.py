@@ -79,6 +79,13 @@ class RowStack:
         self.turning = any(place.block.turning for place in self.places)
         self._varying = _varying(self.places)
         self._constant: np.ndarray | None = None
+        self._selected: dict[tuple[int, ...], RowStack] = {}
+
+    def selected(self, kept: tuple[int, ...]) -> RowStack:
+        """Stack of some rows of a stack with whole blocks, by increasing indices; the same object each time."""
+        if kept not in self._selected:
+            self._selected[kept] = RowStack([place.block for place in self.places], kept)
+        return self._selected[kept]
 
     @classmethod
     def joined(cls, *stacks: RowStack) -> RowStack:

@@ -22,12 +22,11 @@ from rnc_pin.math.linear_algebra import (
     solve_positive_definite_columns,
 )
 from rnc_pin.model.cached_property import cached_property
-from rnc_pin.model.compiled_runs import CompiledRuns, RunRecords
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
+from rnc_pin.model.evaluator import ArraysAtQ, ArraysAtV, Evaluator, filled_by_terms, filled_for_v, solved_for_v
 from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.passive_forces import ForceSums
 from rnc_pin.model.reduced_kinematics import ReducedKinematics
-from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.result_types import ReducedTerms, StateDerivative
 
 
@@ -40,7 +39,7 @@ class StateEvaluation(ReducedKinematics):
     @classmethod
     def at(
         cls,
-        data: ReductionData,
+        evaluator: Evaluator,
         q: Array,
         v2: Array | None = None,
         v: Array | None = None,
@@ -48,33 +47,24 @@ class StateEvaluation(ReducedKinematics):
         t: Component | None = None,
     ) -> StateEvaluation:
         """Evaluation at validated states: q (..., nq), and v2 (..., r) or v (..., nv), at times t (...)."""
-        return cls(ConfigurationEvaluation.at(data, q, t=t), v2, v)
+        return cls(ConfigurationEvaluation.at(evaluator, q, t=t), v2, v)
 
     @classmethod
-    def measured(cls, data: ReductionData, q: Array, v: Array, t: float | None = None) -> StateEvaluation:
-        """Evaluation at one validated state (nq,), (nv,), with all that a measurement needs from one kernel call."""
-        state, compiled = cls.at(data, q, v=v, t=t), data.compiled
-        found = compiled.measure(q, v, t) if compiled is not None and compiled.measures else None
-        if found is not None:
-            motion, x1, x2 = found
-            state.compiled_motion, state._values = motion, (x1, x2)
-            state.compiled = state.configuration.compiled = motion.at
-        return state
-
-    @classmethod
-    def recorded(
-        cls, data: ReductionData, q: Array, v: Array, runs: CompiledRuns, records: RunRecords
+    def filled(
+        cls,
+        evaluator: Evaluator,
+        q: Array,
+        v: Array,
+        arrays: tuple[ArraysAtQ, ArraysAtV],
+        t: Component | None = None,
     ) -> StateEvaluation:
-        """Evaluation at states (..., nq), (..., nv) with records of ``CompiledRuns.measure``; as ``measured``."""
-        state = cls.at(data, q, v=v)
-        motion, x1, x2 = runs.states(state.q, v, records)
-        state.compiled_motion, state._values = motion, (x1, x2)
-        state.compiled = state.configuration.compiled = motion.at
-        return state
+        """Evaluation at validated states with arrays that the evaluator has filled before; q becomes read-only."""
+        q.setflags(write=False)
+        return cls(ConfigurationEvaluation(evaluator, q, None, t, arrays[0]), v=v, arrays=arrays[1])
 
-    def in_reduction(self, data: ReductionData) -> StateEvaluation:
+    def in_reduction(self, evaluator: Evaluator) -> StateEvaluation:
         """The same states in another reduction of the same system."""
-        return StateEvaluation(self.configuration.in_reduction(data), v=self.v, motion=self._motion)
+        return StateEvaluation(self.configuration.in_reduction(evaluator), v=self.v, motion=self._motion)
 
     def with_velocity(self, v: Array) -> StateEvaluation:
         """The same configurations with other full velocities (..., nv)."""
@@ -83,10 +73,9 @@ class StateEvaluation(ReducedKinematics):
     # ------------------------------------------------------------------ dynamics
 
     @cached_property
-    def _at_once(self) -> ReducedTerms | None:
-        """All matrices from one call of the compiled kernel; None if it cannot."""
-        compiled = self._data.compiled
-        return None if compiled is None or self._v2 is None else compiled.terms(self.q, self._v2, self.t)
+    def fused_terms(self) -> ReducedTerms | None:
+        """All matrices from one call of the evaluator; None if the formulas apply."""
+        return self._evaluator.fused_terms(self.q, self._v2, self.t)
 
     @cached_property
     def C(self) -> Float[Array, "*batch nv nv"]:
@@ -96,19 +85,21 @@ class StateEvaluation(ReducedKinematics):
     @cached_property
     def bias(self) -> Float[Array, "*batch nv"]:
         """Nonlinear effects ``C* v + g*``, minus passive forces."""
-        bias = self.motion.bias if self.compiled_motion is None else self.compiled_motion.biases["bias"]
-        return bias - self.passive_force if self._data.forces else bias
+        return self.nonlinear_effects - self.passive_force if self._data.forces else self.nonlinear_effects
+
+    @filled_for_v
+    def nonlinear_effects(self) -> Float[Array, "*batch nv"]:
+        """Nonlinear effects ``C* v + g*`` without passive forces."""
+        return self.motion.bias
 
     @cached_property
     def passive_force(self) -> Float[Array, "*batch nv"]:
         """Generalized forces of springs, dampers and other kinds from ``rnc_pin.forces``."""
-        return self._passive.total
+        return self.passive_sums.total
 
-    @cached_property
-    def _passive(self) -> ForceSums:
-        found = None if self.compiled_motion is None else self.compiled_motion.passive
-        if found is not None:
-            return ForceSums(found[0], found[0] - found[1])
+    @filled_for_v
+    def passive_sums(self) -> ForceSums:
+        """Sums of the passive forces."""
         return self._data.forces.sums(self.motion)
 
     @cached_property
@@ -116,18 +107,14 @@ class StateEvaluation(ReducedKinematics):
         """Gravity forces g* before reduction, minus passive forces."""
         return self.bias - apply(self.C, self.v)
 
-    @cached_property
+    @filled_by_terms
     def V(self) -> Float[Array, "*batch r r"]:
         """Reduced Coriolis matrix, with ``Hdot = V + V^T``."""
-        if self._at_once is not None:
-            return self._at_once.V
         return self.R.mT @ (self.M @ self.R_dot + self.C @ self.R)
 
-    @cached_property
+    @filled_by_terms
     def G(self) -> Float[Array, "*batch r"]:
         """Reduced gravity forces; affine constraints add forces of the motion b: ``R^T (g* + H* b_dot + C* b)``."""
-        if self._at_once is not None:
-            return self._at_once.G
         g = self.g
         if self._data.affine:
             g = g + apply(self.M, self.b_dot) + apply(self.C, self.b)
@@ -144,10 +131,10 @@ class StateEvaluation(ReducedKinematics):
         force = self._force(vector(T, self._data.p, "T"), damping)
         if external is not None:
             force = force + external
-        v2_dot = self._accelerated(force)
+        v2_dot = self.accelerated(force)
         applied = force
         if self._data.forces:  # those with a potential count as energy
-            force = force + self._passive.without_potential
+            force = force + self.passive_sums.without_potential
         power = self.v.dot(force) if force.ndim == 1 else np.vecdot(self.v, force)
         if self._data.affine:  # moving constraints do work
             power = power - np.vecdot(self.mu, self._multipliers(applied, v2_dot))
@@ -155,7 +142,7 @@ class StateEvaluation(ReducedKinematics):
 
     def v2_dot(self, T: ArrayInput) -> Float[Array, "*batch r"]:
         """Accelerations of the reducing outputs under actuator inputs T (..., p)."""
-        return self._accelerated(self._force(vector(T, self._data.p, "T"), None))
+        return self.accelerated(self._force(vector(T, self._data.p, "T"), None))
 
     def row_accelerations(self, rows: Array) -> tuple[Float[Array, "k p"], Float[Array, " k"]]:
         """Accelerations ``rows v2_dot`` (k, r) that unit inputs add, and those without inputs, at one state."""
@@ -166,12 +153,11 @@ class StateEvaluation(ReducedKinematics):
 
     def v_dot(self, v2_dot: Array) -> Float[Array, "*batch nv"]:
         """Full acceleration ``R v2_dot + Rdot v2 + b_dot`` for a reduced acceleration (..., r)."""
-        return apply(self.R, v2_dot) - self._E_inverse_gamma
+        return apply(self.R, v2_dot) - self.E_inverse_gamma
 
-    @cached_property
-    def _E_inverse_gamma(self) -> Array:
-        if self.compiled_motion is not None:
-            return self.compiled_motion.biases["E_inverse_gamma"]
+    @filled_for_v
+    def E_inverse_gamma(self) -> Float[Array, "*batch nv"]:
+        """Acceleration ``E^-1 gamma``, with ``vdot = R v2dot - E^-1 gamma``."""
         return apply(self.E_inverse, self.gamma)
 
     def _force(self, T: Array, damping: Array | None) -> Array:
@@ -184,19 +170,17 @@ class StateEvaluation(ReducedKinematics):
 
     @cached_property
     def unforced(self) -> Array:
-        """Forces ``H* E^-1 gamma - bias`` without actuators, from ``vdot = R v2dot - E^-1 gamma``."""
-        if self.compiled_motion is not None:
-            unforced = self.compiled_motion.biases["unforced"]
-            return unforced + self.passive_force if self._data.forces else unforced
-        return apply(self.M, self._E_inverse_gamma) - self.bias
+        """Forces ``H* E^-1 gamma - bias`` without actuators."""
+        return self.motion_force + self.passive_force if self._data.forces else self.motion_force
 
-    def _accelerated(self, force: Array) -> Array:
-        # H v2dot = R^T (force - bias + H* E^-1 gamma).
-        found = None
-        if self.compiled_motion is not None:
-            found = self.compiled_motion.acceleration(force + self.passive_force if self._data.forces else force)
-        if found is not None:
-            return found
+    @filled_for_v
+    def motion_force(self) -> Array:
+        """Forces ``H* E^-1 gamma - (C* v + g*)``: ``unforced`` without passive forces."""
+        return apply(self.M, self.E_inverse_gamma) - self.nonlinear_effects
+
+    @solved_for_v
+    def accelerated(self, force: Array) -> Float[Array, "*batch r"]:
+        """Reduced acceleration under generalized forces (..., nv): ``H v2dot = R^T (force + unforced)``."""
         free = force + self.unforced
         v2_dot = solve_positive_definite(self.H, apply_transposed(self.R, free))
         with np.errstate(over="ignore", invalid="ignore"):  # near the largest number, the sum overflows first
@@ -212,7 +196,7 @@ class StateEvaluation(ReducedKinematics):
 
     def acceleration(self, T: ArrayInput, external: Array | None = None) -> Float[Array, "*batch nv"]:
         """Full acceleration under inputs T (..., p) and external generalized forces (..., nv)."""
-        return self.v_dot(self._accelerated(self._total_force(T, external)))
+        return self.v_dot(self.accelerated(self._total_force(T, external)))
 
     # ------------------------------------------------------------------ constraint forces
 
@@ -227,7 +211,7 @@ class StateEvaluation(ReducedKinematics):
             external: generalized forces (..., nv) in addition to T, e.g. damping and friction; zero by default.
         """
         force = self._total_force(T, external)
-        found = self._multipliers(force, self._accelerated(force))
+        found = self._multipliers(force, self.accelerated(force))
         if self.factorization.kept is not None:
             other = self.kept_rows != np.array(self._data.kept, dtype=int)
             found[other.any(axis=-1)] = np.nan
@@ -244,7 +228,7 @@ class StateEvaluation(ReducedKinematics):
     def constraint_forces(self, T: ArrayInput, external: Array | None = None) -> Float[Array, "*batch nv"]:
         """Generalized forces ``A^T lambda`` of all constraints; arguments as of ``contact_forces``."""
         force = self._total_force(T, external)
-        return self._unbalanced(force, self._accelerated(force))
+        return self._unbalanced(force, self.accelerated(force))
 
     def contact_forces(self, T: ArrayInput, external: Array | None = None) -> Float[Array, "*batch k"]:
         """Multipliers of all constraint rows, dropped ones included; those of least norm if they are not unique.
@@ -278,9 +262,7 @@ class StateEvaluation(ReducedKinematics):
 
     def terms(self) -> ReducedTerms:
         """All matrices of the reduced system."""
-        if self._at_once is not None:
-            return self._at_once
-        return ReducedTerms(
+        return self.fused_terms or ReducedTerms(
             R=self.R,
             R_dot=self.R_dot,
             H=self.H,

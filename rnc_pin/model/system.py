@@ -193,8 +193,9 @@ class NonholonomicSystem(SummaryMixin):
     def _reduced(self, x2: OutputStack, x1: OutputStack, limit: float, free: bool = False) -> ReducedModel:
         _check_unique((*self.constraints.names, *x2.names, *x1.names), "output")
         lengths = row_scales(self.robot, self.rows, x2, self._samples)
+        workspace, kept = Kinematics(self.robot), tuple(self.kept)
         parts = ReductionData(
-            self.robot, self.rows, self.kept, self.actuation, x2, x1, limit, lengths, free, forces=self.forces
+            self.robot, self.rows, kept, self.actuation, x2, x1, limit, lengths, workspace, self.forces, free
         )
         return ReducedModel(parts, self.assembly, self.dropped_rows)
 

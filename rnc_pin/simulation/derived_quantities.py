@@ -11,9 +11,11 @@ from numpy import ndarray as Array
 from rnc_pin.analysis import NormalForces
 from rnc_pin.errors import RncError
 from rnc_pin.math.linear_algebra import apply, apply_transposed
+from rnc_pin.model.compiled import evaluator_for
+from rnc_pin.model.numpy_evaluator import NumPyEvaluator
 from rnc_pin.model.once_per_model import once_per_model
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.reduction_data import ReductionData, best_entries
+from rnc_pin.model.reduction_data import best_entries
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.simulation.ground_bodies import GroundBody, ground_poses
 
@@ -97,9 +99,9 @@ class BlockOfStates:
 
     def __init__(self, reduced: ReducedModel, plant: ReducedModel, t: Array, q: Array, v: Array) -> None:
         self._reduced, self._plant, self._at = reduced, plant, (t, q, v)
-        self.seen = StateEvaluation.at(reduced.reduction_data, q, v=v, t=t)
+        self.seen = StateEvaluation.at(reduced.evaluator, q, v=v, t=t)
         # Contact forces do not depend on the choice of outputs, nor on their singularities.
-        self.own = self.seen if plant is reduced else StateEvaluation.at(plant.reduction_data, q, v=v, t=t)
+        self.own = self.seen if plant is reduced else StateEvaluation.at(plant.evaluator, q, v=v, t=t)
 
     def entries(self, sample: int = 0) -> tuple[int, ...]:
         """Entries of v that parametrize the motion at a sample best."""
@@ -112,7 +114,7 @@ class BlockOfStates:
         T: Array,
         external: Array | None,
         bodies: Sequence[GroundBody],
-        only_compiled: bool = False,
+        one_by_one: bool = False,
         rows: RowNames | None = None,
     ) -> dict[str, Array] | None:
         """Derived quantities: outputs of the controller's model, forces and energy of the plant.
@@ -123,14 +125,14 @@ class BlockOfStates:
             T: inputs (N, p).
             external: generalized forces (N, nv) in addition to the inputs; None for zero.
             bodies: bodies that move on the ground.
-            only_compiled: return None unless the compiled kernel evaluates all states, each as it would alone.
+            one_by_one: return None unless the evaluators give each state the bits that it has alone.
             rows: columns of the forces; those of the controller's model by default. If they switch, residuals are those
                 of the plant.
         """
         reduced, plant, seen, own, (t, q, v) = self._reduced, self._plant, self.seen, self.own, self._at
         rows = RowNames.of(reduced) if rows is None else rows
-        moved = own.in_reduction(_free_reduction(plant, entries))
-        if only_compiled and (seen.compiled is None or moved.compiled is None):
+        moved = own.in_reduction(_free_evaluator(plant, entries))
+        if one_by_one and not (seen.arrays_at_q.one_by_one and moved.arrays_at_q.one_by_one):
             return None
         regular = seen.regular
         F = np.full((len(q), reduced.r), np.nan)
@@ -172,7 +174,7 @@ def quantities_of_runs(
             for group in _groups(some, next(blocks(_BLOCK, numbers)).stop):
                 stacked = [np.concatenate([runs[k][field][block] for k, block in group]) for field in range(4)]
                 states = BlockOfStates(reduced, reduced, *stacked[:3])
-                values = states.quantities(entries, normal, stacked[3], None, bodies, only_compiled=True)
+                values = states.quantities(entries, normal, stacked[3], None, bodies, one_by_one=True)
                 _distribute(values, group, found)
     except RncError:  # of one of the runs, which is not known
         return [None] * len(runs)
@@ -223,18 +225,19 @@ def _distribute(values: dict[str, Array] | None, group: Sequence[_Part], found: 
 
 
 @once_per_model
-def _free_reductions(reduced: ReducedModel) -> dict[tuple[int, ...], ReductionData]:
-    """Reductions to entries of v that were needed last."""
+def _free_evaluators(reduced: ReducedModel) -> dict[tuple[int, ...], NumPyEvaluator]:
+    """Evaluators in the reductions to entries of v that were needed last."""
     return {}
 
 
-def _free_reduction(reduced: ReducedModel, entries: tuple[int, ...]) -> ReductionData:
-    """Reduction to entries of v, kept for the next runs; others are selected where these are dependent."""
-    known = _free_reductions(reduced)
+def _free_evaluator(reduced: ReducedModel, entries: tuple[int, ...]) -> NumPyEvaluator:
+    """Evaluator for entries of v, kept for the next runs; others are selected where these are dependent."""
+    known = _free_evaluators(reduced)
     if entries not in known:
         while len(known) >= _MOST_REDUCTIONS:
             known.pop(next(iter(known)))
-        known[entries] = reduced.reduction_data.in_entries(entries, free=True)
+        data = reduced.reduction_data.in_entries(entries, free=True)
+        known[entries] = evaluator_for(data, reduced.evaluator)
     return known[entries]
 
 

@@ -143,7 +143,7 @@ def free_motion(
             return
         samples = _Samples(*(np.concatenate(each) for each in zip(*pending, strict=True)))
         pending.clear()
-        states = StateEvaluation.at(reduced.reduction_data, samples.q, v=samples.v, t=samples.times)
+        states = StateEvaluation.at(reduced.evaluator, samples.q, v=samples.v, t=samples.times)
         if feedback is not None or lift_off is not None or stop_monitor.may_stop(states):
             add(progress, samples)
             return

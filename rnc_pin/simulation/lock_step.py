@@ -150,8 +150,7 @@ class LockStep:
         if F.shape != (count, reduced.r):
             return T, every
         failed = ~np.isfinite(F).all(axis=1)
-        assert states.compiled is not None
-        found = None if failed.any() else states.compiled.allocate(F)
+        found = None if failed.any() else states.arrays_at_q.allocated(states, F)
         if found is not None:
             return found, failed
         for run in np.flatnonzero(~failed).tolist():

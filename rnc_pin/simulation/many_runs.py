@@ -45,8 +45,7 @@ def fits_lock_step(reduced: ReducedModel, plant: object, options: SimulationOpti
     data = reduced.reduction_data
     plain = plant is None or (type(plant) is ReducedPlant and plant.reduced is reduced and not plant.dissipates)
     simple = not options.loop and not options.stop.lift_off
-    kernel = None if data.rheonomic or data.affine else data.compiled
-    return plain and simple and kernel is not None and kernel.measures
+    return plain and simple and reduced.evaluator.measures and not data.rheonomic and not data.affine
 
 
 class ManyRuns:

@@ -71,22 +71,15 @@ PLACES = ([3, 0, 5], [4, 1], [2, 0])
 ORDERS = np.random.default_rng(11).uniform(-1, 1, (4, 5))
 
 
-@pytest.fixture
-def written_down(monkeypatch):
-    """Gradients of systems that are written down: their evaluation is the gradient itself."""
-    monkeypatch.setattr("rnc_pin.control.steering.kinematic_gradient", lambda gradient, of: gradient[..., of])
-
-
 def steering(gradient, **changes):
     """Three primary, two redundant and two of three vertical outputs of a system that is written down."""
-    without_kernel = SimpleNamespace(compiled=None)
-    reduced = SimpleNamespace(affine=False, rheonomic=False, reduction_data=without_kernel, at=lambda q: gradient)
+    evaluator = SimpleNamespace(output_slopes=lambda q, along: np.moveaxis(gradient[..., along], -1, 0))
+    reduced = SimpleNamespace(affine=False, rheonomic=False, evaluator=evaluator)
     chosen = task_at(*PLACES)
     first, base = Cubic(*ORDERS[:, :3]), Cubic(*ORDERS[:, 3:])
     return SteeringController(reduced, chosen, first, base, **changes), first, base
 
 
-@pytest.mark.usefixtures("written_down")
 @pytest.mark.parametrize("max_rate", [1e9, 0.7])
 @pytest.mark.parametrize("monitored", [False, True])
 def test_steering_is_the_damped_least_squares_of_what_the_vertical_rates_miss(max_rate, monitored):
@@ -123,7 +116,6 @@ def test_steering_is_the_damped_least_squares_of_what_the_vertical_rates_miss(ma
         assert np.isnan(target.x2[[1, 2, 4]]).all()
 
 
-@pytest.mark.usefixtures("written_down")
 def test_steering_takes_over_where_redundant_rates_move_nothing():
     """A4 up to a billionth; what it is made of is said."""
     law, first, base = steering(np.zeros((3, 6, 6)))

@@ -3,7 +3,7 @@
 import os
 import subprocess
 import sys
-from copy import copy, deepcopy
+from copy import deepcopy
 
 import numpy as np
 import pinocchio as pin
@@ -15,9 +15,9 @@ from random_systems import recipes, reduced_of
 from rnc_pin import _kernel
 from rnc_pin.integrators import LieRungeKutta4
 from rnc_pin.model import kernel_tables
-from rnc_pin.model.compiled import CompiledReduction
+from rnc_pin.model.numpy_evaluator import NumPyEvaluator, state_rates
+from rnc_pin.model.reduction_kernel import ReductionKernel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plants.reduced.velocity_chart import state_rates
 from systems import (
     ackermann_car,
     bicycle,
@@ -125,9 +125,19 @@ SYSTEMS = (
 
 def by_numpy(reduced, q, *, t=None, **velocity):
     """Evaluation of the same rows without the kernel."""
-    data = copy(reduced.reduction_data)
-    data.__dict__["compiled"] = None
-    return StateEvaluation.at(data, q.copy(), t=t, **{name: each.copy() for name, each in velocity.items()})
+    evaluator = NumPyEvaluator(reduced.reduction_data)
+    return StateEvaluation.at(evaluator, q.copy(), t=t, **{name: each.copy() for name, each in velocity.items()})
+
+
+def fused_call(reduced, name):
+    """A call of the compiled evaluator that returns None for states that it leaves to NumPy."""
+
+    def call(*arguments):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(NumPyEvaluator, name, lambda *_: None)
+            return getattr(reduced.evaluator, name)(*arguments)
+
+    return call
 
 
 def compare(reduced, q, v2, size=1e-3):
@@ -140,8 +150,7 @@ def compare(reduced, q, v2, size=1e-3):
     plain = by_numpy(reduced, q, v2=v2)
     condition = np.max(plain.condition) ** 2
     found = reduced.at(q, v2)
-    assert found.compiled is not None
-    assert found.compiled.vertical is not None
+    assert found.arrays_at_q.vertical is not None
     inertial = np.abs(plain.C).max() * np.abs(plain.v).max() * np.abs(plain.R).max()  # cancels in G
     for name in (*CONFIGURATION, *STATE):
         near(getattr(found, name), getattr(plain, name), condition, name, inertial)
@@ -167,12 +176,11 @@ def compare(reduced, q, v2, size=1e-3):
     damping = np.linspace(0.0, 1.0, reduced.n)
     for one, other in zip(found.flow(T, damping, 0.1 * damping), plain.flow(T, damping, 0.1 * damping), strict=True):
         near(one, other, condition, "flow")
-    kernel = reduced.reduction_data.compiled
-    if q.ndim == 1 and (fused := kernel.state_derivative(q, v2, T, 0.1 * damping, damping)):
+    if q.ndim == 1 and (fused := fused_call(reduced, "state_derivative")(q, v2, T, 0.1 * damping, damping)):
         expected = plain.flow(T, damping, 0.1 * damping)
         near(fused[0], expected.v, condition, "state_derivative")
         near(fused[1], np.concatenate([expected.v2_dot, plain.v1, [expected.power]]), condition, "state_derivative")
-    if q.ndim == 1 and (found := kernel.admissible_velocity(q, v2)):
+    if q.ndim == 1 and (found := fused_call(reduced, "admissible_velocity")(q, v2)):
         near(found[0], plain.v, condition, "admissible_velocity")
         near(found[1], np.square(plain.R).sum(), condition, "sum of squares of R")
     measured = plain.v + 0.1
@@ -180,8 +188,8 @@ def compare(reduced, q, v2, size=1e-3):
     for name in STATE:
         near(getattr(reduced.at(q, v=measured), name), getattr(slipping, name), condition, f"measured {name}", inertial)
     if q.ndim == 1:
-        sampled = StateEvaluation.measured(reduced.reduction_data, q.copy(), measured)
-        assert kernel.measures == ("compiled_motion" in vars(sampled))  # one call, unless Python evaluates rows
+        sampled = reduced.evaluator.measured(q.copy(), measured)
+        assert reduced.evaluator.measures == ("arrays_at_v" in vars(sampled))  # one call, unless Python evaluates rows
         for name, value in slipping.measure(integrals)._asdict().items():
             if value is not None:
                 near(getattr(sampled.measure(integrals), name), value, condition, f"sampled {name}", inertial)
@@ -206,9 +214,9 @@ def test_random_systems_agree(recipe):
         states = random_states(reduced, 2)
     except (rnc.RncError, RuntimeError, AssertionError):  # AssertionError: no configuration is well conditioned
         assume(False)
-    assume(reduced.r and reduced.reduction_data.compiled is not None)
+    assume(reduced.r and reduced.evaluator.compiled)
     q, v2 = (np.stack(each) for each in zip(*states, strict=True))
-    assume(reduced.at(q).compiled is not None)
+    assume(reduced.at(q).arrays_at_q.one_by_one)
     v2 = v2 / np.maximum(1.0, np.abs(reduced.at(q, v2).v).max(axis=-1, keepdims=True))  # R may be large
     size = max(1e-3, np.abs(reduced.at(q).R).max() ** 2)  # as in the rate of R, which may be zero
     compare(reduced, q[0], v2[0], size)
@@ -232,7 +240,7 @@ def compare_steps(reduced, h, steps):
     ((q, v2),) = random_states(reduced, 1)
     T = np.linspace(-1.0, 1.0, reduced.p)
     y = np.concatenate([v2, np.zeros(reduced.vertical.size + 1)])
-    found = reduced.reduction_data.compiled.integrate(q, y, T, h, steps)
+    found = reduced.evaluator.integrate(q, y, T, h, steps)
     integrator = LieRungeKutta4(reduced.robot)
 
     def rate(at, y):
@@ -250,7 +258,7 @@ def test_a_step_that_is_too_long_is_left_to_python():
     reduced = mobile_manipulator()
     ((q, v2),) = random_states(reduced, 1)
     y = np.concatenate([1e6 * v2, np.zeros(reduced.vertical.size + 1)])
-    assert reduced.reduction_data.compiled.integrate(q, y, np.zeros(reduced.p), 0.1, 1) is None
+    assert reduced.evaluator.integrate(q, y, np.zeros(reduced.p), 0.1, 1) is None
 
 
 @needs_library
@@ -268,17 +276,17 @@ def test_an_integrator_needs_no_evaluation():
     ):
         reduced = make()
         ((q, v2),) = random_states(reduced, 1)
-        assert reduced.reduction_data.compiled.state_derivative(q, v2, np.ones(reduced.p), None, None) is not None
+        assert fused_call(reduced, "state_derivative")(q, v2, np.ones(reduced.p), None, None) is not None
     reduced = outputs_of_all_kinds()
     ((q, v2),) = random_states(reduced, 1)
-    assert reduced.reduction_data.compiled.state_derivative(q, v2, np.ones(reduced.p), None, None) is None
+    assert fused_call(reduced, "state_derivative")(q, v2, np.ones(reduced.p), None, None) is None
 
 
 @needs_library
 def test_built_in_rows_need_no_python():
     """Only rows of the user are evaluated in Python."""
     reduced = outputs_of_all_kinds()
-    kernel = CompiledReduction(reduced.reduction_data)
+    kernel = ReductionKernel(reduced.reduction_data)
     names = [name for place in (*kernel.external, *kernel.external_vertical) for name in place.block.names]
     assert names == ["row", "own"]
     assert [block.names[0] for blocks in kernel.python_values for block, _ in blocks] == ["tip_orientation_x"]
@@ -290,7 +298,7 @@ def test_a_state_that_is_singular_for_the_default_rows_is_evaluated_by_numpy():
     reduced = four_bar()
     (q, v2), *_ = random_states(reduced, 2)
     flat = reduced.robot.configuration()
-    assert reduced.at(np.stack([q, flat])).compiled is None
+    assert not reduced.at(np.stack([q, flat])).arrays_at_q.one_by_one
     found = reduced.forward_dynamics(q, v2, np.zeros(reduced.p))
     np.testing.assert_allclose(found, by_numpy(reduced, q, v2=v2).v2_dot(np.zeros(reduced.p)), rtol=1e-9)
 
@@ -302,7 +310,7 @@ def test_another_result_than_numpy_is_not_used(monkeypatch):
     robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
     with pytest.warns(RuntimeWarning, match="kernel is not used for this model: it differs from NumPy by"):
         reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
-    assert reduced.reduction_data.compiled is None
+    assert not reduced.evaluator.compiled
     assert reduced.at(robot.configuration(), [0.1, 0.2]).v.shape == (3,)
 
 
@@ -326,7 +334,7 @@ def test_another_memory_layout_is_not_used(monkeypatch):
     system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")])
     with pytest.warns(RuntimeWarning, match="not stored by columns"):
         reduced = system.reduce()
-    assert reduced.reduction_data.compiled is None
+    assert not reduced.evaluator.compiled
 
 
 @needs_library
@@ -367,8 +375,8 @@ def test_forward_dynamics_takes_and_refuses_what_an_evaluation_does(wrong):
 def test_the_kernel_refuses_arrays_of_other_sizes():
     reduced = tiago()
     ((q, v2),) = random_states(reduced, 1)
-    evaluator = reduced.at(q, v2).compiled._evaluator
-    records = reduced.reduction_data.compiled
+    records = reduced.evaluator.kernel
+    evaluator = records.calls
     for arrays in (
         (q[:-1], np.empty((), records.kinematics), np.empty((), records.inverse), None, False),
         (q, np.empty((2,), records.kinematics), np.empty((), records.inverse), None, False),
@@ -449,17 +457,16 @@ def driven_arm():
 def test_rows_over_time_agree():
     """Whole evaluations, stacks of states with a time each, steps of the integrator, and the model at one time."""
     reduced = driven_arm().reduce()
-    data = reduced.reduction_data
-    assert data.compiled.fused
+    assert reduced.evaluator.kernel.fused
     generator = np.random.default_rng(3)
     q = np.stack([reduced.robot.random_configuration(generator) for _ in range(2)])
     v2, T, times = generator.normal(size=(2, reduced.r)), np.ones(reduced.p), np.array([0.2, 0.7])
     plain = [by_numpy(reduced, q[k], v2=v2[k], t=times[k]) for k in range(2)]
     together = reduced.at(q, v2, t=times)
-    assert together.compiled is not None
+    assert together.arrays_at_q.one_by_one
     for k, expected in enumerate(plain):
         alone, frozen = reduced.at(q[k], v2[k], t=times[k]), reduced.frozen(times[k])
-        assert alone._at_once is not None
+        assert alone.fused_terms is not None
         for name in ("v", "b", "gamma", "V", "G", "b_dot", "residual"):
             value = getattr(expected, name)
             for found in (getattr(alone, name), getattr(together, name)[k], getattr(frozen.at(q[k], v2[k]), name)):
@@ -471,9 +478,10 @@ def test_rows_over_time_agree():
     y = np.concatenate([v2[0], np.zeros(reduced.vertical.size), [times[0], 0.0]])
     damping, integrator = np.linspace(0.0, 1.0, reduced.n), LieRungeKutta4(reduced.robot)
     rates = state_rates(plain[0], T, damping, None)
-    for one, other in zip(data.compiled.state_derivative(q[0], v2[0], T, None, damping, times[0]), rates, strict=True):
+    fused = fused_call(reduced, "state_derivative")(q[0], v2[0], T, None, damping, times[0])
+    for one, other in zip(fused, rates, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
-    found = data.compiled.integrate(q[0], y, T, 0.02, 2)
+    found = reduced.evaluator.integrate(q[0], y, T, 0.02, 2)
 
     def rate(at, y):
         return state_rates(by_numpy(reduced, at, v2=y[: reduced.r], t=y[-2]), T, None, None)
@@ -500,4 +508,4 @@ def test_a_wrong_rate_over_time_is_not_used(monkeypatch):
             lambda self, t, k=wrong: [x * (1 + (i == k)) for i, x in enumerate(self._at(t)[1:])],
         )
         with pytest.warns(RuntimeWarning, match="kernel is not used for this model: it differs from NumPy by"):
-            assert driven_arm().reduce().reduction_data.compiled is None
+            assert not driven_arm().reduce().evaluator.compiled

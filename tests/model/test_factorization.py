@@ -7,9 +7,11 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.assembly import Assembly
+from rnc_pin.model.compiled import evaluator_for
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.factorization import dependences, factorize
 from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.passive_forces import PassiveForces
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import ReductionData, VelocityRows
 from rnc_pin.model.row_stack import OutputStack, RowStack
@@ -37,13 +39,14 @@ def on_rails(rows, kept, reducing, limit, lengths, free=False, masses=None, actu
     robot, blocks = rnc.Robot(model), [Rails(rows)] if len(rows) else []
     outputs = OutputStack([Rails(reducing, "x")])
     actuation = Actuation(actuators, robot)
+    scales, shared = np.array(lengths, dtype=float), (Kinematics(robot), PassiveForces((), robot))
     return ReductionData(
-        robot, RowStack(blocks), kept, actuation, outputs, OutputStack([]), limit, np.array(lengths, dtype=float), free
+        robot, RowStack(blocks), kept, actuation, outputs, OutputStack([]), limit, scales, *shared, free
     )
 
 
 def resting(parts, count=None):
-    return ConfigurationEvaluation.at(parts, np.zeros(parts.n if count is None else (count, parts.n)))
+    return ConfigurationEvaluation.at(evaluator_for(parts), np.zeros(parts.n if count is None else (count, parts.n)))
 
 
 def test_one_state_is_settled_at_once_where_norms_say_that_no_row_depends_on_the_others():
@@ -193,7 +196,7 @@ def test_the_first_state_that_is_singular_is_told_with_the_rows_that_matter():
     values = np.linalg.svd(E / 2.0, compute_uv=False)
     for at, first in ((q, q[0, 0]), (q[1], q[1, 0]), (q[1, 2], q[1, 2])):
         with pytest.raises(rnc.SingularityError, match="singular configuration") as told:
-            _ = ConfigurationEvaluation.at(singular, at).R
+            _ = ConfigurationEvaluation.at(evaluator_for(singular), at).R
         np.testing.assert_array_equal(told.value.q, first)
         assert not np.shares_memory(told.value.q, at)
         assert tuple(told.value.rows) == ("a", "b", "c", "y")
@@ -216,7 +219,7 @@ def held(rows, T, lengths, masses=(2.0, 3.0, 5.0), count=None):
     """Bodies on rails that rows of which the first two count keep from moving, but for the last; pushed by T."""
     parts = on_rails(rows, (0, 1), [[0, 0, 1.0]], 1e8, lengths, False, masses, ["s0", "s1", "s2"])
     shape = () if count is None else (count,)
-    state = StateEvaluation.at(parts, np.zeros((*shape, 3)), np.ones((*shape, 1)))
+    state = StateEvaluation.at(evaluator_for(parts), np.zeros((*shape, 3)), np.ones((*shape, 1)))
     T = np.broadcast_to(T, (*shape, 3))
     np.testing.assert_allclose(state.v2_dot(T), T[..., 2:] / 5.0, rtol=1e-6)
     np.testing.assert_allclose(state.flow(T).power, T[..., 2], rtol=1e-6)
@@ -277,7 +280,7 @@ def test_inputs_are_the_smallest_that_give_the_forces(count):
 
 def test_one_of_many_states_whose_forces_have_no_bound():
     state = pushed(1e10 * np.eye(2), 2)
-    state = StateEvaluation.at(state._data, state.q, np.zeros((2, 2)))
+    state = StateEvaluation.at(state._evaluator, state.q, np.zeros((2, 2)))
     np.testing.assert_allclose(state.v2_dot([[1.0, 2.0], [3.0, -4.0]]), [[1e10, 2e10], [3e10, -4e10]])
     with (
         np.errstate(over="ignore", invalid="ignore"),

@@ -19,7 +19,7 @@ def test_frames_are_those_of_pinocchio(make):
     robot = reduced.robot
     q = robot.random_configuration(np.random.default_rng(2))
     state = reduced.at(q, np.ones(reduced.r))
-    assert state.compiled is not None
+    assert state.arrays_at_q.one_by_one
     here, plain = state.position, Plain(robot, q, np.zeros(robot.nv))
     assert isinstance(here, KnownKinematics)
     near(here.M, plain.M())
@@ -36,7 +36,7 @@ def test_frames_are_those_of_pinocchio(make):
 def test_an_array_that_the_kernel_cannot_take_is_evaluated_by_pinocchio():
     reduced = tiago()
     state = reduced.at(reduced.robot.configuration(), np.zeros(reduced.r))
-    record = {"J": np.zeros((6, reduced.n), np.float32), "placements": state.compiled.kinematics["placements"]}
+    record = {"J": np.zeros((6, reduced.n), np.float32), "placements": state.arrays_at_q.kinematics["placements"]}
     here = KnownKinematics(reduced.reduction_data.kinematics, state.q, 0.0, record)
     frame = reduced.robot.model.nframes - 1
     np.testing.assert_allclose(here.jacobian(frame), state.position.jacobian(frame), atol=1e-14)

@@ -5,6 +5,8 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.model.actuation import Actuation
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.passive_forces import PassiveForces
 from rnc_pin.model.reduction_data import ReductionData, VelocityRows, row_scales
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from textbook_systems import Flat, Turning, sliders
@@ -55,6 +57,7 @@ def test_parts_are_put_together_once_and_again_in_other_velocities():
     outputs = OutputStack([VelocityRows(np.eye(4)[[1, 3]], ["x", "y"], ["m/s", "rad/s"])])
     vertical = OutputStack([rnc.JointPosition("c").bind(robot)])
     lengths = np.array([5.0, 7.0, 0.5, 2.0, 4.0])
+    actuation, shared = Actuation(["a"], robot), (Kinematics(robot), PassiveForces((), robot))
     for limit, free, kept, quick in (
         (1e8, False, [0, 2], 1e6),
         (200.0, False, [0, 2], 4e4),
@@ -63,7 +66,7 @@ def test_parts_are_put_together_once_and_again_in_other_velocities():
         (1e8, True, [0, 1, 2], 1e6),
     ):
         parts = ReductionData(
-            robot, RowStack(rows), kept, Actuation(["a"], robot), outputs, vertical, limit, lengths, free
+            robot, RowStack(rows), tuple(kept), actuation, outputs, vertical, limit, lengths, *shared, free
         )
         assert (parts.n, parts.m, parts.r, parts.p) == (4, len(kept), 2, 1)
         assert (parts.singularity_limit, parts.fast_limit) == (limit, pytest.approx(quick))
@@ -75,7 +78,7 @@ def test_parts_are_put_together_once_and_again_in_other_velocities():
         whole = np.vstack([rows[0].matrix, rows[1].matrix])
         np.testing.assert_array_equal(parts.template, np.vstack([whole[kept], np.eye(4)[[1, 3]]]))
         assert parts.constraints.names == tuple("abc"[k] for k in kept)
-    parts = ReductionData(robot, RowStack(rows), [0, 2], Actuation(["a"], robot), outputs, vertical, 1e5, lengths)
+    parts = ReductionData(robot, RowStack(rows), (0, 2), actuation, outputs, vertical, 1e5, lengths, *shared)
     W = np.array([[0.6, 0, 0.8, 0], [0, 1.0, 0, 0]])
     for other, names, matrix, sizes, free in (
         (parts.in_velocities(W), ("w[0]", "w[1]"), W, [1.0, 1.0], False),

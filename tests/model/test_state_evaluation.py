@@ -15,8 +15,12 @@ from rnc_pin.control import (
     VelocityTracker,
 )
 from rnc_pin.model.actuation import Actuation
+from rnc_pin.model.compiled import evaluator_for
 from rnc_pin.model.independence import _choose
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.numpy_evaluator import NumPyEvaluator
 from rnc_pin.model.output_gradients import kinematic_gradient, log_determinant_gradient
+from rnc_pin.model.passive_forces import PassiveForces
 from rnc_pin.model.reduction_data import ReductionData, VelocityRows
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import OutputRows
@@ -539,13 +543,14 @@ def system():
     reducing = [ends[0], VelocityRows(W, ["quasi"], [""]), ends[1]]
     actuation = Actuation(["b", "d", rnc.FrameForce("tip", "y"), rnc.FrameTorque("tip", "x")], robot)
     lengths = np.array([1.1, 0.9, 1.3, 0.7, 1.0, 2.0, 0.5])
-    parts = ReductionData(
-        robot, RowStack([rows]), (0, 1), actuation, OutputStack(reducing), OutputStack([vertical]), 1e8, lengths
-    )
+    shared = Kinematics(robot), PassiveForces((), robot)
+    x2, x1 = OutputStack(reducing), OutputStack([vertical])
+    parts = ReductionData(robot, RowStack([rows]), (0, 1), actuation, x2, x1, 1e8, lengths, *shared)
     still = Actuation(generator.normal(size=(N, 4)), robot)
-    steady = ReductionData(robot, RowStack([]), (), still, OutputStack([]), OutputStack([]), 1e8, lengths[:0])
+    steady = ReductionData(robot, RowStack([]), (), still, OutputStack([]), OutputStack([]), 1e8, lengths[:0], *shared)
     return SimpleNamespace(
-        robot=robot, parts=parts, steady=steady, rows=rows, weights=weights, directions=directions, speeds=speeds,
+        robot=robot, parts=parts, evaluator=evaluator_for(parts), steady=NumPyEvaluator(steady),
+        rows=rows, weights=weights, directions=directions, speeds=speeds,
         vertical=vertical, ends=ends, W=W, generator=np.random.default_rng(8),
     )  # fmt: skip
 
@@ -637,16 +642,17 @@ def test_all_of_it_where_other_rows_had_to_be_chosen(system, single):
     """R, the forces and all that follows do not depend on the choice; what is of the rows is of those in A."""
     q, v2 = states(system.generator, PLACES)
     T, damping = system.generator.normal(size=(2, 3, 4)), np.linspace(0.1, 0.9, N)
-    many = StateEvaluation.at(system.parts, q, v2)
+    many = StateEvaluation.at(system.evaluator, q, v2)
     for i in np.ndindex(2, 3):
-        state, at = (StateEvaluation.at(system.parts, q[i], v2[i]), ()) if single else (many, i)
+        state, at = (StateEvaluation.at(system.evaluator, q[i], v2[i]), ()) if single else (many, i)
         inputs = T[i] if single else T
         found, calls, all_rows, all_rows_dot, all_rates, all_rates_dot, J2_dot = plain(
             system, q[i], v2[i], T[i], damping
         )
         for name, here in found.items():
             assert_close(getattr(state, name)[at], here, name)
-        assert_close(StateEvaluation.at(system.steady, state.q).B[at], system.steady.actuation.constant, "constant B")
+        steady = StateEvaluation.at(system.steady, state.q)
+        assert_close(steady.B[at], system.steady.data.actuation.constant, "constant B")
         kept = np.broadcast_to(state.kept, (2, 3, 2))[i]
         default = PLACES[i] not in (0.0, 1e-6, 1e-5)
         assert kept.tolist() == [0, 1] or not default
@@ -691,10 +697,10 @@ def test_all_of_it_of_a_velocity_as_measured(system, single):
     integrals = system.generator.normal(size=(2, 3, 3))
     for i in np.ndindex(2, 3):
         state, at = (
-            (StateEvaluation.at(system.parts, q[i], v=slipping[i]), ())
+            (StateEvaluation.at(system.evaluator, q[i], v=slipping[i]), ())
             if single
             else (
-                StateEvaluation.at(system.parts, q, v=slipping),
+                StateEvaluation.at(system.evaluator, q, v=slipping),
                 i,
             )
         )
@@ -738,7 +744,7 @@ def test_what_was_found_goes_over_to_other_velocities_and_other_reductions(syste
     of_v = ("v", "motion", "rates", "v1", "E_dot", "R_dot", "J1_dot", "A_star_dot", "b_dot", "g", "V", "G")
     for places in (np.array(0.7), np.array(0.0), PLACES):
         q, v2 = states(system.generator, places)
-        state = StateEvaluation.at(system.parts, q, v2)
+        state = StateEvaluation.at(system.evaluator, q, v2)
         found = {name: getattr(state, name) for name in (*of_q, *of_v)}
         values, slip = state.outputs()[0], system.generator.normal(size=(*places.shape, N))
         other = state.with_velocity(slip)
@@ -749,11 +755,11 @@ def test_what_was_found_goes_over_to_other_velocities_and_other_reductions(syste
         np.testing.assert_array_equal(other.outputs()[0], values)
         assert np.shares_memory(other.E, state.E)
         np.testing.assert_array_equal(other.kept, state.kept)
-        seen = StateEvaluation.at(system.parts, q, v=slip).in_reduction(system.parts)
+        seen = StateEvaluation.at(system.evaluator, q, v=slip).in_reduction(system.evaluator)
         np.testing.assert_array_equal(seen.v, slip)
-        same = state.in_reduction(system.parts.in_entries([0, 1, 2], free=True))
+        same = state.in_reduction(evaluator_for(system.parts.in_entries([0, 1, 2], free=True), system.evaluator))
         assert (same.position, same.motion, same.v) == (state.position, state.motion, state.v)
-        assert StateEvaluation.at(system.parts, q, v2).in_reduction(system.parts).q is q
+        assert StateEvaluation.at(system.evaluator, q, v2).in_reduction(system.evaluator).q is q
 
 
 @pytest.mark.parametrize("passive", [False, True])

@@ -191,11 +191,9 @@ class InverseDynamicsQP(WholeBodyProgram):
 
     def _end_velocity(self, state: StateEvaluation, T: Array) -> Array:
         """Full velocity (nv,) at the end of the sample under constant inputs, by one Runge-Kutta step."""
-        reduced, found = self._reduced, None
-        compiled = reduced.reduction_data.compiled
-        if compiled is not None:
-            start = np.concatenate([state.v2, np.zeros(reduced.vertical.size + 1)])
-            found = compiled.integrate(np.array(state.q), start, np.ascontiguousarray(T), self.dt, 1)
+        reduced = self._reduced
+        start = np.concatenate([state.v2, np.zeros(reduced.vertical.size + 1)])
+        found = reduced.evaluator.integrate(np.array(state.q), start, np.ascontiguousarray(T), self.dt, 1)
         if found is None:
 
             def rate(q: Array, v2: Array) -> tuple[Array, Array]:

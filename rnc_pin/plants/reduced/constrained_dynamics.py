@@ -11,11 +11,12 @@ from rnc_pin.errors import ConstraintError
 from rnc_pin.integrators import LieRungeKutta4, Rate
 from rnc_pin.math.linear_algebra import clipped
 from rnc_pin.model.input_validation import vector
+from rnc_pin.model.numpy_evaluator import state_rates
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.rows import ConstantRows, OutputRows
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plants.reduced.velocity_chart import VelocityChart, state_rates
+from rnc_pin.plants.reduced.velocity_chart import VelocityChart
 
 
 def integrated_outputs(reduced: ReducedModel) -> np.ndarray:
@@ -100,7 +101,7 @@ class ConstrainedDynamics:
         return y
 
     def _chart_at(self, q: np.ndarray, t: float | None) -> VelocityChart:
-        return VelocityChart(self.reduced.reduction_data, q, self._integrands, t)
+        return VelocityChart(self.reduced.evaluator, q, self._integrands, t)
 
     def time(self, y: np.ndarray) -> Any:
         """Times (...) of states [s]; None if the constraints do not depend on it."""
@@ -126,7 +127,7 @@ class ConstrainedDynamics:
 
     def in_reduction(self, q: np.ndarray, y: np.ndarray) -> StateEvaluation:
         """State in the reduction of the model."""
-        return self.at(q, y).in_reduction(self.reduced.reduction_data)
+        return self.at(q, y).in_reduction(self.reduced.evaluator)
 
     def recentre(self, q: np.ndarray, y: np.ndarray) -> tuple[StateEvaluation, np.ndarray]:
         """Replace the chart if it is ill-conditioned; return the state in the reduction of the model, and y."""
@@ -135,11 +136,11 @@ class ConstrainedDynamics:
         if is_ill_conditioned:
             self.chart = self._chart_at(q, t)
             y = np.concatenate([self.chart.W @ v, y[self._r :]])
-        return StateEvaluation.measured(self.reduced.reduction_data, q, v, t), y
+        return self.reduced.evaluator.measured(q, v, t), y
 
     def measured(self, q: np.ndarray, v: np.ndarray, y: np.ndarray) -> StateEvaluation:
         """State (q, v) in the reduction of the model, at the time of y."""
-        return StateEvaluation.measured(self.reduced.reduction_data, q, v, self.time(y))
+        return self.reduced.evaluator.measured(q, v, self.time(y))
 
     def project(self, q: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Configuration near q that satisfies the holonomic rows at the time of y."""
@@ -173,7 +174,7 @@ class ConstrainedDynamics:
         return q, y
 
     def local_rate(self, q: np.ndarray, x: np.ndarray, T: np.ndarray) -> np.ndarray | None:
-        """Rates of local coordinates ``x = (u, y)`` at ``q (+) u`` under inputs T; None without the compiled kernel."""
+        """Rates of coordinates ``x = (u, y)`` at ``q (+) u`` under inputs T; None if an integrator computes them."""
         return self.chart.local_rate(q, x, T, self.damping)
 
     def derivative(

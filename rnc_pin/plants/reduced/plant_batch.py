@@ -10,16 +10,15 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import InputError
 from rnc_pin.model.cached_property import cached_property
-from rnc_pin.model.compiled import UsesKernel
-from rnc_pin.model.compiled_runs import CompiledRuns, RunRecords
 from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.runs import NumPyRuns, RunRecords
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.reduced.reduced_plant import Checkpoint, ReducedPlant
 from rnc_pin.plants.reduced.velocity_chart import MAX_GROWTH, VelocityChart
 
 
-class ReducedPlantBatch(UsesKernel):
+class ReducedPlantBatch:
     """Plants of B runs of one model that advance in lock-step.
 
     Every run has the bits of a ``ReducedPlant`` with the same options. One call of the compiled kernel moves all runs.
@@ -69,16 +68,14 @@ class ReducedPlantBatch(UsesKernel):
         self._single = ReducedPlant(reduced, joint_damping, actuator_limits, joint_friction, substeps)
         self.reduced, self.size = reduced, int(size)
         data = reduced.reduction_data
-        compiled = None if data.rheonomic else data.compiled
-        self.measures = compiled is not None and compiled.measures and not data.affine
+        self.measures = reduced.evaluator.measures and not data.affine and not data.rheonomic
         self._limit = 0.0
         self._q = np.full((self.size, reduced.robot.nq), np.nan)
         self._v = np.full((self.size, reduced.n), np.nan)
         self._y = np.zeros((self.size, 0))
         self.applied = np.zeros((self.size, reduced.p))
         self._charts: list[VelocityChart | None] = [None] * self.size
-        kernel = self._compiled_runs
-        self._kinematics = np.empty((self.size, 0 if kernel is None else kernel.kinematics_size))
+        self._kinematics = np.empty((self.size, self._runs.kinematics_size))
         self._records: RunRecords | None = None
         self._current = np.zeros(self.size, dtype=bool)  # runs whose ``_v`` and kinematics are those of the state
         self._known = np.zeros(self.size, dtype=bool)  # runs whose kinematics are in ``_kinematics``
@@ -86,16 +83,17 @@ class ReducedPlantBatch(UsesKernel):
         self.failed = np.zeros(self.size, dtype=bool)
 
     @cached_property
-    def _compiled_runs(self) -> CompiledRuns | None:
-        """Kernel in the reduction of the model; None if it cannot evaluate many runs."""
-        data = self.reduced.reduction_data
-        compiled = None if data.rheonomic else data.compiled
-        return None if compiled is None else CompiledRuns(compiled)
+    def _runs(self) -> NumPyRuns:
+        """Calls for many runs in the reduction of the model."""
+        return self.reduced.evaluator.runs
 
     @cached_property
-    def _compiled_charts(self) -> list[object]:
-        """Kernel in the chart of each run; None where it has none."""
-        return [None if chart is None else chart.evaluator for chart in self._charts]
+    def _chart_calls(self) -> list[object]:
+        """What ``_runs`` needs of the chart of each run; None for runs without a chart."""
+        return [None if chart is None else chart.evaluator.chart for chart in self._charts]
+
+    def __getstate__(self) -> dict[str, object]:  # these refer to memory
+        return {name: value for name, value in vars(self).items() if name not in ("_runs", "_chart_calls")}
 
     # ------------------------------------------------------------------ plant
 
@@ -139,7 +137,7 @@ class ReducedPlantBatch(UsesKernel):
         single = self._single
         moving = np.flatnonzero(~self.failed)
         others = moving
-        if self._compiled_runs is not None and len(moving) and not single._dissipative.needed:
+        if len(moving) and not single._dissipative.needed:
             q, y, status = self._integrated(moving, dt / single.substeps, single.substeps)
             done = status == 1.0
             if self.reduced.assembly.size:
@@ -154,11 +152,10 @@ class ReducedPlantBatch(UsesKernel):
 
     def _integrated(self, moving: Array, h: float, steps: int) -> tuple[Array, Array, Array]:
         """States (m, nq) and (m, s) of runs after equal steps, and the status (m,) of the kernel."""
-        assert self._compiled_runs is not None
         select = slice(None) if len(moving) == self.size else moving
         kinematics = self._kinematics[select] if self._known[select].all() else None
         arrays = self._q[select], self._y[select], self.applied[select]
-        return self._compiled_runs.integrate(self._evaluators(moving), *arrays, h, steps, kinematics)
+        return self._runs.integrate(self._calls(moving), *arrays, h, steps, kinematics)
 
     def _advance_alone(self, run: int, dt: float) -> None:
         single = self._single
@@ -210,10 +207,10 @@ class ReducedPlantBatch(UsesKernel):
         q, y, state, applied, chart = checkpoint
         if self._y.shape[1] != len(y):
             self._y = np.zeros((self.size, len(y)))
-        self._limit = chart.reduction_data.r + MAX_GROWTH
+        self._limit = chart.evaluator.data.r + MAX_GROWTH
         self._q[run], self._y[run], self.applied[run] = q, y, applied
         if chart is not self._charts[run]:
-            self._charts[run], self._compiled_charts[run] = chart, chart.evaluator
+            self._charts[run], self._chart_calls[run] = chart, chart.evaluator.chart
         self._known[run], self._current[run] = False, state is not None
         if state is not None:
             self._v[run] = state.v
@@ -226,7 +223,7 @@ class ReducedPlantBatch(UsesKernel):
         for name in ("_q", "_v", "_y", "applied", "_kinematics", "_current", "_known", "failed"):
             setattr(self, name, getattr(self, name)[which])
         self._charts = [self._charts[run] for run in which]
-        self._compiled_charts = [self._compiled_charts[run] for run in which]
+        self._chart_calls = [self._chart_calls[run] for run in which]
         self.errors = [self.errors[run] for run in which]
 
     def measure(self) -> tuple[StateEvaluation, Array]:
@@ -237,48 +234,45 @@ class ReducedPlantBatch(UsesKernel):
         Raises:
             InputError: ``measures`` is False.
         """
-        if self._compiled_runs is None or not self.measures:
+        if not self.measures:
             raise InputError("the compiled kernel cannot measure this model: measure one state at a time")
         self._locate()
         unknown = np.flatnonzero(self._current & ~self._known).tolist()
         if unknown:
             self._kinematics = self._kinematics.copy()
         for run in unknown:
-            self._compiled_runs.place(self._q[run], self._kinematics[run])
+            self._runs.place(self._q[run], self._kinematics[run])
             self._known[run] = True
         status = (self._current & ~self.failed).astype(float)  # a run that failed may keep the state before
         q, v = self._q.copy(), self._v.copy()
-        self._records = self._compiled_runs.measure(q, v, self._kinematics, status)
-        states = StateEvaluation.recorded(self.reduced.reduction_data, q, v, self._compiled_runs, self._records)
-        return states, status == 1.0
+        self._records = self._runs.measure(q, v, self._kinematics, status)
+        return self._runs.states(q, v, self._records), status == 1.0
 
     def state(self, states: StateEvaluation, run: int) -> StateEvaluation:
         """Return one of the states (B,) that ``measure`` returned last."""
-        assert self._compiled_runs is not None
         assert self._records is not None
         q, v = states.q[run].copy(), states.v[run].copy()
-        return StateEvaluation.recorded(self.reduced.reduction_data, q, v, self._compiled_runs, self._records.of(run))
+        return self._runs.states(q, v, self._records.of(run))
 
     # ------------------------------------------------------------------ velocities
 
-    def _evaluators(self, runs: Array) -> tuple[object, ...]:
-        """Kernel of the chart of each run; None where it has none."""
-        kernels = self._compiled_charts
-        return tuple(kernels) if len(runs) == self.size else tuple(kernels[run] for run in runs.tolist())
+    def _calls(self, runs: Array) -> tuple[object, ...]:
+        """What ``_runs`` needs of the charts of some runs."""
+        every = self._chart_calls
+        return tuple(every) if len(runs) == self.size else tuple(every[run] for run in runs.tolist())
 
     def _locate(self) -> None:
         """Bring the velocities of all runs up to date, in charts that are regular there."""
-        kernel = self._compiled_runs
         behind = np.flatnonzero(~self._current & ~self.failed)
         if not len(behind):
             return
         missing = behind
-        if kernel is not None and self._y.shape[1]:
+        if self._y.shape[1]:
             select = slice(None) if len(behind) == self.size else behind
-            kinematics = np.empty((len(behind), kernel.kinematics_size))
+            kinematics = np.empty((len(behind), self._runs.kinematics_size))
             v, status = np.empty((len(behind), self.reduced.n)), np.zeros(len(behind))
             arrays = self._q[select], self._y[select], self._limit, kinematics, v, status
-            kernel.velocities(self._evaluators(behind), *arrays)
+            self._runs.velocities(self._calls(behind), *arrays)
             done = status == 1.0
             if len(behind) < self.size:
                 whole = self._kinematics.copy()  # ``measure`` may have given the other away

@@ -11,8 +11,9 @@ from rnc_pin.control.controller import check_size
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.tasks.control_task import BoundTask, ControlTask, TaskRows
 from rnc_pin.model.cached_property import cached_property
+from rnc_pin.model.compiled import evaluator_for
+from rnc_pin.model.numpy_evaluator import NumPyEvaluator
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.rows import ConstantRows, OutputKind
 from rnc_pin.planning.references import Reference
@@ -83,8 +84,8 @@ class OutputsTogether:
         self._stack = OutputStack([task.block for task in tasks])
 
     @cached_property
-    def _data(self) -> ReductionData:
-        return self._reduced.reduction_data.measuring(self._stack)
+    def _evaluator(self) -> NumPyEvaluator:
+        return evaluator_for(self._reduced.reduction_data.measuring(self._stack), self._reduced.evaluator)
 
     @cached_property
     def _gain(self) -> np.ndarray:
@@ -92,7 +93,7 @@ class OutputsTogether:
 
     def rows(self, sample: ControlSample) -> TaskRows:
         """Return the rows of all tasks at the end of a sample."""
-        here = sample.end.configuration.in_reduction(self._data)
+        here = sample.end.configuration.in_reduction(self._evaluator)
         points = [task.reference.at(sample.time) for task in self._tasks]
         position, velocity, acceleration = (np.concatenate(each) for each in list(zip(*points, strict=True))[:3])
         coordinates = self._stack.coordinates

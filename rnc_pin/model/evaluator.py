@@ -1,0 +1,155 @@
+"""The door to evaluators: what fills the arrays of an evaluation, first for q, then for v.
+
+``ConfigurationEvaluation``, ``ReducedKinematics`` and ``StateEvaluation`` hold each formula once. A quantity that is
+marked here takes what the evaluator has filled by this name, and else computes its formula. So NumPy needs to fill
+nothing: see ``numpy_evaluator``. The compiled evaluator declines states inside itself: see ``compiled``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, Protocol, TypeVar, cast
+
+from numpy import ndarray as Array
+
+from rnc_pin.math.components import Component
+from rnc_pin.model.cached_property import cached_property
+from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
+from rnc_pin.model.reduction_data import ReductionData
+from rnc_pin.model.result_types import ReducedTerms
+
+_Value = TypeVar("_Value")
+_Method = TypeVar("_Method", bound=Callable[..., Any])
+
+
+class Configurations(Protocol):
+    """What evaluators read from an evaluation at configurations (..., nq) and times t (...)."""
+
+    q: Array
+    t: Component | None
+
+    @property
+    def position(self) -> PositionKinematics:
+        """Kinematics at the configurations."""
+
+    @property
+    def mu(self) -> Array:
+        """Right-hand side of the constraints (..., m)."""
+
+
+class States(Configurations, Protocol):
+    """What evaluators read from an evaluation at states (..., nq), (..., nv)."""
+
+    @property
+    def v(self) -> Array:
+        """Full velocities (..., nv)."""
+
+    @property
+    def motion(self) -> VelocityKinematics:
+        """Kinematics at the states."""
+
+
+class ArraysAtQ:
+    """What an evaluator has filled for q; nothing here. Subclasses have attributes by the names of quantities.
+
+    Attributes:
+        one_by_one: True if each state of a batch has the bits that it has alone.
+    """
+
+    one_by_one = False
+
+    def position_of(self, data: ReductionData, at: Configurations) -> PositionKinematics:
+        """Kinematics at the configurations."""
+        return data.kinematics.position(at.q, at.t)
+
+    def output_values(self, data: ReductionData, at: Configurations) -> tuple[Array, Array]:
+        """Values x1 (..., k) and x2 (..., r); zero for quasi-velocities."""
+        return data.vertical.value(at.position), data.reducing.value(at.position)
+
+    def allocated(self, at: Configurations, F: Array) -> Array | None:
+        """Actuator inputs (..., p) for reduced forces (..., r), each with the bits that it has alone; None without."""
+        return None
+
+
+class HasArraysAtQ(Protocol):
+    """Evaluation whose arrays an evaluator has filled, or fills on first use."""
+
+    @property
+    def arrays_at_q(self) -> ArraysAtQ:
+        """What the evaluator has filled for q."""
+
+
+class ArraysAtV:
+    """What an evaluator has filled for q and v; nothing here."""
+
+
+class Evaluator(Protocol):
+    """What fills the arrays of the evaluations in one reduction, ``data``."""
+
+    data: ReductionData
+
+    def fill_at_q(self, at: Configurations, same: HasArraysAtQ | None) -> ArraysAtQ:
+        """Fill arrays for q, perhaps from those of the same configurations in another reduction."""
+
+    def fill_at_v(self, at: States, filled: ArraysAtQ) -> ArraysAtV:
+        """Fill arrays for v, from those for q."""
+
+    def fused_terms(self, q: Array, v2: Array | None, t: Component | None) -> ReducedTerms | None:
+        """All matrices at states (q, v2) from one call; None if NumPy has to evaluate them."""
+
+
+class _Filled(cached_property[_Value]):
+    """Quantity of an evaluation: what an evaluator has filled by this name, or else a formula."""
+
+    def __init__(self, formula: Callable[[Any], _Value], arrays: str) -> None:
+        super().__init__(formula)
+        self._arrays = arrays
+
+    def __get__(self, owner: object | None, kind: type) -> Any:
+        if owner is None:
+            return self
+        value = getattr(getattr(owner, self._arrays), self._name, None)
+        if value is None:
+            value = self._compute(owner)
+        if isinstance(value, Array):
+            value.setflags(write=False)
+        setattr(owner, self._name, value)
+        return value
+
+
+def filled_for_q(formula: Callable[[Any], _Value]) -> cached_property[_Value]:
+    """Mark a quantity that depends on q."""
+    return _Filled(formula, "arrays_at_q")
+
+
+def filled_for_v(formula: Callable[[Any], _Value]) -> cached_property[_Value]:
+    """Mark a quantity that depends on q and v."""
+    return _Filled(formula, "arrays_at_v")
+
+
+def filled_by_terms(formula: Callable[[Any], _Value]) -> cached_property[_Value]:
+    """Mark a quantity that ``fused_terms`` returns."""
+    return _Filled(formula, "fused_terms")
+
+
+def solved_for_q(formula: _Method) -> _Method:
+    """Mark a formula with one argument; the method of the arrays at q by this name comes first."""
+    return _solved(formula, "arrays_at_q")
+
+
+def solved_for_v(formula: _Method) -> _Method:
+    """Mark a formula with one argument; the method of the arrays at q and v by this name comes first."""
+    return _solved(formula, "arrays_at_v")
+
+
+def _solved(formula: _Method, arrays: str) -> _Method:
+    name = formula.__name__
+
+    @wraps(formula)
+    def call(owner: object, right: object) -> object:
+        solve = getattr(getattr(owner, arrays), name, None)
+        found = None if solve is None else solve(owner, right)
+        return formula(owner, right) if found is None else found
+
+    return cast(_Method, call)
