@@ -61,21 +61,19 @@ class Feedback:
         self._coordinates, self._gain = coordinates, gain
 
     @cached_property
-    def _table(self) -> np.ndarray | None:
+    def _table(self) -> np.ndarray:
         """Gains and kinds (2, k) of the outputs for the kernel."""
-        if _kernel.library is None:
-            return None
         kinds = self._coordinates.kinds
         return np.stack([np.broadcast_to(self._gain, kinds.shape), kinds]).astype(float)
 
     def __call__(self, desired: ReferencePoint, actual: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return both sums (..., k) for outputs (..., k) and their rates (..., k)."""
-        if self._table is not None and actual.ndim <= 2:
+        if actual.ndim <= 2:
             found = np.empty((2, *actual.shape))
             if actual.ndim == 2:  # selected columns of many runs are stored by columns
                 actual, rate = np.ascontiguousarray(actual), np.ascontiguousarray(rate)
             point = desired.position, desired.velocity, desired.acceleration
-            if _kernel.library.feedback(*point, actual, rate, self._table, found):
+            if _kernel.calls.feedback(*point, actual, rate, self._table, found):
                 return found[0], found[1]
             if actual.ndim == 2:  # with the bits of single runs, which NumPy would round differently
                 rows = [self(desired, *row) for row in zip(actual, rate, strict=True)]

@@ -139,8 +139,9 @@ class PositionTracker(ReprMixin):
         """
         elapsed = elapsed_time(t, state.time)
         desired = self.reference.at(t)
-        found = self._by_kernel(t, elapsed, desired, measurement, state)
-        return self._by_numpy(t, elapsed, desired, measurement, state) if found is None else found
+        if measurement.x2.ndim != 1:
+            return self._adapted(t, elapsed, desired, measurement, state)
+        return self._compiled(t, elapsed, desired, measurement, state)
 
     @cached_property
     def _table(self) -> np.ndarray:
@@ -149,13 +150,11 @@ class PositionTracker(ReprMixin):
         rows = g.k1, g.k2, g.gamma, g.beta, g.dead_zone, self.gravity_compensation, self.angular
         return np.stack([np.broadcast_to(row, len(self.outputs)) for row in rows]).astype(float)
 
-    def _by_kernel(
+    def _compiled(
         self, t: float, elapsed: float, desired: ReferencePoint, measurement: Measurement, state: PositionState
-    ) -> tuple[Command, PositionState] | None:
-        """Sample from one call of the compiled kernel; None for arrays that it does not take."""
+    ) -> tuple[Command, PositionState]:
+        """Sample from one call of the compiled kernel; from the formulas for arrays that it does not take."""
         x2, deficit, sigma = measurement.x2, measurement.force_deficit, self.gains.sigma
-        if _kernel.library is None or x2.ndim != 1:
-            return None
         k, r = len(self.outputs), len(x2)
         frozen: tuple[np.ndarray | None, ...] = (None, None, None)
         if deficit is not None or self._has_dead_zone:
@@ -165,17 +164,18 @@ class PositionTracker(ReprMixin):
         found = np.empty(4 * k + 2 * k * k + 2 * r)
         point = desired.position, desired.velocity, desired.acceleration, desired.jerk
         arrays = *point, x2, self.outputs, self._table, *state[1:], *frozen
-        if not _kernel.library.track_position(*arrays, exp(-sigma * elapsed), leak_time, sigma, elapsed, found):
-            return None
+        if not _kernel.calls.track_position(*arrays, exp(-sigma * elapsed), leak_time, sigma, elapsed, found):
+            return self._adapted(t, elapsed, desired, measurement, state)
         end, square = 3 * k, k * k
         A, B = found[end : end + square].reshape(k, k), found[end + square : end + 2 * square].reshape(k, k)
         e = found[end + 2 * square : -2 * r]
         command = Command(found[:k], None, found[-2 * r : -r], None, found[-r:])
         return command, PositionState(t, found[k : 2 * k], found[2 * k : end], A, B, e)
 
-    def _by_numpy(
+    def _adapted(
         self, t: float, elapsed: float, desired: ReferencePoint, measurement: Measurement, state: PositionState
     ) -> tuple[Command, PositionState]:
+        """Sample from the formulas."""
         g = self.gains
         xd, xdd, xddd = desired.velocity, desired.acceleration, desired.jerk
         e = self._error(t, measurement)

@@ -146,25 +146,15 @@ class RedundancyController(ReprMixin):
     def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[VelocityTarget, None]:
         x21d, x1d = self.primary.at(t), self.vertical.at(t)
         secondary = _NONE if self.secondary is None else self.secondary(t, measurement)
-        target = self._by_kernel(x21d, x1d, secondary, measurement)
-        if target is None and self._in_turn(measurement):
-            try:
-                return step_in_turn(self, t, measurement, state)  # NumPy rounds differently
-            except SingularityError:
-                self._by_numpy(x21d, x1d, secondary, measurement)  # raises the error of all runs
-                raise
-        return (self._by_numpy(x21d, x1d, secondary, measurement) if target is None else target), None
+        target = self._target(x21d, x1d, secondary, measurement)
+        return step_in_turn(self, t, measurement, state) if target is None else (target, None)
 
-    def _in_turn(self, m: Measurement) -> bool:
-        """True for runs that the kernel declines together."""
-        return _kernel.library is not None and self.accepts_batches and m.x2.ndim == 2
-
-    def _by_kernel(
+    def _target(
         self, x21d: ReferencePoint, x1d: ReferencePoint, secondary: _Secondary, m: Measurement
     ) -> VelocityTarget | None:
-        """Target from one call of the compiled kernel; None for arrays that it does not take, or a singular A4."""
-        if _kernel.library is None or m.x2.ndim > 1 + self.accepts_batches:
-            return None
+        """Target; None for many runs that the kernel declines: NumPy would round differently."""
+        if m.x2.ndim > 1 + self.accepts_batches:
+            return self._pursued(x21d, x1d, secondary, m)
         batch, counts = m.x2.shape[:-1], (len(self.task.vertical), len(self.task.primary))
         r, k = m.x2.size, m.x1.size  # of all runs
         found = np.empty(3 * r + k)
@@ -172,16 +162,17 @@ class RedundancyController(ReprMixin):
         first = x21d.position, x21d.velocity, x21d.acceleration
         base = x1d.position, x1d.velocity, x1d.acceleration
         arrays = m.A_star, m.A_star_dot, self._places, *first, *base, *actual, *secondary
-        if not _kernel.library.pursue(*arrays, *counts, found):
-            return None
+        if not _kernel.calls.pursue(*arrays, *counts, found):
+            return None if batch else self._pursued(x21d, x1d, secondary, m)
         v2, v2_dot, x2, x1 = found[:r], found[r : 2 * r], found[2 * r : 3 * r], found[3 * r :]
         if batch:
             v2, v2_dot, x2, x1 = (each.reshape(*batch, -1) for each in (v2, v2_dot, x2, x1))
         return VelocityTarget(v2, v2_dot, x1, x2)
 
-    def _by_numpy(
+    def _pursued(
         self, x21d: ReferencePoint, x1d: ReferencePoint, secondary: _Secondary, m: Measurement
     ) -> VelocityTarget:
+        """Target by the formulas."""
         task = self.task
         first = deviation(task.primary_coordinates, x21d, m.x2[..., task.primary], m.v2[..., task.primary])
         base = deviation(task.vertical_coordinates, x1d, m.x1[..., task.vertical], m.v1[..., task.vertical])
@@ -194,8 +185,7 @@ class RedundancyController(ReprMixin):
         if m.v1_offset_dot is not None:
             wanted_dot = wanted_dot - m.v1_offset_dot[..., task.vertical]
         rates = _Rates(v21, v21_dot, wanted, wanted_dot, *secondary)
-        found = self._spread_by_kernel(rates, m)
-        v2, v2_dot = self._spread(rates, m) if found is None else found
+        v2, v2_dot = self._spread(rates, m)
         batch = v2.shape[:-1]
         return VelocityTarget(
             v2=v2,
@@ -204,17 +194,19 @@ class RedundancyController(ReprMixin):
             x2=goals_at(x21d.position, task.primary, (*batch, task.r)),
         )
 
-    def _spread_by_kernel(self, rates: _Rates, m: Measurement) -> tuple[np.ndarray, np.ndarray] | None:
-        """Rates v2 and v2_dot from the compiled kernel; None for arrays that it does not take, or a singular A4."""
-        if _kernel.library is None or m.x2.ndim != 1:
-            return None
+    def _spread(self, rates: _Rates, m: Measurement) -> tuple[np.ndarray, np.ndarray]:
+        """Rates v2 and v2_dot (..., r)."""
+        if m.x2.ndim != 1:
+            return self._solved(rates, m)
         r, (v21, v21_dot, wanted, wanted_dot, z, z_dot) = self.task.r, rates
         found = np.empty(2 * r)
         each = m.A_star, m.A_star_dot, self._places, v21, v21_dot, wanted, wanted_dot, self._cheap, z, z_dot
-        return (found[:r], found[r:]) if _kernel.library.spread(*each, len(self.task.vertical), found) else None
+        if _kernel.calls.spread(*each, len(self.task.vertical), found):
+            return found[:r], found[r:]
+        return self._solved(rates, m)
 
-    def _spread(self, rates: _Rates, m: Measurement) -> tuple[np.ndarray, np.ndarray]:
-        """Rates v2 and v2_dot (..., r)."""
+    def _solved(self, rates: _Rates, m: Measurement) -> tuple[np.ndarray, np.ndarray]:
+        """Rates v2 and v2_dot (..., r) by the formulas."""
         task, (v21, v21_dot, wanted, wanted_dot, z, z_dot) = self.task, rates
         A, A_dot = m.A_star[..., task.vertical, :], m.A_star_dot[..., task.vertical, :]
         A3, A4 = A[..., task.primary], A[..., task.redundant]

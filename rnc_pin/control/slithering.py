@@ -174,21 +174,19 @@ class SlitheringReference(ReprMixin):
             return self._step_together(measurement, v2_dot, state)
         x, y, heading = (float(measurement.x1[i]) for i in self._tractor)
         path = state.path
-        found = self._by_kernel(measurement, v2_dot, (path,), np.array([state.heading]))
-        if found is None or found[0, 4] != _FOLLOWED:
+        found = self._followed(measurement, v2_dot, (path,), np.array([state.heading]))
+        if found[0, 4] != _FOLLOWED:
             path = self._recorded(path, x, y, heading)
-            found = self._by_kernel(measurement, v2_dot, (path,), np.array([state.heading]))
-        if found is None or found[0, 4] != _FOLLOWED:
-            return self._by_numpy(measurement, v2_dot, path, state.heading)
+            found = self._followed(measurement, v2_dot, (path,), np.array([state.heading]))
+        if found[0, 4] != _FOLLOWED:
+            return self._reference(measurement, v2_dot, path, state.heading)
         desired, rate, acceleration, first, _ = found[0].tolist()
         point = ReferencePoint(np.array([desired]), np.array([rate]), np.array([acceleration]), _UNKNOWN)
         return point, DrivenPath(path[int(first) :] if first else path, desired)
 
     def _step_together(self, m: Measurement, v2_dot: Array, state: DrivenPaths) -> tuple[ReferencePoint, PathState]:
         """As ``step`` for the measurements of B runs; runs with a new place, or an error, one after the other."""
-        paths, found = list(state.paths), self._by_kernel(m, v2_dot, state.paths, state.headings)
-        if found is None:
-            found = np.zeros((len(paths), 5))
+        paths, found = list(state.paths), self._followed(m, v2_dot, state.paths, state.headings)
         for run in np.flatnonzero((found[:, 4] != _FOLLOWED) | (found[:, 3] > 0)).tolist():
             if found[run, 4] == _FOLLOWED:
                 paths[run] = paths[run][int(found[run, 3]) :]
@@ -201,15 +199,13 @@ class SlitheringReference(ReprMixin):
         point = ReferencePoint(desired, rate, acceleration, np.full(desired.shape, np.nan))
         return point, DrivenPaths(paths, desired[:, 0].copy())
 
-    def _by_kernel(self, m: Measurement, v2_dot: Array, paths: tuple[Array, ...], headings: Array) -> Array | None:
-        """Heading with its rate and acceleration, first place to keep, and outcome (B, 5); None without the kernel."""
-        if _kernel.library is None:
-            return None
-        found = np.empty((len(paths), 5))
+    def _followed(self, m: Measurement, v2_dot: Array, paths: tuple[Array, ...], headings: Array) -> Array:
+        """Heading with its rate and acceleration, first place to keep, and outcome (B, 5), by the compiled kernel."""
+        found = np.zeros((len(paths), 5))
         arrays = m.x1, m.v1, m.A_star, m.A_star_dot, m.v2, v2_dot, self._places, self._table
-        return found if _kernel.library.slither(paths, headings, *arrays, found) else None
+        return found if _kernel.calls.slither(paths, headings, *arrays, found) else np.zeros_like(found)
 
-    def _by_numpy(
+    def _reference(
         self, measurement: Measurement, v2_dot: Array, path: Array, last: float
     ) -> tuple[ReferencePoint, DrivenPath]:
         """Reference and new state, with the present place in the path, after the last heading."""

@@ -146,11 +146,9 @@ class SteeringController(ReprMixin):
             x11d, state = self.vertical.step(m, v2_dot, state)
         else:
             x11d = self.vertical.at(t)
-        v22 = self._by_kernel(m, slopes, v21d, v21d_dot, x11d)
-        if v22 is None and m.v2.ndim == 2:
-            return cast(tuple[VelocityTarget, PathState | None], step_in_turn(self, t, m, given))
+        v22 = self._redundant_rates(m, slopes, v21d, v21d_dot, x11d)
         if v22 is None:
-            v22 = self._by_numpy(m, np.moveaxis(slopes, 0, -1), v21d_dot, x11d)
+            return cast(tuple[VelocityTarget, PathState | None], step_in_turn(self, t, m, given))
         v2 = np.empty(m.v2.shape)
         v2[..., task.primary] = v21d
         v2[..., task.redundant] = v22
@@ -164,12 +162,10 @@ class SteeringController(ReprMixin):
             x2=goals_at(x21d.position, task.primary, m.x2.shape),
         ), state
 
-    def _by_kernel(
+    def _redundant_rates(
         self, m: Measurement, slopes: np.ndarray, v21d: np.ndarray, v21d_dot: np.ndarray, x11d: ReferencePoint
     ) -> np.ndarray | None:
-        """Redundant rates (..., a) from one call of the compiled kernel; None for other arrays, or a singular N."""
-        if _kernel.library is None:
-            return None
+        """Redundant rates (..., a); None for many runs that the kernel declines: NumPy would round differently."""
         found = np.empty((*m.v2.shape[:-1], len(self._redundant)))
         point = [
             np.ascontiguousarray(np.broadcast_to(each, (*m.v2.shape[:-1], len(self.task.vertical))))
@@ -177,10 +173,12 @@ class SteeringController(ReprMixin):
         ]
         arrays = m.A_star, m.A_star_dot, slopes, self._places, m.v2, v21d, v21d_dot, m.x1, *point, self._table
         settings = self.k4, self.damping, self.max_rate
-        return found if _kernel.library.steer(*arrays, *settings, len(self.task.vertical), found) else None
+        if _kernel.calls.steer(*arrays, *settings, len(self.task.vertical), found):
+            return found
+        return None if m.v2.ndim == 2 else self._steered(m, np.moveaxis(slopes, 0, -1), v21d_dot, x11d)
 
-    def _by_numpy(self, m: Measurement, gradient: np.ndarray, v21d_dot: np.ndarray, x11d: ReferencePoint) -> np.ndarray:
-        """Redundant rates (a,)."""
+    def _steered(self, m: Measurement, gradient: np.ndarray, v21d_dot: np.ndarray, x11d: ReferencePoint) -> np.ndarray:
+        """Redundant rates (a,) by the formulas."""
         task = self.task
         v21, v22_now = m.v2[..., task.primary], m.v2[..., task.redundant]
         A3, A3_dot = m.A_star[self._in_A3], m.A_star_dot[self._in_A3]

@@ -126,35 +126,35 @@ class VelocityTracker(ReprMixin):
         """
         elapsed = elapsed_time(t, state.time)
         target, target_state = self.target.step(t, measurement, state.target)
-        found = self._by_kernel(elapsed, measurement, target, state)
-        if found is None and _kernel.library is not None and measurement.v2.ndim == 2:
-            return step_in_turn(self, t, measurement, state)  # NumPy rounds differently
-        F, g, C, D = self._by_numpy(elapsed, measurement, target, state) if found is None else found
+        learnt = self._learnt(elapsed, measurement, target, state)
+        if learnt is None:
+            return step_in_turn(self, t, measurement, state)
+        F, g, C, D = learnt
         return command_towards(target, F), TrackerState(t, g, C, D, target_state)
 
-    def _by_kernel(
+    def _learnt(
         self, elapsed: float, measurement: Measurement, target: VelocityTarget, state: TrackerState
     ) -> _Learnt | None:
-        """Force, and learnt g, C and D, from the compiled kernel; None for arrays that it does not take."""
+        """Force, and learnt g, C and D; None for many runs that the kernel declines: NumPy would round differently."""
         v2, sigma = measurement.v2, self.gains.sigma
-        if _kernel.library is None or v2.ndim > 2:
-            return None
+        if v2.ndim > 2:
+            return self._adapted(elapsed, measurement, target, state)
         r, square = v2.shape[-1], (*v2.shape, v2.shape[-1])
         decay = exp(-sigma * elapsed)
         leak_time = -expm1(-sigma * elapsed) / sigma if sigma else elapsed
         out, n = np.empty(v2.size * (2 + r + r * r)), v2.size
         arrays = v2, target.v2, target.v2_dot, measurement.force_deficit, state.g, state.C, state.D, self._table
-        if not _kernel.library.track(*arrays, self._has_dead_zone, decay, leak_time, out):
-            return None
+        if not _kernel.calls.track(*arrays, self._has_dead_zone, decay, leak_time, out):
+            return None if v2.ndim == 2 else self._adapted(elapsed, measurement, target, state)
         F, g, C, D = out[:n], out[n : 2 * n], out[2 * n : n * (2 + r)], out[n * (2 + r) :]
         if v2.ndim == 2:
             F, g = F.reshape(v2.shape), g.reshape(v2.shape)
         return F, g, C.reshape(square), D.reshape((*v2.shape, r * r))
 
-    def _by_numpy(
+    def _adapted(
         self, elapsed: float, measurement: Measurement, target: VelocityTarget, state: TrackerState
     ) -> _Learnt:
-        """Force, and learnt g, C and D."""
+        """Force, and learnt g, C and D, by the formulas."""
         v2 = measurement.v2
         error = target.v2 - v2
         products = (v2[..., :, None] * target.v2[..., None, :]).reshape(*v2.shape[:-1], -1)  # [v2 v2d]

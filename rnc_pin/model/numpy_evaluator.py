@@ -119,7 +119,7 @@ class NumPyEvaluator:
         """
         if q.ndim > 1:
             return np.stack([self.output_slopes(each, along) for each in q])
-        return output_slopes(self.at(q), along)
+        return np.ascontiguousarray(output_slopes(self.at(q), along))
 
     def state_derivative(
         self,

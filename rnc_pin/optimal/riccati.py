@@ -31,15 +31,13 @@ class RiccatiFactors:
 
     def __init__(self, AB: Array, H: Array, H_end: Array) -> None:
         N, nx, nz = AB.shape
-        self._AB, self._nx = AB, nx
+        self._nx = nx
         self.P = np.empty((N + 1, nx, nx))
         self.K = np.empty((N, nz - nx, nx))
         self._inverse = np.empty((N, nz - nx, nz - nx))
         self.P[N] = P = H_end
-        if _kernel.library is not None:
-            self._AB, H = np.ascontiguousarray(AB), np.ascontiguousarray(H)
-            if not _kernel.library.riccati_factors(N, nx, nz, self._AB, H, self.P, self.K, self._inverse):
-                raise SimulationError(_NOT_CONVEX)
+        self._AB, H = np.ascontiguousarray(AB), np.ascontiguousarray(H)
+        if _kernel.calls.riccati_factors(N, nx, nz, self._AB, H, self.P, self.K, self._inverse):
             return
         eye = np.eye(nz - nx)
         for k in range(N - 1, -1, -1):
@@ -59,30 +57,22 @@ class RiccatiFactors:
         self, g: Float[Array, "N nz m"], g_end: Float[Array, "nx m"], gap: Float[Array, "N nx m"]
     ) -> tuple[Float[Array, "N nz m"], Float[Array, "nx m"], Float[Array, "N1 nx m"]]:
         """Minimisers z and last states for linear terms g and offsets of the dynamics, and the costates."""
-        N, nx = len(self._AB), self._nx
-        if _kernel.library is not None:
-            return self._solve_in_kernel(g, g_end, gap)
-        carried = self.P[1:] @ gap
-        p = np.empty((N + 1, *g_end.shape))
+        (N, nz, m), nx = g.shape, self._nx
+        p, z, states = np.empty((N + 1, nx, m)), np.empty((N, nz, m)), np.empty((N + 1, nx, m))
         p[N] = g_end
+        given = self._AB, self.K, self._inverse, self.P, np.ascontiguousarray(g), np.ascontiguousarray(gap)
+        if _kernel.calls.riccati_solve(N, nx, nz, m, *given, p, z, states):
+            return z, states[N], p
+        carried = self.P[1:] @ gap
         feedforward = np.empty((N, *g[0, nx:].shape))
         for k in range(N - 1, -1, -1):
-            m = g[k] + self._AB[k].T @ (p[k + 1] + carried[k])
-            feedforward[k] = -self._inverse[k] @ m[nx:]
-            p[k] = m[:nx] + self.K[k].T @ m[nx:]
-        z, x = np.empty_like(g), np.zeros_like(g_end)
-        states = np.empty((N + 1, *g_end.shape))
+            slope = g[k] + self._AB[k].T @ (p[k + 1] + carried[k])
+            feedforward[k] = -self._inverse[k] @ slope[nx:]
+            p[k] = slope[:nx] + self.K[k].T @ slope[nx:]
+        x = np.zeros_like(g_end)
         for k in range(N):
             states[k] = z[k, :nx] = x
             z[k, nx:] = self.K[k] @ x + feedforward[k]
             x = self._AB[k] @ z[k] + gap[k]
         states[N] = x
         return z, x, self.P @ states + p
-
-    def _solve_in_kernel(self, g: Array, g_end: Array, gap: Array) -> tuple[Array, Array, Array]:
-        (N, nz, m), nx = g.shape, self._nx
-        p, z, states = np.empty((N + 1, nx, m)), np.empty((N, nz, m)), np.empty((N + 1, nx, m))
-        p[N] = g_end
-        given = (np.ascontiguousarray(each) for each in (g, gap))
-        _kernel.library.riccati_solve(N, nx, nz, m, self._AB, self.K, self._inverse, self.P, *given, p, z, states)
-        return z, states[N], p

@@ -93,9 +93,8 @@ class _Polynomial:
         """Value and three derivatives (4, k)."""
         piece = min(max(bisect_right(self._breaks, t) - 1, 0), len(self._pieces) - 1)
         terms, since = self._pieces[piece], t - self._breaks[piece]
-        if _kernel.library is not None:
-            found = np.empty((4, self.size))
-            _kernel.library.polynomial(terms, since, found)
+        found = np.empty((4, self.size))
+        if _kernel.calls.polynomial(terms, since, found):
             return found
         powers = [1.0]
         for _ in range(len(terms) - 1):
@@ -227,10 +226,9 @@ class Harmonic:
             zero = np.zeros(self.size)
             return ReferencePoint(self._center, zero, zero, zero)
         growth = _GROWN if t >= self._ramp else np.concatenate(self._growth.at(t))
-        if _kernel.library is not None:
-            found = np.empty((4, self.size))
-            if _kernel.library.harmonic(self._center, self._amplitude, self._rate, self._phase, growth, t, found):
-                return ReferencePoint(*found)
+        found = np.empty((4, self.size))
+        if _kernel.calls.harmonic(self._center, self._amplitude, self._rate, self._phase, growth, t, found):
+            return ReferencePoint(*found)
         angle = self._rate * t + self._phase
         sine, cosine = self._amplitude * np.sin(angle), self._amplitude * np.cos(angle)
         w, g = self._rate, growth.tolist()

@@ -232,11 +232,11 @@ def _distance_form(
         more: further rows and their desired values.
     """
     size = own.shape[1]
-    if _kernel.library is None or len(own) < size:
+    if len(own) < size:
         return None
     numbers = np.empty((size + 1, size))
     further, values = (own[:0], rate[:0]) if more is None else more
-    if not _kernel.library.least_squares(own, rate, further, values, least, damping, _RANK, numbers):
+    if not _kernel.calls.least_squares(own, rate, further, values, least, damping, _RANK, numbers):
         return None
     return numbers[0], numbers[1:]
 
