@@ -78,17 +78,6 @@ def measurement_of_run(measurement: Measurement, run: int) -> Measurement:
     return Measurement._make([None if field is None else field[run] for field in measurement])
 
 
-def step_in_turn(controller: Any, t: float, measurement: Measurement, state: State) -> tuple[Any, State]:
-    """Step a controller once for each run of a batch; return the command or target of all, and their state."""
-    steps = [
-        controller.step(t, measurement_of_run(measurement, run), state_of_runs(state, run))
-        for run in range(len(measurement.v2))
-    ]
-    answers, states = zip(*steps, strict=True)
-    fields = (None if any(each is None for each in parts) else np.stack(parts) for parts in zip(*answers, strict=True))
-    return type(answers[0])(*fields), stack_states(states)
-
-
 def _like(first: tuple[Any, ...], parts: list[Any]) -> tuple[Any, ...]:
     make = getattr(first, "_make", None)
     return tuple(parts) if make is None else make(parts)

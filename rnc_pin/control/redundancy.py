@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
 from rnc_pin import _kernel
-from rnc_pin.control.batches import step_in_turn
+from rnc_pin.control.batches import measurement_of_run, stack_states
 from rnc_pin.control.controller import Description, VelocityTarget, check_size, describe, goals_at, listed
 from rnc_pin.control.deviation import deviation, fed_back
 from rnc_pin.control.secondary import Secondary
@@ -146,13 +146,12 @@ class RedundancyController(ReprMixin):
     def step(self, t: float, measurement: Measurement, state: None = None) -> tuple[VelocityTarget, None]:
         x21d, x1d = self.primary.at(t), self.vertical.at(t)
         secondary = _NONE if self.secondary is None else self.secondary(t, measurement)
-        target = self._target(x21d, x1d, secondary, measurement)
-        return step_in_turn(self, t, measurement, state) if target is None else (target, None)
+        return self._target(x21d, x1d, secondary, measurement), None
 
     def _target(
         self, x21d: ReferencePoint, x1d: ReferencePoint, secondary: _Secondary, m: Measurement
-    ) -> VelocityTarget | None:
-        """Target; None for many runs that the kernel declines: NumPy would round differently."""
+    ) -> VelocityTarget:
+        """Target; of many runs that the kernel declines one by one, with their bits alone."""
         if m.x2.ndim > 1 + self.accepts_batches:
             return self._pursued(x21d, x1d, secondary, m)
         batch, counts = m.x2.shape[:-1], (len(self.task.vertical), len(self.task.primary))
@@ -163,7 +162,10 @@ class RedundancyController(ReprMixin):
         base = x1d.position, x1d.velocity, x1d.acceleration
         arrays = m.A_star, m.A_star_dot, self._places, *first, *base, *actual, *secondary
         if not _kernel.calls.pursue(*arrays, *counts, found):
-            return None if batch else self._pursued(x21d, x1d, secondary, m)
+            if not batch:
+                return self._pursued(x21d, x1d, secondary, m)
+            each = [self._target(x21d, x1d, secondary, measurement_of_run(m, run)) for run in range(len(m.x2))]
+            return cast(VelocityTarget, stack_states(each))
         v2, v2_dot, x2, x1 = found[:r], found[r : 2 * r], found[2 * r : 3 * r], found[3 * r :]
         if batch:
             v2, v2_dot, x2, x1 = (each.reshape(*batch, -1) for each in (v2, v2_dot, x2, x1))

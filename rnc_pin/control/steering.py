@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from math import isfinite
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from rnc_pin import _kernel
-from rnc_pin.control.batches import step_in_turn
+from rnc_pin.control.batches import state_of_runs
 from rnc_pin.control.controller import Description, VelocityTarget, check_size, goals_at, listed
 from rnc_pin.control.deviation import Feedback
 from rnc_pin.control.slithering import PathState, SlitheringReference
@@ -134,7 +134,6 @@ class SteeringController(ReprMixin):
     ) -> tuple[VelocityTarget, PathState | None]:
         task, m = self.task, measurement
         slopes = self._reduced.evaluator.output_slopes(m.q, self._redundant)
-        given = state
         if state is None and isinstance(self.vertical, SlitheringReference):
             raise InputError("steering along the driven path needs the last step's state, at first initial_state's")
         x21d = self.primary.at(t)
@@ -146,12 +145,9 @@ class SteeringController(ReprMixin):
             x11d, state = self.vertical.step(m, v2_dot, state)
         else:
             x11d = self.vertical.at(t)
-        v22 = self._redundant_rates(m, slopes, v21d, v21d_dot, x11d)
-        if v22 is None:
-            return cast(tuple[VelocityTarget, PathState | None], step_in_turn(self, t, m, given))
         v2 = np.empty(m.v2.shape)
         v2[..., task.primary] = v21d
-        v2[..., task.redundant] = v22
+        v2[..., task.redundant] = self._redundant_rates(m, slopes, v21d, v21d_dot, x11d)
         x1 = goals_at(x11d.position, task.vertical, m.x1.shape)
         if self.monitored is not None:
             x1[..., self.monitored[0]] = self.monitored[1].at(t).position
@@ -164,8 +160,8 @@ class SteeringController(ReprMixin):
 
     def _redundant_rates(
         self, m: Measurement, slopes: np.ndarray, v21d: np.ndarray, v21d_dot: np.ndarray, x11d: ReferencePoint
-    ) -> np.ndarray | None:
-        """Redundant rates (..., a); None for many runs that the kernel declines: NumPy would round differently."""
+    ) -> np.ndarray:
+        """Redundant rates (..., a); of many runs that the kernel declines one by one, with their bits alone."""
         found = np.empty((*m.v2.shape[:-1], len(self._redundant)))
         point = [
             np.ascontiguousarray(np.broadcast_to(each, (*m.v2.shape[:-1], len(self.task.vertical))))
@@ -175,7 +171,11 @@ class SteeringController(ReprMixin):
         settings = self.k4, self.damping, self.max_rate
         if _kernel.calls.steer(*arrays, *settings, len(self.task.vertical), found):
             return found
-        return None if m.v2.ndim == 2 else self._steered(m, np.moveaxis(slopes, 0, -1), v21d_dot, x11d)
+        if m.v2.ndim == 1:
+            return self._steered(m, np.moveaxis(slopes, 0, -1), v21d_dot, x11d)
+        points = [np.broadcast_to(each, point[0].shape) for each in x11d]
+        given = m, slopes, v21d, v21d_dot, ReferencePoint(*points)
+        return np.stack([self._redundant_rates(*state_of_runs(given, run)) for run in range(len(m.v2))])
 
     def _steered(self, m: Measurement, gradient: np.ndarray, v21d_dot: np.ndarray, x11d: ReferencePoint) -> np.ndarray:
         """Redundant rates (a,) by the formulas."""

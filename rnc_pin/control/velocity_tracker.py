@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from math import exp, expm1
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.batches import accepts_batches, step_in_turn
+from rnc_pin.control.batches import accepts_batches, stack_states, state_of_runs
 from rnc_pin.control.controller import (
     Command,
     Description,
@@ -126,16 +126,11 @@ class VelocityTracker(ReprMixin):
         """
         elapsed = elapsed_time(t, state.time)
         target, target_state = self.target.step(t, measurement, state.target)
-        learnt = self._learnt(elapsed, measurement, target, state)
-        if learnt is None:
-            return step_in_turn(self, t, measurement, state)
-        F, g, C, D = learnt
+        F, g, C, D = self._learnt(elapsed, measurement, target, state)
         return command_towards(target, F), TrackerState(t, g, C, D, target_state)
 
-    def _learnt(
-        self, elapsed: float, measurement: Measurement, target: VelocityTarget, state: TrackerState
-    ) -> _Learnt | None:
-        """Force, and learnt g, C and D; None for many runs that the kernel declines: NumPy would round differently."""
+    def _learnt(self, elapsed: float, measurement: Measurement, target: VelocityTarget, state: TrackerState) -> _Learnt:
+        """Force, and learnt g, C and D; many runs that the kernel declines one by one, with their bits alone."""
         v2, sigma = measurement.v2, self.gains.sigma
         if v2.ndim > 2:
             return self._adapted(elapsed, measurement, target, state)
@@ -145,7 +140,11 @@ class VelocityTracker(ReprMixin):
         out, n = np.empty(v2.size * (2 + r + r * r)), v2.size
         arrays = v2, target.v2, target.v2_dot, measurement.force_deficit, state.g, state.C, state.D, self._table
         if not _kernel.calls.track(*arrays, self._has_dead_zone, decay, leak_time, out):
-            return None if v2.ndim == 2 else self._adapted(elapsed, measurement, target, state)
+            if v2.ndim == 1:
+                return self._adapted(elapsed, measurement, target, state)
+            given = measurement, VelocityTarget(target.v2, target.v2_dot), state
+            runs = [state_of_runs(given, run) for run in range(len(v2))]
+            return cast(_Learnt, stack_states([self._learnt(elapsed, *each) for each in runs]))
         F, g, C, D = out[:n], out[n : 2 * n], out[2 * n : n * (2 + r)], out[n * (2 + r) :]
         if v2.ndim == 2:
             F, g = F.reshape(v2.shape), g.reshape(v2.shape)

@@ -136,11 +136,10 @@ class BoundCollisionAvoidance(BoundLimit):
         if self._deceleration is not None or not (self._brakes and len(near.pairs)):
             return np.full(len(near.pairs), self._deceleration or np.inf)
         state = sample.start
-        if _kernel.library is not None:
-            found, efforts = np.empty(len(near.pairs)), (self._braking_efforts, self._without_limit)
-            known = near.jacobian, state.E_inverse, state.H, state.input_matrix, state.unforced
-            if _kernel.library.decelerations(*known, *efforts, _LEAST, _NO_EFFECT, found):
-                return found
+        found, efforts = np.empty(len(near.pairs)), (self._braking_efforts, self._without_limit)
+        known = near.jacobian, state.E_inverse, state.H, state.input_matrix, state.unforced
+        if _kernel.calls.decelerations(*known, *efforts, _LEAST, _NO_EFFECT, found):
+            return found
         effects, adverse = state.row_accelerations(near.jacobian @ state.R)
         effects = np.abs(effects)
         planned = effects @ self._braking_efforts

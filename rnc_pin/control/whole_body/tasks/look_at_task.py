@@ -77,10 +77,9 @@ class _BoundLook(BoundTask):
             )
         direction = ray / length
         rate = -self._gain * (axis - direction)
-        if _kernel.library is not None:
-            rows = np.empty((3, J.shape[-1]))
-            if _kernel.library.look_rows(J, other, axis, ray, length, rows):
-                return TaskRows(rows, rate)
+        rows = np.empty((3, J.shape[-1]))
+        if _kernel.calls.look_rows(J, other, axis, ray, length, rows):
+            return TaskRows(rows, rate)
         approach = -J[:3] if other is None else other[:3] - J[:3]
         turn = (approach - np.outer(direction, direction @ approach)) / length
         return TaskRows(-pin.skew(axis) @ J[3:] - turn, rate)
