@@ -29,7 +29,16 @@ from rnc_pin.simulation.derived_quantities import (
 )
 from rnc_pin.simulation.ground_bodies import GroundBody, ground_bodies
 from rnc_pin.simulation.judgement import judged_by
-from rnc_pin.simulation.run_info import Columns, FallbackUse, Outcome, OutputNames, PhaseInfo, Provenance, RunInfo
+from rnc_pin.simulation.run_info import (
+    Columns,
+    FallbackUse,
+    MissedUpdates,
+    Outcome,
+    OutputNames,
+    PhaseInfo,
+    Provenance,
+    RunInfo,
+)
 from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.version import __version__
 
