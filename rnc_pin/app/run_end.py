@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 
 from rnc_pin.app.messages import complain, warn
@@ -11,16 +12,17 @@ from rnc_pin.scenario.pictures import Drawn
 from rnc_pin.verdict import Severity, Verdict
 
 
-def report_findings(verdict: Verdict, ending: str, others: str = "") -> int:
+def report_findings(verdict: Verdict, ending: str, others: str = "", told: Collection[str] = ()) -> int:
     """Print what degrades a run as warnings, and its first failure as an error. Return the exit status.
 
     Args:
         verdict: verdict of the run.
         ending: end of the error, such as where the results are.
         others: where the other failures are.
+        told: warnings that were printed before.
     """
     for finding in verdict.findings:
-        if finding.severity is not Severity.NOTE and finding not in verdict.failures:
+        if finding.severity is not Severity.NOTE and finding not in verdict.failures and str(finding) not in told:
             warn(str(finding))
     if not verdict.failures:
         return DONE
@@ -29,9 +31,17 @@ def report_findings(verdict: Verdict, ending: str, others: str = "") -> int:
     return FAILED
 
 
-def report_verdict(result: Result, drawn: Drawn, folder: Path) -> int:
-    """Print the findings of a run that wrote a folder, and whether it was interrupted. Return the exit status."""
-    if report_findings(result.trajectory.verdict, f"results so far are in {folder}", " in summary.json") == FAILED:
+def report_verdict(result: Result, drawn: Drawn, folder: Path, told: Collection[str]) -> int:
+    """Print the findings of a run that wrote a folder, and whether it was interrupted. Return the exit status.
+
+    Args:
+        result: the run.
+        drawn: its pictures.
+        folder: its folder.
+        told: warnings that were printed before.
+    """
+    where = f"results so far are in {folder}"
+    if report_findings(result.trajectory.verdict, where, " in summary.json", told) == FAILED:
         return FAILED
     if result.interrupted or drawn.interrupted:
         complain(f"interrupted; results so far are in {folder}")

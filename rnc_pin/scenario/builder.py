@@ -87,6 +87,8 @@ class Experiment:
     """Phases of the run; ``reduced``, ``controller`` and ``plant`` are then those of the first."""
     model_warnings: tuple[str, ...] = ()
     """Warnings about the model, which building it gave."""
+    start_findings: tuple[Finding, ...] = ()
+    """Findings about the model at the start, such as radii of wheels that do not fit; ``warnings`` has the doubts."""
 
     @property
     def drawn_model(self) -> DrawnModel:
@@ -95,10 +97,11 @@ class Experiment:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Findings that are known before the run: those of its plan, and warnings as notes."""
-        told = (*self.model_warnings, *self.warnings)
+        """Findings that are known before the run: those of its plan and of its start, and warnings as notes."""
+        known = {str(each) for each in self.start_findings}
+        told = [each for each in (*self.model_warnings, *self.warnings) if each not in known]
         notes = (Finding(FindingKind.MODEL, "", None, "", None, Severity.NOTE, each) for each in told)
-        return (*(() if self.plan is None else self.plan.verdict.findings), *notes)
+        return (*(() if self.plan is None else self.plan.verdict.findings), *self.start_findings, *notes)
 
     @property
     def loop(self) -> LoopOptions:
@@ -171,13 +174,15 @@ def experiment_at(
         motion = (Plans() if plans is None else plans).plan(scenario, reduced, Start(q0, v2_0), obstacles)
     for frame in scenario.view.trail:
         reduced.robot.frame_id(frame)
-    doubted = warnings_of(start_findings(scenario, reduced, q0))
+    at_start = start_findings(scenario, reduced, q0)
+    doubted = warnings_of(at_start)
     if scenario.controller is None:
         plant = build_plant(scenario, reduced, q0, folder)
         notes = provenance_of(None)
-        return Experiment(
+        experiment = Experiment(
             scenario, reduced, ZeroInput(reduced), plant, q0, v2_0, scenario.simulation, doubted, notes, obstacles
         )
+        return replace(experiment, start_findings=at_start)
     references, given = task_references(scenario, reduced, task, q0, motion)
     path = plan_path(scenario, reduced, task, q0)
     built = _build_controller(
@@ -210,6 +215,7 @@ def experiment_at(
         v2_0=v2_0,
         simulation=scenario.simulation,
         warnings=(*doubted, *built.warnings, *_unmeasured(obstacles, reduced)),
+        start_findings=at_start,
         provenance=replace(
             provenance_of(built.notes),
             controller=describe(built.controller),

@@ -7,7 +7,7 @@ import rnc_pin as rnc
 from rnc_pin.analysis.wheel_heights import wheel_height_findings
 from rnc_pin.errors import RncError
 from rnc_pin.scenario.builder import build_reduced, start_of
-from rnc_pin.scenario.execution import plan
+from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.scenario.files import find_scenario, read_yaml
 from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.start_findings import start_findings
@@ -127,6 +127,26 @@ def test_balls_and_casters_are_compared_too(tmp_path, kind):
     system = rnc.NonholonomicSystem(robot, [rnc.RollingWheel("wheel_left", 0.17), kind("wheel_right", 0.25)])
     found = wheel_height_findings(system.reduce(), robot.configuration())
     assert summary(found) == [("wheel_right", "degrades", 0.08)]
+
+
+@pytest.mark.parametrize(
+    ("radius", "word", "severities"),
+    [(0.17, "succeeded", []), (0.1716, "succeeded", ["note"] * 2), (0.25, "degraded", ["degrades"] * 2)],
+)
+def test_a_run_with_a_radius_that_does_not_fit_is_degraded(tmp_path, radius, word, severities):
+    (tmp_path / "cart.urdf").write_text(cart())
+    wheels = "".join(f"  - rolling_wheel: {{frame: wheel_{each}, radius: {radius}}}\n" for each in ("left", "right"))
+    (tmp_path / "cart.yaml").write_text(
+        f"robot: {{urdf: cart.urdf, base: planar}}\nconstraints:\n{wheels}actuators: [left, right]\n"
+        "outputs: {reducing: [frame_speed: {frame: base, axis: x}, frame_yaw: base]}\n"
+        "reference: {primary: {minimum_jerk: {to: [0.1, 0.05], duration: 1}}}\n"
+        "controller: {type: reducing_outputs, preset: scaled}\nsimulation: {duration: 1.2, dt: 0.01}\n"
+    )
+    made = plan(str(tmp_path / "cart.yaml"))
+    verdict = execute(made).trajectory.verdict
+    found = [each for each in verdict.findings if each.kind is FindingKind.MODEL and each.where]
+    assert (verdict.word, [str(each.severity) for each in found]) == (word, severities)
+    assert list(made.experiment.warnings) == [str(each) for each in found if each.severity is Severity.DEGRADES]
 
 
 # ---------------------------------------------------------------------- shapes

@@ -76,10 +76,10 @@ def drive_robot(
         except RncError as error:
             complain(str(error))
             return FAILED
-    return _report(result, drawn, [*files, _COMMANDS, *drawn.written], target.path, as_json)
+    return _report(prepared, result, drawn, [*files, _COMMANDS, *drawn.written], target.path, as_json)
 
 
-def _report(result: Result, drawn: Drawn, files: list[str], path: Path, as_json: bool) -> int:
+def _report(prepared: DrivePlan, result: Result, drawn: Drawn, files: list[str], path: Path, as_json: bool) -> int:
     """Print the end of the run and return the exit status."""
     if drawn.failures:
         warn(str(drawn))
@@ -89,7 +89,7 @@ def _report(result: Result, drawn: Drawn, files: list[str], path: Path, as_json:
     else:
         print_files(path, files)
         print_elapsed(seconds_since_start(), result.summary["wall_time"])
-    return report_verdict(result, drawn, path)
+    return report_verdict(result, drawn, path, prepared.plan.experiment.warnings)
 
 
 def _drawn(prepared: DrivePlan, result: Result, folder: Path, quiet: bool) -> Drawn:

@@ -76,7 +76,7 @@ def run_scenario(
     else:
         print_files(folder.path, files)
         print_elapsed(seconds_since_start(), result.summary["wall_time"])
-    return report_verdict(result, drawn, folder.path)
+    return report_verdict(result, drawn, folder.path, prepared.experiment.warnings)
 
 
 def _drawn(prepared: Plan, result: Result, folder: Path, artists: Artists, quiet: bool) -> Drawn:
