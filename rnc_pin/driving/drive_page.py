@@ -16,6 +16,7 @@ from rnc_pin.io.json import Json
 from rnc_pin.robots.robot import Robot
 from rnc_pin.scenario.saved_run import view_of
 from rnc_pin.simulation import RunInfo, Sample
+from rnc_pin.verdict import Severity, Verdict, weight_of
 from rnc_pin.visualization.browser.access import LOOPBACK
 from rnc_pin.visualization.drawn_model import DrawnModel
 from rnc_pin.visualization.drawn_state import DrawnState
@@ -195,6 +196,15 @@ class DrivePage:
         if status is not None:
             self._viewer.status = status
         self.live(sample)
+
+    def conclude(self, verdict: Verdict) -> None:
+        """Show the verdict of the run in place of its messages: the findings that count, those that fail first."""
+        found = [each for each in verdict.findings if each.severity is not Severity.NOTE]
+        weights = [weight_of(each.kind, each.severity, verdict.accepted) for each in found]
+        lines = [f"{weight}: {each}" for weight, each in zip(weights, found, strict=True)]
+        headline = f"The run has ended. Verdict: {verdict.word}"
+        entry = {"word": verdict.word, "headline": headline, "findings": lines}
+        self._viewer.window.post({"type": "drive_verdict", "path": "/drive", "verdict": entry})
 
     @property
     def problem(self) -> Exception | None:

@@ -20,7 +20,13 @@ if TYPE_CHECKING:
 
 _MOST_PANELS = 24
 _DRAWN_RESULTS = ("smallest_distance", "smallest_own_distance", "min_singular_value")
+_TITLES = {
+    "smallest_distance": "smallest distance from obstacles [m]",
+    "smallest_own_distance": "smallest distance between links [m]",
+    "min_singular_value": "smallest singular value of E",
+}
 _BINS = (10, 40)  # smallest and largest number
+_SHARES, _RUNS_IN_BIN = (4, 20), 10  # the same of shares, and the runs that one needs: a share of few runs is noise
 
 
 def write_reports(results: SweepResults) -> None:
@@ -57,7 +63,7 @@ def write_distributions(results: SweepResults, path: Path) -> None:
     names = [name for name in results.columns if name.startswith("final_error.")]
     names += [name for name in _DRAWN_RESULTS if name in results.columns]
     names += [name for name in results.columns if name.startswith(LIMITS)]
-    names += results.drawn
+    names += [name for name in results.drawn if name != "seed"]
     panels = [panel for name in names[:_MOST_PANELS] if (panel := _histogram(results, name)) is not None]
     if panels:
         of = str(results.specification.get("scenario") or results.specification.get("build"))
@@ -90,11 +96,25 @@ def _histogram(results: SweepResults, name: str) -> Histogram | None:
     if not low < high:
         return None
     logarithmic = low >= 0.0 and np.isfinite(positive) and high > 100.0 * positive
-    bins = int(np.clip(np.sqrt(len(results)), *_BINS))
+    shares = name in results.drawn
+    bins = int(
+        np.clip(len(results) / _RUNS_IN_BIN if shares else np.sqrt(len(results)), *(_SHARES if shares else _BINS))
+    )
     edges = np.geomspace(positive, high, bins + 1) if logarithmic else np.linspace(low, high, bins + 1)
     counts = {label: np.zeros(bins, dtype=int) for label in results.verdicts}
     for values, labels in chunks():
         inside = np.clip(values, edges[0], edges[-1])  # zeros go into the first bin of a logarithmic axis
         for label, count in counts.items():
             count += np.histogram(inside[labels == label], edges)[0]
-    return Histogram(name, edges, counts, logarithmic, shares=name in results.drawn)
+    labels = {label: label if label in SUCCESSFUL else f"failed: {label}" for label in counts}
+    return Histogram(_title(name), edges, {labels[key]: count for key, count in counts.items()}, logarithmic, shares)
+
+
+def _title(name: str) -> str:
+    """Title of the axis of a column: results in words, drawn values as their keys."""
+    group, _, rest = name.partition(".")
+    if group == "final_error":
+        return f"final error of {rest} [m or rad]"
+    if group == LIMITS:
+        return f"excess over {rest} limits [share of range]"
+    return _TITLES.get(name, name)

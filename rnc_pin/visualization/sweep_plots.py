@@ -12,6 +12,7 @@ from matplotlib.patches import Patch
 
 from rnc_pin.visualization.plot_style import COLORS, PrintFigure, escape_dollars, styled
 
+_TICKS = 5
 _COLUMNS, _SIZE = 3, (3.4, 2.2)  # panels side by side, and the size of one [inches]
 
 
@@ -51,6 +52,9 @@ def plot_distributions(panels: Sequence[Histogram], title: str) -> Figure:
             below = below + height
         if panel.logarithmic:
             axes.set_xscale("log")
+        else:  # labels of small differences would overlap
+            axes.locator_params(axis="x", nbins=_TICKS)
+            axes.ticklabel_format(axis="x", scilimits=(-3, 4))
         axes.set_xlabel(escape_dollars(panel.name), fontsize=8 if len(panel.name) > 30 else None)
         if panel.shares:
             axes.set_ylabel("share of runs [%]")

@@ -161,6 +161,10 @@ def test_a_user_drives_from_a_real_browser(browser):
         assert page.evaluate("document.querySelector('#drive .factor').textContent").endswith(" x")
         page.click("text=End run")
         assert eventually(lambda: results)
+        page_.conclude(results[0].trajectory.verdict)
+        words = "headline => [...document.querySelectorAll('#messages li')].some(each => each.textContent === headline)"
+        headline = f"The run has ended. Verdict: {results[0].trajectory.verdict.word}"
+        page.wait_for_function(words, arg=headline, timeout=1000 * PATIENCE)
         assert problems == []
         page.context.close()
     assert page_.problem is None

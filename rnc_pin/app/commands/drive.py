@@ -112,6 +112,7 @@ def _driven(prepared: DrivePlan, duration: float | None, browser: bool) -> Resul
             with interruptible():
                 page.wait_for_browser(_WAIT)
         result = drive(prepared, queue, samples, RealTimeClock(), page)
+        page.conclude(result.trajectory.verdict)
     if page.problem is not None:
         warn(f"the page stopped: {type(page.problem).__name__}: {page.problem}")
     return result

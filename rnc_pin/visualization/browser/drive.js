@@ -24,7 +24,7 @@
 
   const panel = make("div", document.body);
   panel.id = "drive";
-  let controls = null, status = null, chosen = null, parts = {};
+  let controls = null, status = null, verdict = null, chosen = null, parts = {};
   const heights = {};  // z of the goals that clicks set [m]
 
   function slider(parent, name, range, command) {
@@ -120,6 +120,7 @@
 
   function show_messages() {
     if (!parts.messages) return;  // the controls have not come yet
+    if (verdict) return lines(parts.messages, [verdict.headline, ...verdict.findings], verdict.word);
     const ended = offline ? ["the run has ended, or this page may only watch"] : [];
     lines(parts.messages, [...ended, ...(status ? status.messages : [])], "goal");
   }
@@ -244,6 +245,7 @@
   viewer.handle_command = (command) => {
     if (command.type === "drive_controls") build(command.controls);
     else if (command.type === "drive_status") show(command.status);
+    else if (command.type === "drive_verdict") { verdict = command.verdict; show_messages(); }
     else others(command);
   };
 })();
