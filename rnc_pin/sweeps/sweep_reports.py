@@ -106,8 +106,8 @@ def _histogram(results: SweepResults, name: str) -> Histogram | None:
         inside = np.clip(values, edges[0], edges[-1])  # zeros go into the first bin of a logarithmic axis
         for label, count in counts.items():
             count += np.histogram(inside[labels == label], edges)[0]
-    labels = {label: label if label in SUCCESSFUL else f"failed: {label}" for label in counts}
-    return Histogram(_title(name), edges, {labels[key]: count for key, count in counts.items()}, logarithmic, shares)
+    shown = {label if label in SUCCESSFUL else f"failed: {label}": count for label, count in counts.items()}
+    return Histogram(_title(name), edges, shown, logarithmic, shares)
 
 
 def _title(name: str) -> str:
