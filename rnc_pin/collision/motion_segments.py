@@ -148,6 +148,7 @@ class SampledMotion:
     ) -> None:
         self._model, self._time, self._q = model, time, q
         self._steps = JointSteps(model, q)
+        self._halfway: dict[float, Float[Array, " nq"]] = {}  # configurations between samples, by place
         self._tracks = [_Track(each.motion) for each in obstacles if each.motion is not None]
 
     def time_at(self, place: float) -> float:
@@ -158,7 +159,11 @@ class SampledMotion:
     def configuration_at(self, place: float) -> Float[Array, " nq"]:
         """Configuration at a place, on the geodesic between two samples."""
         k, part = self._split(place)
-        return np.asarray(pin.interpolate(self._model, self._q[k], self._q[k + 1], part)) if part else self._q[k]
+        if not part:
+            return self._q[k]
+        if place not in self._halfway:
+            self._halfway[place] = np.asarray(pin.interpolate(self._model, self._q[k], self._q[k + 1], part))
+        return self._halfway[place]
 
     def halfway(self, start: float, end: float) -> float | None:
         """Place about halfway, a sample if there is one; None for a segment that is not halved."""
