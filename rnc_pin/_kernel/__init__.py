@@ -19,15 +19,29 @@ _REINSTALL = "reinstall with pip install -e ."
 _NONE = "this installation has no compiled kernel: reinstall with a C compiler"
 
 
+class _NumPyAlone:
+    """Library without a compiled kernel: each function declines, and the caller evaluates its formula by NumPy."""
+
+    def __getattr__(self, name: str) -> Callable[..., bool]:
+        return _declined
+
+
+def _declined(*arguments: object) -> bool:
+    return False
+
+
+NUMPY_ALONE = _NumPyAlone()
+
+
 def _load() -> tuple[Any, str]:
-    """Compiled module, or None with the reason; no reason if the installation has none."""
+    """Compiled module, or ``NUMPY_ALONE`` with the reason; no reason if the installation has none."""
     try:
         compiled = import_module("rnc_pin._kernel.compiled")
     except ImportError:
-        return None, ""
+        return NUMPY_ALONE, ""
     if compiled.INTERFACE == _INTERFACE:
         return compiled, ""
-    return None, f"compiled kernel is of interface {compiled.INTERFACE}, {_INTERFACE} expected"
+    return NUMPY_ALONE, f"compiled kernel is of interface {compiled.INTERFACE}, {_INTERFACE} expected"
 
 
 def _chosen() -> tuple[Any, str]:
@@ -35,9 +49,9 @@ def _chosen() -> tuple[Any, str]:
     if asked not in ("", "c", "numpy"):
         raise ConfigurationError(f"{_VARIABLE} is '{asked}': expected 'c' or 'numpy'")
     if asked == "numpy":
-        return None, ""
+        return NUMPY_ALONE, ""
     found, reason = _load()
-    if asked == "c" and found is None:
+    if asked == "c" and found is NUMPY_ALONE:
         why = f"the {reason}: {_REINSTALL}" if reason else _NONE
         raise ConfigurationError(f"{_VARIABLE} is 'c', but {why}")
     if reason:
@@ -45,22 +59,10 @@ def _chosen() -> tuple[Any, str]:
     return found, reason
 
 
-class _Calls:
-    """Functions of the compiled kernel. Each returns False for arrays that it leaves to NumPy, as all do without it."""
-
-    def __getattr__(self, name: str) -> Callable[..., bool]:
-        return _declined if library is None else getattr(library, name)
-
-
-def _declined(*arguments: object) -> bool:
-    return False
-
-
-calls = _Calls()
 library: Any
-"""Extension module with the class ``Evaluator``; None if NumPy evaluates."""
+"""Extension module, or ``NUMPY_ALONE``. Functions return False for arrays that they leave to NumPy."""
 outdated: str
 """Reason why the compiled kernel of this installation is not used; empty if there is none."""
 library, outdated = _chosen()
-kernel: str = "numpy" if library is None else "c"
+kernel: str = "numpy" if library is NUMPY_ALONE else "c"
 """Path that evaluates models: "c" or "numpy"."""

@@ -73,7 +73,7 @@ class Feedback:
             if actual.ndim == 2:  # selected columns of many runs are stored by columns
                 actual, rate = np.ascontiguousarray(actual), np.ascontiguousarray(rate)
             point = desired.position, desired.velocity, desired.acceleration
-            if _kernel.calls.feedback(*point, actual, rate, self._table, found):
+            if _kernel.library.feedback(*point, actual, rate, self._table, found):
                 return found[0], found[1]
             if actual.ndim == 2:  # with the bits of single runs, which NumPy would round differently
                 rows = [self(desired, *row) for row in zip(actual, rate, strict=True)]

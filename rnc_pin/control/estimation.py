@@ -206,7 +206,7 @@ def adapt(
     step = gain * elapsed
     beyond = error if _is_zero(dead_zone) else apply_dead_zone(error, dead_zone)
     found = np.empty(p.shape)
-    if _kernel.calls.adapt(p, W, beyond, low, high, step, found):
+    if _kernel.library.adapt(p, W, beyond, low, high, step, found):
         return found
     correction = solve(np.eye(len(error)) + step * W @ W.T, step * beyond).dot(W)
     return np.minimum(np.maximum(p + correction, low), high)

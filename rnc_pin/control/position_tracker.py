@@ -164,7 +164,7 @@ class PositionTracker(ReprMixin):
         found = np.empty(4 * k + 2 * k * k + 2 * r)
         point = desired.position, desired.velocity, desired.acceleration, desired.jerk
         arrays = *point, x2, self.outputs, self._table, *state[1:], *frozen
-        if not _kernel.calls.track_position(*arrays, exp(-sigma * elapsed), leak_time, sigma, elapsed, found):
+        if not _kernel.library.track_position(*arrays, exp(-sigma * elapsed), leak_time, sigma, elapsed, found):
             return self._adapted(t, elapsed, desired, measurement, state)
         end, square = 3 * k, k * k
         A, B = found[end : end + square].reshape(k, k), found[end + square : end + 2 * square].reshape(k, k)

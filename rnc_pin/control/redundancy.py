@@ -161,7 +161,7 @@ class RedundancyController(ReprMixin):
         first = x21d.position, x21d.velocity, x21d.acceleration
         base = x1d.position, x1d.velocity, x1d.acceleration
         arrays = m.A_star, m.A_star_dot, self._places, *first, *base, *actual, *secondary
-        if not _kernel.calls.pursue(*arrays, *counts, found):
+        if not _kernel.library.pursue(*arrays, *counts, found):
             if not batch:
                 return self._pursued(x21d, x1d, secondary, m)
             each = [self._target(x21d, x1d, secondary, measurement_of_run(m, run)) for run in range(len(m.x2))]
@@ -203,7 +203,7 @@ class RedundancyController(ReprMixin):
         r, (v21, v21_dot, wanted, wanted_dot, z, z_dot) = self.task.r, rates
         found = np.empty(2 * r)
         each = m.A_star, m.A_star_dot, self._places, v21, v21_dot, wanted, wanted_dot, self._cheap, z, z_dot
-        if _kernel.calls.spread(*each, len(self.task.vertical), found):
+        if _kernel.library.spread(*each, len(self.task.vertical), found):
             return found[:r], found[r:]
         return self._solved(rates, m)
 

@@ -203,7 +203,7 @@ class SlitheringReference(ReprMixin):
         """Heading with its rate and acceleration, first place to keep, and outcome (B, 5), by the compiled kernel."""
         found = np.zeros((len(paths), 5))
         arrays = m.x1, m.v1, m.A_star, m.A_star_dot, m.v2, v2_dot, self._places, self._table
-        return found if _kernel.calls.slither(paths, headings, *arrays, found) else np.zeros_like(found)
+        return found if _kernel.library.slither(paths, headings, *arrays, found) else np.zeros_like(found)
 
     def _reference(
         self, measurement: Measurement, v2_dot: Array, path: Array, last: float

@@ -139,7 +139,7 @@ class VelocityTracker(ReprMixin):
         leak_time = -expm1(-sigma * elapsed) / sigma if sigma else elapsed
         out, n = np.empty(v2.size * (2 + r + r * r)), v2.size
         arrays = v2, target.v2, target.v2_dot, measurement.force_deficit, state.g, state.C, state.D, self._table
-        if not _kernel.calls.track(*arrays, self._has_dead_zone, decay, leak_time, out):
+        if not _kernel.library.track(*arrays, self._has_dead_zone, decay, leak_time, out):
             if v2.ndim == 1:
                 return self._adapted(elapsed, measurement, target, state)
             given = measurement, VelocityTarget(target.v2, target.v2_dot), state

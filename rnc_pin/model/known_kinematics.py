@@ -47,7 +47,7 @@ class KnownKinematics(PositionKinematics):
             joint, own, support = self._at.frame_constants(frame)
             numbers = np.empty(12 + 6 * self._at.nv)
             record = self._record
-            if not _kernel.calls.frame_kinematics(record["J"], record["placements"][joint], own, support, numbers):
+            if not _kernel.library.frame_kinematics(record["J"], record["placements"][joint], own, support, numbers):
                 return super().placement(frame), super().jacobian(frame)
             numbers.setflags(write=False)
             columns = numbers[:12].reshape(4, 3)

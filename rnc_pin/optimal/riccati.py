@@ -37,7 +37,7 @@ class RiccatiFactors:
         self._inverse = np.empty((N, nz - nx, nz - nx))
         self.P[N] = P = H_end
         self._AB, H = np.ascontiguousarray(AB), np.ascontiguousarray(H)
-        if _kernel.calls.riccati_factors(N, nx, nz, self._AB, H, self.P, self.K, self._inverse):
+        if _kernel.library.riccati_factors(N, nx, nz, self._AB, H, self.P, self.K, self._inverse):
             return
         eye = np.eye(nz - nx)
         for k in range(N - 1, -1, -1):
@@ -61,7 +61,7 @@ class RiccatiFactors:
         p, z, states = np.empty((N + 1, nx, m)), np.empty((N, nz, m)), np.empty((N + 1, nx, m))
         p[N] = g_end
         given = self._AB, self.K, self._inverse, self.P, np.ascontiguousarray(g), np.ascontiguousarray(gap)
-        if _kernel.calls.riccati_solve(N, nx, nz, m, *given, p, z, states):
+        if _kernel.library.riccati_solve(N, nx, nz, m, *given, p, z, states):
             return z, states[N], p
         carried = self.P[1:] @ gap
         feedforward = np.empty((N, *g[0, nx:].shape))

@@ -94,7 +94,7 @@ class _Polynomial:
         piece = min(max(bisect_right(self._breaks, t) - 1, 0), len(self._pieces) - 1)
         terms, since = self._pieces[piece], t - self._breaks[piece]
         found = np.empty((4, self.size))
-        if _kernel.calls.polynomial(terms, since, found):
+        if _kernel.library.polynomial(terms, since, found):
             return found
         powers = [1.0]
         for _ in range(len(terms) - 1):
@@ -227,7 +227,7 @@ class Harmonic:
             return ReferencePoint(self._center, zero, zero, zero)
         growth = _GROWN if t >= self._ramp else np.concatenate(self._growth.at(t))
         found = np.empty((4, self.size))
-        if _kernel.calls.harmonic(self._center, self._amplitude, self._rate, self._phase, growth, t, found):
+        if _kernel.library.harmonic(self._center, self._amplitude, self._rate, self._phase, growth, t, found):
             return ReferencePoint(*found)
         angle = self._rate * t + self._phase
         sine, cosine = self._amplitude * np.sin(angle), self._amplitude * np.cos(angle)

@@ -190,7 +190,7 @@ def test_numpy_and_the_kernel_agree_along_a_path(tiago, monkeypatch):
     direction = np.random.default_rng(4).standard_normal(tiago.nv)
     path = [pin.integrate(tiago.model, tiago.configuration(), s * direction) for s in (0.0, 0.02, 0.2, 0.21)]
     found = []
-    for library in (_kernel.library, None):
+    for library in (_kernel.library, _kernel.NUMPY_ALONE):
         monkeypatch.setattr(_kernel, "library", library)
         distances = CollisionDistances(tiago, obstacles((0.6, 0.0, 0.6)))
         found.append([distances.at(reduced.at(q), 0.5, within=0.2) for q in path])

@@ -89,7 +89,9 @@ def test_the_class_1_law_is_the_cheapest_way_to_its_vertical_rates(redundant, se
         assert (alone.x1.shape, alone.x2.shape) == ((3,), (r,))
 
 
-@pytest.mark.skipif(_kernel.library is None, reason="NumPy evaluates: no library, or RNC_PIN_KERNEL=numpy")
+@pytest.mark.skipif(
+    _kernel.library is _kernel.NUMPY_ALONE, reason="NumPy evaluates: no library, or RNC_PIN_KERNEL=numpy"
+)
 @pytest.mark.parametrize("redundant", [[2, 1], [4, 1, 2]])
 def test_the_compiled_kernel_computes_the_class_1_law(redundant, monkeypatch):
     chosen = task_at(PRIMARY, redundant, VERTICAL)
@@ -106,7 +108,7 @@ def test_the_compiled_kernel_computes_the_class_1_law(redundant, monkeypatch):
     monkeypatch.setattr(law, "_pursued", refuse)
     np.testing.assert_allclose(law.step(0.4, one)[0].v2, spread.v2, rtol=1e-12)
     monkeypatch.undo()
-    monkeypatch.setattr(_kernel, "library", None)
+    monkeypatch.setattr(_kernel, "library", _kernel.NUMPY_ALONE)
     plain = law.step(0.4, one)[0]
     np.testing.assert_allclose(plain.v2_dot, spread.v2_dot, rtol=1e-9)
 

@@ -40,7 +40,7 @@ from systems import (
 )
 
 needs_library = pytest.mark.skipif(
-    _kernel.library is None, reason="NumPy evaluates: no library, or RNC_PIN_KERNEL=numpy"
+    _kernel.library is _kernel.NUMPY_ALONE, reason="NumPy evaluates: no library, or RNC_PIN_KERNEL=numpy"
 )
 
 CONFIGURATION = ("M", "B", "E", "E_inverse", "R", "H", "J1", "A_star", "input_matrix", "b")
@@ -392,7 +392,9 @@ def test_the_kernel_refuses_arrays_of_other_sizes():
         unmade.forward_dynamics(q, v2, q)
 
 
-@pytest.mark.parametrize(("asked", "expected"), [("numpy", "numpy"), ("", "c" if _kernel._load()[0] else "numpy")])
+@pytest.mark.parametrize(
+    ("asked", "expected"), [("numpy", "numpy"), ("", "numpy" if _kernel._load()[0] is _kernel.NUMPY_ALONE else "c")]
+)
 def test_the_environment_selects_the_path(asked, expected, tmp_path):
     script = "import rnc_pin; print(rnc_pin.kernel)"
     command, environment = [sys.executable, "-c", script], {"RNC_PIN_KERNEL": asked}

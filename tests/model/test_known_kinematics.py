@@ -9,7 +9,7 @@ from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES
 from rnc_pin.model.known_kinematics import KnownKinematics
 from systems import space_robot_in_joints, tiago
 
-pytestmark = pytest.mark.skipif(_kernel.library is None, reason="NumPy evaluates: no record of a kernel")
+pytestmark = pytest.mark.skipif(_kernel.library is _kernel.NUMPY_ALONE, reason="NumPy evaluates: no record of a kernel")
 
 
 @pytest.mark.parametrize("make", [tiago, space_robot_in_joints])

@@ -236,7 +236,7 @@ def _distance_form(
         return None
     numbers = np.empty((size + 1, size))
     further, values = (own[:0], rate[:0]) if more is None else more
-    if not _kernel.calls.least_squares(own, rate, further, values, least, damping, _RANK, numbers):
+    if not _kernel.library.least_squares(own, rate, further, values, least, damping, _RANK, numbers):
         return None
     return numbers[0], numbers[1:]
 

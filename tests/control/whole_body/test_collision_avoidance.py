@@ -240,10 +240,10 @@ def test_numpy_and_the_kernel_plan_the_same_decelerations(monkeypatch):
     bound = CollisionAvoidance(influence=0.3, q0=q0).bind(reduced)
     sample = ControlSample(reduced, 0.0, q0, np.linspace(-0.4, 0.4, reduced.r), DT)
     with monkeypatch.context() as kernel_alone:
-        if _kernel.library is not None:
+        if _kernel.library is not _kernel.NUMPY_ALONE:
             kernel_alone.delattr(StateEvaluation, "row_accelerations")  # the other path needs it
         rows = [bound.rows(sample)]
-    monkeypatch.setattr(_kernel, "library", None)
+    monkeypatch.setattr(_kernel, "library", _kernel.NUMPY_ALONE)
     rows.append(bound.rows(sample))
     assert len(rows[0].lower) > 3
     np.testing.assert_allclose(rows[0].lower, rows[1].lower, rtol=1e-12)

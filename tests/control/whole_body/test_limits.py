@@ -137,7 +137,7 @@ def test_numpy_and_the_kernel_give_the_same_velocities_to_stop(monkeypatch):
     reduced = manipulator_in_joints()
     bound = limits.JointPositionLimit(deceleration=2.0).bind(reduced)
     found = []
-    for library in (_kernel.library, None):
+    for library in (_kernel.library, _kernel.NUMPY_ALONE):
         monkeypatch.setattr(_kernel, "library", library)
         for angle in (-9.0, -1.0, 0.3, 2.0, 9.0):
             q = reduced.robot.configuration({"joint_1": angle, "joint_2": 0.5 * angle})

@@ -104,7 +104,7 @@ def tiago_program(limit=0.2, **settings):
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.2])
-@pytest.mark.parametrize("library", [_kernel.library, None], ids=["library", "numpy"])
+@pytest.mark.parametrize("library", [_kernel.library, _kernel.NUMPY_ALONE], ids=["library", "numpy"])
 def test_the_solution_satisfies_the_conditions_of_optimality(damping, library, monkeypatch):
     """Stationarity, signs of multipliers, complementarity and bounds, written from the tasks and limits themselves.
 
@@ -160,7 +160,7 @@ def test_numpy_and_the_kernel_solve_the_same_program(damping, monkeypatch):
         program = VelocityQP(reduced, chosen, box, damping=damping)
         for q, v2 in random_states(reduced, 4, seed=5):
             sample, found = ControlSample(reduced, 0.0, q, 0.1 * v2, 0.002), []
-            for library in (_kernel.library, None):
+            for library in (_kernel.library, _kernel.NUMPY_ALONE):
                 monkeypatch.setattr(_kernel, "library", library)
                 found.append(program.solve(sample))
             monkeypatch.undo()
@@ -171,7 +171,7 @@ def test_numpy_and_the_kernel_solve_the_same_program(damping, monkeypatch):
     assert active > 2
 
 
-@pytest.mark.skipif(_kernel.library is None, reason="the kernel is not active")
+@pytest.mark.skipif(_kernel.library is _kernel.NUMPY_ALONE, reason="the kernel is not active")
 def test_rows_of_full_rank_become_a_distance():
     """The nearest point to the goal is NumPy's least squares; nearly dependent rows are left to singular values."""
     generator, numbers = np.random.default_rng(7), np.empty((6, 5))

@@ -138,7 +138,7 @@ class BoundCollisionAvoidance(BoundLimit):
         state = sample.start
         found, efforts = np.empty(len(near.pairs)), (self._braking_efforts, self._without_limit)
         known = near.jacobian, state.E_inverse, state.H, state.input_matrix, state.unforced
-        if _kernel.calls.decelerations(*known, *efforts, _LEAST, _NO_EFFECT, found):
+        if _kernel.library.decelerations(*known, *efforts, _LEAST, _NO_EFFECT, found):
             return found
         effects, adverse = state.row_accelerations(near.jacobian @ state.R)
         effects = np.abs(effects)

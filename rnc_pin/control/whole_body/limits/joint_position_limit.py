@@ -85,7 +85,7 @@ class _BoundPositions(BoundLimit):
     def rows(self, sample: ControlSample) -> LimitRows:
         start = sample.start
         bounds = np.empty((2, len(self._v)))
-        if _kernel.calls.stopping_velocities(start.q, start.v, *self._places, self._limits, sample.dt, bounds):
+        if _kernel.library.stopping_velocities(start.q, start.v, *self._places, self._limits, sample.dt, bounds):
             return LimitRows(self._jacobian, bounds[0], bounds[1])
         q, ahead = start.q[self._q], 0.5 * sample.dt * start.v[self._v]
         room = np.array([self._upper - q - ahead, q + ahead - self._lower])

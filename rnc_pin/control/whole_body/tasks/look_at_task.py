@@ -78,7 +78,7 @@ class _BoundLook(BoundTask):
         direction = ray / length
         rate = -self._gain * (axis - direction)
         rows = np.empty((3, J.shape[-1]))
-        if _kernel.calls.look_rows(J, other, axis, ray, length, rows):
+        if _kernel.library.look_rows(J, other, axis, ray, length, rows):
             return TaskRows(rows, rate)
         approach = -J[:3] if other is None else other[:3] - J[:3]
         turn = (approach - np.outer(direction, direction @ approach)) / length

@@ -1,0 +1,142 @@
+"""The door to evaluators: what is filled comes first, and formulas give everything else."""
+
+from copy import deepcopy
+from dataclasses import FrozenInstanceError, replace
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin import _kernel
+from rnc_pin.math.linear_algebra import null_space
+from rnc_pin.model.compiled import evaluator_for
+from rnc_pin.model.evaluator import ArraysAtQ, ArraysAtV
+from rnc_pin.model.numpy_evaluator import NumPyEvaluator
+from rnc_pin.model.state_evaluation import StateEvaluation
+from systems import mobile_manipulator, random_states, tiago
+
+needs_kernel = pytest.mark.skipif(_kernel.library is _kernel.NUMPY_ALONE, reason="NumPy evaluates every model")
+
+
+class Filled(ArraysAtQ):
+    """Arrays that no formula gives, so that it shows who is asked."""
+
+    def __init__(self, n, r):
+        self.M, self.H = np.full((n, n), 2.0), None
+        self.factors = np.arange(1.0, n + 1)
+
+    def velocity(self, at, v2):
+        return None if v2[0] < 0 else 7.0 * self.factors
+
+
+class FilledAtV(ArraysAtV):
+    def __init__(self, n):
+        self.nonlinear_effects = np.full(n, 5.0)
+
+
+class Filling(NumPyEvaluator):
+    def fill_at_q(self, at, same):
+        return Filled(self.data.n, self.data.r)
+
+    def fill_at_v(self, at, filled):
+        return FilledAtV(self.data.n)
+
+
+def test_a_filled_array_replaces_its_formula_and_formulas_use_it():
+    reduced = mobile_manipulator()
+    ((q, v2),) = random_states(reduced, 1)
+    v2 = np.abs(v2)
+    plain = StateEvaluation.at(NumPyEvaluator(reduced.reduction_data), q.copy(), v2)
+    state = StateEvaluation.at(Filling(reduced.reduction_data), q.copy(), v2)
+    np.testing.assert_array_equal(state.M, np.full((reduced.n, reduced.n), 2.0))
+    assert not state.M.flags.writeable
+    np.testing.assert_array_equal(state.R, plain.R)  # not filled
+    np.testing.assert_allclose(state.H, plain.R.T @ state.M @ plain.R, rtol=1e-12)  # None: the formula, of the filled M
+    np.testing.assert_array_equal(state.v, 7.0 * np.arange(1.0, reduced.n + 1))
+    np.testing.assert_array_equal(state.bias, np.full(reduced.n, 5.0))
+    still = StateEvaluation.at(Filling(reduced.reduction_data), q.copy(), -v2)  # the evaluator declines the velocity
+    np.testing.assert_allclose(still.v, -plain.v, rtol=1e-12, atol=1e-15)
+
+
+@needs_kernel
+def test_whole_calls_of_a_compiled_evaluator_are_those_of_numpy_where_it_declines():
+    """Two velocities depend on each other so nearly that others replace them."""
+    reduced = mobile_manipulator()
+    ((q, v2),) = random_states(reduced, 1)
+    W = null_space(reduced.at(q).A).T
+    W[1] = np.cos(1e-4) * W[0] + np.sin(1e-4) * W[1]
+    data = reduced.reduction_data.in_velocities(W, free=True)
+    compiled, plain = evaluator_for(data, reduced.evaluator), NumPyEvaluator(data)
+    assert compiled.compiled
+    assert not compiled.at(q).arrays_at_q.one_by_one
+    T, external, damping = np.ones(data.p), np.full(data.n, 0.1), np.full(data.n, 0.2)
+    for call in (
+        lambda by: by.forward_dynamics(q, v2, T, None),
+        lambda by: by.inverse_dynamics(q, v2, v2, None),
+        lambda by: by.terms(q, v2).V,
+        lambda by: by.state_derivative(q.copy(), v2, T, external, damping)[1],
+        lambda by: by.admissible_velocity(q.copy(), v2)[0],
+        lambda by: by.measured(q.copy(), np.ones(data.n)).residual,
+    ):
+        np.testing.assert_allclose(call(compiled), call(plain), rtol=1e-9)
+
+
+def test_calls_for_many_runs_have_the_bits_of_single_ones():
+    reduced = tiago()
+    q, v2 = (np.stack(each) for each in zip(*random_states(reduced, 3), strict=True))
+    for evaluator in (reduced.evaluator, NumPyEvaluator(reduced.reduction_data)):
+        along = np.arange(reduced.r, dtype=np.int64)
+        slopes = evaluator.output_slopes(q, along)
+        forces = evaluator.inverse_dynamics_of_runs(q, v2, v2, 0.0)
+        for run in range(3):
+            np.testing.assert_array_equal(slopes[run], evaluator.output_slopes(q[run], along))
+            np.testing.assert_array_equal(forces[run], evaluator.inverse_dynamics(q[run], v2[run], v2[run], None))
+
+
+def test_an_evaluator_is_made_again_from_its_data():
+    reduced = mobile_manipulator()
+    ((q, v2),) = random_states(reduced, 1)
+    copied = deepcopy(reduced)
+    assert copied.evaluator.compiled == reduced.evaluator.compiled
+    assert copied.evaluator.data is copied.reduction_data
+    T = np.ones(reduced.p)
+    np.testing.assert_array_equal(copied.forward_dynamics(q, v2, T), reduced.at(q, v2).v2_dot(T))
+    state = reduced.at(q, v2)
+    expected = state.A_star_dot.copy()
+    np.testing.assert_allclose(deepcopy(state).A_star_dot, expected, rtol=1e-12, atol=1e-15)
+    assert not {"arrays_at_q", "arrays_at_v"} & vars(deepcopy(state)).keys()
+
+
+@needs_kernel
+def test_rows_that_were_compared_are_not_compared_again(monkeypatch):
+    """Velocities ``W v`` have constant rows; other outputs are new."""
+    reduced = tiago()
+    data, compared = reduced.reduction_data, []
+    monkeypatch.setattr("rnc_pin.model.compiled._difference", lambda found: compared.append(found.data) or 0.0)
+    entries = data.in_entries(range(data.r))
+    assert entries.varies_as(data)
+    assert evaluator_for(entries, reduced.evaluator).compiled
+    assert not compared
+    other = replace(data, vertical=type(data.vertical)([rnc.FramePosition(tiago_frame(reduced)).bind(data.robot)]))
+    assert not other.varies_as(data)
+    evaluator_for(other, reduced.evaluator)
+    evaluator_for(entries)
+    evaluator_for(entries, NumPyEvaluator(data))
+    assert compared == [other, entries, entries]
+
+
+def tiago_frame(reduced):
+    return reduced.robot.model.frames[-1].name
+
+
+def test_data_of_a_reduction_do_not_change():
+    data = mobile_manipulator().reduction_data
+    with pytest.raises(FrozenInstanceError):
+        data.free = True
+    assert data.keeping(data.kept).constraints is data.constraints  # the same stack each time
+    assert data.frozen(0.0).kinematics is not data.kinematics
+
+
+def test_a_library_without_a_kernel_declines_every_call():
+    assert _kernel.NUMPY_ALONE.track(np.zeros(3), 1.0) is False
+    assert (rnc.kernel == "numpy") == (_kernel.library is _kernel.NUMPY_ALONE)
