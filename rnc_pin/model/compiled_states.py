@@ -21,7 +21,7 @@ from rnc_pin.model.row_stack import Place
 
 
 class _Forced(Protocol):
-    """What ``accelerated`` reads from an evaluation."""
+    """Part that ``accelerated`` reads of an evaluation."""
 
     @property
     def passive_force(self) -> Array:

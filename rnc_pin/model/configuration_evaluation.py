@@ -98,14 +98,14 @@ class ConfigurationEvaluation:
 
     @cached_property
     def arrays_at_q(self) -> ArraysAtQ:
-        """What the evaluator has filled for q."""
+        """Arrays that the evaluator has filled for q."""
         if self._equal is not None:
             return self._equal.arrays_at_q
         return self._evaluator.fill_at_q(self, self._same)
 
     @property
     def compiled(self) -> Any:
-        """Records of the compiled kernel at q; None if it has filled none."""
+        """Records of the compiled kernel at q, for calls that take them; None if it has filled none."""
         return self.arrays_at_q if self.arrays_at_q.one_by_one else None
 
     if not TYPE_CHECKING:

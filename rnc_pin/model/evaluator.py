@@ -1,7 +1,7 @@
-"""The door to evaluators: what fills the arrays of an evaluation, first for q, then for v.
+"""The door to evaluators, which fill the arrays of an evaluation, first for q, then for v.
 
 ``ConfigurationEvaluation``, ``ReducedKinematics`` and ``StateEvaluation`` hold each formula once. A quantity that is
-marked here takes what the evaluator has filled by this name, and else computes its formula. So NumPy needs to fill
+marked here takes the array that the evaluator has filled by this name, and else its formula. So NumPy needs to fill
 nothing: see ``numpy_evaluator``. The compiled evaluator declines states inside itself: see ``compiled``.
 """
 
@@ -24,7 +24,7 @@ _Method = TypeVar("_Method", bound=Callable[..., Any])
 
 
 class Configurations(Protocol):
-    """What evaluators read from an evaluation at configurations (..., nq) and times t (...)."""
+    """Parts that evaluators read of an evaluation at configurations (..., nq) and times t (...)."""
 
     q: Array
     t: Component | None
@@ -39,7 +39,7 @@ class Configurations(Protocol):
 
 
 class States(Configurations, Protocol):
-    """What evaluators read from an evaluation at states (..., nq), (..., nv)."""
+    """Parts that evaluators read of an evaluation at states (..., nq), (..., nv)."""
 
     @property
     def v(self) -> Array:
@@ -51,7 +51,7 @@ class States(Configurations, Protocol):
 
 
 class ArraysAtQ:
-    """What an evaluator has filled for q; nothing here. Subclasses have attributes by the names of quantities.
+    """Arrays that an evaluator has filled for q; none here. Subclasses have attributes by the names of quantities.
 
     Attributes:
         one_by_one: True if each state of a batch has the bits that it has alone.
@@ -77,15 +77,15 @@ class HasArraysAtQ(Protocol):
 
     @property
     def arrays_at_q(self) -> ArraysAtQ:
-        """What the evaluator has filled for q."""
+        """Arrays that the evaluator has filled for q."""
 
 
 class ArraysAtV:
-    """What an evaluator has filled for q and v; nothing here."""
+    """Arrays that an evaluator has filled for q and v; none here."""
 
 
 class Evaluator(Protocol):
-    """What fills the arrays of the evaluations in one reduction, ``data``."""
+    """Source of the arrays of the evaluations in one reduction, ``data``."""
 
     data: ReductionData
 
@@ -100,7 +100,7 @@ class Evaluator(Protocol):
 
 
 class _Filled(cached_property[_Value]):
-    """Quantity of an evaluation: what an evaluator has filled by this name, or else a formula."""
+    """Quantity of an evaluation: the array that an evaluator has filled by this name, or else a formula."""
 
     def __init__(self, formula: Callable[[Any], _Value], arrays: str) -> None:
         super().__init__(formula)

@@ -190,7 +190,7 @@ class NumPyEvaluator:
 
     @property
     def chart(self) -> object:
-        """What ``runs`` of another reduction need of the chart that this reduction is; None if they cannot use it."""
+        """Object that ``runs`` of another reduction need of a chart in this one; None if they cannot use it."""
         return None
 
 

@@ -76,7 +76,7 @@ class ReducedKinematics(ConfigurationEvaluation):
 
     @cached_property
     def arrays_at_v(self) -> ArraysAtV:
-        """What the evaluator has filled for v."""
+        """Arrays that the evaluator has filled for v."""
         return self._evaluator.fill_at_v(self, self.arrays_at_q)
 
     @filled_for_v

@@ -71,7 +71,7 @@ class ReducedModel(SummaryMixin):
 
     @property
     def evaluator(self) -> NumPyEvaluator:
-        """What fills the arrays of evaluations, by the compiled kernel or by NumPy."""
+        """Evaluator that fills the arrays of evaluations, compiled or by NumPy."""
         return self._evaluator
 
     @property

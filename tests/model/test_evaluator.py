@@ -9,8 +9,10 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin import _kernel
 from rnc_pin.math.linear_algebra import null_space
+from rnc_pin.model import output_gradients
 from rnc_pin.model.compiled import evaluator_for
-from rnc_pin.model.evaluator import ArraysAtQ, ArraysAtV
+from rnc_pin.model.compiled_states import CompiledArraysAtQ, CompiledArraysAtV
+from rnc_pin.model.evaluator import ArraysAtQ, ArraysAtV, _Filled
 from rnc_pin.model.numpy_evaluator import NumPyEvaluator
 from rnc_pin.model.state_evaluation import StateEvaluation
 from systems import mobile_manipulator, random_states, tiago
@@ -127,6 +129,17 @@ def test_rows_that_were_compared_are_not_compared_again(monkeypatch):
 
 def tiago_frame(reduced):
     return reduced.robot.model.frames[-1].name
+
+
+@pytest.mark.parametrize("arrays", [CompiledArraysAtQ, CompiledArraysAtV])
+def test_arrays_have_the_names_of_quantities(arrays):
+    """An array by another name would never be used."""
+    records = {"vertical", "biases", "rates"}
+    names = {name for name, entry in vars(arrays).items() if hasattr(entry, "__get__") and name[0] != "_"} - records
+    methods = {"position_of", "output_values"}  # of ``ArraysAtQ``
+    for name in names - methods:
+        quantity = getattr(StateEvaluation, name, None) or getattr(output_gradients, name)
+        assert isinstance(quantity, _Filled) or hasattr(quantity, "__wrapped__"), name
 
 
 def test_data_of_a_reduction_do_not_change():

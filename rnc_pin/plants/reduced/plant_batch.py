@@ -89,7 +89,7 @@ class ReducedPlantBatch:
 
     @cached_property
     def _chart_calls(self) -> list[object]:
-        """What ``_runs`` needs of the chart of each run; None for runs without a chart."""
+        """``NumPyEvaluator.chart`` of the chart of each run; None for runs without a chart."""
         return [None if chart is None else chart.evaluator.chart for chart in self._charts]
 
     def __getstate__(self) -> dict[str, object]:  # these refer to memory
@@ -257,7 +257,7 @@ class ReducedPlantBatch:
     # ------------------------------------------------------------------ velocities
 
     def _calls(self, runs: Array) -> tuple[object, ...]:
-        """What ``_runs`` needs of the charts of some runs."""
+        """``NumPyEvaluator.chart`` of the charts of some runs."""
         every = self._chart_calls
         return tuple(every) if len(runs) == self.size else tuple(every[run] for run in runs.tolist())
 
