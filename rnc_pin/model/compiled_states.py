@@ -168,7 +168,7 @@ class CompiledArraysAtV(ArraysAtV):
     nonlinear_effects, gamma = _Entry("biases"), _Entry("biases")
     E_inverse_gamma, motion_force = _Entry("biases"), _Entry("biases")
     E_dot, R_dot = _Entry("rates"), _Entry("rates")
-    J1_dot, A_star_dot = _Entry("rates"), _Entry("rates")
+    J1_dot, A_star, A_star_dot = _Entry("rates"), _Entry("rates"), _Entry("rates")
 
     def __init__(
         self,
@@ -236,12 +236,6 @@ class CompiledArraysAtV(ArraysAtV):
         v1 = np.empty((*self.at_q.batch, self._kernel.data.vertical.size))
         self._calls.row_velocities(rows, True, self._v, v1)
         return v1
-
-    @property
-    def A_star(self) -> Array | None:
-        """Kinematics of the vertical outputs; None if a row is undefined."""
-        known: Array | None = vars(self).get("rates")
-        return self.at_q.A_star if known is None else known["A_star"]
 
     @cached_property
     def rates(self) -> Array | None:

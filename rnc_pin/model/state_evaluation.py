@@ -60,7 +60,9 @@ class StateEvaluation(ReducedKinematics):
     ) -> StateEvaluation:
         """Evaluation at validated states with arrays that the evaluator has filled before; q becomes read-only."""
         q.setflags(write=False)
-        return cls(ConfigurationEvaluation(evaluator, q, None, t, arrays[0]), v=v, arrays=arrays[1])
+        state = cls(ConfigurationEvaluation(evaluator, q, None, t, arrays[0]), v=v, arrays=arrays[1])
+        state.arrays_at_q = arrays[0]
+        return state
 
     def in_reduction(self, evaluator: Evaluator) -> StateEvaluation:
         """The same states in another reduction of the same system."""
