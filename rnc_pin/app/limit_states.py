@@ -12,9 +12,9 @@ from rnc_pin.analysis.limit_effects import limit_effects
 from rnc_pin.control import ComputedTorque, InverseDynamicsQP, VelocityQP, VelocityTracker
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.scenario.builder import Experiment, build_experiment
+from rnc_pin.scenario.controllers.whole_body import WholeBodySettings
 from rnc_pin.scenario.saved_run import load_run
 from rnc_pin.scenario.schema import Scenario
-from rnc_pin.scenario.schema.controllers import WholeBodySettings
 
 _STATES = 21
 

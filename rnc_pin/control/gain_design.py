@@ -14,6 +14,7 @@ import numpy as np
 
 from rnc_pin.control.controller import Description, check_known, listed
 from rnc_pin.errors import ConfigurationError, InfeasibleError
+from rnc_pin.model.parameter_types import NotNegative, Positive
 from rnc_pin.model.reduced_model import ReducedModel
 
 Gain = float | np.ndarray
@@ -28,14 +29,15 @@ MAX_RATE_TIMES_DELAY = np.pi / 4
 class OuterGains(NamedTuple):
     """Gains of the loops over the trackers. They do not depend on the inertia."""
 
-    k3: float = 2.0
-    """Gain on vertical outputs (12) [1/s]."""
-    k4: float = 10.0
+    k3: Gain = 2.0
+    """Gain on vertical outputs (12) [1/s]; one number, or one for each."""
+    k4: Positive = 10.0
     """Rate at which a steering angle follows its desired value [1/s]; several times k3."""
-    k21: float = 2.0
-    """Gain on primary outputs [1/s]; zero for the paper, which uses x21d_dot in open loop."""
-    alpha: float = 20.0
-    """Adaptation gain of parameter estimates (20)."""
+    k21: Gain = 2.0
+    """Gain on primary outputs [1/s]; one number, or one for each. Zero for the paper, which uses x21d_dot in open
+    loop."""
+    alpha: NotNegative = 20.0
+    """Adaptation gain of parameter estimates (20); 0 for constant estimates."""
     k: float = 0.4
     """Decay rate of a platform's distance to its goal [1/s]; several times slower than its tracker."""
     rate: float = 1.0
@@ -56,19 +58,19 @@ OUTER_GAINS: dict[Preset, OuterGains] = {
 
 @dataclass(frozen=True)
 class VelocityGains:
-    """Gains of (10); each is a number, or one for each reducing output (r,).
+    """Gains of (10).
 
     Attributes:
-        k: feedback of the velocity error [force per velocity].
-        beta: adaptation.
-        sigma: leak of the adaptation [1/s].
-        dead_zone: velocity error below which adaptation stops, as large as the velocity noise; zero in the paper
-            (``control.dead_zone``).
+        k: gain of the velocity error [force per velocity]; one number, or one for each reducing output.
+        beta: adaptation gain (10); one number, or one for each reducing output.
+        sigma: leak rate of the adapted values [1/s].
+        dead_zone: velocity error below which adaptation stops, as large as the velocity noise [m/s or rad/s]; zero in
+            the paper (``control.dead_zone``). One number, or one for each reducing output.
     """
 
     k: Gain = 10.0
     beta: Gain = 10.0
-    sigma: float = 0.1
+    sigma: NotNegative = 0.1
     dead_zone: Gain = 0.0
 
     def describe(self) -> Description:
@@ -169,22 +171,23 @@ class VelocityGains:
 
 @dataclass(frozen=True)
 class PositionGains:
-    """Gains of (8)-(9); each is a number, or one for each output (k,).
+    """Gains of (8)-(9).
 
     Attributes:
-        k1: gain of the filtered error w, which replaces the rate.
-        k2: gain of the error.
-        gamma: rate of the filter [1/s], one number.
-        beta: adaptation gain.
-        sigma: leak of the adaptation [1/s].
-        dead_zone: error below which adaptation stops, as large as the output noise; zero in the paper.
+        k1: gain of the filtered error w, which replaces the rate (8); one number, or one for each output.
+        k2: gain of the error (8); one number, or one for each output.
+        gamma: rate of the filter (8) [1/s].
+        beta: adaptation gain (9); one number, or one for each output.
+        sigma: leak rate of the adapted values [1/s].
+        dead_zone: error below which adaptation stops, as large as the output noise; zero in the paper. One number, or
+            one for each output.
     """
 
     k1: Gain = 10.0
     k2: Gain = 10.0
-    gamma: float = 2.0
+    gamma: Positive = 2.0
     beta: Gain = 10.0
-    sigma: float = 0.1
+    sigma: NotNegative = 0.1
     dead_zone: Gain = 0.0
 
     def describe(self) -> Description:
@@ -273,9 +276,9 @@ def design_velocity_gains(
     preset: Preset = "scaled",
     outputs: np.ndarray | None = None,
     inertia_bound: Gain | None = None,
-    bandwidth: float | None = None,
-    adaptation: float | None = None,
-    delay: float | None = None,
+    bandwidth: Positive | None = None,
+    adaptation: Positive | None = None,
+    delay: NotNegative | None = None,
     overrides: Mapping[str, Gain | None] | None = None,
 ) -> VelocityGains:
     """Return the gains of a velocity tracker: those of a preset, or overrides in their place.
@@ -286,7 +289,8 @@ def design_velocity_gains(
         dt: sampling period [s].
         preset: "paper", "normalised" or "scaled".
         outputs: indices of the reducing outputs of these gains; all by default.
-        inertia_bound: for "normalised": a number, or one for each of these outputs.
+        inertia_bound: for "normalised": upper bound of the reduced inertia, ``diag(inertia_bound) - H >= 0``
+            [kg, kg m^2]; a number, or one for each of these outputs.
         bandwidth: for "scaled": bandwidth of the velocity loop [rad/s]; by default the largest that sampling allows.
         adaptation: for "scaled": adaptation rate ``beta / k`` [1/s]; 1 by default.
         delay: for "scaled": time from a measurement to its force, without sampling [s]; 0 by default.

@@ -52,7 +52,7 @@ class JacobianTransposeController(ReprMixin):
     Args:
         reduced: model that provides the kinematics.
         tracker: position tracker of the outputs x21.
-        active: names of the actuators that are on; at least as many as outputs.
+        active: actuators that are on, by name; at least as many as outputs.
 
     Raises:
         ConfigurationError: unknown actuator, or fewer of them than outputs.

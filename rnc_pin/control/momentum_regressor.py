@@ -13,6 +13,7 @@ import scipy
 from rnc_pin.constraints import MomentumConservation
 from rnc_pin.control.estimation import EstimatedModel, ParametrizedCopy
 from rnc_pin.errors import ConfigurationError, ModelError
+from rnc_pin.model.parameter_types import Positive
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
 
@@ -34,7 +35,7 @@ class UnknownMass:
     """
 
     joint: str
-    unit: float = 1.0
+    unit: Positive = 1.0
 
 
 class MomentumRegressor:

@@ -15,6 +15,7 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Description, listed
 from rnc_pin.errors import ConfigurationError, ConstraintError, nearest
 from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.parameter_types import Positive
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.action_models import ActionModel, Form, KinematicModel, Nodes, action_model
 from rnc_pin.optimal.costs import Weight, weights_of
@@ -147,7 +148,8 @@ class PlanFeedback(ReprMixin):
         plan: the plan.
         K: gains (intervals, inputs, states); those of the plan by default. The last ones hold after the end.
         bandwidth: decay rate of the velocity error in the kinematic form [1/s].
-        end: "stop" or "continue".
+        end: motion after a plan that does not end at rest: "stop" brakes within the accelerations of the plan,
+            "continue" keeps its last reduced velocities.
 
     Raises:
         ConfigurationError: plan, gains and model do not fit.
@@ -171,7 +173,7 @@ class PlanFeedback(ReprMixin):
         reduced: ReducedModel,
         plan: MotionPlan,
         K: Float[Array, "K nu nx"] | None = None,
-        bandwidth: float = 20.0,
+        bandwidth: Positive = 20.0,
         end: End = "stop",
     ) -> None:
         self.plan, self.bandwidth = plan, bandwidth

@@ -23,15 +23,15 @@ from rnc_pin.optimal.motion_plan import MotionPlan
 from rnc_pin.planning import Slowed
 from rnc_pin.planning.driven_path import continued_back, distances
 from rnc_pin.plants import Plant
-from rnc_pin.scenario.controllers import BuiltController, ControllerContext, build_controller
+from rnc_pin.scenario.controllers import BuiltController, ControllerContext
 from rnc_pin.scenario.controllers.context import reduced_velocity, refuse_or_warn
 from rnc_pin.scenario.controllers.task_goals import TaskGoals
+from rnc_pin.scenario.controllers.velocity_tracking import VelocityTrackerSettings
 from rnc_pin.scenario.frame_poses import frame_poses
 from rnc_pin.scenario.output_references import plan_path, task_references
 from rnc_pin.scenario.planner_builder import Plans, Start, planned_path
 from rnc_pin.scenario.plant_builder import build_plant
 from rnc_pin.scenario.schema import Scenario, SimulationSettings
-from rnc_pin.scenario.schema.controllers import VelocityTrackerSettings
 from rnc_pin.scenario.schema.obstacles import build_obstacles
 from rnc_pin.scenario.start_findings import start_findings, warnings_of
 from rnc_pin.simulation import Outcome, Phase, Provenance, SimulationOptions, TaskNames, sample_count, simulate
@@ -295,11 +295,11 @@ def _build_controller(scenario: Scenario, context: ControllerContext) -> BuiltCo
     """Build the controller. With ``grip.slow`` its references are slowed down until no wheel slips."""
     assert scenario.controller is not None
     if scenario.grip is None or not scenario.grip.slow:
-        return build_controller(scenario.controller, context)
+        return scenario.controller.build(context)
     settings = scenario.controller
 
     def slowed(time_scale: float) -> BuiltController:
-        return build_controller(settings, _slowed(context, time_scale))
+        return settings.build(_slowed(context, time_scale))
 
     built, time_scale = iterate_time_scale(slowed, lambda each: each.time_scale)
     refuse_or_warn(scenario.preflight, built.warnings)

@@ -10,10 +10,10 @@ from pydantic_core import ErrorDetails
 
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.io.json import Json
+from rnc_pin.scenario.controllers import TYPES
 from rnc_pin.scenario.files import short_text
 from rnc_pin.scenario.schema import Scenario
 from rnc_pin.scenario.schema.base import LIST, PLAIN
-from rnc_pin.scenario.schema.controllers import TYPES
 
 
 def validate(raw: Mapping[str, Json], source: str) -> Scenario:

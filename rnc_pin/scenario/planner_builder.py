@@ -32,9 +32,9 @@ from rnc_pin.optimal.guesses import goal_configuration
 from rnc_pin.optimal.planner import RunFeedback
 from rnc_pin.planning import Reference
 from rnc_pin.robots.robot import Robot
+from rnc_pin.scenario.controllers.plan_feedback import PlanFeedbackSettings
 from rnc_pin.scenario.frame_poses import frame_poses
 from rnc_pin.scenario.schema import Scenario
-from rnc_pin.scenario.schema.controllers import PlanFeedbackSettings
 from rnc_pin.scenario.schema.planner_settings import Limits, OptimalPlanner
 from rnc_pin.scenario.schema.reference_settings import DrivenPath
 from rnc_pin.simulation import PlannedPath

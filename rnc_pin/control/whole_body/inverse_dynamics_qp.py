@@ -21,6 +21,7 @@ from rnc_pin.control.whole_body.whole_body_program import WholeBodyProgram
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.integrators import LieRungeKutta4
 from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.parameter_types import Positive
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 
@@ -73,9 +74,11 @@ class InverseDynamicsQP(WholeBodyProgram):
         tasks: tasks from ``control.tasks``.
         limits: limits from ``control.limits``.
         dt: sampling interval [s].
-        velocity_gain: [1/s].
-        friction: coefficient of friction of the ground; None if the ground grips without bound.
-        solver: "daqp", or another solver of qpsolvers by name.
+        velocity_gain: rate at which velocity errors of tasks decay [1/s]; the rest of the motion comes to rest at the
+            same rate.
+        friction: coefficient of friction of the ground, for the friction cone of each contact; None if only normal
+            forces have a limit.
+        solver: solver of the quadratic program: "daqp", or another solver of qpsolvers by name.
 
     Raises:
         ModelError, ConfigurationError: a task or a limit does not fit the model, or the solver is not installed.
@@ -98,8 +101,8 @@ class InverseDynamicsQP(WholeBodyProgram):
         limits: Sequence[ControlLimit] = (),
         *,
         dt: float,
-        velocity_gain: float = 20.0,
-        friction: float | None = None,
+        velocity_gain: Positive = 20.0,
+        friction: Positive | None = None,
         solver: str = "daqp",
     ) -> None:
         for name, value in (("dt", dt), ("velocity_gain", velocity_gain), ("friction", friction)):

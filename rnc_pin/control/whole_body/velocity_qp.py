@@ -21,6 +21,7 @@ from rnc_pin.control.whole_body.tasks.control_task import ControlTask
 from rnc_pin.control.whole_body.whole_body_program import WholeBodyProgram, limit_report
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.parameter_types import NotNegative
 from rnc_pin.model.reduced_model import ReducedModel
 
 
@@ -75,7 +76,7 @@ class VelocityQP(WholeBodyProgram):
             measured velocity.
         damping: cost of the reduced velocity beside the tasks at every level, as the root of a weight. It bounds the
             velocity near singular configurations, and zero follows the tasks exactly.
-        solver: "daqp", or another solver of qpsolvers by name.
+        solver: solver of the quadratic program: "daqp", or another solver of qpsolvers by name.
 
     Raises:
         ModelError, ConfigurationError: a task or a limit does not fit the model, or the solver is not installed.
@@ -99,7 +100,7 @@ class VelocityQP(WholeBodyProgram):
         limits: Sequence[ControlLimit] = (),
         *,
         dt: float | None = None,
-        damping: float = 0.0,
+        damping: NotNegative = 0.0,
         solver: str = "daqp",
     ) -> None:
         if dt is not None and not 0 < dt < np.inf:

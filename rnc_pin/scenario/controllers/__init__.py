@@ -1,79 +1,69 @@
-"""Construction of controllers from their settings.
+"""Controllers of a scenario: one settings class for each ``type``, which builds its controller.
 
-A builder passes the numbers of its settings to ``rnc_pin.control``. The gains come from ``control.gain_design``.
+To add a type, write its class in a module of its kind, and add it to ``_AnyType``.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from typing import Annotated, get_args
 
-from rnc_pin.control import (
-    Estimator,
-    MomentumRegressor,
-    Regressor,
-    UncertainController,
-    UnknownMass,
-    UnknownRadius,
-    UnknownTrack,
-    WheelRegressor,
+from pydantic import BeforeValidator, Field
+
+from rnc_pin.errors import nearest
+from rnc_pin.scenario.controllers.base import ControllerSettings, NoControlSettings
+from rnc_pin.scenario.controllers.context import BuiltController, ControllerContext
+from rnc_pin.scenario.controllers.plan_feedback import PlanFeedbackSettings
+from rnc_pin.scenario.controllers.position_tracking import JacobianTransposeSettings, TwoPhaseSettings
+from rnc_pin.scenario.controllers.state_feedback import StateFeedbackSettings
+from rnc_pin.scenario.controllers.velocity_tracking import (
+    ReducingOutputsSettings,
+    RedundancySettings,
+    SteeringSettings,
+    UncertainRedundancySettings,
 )
-from rnc_pin.control.gain_design import OUTER_GAINS
-from rnc_pin.errors import ConfigurationError
-from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.scenario.controllers import (  # noqa: F401
-    over_nothing,
-    over_plan,
-    over_position_tracker,
-    over_state_feedback,
-    over_velocity_tracker,
-    whole_body_builder,
+from rnc_pin.scenario.controllers.whole_body import InverseDynamicsSettings, VelocityProgramSettings
+from rnc_pin.scenario.schema.base import wrong
+
+__all__ = ["TYPES", "BuiltController", "ControllerContext", "ControllerItem"]
+
+_AnyType = (
+    RedundancySettings
+    | ReducingOutputsSettings
+    | JacobianTransposeSettings
+    | UncertainRedundancySettings
+    | SteeringSettings
+    | StateFeedbackSettings
+    | VelocityProgramSettings
+    | InverseDynamicsSettings
+    | PlanFeedbackSettings
+    | TwoPhaseSettings
+    | NoControlSettings
 )
-from rnc_pin.scenario.controllers.context import BuiltController, ControllerContext, at_key, build_type
-from rnc_pin.scenario.schema.controllers import AdaptationSettings, ControllerSettings
-from rnc_pin.scenario.schema.unknown_parameters import UnknownMasses
 
-__all__ = ["BuiltController", "ControllerContext", "build_controller"]
+TYPES: dict[str, type[ControllerSettings]] = {
+    get_args(each.model_fields["type"].annotation)[0]: each for each in get_args(_AnyType)
+}
+"""Name of each type to its settings class."""
 
 
-def build_controller(settings: ControllerSettings, context: ControllerContext) -> BuiltController:
-    """Build a controller. With unknown parameters it uses the estimated model and never the true one.
+def _check_keys(raw: object) -> object:
+    """Refuse settings that belong to another type.
 
-    Raises:
-        ConfigurationError: the scenario gives a reference that the controller does not read.
-        RncError: the settings do not fit the robot or the task.
+    Such a setting is dropped if it is null. A comparison can therefore change the type alone.
     """
-    estimator, notes = None, {}
-    if isinstance(settings, AdaptationSettings) and settings.unknown is not None:
-        estimator = _estimator(settings, context.reduced)
-        context = replace(context, reduced=estimator.model)
-        regressor = estimator.regressor
-        notes = {
-            "estimates": dict(zip(regressor.names, regressor.units, strict=True)),
-            "predicted": dict(zip(regressor.predicted, regressor.predicted_units, strict=True)),
-        }
-    for name in context.given:
-        if name not in settings.followed:
-            message = f"is not followed by a controller of type '{settings.type}'{settings.advice}"
-            raise ConfigurationError(f"reference.{name}: {message}")
-    built = build_type(settings, context)
-    if estimator is None:
-        return built
-    return replace(built, controller=UncertainController(estimator, built.controller), notes={**built.notes, **notes})
+    kind = raw.get("type") if isinstance(raw, dict) else None
+    own = TYPES.get(kind) if isinstance(kind, str) else None
+    if own is None or not isinstance(raw, dict):
+        return raw
+    kept = {}
+    for key, value in raw.items():
+        others = [name for name, each in TYPES.items() if key in each.model_fields]
+        if key in own.model_fields or not others:
+            kept[key] = value
+        elif value is not None:
+            whose, hint = ", ".join(others), nearest(key, own.model_fields)
+            raise wrong(key, f"does not belong to type '{kind}' (but to {whose}){hint}")
+    return kept
 
 
-def _estimator(settings: AdaptationSettings, reduced: ReducedModel) -> Estimator:
-    """Build the estimator of the unknown parameters."""
-    unknown = settings.unknown
-    assert unknown is not None
-    alpha = OUTER_GAINS[settings.preset].alpha if settings.alpha is None else settings.alpha
-    low, high = unknown.bounds
-    with at_key("controller.unknown"):
-        regressor: Regressor
-        if isinstance(unknown, UnknownMasses):
-            masses = [UnknownMass(joint, unknown.unit) for joint in unknown.initial]
-            regressor = MomentumRegressor(reduced.robot, unknown.base, masses)
-        else:
-            radii = [UnknownRadius(each.wheels) for each in unknown.radii]
-            tracks = [UnknownTrack(each.wheels) for each in unknown.tracks]
-            regressor = WheelRegressor(reduced, [*radii, *tracks])
-        return Estimator(reduced, regressor, unknown.estimates, (low, high), alpha, unknown.dead_zone)
+ControllerItem = Annotated[_AnyType, Field(discriminator="type"), BeforeValidator(_check_keys)]

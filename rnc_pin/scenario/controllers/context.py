@@ -1,18 +1,17 @@
-"""Inputs and result of building a controller, and the checks that builders share."""
+"""Inputs and result of building a controller, and the checks that types share."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields
-from functools import singledispatch
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 
 from rnc_pin.analysis import Grip
 from rnc_pin.collision import Obstacle
-from rnc_pin.control import Controller, PositionGains, SlitheringReference, VelocityGains
+from rnc_pin.control import Controller, SlitheringReference
 from rnc_pin.errors import ConfigurationError, InfeasibleError, nearest
 from rnc_pin.io.json import Json
 from rnc_pin.model.reduced_model import ReducedModel
@@ -20,12 +19,7 @@ from rnc_pin.model.task import Task
 from rnc_pin.optimal.motion_plan import MotionPlan
 from rnc_pin.planning import Reference
 from rnc_pin.scenario.controllers.task_goals import TaskGoals
-from rnc_pin.scenario.schema.controllers import (
-    AdaptationSettings,
-    ControllerSettings,
-    GainSetting,
-    InertiaBoundSettings,
-)
+from rnc_pin.scenario.schema.base import Numbers
 from rnc_pin.scenario.schema.simulation_settings import SimulationSettings
 
 MIN_SINGULAR_VALUE = 0.01
@@ -117,13 +111,7 @@ def refuse_or_warn(
     return warnings
 
 
-@singledispatch
-def build_type(settings: ControllerSettings, context: ControllerContext) -> BuiltController:
-    """Build the controller of one type. Each type registers its builder."""
-    raise NotImplementedError(f"no builder is registered for {type(settings).__name__}")
-
-
-def sized_gain(name: str, value: GainSetting, size: int) -> float | np.ndarray | None:
+def sized_gain(name: str, value: float | Numbers | None, size: int) -> float | np.ndarray | None:
     """Return a gain of the settings after a check of its length; None if it is not given.
 
     Raises:
@@ -132,32 +120,6 @@ def sized_gain(name: str, value: GainSetting, size: int) -> float | np.ndarray |
     if isinstance(value, list) and len(value) != size:
         raise ConfigurationError(f"controller.{name}: {len(value)} values for {size} outputs")
     return np.array(value) if isinstance(value, list) else value
-
-
-def tracker_gains(
-    settings: ControllerSettings, kind: type[VelocityGains | PositionGains], size: int
-) -> dict[str, float | np.ndarray | None]:
-    """Return the gains of a tracker that the settings give, by name; None for others."""
-    names = [each.name for each in fields(kind) if each.name in type(settings).model_fields]
-    return {name: sized_gain(name, getattr(settings, name), size) for name in names}
-
-
-def inertia_bound(settings: InertiaBoundSettings, r: int) -> np.ndarray | None:
-    """Return the inertia bound of each reducing output, (r,); None without one.
-
-    Raises:
-        ConfigurationError: the number of values is not r.
-    """
-    bound = sized_gain("inertia_bound", settings.inertia_bound, r)
-    return None if bound is None else np.broadcast_to(np.asarray(bound, dtype=float), (r,))
-
-
-def holding_force(settings: AdaptationSettings, context: ControllerContext) -> np.ndarray | None:
-    """Return the reduced force that holds the robot at rest at ``q0``, (r,); None without gravity compensation."""
-    if not settings.gravity_compensation:
-        return None
-    rest = np.zeros(context.reduced.r)
-    return context.reduced.inverse_dynamics(context.q0, rest, rest)
 
 
 def reduced_velocity(reduced: ReducedModel, rates: Mapping[str, float], key: str) -> np.ndarray:

@@ -1,6 +1,8 @@
-"""Schema of scenario files: one module for each group of keys."""
+"""Schema of scenario files: one module for each group of keys.
 
-from rnc_pin.scenario.schema.scenario import Scenario
-from rnc_pin.scenario.schema.simulation_settings import SimulationSettings
+Its exports are imported at their first use: a scenario contains controllers, whose settings use this package.
+"""
 
-__all__ = ["Scenario", "SimulationSettings"]
+from rnc_pin.lazy_exports import lazy_exports
+
+__getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -200,6 +200,17 @@ class Entry(Generic[T]):
         return form
 
 
+def part(kind: Callable[..., T], *names: str, **options: Any) -> Entry[T]:
+    """Return an entry of some parameters of a class. A builder gives the others.
+
+    Args:
+        kind: the class.
+        *names: the parameters.
+        **options: further attributes of the entry.
+    """
+    return Entry(kind, late=tuple(each.name for each in _parameters(kind) if each.name not in names), **options)
+
+
 def _parameters(kind: Callable[..., object]) -> list[_Parameter]:
     """Parameters of a class or function."""
     texts = descriptions(kind)
@@ -211,7 +222,7 @@ def _parameters(kind: Callable[..., object]) -> list[_Parameter]:
             if each.init
         ]
     else:
-        call: object = vars(kind)["__init__"] if isinstance(kind, type) else kind
+        call: object = vars(kind).get("__init__", kind) if isinstance(kind, type) else kind  # a named tuple has none
         types = get_type_hints(call, include_extras=True)
         signature = inspect.signature(kind).parameters.values()
         found = [(each.name, MISSING if each.default is each.empty else each.default) for each in signature]

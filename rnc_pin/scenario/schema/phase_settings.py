@@ -7,9 +7,9 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.scenario.controllers import ControllerItem
 from rnc_pin.scenario.schema.base import Positive
 from rnc_pin.scenario.schema.constraints import ConstraintItem
-from rnc_pin.scenario.schema.controllers import ControllerItem
 from rnc_pin.scenario.schema.derived import Entry, one_of
 from rnc_pin.scenario.schema.outputs import OutputItem, Outputs, TaskOutputs
 from rnc_pin.scenario.schema.reference_settings import References

@@ -10,10 +10,10 @@ from pydantic import Field, model_validator
 from rnc_pin.constraints import GroundPlane
 from rnc_pin.errors import nearest
 from rnc_pin.model.parameter_types import Positive
+from rnc_pin.scenario.controllers import ControllerItem
 from rnc_pin.scenario.schema.actuators import ActuatorItem
 from rnc_pin.scenario.schema.base import FileName, Strict
 from rnc_pin.scenario.schema.constraints import ConstraintItem, ContactItem, GroundItem, with_ground
-from rnc_pin.scenario.schema.controllers import ControllerItem
 from rnc_pin.scenario.schema.derived import Entry
 from rnc_pin.scenario.schema.forces import ForceItem
 from rnc_pin.scenario.schema.obstacles import ObstacleItem

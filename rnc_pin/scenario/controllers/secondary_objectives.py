@@ -6,7 +6,9 @@ from typing import Annotated
 
 from pydantic import model_validator
 
-from rnc_pin.control import JointLimits, Posture, SingularityDistance
+from rnc_pin.control import Combined, JointLimits, Posture, Secondary, SingularityDistance
+from rnc_pin.control.redundancy import check_freedom
+from rnc_pin.scenario.controllers.context import ControllerContext
 from rnc_pin.scenario.schema.base import Strict
 from rnc_pin.scenario.schema.derived import Draft, Entry
 
@@ -22,6 +24,23 @@ class SecondarySettings(Strict):
         None
     )
     """Stay away from singular configurations."""
+
+    def build(self, context: ControllerContext) -> Secondary:
+        """Build the objectives.
+
+        Raises:
+            RncError: the task leaves no freedom, or an objective does not fit.
+        """
+        reduced, task = context.reduced, context.task
+        check_freedom(task)
+        parts: list[Secondary] = []
+        if self.posture is not None:
+            parts.append(self.posture.build(task=task, reference=context.redundant))
+        if self.joint_limits is not None:
+            parts.append(self.joint_limits.build(reduced=reduced, task=task))
+        if self.singularity is not None:
+            parts.append(self.singularity.build(reduced=reduced, task=task))
+        return Combined(parts)
 
     @model_validator(mode="after")
     def _check_any(self) -> SecondarySettings:

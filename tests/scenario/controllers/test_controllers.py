@@ -11,10 +11,9 @@ import rnc_pin as rnc
 from places import SCHEMA
 from rnc_pin.planning import Hold
 from rnc_pin.scenario.builder import build_reduced, build_task
-from rnc_pin.scenario.controllers import ControllerContext, build_controller
+from rnc_pin.scenario.controllers import TYPES, ControllerContext
 from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
 from rnc_pin.scenario.loading import validate
-from rnc_pin.scenario.schema.controllers import TYPES
 
 jsonschema = pytest.importorskip("jsonschema", reason="reads schemas; comes with the test extra")
 
@@ -156,9 +155,9 @@ def test_what_a_controller_is_built_from_cannot_be_changed():
     )
     with pytest.raises(dataclasses.FrozenInstanceError):
         context.given = ()
-    first, second = build_controller(given.controller, context), build_controller(given.controller, context)
+    first, second = given.controller.build(context), given.controller.build(context)
     assert first.controller is not second.controller
     np.testing.assert_array_equal(first.controller.gains.k, second.controller.gains.k)
     assert first.warnings == second.warnings == ()
     with pytest.raises(rnc.ConfigurationError, match=r"reference.redundant: is not followed by .* 'redundancy'; contr"):
-        build_controller(given.controller, dataclasses.replace(context, given=("redundant",)))
+        given.controller.build(dataclasses.replace(context, given=("redundant",)))
