@@ -7,10 +7,10 @@ import inspect
 import math
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from itertools import pairwise
-from typing import Annotated, Any, get_args, get_origin
+from typing import Annotated, Any, ClassVar, get_args, get_origin
 
 from pydantic import (
     AfterValidator,
@@ -101,7 +101,10 @@ class Strict(BaseModel):
     ``use_attribute_docstrings`` reads all sources at every import, which takes longer than a short run.
     """
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+    texts_of_class: ClassVar[Callable[[], Mapping[str, str]] | None] = None
+    """Function that returns the descriptions of keys that another class has."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, defer_build=True)
 
     @model_validator(mode="before")
     @classmethod
@@ -123,7 +126,10 @@ class Strict(BaseModel):
     def key_descriptions(cls) -> dict[str, str]:
         """Description of each key, from its field or from the docstring of the attribute."""
         kinds = [kind for kind in reversed(cls.__mro__) if issubclass(kind, Strict)]
-        texts = {name: text for kind in kinds for name, text in attribute_texts(kind).items()}
+        texts: dict[str, str] = {}
+        for kind in kinds:
+            of_class = vars(kind).get("texts_of_class")
+            texts |= attribute_texts(kind) if of_class is None else of_class()
         texts |= {name: field.description for name, field in cls.model_fields.items() if field.description is not None}
         return {name: texts[name] for name in cls.model_fields if name in texts}
 

@@ -44,7 +44,6 @@ class _Parameter(NamedTuple):
     kind: object
     default: object
     """Default value; ``MISSING`` for none."""
-    text: str
 
     @property
     def may_be_none(self) -> bool:
@@ -155,13 +154,19 @@ class Entry(Generic[T]):
     def model(self) -> type[Strict]:
         """Pydantic model of the mapping in a file."""
         fields = {self._key(each.name): self._field(each) for each in self._parameters}
-        return _mapping(self.title, summary(self.kind), fields)
+        made = _mapping(self.title, summary(self.kind), fields)
+        made.texts_of_class = self._texts
+        return made
+
+    def _texts(self) -> dict[str, str]:
+        texts = descriptions(self.kind)
+        return {self._key(each.name): texts[each.name] for each in self._parameters if each.name in texts}
 
     def _field(self, each: _Parameter) -> tuple[object, object]:
         """Type and default of a field of the mapping."""
         kind = self.forms.get(each.name, each.kind)
         parts = get_args(kind) if get_origin(kind) is Annotated else ()
-        text = next((part.description for part in parts if isinstance(part, FieldInfo) and part.description), each.text)
+        text = next((part.description for part in parts if isinstance(part, FieldInfo) and part.description), None)
         default = self.defaults.get(each.name, each.default)
         default = list(default) if isinstance(default, tuple) else default
         if each.unlimited or each.name in self.optional:
@@ -213,7 +218,6 @@ def part(kind: Callable[..., T], *names: str, **options: Any) -> Entry[T]:
 
 def _parameters(kind: Callable[..., object]) -> list[_Parameter]:
     """Parameters of a class or function."""
-    texts = descriptions(kind)
     if dataclasses.is_dataclass(kind):
         types = get_type_hints(kind, include_extras=True)
         found = [
@@ -226,7 +230,7 @@ def _parameters(kind: Callable[..., object]) -> list[_Parameter]:
         types = get_type_hints(call, include_extras=True)
         signature = inspect.signature(kind).parameters.values()
         found = [(each.name, MISSING if each.default is each.empty else each.default) for each in signature]
-    return [_Parameter(name, types[name], default, texts.get(name, "")) for name, default in found]
+    return [_Parameter(name, types[name], default) for name, default in found]
 
 
 def one_of(names: bool = False, /, **entries: type | Entry[Any]) -> object:
