@@ -24,12 +24,23 @@ from rnc_pin.control import (
 )
 from rnc_pin.control.gain_design import OUTER_GAINS, OuterGains
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.scenario.controllers.context import BuiltController, ControllerContext, sized_gain
+from rnc_pin.scenario.controllers.context import BuiltController, ControllerContext
 from rnc_pin.scenario.controllers.unknown_parameters import Unknown
-from rnc_pin.scenario.schema.base import Strict, wrong
+from rnc_pin.scenario.schema.base import Numbers, Strict, wrong
 from rnc_pin.scenario.schema.derived import Entry, T, part
 
 _Gains = type[VelocityGains] | type[PositionGains]
+
+
+def sized_gain(name: str, value: float | Numbers | None, size: int) -> float | np.ndarray | None:
+    """Return a gain of the settings after a check of its length; None if it is not given.
+
+    Raises:
+        ConfigurationError: the number of values is not ``size``.
+    """
+    if isinstance(value, list) and len(value) != size:
+        raise ConfigurationError(f"controller.{name}: {len(value)} values for {size} outputs")
+    return np.array(value) if isinstance(value, list) else value
 
 
 class ControllerSettings(Strict):

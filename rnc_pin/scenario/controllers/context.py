@@ -19,7 +19,6 @@ from rnc_pin.model.task import Task
 from rnc_pin.optimal.motion_plan import MotionPlan
 from rnc_pin.planning import Reference
 from rnc_pin.scenario.controllers.task_goals import TaskGoals
-from rnc_pin.scenario.schema.base import Numbers
 from rnc_pin.scenario.schema.simulation_settings import SimulationSettings
 
 MIN_SINGULAR_VALUE = 0.01
@@ -109,17 +108,6 @@ def refuse_or_warn(
     if complaints and preflight == "refuse":
         raise InfeasibleError("; ".join(warnings))
     return warnings
-
-
-def sized_gain(name: str, value: float | Numbers | None, size: int) -> float | np.ndarray | None:
-    """Return a gain of the settings after a check of its length; None if it is not given.
-
-    Raises:
-        ConfigurationError: the number of values is not ``size``.
-    """
-    if isinstance(value, list) and len(value) != size:
-        raise ConfigurationError(f"controller.{name}: {len(value)} values for {size} outputs")
-    return np.array(value) if isinstance(value, list) else value
 
 
 def reduced_velocity(reduced: ReducedModel, rates: Mapping[str, float], key: str) -> np.ndarray:

@@ -24,8 +24,8 @@ from rnc_pin.control.gain_design import OUTER_GAINS
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.parameter_types import NotNegative
 from rnc_pin.model.task import Task
-from rnc_pin.scenario.controllers.base import AdaptationSettings, InertiaBoundSettings, preset_gains
-from rnc_pin.scenario.controllers.context import BuiltController, ControllerContext, at_key, sized_gain
+from rnc_pin.scenario.controllers.base import AdaptationSettings, InertiaBoundSettings, preset_gains, sized_gain
+from rnc_pin.scenario.controllers.context import BuiltController, ControllerContext, at_key
 from rnc_pin.scenario.schema.derived import Draft, part
 from rnc_pin.scenario.schema.reference_settings import Pose
 

@@ -23,8 +23,8 @@ from rnc_pin.control.gain_design import OuterGains
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model.task import Task
 from rnc_pin.planning import Joined, Reference, ReferencePoint
-from rnc_pin.scenario.controllers.base import AdaptationSettings, preset_gains
-from rnc_pin.scenario.controllers.context import BuiltController, ControllerContext, at_key, sized_gain
+from rnc_pin.scenario.controllers.base import AdaptationSettings, preset_gains, sized_gain
+from rnc_pin.scenario.controllers.context import BuiltController, ControllerContext, at_key
 from rnc_pin.scenario.controllers.motion_check import check_motion
 from rnc_pin.scenario.controllers.secondary_objectives import SecondarySettings
 from rnc_pin.scenario.controllers.task_goals import TaskGoals

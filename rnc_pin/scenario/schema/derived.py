@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field
@@ -53,7 +54,7 @@ class _Parameter(NamedTuple):
     @property
     def unlimited(self) -> bool:
         """True if the default is infinite. Files write null for it."""
-        return isinstance(self.default, float) and bool(np.isinf(self.default))
+        return isinstance(self.default, float) and math.isinf(self.default)
 
 
 @dataclass(frozen=True)
