@@ -36,7 +36,7 @@ from rnc_pin.scenario.controllers.plan_feedback import PlanFeedbackSettings
 from rnc_pin.scenario.frame_poses import frame_poses
 from rnc_pin.scenario.schema import Scenario
 from rnc_pin.scenario.schema.planner_settings import Limits, OptimalPlanner
-from rnc_pin.scenario.schema.reference_settings import DrivenPath
+from rnc_pin.scenario.schema.reference_settings import VehiclePath
 from rnc_pin.simulation import PlannedPath
 
 _POINTS = 400  # of a planned path
@@ -215,7 +215,7 @@ def _with_joints(robot: Robot, q: np.ndarray, joints: Mapping[str, float | list[
     return moved
 
 
-def _path(settings: DrivenPath, reduced: ReducedModel, q0: np.ndarray, duration: float) -> Reference:
+def _path(settings: VehiclePath, reduced: ReducedModel, q0: np.ndarray, duration: float) -> Reference:
     if reduced.reducing.quasi.tolist() != [True, False]:
         raise ConfigurationError("guess.path: reducing outputs must be forward speed and steering angle, in this order")
     poses, _ = frame_poses(reduced.robot, settings.frame, q0[None])

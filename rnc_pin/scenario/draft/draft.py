@@ -45,7 +45,7 @@ _BaseBuilder = Callable[[], BaseAssumptions]
 
 
 @dataclass(frozen=True)
-class Draft:
+class DraftedScenario:
     """Draft of a scenario.
 
     Attributes:
@@ -76,7 +76,7 @@ def draft(source: str, folder: Path, wishes: DraftOptions | None = None) -> str:
     return draft_with_decisions(source, folder, wishes).text
 
 
-def draft_with_decisions(source: str, folder: Path, wishes: DraftOptions | None = None) -> Draft:
+def draft_with_decisions(source: str, folder: Path, wishes: DraftOptions | None = None) -> DraftedScenario:
     """Return a scenario as ``draft`` does, with the decisions behind it."""
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
@@ -86,14 +86,14 @@ def draft_with_decisions(source: str, folder: Path, wishes: DraftOptions | None 
     return result
 
 
-def _drafted(source: Source, folder: Path, wishes: DraftOptions) -> Draft:
+def _drafted(source: Source, folder: Path, wishes: DraftOptions) -> DraftedScenario:
     robot, is_rigid = source.load_for_detection()
     source.remember_packages(robot)
     start, drives = start_values(robot), source.drive_evidence(robot)
     at_start = RobotAtStart(robot, start, source.names(), drives, "mjcf" not in source.entry, is_rigid)
     failures: list[str] = []
     first: RncError | None = None
-    best: tuple[Trial, Draft, list[warnings.WarningMessage]] | None = None
+    best: tuple[Trial, DraftedScenario, list[warnings.WarningMessage]] | None = None
     for way in _candidate_bases(at_start, wishes, source):
         mobility: BaseAssumptions | None = None
         try:
@@ -115,7 +115,7 @@ def _drafted(source: Source, folder: Path, wishes: DraftOptions) -> Draft:
             continue
         verdict = attempt.trial.verdict
         if best is None or attempt.trial.rank < best[0].rank:
-            best = attempt.trial, Draft(text, tuple(mobility.decisions)), heard
+            best = attempt.trial, DraftedScenario(text, tuple(mobility.decisions)), heard
         if verdict.succeeded:
             break
         failures.append(f"not '{mobility.kind}': {verdict.first}")

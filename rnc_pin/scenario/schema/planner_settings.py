@@ -11,7 +11,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal import FileLimits, MotionPlan, OutputCost, SolverSettings, plan
 from rnc_pin.scenario.schema.base import Numbers, Positive, Strict
 from rnc_pin.scenario.schema.derived import Entry
-from rnc_pin.scenario.schema.reference_settings import DrivenPath, ReferenceItem
+from rnc_pin.scenario.schema.reference_settings import ReferenceItem, VehiclePath
 
 WeightSetting = float | Numbers | dict[str, float]
 """One number, one for each row, or a mapping by name (zero for the others)."""
@@ -73,7 +73,7 @@ class GuessSettings(Strict):
     through: list[dict[str, float | list[float]]] | None = None
     """Configurations between start and goal at equal times, each with joints to positions; other joints keep their
     initial position."""
-    path: DrivenPath | None = None
+    path: VehiclePath | None = None
     """Path of a steered vehicle."""
     reducing: ReferenceItem | None = None
     """Motion of all reducing outputs from their initial values; the constraints give the rest."""

@@ -49,7 +49,7 @@ TrailerItem = Annotated[
 ]
 
 
-class DrivenPath(_PATH.model):  # type: ignore[name-defined, misc]
+class VehiclePath(_PATH.model):  # type: ignore[name-defined, misc]
     """Path of a steered vehicle, whose reducing outputs are forward speed and steering angle."""
 
     frame: str
@@ -79,7 +79,7 @@ class DrivenPath(_PATH.model):  # type: ignore[name-defined, misc]
         return _PATH.build(self, start=start, duration=duration, forward_only=forward_only, geometry=geometry)
 
 
-class PathSettings(DrivenPath):
+class PathSettings(VehiclePath):
     """Path of a steered vehicle from its initial pose to a goal pose. It gives the primary reference and, with a
     trailer, the vertical one. The constraints give the steering angle for each curvature, for any steering geometry.
     """
