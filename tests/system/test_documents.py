@@ -83,6 +83,14 @@ def test_tables_of_scenario_keys_are_current():
     assert module.page(text) == text, "run python docs/make_scenario_keys.py"
 
 
+def test_the_reading_order_is_short():
+    """Ten files with the paper, of at most 2,500 lines together."""
+    page = ROOT / "docs" / "explanation" / "reading_order.md"
+    files = [(page.parent / each).resolve() for each in re.findall(r"\]\((\S+\.py)\)", page.read_text())]
+    assert len(files) == 10
+    assert sum(len(file.read_text().splitlines()) for file in files) <= 2500
+
+
 def test_the_readme_is_short():
     assert len((ROOT / "README.md").read_text().split()) <= 600
 
