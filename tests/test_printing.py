@@ -117,7 +117,7 @@ def test_a_task_and_controllers_say_their_settings():
     said = "Task(primary=[tip_x, tip_y], redundant=[joint_1], vertical=[platform])"
     assert repr(task) == said
     target = control.RedundancyController(task, Hold(np.zeros(2)), Hold(np.zeros(1)), k3=1.5)
-    inner = f"RedundancyController(task={said}, primary=Hold, vertical=Hold, k3=1.5, k21=0)"
+    inner = f"RedundancyController(task={said}, primary=Hold, vertical=Hold, k3=1.5, k21=2)"
     assert repr(target) == inner
     gains = control.VelocityGains(k=np.array([1.0, 2.5, 3.0]), beta=10.0, sigma=0.1)
     tracker = control.VelocityTracker(target, gains)

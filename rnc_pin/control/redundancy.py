@@ -10,6 +10,7 @@ from rnc_pin import _kernel
 from rnc_pin.control.batches import measurement_of_run, stack_states
 from rnc_pin.control.controller import Description, VelocityTarget, check_size, describe, goals_at, listed
 from rnc_pin.control.deviation import deviation, fed_back
+from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS
 from rnc_pin.control.secondary import Secondary
 from rnc_pin.errors import ConfigurationError, SingularityError
 from rnc_pin.io.json import Json
@@ -93,8 +94,8 @@ class RedundancyController(ReprMixin):
         task: Task,
         primary: Reference,
         vertical: Reference,
-        k3: float | np.ndarray = 2.0,
-        k21: float | np.ndarray = 0.0,
+        k3: float | np.ndarray = DEFAULT_OUTER_GAINS.k3,
+        k21: float | np.ndarray = DEFAULT_OUTER_GAINS.k21,
         weights: np.ndarray | None = None,
         secondary: Secondary | None = None,
     ) -> None:

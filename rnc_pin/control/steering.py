@@ -11,6 +11,7 @@ from rnc_pin import _kernel
 from rnc_pin.control.batches import state_of_runs
 from rnc_pin.control.controller import Description, VelocityTarget, check_size, goals_at, listed
 from rnc_pin.control.deviation import Feedback
+from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS
 from rnc_pin.control.slithering import PathState, SlitheringReference
 from rnc_pin.errors import ConfigurationError, InputError, SingularityError
 from rnc_pin.math.linear_algebra import apply, apply_transposed, clipped, solve
@@ -75,9 +76,9 @@ class SteeringController(ReprMixin):
         task: Task,
         primary: Reference,
         vertical: Reference | SlitheringReference,
-        k3: float | np.ndarray = 2.0,
-        k4: float = 10.0,
-        k21: float | np.ndarray = 2.0,
+        k3: float | np.ndarray = DEFAULT_OUTER_GAINS.k3,
+        k4: float = DEFAULT_OUTER_GAINS.k4,
+        k21: float | np.ndarray = DEFAULT_OUTER_GAINS.k21,
         damping: float = 0.1,
         max_rate: float = 4.0,
         monitored: tuple[np.ndarray, Reference] | None = None,

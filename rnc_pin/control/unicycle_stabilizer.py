@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rnc_pin.control.controller import Description, VelocityTarget, listed
+from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.math.coordinates import wrapped
 from rnc_pin.model.measurement import Measurement
@@ -89,11 +90,11 @@ class UnicycleStabilizer(ReprMixin):
         goal: np.ndarray,
         position: np.ndarray,
         begin: float = 0.0,
-        k: float = 0.5,
-        rate: float = 1.5,
-        tolerance: float = 2e-3,
+        k: float = DEFAULT_OUTER_GAINS.k,
+        rate: float = DEFAULT_OUTER_GAINS.rate,
+        tolerance: float = DEFAULT_OUTER_GAINS.tolerance,
         ramp_time: float = 1.0,
-        max_speed: tuple[float, float] = (1.0, 1.0),
+        max_speed: tuple[float, float] = DEFAULT_OUTER_GAINS.max_speed,
     ) -> None:
         if not 0 < k < rate:
             raise ConfigurationError(f"a unicycle's stabiliser needs 0 < k < rate, found {k:g} and {rate:g}")

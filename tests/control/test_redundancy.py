@@ -168,7 +168,7 @@ def test_the_class_1_law_says_which_outputs_are_too_few():
     for weights in ([1.0, 2.0], np.ones((1, 3)), 1.0, [1, 0, 1], [1, -2, 1], [1, 1, np.inf], [1, np.nan, 1]):
         with pytest.raises(rnc.ConfigurationError, match="weights have to be 3 positive numbers"):
             RedundancyController(wide, nothing, one, weights=weights)
-    plain = {"type": "RedundancyController", "k3": 2.0, "k21": 0.0}
+    plain = {"type": "RedundancyController", "k3": 2.0, "k21": 2.0}
     assert RedundancyController(wide, nothing, one).describe() == {**plain, "weights": [1.0, 1.0, 1.0]}
     assert RedundancyController(wide, nothing, one, weights=[3, 49, 0.1]).describe()["weights"] == [3.0, 49.0, 0.1]
     assert RedundancyController(task_at([1], [0], [0]), one, one).describe() == plain

@@ -18,7 +18,9 @@ WHERE = np.array([2, 0])  # x and y in x1, neither first nor in order
 
 
 def unicycle(**settings):
-    return UnicycleStabilizer(GOAL, WHERE, **{"ramp_time": 0.0, "max_speed": (1e9, 1e9), **settings})
+    return UnicycleStabilizer(
+        GOAL, WHERE, **{"k": 0.5, "rate": 1.5, "ramp_time": 0.0, "max_speed": (1e9, 1e9), **settings}
+    )
 
 
 def seen(x, y, turn, v2=(0.0, 0.0)):
@@ -227,8 +229,8 @@ def test_a_unicycle_at_its_goal_turns_only(backwards):
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"k": 0.0}, "needs 0 < k < rate, found 0 and 1.5"),
-        ({"k": 1.5}, "needs 0 < k < rate, found 1.5 and 1.5"),
+        ({"k": 0.0}, "needs 0 < k < rate, found 0 and 1"),
+        ({"k": 1.0}, "needs 0 < k < rate, found 1 and 1"),
         ({"tolerance": 0.0}, r"found 0, 1 and \(1.0, 1.0\)"),
         ({"ramp_time": -1e-9}, r"found 0.002, -1e-09 and \(1.0, 1.0\)"),
         ({"max_speed": (0.0, 1.0)}, r"found 0.002, 1 and \(0.0, 1.0\)"),
