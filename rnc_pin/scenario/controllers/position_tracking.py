@@ -26,13 +26,13 @@ from rnc_pin.model.parameter_types import NotNegative
 from rnc_pin.model.task import Task
 from rnc_pin.scenario.controllers.base import AdaptationSettings, InertiaBoundSettings, preset_gains, sized_gain
 from rnc_pin.scenario.controllers.context import BuiltController, ControllerContext, at_key
-from rnc_pin.scenario.schema.derived import Draft, part
+from rnc_pin.scenario.schema.derived import PartialCall, part
 from rnc_pin.scenario.schema.reference_settings import Pose
 
 _GAINS = preset_gains(PositionGains, "k1", "k2", "gamma", "beta", "sigma")
 _ACTIVE = part(JacobianTransposeController, "active")
 PlatformItem = Annotated[
-    Draft[UnicycleStabilizer],
+    PartialCall[UnicycleStabilizer],
     part(
         UnicycleStabilizer,
         "goal",

@@ -10,19 +10,19 @@ from rnc_pin.control import Combined, JointLimits, Posture, Secondary, Singulari
 from rnc_pin.control.redundancy import check_freedom
 from rnc_pin.scenario.controllers.context import ControllerContext
 from rnc_pin.scenario.schema.base import Strict
-from rnc_pin.scenario.schema.derived import Draft, Entry
+from rnc_pin.scenario.schema.derived import Entry, PartialCall
 
 
 class SecondarySettings(Strict):
     """Secondary objectives, for tasks with more redundant than vertical outputs. The controller adds them."""
 
-    posture: Annotated[Draft[Posture], Entry(Posture, late=("task", "reference"))] | None = None
+    posture: Annotated[PartialCall[Posture], Entry(Posture, late=("task", "reference"))] | None = None
     """Stay near a posture: ``reference.redundant``, by default the initial values of the redundant outputs."""
-    joint_limits: Annotated[Draft[JointLimits], Entry(JointLimits, late=("reduced", "task"))] | None = None
+    joint_limits: Annotated[PartialCall[JointLimits], Entry(JointLimits, late=("reduced", "task"))] | None = None
     """Stay away from joint limits."""
-    singularity: Annotated[Draft[SingularityDistance], Entry(SingularityDistance, late=("reduced", "task"))] | None = (
-        None
-    )
+    singularity: (
+        Annotated[PartialCall[SingularityDistance], Entry(SingularityDistance, late=("reduced", "task"))] | None
+    ) = None
     """Stay away from singular configurations."""
 
     def build(self, context: ControllerContext) -> Secondary:

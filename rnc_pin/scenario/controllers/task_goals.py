@@ -18,7 +18,7 @@ from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.rows import OutputKind
 from rnc_pin.outputs import FramePosition, FrameYaw
 from rnc_pin.planning import Reference
-from rnc_pin.scenario.schema.derived import Draft
+from rnc_pin.scenario.schema.derived import PartialCall
 
 
 class GoalError(NamedTuple):
@@ -46,13 +46,16 @@ class TaskGoals:
     """
 
     def __init__(
-        self, items: Sequence[ControlTask | Draft[ControlTask]], tasks: Sequence[ControlTask], reduced: ReducedModel
+        self,
+        items: Sequence[ControlTask | PartialCall[ControlTask]],
+        tasks: Sequence[ControlTask],
+        reduced: ReducedModel,
     ) -> None:
         self._reduced, self._first = reduced, min(task.priority for task in tasks)
         self._goals = [
-            (index, draft, task, task.bind(reduced).names)
-            for index, (draft, task) in enumerate(zip(items, tasks, strict=True))
-            if isinstance(draft, Draft)
+            (index, call, task, task.bind(reduced).names)
+            for index, (call, task) in enumerate(zip(items, tasks, strict=True))
+            if isinstance(call, PartialCall)
         ]
 
     def errors(self, t: float, q: Float[Array, " nq"], v: Float[Array, " nv"] | None = None) -> list[GoalError]:
@@ -61,16 +64,16 @@ class TaskGoals:
         A quasi-velocity has no position: its goal is the velocity of its reference.
         """
         found = []
-        for index, draft, task, names in self._goals:
-            reference: Reference = getattr(task, "reference")  # noqa: B009 (a draft's task has one)
-            stack = goal_stack(draft, self._reduced)
+        for index, call, task, names in self._goals:
+            reference: Reference = getattr(task, "reference")  # noqa: B009 (a call of a task with a reference)
+            stack = goal_stack(call, self._reduced)
             if stack is not None and stack.quasi.any():
                 if v is None:
                     continue
                 rates = stack.jacobian(self._reduced.at(q).position) @ v
                 errors = reference.at(t).velocity - rates
             else:
-                value, coordinates = goal_values(draft, self._reduced, q)
+                value, coordinates = goal_values(call, self._reduced, q)
                 errors = coordinates.difference(reference.at(t).position, value)
             by_name = dict(zip(names, np.abs(errors).tolist(), strict=True))
             found.append(GoalError(f"task {index} ({', '.join(names)})", by_name, task.priority))
@@ -103,24 +106,24 @@ class TaskGoals:
         )
 
 
-def goal_values(draft: Draft[ControlTask], reduced: ReducedModel, q: Array) -> tuple[Array, Coordinates]:
+def goal_values(call: PartialCall[ControlTask], reduced: ReducedModel, q: Array) -> tuple[Array, Coordinates]:
     """Values that the reference of a task describes, at a configuration (nq,)."""
-    stack = goal_stack(draft, reduced)
+    stack = goal_stack(call, reduced)
     if stack is not None:
         return stack.value(reduced.at(q).position), stack.coordinates
     robot = reduced.robot
-    axes = [axis_index(axis) for axis in draft.given.get("axes", CenterOfMassTask.axes)]
+    axes = [axis_index(axis) for axis in call.given.get("axes", CenterOfMassTask.axes)]
     center = pin.centerOfMass(robot.model, robot.model.createData(), q)
     return np.array(center[axes]), Coordinates([False] * len(axes))
 
 
-def goal_stack(draft: Draft[ControlTask], reduced: ReducedModel) -> OutputStack | None:
+def goal_stack(call: PartialCall[ControlTask], reduced: ReducedModel) -> OutputStack | None:
     """Outputs that the reference of a task describes; None for the centre of mass."""
-    given = draft.given
-    if draft.kind is CenterOfMassTask:
+    given = call.given
+    if call.kind is CenterOfMassTask:
         return None
     kinds: list[OutputKind]
-    if draft.kind is BasePoseTask:
+    if call.kind is BasePoseTask:
         kinds = [FramePosition(given["frame"], "xy"), FrameYaw(given["frame"])]
     else:
         kinds = [given["output"]]

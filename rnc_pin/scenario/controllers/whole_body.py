@@ -42,18 +42,18 @@ from rnc_pin.scenario.controllers.motion_check import check_motion
 from rnc_pin.scenario.controllers.task_goals import TaskGoals, goal_values
 from rnc_pin.scenario.controllers.velocity_tracking import VelocityTrackerSettings
 from rnc_pin.scenario.schema.base import Strict
-from rnc_pin.scenario.schema.derived import Draft, Entry, one_of, part
+from rnc_pin.scenario.schema.derived import Entry, PartialCall, one_of, part
 from rnc_pin.scenario.schema.outputs import OutputItem
 from rnc_pin.scenario.schema.reference_settings import HOLD, ReferenceItem
 
 _SOLVER = part(VelocityQP, "solver")
 _VELOCITIES, _INPUTS = part(VelocityQP, "damping"), part(InverseDynamicsQP, "velocity_gain", "friction")
 _entry = partial(Entry, forms={"output": OutputItem, "reference": ReferenceItem})
-_following = partial(_entry, defaults={"reference": HOLD}, draft=True)
+_following = partial(_entry, defaults={"reference": HOLD}, incomplete=True)
 """Entry of a task with a reference, which starts at the initial configuration."""
 
 TaskItem = Annotated[
-    ControlTask | Draft[ControlTask],
+    ControlTask | PartialCall[ControlTask],
     one_of(
         output=_following(OutputTask),
         posture=_entry(PostureTask),
@@ -179,8 +179,8 @@ def _at_limits() -> Iterator[None]:
         raise error.within("controller.limits") from None
 
 
-def _task(draft: Draft[ControlTask], context: ControllerContext) -> ControlTask:
+def _task(call: PartialCall[ControlTask], context: ControllerContext) -> ControlTask:
     """Task whose reference starts at the initial values of its outputs."""
-    start, coordinates = goal_values(draft, context.reduced, context.q0)
-    reference = draft.given["reference"].from_start(start, coordinates)
-    return draft.build(reference=reference)
+    start, coordinates = goal_values(call, context.reduced, context.q0)
+    reference = call.given["reference"].from_start(start, coordinates)
+    return call.build(reference=reference)

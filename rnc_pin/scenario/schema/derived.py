@@ -58,7 +58,7 @@ class _Parameter(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Draft(Generic[T]):
+class PartialCall(Generic[T]):
     """Call of a class with the arguments that a file gives. A builder gives the others.
 
     Attributes:
@@ -78,8 +78,8 @@ class Draft(Generic[T]):
 class Entry(Generic[T]):
     """Reader of a class from a file: ``Annotated[View, Entry(View)]`` validates to a ``View``.
 
-    With ``late`` parameters or ``draft`` it validates to a ``Draft``. A mapping with further keys inherits from
-    ``model`` and calls ``build``.
+    With ``late`` parameters or ``incomplete`` it validates to a ``PartialCall``. A mapping with further keys inherits
+    from ``model`` and calls ``build``.
 
     Attributes:
         kind: dataclass, other class, or function.
@@ -92,7 +92,7 @@ class Entry(Generic[T]):
         late: parameters that a builder gives, and no file.
         optional: parameters that may be null in a file, which is their default there. The builder then chooses.
         defaults: parameter to its default in the file, in the form of the file, where the class has another or none.
-        draft: True if values of the file are drafts, from which only a builder makes the arguments.
+        incomplete: True if only a builder can make some arguments from their values in the file.
     """
 
     kind: Callable[..., T]
@@ -104,14 +104,14 @@ class Entry(Generic[T]):
     late: tuple[str, ...] = ()
     optional: tuple[str, ...] = ()
     defaults: Mapping[str, object] = field(default_factory=dict)
-    draft: bool = False
+    incomplete: bool = False
 
     def build(self, said: object, **others: object) -> T:
         """Call the class with the values of a file, which are attributes of ``said``, and with further arguments.
 
         Missing values take the defaults of the class.
         """
-        return Draft(self.kind, self.given(said)).build(**others)
+        return PartialCall(self.kind, self.given(said)).build(**others)
 
     def given(self, said: object) -> dict[str, Any]:
         """Arguments that a file gives, by name."""
@@ -127,13 +127,13 @@ class Entry(Generic[T]):
         return found
 
     def read(self, said: object) -> object:
-        """Value of the entry: the built object, or a draft of it.
+        """Value of the entry: the built object, or a partial call of it.
 
         Raises:
             ValueError: the class refuses the values.
         """
-        if self.late or self.draft:
-            return Draft(self.kind, self.given(said))
+        if self.late or self.incomplete:
+            return PartialCall(self.kind, self.given(said))
         try:
             return self.build(said)
         except RncError as error:  # pydantic adds the place in the file

@@ -11,12 +11,12 @@ from rnc_pin.model.parameter_types import NotNegative, Positive
 from rnc_pin.plants import Faults
 from rnc_pin.plants.model_changes import Payload, StuckJoint
 from rnc_pin.plants.mujoco import MuJoCoSettings
-from rnc_pin.scenario.schema.derived import Draft, Entry
+from rnc_pin.scenario.schema.derived import Entry, PartialCall
 from rnc_pin.scenario.schema.forces import ForceItem
 
 _MUJOCO, _FAULTS = Entry(MuJoCoSettings), Entry(Faults)
 LoopItem = Annotated[
-    Draft[ControlLoop],
+    PartialCall[ControlLoop],
     Entry(
         ControlLoop,
         late=("reduced", "controller", "dt", "limits"),

@@ -18,7 +18,7 @@ from rnc_pin.planning.relative_references import (
     RelativeViaPoints,
 )
 from rnc_pin.scenario.schema.base import Positive, Strict
-from rnc_pin.scenario.schema.derived import Draft, Entry, one_of
+from rnc_pin.scenario.schema.derived import Entry, PartialCall, one_of
 
 ReferenceItem = Annotated[
     RelativeReference,
@@ -44,7 +44,7 @@ _PATH = Entry(
     },
 )
 TrailerItem = Annotated[
-    Draft[SlitheringReference],
+    PartialCall[SlitheringReference],
     Entry(SlitheringReference, late=("reduced", "task", "tractor", "spacing", "window"), keys={"axle": "frame"}),
 ]
 

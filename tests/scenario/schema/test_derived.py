@@ -20,7 +20,7 @@ from rnc_pin.scenario.loading import validate
 from rnc_pin.scenario.saved_run import view_of
 from rnc_pin.scenario.schema.actuators import ActuatorItem
 from rnc_pin.scenario.schema.constraints import ConstraintItem
-from rnc_pin.scenario.schema.derived import Draft, Entry, descriptions, one_of
+from rnc_pin.scenario.schema.derived import Entry, PartialCall, descriptions, one_of
 from rnc_pin.visualization.view import View
 
 KINDS = [getattr(package, name) for package in (constraints, outputs) for name in package.__all__]
@@ -167,9 +167,9 @@ class Motor:
 def test_a_class_is_read_by_its_constructor_and_built_once_the_rest_is_known():
     entry = Entry(Motor, late=("spring",), optional=("gear",))
     reader = TypeAdapter(Annotated[object, entry])
-    draft = reader.validate_python({"power": None, "gear": [2, 3]})
-    assert draft == Draft(Motor, {"gear": [2.0, 3.0]})
-    motor = draft.build(spring=Spring("a", "b", 2.0))
+    call = reader.validate_python({"power": None, "gear": [2, 3]})
+    assert call == PartialCall(Motor, {"gear": [2.0, 3.0]})
+    motor = call.build(spring=Spring("a", "b", 2.0))
     assert (motor.spring.frame_b, motor.power, motor.gear) == ("b", np.inf, [2.0, 3.0])
     fields = reader.json_schema()["properties"]
     assert (list(fields), fields["gear"]["default"]) == (["power", "gear"], None)
