@@ -1,7 +1,7 @@
 /* Runs side by side, each with the bits of a run alone. Included at the end of kernel.c.
 
-   Each run has a velocity chart, and so an evaluator of its own. status (count): 1 where the kernel decided, 0 where the
-   general way has to decide; other runs do not notice it. */
+   Each run has a velocity chart, and so an evaluator of its own. status (count): 1 where the kernel decided, 0 where
+   the general way has to decide; other runs do not notice it. */
 
 /* Evaluator of run i, or NULL: without one, or with an error if it is of another robot. */
 static Evaluator *of_run(const Evaluator *ev, PyObject *evaluators, Py_ssize_t i)
@@ -34,7 +34,8 @@ static int take_rows(Arrays *all, PyObject *object, Py_ssize_t size, int flags, 
     return *length >= 0;
 }
 
-/* Tuple of evaluators; q (nq), y that starts with the velocities of the chart, largest |R|^2, kinematics, v (n), status. */
+/* Tuple of evaluators; q (nq), y that starts with the velocities of the chart, largest |R|^2, kinematics, v (n),
+ * status. */
 static PyObject *velocities_of_runs(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = -1};
@@ -42,9 +43,8 @@ static PyObject *velocities_of_runs(Evaluator *ev, PyObject *const *args, Py_ssi
     Py_ssize_t n = ev->n, in_y = 0;
     int ok = -1;
     if (expect(ev, given, 7) && (all.count = PyTuple_Size(args[0])) >= 0 && take(&all, args[1], ev->nq, READ, &q)
-        && take_rows(&all, args[2], 0, READ, &y, &in_y)
-        && take(&all, args[4], kinematics_size(ev), WRITE, &P) && take(&all, args[5], n, WRITE, &v)
-        && take(&all, args[6], 1, WRITE, &status)) {
+        && take_rows(&all, args[2], 0, READ, &y, &in_y) && take(&all, args[4], kinematics_size(ev), WRITE, &P)
+        && take(&all, args[5], n, WRITE, &v) && take(&all, args[6], 1, WRITE, &status)) {
         double limit = PyFloat_AsDouble(args[3]);
         ok = PyErr_Occurred() ? -1 : 1;
         for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, q += ev->nq, v += n, P += kinematics_size(ev)) {
@@ -86,7 +86,8 @@ static PyObject *measure_runs(Evaluator *ev, PyObject *const *args, Py_ssize_t g
     return result(&all, ok);
 }
 
-/* Tuple of evaluators; q (nq), y (s) and T (p), step, number of steps, kinematics at q, or None; q and y at the end, status. Where it is 0, they are undefined. */
+/* Tuple of evaluators; q (nq), y (s) and T (p), step, number of steps, kinematics at q, or None; q and y at the end,
+ * status. Where it is 0, they are undefined. */
 static PyObject *integrate_runs(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = -1};
@@ -95,9 +96,8 @@ static PyObject *integrate_runs(Evaluator *ev, PyObject *const *args, Py_ssize_t
     int ok = -1;
     if (expect(ev, given, 10) && (all.count = PyTuple_Size(args[0])) >= 0 && take(&all, args[1], ev->nq, READ, &q)
         && take_rows(&all, args[2], 0, READ, &y, &s) && take(&all, args[3], ev->p, READ, &T)
-        && optional(&all, args[6], kinematics_size(ev), &P)
-        && take(&all, args[7], ev->nq, WRITE, &q_end) && take(&all, args[8], s, WRITE, &y_end)
-        && take(&all, args[9], 1, WRITE, &status)) {
+        && optional(&all, args[6], kinematics_size(ev), &P) && take(&all, args[7], ev->nq, WRITE, &q_end)
+        && take(&all, args[8], s, WRITE, &y_end) && take(&all, args[9], 1, WRITE, &status)) {
         double h = PyFloat_AsDouble(args[4]);
         Py_ssize_t steps = PyErr_Occurred() ? 0 : PyLong_AsSsize_t(args[5]);
         ok = PyErr_Occurred() ? -1 : 1;
@@ -105,8 +105,8 @@ static PyObject *integrate_runs(Evaluator *ev, PyObject *const *args, Py_ssize_t
         memcpy(y_end, y, (size_t)(all.count * s) * sizeof(double));
         for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, T += ev->p, q_end += ev->nq, y_end += s) {
             Evaluator *chart = of_run(ev, args[0], i);
-            int done = chart && chart->fused && !chart->timed && !chart->external_vertical && chart->curved && s == integrated(chart)
-                && all_finite(T, ev->p);
+            int done = chart && chart->fused && !chart->timed && !chart->external_vertical && chart->curved
+                       && s == integrated(chart) && all_finite(T, ev->p);
             if (PyErr_Occurred()) ok = -1;
             for (Py_ssize_t j = 0; j < steps && ok > 0 && done > 0; j++)
                 done = step(chart, T, h, j || !P ? NULL : P + i * kinematics_size(ev), NULL, q_end, y_end);

@@ -1,12 +1,10 @@
 /* Rows on ground that a frame carries; a part of kernel.c, see carried_ground.py.
 
-   Such a row is the same function of the motion of frame a relative to frame b, the carrier, in the axes of b. Its wrench
-   acts on a, and its opposite on b. */
+   Such a row is the same function of the motion of frame a relative to frame b, the carrier, in the axes of b. Its
+   wrench acts on a, and its opposite on b. */
 
 static int is_carried(const Row *row)
-{
-    return row->b >= 0 && (row->kind == WORLD || row->kind == OWN || row->kind == WHEEL || row->kind == ROLLING);
-}
+{ return row->b >= 0 && (row->kind == WORLD || row->kind == OWN || row->kind == WHEEL || row->kind == ROLLING); }
 
 /* Motion of a relative to b. The twist is about the origin of b. */
 static void relative(const Motion *a, const Motion *b, Motion *out)
@@ -19,7 +17,8 @@ static void relative(const Motion *a, const Motion *b, Motion *out)
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)
             out->R[3 * i + j] = b->R[i] * a->R[j] + b->R[3 + i] * a->R[3 + j] + b->R[6 + i] * a->R[6 + j];
-    for (int half = 0; half < 6; half += 3) turn_back(b->R, V + half, out->V + half), turn_back(b->R, A + half, out->A + half);
+    for (int half = 0; half < 6; half += 3)
+        turn_back(b->R, V + half, out->V + half), turn_back(b->R, A + half, out->A + half);
     turn_back(b->R, d, out->p);
     memcpy(out->v, out->V, sizeof out->v);
     add_cross(out->v, out->V + 3, out->p);

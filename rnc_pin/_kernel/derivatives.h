@@ -4,11 +4,11 @@
 
        E v = [mu; v2],    E w + gamma = [0; v2_dot],    tau(q, v, w) + A^T lambda = B T.
 
-   Their variation, with frozen w and lambda, needs of each row the derivatives of E v, of E w + gamma and of A^T lambda.
-   Pinocchio differentiates tau. Every other row is a wrench on frames, so its derivative along an entry of q or v is a
-   product of two vectors: the slopes of the row with respect to the motion of its frames, and the variation of this
-   motion. Below, S_d is column d of the Jacobian, U_d and W_d are twist and acceleration of the parent of its joint.
-   Twists are about the origin of the world. A joint k that d moves has the variations
+   Their variation, with frozen w and lambda, needs of each row the derivatives of E v, of E w + gamma and of A^T
+   lambda. Pinocchio differentiates tau. Every other row is a wrench on frames, so its derivative along an entry of q or
+   v is a product of two vectors: the slopes of the row with respect to the motion of its frames, and the variation of
+   this motion. Below, S_d is column d of the Jacobian, U_d and W_d are twist and acceleration of the parent of its
+   joint. Twists are about the origin of the world. A joint k that d moves has the variations
 
        V_k by q_d:  S_d x (V_k - U_d)
        A_k by q_d:  S_d x (A_k - W_d) - (S_d x U_d) x (V_k - U_d)
@@ -20,18 +20,18 @@
 
 /* Tables and memory of the derivatives of an Evaluator, made at their first use. */
 struct Derivatives {
-    long *joint, *parent;  /* joint of each entry of v (n), parent of each joint (joints) */
-    char *moves;           /* true if an entry of v moves a joint (joints, n) */
-    double *twist, *rate;  /* of the joints, (joints, 6) */
-    double *forces;        /* on the joints, (joints, 6) */
-    double *origin;        /* acceleration of the frames' origins, (frames, 3) */
-    Change *by_q, *by_v;   /* of the frames, (frames, n) */
+    long *joint, *parent; /* joint of each entry of v (n), parent of each joint (joints) */
+    char *moves;          /* true if an entry of v moves a joint (joints, n) */
+    double *twist, *rate; /* of the joints, (joints, 6) */
+    double *forces;       /* on the joints, (joints, 6) */
+    double *origin;       /* acceleration of the frames' origins, (frames, 3) */
+    Change *by_q, *by_v;  /* of the frames, (frames, n) */
     double *h_q, *tau_q, *tau_v, *N, *Ev_q, *Ew_q, *Ew_v; /* (n, n) each; rows of the last three are packed */
     double *tau, *acceleration, *multipliers, *unit;      /* (n) each; the last is zero between uses */
     double *RM, *Q, *Z, *L;                               /* R^T M (r, n), (r, n) twice, (r, r) */
     double *columns;                                      /* of E^-1 that belong to varying rows (n, n) */
     double *passive;                                      /* of the laws (forces) */
-    long *varying;         /* rows of E that are not constant (n) */
+    long *varying;                                        /* rows of E that are not constant (n) */
     void *memory;
 };
 
@@ -65,7 +65,8 @@ static int prepare_derivatives(Evaluator *ev) /* false with an error if there is
 {
     if (ev->derivatives) return 1;
     size_t n = (size_t)ev->n, r = (size_t)ev->r, joints = (size_t)ev->joints, frames = (size_t)ev->frames;
-    size_t numbers = 18 * joints + 3 * frames + 2 * frames * n * CHANGE + 8 * n * n + 4 * n + 3 * n * r + r * r + (size_t)ev->forced;
+    size_t numbers =
+        18 * joints + 3 * frames + 2 * frames * n * CHANGE + 8 * n * n + 4 * n + 3 * n * r + r * r + (size_t)ev->forced;
     size_t bytes = numbers * sizeof(double) + (2 * n + joints) * sizeof(long) + joints * n;
     Derivatives *d = ev->derivatives = calloc(1, sizeof(Derivatives));
     if (d) d->memory = calloc(bytes + 1, 1);
@@ -209,7 +210,8 @@ static void wrench_row(const Evaluator *ev, const Derivatives *d, const Row *row
         const double *K = (const double *)(slopes->velocity + side), *G = (const double *)(slopes->acceleration + side);
         for (long s = ev->start[joint]; s < ev->start[joint + 1]; s++) {
             long c = ev->support[s];
-            const double *by_q = (const double *)(d->by_q + f * ev->n + c), *by_v = (const double *)(d->by_v + f * ev->n + c);
+            const double *by_q = (const double *)(d->by_q + f * ev->n + c),
+                         *by_v = (const double *)(d->by_v + f * ev->n + c);
             Ev_q[c] += dot(K, by_q, UP_TO_VELOCITY);
             Ew_q[c] += dot(G, by_q, CHANGE);
             Ew_v[c] += dot(G + FROM_VELOCITY, by_v + FROM_VELOCITY, CHANGE - FROM_VELOCITY);
@@ -217,7 +219,8 @@ static void wrench_row(const Evaluator *ev, const Derivatives *d, const Row *row
     }
 }
 
-/* Momentum is X h, with the rows h = M v of the joint; its rate is X tau. Both depend on q through the placement too. */
+/* Momentum is X h, with the rows h = M v of the joint; its rate is X tau. Both depend on q through the placement too.
+ */
 static void momentum_row(const Evaluator *ev, const Derivatives *d, const Row *row, const double *P, const double *v,
                          double *Ev_q, double *Ew_q, double *Ew_v)
 {
@@ -299,12 +302,12 @@ static void add_forces(Evaluator *ev, Derivatives *d, const double *T, long alon
     Py_ssize_t first = ev->n + ev->k, last = ev->count - ev->forced;
     memset(d->forces, 0, (size_t)(6 * ev->joints) * sizeof(double));
     for (Py_ssize_t i = 0; i < ev->m; i++) add_force(ev, d, ev->rows + i, d->multipliers[i], along_column);
-    for (Py_ssize_t i = first; i < last; i++)
-        add_force(ev, d, ev->rows + i, -T[ev->columns[i - first]], along_column);
+    for (Py_ssize_t i = first; i < last; i++) add_force(ev, d, ev->rows + i, -T[ev->columns[i - first]], along_column);
     for (Py_ssize_t i = last; i < ev->count; i++) add_force(ev, d, ev->rows + i, -d->passive[i - last], along_column);
 }
 
-/* N: derivative of A^T lambda - B T, less the forces of the laws, by q, at frozen lambda, T and laws. Overwrites the velocities of the frames. */
+/* N: derivative of A^T lambda - B T, less the forces of the laws, by q, at frozen lambda, T and laws. Overwrites the
+ * velocities of the frames. */
 static void vary_forces(Evaluator *ev, Derivatives *d, const double *q, const double *J, const double *T)
 {
     Py_ssize_t n = ev->n;
@@ -363,7 +366,8 @@ static void vary_laws(Evaluator *ev, Derivatives *d, const double *q, const doub
         Slopes slopes;
         assemble(ev, q, P, NULL, first + f, first + f + 1, ev->force_row);
         double w = dot(J, v, n), curved = of[F_LIMIT] != 0.0 ? tanh(w / of[F_SPEED]) : 0.0;
-        double by_rate = -of[F_DAMPING] - (of[F_LIMIT] != 0.0 ? of[F_LIMIT] / of[F_SPEED] * (1.0 - curved * curved) : 0.0);
+        double by_rate =
+            -of[F_DAMPING] - (of[F_LIMIT] != 0.0 ? of[F_LIMIT] / of[F_SPEED] * (1.0 - curved * curved) : 0.0);
         d->passive[f] = law(ev, f, q, w, &unused);
         if (by_rate == 0.0 && of[F_STIFFNESS] == 0.0) continue;
         memset(rate_q, 0, (size_t)n * sizeof(double));
@@ -386,7 +390,8 @@ static int differentiated(Evaluator *ev, const double *q, const double *v, const
     take_state(ev, q, v);
     memcpy(ev->views[V_A].buf, w, (size_t)ev->n * sizeof(double));
     for (int i = 0; i < REFS; i++) of[i] = PyTuple_GetItem(ev->refs, i);
-    PyObject *result = PyObject_CallFunctionObjArgs(of[P_RNEA], of[P_MODEL], of[P_DATA], of[P_Q], of[P_V], of[P_A], NULL);
+    PyObject *result =
+        PyObject_CallFunctionObjArgs(of[P_RNEA], of[P_MODEL], of[P_DATA], of[P_Q], of[P_V], of[P_A], NULL);
     Py_XDECREF(result);
     return result != NULL;
 }
@@ -418,8 +423,8 @@ static void solve_cholesky(const double *L, double *X, Py_ssize_t r, Py_ssize_t 
 }
 
 /* acceleration w, tau and multipliers at v and v2_dot; then Pinocchio's derivatives */
-static int solve_motion(Evaluator *ev, Derivatives *d, const double *q, const double *P, const double *F, const double *S,
-                        const double *force, const double *v, const double *v2_dot)
+static int solve_motion(Evaluator *ev, Derivatives *d, const double *q, const double *P, const double *F,
+                        const double *S, const double *force, const double *v, const double *v2_dot)
 {
     Py_ssize_t n = ev->n, m = ev->m;
     const double *inverse = F + n * n, *solved = S + 2 * n;

@@ -1,12 +1,12 @@
-/* A trailer on the path that its tractor has driven. Included in kernel.c; formulas and constants are those of slithering.py and
-   path_fit.py. */
+/* A trailer on the path that its tractor has driven. Included in kernel.c; formulas and constants are those of
+   slithering.py and path_fit.py. */
 
-#define DEGREES 6      /* coefficients of the fitted polynomial */
-#define FEWEST 4       /* places for a fit */
-#define STEEPEST 1.0   /* [rad] */
+#define DEGREES 6    /* coefficients of the fitted polynomial */
+#define FEWEST 4     /* places for a fit */
+#define STEEPEST 1.0 /* [rad] */
 #define NEWTON_STEPS 12
 #define LAST_STEP 1e-13
-#define POOR_FIT 1e-8  /* ratio of pivots below which NumPy decides about the rank */
+#define POOR_FIT 1e-8 /* ratio of pivots below which NumPy decides about the rank */
 
 typedef struct {
     double x, y, heading, curvature;
@@ -36,7 +36,8 @@ static PathPoint chord_end_between(const double *begin, const double *end, doubl
     return (PathPoint){x, y, atan2(y_s, x_s), bend / (speed * speed * speed)};
 }
 
-/* Least squares by Householder's reflections: rows (count, DEGREES) and right (count) are overwritten. False if the rank is in doubt */
+/* Least squares by Householder's reflections: rows (count, DEGREES) and right (count) are overwritten. False if the
+ * rank is in doubt */
 static int fitted(double *rows, double *right, Py_ssize_t count, double *curve)
 {
     double pivot[DEGREES], largest = 0.0, smallest = INFINITY;
@@ -78,7 +79,8 @@ static void chord_end_along(const double *curve, PathPoint *near, double px, dou
     double left = (c * (py - near->y) - s * (px - near->x)) / window, y = 0.0, slope = 0.0, bend = 0.0;
     for (int i = 0; i < NEWTON_STEPS; i++) {
         y = slope = bend = 0.0;
-        for (int k = DEGREES - 1; k >= 0; k--) bend = bend * u + 2.0 * slope, slope = slope * u + y, y = y * u + curve[k];
+        for (int k = DEGREES - 1; k >= 0; k--)
+            bend = bend * u + 2.0 * slope, slope = slope * u + y, y = y * u + curve[k];
         double rx = ahead - u, ry = left - y, along = rx + ry * slope;
         if (along <= 0.0) return; /* the chord is across the path: refused later */
         double step = (rx * rx + ry * ry - square) / (2 * along);
@@ -104,11 +106,13 @@ static Py_ssize_t place_from(const double *path, Py_ssize_t count, double driven
 }
 
 /* Move ``near`` to the quintic fitted to the places around it. False if NumPy has to decide; -1: a Python error */
-static int chord_end_fitted(const double *path, Py_ssize_t count, Py_ssize_t older, PathPoint *near, double px, double py, double L,
-                            double window)
+static int chord_end_fitted(const double *path, Py_ssize_t count, Py_ssize_t older, PathPoint *near, double px,
+                            double py, double L, double window)
 {
-    double middle = path[4 * older + 3] + hypot(near->x - path[4 * older], near->y - path[4 * older + 1]), curve[DEGREES];
-    Py_ssize_t first = place_from(path, count, middle - window), last = place_from(path, count, middle + window), even = 0;
+    double middle = path[4 * older + 3] + hypot(near->x - path[4 * older], near->y - path[4 * older + 1]),
+           curve[DEGREES];
+    Py_ssize_t first = place_from(path, count, middle - window), last = place_from(path, count, middle + window),
+               even = 0;
     if (first > older || last < older + 2) return 1;
     for (Py_ssize_t i = first; i < last; i++) even += fabs(wrapped(path[4 * i + 2] - near->heading)) < STEEPEST;
     if (even < FEWEST) return 1;
@@ -137,9 +141,10 @@ static int chord_end_fitted(const double *path, Py_ssize_t count, Py_ssize_t old
     return ok;
 }
 
-/* Point one chord behind the kingpin (px, py), and the index of the place before it; here: the tractor's x, y and heading. */
-static int behind(const double *path, Py_ssize_t count, const double *here, double px, double py, const Trailer *trailer,
-                  Py_ssize_t *older, PathPoint *found)
+/* Point one chord behind the kingpin (px, py), and the index of the place before it; here: the tractor's x, y and
+ * heading. */
+static int behind(const double *path, Py_ssize_t count, const double *here, double px, double py,
+                  const Trailer *trailer, Py_ssize_t *older, PathPoint *found)
 {
     double L = trailer->length;
     Py_ssize_t i = count - 1;
@@ -160,11 +165,11 @@ static int behind(const double *path, Py_ssize_t count, const double *here, doub
 
 enum { UNDECIDED, FOLLOWED, NEW_PLACE }; /* outcomes of a run */
 
-/* Heading with its rate and acceleration, index of the first place to keep, outcome. at: indices of the tractor's x, y and
-   heading and of the kingpin's x and y in x1 (k). -1: a Python error */
-static int follow(const double *path, Py_ssize_t count, double before, const double *x1, const double *v1, const double *A_star,
-                  const double *A_star_dot, const double *v2, const double *v2_dot, Py_ssize_t r, const long *at,
-                  const Trailer *trailer, double *out)
+/* Heading with its rate and acceleration, index of the first place to keep, outcome. at: indices of the tractor's x, y
+   and heading and of the kingpin's x and y in x1 (k). -1: a Python error */
+static int follow(const double *path, Py_ssize_t count, double before, const double *x1, const double *v1,
+                  const double *A_star, const double *A_star_dot, const double *v2, const double *v2_dot, Py_ssize_t r,
+                  const long *at, const Trailer *trailer, double *out)
 {
     const double *last = path + 4 * (count - 1);
     double here[3] = {x1[at[0]], x1[at[1]], x1[at[2]]}, px = x1[at[3]], py = x1[at[4]], L = trailer->length, a[2];
@@ -181,7 +186,8 @@ static int follow(const double *path, Py_ssize_t count, double before, const dou
     double turn = wrapped(theta + trailer->offset - before);
     if (!(fmin(along, cos(here[2] - theta)) >= trailer->across) || !(fabs(turn) <= trailer->jump)) return 1;
     double s_dot = (ex * vx + ey * vy) / along, wx = vx - s_dot * tx, wy = vy - s_dot * ty, square = s_dot * s_dot;
-    double bx = a[0] + square * s.curvature * ty, by = a[1] - square * s.curvature * tx; /* without s'' t: centripetal at the path */
+    double bx = a[0] + square * s.curvature * ty,
+           by = a[1] - square * s.curvature * tx; /* without s'' t: centripetal at the path */
     double s_ddot = (ex * bx + ey * by + (wx * wx + wy * wy) / L) / along;
     out[0] = before + turn, out[1] = (ex * wy - ey * wx) / L;
     out[2] = (ex * (by - s_ddot * ty) - ey * (bx - s_ddot * tx)) / L;
@@ -194,9 +200,9 @@ static int follow(const double *path, Py_ssize_t count, double before, const dou
     return out[4] = FOLLOWED, 1;
 }
 
-/* Tuple of paths (n, 4), one for each run; headings (1), x1 and v1 (k), A_star and A_star_dot (k, r), v2 and v2_dot (r), each of
-   one run or of a stack of runs; indices (5), table of the trailer (7), record (5) of ``follow``. False if the arrays need the
-   other path. */
+/* Tuple of paths (n, 4), one for each run; headings (1), x1 and v1 (k), A_star and A_star_dot (k, r), v2 and v2_dot
+   (r), each of one run or of a stack of runs; indices (5), table of the trailer (7), record (5) of ``follow``. False if
+   the arrays need the other path. */
 static PyObject *slither(PyObject *module, PyObject *const *args, Py_ssize_t given)
 {
     enum { HEADINGS = 1, X1, V1, A_STAR, A_DOT, V2, V2_DOT, AT, TABLE, OUT, ARGUMENTS };
@@ -206,8 +212,9 @@ static PyObject *slither(PyObject *module, PyObject *const *args, Py_ssize_t giv
     (void)module;
     if (given != ARGUMENTS) return PyErr_SetString(PyExc_TypeError, "kernel: slither takes 11 arguments"), NULL;
     int ok = PyTuple_Check(args[0]) && stacked(args[X1], &runs, &k) && stacked(args[V2], &again, &r) && again == runs
-        && PyTuple_Size(args[0]) == runs && k < 1 << 10 && r < 1 << 10;
-    Py_ssize_t sizes[ARGUMENTS] = {0, runs, runs * k, runs * k, runs * k * r, runs * k * r, runs * r, runs * r, 0, 7, 5 * runs};
+             && PyTuple_Size(args[0]) == runs && k < 1 << 10 && r < 1 << 10;
+    Py_ssize_t sizes[ARGUMENTS] = {0,        runs,     runs * k, runs * k, runs * k * r, runs * k * r,
+                                   runs * r, runs * r, 0,        7,        5 * runs};
     for (int i = HEADINGS; i < ARGUMENTS && ok; i++)
         if (i != AT) ok = (x[i] = numbers(&all, args[i], sizes[i])) != NULL;
     if (!ok || all.views[all.open - 1].readonly) return result(&all, 0);
@@ -225,8 +232,9 @@ static PyObject *slither(PyObject *module, PyObject *const *args, Py_ssize_t giv
         }
         ok = path.format && !strcmp(path.format, "d") && path.ndim == 2 && path.shape[1] == 4 && path.shape[0] > 0;
         if (ok)
-            ok = follow(path.buf, path.shape[0], x[HEADINGS][run], x[X1] + run * k, x[V1] + run * k, x[A_STAR] + run * k * r,
-                        x[A_DOT] + run * k * r, x[V2] + run * r, x[V2_DOT] + run * r, r, at, &trailer, x[OUT] + 5 * run);
+            ok = follow(path.buf, path.shape[0], x[HEADINGS][run], x[X1] + run * k, x[V1] + run * k,
+                        x[A_STAR] + run * k * r, x[A_DOT] + run * k * r, x[V2] + run * r, x[V2_DOT] + run * r, r, at,
+                        &trailer, x[OUT] + 5 * run);
         PyBuffer_Release(&path);
     }
     return result(&all, ok);

@@ -16,15 +16,15 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define INTERFACE 29 /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
-#define INTEGERS 8  /* of a row: kind, first and second frame, five more */
-#define NUMBERS 24  /* of a row */
-#define AT_GROUND 16 /* twist of moving ground about the world's origin, in the numbers of a row */
-#define FLAT 1e-6   /* sine below which an axis counts as vertical */
-#define TOGETHER 1e-9 /* distance below which frames coincide [m] */
+#define INTERFACE 29   /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
+#define INTEGERS 8     /* of a row: kind, first and second frame, five more */
+#define NUMBERS 24     /* of a row */
+#define AT_GROUND 16   /* twist of moving ground about the world's origin, in the numbers of a row */
+#define FLAT 1e-6      /* sine below which an axis counts as vertical */
+#define TOGETHER 1e-9  /* distance below which frames coincide [m] */
 #define AMPLIFIED 1e10 /* amplification of rounding errors above which actuators count as dependent */
-#define STEEP 1e8     /* rates per wanted rate above which A4 counts as singular */
-#define FARTHEST 1e4  /* square of the longest step of the integrator [rad or m] */
+#define STEEP 1e8      /* rates per wanted rate above which A4 counts as singular */
+#define FARTHEST 1e4   /* square of the longest step of the integrator [rad or m] */
 
 enum { CONSTANT, EXTERNAL, WORLD, OWN, WHEEL, YAW, TILT, DISTANCE, CLOSURE, POINT, MOMENTUM, ACKERMANN, ROLLING };
 
@@ -42,9 +42,9 @@ typedef struct {
 } Frame; /* placement on its joint */
 
 typedef struct {
-    double R[9], p[3];       /* placement in the world */
-    double V[6], A[6];       /* twist about the world's origin, and its rate at zero joint acceleration */
-    double v[3];             /* velocity of the frame's origin */
+    double R[9], p[3]; /* placement in the world */
+    double V[6], A[6]; /* twist about the world's origin, and its rate at zero joint acceleration */
+    double v[3];       /* velocity of the frame's origin */
 } Motion;
 
 typedef struct {
@@ -56,33 +56,33 @@ typedef struct {
 typedef struct Derivatives Derivatives; /* see derivatives.h */
 
 typedef struct {
-    PyObject_HEAD
-    Py_ssize_t nq, n, m, r, k, p, joints, frames; /* k rows of J1, p inputs */
-    Py_ssize_t external, external_vertical; /* rows of the user in E and in J1 */
-    int normalized, fused, timed, rates_need_C, ready; /* timed: mu depends on time, see set_rates */
-    Row *rows;               /* of E, then of J1, then of inputs on frames, then of forces */
-    Py_ssize_t count;        /* number of rows */
-    long *columns;           /* columns of B of the inputs on frames */
+    PyObject_HEAD Py_ssize_t nq, n, m, r, k, p, joints, frames; /* k rows of J1, p inputs */
+    Py_ssize_t external, external_vertical;                     /* rows of the user in E and in J1 */
+    int normalized, fused, timed, rates_need_C, ready;          /* timed: mu depends on time, see set_rates */
+    Row *rows;        /* of E, then of J1, then of inputs on frames, then of forces */
+    Py_ssize_t count; /* number of rows */
+    long *columns;    /* columns of B of the inputs on frames */
     Frame *frame;
-    long *support, *start;   /* entries of v that move each joint, in the order from the root */
-    long *owner;             /* joint of each entry of v (n) */
-    double *constant;        /* constant rows (count, n); zero for the others */
-    double *B, *mu, *lengths; /* constant part of B (n, p); (m) at the last configuration; typical lengths of the rows of E (n) */
-    double *mu_dot;          /* rates over time of mu (m), less those of moving ground; NULL without mu */
-    int slides;              /* ground moves */
+    long *support, *start; /* entries of v that move each joint, in the order from the root */
+    long *owner;           /* joint of each entry of v (n) */
+    double *constant;      /* constant rows (count, n); zero for the others */
+    double *B, *mu,
+        *lengths;   /* constant part of B (n, p); (m) at the last configuration; typical lengths of the rows of E (n) */
+    double *mu_dot; /* rates over time of mu (m), less those of moving ground; NULL without mu */
+    int slides;     /* ground moves */
     double fast_length, fast_limit;
-    double *laws;            /* of the forces that follow from the state, FORCE_NUMBERS each */
-    Py_ssize_t forced;       /* their number */
-    double *force_row;       /* one row (n), then forces of springs (n) */
-    long *curved;            /* joints with curved coordinates: kind and first entry of v; NULL if one has no formula */
-    Py_ssize_t curves;       /* their number */
-    Py_ssize_t work;         /* size of the part of scratch for work; states of one call follow */
-    double *stages;          /* the integrator's part of scratch, after them */
+    double *laws;      /* of the forces that follow from the state, FORCE_NUMBERS each */
+    Py_ssize_t forced; /* their number */
+    double *force_row; /* one row (n), then forces of springs (n) */
+    long *curved;      /* joints with curved coordinates: kind and first entry of v; NULL if one has no formula */
+    Py_ssize_t curves; /* their number */
+    Py_ssize_t work;   /* size of the part of scratch for work; states of one call follow */
+    double *stages;    /* the integrator's part of scratch, after them */
     Motion *motion;
     double *scratch;
-    PyObject *refs;          /* tuple of Python objects, see below */
-    Py_buffer views[10];     /* M, J, nle, C, placements, q, v, acceleration, derivatives of inverse dynamics */
-    int open;                /* number of views */
+    PyObject *refs;           /* tuple of Python objects, see below */
+    Py_buffer views[10];      /* M, J, nle, C, placements, q, v, acceleration, derivatives of inverse dynamics */
+    int open;                 /* number of views */
     Derivatives *derivatives; /* NULL until they are used */
 } Evaluator;
 
@@ -91,7 +91,20 @@ typedef struct {
 enum { F_CONSTANT, F_STIFFNESS, F_REST, F_TURNS, F_DAMPING, F_LIMIT, F_SPEED, FORCE_NUMBERS };
 enum { V_M, V_J, V_NLE, V_C, V_PLACES, V_Q, V_V, V_A, V_TAU_Q, V_TAU_V, VIEWS };
 enum {
-    P_MODEL, P_DATA, P_Q, P_V, P_CONVENTION, P_CRBA, P_NLE, P_C, P_NORMALIZED, P_EPS, P_EMPTY, P_INTEGRATE, P_A, P_RNEA,
+    P_MODEL,
+    P_DATA,
+    P_Q,
+    P_V,
+    P_CONVENTION,
+    P_CRBA,
+    P_NLE,
+    P_C,
+    P_NORMALIZED,
+    P_EPS,
+    P_EMPTY,
+    P_INTEGRATE,
+    P_A,
+    P_RNEA,
     REFS
 };
 
@@ -111,7 +124,8 @@ static void add_cross(double *out, const double *a, const double *b)
     out[2] += a[0] * b[1] - a[1] * b[0];
 }
 
-static void cross_motion(const double *x, const double *y, double *out) /* rate of the twist y that is carried along by x */
+static void cross_motion(const double *x, const double *y,
+                         double *out) /* rate of the twist y that is carried along by x */
 {
     cross(x + 3, y, out);
     add_cross(out, x, y + 3);
@@ -152,8 +166,8 @@ static int within(long index, Py_ssize_t size) { return index >= 0 && index < si
 /* ------------------------------------------------------------------ small matrices */
 
 /* out (a, c) = left (a, b) right (b, c); rows of both may be longer than their columns */
-static void multiply(const double *left, Py_ssize_t ldl, const double *right, Py_ssize_t ldr, double *out,
-                     Py_ssize_t a, Py_ssize_t b, Py_ssize_t c)
+static void multiply(const double *left, Py_ssize_t ldl, const double *right, Py_ssize_t ldr, double *out, Py_ssize_t a,
+                     Py_ssize_t b, Py_ssize_t c)
 {
     memset(out, 0, (size_t)(a * c) * sizeof(double));
     for (Py_ssize_t i = 0; i < a; i++)
@@ -211,12 +225,9 @@ static int solve_positive_definite(const double *H, double *x, double *work, Py_
     for (Py_ssize_t i = 0; i < r; i++) {
         for (Py_ssize_t j = 0; j <= i; j++) {
             double rest = H[j * r + i] - dot(work + i * r, work + j * r, j);
-            if (i > j)
-                work[i * r + j] = rest / work[j * r + j];
-            else if (rest > 0.0)
-                work[i * r + i] = sqrt(rest);
-            else
-                return 0;
+            if (i > j) work[i * r + j] = rest / work[j * r + j];
+            else if (rest > 0.0) work[i * r + i] = sqrt(rest);
+            else return 0;
         }
         x[i] = (x[i] - dot(work + i * r, x, i)) / work[i * r + i];
     }
@@ -279,8 +290,7 @@ static void move(Evaluator *ev, const double *J, const double *v, int with_rates
         if (f && ev->frame[f].joint == ev->frame[f - 1].joint) {
             memcpy(out->V, out[-1].V, sizeof out->V);
             memcpy(out->A, out[-1].A, sizeof out->A);
-        } else
-            move_joint(ev, J, v, ev->frame[f].joint, out->V, with_rates ? out->A : NULL);
+        } else move_joint(ev, J, v, ev->frame[f].joint, out->V, with_rates ? out->A : NULL);
         cross(out->V + 3, out->p, out->v);
         for (int i = 0; i < 3; i++) out->v[i] += out->V[i];
     }
@@ -422,10 +432,8 @@ static int one_sided(const Row *row, const Motion *at, Wrench *out)
         cross(at->V + 3, out->f, out->fd);
         cross(at->V + 3, out->m, out->md);
         return 1;
-    case WHEEL:
-        return wheel_on_plane(row, at, out);
-    case ROLLING:
-        return rolling(row, at, out);
+    case WHEEL: return wheel_on_plane(row, at, out);
+    case ROLLING: return rolling(row, at, out);
     }
     return angle(row, at, out);
 }
@@ -479,9 +487,7 @@ static void rate_about_origin(const Wrench *of, double *W)
 }
 
 static int on_moving_ground(const Row *row)
-{
-    return (row->kind == WHEEL || row->kind == ROLLING || row->kind == OWN) && row->i[1];
-}
+{ return (row->kind == WHEEL || row->kind == ROLLING || row->kind == OWN) && row->i[1]; }
 
 /* Velocity mu of the ground's material along a row with a wrench on one frame, and its rate. */
 static double slide(const Row *row, const Wrench *on)
@@ -512,9 +518,9 @@ static void project(const Evaluator *ev, const double *W, long joint, const doub
 
 /* ------------------------------------------------------------------ other rows */
 
-/* Momentum row i[1] of the joint a whose entries of v start at i[0]. If i[2] has bits, the joint allows these components
-   of a spatial velocity; the momentum is transformed to the joint's fixed frame, by the placement w of the world in it.
-   Returns the size of the block; X are the factors of its rows of M, X_rate their rates. */
+/* Momentum row i[1] of the joint a whose entries of v start at i[0]. If i[2] has bits, the joint allows these
+   components of a spatial velocity; the momentum is transformed to the joint's fixed frame, by the placement w of the
+   world in it. Returns the size of the block; X are the factors of its rows of M, X_rate their rates. */
 static int momentum(const Row *row, const double *places, const double *v, double *X, double *X_rate)
 {
     memset(X, 0, 6 * sizeof(double));
@@ -814,9 +820,7 @@ static void assemble_rates(Evaluator *ev, const double *q, const double *P, cons
 }
 
 static Py_ssize_t rates_size(const Evaluator *ev)
-{
-    return ev->n * ev->n + ev->n * ev->r + 2 * ev->k * (ev->n + ev->r) + ev->n + ev->k;
-}
+{ return ev->n * ev->n + ev->n * ev->r + 2 * ev->k * (ev->n + ev->r) + ev->n + ev->k; }
 
 /* D: E_dot (n, n), R_dot (n, r), J1 (k, n), A_star (k, r), J1_dot (k, n), A_star_dot (k, r), E v (n), J1 v (k).
    Pinocchio's C is current if there are momenta. of_J1, E_rates and J1_rates have values of the user's rows.
@@ -851,16 +855,11 @@ static double value(const Evaluator *ev, const Row *row, const double *q)
     const Motion *a = ev->motion + row->a, *b = ev->motion + row->b;
     double d[3];
     switch (row->i[4]) {
-    case JOINT:
-        return q[row->i[3]];
-    case CONTINUOUS_JOINT:
-        return atan2(q[row->i[3] + 1], q[row->i[3]]);
-    case COORDINATE:
-        return a->p[row->i[3]];
-    case HEADING:
-        return atan2(a->R[3 + row->i[0]], a->R[row->i[0]]);
-    case ELEVATION:
-        return atan2(a->R[6 + row->i[0]], hypot(a->R[row->i[0]], a->R[3 + row->i[0]]));
+    case JOINT: return q[row->i[3]];
+    case CONTINUOUS_JOINT: return atan2(q[row->i[3] + 1], q[row->i[3]]);
+    case COORDINATE: return a->p[row->i[3]];
+    case HEADING: return atan2(a->R[3 + row->i[0]], a->R[row->i[0]]);
+    case ELEVATION: return atan2(a->R[6 + row->i[0]], hypot(a->R[row->i[0]], a->R[3 + row->i[0]]));
     case LENGTH:
         for (int c = 0; c < 3; c++) d[c] = b->p[c] - a->p[c];
         return sqrt(dot(d, d, 3));
@@ -891,8 +890,8 @@ static double law(const Evaluator *ev, Py_ssize_t f, const double *q, double w, 
     return force + *spring;
 }
 
-/* Add the forces that follow from the state, and those of the springs unless NULL. The frames are placed. False if a row
-   is not defined here. */
+/* Add the forces that follow from the state, and those of the springs unless NULL. The frames are placed. False if a
+   row is not defined here. */
 static int add_passive(Evaluator *ev, const double *q, const double *P, const double *v, double *force, double *springs)
 {
     double spring;
@@ -980,7 +979,8 @@ static int expect(const Evaluator *ev, Py_ssize_t found, Py_ssize_t expected)
 static Py_ssize_t terms_size(const Evaluator *ev)
 {
     Py_ssize_t n = ev->n, r = ev->r;
-    return kinematics_size(ev) + 2 * n * n + n + rates_size(ev) + n * n + r * r + n + r + n + r * r + (n + r) * ev->p + 2 * n;
+    return kinematics_size(ev) + 2 * n * n + n + rates_size(ev) + n * n + r * r + n + r + n + r * r + (n + r) * ev->p
+           + 2 * n;
 }
 
 static PyObject *configure(Evaluator *ev, PyObject *const *args, Py_ssize_t given) /* q, P, F, external, known */
@@ -1039,10 +1039,10 @@ static PyObject *bias_forces(Evaluator *ev, PyObject *const *args, Py_ssize_t gi
     Arrays all = {.count = -1};
     double *q, *P, *F, *v, *external, *drift, *S, *kept = ev->mu_dot;
     int ok = -1;
-    if (expect(ev, given, 7) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], kinematics_size(ev), READ, &P)
-        && take(&all, args[2], 2 * ev->n * ev->n, READ, &F) && take(&all, args[3], ev->n, READ, &v)
-        && optional(&all, args[4], ev->external, &external) && optional(&all, args[5], ev->m, &drift)
-        && take(&all, args[6], dynamics_size(ev), WRITE, &S)) {
+    if (expect(ev, given, 7) && take(&all, args[0], ev->nq, READ, &q)
+        && take(&all, args[1], kinematics_size(ev), READ, &P) && take(&all, args[2], 2 * ev->n * ev->n, READ, &F)
+        && take(&all, args[3], ev->n, READ, &v) && optional(&all, args[4], ev->external, &external)
+        && optional(&all, args[5], ev->m, &drift) && take(&all, args[6], dynamics_size(ev), WRITE, &S)) {
         ok = external || !ev->external;
         for (Py_ssize_t i = 0; i < all.count && ok > 0; i++) {
             if (drift) ev->mu_dot = drift + i * ev->m;
@@ -1077,9 +1077,9 @@ static PyObject *vertical_rows(Evaluator *ev, PyObject *const *args, Py_ssize_t 
     double *q, *P, *F, *external, *Y;
     Py_ssize_t size = ev->k * (ev->n + ev->r), rows = ev->external_vertical;
     int ok = -1;
-    if (expect(ev, given, 5) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], kinematics_size(ev), READ, &P)
-        && take(&all, args[2], 2 * ev->n * ev->n, READ, &F) && optional(&all, args[3], rows * ev->n, &external)
-        && take(&all, args[4], size, WRITE, &Y)) {
+    if (expect(ev, given, 5) && take(&all, args[0], ev->nq, READ, &q)
+        && take(&all, args[1], kinematics_size(ev), READ, &P) && take(&all, args[2], 2 * ev->n * ev->n, READ, &F)
+        && optional(&all, args[3], rows * ev->n, &external) && take(&all, args[4], size, WRITE, &Y)) {
         ok = external || !rows;
         for (Py_ssize_t i = 0; i < all.count && ok > 0; i++)
             ok = vertical(ev, q + i * ev->nq, P + i * kinematics_size(ev), F + i * 2 * ev->n * ev->n,
@@ -1095,10 +1095,11 @@ static PyObject *row_rates(Evaluator *ev, PyObject *const *args, Py_ssize_t give
     double *q, *P, *F, *v, *of_J1, *E_rates, *J1_rates, *D;
     Py_ssize_t n = ev->n, in_E = ev->external * n, in_J1 = ev->external_vertical * n;
     int ok = -1;
-    if (expect(ev, given, 8) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], kinematics_size(ev), READ, &P)
-        && take(&all, args[2], 2 * n * n, READ, &F) && take(&all, args[3], n, READ, &v)
-        && optional(&all, args[4], in_J1, &of_J1) && optional(&all, args[5], in_E, &E_rates)
-        && optional(&all, args[6], in_J1, &J1_rates) && take(&all, args[7], rates_size(ev), WRITE, &D)) {
+    if (expect(ev, given, 8) && take(&all, args[0], ev->nq, READ, &q)
+        && take(&all, args[1], kinematics_size(ev), READ, &P) && take(&all, args[2], 2 * n * n, READ, &F)
+        && take(&all, args[3], n, READ, &v) && optional(&all, args[4], in_J1, &of_J1)
+        && optional(&all, args[5], in_E, &E_rates) && optional(&all, args[6], in_J1, &J1_rates)
+        && take(&all, args[7], rates_size(ev), WRITE, &D)) {
         ok = (E_rates || !in_E) && ((of_J1 && J1_rates) || !in_J1);
         for (Py_ssize_t i = 0; i < all.count && ok > 0; i++) {
             take_state(ev, q + i * ev->nq, v + i * n);
@@ -1119,11 +1120,13 @@ static PyObject *passive_forces(Evaluator *ev, PyObject *const *args, Py_ssize_t
     double *q, *P, *v, *out;
     Py_ssize_t n = ev->n;
     int ok = -1;
-    if (expect(ev, given, 4) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], kinematics_size(ev), READ, &P)
-        && take(&all, args[2], n, READ, &v) && take(&all, args[3], 2 * n, WRITE, &out)) {
+    if (expect(ev, given, 4) && take(&all, args[0], ev->nq, READ, &q)
+        && take(&all, args[1], kinematics_size(ev), READ, &P) && take(&all, args[2], n, READ, &v)
+        && take(&all, args[3], 2 * n, WRITE, &out)) {
         ok = 1;
         memset(out, 0, (size_t)(all.count * 2 * n) * sizeof(double));
-        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, q += ev->nq, P += kinematics_size(ev), v += n, out += 2 * n) {
+        for (Py_ssize_t i = 0; i < all.count && ok > 0;
+             i++, q += ev->nq, P += kinematics_size(ev), v += n, out += 2 * n) {
             place(ev, P + n * n + 6 * n);
             ok = add_passive(ev, q, P, v, out, out + n);
         }
@@ -1136,8 +1139,8 @@ static PyObject *output_values(Evaluator *ev, PyObject *const *args, Py_ssize_t 
     Arrays all = {.count = -1};
     double *q, *P, *x;
     int ok = -1;
-    if (expect(ev, given, 3) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], kinematics_size(ev), READ, &P)
-        && take(&all, args[2], ev->r + ev->k, WRITE, &x)) {
+    if (expect(ev, given, 3) && take(&all, args[0], ev->nq, READ, &q)
+        && take(&all, args[1], kinematics_size(ev), READ, &P) && take(&all, args[2], ev->r + ev->k, WRITE, &x)) {
         ok = 1;
         for (Py_ssize_t i = 0; i < all.count; i++)
             values(ev, q + i * ev->nq, P + i * kinematics_size(ev), x + i * (ev->r + ev->k));
@@ -1151,8 +1154,8 @@ static PyObject *actuation(Evaluator *ev, PyObject *const *args, Py_ssize_t give
     double *q, *P, *B;
     Py_ssize_t n = ev->n, p = ev->p;
     int ok = -1;
-    if (expect(ev, given, 3) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], kinematics_size(ev), READ, &P)
-        && take(&all, args[2], n * p, WRITE, &B)) {
+    if (expect(ev, given, 3) && take(&all, args[0], ev->nq, READ, &q)
+        && take(&all, args[1], kinematics_size(ev), READ, &P) && take(&all, args[2], n * p, WRITE, &B)) {
         ok = 1;
         for (Py_ssize_t i = 0; i < all.count; i++, q += ev->nq, P += kinematics_size(ev), B += n * p)
             input_matrix(ev, q, P, B, ev->scratch);
@@ -1160,17 +1163,17 @@ static PyObject *actuation(Evaluator *ev, PyObject *const *args, Py_ssize_t give
     return result(&all, ok);
 }
 
-/* q, P, F, reduced force (r), record of the inputs T (p = r) with R^T B T = force. False if the general way has to decide,
-   e.g. for dependent actuators. */
+/* q, P, F, reduced force (r), record of the inputs T (p = r) with R^T B T = force. False if the general way has to
+   decide, e.g. for dependent actuators. */
 static PyObject *allocation(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = -1};
     double *q, *P, *F, *force, *T;
     Py_ssize_t n = ev->n, r = ev->r;
     int ok = -1;
-    if (expect(ev, given, 5) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], kinematics_size(ev), READ, &P)
-        && take(&all, args[2], 2 * n * n, READ, &F) && take(&all, args[3], r, READ, &force)
-        && take(&all, args[4], ev->p, WRITE, &T)) {
+    if (expect(ev, given, 5) && take(&all, args[0], ev->nq, READ, &q)
+        && take(&all, args[1], kinematics_size(ev), READ, &P) && take(&all, args[2], 2 * n * n, READ, &F)
+        && take(&all, args[3], r, READ, &force) && take(&all, args[4], ev->p, WRITE, &T)) {
         double *B = ev->scratch, *matrix = B + n * r, *inverse = matrix + r * r, *work = inverse + r * r;
         ok = ev->p == r;
         for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, F += 2 * n * n, force += r, T += r) {
@@ -1208,7 +1211,8 @@ static void use_rates(Evaluator *ev, const double *rates) /* mu, then its rates 
     memcpy(ev->mu_dot, rates + ev->m, (size_t)ev->m * sizeof(double));
 }
 
-/* mu at one time and its rates (m each), which later calls use; those of moving ground are found at each configuration. */
+/* mu at one time and its rates (m each), which later calls use; those of moving ground are found at each configuration.
+ */
 static PyObject *set_rates(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = 1};
@@ -1227,9 +1231,9 @@ static int admissible(Evaluator *ev, const double *q, const double *v2, const do
     if (!all_finite(q, ev->nq) || !all_finite(v2, ev->r) || (T && !all_finite(T, ev->p))) return 0;
     memcpy(ev->views[V_Q].buf, q, (size_t)ev->nq * sizeof(double));
     if (!ev->normalized) return 1;
-    PyObject *answer = PyObject_CallFunctionObjArgs(PyTuple_GetItem(ev->refs, P_NORMALIZED),
-                                                    PyTuple_GetItem(ev->refs, P_MODEL), PyTuple_GetItem(ev->refs, P_Q),
-                                                    PyTuple_GetItem(ev->refs, P_EPS), NULL);
+    PyObject *answer =
+        PyObject_CallFunctionObjArgs(PyTuple_GetItem(ev->refs, P_NORMALIZED), PyTuple_GetItem(ev->refs, P_MODEL),
+                                     PyTuple_GetItem(ev->refs, P_Q), PyTuple_GetItem(ev->refs, P_EPS), NULL);
     if (!answer) return -1;
     int found = answer == Py_True;
     Py_DECREF(answer);
@@ -1312,8 +1316,8 @@ static PyObject *forward_dynamics(Evaluator *ev, PyObject *const *args, Py_ssize
     return answer(&all, out, ok);
 }
 
-/* q of one state or of a stack of states, indices (s) of reducing outputs, record (s, k, r) of the rates of A_star while one of
-   them moves at unit rate. False if the general way has to decide. */
+/* q of one state or of a stack of states, indices (s) of reducing outputs, record (s, k, r) of the rates of A_star
+   while one of them moves at unit rate. False if the general way has to decide. */
 static PyObject *output_slopes(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Py_ssize_t n = ev->n, r = ev->r, k = ev->k, sizes[1] = {ev->nq}, moved = given > 1 ? PyObject_Size(args[1]) : 0;
@@ -1347,8 +1351,8 @@ static PyObject *output_slopes(Evaluator *ev, PyObject *const *args, Py_ssize_t 
     return result(&all, ok);
 }
 
-/* q, v2, v2_dot -> reduced forces R^T (M (R v2_dot - E^-1 gamma) + bias) of one state or of a stack of states (count, ...); None
-   if the general way has to decide. */
+/* q, v2, v2_dot -> reduced forces R^T (M (R v2_dot - E^-1 gamma) + bias) of one state or of a stack of states (count,
+   ...); None if the general way has to decide. */
 static PyObject *inverse_dynamics(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Py_ssize_t sizes[3] = {ev->nq, ev->r, ev->r}, n = ev->n, r = ev->r;
@@ -1403,8 +1407,8 @@ static double constraint_power(const Evaluator *ev, const double *P, const doubl
 /* Numbers of y of the integrator: v2, integrals of J1 v, time if mu depends on it, and work */
 static Py_ssize_t integrated(const Evaluator *ev) { return ev->r + ev->k + (ev->timed ? 2 : 1); }
 
-/* State derivative at one state: v (n), v2_dot (r), J1 v (k), 1 for the time, and the power of forces and moving constraints.
-   Forces are those of T, further ones (n) and damping (n), unless NULL. known: kinematics at q, or NULL.
+/* State derivative at one state: v (n), v2_dot (r), J1 v (k), 1 for the time, and the power of forces and moving
+   constraints. Forces are those of T, further ones (n) and damping (n), unless NULL. known: kinematics at q, or NULL.
    0: the general way has to decide; -1: an error */
 static int derivative(Evaluator *ev, const double *q, const double *v2, const double *T, const double *further,
                       const double *damping, const double *known, double *out)
@@ -1458,10 +1462,20 @@ static PyObject *state_derivative(Evaluator *ev, PyObject *const *args, Py_ssize
 
 /* |B_2k| / (2k)!, k = 1 to 14, of the series of the inverse Jacobian of an exponential */
 static const double BERNOULLI[14] = {
-    1 / 12.0, 1 / 720.0, 1 / 30240.0, 1 / 1209600.0, 1 / 47900160.0, 691 / 1307674368000.0, 1 / 74724249600.0,
-    3617 / 10670622842880000.0, 43867 / 5109094217170944000.0, 174611 / 802857662698291200000.0,
-    77683 / 14101100039391805440000.0, 236364091 / 1693824136731743669452800000.0,
-    657931 / 186134520519971831808000000.0, 3392780147 / 37893265687455865519472640000000.0,
+    1 / 12.0,
+    1 / 720.0,
+    1 / 30240.0,
+    1 / 1209600.0,
+    1 / 47900160.0,
+    691 / 1307674368000.0,
+    1 / 74724249600.0,
+    3617 / 10670622842880000.0,
+    43867 / 5109094217170944000.0,
+    174611 / 802857662698291200000.0,
+    77683 / 14101100039391805440000.0,
+    236364091 / 1693824136731743669452800000.0,
+    657931 / 186134520519971831808000000.0,
+    3392780147 / 37893265687455865519472640000000.0,
 };
 
 enum { PLANAR, SPHERICAL, FREE }; /* joints with curved coordinates */
@@ -1513,9 +1527,9 @@ static int displace(Evaluator *ev, const double *q, const double *u, double *out
 {
     Py_buffer view;
     take_state(ev, q, u);
-    PyObject *moved = PyObject_CallFunctionObjArgs(PyTuple_GetItem(ev->refs, P_INTEGRATE),
-                                                   PyTuple_GetItem(ev->refs, P_MODEL), PyTuple_GetItem(ev->refs, P_Q),
-                                                   PyTuple_GetItem(ev->refs, P_V), NULL);
+    PyObject *moved =
+        PyObject_CallFunctionObjArgs(PyTuple_GetItem(ev->refs, P_INTEGRATE), PyTuple_GetItem(ev->refs, P_MODEL),
+                                     PyTuple_GetItem(ev->refs, P_Q), PyTuple_GetItem(ev->refs, P_V), NULL);
     if (!moved || PyObject_GetBuffer(moved, &view, PyBUF_SIMPLE) < 0) {
         Py_XDECREF(moved);
         return 0;
@@ -1530,9 +1544,10 @@ static int displace(Evaluator *ev, const double *q, const double *u, double *out
 
 static Py_ssize_t stages_size(const Evaluator *ev) { return 3 * (ev->n + integrated(ev)) + ev->nq; }
 
-/* One step of the method of lie_runge_kutta.py: q and y after a time h. known: kinematics at q, or NULL. rates: mu and its
-   rates at the begin, the middle and the end of the step, or NULL. */
-static int step(Evaluator *ev, const double *T, double h, const double *known, const double *rates, double *q, double *y)
+/* One step of the method of lie_runge_kutta.py: q and y after a time h. known: kinematics at q, or NULL. rates: mu and
+   its rates at the begin, the middle and the end of the step, or NULL. */
+static int step(Evaluator *ev, const double *T, double h, const double *known, const double *rates, double *q,
+                double *y)
 {
     static const int half_steps[4] = {0, 1, 1, 2};
     static const double fraction[4] = {0.0, 0.5, 0.5, 1.0}, weight[4] = {1.0, 2.0, 2.0, 1.0};
@@ -1559,7 +1574,8 @@ static int step(Evaluator *ev, const double *T, double h, const double *known, c
     return 1;
 }
 
-/* q, y, T, step, number of steps, mu and its rates (2 m) at each half step or None, record of q and y at the end. False if the general way has to decide. */
+/* q, y, T, step, number of steps, mu and its rates (2 m) at each half step or None, record of q and y at the end. False
+ * if the general way has to decide. */
 static PyObject *integrate(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = 1};
@@ -1573,7 +1589,7 @@ static PyObject *integrate(Evaluator *ev, PyObject *const *args, Py_ssize_t give
         if (!PyErr_Occurred() && within((long)steps, 1 << 20)
             && optional(&all, args[5], (2 * steps + 1) * 2 * ev->m, &rates)) {
             ok = ev->fused && !ev->external_vertical && ev->curved && all_finite(T, ev->p) && !ev->timed == !rates
-                && (ev->mu || !rates);
+                 && (ev->mu || !rates);
             memcpy(out, q, (size_t)ev->nq * sizeof(double));
             memcpy(out + ev->nq, y, (size_t)s * sizeof(double));
         }
@@ -1583,7 +1599,8 @@ static PyObject *integrate(Evaluator *ev, PyObject *const *args, Py_ssize_t give
     return result(&all, ok);
 }
 
-/* q, x = (u, y) of a state at q (+) u, T, damping (n), record of the rates of x. False if the general way has to decide. */
+/* q, x = (u, y) of a state at q (+) u, T, damping (n), record of the rates of x. False if the general way has to
+ * decide. */
 static PyObject *chart_rate(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = 1};
@@ -1617,7 +1634,8 @@ static PyObject *admissible_velocity(Evaluator *ev, PyObject *const *args, Py_ss
         if (ok > 0) {
             velocity(ev, F, ev->mu, v2, out);
             out[n] = 0.0;
-            for (Py_ssize_t i = 0; i < n; i++) out[n] += dot(F + n * n + i * n + ev->m, F + n * n + i * n + ev->m, ev->r);
+            for (Py_ssize_t i = 0; i < n; i++)
+                out[n] += dot(F + n * n + i * n + ev->m, F + n * n + i * n + ev->m, ev->r);
         }
     }
     return result(&all, ok);
@@ -1645,7 +1663,8 @@ static void add_offset(Evaluator *ev, const double *P, const double *F, const do
     for (Py_ssize_t i = 0; i < n; i++) add(G, force[i], R + i * n, r);
 }
 
-/* q, v2 -> record of all matrices of one state or of a stack of states: kinematics, F, v, D, K, bias, H, B, R^T B, b, its rate. None if the general way has to decide. */
+/* q, v2 -> record of all matrices of one state or of a stack of states: kinematics, F, v, D, K, bias, H, B, R^T B, b,
+ * its rate. None if the general way has to decide. */
 static PyObject *terms(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Py_ssize_t sizes[2] = {ev->nq, ev->r}, n = ev->n, r = ev->r;
@@ -1694,7 +1713,8 @@ static double *numbers(Arrays *all, PyObject *object, Py_ssize_t size)
         return NULL;
     }
     all->open++;
-    return view->format && !strcmp(view->format, "d") && view->len == size * (Py_ssize_t)sizeof(double) ? view->buf : NULL;
+    return view->format && !strcmp(view->format, "d") && view->len == size * (Py_ssize_t)sizeof(double) ? view->buf
+                                                                                                        : NULL;
 }
 
 /* Sizes of one row of numbers, or of a stack of rows; false for other arrays. */
@@ -1708,9 +1728,10 @@ static int stacked(PyObject *object, Py_ssize_t *count, Py_ssize_t *size)
     return ok && *count < 1 << 20 && *size < 1 << 15;
 }
 
-/* Law (10) over one sample; see velocity_tracker.py. v2, v2d, v2d_dot (r), deficit of force (r) or None, g (r), C (r, r),
-   D (r, r^2), each of one run or of a stack of runs; gains (4, r) or (4, 1): k, beta, dead zone, compensation; True with a dead
-   zone, decay, time of the leak, record of F, g, C, D, each of all runs. False if the arrays need the other path. */
+/* Law (10) over one sample; see velocity_tracker.py. v2, v2d, v2d_dot (r), deficit of force (r) or None, g (r), C (r,
+   r), D (r, r^2), each of one run or of a stack of runs; gains (4, r) or (4, 1): k, beta, dead zone, compensation; True
+   with a dead zone, decay, time of the leak, record of F, g, C, D, each of all runs. False if the arrays need the other
+   path. */
 static PyObject *track(PyObject *module, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = 1};
@@ -1785,10 +1806,8 @@ static void *copied(PyObject *bytes_like, Py_ssize_t count, size_t item) /* NULL
     if (view.len != count * (Py_ssize_t)item)
         PyErr_Format(PyExc_ValueError, "kernel: table of %zd bytes, expected %zd entries of %zd bytes", view.len, count,
                      (Py_ssize_t)item);
-    else if (!(out = malloc((size_t)count * item + 1)))
-        PyErr_NoMemory();
-    else
-        memcpy(out, view.buf, (size_t)view.len);
+    else if (!(out = malloc((size_t)count * item + 1))) PyErr_NoMemory();
+    else memcpy(out, view.buf, (size_t)view.len);
     PyBuffer_Release(&view);
     return out;
 }
@@ -1802,26 +1821,23 @@ static int valid(const Evaluator *ev, const Row *row, Py_ssize_t external, int o
     if (output && (i[4] == HEADING || i[4] == ELEVATION) && row->kind != YAW && row->kind != TILT) return 0;
     if (output && i[4] == LENGTH && row->kind != DISTANCE) return 0;
     switch (row->kind) {
-    case CONSTANT:
-        return 1;
-    case EXTERNAL:
-        return within(i[0], external);
+    case CONSTANT: return 1;
+    case EXTERNAL: return within(i[0], external);
     case MOMENTUM: {
         int bits = 0;
         for (int c = 0; c < 6; c++) bits += i[2] >> c & 1;
         return within(row->a, ev->joints) && i[3] >= 1 && i[3] <= 6 && within(i[0], ev->n) && i[0] + i[3] <= ev->n
-            && within(i[1], i[3]) && i[2] >= 0 && i[2] < 64 && (!i[2] || bits == i[3]);
+               && within(i[1], i[3]) && i[2] >= 0 && i[2] < 64 && (!i[2] || bits == i[3]);
     }
     case ACKERMANN:
         return within(i[0], ev->nq - (i[4] & 1)) && within(i[2], ev->nq - (i[4] >> 1 & 1)) && within(i[1], ev->n)
-            && within(i[3], ev->n);
+               && within(i[3], ev->n);
     case DISTANCE:
     case POINT:
     case CLOSURE:
         return within(row->a, ev->frames) && within(row->b, ev->frames) && within(i[0], row->kind == POINT ? 3 : 6);
     case YAW:
-    case TILT:
-        return within(row->a, ev->frames) && within(i[0], 3);
+    case TILT: return within(row->a, ev->frames) && within(i[0], 3);
     case ROLLING:
         if (!within(i[0], TORUS + 1) || !within(i[3], 3)) return 0;
         /* fall through */
@@ -1829,8 +1845,7 @@ static int valid(const Evaluator *ev, const Row *row, Py_ssize_t external, int o
     case OWN:
         if (i[1] && (!ev->mu || row->b >= 0)) return 0; /* the material of ground on a frame does not move */
         /* fall through */
-    case WORLD:
-        return within(row->a, ev->frames) && (row->b < 0 || within(row->b, ev->frames));
+    case WORLD: return within(row->a, ev->frames) && (row->b < 0 || within(row->b, ev->frames));
     }
     return 0;
 }
@@ -1902,7 +1917,8 @@ static int opened(Evaluator *ev, PyObject *arrays) /* views of Pinocchio's memor
     return 1;
 }
 
-/* The tables of Evaluator(...): sizes, references, views, then arrays of bytes; see kernel_tables.py, which makes them. */
+/* The tables of Evaluator(...): sizes, references, views, then arrays of bytes; see kernel_tables.py, which makes them.
+ */
 static int initialize(PyObject *self, PyObject *args, PyObject *keywords)
 {
     Evaluator *ev = (Evaluator *)self;
@@ -1916,15 +1932,17 @@ static int initialize(PyObject *self, PyObject *args, PyObject *keywords)
         PyErr_SetString(PyExc_TypeError, "kernel: an Evaluator is made once, from positional arguments");
         return -1;
     }
-    if (!PyArg_ParseTuple(args, "(nnnnnnnnnnnpppn)O!O!OOOOOOOOOOOOOdd", &ev->nq, &ev->n, &ev->m, &ev->k, &ev->p, &ev->joints,
-                          &ev->frames, &ev->external, &ev->external_vertical, &ev->count, &supported, &ev->normalized,
-                          &ev->fused, &ev->timed, &ev->forced, &PyTuple_Type, &refs, &PyTuple_Type, &views, &integers, &numbers, &columns, &joints,
-                          &placements, &start, &support, &constant, &B, &mu, &lengths, &curved, &forces,
-                          &ev->fast_length, &ev->fast_limit))
+    if (!PyArg_ParseTuple(args, "(nnnnnnnnnnnpppn)O!O!OOOOOOOOOOOOOdd", &ev->nq, &ev->n, &ev->m, &ev->k, &ev->p,
+                          &ev->joints, &ev->frames, &ev->external, &ev->external_vertical, &ev->count, &supported,
+                          &ev->normalized, &ev->fused, &ev->timed, &ev->forced, &PyTuple_Type, &refs, &PyTuple_Type,
+                          &views, &integers, &numbers, &columns, &joints, &placements, &start, &support, &constant, &B,
+                          &mu, &lengths, &curved, &forces, &ev->fast_length, &ev->fast_limit))
         return -1;
-    Py_ssize_t n = ev->n, sizes[] = {ev->nq, n, ev->m, ev->k, ev->p, ev->joints, ev->frames, ev->count, supported, ev->forced};
+    Py_ssize_t n = ev->n,
+               sizes[] = {ev->nq, n, ev->m, ev->k, ev->p, ev->joints, ev->frames, ev->count, supported, ev->forced};
     for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++)
-        if (!within((long)sizes[i], 1 << 15)) return PyErr_SetString(PyExc_ValueError, "kernel: size out of range"), -1; /* products do not overflow */
+        if (!within((long)sizes[i], 1 << 15))
+            return PyErr_SetString(PyExc_ValueError, "kernel: size out of range"), -1; /* products do not overflow */
     if (n < 1 || ev->m > n || ev->joints < 1 || ev->count < n + ev->k + ev->forced || PyTuple_Size(refs) != REFS
         || PyTuple_Size(views) != VIEWS)
         return PyErr_SetString(PyExc_ValueError, "kernel: sizes do not fit together"), -1;
@@ -1934,12 +1952,15 @@ static int initialize(PyObject *self, PyObject *args, PyObject *keywords)
     if (opened(ev, views) && (table = copied(integers, ev->count * INTEGERS, sizeof(long)))
         && (weights = copied(numbers, ev->count * NUMBERS, sizeof(double)))
         && (ev->columns = copied(columns, ev->count - n - ev->k - ev->forced, sizeof(long)))
-        && (on = copied(joints, ev->frames, sizeof(long))) && (placed = copied(placements, ev->frames * 12, sizeof(double)))
+        && (on = copied(joints, ev->frames, sizeof(long)))
+        && (placed = copied(placements, ev->frames * 12, sizeof(double)))
         && (ev->start = copied(start, ev->joints + 1, sizeof(long)))
         && (ev->support = copied(support, supported, sizeof(long)))
         && (ev->constant = copied(constant, ev->count * n, sizeof(double)))
         && (ev->B = copied(B, n * ev->p, sizeof(double)))
-        && (mu == Py_None || ((ev->mu = copied(mu, ev->m, sizeof(double))) && (ev->mu_dot = calloc((size_t)ev->m + 1, sizeof(double)))))
+        && (mu == Py_None
+            || ((ev->mu = copied(mu, ev->m, sizeof(double)))
+                && (ev->mu_dot = calloc((size_t)ev->m + 1, sizeof(double)))))
         && (ev->lengths = copied(lengths, n, sizeof(double)))
         && (ev->laws = copied(forces, ev->forced * FORCE_NUMBERS, sizeof(double))) && bent(ev, curved)) {
         Py_ssize_t wide = n > ev->k ? n : ev->k, work = 2 * n * n + 6 * n + wide * n;
@@ -1983,7 +2004,8 @@ static void destroy(PyObject *self)
     PyTypeObject *type = Py_TYPE(self);
     while (ev->open) PyBuffer_Release(ev->views + --ev->open);
     free(ev->rows), free(ev->columns), free(ev->frame), free(ev->support), free(ev->start), free(ev->constant);
-    free(ev->owner), free(ev->B), free(ev->mu), free(ev->mu_dot), free(ev->lengths), free(ev->motion), free(ev->scratch), free(ev->curved);
+    free(ev->owner), free(ev->B), free(ev->mu), free(ev->mu_dot), free(ev->lengths), free(ev->motion),
+        free(ev->scratch), free(ev->curved);
     free(ev->laws);
     release_derivatives(ev);
     Py_CLEAR(ev->refs);
@@ -2023,7 +2045,11 @@ static PyMethodDef methods[] = {
 };
 
 static PyType_Slot slots[] = {
-    {Py_tp_init, initialize}, {Py_tp_new, PyType_GenericNew}, {Py_tp_dealloc, destroy}, {Py_tp_methods, methods}, {0, NULL},
+    {Py_tp_init, initialize},
+    {Py_tp_new, PyType_GenericNew},
+    {Py_tp_dealloc, destroy},
+    {Py_tp_methods, methods},
+    {0, NULL},
 };
 
 static PyType_Spec spec = {
@@ -2058,7 +2084,10 @@ static PyMethodDef functions[] = {
 };
 
 static struct PyModuleDef module = {
-    PyModuleDef_HEAD_INIT, .m_name = "compiled", .m_size = -1, .m_methods = functions,
+    PyModuleDef_HEAD_INIT,
+    .m_name = "compiled",
+    .m_size = -1,
+    .m_methods = functions,
 };
 
 PyMODINIT_FUNC PyInit_compiled(void)

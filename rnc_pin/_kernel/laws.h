@@ -14,9 +14,9 @@ static double wrapped(double angle)
 
 enum { REAL, ANGLE, ROTATION }; /* kinds of outputs; a rotation vector has three entries of its kind */
 
-/* velocity + gain * error and acceleration + gain * error rate of k outputs, which are x[places[i]] (x[i] without places)
-   with these rates. point: position, velocity, acceleration (k each). False if a value is not finite; an output with zero
-   gain needs none. */
+/* velocity + gain * error and acceleration + gain * error rate of k outputs, which are x[places[i]] (x[i] without
+   places) with these rates. point: position, velocity, acceleration (k each). False if a value is not finite; an output
+   with zero gain needs none. */
 static int feed_back(Py_ssize_t k, double *const point[3], const double *x, const double *rate, const long *places,
                      const double *gain, const double *kind, double *out, double *out_dot)
 {
@@ -50,9 +50,9 @@ static int feed_back(Py_ssize_t k, double *const point[3], const double *x, cons
     return 1;
 }
 
-/* Position, velocity and acceleration of a reference (k), values and rates of the outputs of one run (k) or of a stack of runs,
-   table (2, k) of gains and of kinds, record of the first sum of feed_back of all runs, then of the second. False if the arrays
-   or the numbers need the other path. */
+/* Position, velocity and acceleration of a reference (k), values and rates of the outputs of one run (k) or of a stack
+   of runs, table (2, k) of gains and of kinds, record of the first sum of feed_back of all runs, then of the second.
+   False if the arrays or the numbers need the other path. */
 static PyObject *feedback(PyObject *module, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = 1};
@@ -84,9 +84,9 @@ static int placed(Task *task, const long *places)
     return 1;
 }
 
-/* Rates of class 1, (12), over one sample; see redundancy.py. A_star and A_star_dot (k, r); first and wanted: rates of the primary
-   outputs (b) and of the vertical ones (a), then their rates; cost^-1 (c); secondary rates and theirs (c each) or NULL;
-   rates[2]: v2 and v2_dot (r). 0: A4 is nearly singular; -1: a Python error. */
+/* Rates of class 1, (12), over one sample; see redundancy.py. A_star and A_star_dot (k, r); first and wanted: rates of
+   the primary outputs (b) and of the vertical ones (a), then their rates; cost^-1 (c); secondary rates and theirs (c
+   each) or NULL; rates[2]: v2 and v2_dot (r). 0: A4 is nearly singular; -1: a Python error. */
 static int spread_out(const Task *task, double *const A[2], double *const first[2], double *const wanted[2],
                       const double *cost, double *const secondary[2], double *const rates[2])
 {
@@ -142,9 +142,9 @@ static int spread_out(const Task *task, double *const A[2], double *const first[
     return ok;
 }
 
-/* A_star, A_star_dot (k, r), indices of the vertical, primary and redundant outputs (as many as a, b, c), v21, v21_dot (b), rates
-   wanted of the vertical outputs and their rates (a), cost^-1 (c), secondary rates and theirs (c) or None, a, record of v2
-   and v2_dot (r). False if the arrays need the other path, or A4 is nearly singular. */
+/* A_star, A_star_dot (k, r), indices of the vertical, primary and redundant outputs (as many as a, b, c), v21, v21_dot
+   (b), rates wanted of the vertical outputs and their rates (a), cost^-1 (c), secondary rates and theirs (c) or None,
+   a, record of v2 and v2_dot (r). False if the arrays need the other path, or A4 is nearly singular. */
 static PyObject *spread(PyObject *module, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = 1};
@@ -160,19 +160,20 @@ static PyObject *spread(PyObject *module, PyObject *const *args, Py_ssize_t give
     int ok = a > 0 && c >= a && k >= 0 && k < 1 << 15 && r < 1 << 15;
     for (int i = 0; i < 10 && ok; i++)
         if (i != 2 && (i < 8 || args[i] != Py_None)) ok = (x[i] = numbers(&all, args[i], sizes[i])) != NULL;
-    if (!x[8] != !x[9] || !ok || !(out = numbers(&all, args[11], 2 * r)) || all.views[all.open - 1].readonly) return result(&all, 0);
+    if (!x[8] != !x[9] || !ok || !(out = numbers(&all, args[11], 2 * r)) || all.views[all.open - 1].readonly)
+        return result(&all, 0);
     double *rates[2] = {out, out + r};
     if (!take(&all, args[2], r + a, READ, (double **)&places)) return result(&all, -1);
     ok = placed(&task, places) ? spread_out(&task, x, x + 3, x + 5, x[7], x[8] ? x + 8 : NULL, rates) : 0;
     return result(&all, ok);
 }
 
-/* Class 1 with its feedback, (12): A_star, A_star_dot (k, r), indices as for spread, position, velocity and acceleration of the
-   primary reference (b each), then of the vertical one (a each), x2, v2 (r), x1, v1 (k), table of gains and of kinds
-   of the primary outputs (b each), then of the vertical ones (a each), then cost^-1 (c); offset of v1 and its rate (k) or
-   None, secondary rates and theirs (c) or None, a, b, record of v2, v2_dot, x2 and x1 desired (r, r, r, k). The references are
-   those of all runs; all else may be a stack of runs, and the record then has v2 of all runs, v2_dot of all runs, and so on.
-   False if the arrays need the other path, or A4 is nearly singular. */
+/* Class 1 with its feedback, (12): A_star, A_star_dot (k, r), indices as for spread, position, velocity and
+   acceleration of the primary reference (b each), then of the vertical one (a each), x2, v2 (r), x1, v1 (k), table of
+   gains and of kinds of the primary outputs (b each), then of the vertical ones (a each), then cost^-1 (c); offset of
+   v1 and its rate (k) or None, secondary rates and theirs (c) or None, a, b, record of v2, v2_dot, x2 and x1 desired
+   (r, r, r, k). The references are those of all runs; all else may be a stack of runs, and the record then has v2 of
+   all runs, v2_dot of all runs, and so on. False if the arrays need the other path, or A4 is nearly singular. */
 static PyObject *pursue(PyObject *module, PyObject *const *args, Py_ssize_t given)
 {
     enum { AT = 2, FIRST = 3, BASE = 6, X2 = 9, V2, X1, V1, TABLE, OFFSET, FREE_RATES = 16, OUT = 18 };
@@ -185,7 +186,9 @@ static PyObject *pursue(PyObject *module, PyObject *const *args, Py_ssize_t give
     if (PyErr_Occurred()) return NULL;
     int ok = stacked(args[X2], &runs, &r) && stacked(args[X1], &same, &k) && runs == same;
     Task task = {.a = a, .b = b, .c = r - b, .k = k, .r = r};
-    Py_ssize_t c = task.c, sizes[OUT + 1] = {k * r, k * r, r + a, b, b, b, a, a, a, r, r, k, k, 2 * b + 2 * a + c, k, k, c, c, 3 * r + k};
+    Py_ssize_t c = task.c,
+               sizes[OUT + 1] = {k * r, k * r, r + a, b, b,        b, a, a, a, r, r, k, k, 2 * b + 2 * a + c,
+                                 k,     k,     c,     c, 3 * r + k};
     ok = ok && a > 0 && b >= 0 && c >= a;
     for (int i = 0; i <= OUT && ok; i++) {
         PyObject *array = args[i == OUT ? 20 : i];
@@ -205,9 +208,10 @@ static PyObject *pursue(PyObject *module, PyObject *const *args, Py_ssize_t give
         double *A[2] = {x[0] + run * k * r, x[1] + run * k * r}, *rates[2] = {out + run * r, out + (runs + run) * r};
         double *x2 = out + (2 * runs + run) * r, *x1 = out + 3 * runs * r + run * k, *free_rates[2] = {NULL, NULL};
         for (int rate = 0; rate < 2 && x[FREE_RATES]; rate++) free_rates[rate] = x[FREE_RATES + rate] + run * c;
-        ok = feed_back(b, x + FIRST, x[X2] + run * r, x[V2] + run * r, task.primary, gains, gains + b, first[0], first[1])
-            && feed_back(a, x + BASE, x[X1] + run * k, x[V1] + run * k, task.vertical, gains + 2 * b, gains + 2 * b + a,
-                         wanted[0], wanted[1]);
+        ok = feed_back(b, x + FIRST, x[X2] + run * r, x[V2] + run * r, task.primary, gains, gains + b, first[0],
+                       first[1])
+             && feed_back(a, x + BASE, x[X1] + run * k, x[V1] + run * k, task.vertical, gains + 2 * b,
+                          gains + 2 * b + a, wanted[0], wanted[1]);
         for (int rate = 0; rate < 2 && ok; rate++)
             for (Py_ssize_t i = 0; i < a && x[OFFSET + rate]; i++)
                 wanted[rate][i] -= x[OFFSET + rate][run * k + task.vertical[i]];
@@ -232,7 +236,8 @@ static PyObject *polynomial(PyObject *module, PyObject *const *args, Py_ssize_t 
     double x = PyFloat_AsDouble(args[1]);
     if (PyErr_Occurred()) return NULL;
     Py_ssize_t count = PyObject_Size(args[0]);
-    if (count < 1 || PyObject_GetBuffer(args[2], all.views, PyBUF_WRITABLE) < 0) return PyErr_Occurred() ? NULL : result(&all, 0);
+    if (count < 1 || PyObject_GetBuffer(args[2], all.views, PyBUF_WRITABLE) < 0)
+        return PyErr_Occurred() ? NULL : result(&all, 0);
     all.open = 1, out = all.views->buf;
     Py_ssize_t size = all.views->len / (Py_ssize_t)sizeof(double);
     if (!take(&all, args[0], count * size, READ, &terms)) return result(&all, -1);
@@ -242,11 +247,12 @@ static PyObject *polynomial(PyObject *module, PyObject *const *args, Py_ssize_t 
     return result(&all, 1);
 }
 
-/* Laws (8)-(9) over one sample; see position_tracker.py. Position, velocity, acceleration and jerk of the reference (k each), x2 (r),
-   indices of the outputs (k), table (7, k): k1, k2, gamma, beta, dead zone, compensation, ones for angles; z, f (k), A, B
-   (k, k), error (k) before; deficit of force (r), then velocity and acceleration of the reference before (k each), or None
-   each if nothing can freeze; decay, time of the leak, sigma, time elapsed, record of F, z, f (k each), A, B (k, k), error
-   (k), v2 and x2 desired (r each). False if the arrays or the numbers need the other path. */
+/* Laws (8)-(9) over one sample; see position_tracker.py. Position, velocity, acceleration and jerk of the reference (k
+   each), x2 (r), indices of the outputs (k), table (7, k): k1, k2, gamma, beta, dead zone, compensation, ones for
+   angles; z, f (k), A, B (k, k), error (k) before; deficit of force (r), then velocity and acceleration of the
+   reference before (k each), or None each if nothing can freeze; decay, time of the leak, sigma, time elapsed, record
+   of F, z, f (k each), A, B (k, k), error (k), v2 and x2 desired (r each). False if the arrays or the numbers need the
+   other path. */
 static PyObject *track_position(PyObject *module, PyObject *const *args, Py_ssize_t given)
 {
     enum { X2 = 4, AT, TABLE, Z, F0, A0, B0, E0, DEFICIT, V_BEFORE, A_BEFORE, OUT };
@@ -274,7 +280,8 @@ static PyObject *track_position(PyObject *module, PyObject *const *args, Py_ssiz
     double *F = x[OUT], *z = F + k, *f = z + k, *A = f + k, *B = A + k * k, *e = B + k * k, *v2 = e + k, *x2 = v2 + r;
     for (Py_ssize_t i = 0; i < 2 * r; i++) v2[i] = NAN; /* no goal */
     for (Py_ssize_t i = 0; i < k && ok; i++) {
-        double k1 = gains[i], k2 = gains[k + i], gamma = gains[2 * k + i], beta = gains[3 * k + i], error = x[0][i] - x[X2][places[i]];
+        double k1 = gains[i], k2 = gains[k + i], gamma = gains[2 * k + i], beta = gains[3 * k + i],
+               error = x[0][i] - x[X2][places[i]];
         if (gains[6 * k + i] != 0.0) error = wrapped(error);
         if (!isfinite(error)) ok = 0;
         double square = gamma * gamma, fade = exp(-2.0 * gamma * elapsed), step = beta * error, added = 0.0;
@@ -310,8 +317,8 @@ static PyObject *track_position(PyObject *module, PyObject *const *args, Py_ssiz
     return result(&all, ok);
 }
 
-/* Parameters p (s), regressor W (e, s), prediction error (e), lowest and highest values (s each), step, record of the parameters
-   after one sample of (20); see estimation.py. False if the arrays need the other path. */
+/* Parameters p (s), regressor W (e, s), prediction error (e), lowest and highest values (s each), step, record of the
+   parameters after one sample of (20); see estimation.py. False if the arrays need the other path. */
 static PyObject *adapt(PyObject *module, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = 1};
@@ -341,8 +348,8 @@ static PyObject *adapt(PyObject *module, PyObject *const *args, Py_ssize_t given
     return result(&all, ok);
 }
 
-/* Center, amplitude, rate and phase of sines (k each), growth of the amplitude with three derivatives (4), time, record of the
-   value with three derivatives (4, k); see references.py. False if the arrays need the other path. */
+/* Center, amplitude, rate and phase of sines (k each), growth of the amplitude with three derivatives (4), time, record
+   of the value with three derivatives (4, k); see references.py. False if the arrays need the other path. */
 static PyObject *harmonic(PyObject *module, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = 1};
@@ -373,8 +380,10 @@ static int steering_rates(const Task *task, double *const *x, const double *numb
 {
     enum { A_STAR, A_DOT, SLOPES, AT, V2, V21D, V21D_DOT, X1, POINT, TABLE = POINT + 3 };
     Py_ssize_t a = task->a, b = task->b, k = task->k, r = task->r;
-    double *v1 = work, *wanted = v1 + k, *wanted_dot = wanted + a, *right = wanted_dot + a, *rest = right + a, *rate = rest + a;
-    double *N = rate + a, *square = N + a * a, *factor = square + a * a, *point[3] = {x[POINT], x[POINT + 1], x[POINT + 2]};
+    double *v1 = work, *wanted = v1 + k, *wanted_dot = wanted + a, *right = wanted_dot + a, *rest = right + a,
+           *rate = rest + a;
+    double *N = rate + a, *square = N + a * a, *factor = square + a * a,
+           *point[3] = {x[POINT], x[POINT + 1], x[POINT + 2]};
     memset(v1, 0, (size_t)k * sizeof(double));
     for (Py_ssize_t i = 0; i < a; i++) {
         long row = task->vertical[i];
@@ -406,11 +415,11 @@ static int steering_rates(const Task *task, double *const *x, const double *numb
     return ok;
 }
 
-/* Rates of steering outputs; see steering.py. Of one run or of a stack of runs: A_star, A_star_dot (k, r), slopes of A_star along
-   each redundant output (a, k, r); indices of the vertical, primary and redundant outputs (a, b, a); of each run v2 (r), primary
-   rates and theirs (b each), x1 (k), position, velocity and acceleration of the vertical reference (a each); table of gains and
-   of kinds of the vertical outputs (2, a), k4, damping, largest rate, number a, record of the redundant rates (a). False if the
-   arrays or the numbers need the other path. */
+/* Rates of steering outputs; see steering.py. Of one run or of a stack of runs: A_star, A_star_dot (k, r), slopes of
+   A_star along each redundant output (a, k, r); indices of the vertical, primary and redundant outputs (a, b, a); of
+   each run v2 (r), primary rates and theirs (b each), x1 (k), position, velocity and acceleration of the vertical
+   reference (a each); table of gains and of kinds of the vertical outputs (2, a), k4, damping, largest rate, number a,
+   record of the redundant rates (a). False if the arrays or the numbers need the other path. */
 static PyObject *steer(PyObject *module, PyObject *const *args, Py_ssize_t given)
 {
     enum { A_STAR, A_DOT, SLOPES, AT, V2, V21D, V21D_DOT, X1, POINT, TABLE = POINT + 3, ARRAYS };
@@ -422,13 +431,14 @@ static PyObject *steer(PyObject *module, PyObject *const *args, Py_ssize_t given
     for (int i = 0; i < 3; i++) number[i] = PyFloat_AsDouble(args[ARRAYS + i]);
     Py_ssize_t a = PyLong_AsSsize_t(args[ARRAYS + 3]), r = 0, k = 0, b = 0, runs = 0, of_b = 0, of_k = 0;
     if (PyErr_Occurred()) return NULL;
-    int ok = stacked(args[V2], &runs, &r) && stacked(args[V21D], &of_b, &b) && stacked(args[X1], &of_k, &k) && of_b == runs
-        && of_k == runs && a > 0 && a + b <= r && a <= k && k < 1 << 10 && r < 1 << 10;
+    int ok = stacked(args[V2], &runs, &r) && stacked(args[V21D], &of_b, &b) && stacked(args[X1], &of_k, &k)
+             && of_b == runs && of_k == runs && a > 0 && a + b <= r && a <= k && k < 1 << 10 && r < 1 << 10;
     Task task = {.a = a, .b = b, .c = a, .k = k, .r = r};
     Py_ssize_t sizes[ARRAYS] = {k * r, k * r, a * k * r, 0, r, b, b, k, a, a, a};
     for (int i = 0; i < ARRAYS && ok; i++)
         if (i != AT) ok = (x[i] = numbers(&all, args[i], i == TABLE ? 2 * a : runs * sizes[i])) != NULL;
-    if (!ok || !(out = numbers(&all, args[ARRAYS + 4], runs * a)) || all.views[all.open - 1].readonly) return result(&all, 0);
+    if (!ok || !(out = numbers(&all, args[ARRAYS + 4], runs * a)) || all.views[all.open - 1].readonly)
+        return result(&all, 0);
     if (!take(&all, args[AT], 2 * a + b, READ, (double **)&places)) return result(&all, -1);
     if (!placed(&task, places)) return result(&all, 0);
     if (!(work = malloc((size_t)(k + 5 * a + 3 * a * a) * sizeof(double)))) return PyErr_NoMemory(), result(&all, -1);

@@ -1,4 +1,5 @@
-/* Programs of whole-body control; see task_hierarchy.py, collision_avoidance.py and look_at_task.py. Included at the end of kernel.c. */
+/* Programs of whole-body control; see task_hierarchy.py, collision_avoidance.py and look_at_task.py. Included at the
+ * end of kernel.c. */
 
 /* Triangular factor of rows (k, n + 1), whose last column is the right-hand side, by reflections; in place, k >= n. */
 static void triangularize(double *A, Py_ssize_t k, Py_ssize_t n)
@@ -21,8 +22,8 @@ static void triangularize(double *A, Py_ssize_t k, Py_ssize_t n)
     }
 }
 
-/* Inverse T (n, n) of the triangular factor in A (n, n + 1), and the right-hand side (n) before it; the norm of T, or zero if the
-   factor is singular. */
+/* Inverse T (n, n) of the triangular factor in A (n, n + 1), and the right-hand side (n) before it; the norm of T, or
+   zero if the factor is singular. */
 static double invert_factor(const double *A, Py_ssize_t n, double *goal)
 {
     double square = 0.0, *T = goal + n;
@@ -39,10 +40,10 @@ static double invert_factor(const double *A, Py_ssize_t n, double *goal)
     return sqrt(square);
 }
 
-/* Least squares as a least distance: rows (k, n) and desired values (k), whose singular values have to exceed a threshold, further
-   rows (l, n) and their values (l), damping, the threshold relative to all rows, record of the goal (n) and of T (n, n). With
-   x = T y, the sum of squares is |y - goal|^2 and a constant. False unless singular values certainly exceed both thresholds, or if
-   the arrays need the other path. */
+/* Least squares as a least distance: rows (k, n) and desired values (k), whose singular values have to exceed a
+   threshold, further rows (l, n) and their values (l), damping, the threshold relative to all rows, record of the goal
+   (n) and of T (n, n). With x = T y, the sum of squares is |y - goal|^2 and a constant. False unless singular values
+   certainly exceed both thresholds, or if the arrays need the other path. */
 static PyObject *least_squares(PyObject *module, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = 1};
@@ -53,19 +54,23 @@ static PyObject *least_squares(PyObject *module, PyObject *const *args, Py_ssize
     if (PyErr_Occurred()) return NULL;
     int ok = stacked(args[0], &k, &n) && stacked(args[2], &l, &columns) && columns == n && 0 < n && n < 255 && k >= n;
     const double *rows = ok ? numbers(&all, args[0], k * n) : NULL, *desired = rows ? numbers(&all, args[1], k) : NULL;
-    const double *more = desired ? numbers(&all, args[2], l * n) : NULL, *values = more ? numbers(&all, args[3], l) : NULL;
+    const double *more = desired ? numbers(&all, args[2], l * n) : NULL,
+                 *values = more ? numbers(&all, args[3], l) : NULL;
     double *goal = values ? numbers(&all, args[7], n + n * n) : NULL, *A = NULL;
     ok = goal && !all.views[all.open - 1].readonly;
     Py_ssize_t w = n + 1, damped = damping > 0.0 ? n : 0, further = n + l + damped;
-    if (ok && !(A = malloc((size_t)((k > further ? k : further) * w) * sizeof(double)))) return close_arrays(&all), PyErr_NoMemory();
+    if (ok && !(A = malloc((size_t)((k > further ? k : further) * w) * sizeof(double))))
+        return close_arrays(&all), PyErr_NoMemory();
     if (ok) {
-        for (Py_ssize_t i = 0; i < k; i++) memcpy(A + i * w, rows + i * n, (size_t)n * sizeof(double)), A[i * w + n] = desired[i];
+        for (Py_ssize_t i = 0; i < k; i++)
+            memcpy(A + i * w, rows + i * n, (size_t)n * sizeof(double)), A[i * w + n] = desired[i];
         triangularize(A, k, n);
         /* The smallest singular value is at least the inverse of the norm of T; a NaN fails too. */
         double size = invert_factor(A, n, goal), square = 0.0;
         ok = size > 0.0 && 1.0 > least * size;
         if (ok && further > n) {
-            for (Py_ssize_t i = 0; i < n; i++) memset(A + i * w, 0, (size_t)i * sizeof(double)); /* below the diagonal */
+            for (Py_ssize_t i = 0; i < n; i++)
+                memset(A + i * w, 0, (size_t)i * sizeof(double)); /* below the diagonal */
             for (Py_ssize_t i = 0; i < l; i++)
                 memcpy(A + (n + i) * w, more + i * n, (size_t)n * sizeof(double)), A[(n + i) * w + n] = values[i];
             memset(A + (n + l) * w, 0, (size_t)(damped * w) * sizeof(double));
@@ -81,8 +86,8 @@ static PyObject *least_squares(PyObject *module, PyObject *const *args, Py_ssize
     return result(&all, ok);
 }
 
-/* Rows of a frame that looks at a point: Jacobians (6, n) of the frame and of the other frame or None, axis (3), ray to the point (3)
-   and its length, record of the rows (3, n). False if the arrays need the other path. */
+/* Rows of a frame that looks at a point: Jacobians (6, n) of the frame and of the other frame or None, axis (3), ray to
+   the point (3) and its length, record of the rows (3, n). False if the arrays need the other path. */
 static PyObject *look_rows(PyObject *module, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = 1};
@@ -112,9 +117,9 @@ static PyObject *look_rows(PyObject *module, PyObject *const *args, Py_ssize_t g
     return result(&all, ok);
 }
 
-/* Decelerations of rows that efforts allow: rows (k, n), inverse of E (n, n) with R in its last columns, H (r, r), input matrix (r, p), forces without inputs (n), efforts
-   for braking (p), 1 for each actuator without a limit (p), least share, least effect, record (k). False if H is not positive
-   definite or if the arrays need the other path. */
+/* Decelerations of rows that efforts allow: rows (k, n), inverse of E (n, n) with R in its last columns, H (r, r),
+   input matrix (r, p), forces without inputs (n), efforts for braking (p), 1 for each actuator without a limit (p),
+   least share, least effect, record (k). False if H is not positive definite or if the arrays need the other path. */
 static PyObject *decelerations(PyObject *module, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = 1};
@@ -174,17 +179,18 @@ static PyObject *decelerations(PyObject *module, PyObject *const *args, Py_ssize
     return result(&all, ok);
 }
 
-/* Poses of shapes: placements of all joints (joints, 12), joint of each of the first shapes (k), rotations (s, 9) and origins (s, 3) of
-   all shapes in their joints, centres of their boxes in their own frames (s, 3), record of rotations (s, 9), origins (s, 3) and
-   middles (s, 3) in the world. Further shapes are in the world already. False if the arrays need the other path. */
+/* Poses of shapes: placements of all joints (joints, 12), joint of each of the first shapes (k), rotations (s, 9) and
+   origins (s, 3) of all shapes in their joints, centres of their boxes in their own frames (s, 3), record of rotations
+   (s, 9), origins (s, 3) and middles (s, 3) in the world. Further shapes are in the world already. False if the arrays
+   need the other path. */
 static PyObject *shape_poses(PyObject *module, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = 1};
     Py_ssize_t joints = 0, twelve = 0, one = 0, k = 0, s = 0, three = 0;
     (void)module;
     if (given != 8) return PyErr_SetString(PyExc_TypeError, "kernel: shape_poses takes 8 arguments"), NULL;
-    int ok = stacked(args[0], &joints, &twelve) && twelve == 12 && stacked(args[1], &one, &k) && stacked(args[4], &s, &three)
-             && three == 3 && k <= s;
+    int ok = stacked(args[0], &joints, &twelve) && twelve == 12 && stacked(args[1], &one, &k)
+             && stacked(args[4], &s, &three) && three == 3 && k <= s;
     const double *joint = ok ? numbers(&all, args[0], 12 * joints) : NULL;
     const long long *carrier = joint ? indices(&all, args[1], k) : NULL;
     const double *own[3] = {NULL};

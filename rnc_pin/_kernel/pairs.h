@@ -1,4 +1,5 @@
-/* Frames, distances of pairs of shapes, and joints that stop; see known_kinematics.py and rnc_pin/collision. Included at the end of kernel.c. */
+/* Frames, distances of pairs of shapes, and joints that stop; see known_kinematics.py and rnc_pin/collision. Included
+ * at the end of kernel.c. */
 
 /* Buffer of 64-bit integers; NULL for another array. */
 static const long long *indices(Arrays *all, PyObject *object, Py_ssize_t size)
@@ -17,8 +18,8 @@ static int all_below(const long long *index, Py_ssize_t count, Py_ssize_t size)
     return 1;
 }
 
-/* Rows of the rates: numbers (k, 10) of pairs (distance, normal, nearest points), pairs (k), signs of all pairs (K, n), joint
-   Jacobians in the world (6, n), rows (k, n). False if the arrays need the other path. */
+/* Rows of the rates: numbers (k, 10) of pairs (distance, normal, nearest points), pairs (k), signs of all pairs (K, n),
+   joint Jacobians in the world (6, n), rows (k, n). False if the arrays need the other path. */
 static PyObject *pair_rows(PyObject *module, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = 1};
@@ -28,7 +29,8 @@ static PyObject *pair_rows(PyObject *module, PyObject *const *args, Py_ssize_t g
     int ok = stacked(args[0], &k, &ten) && ten == 10 && stacked(args[2], &K, &n);
     const double *found = ok ? numbers(&all, args[0], 10 * k) : NULL;
     const long long *pair = found ? indices(&all, args[1], k) : NULL;
-    const double *signs = pair ? numbers(&all, args[2], K * n) : NULL, *J = signs ? numbers(&all, args[3], 6 * n) : NULL;
+    const double *signs = pair ? numbers(&all, args[2], K * n) : NULL,
+                 *J = signs ? numbers(&all, args[3], 6 * n) : NULL;
     double *out = J ? numbers(&all, args[4], k * n) : NULL;
     ok = out && !all.views[all.open - 1].readonly && all_below(pair, k, K);
     for (Py_ssize_t i = 0; i < k && ok; i++, out += n) {
@@ -36,14 +38,15 @@ static PyObject *pair_rows(PyObject *module, PyObject *const *args, Py_ssize_t g
         const double *u = found + 10 * i + 1, *b = found + 10 * i + 7, *sign = signs + pair[i] * n;
         double m[3] = {b[1] * u[2] - b[2] * u[1], b[2] * u[0] - b[0] * u[2], b[0] * u[1] - b[1] * u[0]};
         for (Py_ssize_t j = 0; j < n; j++)
-            out[j] = sign[j] * (u[0] * J[j] + u[1] * J[n + j] + u[2] * J[2 * n + j] + m[0] * J[3 * n + j]
-                                + m[1] * J[4 * n + j] + m[2] * J[5 * n + j]);
+            out[j] = sign[j]
+                     * (u[0] * J[j] + u[1] * J[n + j] + u[2] * J[2 * n + j] + m[0] * J[3 * n + j] + m[1] * J[4 * n + j]
+                        + m[2] * J[5 * n + j]);
     }
     return result(&all, ok);
 }
 
-/* Lower bounds of distances after a motion: rotations (s, 9) and middles (s, 3) now, the same before, radii (s), shapes of each
-   pair (2, K), bounds (K), which decrease. False if the arrays need the other path. */
+/* Lower bounds of distances after a motion: rotations (s, 9) and middles (s, 3) now, the same before, radii (s), shapes
+   of each pair (2, K), bounds (K), which decrease. False if the arrays need the other path. */
 static PyObject *pair_bounds(PyObject *module, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = 1};
@@ -69,15 +72,17 @@ static PyObject *pair_bounds(PyObject *module, PyObject *const *args, Py_ssize_t
     return result(&all, ok);
 }
 
-/* Largest velocities from which joints stop in time; see joint_position_limit.py. q, v, places of the joints in both (k), limits and
-   decelerations (3, k), duration of the sample, record of lower and upper bounds (2, k). False if the arrays need the other path. */
+/* Largest velocities from which joints stop in time; see joint_position_limit.py. q, v, places of the joints in both
+   (k), limits and decelerations (3, k), duration of the sample, record of lower and upper bounds (2, k). False if the
+   arrays need the other path. */
 static PyObject *stopping_velocities(PyObject *module, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = 1};
     Py_ssize_t one = 0, nq = 0, nv = 0, k = 0;
     (void)module;
     if (given != 7) return PyErr_SetString(PyExc_TypeError, "kernel: stopping_velocities takes 7 arguments"), NULL;
-    int ok = stacked(args[0], &one, &nq) && one == 1 && stacked(args[1], &one, &nv) && one == 1 && stacked(args[4], &one, &k);
+    int ok = stacked(args[0], &one, &nq) && one == 1 && stacked(args[1], &one, &nv) && one == 1
+             && stacked(args[4], &one, &k);
     double dt = PyFloat_AsDouble(args[5]);
     if (PyErr_Occurred()) return NULL;
     const double *q = ok ? numbers(&all, args[0], nq) : NULL, *v = q ? numbers(&all, args[1], nv) : NULL;
@@ -98,9 +103,9 @@ static PyObject *stopping_velocities(PyObject *module, PyObject *const *args, Py
     return result(&all, ok);
 }
 
-/* Placement and Jacobian of a frame: joint Jacobians in the world (6, n), placement of its joint (12) and in it (12), support of the
-   joint (n), record of the placement (12) and of the Jacobian in world axes at the frame's origin (6, n). Placements are the columns
-   of a rotation, then a translation. False if the arrays need the other path. */
+/* Placement and Jacobian of a frame: joint Jacobians in the world (6, n), placement of its joint (12) and in it (12),
+   support of the joint (n), record of the placement (12) and of the Jacobian in world axes at the frame's origin (6,
+   n). Placements are the columns of a rotation, then a translation. False if the arrays need the other path. */
 static PyObject *frame_kinematics(PyObject *module, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = 1};
@@ -116,8 +121,8 @@ static PyObject *frame_kinematics(PyObject *module, PyObject *const *args, Py_ss
         for (int column = 0; column < 4; column++)
             for (int i = 0; i < 3; i++) {
                 const double *x = own + 3 * column;
-                out[3 * column + i] = joint[i] * x[0] + joint[3 + i] * x[1] + joint[6 + i] * x[2]
-                                      + (column == 3 ? joint[9 + i] : 0.0);
+                out[3 * column + i] =
+                    joint[i] * x[0] + joint[3 + i] * x[1] + joint[6 + i] * x[2] + (column == 3 ? joint[9 + i] : 0.0);
             }
         const double *p = out + 9, *w = J + 3 * n;
         double *rows = out + 12;

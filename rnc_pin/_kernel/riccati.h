@@ -1,7 +1,8 @@
 /* Riccati recursion of linear-quadratic problems; see optimal/riccati.py. Included at the end of kernel.c. */
 
 /* out (m, n) += a (k, m)^T b (k, n) */
-static void add_transposed_product(const double *a, const double *b, double *out, Py_ssize_t k, Py_ssize_t m, Py_ssize_t n)
+static void add_transposed_product(const double *a, const double *b, double *out, Py_ssize_t k, Py_ssize_t m,
+                                   Py_ssize_t n)
 {
     for (Py_ssize_t l = 0; l < k; l++, a += m, b += n)
         for (Py_ssize_t i = 0; i < m; i++) {
@@ -11,7 +12,8 @@ static void add_transposed_product(const double *a, const double *b, double *out
 }
 
 /* out (m, n) += factor a (m, k) b (k, n) */
-static void add_product(double factor, const double *a, const double *b, double *out, Py_ssize_t m, Py_ssize_t k, Py_ssize_t n)
+static void add_product(double factor, const double *a, const double *b, double *out, Py_ssize_t m, Py_ssize_t k,
+                        Py_ssize_t n)
 {
     for (Py_ssize_t i = 0; i < m; i++, out += n)
         for (Py_ssize_t l = 0; l < k; l++) {
@@ -21,7 +23,8 @@ static void add_product(double factor, const double *a, const double *b, double 
         }
 }
 
-/* Inverse (n, n) of the symmetric block of a matrix with rows of length step; work (n, n). False if it is not positive definite. */
+/* Inverse (n, n) of the symmetric block of a matrix with rows of length step; work (n, n). False if it is not positive
+ * definite. */
 static int inverse_of_positive(const double *M, Py_ssize_t step, Py_ssize_t n, double *out, double *work)
 {
     for (Py_ssize_t i = 0; i < n; i++)
@@ -56,7 +59,8 @@ static int stages(PyObject *const *args, Py_ssize_t given, Py_ssize_t expected, 
     for (Py_ssize_t i = 0; i < count; i++) {
         sizes[i] = PyLong_AsSsize_t(args[i]);
         if (sizes[i] < 0 || sizes[i] > 1 << 20) {
-            if (!PyErr_Occurred()) PyErr_SetString(PyExc_ValueError, "kernel: a size of a recursion is out of its range");
+            if (!PyErr_Occurred())
+                PyErr_SetString(PyExc_ValueError, "kernel: a size of a recursion is out of its range");
             return 0;
         }
     }
@@ -65,8 +69,8 @@ static int stages(PyObject *const *args, Py_ssize_t given, Py_ssize_t expected, 
     return 0;
 }
 
-/* N, nx, nz, AB (N, nx, nz), H (N, nz, nz), P (N + 1, nx, nx) with the last Hessian at its end, K (N, nu, nx), inverse (N, nu, nu).
-   False if the problem is not convex. */
+/* N, nx, nz, AB (N, nx, nz), H (N, nz, nz), P (N + 1, nx, nx) with the last Hessian at its end, K (N, nu, nx), inverse
+   (N, nu, nu). False if the problem is not convex. */
 static PyObject *riccati_factors(PyObject *module, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = 1};
@@ -144,7 +148,8 @@ static PyObject *riccati_solve(PyObject *module, PyObject *const *args, Py_ssize
         memcpy(after, gap + k * nx * m, (size_t)(nx * m) * sizeof(double));
         add_product(1.0, AB + k * nx * nz, stage, after, nx, nz, m);
     }
-    for (Py_ssize_t k = 0; k <= N; k++) add_product(1.0, P + k * nx * nx, states + k * nx * m, p + k * nx * m, nx, nx, m);
+    for (Py_ssize_t k = 0; k <= N; k++)
+        add_product(1.0, P + k * nx * nx, states + k * nx * m, p + k * nx * m, nx, nx, m);
     free(work);
     return result(&all, 1);
 }

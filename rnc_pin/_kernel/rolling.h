@@ -1,21 +1,21 @@
 /* Bodies that roll, and wheels on planes; a part of kernel.c, see rolling_body.py and rolling_wheel.py.
 
-   A row of a body is a force f, constant in the world, at the contact point c = p + R point(-R^T n), which moves over the
-   body. The plane has the normal n. Of the body's surface, with its outward normal,
+   A row of a body is a force f, constant in the world, at the contact point c = p + R point(-R^T n), which moves over
+   the body. The plane has the normal n. Of the body's surface, with its outward normal,
 
        B = R N R^T    is the derivative of the contact point by the normal, symmetric: arm' = w x arm + B (w x n),
        T(x, y)        the derivative of B y along x, less the part that turns with the body, symmetric too.
 
-   Ellipsoid and torus have the same form: a unit-free point P = S d / l with l = sqrt(d S d), the part S of the semi-axes
-   or of the directions across the axle. */
+   Ellipsoid and torus have the same form: a unit-free point P = S d / l with l = sqrt(d S d), the part S of the
+   semi-axes or of the directions across the axle. */
 
 enum { ELLIPSOID, TORUS };
 enum { AT_NORMAL = 3, AT_SHAPE = 6, AT_PLANE = 7 }; /* places in the numbers of a row */
 
 typedef struct {
-    double arm[3], spread[9];      /* world axes */
-    double P[3], N[9], l;          /* of the shape in its own axes */
-    double scale;                  /* of the part that T belongs to */
+    double arm[3], spread[9]; /* world axes */
+    double P[3], N[9], l;     /* of the shape in its own axes */
+    double scale;             /* of the part that T belongs to */
 } Contact;
 
 static void turn_back(const double *R, const double *x, double *out) /* R^T x */
@@ -55,7 +55,8 @@ static int touch(const Row *row, const Motion *at, Contact *out)
         }
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)
-            out->spread[3 * i + j] = at->R[3 * i] * columns[j] + at->R[3 * i + 1] * columns[3 + j] + at->R[3 * i + 2] * columns[6 + j];
+            out->spread[3 * i + j] =
+                at->R[3 * i] * columns[j] + at->R[3 * i + 1] * columns[3 + j] + at->R[3 * i + 2] * columns[6 + j];
     return 1;
 }
 
@@ -83,7 +84,8 @@ static void to_plane(const Row *row, const Motion *at, Motion *out)
 {
     const double *Q = row->w + AT_PLANE;
     for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) out->R[3 * i + j] = Q[3 * i] * at->R[j] + Q[3 * i + 1] * at->R[3 + j] + Q[3 * i + 2] * at->R[6 + j];
+        for (int j = 0; j < 3; j++)
+            out->R[3 * i + j] = Q[3 * i] * at->R[j] + Q[3 * i + 1] * at->R[3 + j] + Q[3 * i + 2] * at->R[6 + j];
     for (int half = 0; half < 6; half += 3) turn(Q, at->V + half, out->V + half), turn(Q, at->A + half, out->A + half);
     turn(Q, at->p, out->p), turn(Q, at->v, out->v);
 }

@@ -29,8 +29,7 @@ static void rotation_error_rate(const double *e, const double *wd, const double 
     double square = dot(e, e, 3), half = 0.5 * sqrt(square), c = 0.0, sum[3], change[3], once[3], twice[3];
     if (square < 1.0)
         for (int k = 13; k >= 0; k--) c = c * square + BERNOULLI[k];
-    else
-        c = (1.0 - half / tan(half)) / square;
+    else c = (1.0 - half / tan(half)) / square;
     for (int i = 0; i < 3; i++) sum[i] = wd[i] + w[i], change[i] = wd[i] - w[i];
     cross(e, change, once);
     cross(e, once, twice);
@@ -58,6 +57,7 @@ static void angular_rates(const double *r, const double *r_dot, const double *r_
     cross(r_dot, by_v, turned);
     for (int i = 0; i < 3; i++) {
         w[i] = r_dot[i] + a * by_v[i] + b * twice_v[i];
-        w_dot[i] = r_ddot[i] + a * by_a[i] + b * twice_a[i] + b * turned[i] + along * (a_dot * by_v[i] + b_dot * twice_v[i]);
+        w_dot[i] =
+            r_ddot[i] + a * by_a[i] + b * twice_a[i] + b * turned[i] + along * (a_dot * by_v[i] + b_dot * twice_v[i]);
     }
 }

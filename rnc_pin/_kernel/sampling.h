@@ -1,11 +1,10 @@
 /* All that a sampled controller reads at one state, in one call. Included at the end of kernel.c. */
 
 static Py_ssize_t measured_size(const Evaluator *ev)
-{
-    return kinematics_size(ev) + 2 * ev->n * ev->n + rates_size(ev) + ev->r + ev->k;
-}
+{ return kinematics_size(ev) + 2 * ev->n * ev->n + rates_size(ev) + ev->r + ev->k; }
 
-/* E and E^-1, rates, and values of the outputs at one state with kinematics P. 0: the general way has to decide; -1: an error */
+/* E and E^-1, rates, and values of the outputs at one state with kinematics P. 0: the general way has to decide; -1: an
+ * error */
 static int measured(Evaluator *ev, const double *q, const double *v, const double *P, double *F, double *D, double *x)
 {
     if (ev->external || ev->external_vertical || !factorize(ev, q, P, NULL, F)) return 0;
@@ -30,7 +29,8 @@ static PyObject *measure(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
     return result(&all, ok);
 }
 
-/* Record that starts with E (or with J1 if True), True or False, v, record of E v (n) or J1 v (k), with the bits of the rates. */
+/* Record that starts with E (or with J1 if True), True or False, v, record of E v (n) or J1 v (k), with the bits of the
+ * rates. */
 static PyObject *row_velocities(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = -1};

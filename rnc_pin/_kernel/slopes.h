@@ -155,8 +155,8 @@ static void bend(const Contact *of, const double *R, const double *x, const doub
     turn(R, own, out);
 }
 
-/* Velocity f . (v + w x arm) less that of the ground, and acceleration f . (a + b x arm + w x arm') less its rate. With the
-   arm's rate arm' = w x arm + B (w x n), its factor is e = f x w - f x W, where the ground turns at W. */
+/* Velocity f . (v + w x arm) less that of the ground, and acceleration f . (a + b x arm + w x arm') less its rate. With
+   the arm's rate arm' = w x arm + B (w x n), its factor is e = f x w - f x W, where the ground turns at W. */
 static void rolling_slopes(const Row *row, const Motion *at, Slopes *out)
 {
     Change *K = out->velocity, *G = out->acceleration;
@@ -260,8 +260,9 @@ static void own_slopes(const Row *row, const Motion *at, const double *origin, S
     put(G->a, 1.0, f), put(G->b, 1.0, m);
 }
 
-/* Wheels and knife edges: a row is the same function of the motion relative to the ground, whose material has the constant
-   twist G = (U, W). With the velocity v of the origin p and its acceleration a, angular w and b, the relative motion is
+/* Wheels and knife edges: a row is the same function of the motion relative to the ground, whose material has the
+   constant twist G = (U, W). With the velocity v of the origin p and its acceleration a, angular w and b, the relative
+   motion is
 
        v - U - W x p,   w - W,   a - W x (2 v - U - W x p),   b - W x w. */
 static int slopes_on_moving_ground(const Row *row, const Motion *at, Slopes *out)
@@ -286,7 +287,8 @@ static int slopes_on_moving_ground(const Row *row, const Motion *at, Slopes *out
     return 1;
 }
 
-/* Rows on ground that frame b carries. The relative motion of a is, in the axes of b, with d = p_a - p_b and e = v_a - v_b,
+/* Rows on ground that frame b carries. The relative motion of a is, in the axes of b, with d = p_a - p_b and e = v_a -
+   v_b,
 
        d,   u = e - w_b x d,   o = w_a - w_b,   a_a - a_b - b_b x d - w_b x (e + u),   b_a - b_b - w_b x o.
 
@@ -304,8 +306,8 @@ static void carry(const Change *inner, const Motion *a, const Motion *b, const d
     Change *on_b = out + 1;
     add_cross(on_b->s, p, d), add_cross(on_b->s, v, u), add_cross(on_b->s, g, o);
     add_cross(on_b->s, a_, relative_acceleration), add_cross(on_b->s, b_, relative_turning);
-    cross(w, a_, h);                       /* of e and once more of u, in the acceleration */
-    add(v, 1.0, h, 3);                     /* all factors of u */
+    cross(w, a_, h);   /* of e and once more of u, in the acceleration */
+    add(v, 1.0, h, 3); /* all factors of u */
     cross(w, v, t), add(p, 1.0, t, 3);
     add_cross(on_b->w, v, d);
     cross(turning, a_, t), add(p, 1.0, t, 3);
@@ -328,17 +330,10 @@ static void one_sided_slopes(const Row *row, const Motion *at, const double *ori
     case WORLD:
         put(K->v, 1.0, row->w), put(K->w, 1.0, row->w + 3), put(G->a, 1.0, row->w), put(G->b, 1.0, row->w + 3);
         return;
-    case OWN:
-        own_slopes(row, at, origin, out);
-        return;
-    case WHEEL:
-        wheel_slopes_on_plane(row, at, origin, out);
-        return;
-    case ROLLING:
-        rolling_slopes(row, at, out);
-        return;
-    default:
-        angle_slopes(row, at, out);
+    case OWN: own_slopes(row, at, origin, out); return;
+    case WHEEL: wheel_slopes_on_plane(row, at, origin, out); return;
+    case ROLLING: rolling_slopes(row, at, out); return;
+    default: angle_slopes(row, at, out);
     }
 }
 
@@ -380,4 +375,3 @@ static int row_slopes(const Evaluator *ev, const double *origins, const Row *row
     else closure_slopes(row, a, b, e, e1, e2, out);
     return 1;
 }
-
