@@ -52,7 +52,7 @@ def turret_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     speed: dict[str, Json] = {"frame_speed": {"frame": frame, "axis": "xyz"[int(along.argmax())]}}
     result.outputs += zip(place_and_heading(result.frame), (DRIVEN, TURNED), strict=True)
     result.outputs += [(speed, DRIVEN), ({"frame_yaw": result.frame}, TURNED), ({"joint": pivot.joint}, BENT)]
-    support_by_casters(result, layout)
+    support_by_casters(result, layout, at_start)
     result.vertical.append({"frame_position": {"frame": result.frame, "axes": "xy"}})
     evidence = "its pivot carries all driven wheels, and the other wheels are casters"
     _decide(result, "Is the pivot of the driven wheels driven?", f"yes, {pivot.joint}", evidence, pivot.joint)
@@ -77,7 +77,7 @@ def swerve_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
         result.outputs.append(({"joint": each.pivot.joint}, float(upward * BENT)))
     add_wheel_motors(result, layout)
     result.actuators += [(each.pivot.joint, "steering") for each in layout.steered]
-    support_by_casters(result, layout)
+    support_by_casters(result, layout, at_start)
     result.vertical += place_and_heading(result.frame)
     if len(layout.steered) > len(guides):
         result.notes.append("the controller has to aim all wheels at one point: those without a lateral row would skid")

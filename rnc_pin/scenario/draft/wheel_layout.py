@@ -53,6 +53,11 @@ class WheelGroup:
         """Distance from the pivot's axis to the wheels along their heading [m]."""
         return abs(float(self.wheels[0].heading @ self.pivot.offset(self.center)))
 
+    @property
+    def follows(self) -> bool:
+        """True if the trail is long enough for the wheels to follow the motion of the base."""
+        return self.trail > _TRAILS * self.wheels[0].radius
+
 
 @dataclass
 class WheelLayout:
@@ -179,7 +184,9 @@ def _straighten_towed(layout: WheelLayout) -> None:
 def _others_like(carriage: WheelGroup, layout: WheelLayout, drives: DriveEvidence) -> list[WheelGroup]:
     """List of the layout to which a carriage belongs: by its motor, else by its name, else by its trail."""
     pivot, radius, names = carriage.pivot, carriage.wheels[0].radius, (carriage.pivot.joint, *carriage.wheels[0].names)
-    follows = carriage.trail > _TRAILS * radius and pivot.is_continuous
+    follows = carriage.follows and pivot.is_continuous
+    if pivot.joint in drives.passive:
+        return layout.casters if carriage.is_lone else layout.trailers
     if drives.says(pivot.joint):
         return layout.steered
     if has_word(TOWED, *names):

@@ -9,7 +9,7 @@ import numpy as np
 from rnc_pin.errors import few
 from rnc_pin.io.json import Json
 from rnc_pin.scenario.draft.base_assumptions import BENT, DRIVEN, TURNED, BaseAssumptions, measured, rolls
-from rnc_pin.scenario.draft.decision import GUESSED, LIKELY, Alternative, DraftDecision
+from rnc_pin.scenario.draft.decision import GUESSED, LIKELY, SURE, Alternative, DraftDecision
 from rnc_pin.scenario.draft.drawn_axles import DrawnAxle
 from rnc_pin.scenario.draft.name_words import has_word
 from rnc_pin.scenario.draft.robot_at_start import RobotAtStart
@@ -40,7 +40,7 @@ def wheeled_base(layout: WheelLayout, at_start: RobotAtStart, decided: Sequence[
     towed = [pivot.joint for pivot in layout.straight]
     result.hold(towed, at_start.start, "a steered axle of a trailer does not steer the base: locked straight")
     result.passive |= {dolly for dolly in layout.dollies if not at_start.drives.says(dolly)}
-    sides = tracks(layout.fixed) if not layout.steered else []
+    sides = tracks(layout)
     if sides:
         _crawl(result, layout, sides, at_start)
     else:
@@ -56,7 +56,7 @@ def wheeled_base(layout: WheelLayout, at_start: RobotAtStart, decided: Sequence[
             result.actuators.append((torque, "turns the base: one wheel cannot"))
             result.notes.append("one wheel, held upright by assumption: if it may fall, give the robot a free base")
         result.outputs.append(({"frame_yaw": at_start.frame}, TURNED))
-    support_by_casters(result, layout)
+    support_by_casters(result, layout, at_start)
     for carriage in layout.trailers:
         _tow(result, carriage)
     result.vertical.append({"frame_position": {"frame": at_start.frame, "axes": "xy"}})
@@ -78,9 +78,17 @@ def add_wheel_motors(result: BaseAssumptions, layout: WheelLayout) -> None:
     result.decisions.append(DraftDecision(question, few(driven.joints), driven.confidence, driven.evidence, others))
 
 
-def support_by_casters(result: BaseAssumptions, layout: WheelLayout) -> None:
-    """Add casters, which follow the base."""
+def support_by_casters(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) -> None:
+    """Add casters, which follow the base; a swivel without a trail does not, so that its wheel skids."""
     for carriage in layout.casters:
+        if not carriage.follows:
+            result.hold(
+                [carriage.pivot.joint], at_start.start, "a swivel without a trail does not turn by itself: held"
+            )
+            for wheel in carriage.wheels:
+                result.constraints.append((turned(wheel, lateral=False), f"skids sideways; {measured(wheel)}"))
+            result.passive |= {wheel.joint for wheel in carriage.wheels}
+            continue
         for line in in_line(carriage.wheels):
             for wheel, more in one_lateral(line):
                 result.constraints.append((turned(wheel, **more), f"a caster, not driven; {measured(wheel)}"))
@@ -151,7 +159,7 @@ def _kind(layout: WheelLayout) -> str:
     if layout.steered:
         what = "steered like a car"
     elif len(layout.axles) > 1:
-        what = "on tracks, skid-steered" if tracks(layout.fixed) else "skid-steered"
+        what = "on tracks, skid-steered" if tracks(layout) else "skid-steered"
     else:
         what = "differential drive" if len(layout.fixed) > 1 else "one wheel"
     towing = f" with {len(layout.trailers)} trailer{'s' * (len(layout.trailers) > 1)}" if layout.trailers else ""
@@ -184,13 +192,16 @@ def _roll(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) 
                 result.constraints.append((rolls(wheel, **more), measured(wheel)))
 
 
-def tracks(wheels: Sequence[Wheel]) -> list[list[Wheel]]:
-    """Return the wheels of the left and the right track, the driven one first; empty if they are no tracks.
+def tracks(layout: WheelLayout) -> list[list[Wheel]]:
+    """Return the wheels of the left and the right track; empty if they are no tracks.
 
-    Wheels of a track are called so, or are many: vehicles with more than four axles run on tracks.
+    Wheels of a track are called so, or are many: vehicles with more than four axles run on tracks. If the file names a
+    motor of each wheel, there is no track.
     """
+    wheels = layout.fixed
     sides: dict[bool, list[Wheel]] = {}
-    if len(wheels) < 2 * _TRACK:
+    all_named = layout.driven.confidence >= SURE and len(layout.driven.joints) == len(wheels)
+    if layout.steered or len(wheels) < 2 * _TRACK or all_named:
         return []
     middle = np.mean([wheel.center for wheel in wheels], axis=0)
     for wheel in wheels:
@@ -210,7 +221,7 @@ def _crawl(result: BaseAssumptions, layout: WheelLayout, sides: list[list[Wheel]
     for side in sides:
         named = [wheel for wheel in side if wheel.joint in layout.driven.joints and layout.driven.confidence > GUESSED]
         called = [wheel for wheel in side if has_word("sprocket|drive|driver|driving", *wheel.names)]
-        driver = (called or named or side)[0]
+        driver = (named or called or side)[0]
         drivers.append(driver.joint)
         result.constraints.append((rolls(driver, lateral=False), f"drives its track; {measured(driver)}"))
         result.actuators.append((driver.joint, "drives its track"))
@@ -220,7 +231,8 @@ def _crawl(result: BaseAssumptions, layout: WheelLayout, sides: list[list[Wheel]
                 coupled: dict[str, Json] = {"joint": wheel.joint, "driver": driver.joint, "ratio": ratio}
                 result.constraints.append(({"joint_coupling": coupled}, f"on the track of {driver.joint}"))
                 result.passive.add(wheel.joint)
-    others = tuple(Alternative(f"{wheel.joint} too", ("--driven", wheel.joint)) for wheel in sides[0][1:2])
+    everything = tuple(word for wheel in layout.fixed for word in ("--driven", wheel.joint))
+    others = (Alternative("each wheel has a motor", everything),)
     question, evidence = "Do tracks couple the wheels of each side?", "by the names or the number of its wheels"
     result.decisions.append(DraftDecision(question, f"yes, driven by {few(drivers)}", LIKELY, evidence, others))
 

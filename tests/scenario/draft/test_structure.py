@@ -348,6 +348,33 @@ def test_a_track_has_one_motor(called, drafted, tmp_path):
     assert moved(tmp_path) > 0.05
 
 
+def test_motors_that_the_file_names_make_no_track(drafted):
+    parts = [wheel(f"w{side}{k}", "base", (0.2 * k, y, 0)) for side, y in (("l", 0.25), ("r", -0.25)) for k in range(5)]
+    names = [f"w{side}{k}_joint" for side in "lr" for k in range(5)]
+    body = link("base", 20.0, BOX)
+    kind, content, _ = drafted(robot(body, *parts, transmissions(*names)))
+    assert kind == "planar: 10 wheels, skid-steered"
+    assert len(content["actuators"]) == 10
+    kind, content, _ = drafted(robot(body, *parts, transmissions("wl2_joint", "wr3_joint")))
+    assert kind == "planar: 10 wheels, on tracks, skid-steered"
+    assert content["actuators"] == ["wl2_joint", "wr3_joint"]
+    assert drafted(robot(body, *parts), driven=names)[0] == "planar: 10 wheels, skid-steered"
+
+
+def test_an_option_says_that_an_axle_does_not_steer(drafted):
+    """Of two steered axles the farther one leads; a swivel without motor and trail is held, and its wheel skids."""
+    parts = [wheel(f"m_{side}", "base", (0, y, 0)) for side, y in (("l", 0.3), ("r", -0.3))]
+    parts += [pivot("front", "base", (0.6, 0, 0)), wheel("f", "front", (0, 0, 0))]
+    parts += [pivot("back", "base", (-0.4, 0, 0)), wheel("b", "back", (0, 0, 0))]
+    _, content, decided = drafted(robot(link("base", 20.0, BOX), *parts))
+    assert content["actuators"][-1] == "front_joint"
+    (other,) = decided["Which axle steers?"].alternatives
+    assert other.command == "--passive front_joint"
+    _, content, _ = drafted(robot(link("base", 20.0, BOX), *parts), passive=["front_joint"])
+    assert content["actuators"][-1] == "back_joint"
+    assert content["robot"]["lock"] == {"front_joint": 0.0}
+
+
 # ---------------------------------------------------------------------- names
 
 
