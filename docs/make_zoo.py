@@ -72,11 +72,20 @@ None of these packages contains a robot of the following two kinds.
 * **spherical robot**: a round shell that encloses everything else, with driven joints inside. The joints follow their
   references, and the shell rolls accordingly.
 
-Transmissions, `ros2_control` and simulator plugins name the driven joints. In files without these, joints with an
-effort limit above zero are driven.
+[Your own robot](own_robot.md#let-a-draft-be-written) states the evidence of each decision: transmissions,
+`ros2_control` and simulator plugins name the driven joints; in files without these, efforts, words and habit do.
 
 | robot | package | base: kind drafted | doubts, and the first of them | rows kept | r | ran | time |
 |---|---|---|---|---|---|---|---|
+"""
+PERTURBED = """
+## The same robots, changed
+
+A change that means the same robot keeps the kind of its base, or the draft says why not. `python -m
+benchmarks.perturbations` drafts each robot again after each of these changes. Its kind is the base, the family, the
+trailers, the wheels and the inputs of the base; names do not count.
+
+@TABLE@
 """
 
 
@@ -148,7 +157,7 @@ def published_section(rows: dict[str, str]) -> str:
     kept = [rows[name] for name in published.ROBOTS if name in rows]
     ran = sum("| yes |" in each for each in kept)
     head = PUBLISHED.format(ran=ran, all=len(kept), samples=published.SAMPLES, duration=published.DURATION)
-    return head + "".join(f"{each}\n" for each in kept)
+    return head + "".join(f"{each}\n" for each in kept) + PERTURBED
 
 
 def published_rows(text: str) -> dict[str, str]:

@@ -57,7 +57,7 @@ def draft_scenario(
 def _answered(questions: Sequence[DraftDecision], wishes: DraftOptions) -> DraftOptions:
     """Return the choices with the answers of the user; without a terminal, print the questions on stderr."""
     for question in questions:
-        if not (sys.stdin.isatty() and sys.stderr.isatty()):
+        if not _on_a_terminal():
             click.echo(f"rnc-pin: question: {question}", err=True)
             continue
         answers = [question.answer, *(each.answer for each in question.alternatives)]
@@ -73,6 +73,11 @@ def _answered(questions: Sequence[DraftDecision], wishes: DraftOptions) -> Draft
 def _report(text: str) -> None:
     """Print what is tried, on a terminal only."""
     announce(text, quiet=True)
+
+
+def _on_a_terminal() -> bool:
+    """True if someone can read a question and answer it."""
+    return sys.stdin.isatty() and sys.stderr.isatty()
 
 
 def _held(lock: tuple[str, ...]) -> dict[str, float]:
