@@ -7,6 +7,7 @@ import yaml
 from rnc_pin.errors import ConfigurationError, ModelError
 from rnc_pin.scenario.draft import DraftOptions, draft_with_decisions, scenario_candidate, with_choices
 from rnc_pin.scenario.execution import execute, plan
+from rnc_pin.visualization.top_view import ground_paths
 from urdf_parts import BOX, caster, joint, link, pivot, plugin, robot, transmissions, wheel
 
 pytestmark = pytest.mark.filterwarnings("ignore::rnc_pin.ModelWarning")
@@ -535,3 +536,14 @@ def test_a_boat_is_no_spacecraft_and_an_unknown_body_is_a_question(drafted):
     assert question.is_open
     assert [each.command for each in question.alternatives] == ["--base planar"]
     assert not any(each.is_open for each in drafted(robot(hull, name="cube_satellite"))[2].values())
+
+
+def test_the_desired_path_belongs_to_the_point_that_is_drawn(drafted, tmp_path):
+    """The base's origin is 0.1 m beside the middle of its Mecanum wheels, which the top view used to draw."""
+    places = ((0.3, 0.3), (0.3, -0.1), (-0.3, 0.3), (-0.3, -0.1))
+    wheels = [wheel(f"mecanum_{k}", "base", (x, y, 0)) for k, (x, y) in enumerate(places)]
+    drafted(robot(link("base", 10.0, BOX), *wheels))
+    result = execute(plan(str(tmp_path / "unit.yaml"), {"simulation.duration": 5.5, "simulation.dt": 0.01}))
+    (path,) = [each for each in ground_paths(result.trajectory) if each.desired is not None]
+    np.testing.assert_allclose(path.points, path.desired, atol=0.01)
+    assert np.linalg.norm(path.points[-1] - path.points[0]) == pytest.approx(0.5, abs=0.02)
