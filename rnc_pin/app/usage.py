@@ -94,7 +94,11 @@ def _showing(command: _Command) -> _Command:
     return command
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]}, invoke_without_command=True)
+_HELP = {"help_option_names": ["-h", "--help"]}
+"""Settings of every command: Click keeps the first help option that it makes, with a parent or without."""
+
+
+@click.group(context_settings=_HELP, invoke_without_command=True)
 @click.option(
     "--version", is_flag=True, expose_value=False, is_eager=True, callback=_print_version, help="Show the version."
 )
@@ -106,7 +110,7 @@ def cli(context: click.Context) -> None:
         raise click.UsageError(f"expected a command: {', '.join(cli.commands)}", context)
 
 
-@cli.command("list")
+@cli.command("list", context_settings=_HELP)
 @_json
 @_debug
 def list_scenarios(**given: Given) -> None:
@@ -114,7 +118,7 @@ def list_scenarios(**given: Given) -> None:
     _command("list_scenarios")(**given)
 
 
-@cli.command()
+@cli.command(context_settings=_HELP)
 @_scenario
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for results; runs/SCENARIO by default.")
 @_options
@@ -131,7 +135,7 @@ def run(**given: Given) -> int:
     return _command("run_scenario")(**given)
 
 
-@cli.command()
+@cli.command(context_settings=_HELP)
 @click.argument("source", metavar="SCENARIO|ROBOT", required=False, shell_complete=_scenarios)
 @click.option("--replay", "replayed", type=click.Path(path_type=Path), help="Repeat a drive from its commands.json.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for results; runs/SCENARIO-drive by default.")
@@ -154,7 +158,7 @@ def drive(**given: Given) -> int:
     return _command("drive_robot")(**given)
 
 
-@cli.command()
+@cli.command(context_settings=_HELP)
 @click.argument("system", shell_complete=_scenarios)
 @_options
 @click.option("--samples", type=click.IntRange(min=1), default=64, help="Sampled configurations.")
@@ -174,7 +178,7 @@ def inspect(**given: Given) -> None:
     _command("inspect_system")(**given)
 
 
-@cli.command()
+@cli.command(context_settings=_HELP)
 @click.argument("robot", shell_complete=_files)
 @click.option("--out", type=click.Path(path_type=Path), help="File to write; ROBOT.yaml in this folder by default.")
 @click.option("--base", type=click.Choice(["fixed", "planar", "free"]), help="Base type; guessed by default.")
@@ -201,13 +205,13 @@ def init(**given: Given) -> None:
     _command("draft_scenario")(**given)
 
 
-@cli.command()
+@cli.command(context_settings=_HELP)
 def schema() -> None:
     """Print the JSON Schema of scenario files, for editors."""
     _command("print_schema")()
 
 
-@cli.command()
+@cli.command(context_settings=_HELP)
 @click.argument("sources", metavar="SOURCE...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @_showing
 @click.option("--html", type=click.Path(path_type=Path), help="Write one HTML file that plays offline.")
@@ -225,7 +229,7 @@ def replay(**given: Given) -> int:
     return _command("replay_runs")(**given)
 
 
-@cli.command()
+@cli.command(context_settings=_HELP)
 @_scenario
 @click.option("--runs", type=click.IntRange(min=1), required=True, help="Number of runs.")
 @click.option("--jobs", type=int, default=1, help="Local processes; -1 for all cores.")

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import hashlib
 import os
+import queue
 import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import islice
 from typing import Any, NamedTuple, cast
 
@@ -179,14 +180,19 @@ def _once_more(batch: _Batch) -> _Batch:
 
 @contextmanager
 def _local_pool(jobs: int) -> Iterator[tuple[Callable[[], Executor], Callable[[], int]]]:
-    def executor() -> Executor:
+    def executor() -> Any:
         return get_memmapping_executor(jobs, timeout=300, env=_THREADS)  # a new one if the last one broke
 
     try:
         yield executor, lambda: jobs
     except BaseException:
         # Otherwise this process waits until the workers finish their runs.
-        get_memmapping_executor(jobs, timeout=300, env=_THREADS).shutdown(wait=False, kill_workers=True)
+        pool = executor()
+        # Loky forgets waiting batches here, but not their numbers: its thread would end in a KeyError on the terminal.
+        with suppress(queue.Empty):
+            while True:
+                pool._work_ids.get_nowait()
+        pool.shutdown(wait=False, kill_workers=True)
         raise
 
 
