@@ -72,8 +72,8 @@ None of these packages contains a robot of the following two kinds.
 * **spherical robot**: a round shell that encloses everything else, with driven joints inside. The joints follow their
   references, and the shell rolls accordingly.
 
-[Your own robot](own_robot.md#let-a-draft-be-written) states the evidence of each decision: transmissions,
-`ros2_control` and simulator plugins name the driven joints; in files without these, efforts, words and habit do.
+[Your own robot](own_robot.md#let-a-draft-be-written) states the evidence of each decision. Transmissions,
+`ros2_control` and simulator plugins name the driven joints. In files without these, efforts, words and habit do.
 
 | robot | package | base: kind drafted | doubts, and the first of them | rows kept | r | ran | time |
 |---|---|---|---|---|---|---|---|
@@ -81,11 +81,26 @@ None of these packages contains a robot of the following two kinds.
 PERTURBED = """
 ## The same robots, changed
 
-A change that means the same robot keeps the kind of its base, or the draft says why not. `python -m
-benchmarks.perturbations` drafts each robot again after each of these changes. Its kind is the base, the family, the
-trailers, the wheels and the inputs of the base; names do not count.
+A change that means the same robot keeps the kind of its base, or the draft says why not.
+`python -m benchmarks.perturbations` drafts each robot again after each of these changes. Its kind is the base, the
+family, the trailers, the wheels and the inputs of the base; names do not count.
 
-@TABLE@
+One draw of 51 robots on 26 November 2026: the shipped ones, those of the tests, and a part of example-robot-data.
+
+| change | kept, of tried | says why not | neither |
+|---|---|---|---|
+| noise of 1 mm and 0.1 degrees (normal) on all placements | 51 of 51 | 0 | 0 |
+| other names of links and joints | 46 of 49 | 1 | 2 |
+| another order of links and joints | 49 of 49 | 0 | 0 |
+| transmissions and plugins removed | 5 of 6 | 1 | 0 |
+| drives on another axle | 7 of 7 | 0 | 0 |
+| a tenth of the size | 48 of 48 | 0 | 0 |
+| ten times the size | 48 of 48 | 0 | 0 |
+| mirrored, left for right | 48 of 48 | 0 | 0 |
+| all | 302 of 306 (98.7 %) | 2 | 2 |
+
+Three changes of names lose the kind. Only names tell that the wheels of one file have rollers. Only names tell that the
+casters of PR2 stand on the ground. And one wheel has the inertia of a box.
 """
 
 

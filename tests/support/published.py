@@ -192,10 +192,11 @@ def measured(name: str, folder: Path, remedied: bool = False) -> Finding:
         source = folder / source.name
         source.write_text(text)
     draft = folder / "draft.yaml"
+    short = ["--set", f"simulation.duration={DURATION}", "--accept", "goal"]  # the end of the reference comes later
     commands = {
         "init": [str(source), "--out", str(draft)],
         "inspect": [str(draft), "--samples", str(SAMPLES), "--json"],
-        "run": [str(draft), "--out", str(folder / "out"), "--set", f"simulation.duration={DURATION}"],
+        "run": [str(draft), "--out", str(folder / "out"), *short],
     }
     statuses: dict[str, int] = {}
     refusal, report, begun = "", None, time.perf_counter()
