@@ -16,18 +16,17 @@ from __future__ import annotations
 
 import argparse
 import shutil
-import signal
 import sys
 import tempfile
 import time
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+import pytest
 
 from rnc_pin.errors import RncError
 from rnc_pin.io.safe_xml import parse_tree
@@ -41,6 +40,7 @@ sys.path.append(str(Path(__file__).parents[1] / "tests" / "support"))
 import generated_urdfs as generated
 import published
 from base_kind import BaseKind, base_kind, base_parts, explanation, wheel_axles
+from patience import ending_within
 from perturbed_urdf import DRAWN, PERTURBATIONS, new_names, with_drives
 from places import DIRT
 
@@ -151,11 +151,11 @@ def drafted(description: Description, original: Description | None = None) -> Dr
         path = folder / description.file
         path.write_text(description.urdf)
         try:
-            with _within(LIMIT):
+            with ending_within(LIMIT):
                 return Drafted(description, draft(str(path), folder, DraftOptions(package_dirs=known)), "")
         except RncError as error:
             return Drafted(description, "", str(error).replace(f"{folder}/", ""))
-        except _TooLong:
+        except pytest.fail.Exception:
             return Drafted(description, "", f"longer than {LIMIT} s")
 
 
@@ -206,26 +206,6 @@ def _concerned(first: Drafted, found: Drafted) -> set[str]:
     if first.kind.family != found.kind.family:
         return old_wheels - wheels
     return (old_wheels ^ wheels) | (old_actuators ^ actuators)
-
-
-class _TooLong(BaseException):
-    """No Exception, because the code that runs may report those itself."""
-
-
-@contextmanager
-def _within(seconds: float) -> Iterator[None]:
-    """Stop what takes longer, in processor time: other work on the machine changes no result."""
-
-    def stop(*_: object) -> None:
-        raise _TooLong
-
-    before = signal.signal(signal.SIGPROF, stop)
-    signal.setitimer(signal.ITIMER_PROF, seconds)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_PROF, 0.0)
-        signal.signal(signal.SIGPROF, before)
 
 
 def share(found: Iterable[Trial], *outcomes: str) -> float:

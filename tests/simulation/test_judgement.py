@@ -8,6 +8,7 @@ import pytest
 import rnc_pin as rnc
 import systems
 from rnc_pin.verdict import FindingKind, Severity
+from simple_controllers import Idle, Inputs
 
 LINK = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
 
@@ -27,20 +28,9 @@ def sliders(tmp_path, first, second):
 def pushed(robot, T, duration=1.0, **options):
     """Run under constant forces: x = T t^2 / 2 for a mass of 1 kg."""
     reduced = rnc.NonholonomicSystem(robot, [], list(robot.joint_names)).reduce()
-    controller = Constant(np.array(T, dtype=float))
+    controller = Inputs(lambda t: T)
     plant = rnc.ReducedPlant(reduced, actuator_limits=False)
     return rnc.simulate(reduced, controller, robot.configuration(), duration, 0.01, plant=plant, **options)
-
-
-class Constant:
-    def __init__(self, T):
-        self.T = T
-
-    def initial_state(self, measurement):
-        return None
-
-    def step(self, t, measurement, state):
-        return rnc.control.Command(T=self.T), None
 
 
 def kinds(verdict):
@@ -138,7 +128,7 @@ class Blind:
 def test_fallback_commands_fail_if_they_last_to_the_end_or_for_most_of_the_run(first, last, word, samples):
     """A run without one valid sample once was 'completed': the robot never got a command."""
     reduced = systems.space_robot()
-    controller = Constant(np.zeros(3))
+    controller = Idle(3)
     run = rnc.simulate(reduced, controller, bent(reduced), 0.2, 0.01, plant=Blind(reduced, first, last))
     assert run.outcome is rnc.Outcome.COMPLETED
     assert run.verdict.word == word
@@ -191,6 +181,6 @@ def test_a_verdict_stays_with_the_file_of_its_run(tmp_path):
 def test_many_runs_are_judged_like_one(tmp_path):
     robot = sliders(tmp_path, 'lower="-9" upper="9" velocity="0.6" effort="9"', WIDE)
     reduced = rnc.NonholonomicSystem(robot, [], list(robot.joint_names)).reduce()
-    controller = Constant(np.zeros(2))
+    controller = Idle(2)
     many = rnc.simulate(reduced, controller, robot.configuration(), 0.1, 0.01, v2_0=np.array([[0.5, 0], [0.7, 0]]))
     assert [run.verdict.succeeded for run in many] == [True, False]

@@ -80,21 +80,21 @@ def draft_with_decisions(source: str, folder: Path, wishes: DraftOptions | None 
     """Return a scenario as ``draft`` does, with the decisions behind it."""
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
-        result = _drafted(Source(source, folder, wishes or DraftOptions()), folder, wishes or DraftOptions())
+        result = _drafted(Source(source, folder, wishes or DraftOptions()), folder)
     for message in dict.fromkeys(str(each.message) for each in said if issubclass(each.category, ModelWarning)):
         warnings.warn(message, ModelWarning, stacklevel=3)
     return result
 
 
-def _drafted(source: Source, folder: Path, wishes: DraftOptions) -> DraftedScenario:
+def _drafted(source: Source, folder: Path) -> DraftedScenario:
     robot, is_rigid = source.load_for_detection()
     source.remember_packages(robot)
     start, drives = start_values(robot), source.drive_evidence(robot)
-    at_start = RobotAtStart(robot, start, source.names(), drives, "mjcf" not in source.entry, is_rigid)
+    at_start = RobotAtStart(robot, start, source.names(), drives, not source.is_mjcf, is_rigid)
     failures: list[str] = []
     first: RncError | None = None
     best: tuple[Trial, DraftedScenario, list[warnings.WarningMessage]] | None = None
-    for way in _candidate_bases(at_start, wishes, source):
+    for way in _candidate_bases(at_start, source):
         mobility: BaseAssumptions | None = None
         try:
             mobility = way()
@@ -128,15 +128,15 @@ def _drafted(source: Source, folder: Path, wishes: DraftOptions) -> DraftedScena
             said = f"'{robot.name or source.name}' is drafted, but {'; '.join(doubts)}"
             warnings.warn(f"{said}: CHECK actuators and gains", ModelWarning, stacklevel=2)
         return result
-    if wishes.base and isinstance(first, ModelError):
+    if source.options.base and isinstance(first, ModelError):
         raise first  # the file cannot have the base that the user asked for
     hint = "lock joints with --lock JOINT, or choose the base with --base"
     raise ConfigurationError(f"no scenario can be drafted for '{robot.name or source.name}': {failures[0]}; {hint}")
 
 
-def _candidate_bases(at_start: RobotAtStart, wishes: DraftOptions, source: Source) -> Iterator[_BaseBuilder]:
+def _candidate_bases(at_start: RobotAtStart, source: Source) -> Iterator[_BaseBuilder]:
     """Candidate bases, the most likely first; only one if the user chose the base."""
-    asked = wishes.base
+    asked = source.options.base
     shell = find_shell(at_start) if asked in (None, "free") else None
     if shell is not None:
         yield lambda: spherical_base(shell, at_start)
@@ -147,7 +147,7 @@ def _candidate_bases(at_start: RobotAtStart, wishes: DraftOptions, source: Sourc
         if segments:
             yield lambda: snake_base(segments, at_start)
         if wheels:
-            yield from _candidate_wheeled_bases(classify_wheels(wheels, at_start.drives), at_start, wishes, source)
+            yield from _candidate_wheeled_bases(classify_wheels(wheels, at_start.drives), at_start, source)
             return
         if axles and not at_start.own_planar_joints:
             yield lambda: knife_edge_base(axles, at_start)
@@ -159,9 +159,8 @@ def _candidate_bases(at_start: RobotAtStart, wishes: DraftOptions, source: Sourc
         yield lambda: fixed_base_with_locked_joints(at_start)
 
 
-def _candidate_wheeled_bases(
-    found: WheelLayout, at_start: RobotAtStart, wishes: DraftOptions, source: Source
-) -> Iterator[_BaseBuilder]:
+def _candidate_wheeled_bases(found: WheelLayout, at_start: RobotAtStart, source: Source) -> Iterator[_BaseBuilder]:
+    wishes = source.options
     if wishes.base is None and is_bicycle(found):
         yield lambda: bicycle_base(found, at_start)
     elif wishes.base is None and found.is_on_one_track:

@@ -55,13 +55,12 @@ class DriveEvidence:
             return False
         return self.efforts.get(joint, 0.0) > 0 if said is None else said
 
-    def driven_of(self, joints: Collection[str], usual: Iterable[str], what: str) -> DrivenJoints:
+    def driven_of(self, joints: Collection[str], usual: Iterable[str]) -> DrivenJoints:
         """Return the driven ones of several joints of one kind, such as wheels.
 
         Args:
             joints: joint names.
             usual: those that usually are driven, if nothing else tells.
-            what: name of the kind in the decision.
         """
         named = [each for each in joints if self.says(each)]
         sources = list(dict.fromkeys(self.source(each) for each in named))

@@ -104,6 +104,7 @@ class Source:
         wishes: user's choices that replace guesses.
 
     Attributes:
+        options: user's choices.
         entry: robot entry of the scenario, without base and locked joints.
         masses: mass [kg] by link, for links without a usable inertia.
         held: joints to lock, with their values.
@@ -114,7 +115,7 @@ class Source:
     """
 
     def __init__(self, name: str, folder: Path, wishes: DraftOptions) -> None:
-        self.name, self._folder, self._options = Path(name).name, folder, wishes
+        self.name, self._folder, self.options = Path(name).name, folder, wishes
         self.entry = _entry(name, folder)
         if wishes.xacro_arguments:
             self.entry["xacro_arguments"] = dict(wishes.xacro_arguments)
@@ -180,13 +181,8 @@ class Source:
 
     def report(self, text: str) -> None:
         """Tell the user what is tried."""
-        if self._options.report is not None:
-            self._options.report(f"{self.name}: {text}")
-
-    @property
-    def options(self) -> DraftOptions:
-        """User's choices."""
-        return self._options
+        if self.options.report is not None:
+            self.options.report(f"{self.name}: {text}")
 
     @property
     def is_mjcf(self) -> bool:
@@ -223,26 +219,24 @@ class Source:
         Raises:
             ModelError: an option names an unknown joint.
         """
-        options = self._options
+        options = self.options
         for option in ("driven", "passive", "momentum"):
             for joint in getattr(options, option):
                 if joint not in robot.joint_names:
                     raise ModelError(f"--{option} {joint}: no joint '{joint}'{nearest(joint, robot.joint_names)}")
         single = [name for name in robot.joint_names if robot.model.joints[robot.joint_id(name)].nv == 1]
         efforts = {name: effort_limit(robot, name) for name in single}
-        if self.is_mjcf:  # an actuator without a limit has an infinite effort, a joint without an actuator has none
+        if self._urdf is None:  # an MJCF: only joints with an actuator have an effort, without a limit an infinite one
             named, is_list = {name: "an actuator" for name in single if efforts[name] > 0}, any(efforts.values())
-        elif self._urdf is not None:
-            named, is_list = named_as_driven(self._urdf)
         else:
-            named, is_list = {}, False
+            named, is_list = named_as_driven(self._urdf)
         driven, passive = frozenset(options.driven), frozenset(options.passive)
         return DriveEvidence(named, is_list, efforts, self.is_mjcf, driven, passive)
 
     @cached_property
     def _urdf(self) -> ElementTree.Element | None:
         """Root element of a URDF, expanded; None for an MJCF."""
-        path, options = self._path(), self._options
+        path, options = self._path(), self.options
         if path is None:
             return None
         return parse_urdf(path, options.xacro_arguments, Packages(path.parent, options.package_dirs))
@@ -254,7 +248,7 @@ class Source:
 
     def remember_packages(self, robot: Robot) -> None:
         """Add package folders that another shell would not find to the entry."""
-        given = [each.resolve() for each in self._options.package_dirs]
+        given = [each.resolve() for each in self.options.package_dirs]
         far = [each for each in robot.far_packages.values() if not {each, *each.parents} & set(given)]
         if given or far:
             folder = self._folder.resolve()

@@ -11,7 +11,13 @@ from rnc_pin.scenario.draft.joint_properties import body_frame, turning_axis
 from rnc_pin.scenario.draft.robot_at_start import RobotAtStart
 from rnc_pin.scenario.draft.wheel_detection import Wheel
 from rnc_pin.scenario.draft.wheel_layout import WheelGroup, WheelLayout, are_parallel, in_line
-from rnc_pin.scenario.draft.wheeled_base import add_wheel_motors, one_lateral, planar, support_by_casters, turned
+from rnc_pin.scenario.draft.wheeled_base import (
+    add_wheel_motors,
+    one_lateral,
+    planar_on_wheels,
+    support_by_casters,
+    turned,
+)
 
 _GUIDES = 2  # largest number of axle lines with a lateral row: two of them fix the centre of rotation
 
@@ -40,7 +46,7 @@ def turret_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
     first, and the outputs are its speed and its heading.
     """
     unit = layout.steered[0]
-    result = _planar(
+    result = planar_on_wheels(
         layout, at_start, f"{len(layout.wheels)} wheels, driven by a turret with {len(unit.wheels)} wheels"
     )
     _add_unit(result, unit, lateral=True)
@@ -64,7 +70,9 @@ def swerve_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
 
     Two axle lines fix the centre of rotation; the wheels of the others skid sideways if they are not aimed at it.
     """
-    result = _planar(layout, at_start, f"{len(layout.wheels)} wheels, {len(layout.steered)} of them steered drives")
+    result = planar_on_wheels(
+        layout, at_start, f"{len(layout.wheels)} wheels, {len(layout.steered)} of them steered drives"
+    )
     lines = in_line(wheel for each in layout.steered for wheel in each.wheels[:1])
     guides = [line[0].joint for line in _farthest(lines)]
     heading = layout.steered[0].wheels[0].heading
@@ -83,14 +91,6 @@ def swerve_base(layout: WheelLayout, at_start: RobotAtStart) -> BaseAssumptions:
         result.notes.append("the controller has to aim all wheels at one point: those without a lateral row would skid")
     evidence = "each driven wheel has a pivot of its own"
     _decide(result, "Are the wheels steered one by one?", "yes", evidence, layout.steered[0].pivot.joint)
-    return result
-
-
-def _planar(layout: WheelLayout, at_start: RobotAtStart, kind: str) -> BaseAssumptions:
-    result = planar(at_start, kind, layout.wheels)
-    result.lock_carriers(layout.wheels, at_start.start)
-    result.hold([each.joint for each in layout.balls], at_start.start, "ball casters slide: locked and only drawn")
-    result.passive |= set(layout.dollies) - {each.pivot.joint for each in layout.steered}
     return result
 
 

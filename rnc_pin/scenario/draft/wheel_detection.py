@@ -294,6 +294,6 @@ def _floor(at_start: RobotAtStart) -> float | None:
     heights = [
         float(at_start.data.oMf[index].translation[2])
         for index, frame in enumerate(at_start.robot.model.frames)
-        if frame.parentJoint <= at_start.root and has_word("base_footprint|footprint", frame.name)
+        if frame.parentJoint <= at_start.root and has_word("footprint", frame.name)
     ]
     return min(heights, default=None)

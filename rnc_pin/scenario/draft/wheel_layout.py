@@ -88,6 +88,11 @@ class WheelLayout:
         return [*self.fixed, *self.balls, *carried]
 
     @property
+    def motorized(self) -> list[Wheel]:
+        """Wheels that may have a motor: fixed and steered ones."""
+        return [*self.fixed, *(wheel for each in self.steered for wheel in each.wheels)]
+
+    @property
     def dollies(self) -> list[str]:
         """Pivots that carry other pivots with wheels, but no wheels directly."""
         own = {each.pivot.joint for each in (*self.casters, *self.steered, *self.trailers)}
@@ -159,9 +164,8 @@ def classify_wheels(wheels: list[Wheel], drives: DriveEvidence) -> WheelLayout:
     if not result.fixed and not result.steered and result.casters and not named and not aimed:
         result.steered, result.casters = result.casters, []  # without other wheels
     _straighten_towed(result)
-    wheels = [*result.fixed, *(wheel for each in result.steered for wheel in each.wheels)]
-    usual = result.fixed or wheels
-    result.driven = drives.driven_of([each.joint for each in wheels], [each.joint for each in usual], "wheels")
+    usual = result.fixed or result.motorized
+    result.driven = drives.driven_of([each.joint for each in result.motorized], [each.joint for each in usual])
     return result
 
 

@@ -32,15 +32,11 @@ def wheeled_base(layout: WheelLayout, at_start: RobotAtStart, decided: Sequence[
         at_start: the robot.
         decided: decisions that led to this kind of base.
     """
-    result = planar(at_start, _kind(layout), layout.wheels)
+    sides = tracks(layout)
+    result = planar_on_wheels(layout, at_start, _kind(layout, is_tracked=bool(sides)))
     result.decisions += decided
-    result.lock_carriers(layout.wheels, at_start.start)
-    gliding = [wheel.joint for wheel in layout.balls]
-    result.hold(gliding, at_start.start, "ball casters slide, so that they are locked and only drawn")
     towed = [pivot.joint for pivot in layout.straight]
     result.hold(towed, at_start.start, "a steered axle of a trailer does not steer the base: locked straight")
-    result.passive |= {dolly for dolly in layout.dollies if not at_start.drives.says(dolly)}
-    sides = tracks(layout)
     if sides:
         _crawl(result, layout, sides, at_start)
     else:
@@ -67,9 +63,9 @@ def wheeled_base(layout: WheelLayout, at_start: RobotAtStart, decided: Sequence[
 
 def add_wheel_motors(result: BaseAssumptions, layout: WheelLayout) -> None:
     """Add the driven wheels to the actuators; the others are passive."""
-    wheels = [*layout.fixed, *(wheel for each in layout.steered for wheel in each.wheels)]
-    driven, idle = layout.driven, [wheel.joint for wheel in wheels if wheel.joint not in layout.driven.joints]
-    result.actuators += [(wheel.joint, "") for wheel in wheels if wheel.joint in driven.joints]
+    driven, wheels = layout.driven, [wheel.joint for wheel in layout.motorized]
+    idle = [joint for joint in wheels if joint not in driven.joints]
+    result.actuators += [(joint, "") for joint in wheels if joint in driven.joints]
     result.passive |= set(idle)
     result.idle += idle
     instead = tuple(word for joint in idle for word in ("--driven", joint))
@@ -119,6 +115,16 @@ def planar(at_start: RobotAtStart, kind: str, wheels: list[Wheel]) -> BaseAssump
     return result
 
 
+def planar_on_wheels(layout: WheelLayout, at_start: RobotAtStart, kind: str) -> BaseAssumptions:
+    """Planar base with the joints held that would lift its wheels or that only slide."""
+    result = planar(at_start, kind, layout.wheels)
+    result.lock_carriers(layout.wheels, at_start.start)
+    gliding = [wheel.joint for wheel in layout.balls]
+    result.hold(gliding, at_start.start, "ball casters slide, so that they are locked and only drawn")
+    result.passive |= {dolly for dolly in layout.dollies if not at_start.drives.says(dolly)}
+    return result
+
+
 def knife_edge_base(axles: list[DrawnAxle], at_start: RobotAtStart) -> BaseAssumptions:
     """Base whose wheels are only drawn: one knife edge for the axles of each body."""
     count = f"{len(axles)} axle{'s' * (len(axles) > 1)}"
@@ -154,12 +160,12 @@ def _midway(at_start: RobotAtStart, axle: np.ndarray, middle: np.ndarray) -> dic
     return edge
 
 
-def _kind(layout: WheelLayout) -> str:
+def _kind(layout: WheelLayout, *, is_tracked: bool) -> str:
     count = f"{len(layout.wheels)} wheel{'s' * (len(layout.wheels) > 1)}"
     if layout.steered:
         what = "steered like a car"
     elif len(layout.axles) > 1:
-        what = "on tracks, skid-steered" if tracks(layout) else "skid-steered"
+        what = "on tracks, skid-steered" if is_tracked else "skid-steered"
     else:
         what = "differential drive" if len(layout.fixed) > 1 else "one wheel"
     towing = f" with {len(layout.trailers)} trailer{'s' * (len(layout.trailers) > 1)}" if layout.trailers else ""

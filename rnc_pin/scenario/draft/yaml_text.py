@@ -105,7 +105,8 @@ def write_draft(name: str, scenario: Drafted, remark: str, trial: Trial, mobilit
 
 def _of_rows(constraints: list[tuple[Entry, str]]) -> str:
     """Remark on the constraints."""
-    shares = any("lateral: false" in _flow(entry) for entry, _ in constraints)
+    wheels = [entry.get("rolling_wheel") for entry, _ in constraints if isinstance(entry, Mapping)]
+    shares = any(isinstance(wheel, Mapping) and wheel.get("lateral") is False for wheel in wheels)
     return "# A(q) v = 0" + ("; wheels of one axle line share a lateral row" if shares else "")
 
 

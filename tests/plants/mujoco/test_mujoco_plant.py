@@ -18,6 +18,7 @@ from rnc_pin.plants.mujoco import MuJoCoPlant, MuJoCoSettings  # noqa: E402
 from rnc_pin.plants.mujoco.body_tree import BodyTree  # noqa: E402
 from rnc_pin.plants.mujoco.contact_bodies import contact_bodies  # noqa: E402
 from rnc_pin.plants.mujoco.joint_coordinates import RobotCoordinates  # noqa: E402
+from simple_controllers import Inputs  # noqa: E402
 
 
 def every_kind_of_joint():
@@ -320,25 +321,12 @@ def test_wheels_on_ice_slip_at_the_limit_of_their_grip():
     assert plant.read()[1][0] < 0.05 * 9.81 * 1.01
 
 
-class Constant:
-    """Controller that applies the same inputs all the time."""
-
-    def __init__(self, T):
-        self.T = T
-
-    def initial_state(self, measurement):
-        return None
-
-    def step(self, t, measurement, state):
-        return rnc.control.Command(T=self.T), None
-
-
 @pytest.mark.parametrize(("friction", "word"), [(1.0, "succeeded"), (0.05, "failed")])
 def test_wheels_that_slide_are_in_the_verdict(friction, word):
     """Torques of 1 N m on wheels of 0.1 m need 20 N of grip: more than 5 % of the load on ice."""
     reduced = differential_drive()
     plant = MuJoCoPlant(reduced, MuJoCoSettings(friction=(friction, 0.0, 0.0)))
-    run = rnc.simulate(reduced, Constant(np.ones(2)), reduced.robot.configuration(), 0.5, 0.01, plant=plant)
+    run = rnc.simulate(reduced, Inputs(lambda t: np.ones(2)), reduced.robot.configuration(), 0.5, 0.01, plant=plant)
     slips = {each.where for each in run.verdict.findings if each.kind == "slip" and each.severity == "fails"}
     assert slips == ({"left_wheel", "right_wheel"} if word == "failed" else set())
     assert run.verdict.word == word
