@@ -8,7 +8,7 @@ import published
 from places import ROOT
 from rnc_pin.robots.robot_files import example_urdfs
 
-PAGE = (ROOT / "docs" / "zoo.md").read_text().partition("## Published robots")[2]
+PAGE = (ROOT / "docs" / "zoo.md").read_text().partition("## Published robots")[2].partition("\n## ")[0]
 TABLE = {
     cells[0]: cells[1:]
     for cells in (
