@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from rnc_pin.control.controller import Command, Controller, State
+from rnc_pin.control.controller import Command
 from rnc_pin.loop import LoopState
 from rnc_pin.math.linear_algebra import apply, clipped
 from rnc_pin.model.measurement import Measurement
@@ -39,8 +39,6 @@ class LockStep:
 
     Args:
         runs: runs before their first sample, on a ``ReducedPlant`` each with equal options.
-        controllers: controller of each run.
-        states: initial states of the controllers.
         dt: sampling period [s].
         samples: number of samples.
 
@@ -50,14 +48,7 @@ class LockStep:
         samples_done: number of complete samples of these.
     """
 
-    def __init__(
-        self,
-        runs: Sequence[SampledRun],
-        controllers: Sequence[Controller],
-        states: Sequence[State],
-        dt: float,
-        samples: int,
-    ) -> None:
+    def __init__(self, runs: Sequence[SampledRun], dt: float, samples: int) -> None:
         plant = runs[0].plant
         assert isinstance(plant, ReducedPlant)
         self._runs, self._dt, self._samples, self.samples_done = list(runs), dt, samples, 0
@@ -70,9 +61,10 @@ class LockStep:
             assert isinstance(run.plant, ReducedPlant)
             self._plants.rollback(place, run.plant.checkpoint())
             run.record.use(rows)
-        self._steps: StepsOfRuns = steps_of_runs(controllers, states)
+        self._steps: StepsOfRuns = steps_of_runs(
+            [run.controller for run in runs], [run.loop.state.controller for run in runs]
+        )
         self._deficit: Array | None = None
-        self._first_word = np.full(len(runs), -1)
         self.places = np.arange(len(runs))
         self.leavers: list[Leaver] = []
 
@@ -96,8 +88,8 @@ class LockStep:
 
     def settle(self) -> None:
         """Complete the records of the runs that are still here."""
-        for run, first in zip(self.places.tolist(), self._first_word.tolist(), strict=True):
-            self._runs[run].record.written(self.samples_done, None if first < 0 else first)
+        for run in self.places.tolist():
+            self._runs[run].record.written(self.samples_done)
 
     # ------------------------------------------------------------------ a sample
 
@@ -174,12 +166,10 @@ class LockStep:
         )  # fmt: skip
         np.concatenate(numbers, axis=1, out=(rows := np.empty((count, self._rows.shape[2]))))
         self._rows[self.places, sample] = rows
-        spoken = self._steps.spoken(count, any(goal is not None for goal in given))
-        self._first_word[spoken & (self._first_word < 0)] = sample
         if command.estimates is not None or command.prediction_error is not None:
             for place, run in enumerate(self.places.tolist()):
                 record = self._runs[run].record
-                record.written(sample, None)
+                record.written(sample)
                 optional = command.estimates, command.prediction_error
                 record.add_optional(*(None if each is None else each[place] for each in optional))
 
@@ -188,18 +178,18 @@ class LockStep:
     def _leave(self, leaving: Array, samples: int, sampled: bool = False) -> bool:
         """Let runs go on alone after a number of samples; return False. ``sampled`` as of a ``Leaver``."""
         for place in np.flatnonzero(leaving).tolist():
-            number, first = int(self.places[place]), int(self._first_word[place])
+            number = int(self.places[place])
             run = self._runs[number]
             deficit = None if self._deficit is None else self._deficit[place]
             if deficit is not None and not deficit.any():
                 deficit = None
             state = LoopState(begin=0.0, input_deficit=deficit, controller=self._steps.state(place))
             run.continue_from(samples, self._plants.checkpoint(place), state)
-            run.record.written(samples, None if first < 0 else first)
+            run.record.written(samples)
             self.leavers.append(Leaver(number, sampled))
         staying = ~leaving
         self._plants.keep(staying)
         self._steps.keep(staying)
-        self.places, self._first_word = self.places[staying], self._first_word[staying]
+        self.places = self.places[staying]
         self._deficit = None if self._deficit is None else self._deficit[staying]
         return False

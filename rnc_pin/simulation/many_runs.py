@@ -1,10 +1,10 @@
-"""Simulation of many runs."""
+"""Simulation of many runs: those that fit together advance in lock-step, the others one after the other."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -21,7 +21,50 @@ from rnc_pin.simulation.run_info import Outcome
 from rnc_pin.simulation.sampled_run import SampledRun
 from rnc_pin.simulation.simulation_options import SimulationOptions
 from rnc_pin.simulation.trajectory import Trajectory
-from rnc_pin.simulation.trajectory_batch import RunResult, TrajectoryBatch
+from rnc_pin.simulation.trajectory_batch import RunResult
+
+
+class RunArguments(NamedTuple):
+    """Arguments of one run, as for ``simulate``."""
+
+    reduced: ReducedModel
+    controller: Controller
+    q0: Array
+    dt: float
+    samples: int
+    v2_0: Array | None
+    plant: Plant | None
+    options: SimulationOptions
+
+    def started(self, capacity: int) -> SampledRun:
+        """Return the run before its first sample."""
+        reduced, controller, q0, dt, _, v2_0, plant, options = self
+        return SampledRun(reduced, controller, q0, dt, capacity, v2_0=v2_0, plant=plant, options=options)
+
+    @property
+    def lock_step_key(self) -> Hashable | None:
+        """Key that runs have in common if they can advance together; None for a run that has to be alone."""
+        reduced, plant, options, substeps, limits = self.reduced, self.plant, self.options, 1, False
+        if not isinstance(reduced, ReducedModel) or not isinstance(options, SimulationOptions):
+            return None  # refused at its start
+        if plant is not None:
+            if type(plant) is not ReducedPlant or plant.reduced is not reduced or plant.dissipates:
+                return None
+            substeps, limits = plant.substeps, plant.actuator_limits
+        data = reduced.reduction_data
+        if options.observer is not None or options.loop or options.stop.lift_off:
+            return None
+        if not reduced.evaluator.measures or data.rheonomic or data.affine:
+            return None
+        return id(reduced), type(self.controller), self.samples, self.dt, substeps, limits, options.stop
+
+    def on_own_plant(self) -> RunArguments:
+        """Return these arguments with a new ``ReducedPlant`` of equal options, for a run with a ``lock_step_key``."""
+        plant = self.plant
+        if not isinstance(plant, ReducedPlant):
+            return self
+        own = ReducedPlant(plant.reduced, actuator_limits=plant.actuator_limits, substeps=plant.substeps)
+        return self._replace(plant=own)
 
 
 def is_batch(controller: object, q0: object, v2_0: object, plant: object, options: object) -> bool:
@@ -40,16 +83,17 @@ def _states(options: object) -> object:
     return options.controller_state if isinstance(options, SimulationOptions) else None
 
 
-def fits_lock_step(reduced: ReducedModel, plant: object, options: SimulationOptions) -> bool:
-    """True if a run can advance in lock-step with others of the same model, plant options and stop conditions."""
-    data = reduced.reduction_data
-    plain = plant is None or (type(plant) is ReducedPlant and plant.reduced is reduced and not plant.dissipates)
-    simple = not options.loop and not options.stop.lift_off
-    return plain and simple and reduced.evaluator.measures and not data.rheonomic and not data.affine
-
-
-class ManyRuns:
-    """Arguments of many runs of ``simulate``.
+def runs_of_batch(
+    reduced: ReducedModel,
+    controller: Controller | Sequence[Controller],
+    q0: Array,
+    dt: float,
+    samples: int,
+    v2_0: Array | None,
+    plant: Plant | Sequence[Plant] | None,
+    options: SimulationOptions,
+) -> list[RunArguments]:
+    """Arguments of each run of a batch.
 
     Args:
         reduced: reduced model.
@@ -64,98 +108,75 @@ class ManyRuns:
     Raises:
         InputError: wrong shapes, or the arguments have different numbers of runs.
         ConfigurationError: an observer, which could not tell the runs apart.
-
-    Attributes:
-        count: number of runs B.
-        controllers: controller of each run.
-        in_lock_step: True if the runs advance together.
     """
+    if isinstance(options, SimulationOptions) and options.observer is not None:
+        raise ConfigurationError("observer: one observer cannot tell the runs of a batch apart; simulate each run")
+    q0, v2_0 = numbers_of(q0, "q0"), None if v2_0 is None else numbers_of(v2_0, "v2_0")
+    state, counts = _states(options), {}
+    for name, array in (("q0", q0), ("v2_0", v2_0)):
+        if array is not None and array.ndim > 2:
+            raise InputError(f"{name} has shape {array.shape}, expected one row or a row for each run")
+        if array is not None and array.ndim == 2:
+            counts[name] = len(array)
+    for name, each in (("controller", controller), ("plant", plant), ("controller_state", state)):
+        if isinstance(each, list) or (isinstance(each, tuple) and each is not state):
+            counts[name] = len(each)
+    count = next(iter(counts.values()))
+    if len(set(counts.values())) > 1 or not count:
+        said = ", ".join(f"{name} has {number}" for name, number in counts.items())
+        raise InputError(f"the arguments need the same number of runs, at least one: {said}")
 
-    def __init__(
-        self,
-        reduced: ReducedModel,
-        controller: Controller | Sequence[Controller],
-        q0: Array,
-        dt: float,
-        samples: int,
-        v2_0: Array | None,
-        plant: Plant | Sequence[Plant] | None,
-        options: SimulationOptions,
-    ) -> None:
-        if isinstance(options, SimulationOptions) and options.observer is not None:
-            raise ConfigurationError("observer: one observer cannot tell the runs of a batch apart; simulate each run")
-        self._reduced, self._dt, self._samples = reduced, dt, samples
-        q0, v2_0 = numbers_of(q0, "q0"), None if v2_0 is None else numbers_of(v2_0, "v2_0")
-        state, counts = _states(options), {}
-        for name, array in (("q0", q0), ("v2_0", v2_0)):
-            if array is not None and array.ndim > 2:
-                raise InputError(f"{name} has shape {array.shape}, expected one row or a row for each run")
-            if array is not None and array.ndim == 2:
-                counts[name] = len(array)
-        for name, each in (("controller", controller), ("plant", plant), ("controller_state", state)):
-            if isinstance(each, list) or (isinstance(each, tuple) and each is not state):
-                counts[name] = len(each)
-        self.count = B = next(iter(counts.values()))
-        if len(set(counts.values())) > 1 or not B:
-            said = ", ".join(f"{name} has {count}" for name, count in counts.items())
-            raise InputError(f"the arguments need the same number of runs, at least one: {said}")
-        self._q0 = q0 if q0.ndim == 2 else np.broadcast_to(q0, (B, *q0.shape))
-        self._v2_0 = [v2_0] * B if v2_0 is None or v2_0.ndim == 1 else list(v2_0)
-        self.controllers: list[Any] = list(controller) if isinstance(controller, list | tuple) else [controller] * B
-        self._plants: list[Any] = list(plant) if isinstance(plant, list | tuple) else [plant] * B
-        states = state if isinstance(state, list) else [state] * B
-        self._options = [options] * B if state is None else [replace(options, controller_state=each) for each in states]
+    def of_runs(value: Any) -> list[Any]:
+        return list(value) if isinstance(value, list | tuple) else [value] * count
 
-        self.in_lock_step = self._fit_together()
-
-    def _fit_together(self) -> bool:
-        """True if the runs can advance in lock-step."""
-        first = self._plants[0]
-        same = all(plant is first for plant in self._plants)
-        return same and self.count > 1 and fits_lock_step(self._reduced, first, self._options[0])
-
-    def run(self, number: int) -> SampledRun:
-        """Return one run before its first sample, on a plant of its own."""
-        plant = self._plants[number]
-        if plant is not None and self.in_lock_step:
-            plant = ReducedPlant(self._reduced, actuator_limits=plant.actuator_limits, substeps=plant.substeps)
-        return self._started(number, plant, 1)
-
-    def alone(self, number: int) -> RunResult:
-        """Compute one run without the others."""
-        return result_alone(self._started(number, self._plants[number], self._samples), self._samples)
-
-    def _started(self, number: int, plant: Any, capacity: int) -> SampledRun:
-        return SampledRun(
-            self._reduced,
-            self.controllers[number],
-            self._q0[number].copy(),
-            self._dt,
-            capacity,
-            v2_0=self._v2_0[number],
-            plant=plant,
-            options=self._options[number],
-        )
-
-    def together(self, runs: Sequence[SampledRun], numbers: Sequence[int]) -> list[RunResult]:
-        """Compute runs that advance together."""
-        return advance_together(runs, [self.controllers[number] for number in numbers], self._dt, self._samples)
+    every = [options] * count
+    if isinstance(state, list):
+        every = [replace(options, controller_state=each) for each in state]
+    starts = list(q0) if q0.ndim == 2 else of_runs(q0)
+    velocities = of_runs(v2_0) if v2_0 is None or v2_0.ndim == 1 else list(v2_0)
+    columns = of_runs(controller), starts, velocities, of_runs(plant), every
+    return [
+        RunArguments(reduced, own, q.copy(), dt, samples, v2, moves, how)
+        for own, q, v2, moves, how in zip(*columns, strict=True)
+    ]
 
 
-def advance_together(
-    runs: Sequence[SampledRun], controllers: Sequence[Controller], dt: float, samples: int
-) -> list[RunResult]:
-    """Compute runs of one model and of equal options in lock-step, each with the bits of a run alone.
+def simulate_many(runs: Sequence[RunArguments], raises: tuple[type[RncError], ...] = ()) -> list[RunResult]:
+    """Compute runs. An error ends only its run; Ctrl-C ends all.
 
     Args:
-        runs: runs before their first sample, as for ``LockStep``.
-        controllers: controller of each run.
-        dt: sampling period [s].
-        samples: number of samples.
+        runs: the runs. Those with the same ``lock_step_key`` advance together.
+        raises: types of errors that are raised, with the number of the run, if a run cannot start.
     """
-    states = [run.loop.state.controller for run in runs]
-    batch = LockStep(runs, controllers, states, dt, samples)
-    outcome = Outcome.COMPLETED
+    groups: dict[Hashable, list[int]] = {}
+    for number, run in enumerate(runs):
+        groups.setdefault(run.lock_step_key or number, []).append(number)
+    results: dict[int, RunResult] = {}
+    interrupted = False
+    for numbers in groups.values():
+        together, started = len(numbers) > 1, {}
+        for number in numbers:
+            run = runs[number].on_own_plant() if together else runs[number]
+            try:
+                started[number] = run.started(1 if together else run.samples)
+            except RncError as error:
+                if isinstance(error, raises):
+                    raise error.within(f"run {number}") from None
+                results[number] = RunResult(outcome_of(error), error, None)
+        if interrupted:
+            found = [_ended(each, Outcome.INTERRUPTED) for each in started.values()]
+        elif together and started:
+            found = _advance_together(list(started.values()), runs[numbers[0]])
+        else:
+            found = [_advance_alone(each, run.samples) for each in started.values()]
+        results |= dict(zip(started, found, strict=True))
+        interrupted = interrupted or any(each.outcome is Outcome.INTERRUPTED for each in found)
+    return [results[number] for number in range(len(runs))]
+
+
+def _advance_together(runs: Sequence[SampledRun], of: RunArguments) -> list[RunResult]:
+    """Compute runs with the sampling and the plant options of given arguments in lock-step."""
+    batch, outcome = LockStep(runs, of.dt, of.samples), Outcome.COMPLETED
     with uninterrupted():
         try:
             with interruptible():
@@ -168,51 +189,14 @@ def advance_together(
             if outcome is Outcome.INTERRUPTED:
                 results[number] = _ended(runs[number], outcome)
                 continue
-            results[number] = result_alone(runs[number], samples, advance_first=sampled)
+            results[number] = _advance_alone(runs[number], of.samples, advance_first=sampled)
             outcome = results[number].outcome if results[number].outcome is Outcome.INTERRUPTED else outcome
     for number in batch.places.tolist():
         results[number] = _ended(runs[number], outcome)
     return [results[number] for number in range(len(runs))]
 
 
-def simulate_many(many: ManyRuns) -> TrajectoryBatch:
-    """Compute many runs, each with the bits of a run alone. An error ends only its run.
-
-    Raises:
-        InputError: wrong shapes or numbers, with the number of the run.
-        ConfigurationError: as for ``simulate``.
-    """
-    results: dict[int, RunResult] = {}
-    if not many.in_lock_step:
-        for number in range(many.count):
-            results[number] = _guarded(many, number)
-        return TrajectoryBatch([results[number] for number in range(many.count)])
-    runs: list[SampledRun] = []
-    numbers: list[int] = []
-    for number in range(many.count):
-        try:
-            runs.append(many.run(number))
-            numbers.append(number)
-        except (InputError, ConfigurationError) as error:
-            raise error.within(f"run {number}") from None
-        except RncError as error:
-            results[number] = RunResult(outcome_of(error), error, None)
-    if runs:
-        results |= dict(zip(numbers, many.together(runs, numbers), strict=True))
-    return TrajectoryBatch([results[number] for number in range(many.count)])
-
-
-def _guarded(many: ManyRuns, number: int) -> RunResult:
-    """Result of a run without the others."""
-    try:
-        return many.alone(number)
-    except (InputError, ConfigurationError) as error:
-        raise error.within(f"run {number}") from None
-    except RncError as error:
-        return RunResult(outcome_of(error), error, None)
-
-
-def result_alone(run: SampledRun, samples: int, advance_first: bool = False) -> RunResult:
+def _advance_alone(run: SampledRun, samples: int, advance_first: bool = False) -> RunResult:
     """Result of a run that goes on alone to its end."""
 
     def advance(progress: Progress) -> str | None:

@@ -17,16 +17,7 @@ from rnc_pin.model.once_per_model import once_per_model
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.simulation.derived_quantities import (
-    MATRICES,
-    BlockOfStates,
-    RowNames,
-    StatesOfRun,
-    blocks,
-    by_name,
-    empty_quantities,
-    quantities_of_runs,
-)
+from rnc_pin.simulation.derived_quantities import MATRICES, DerivedQuantities, RowNames, blocks
 from rnc_pin.simulation.ground_bodies import GroundBody, ground_bodies
 from rnc_pin.simulation.judgement import judged_by
 from rnc_pin.simulation.run_info import (
@@ -73,13 +64,10 @@ class Record:
         self._use_rows(np.full((capacity, sum(columns.values())), np.nan))
         self._integrals[:] = 0.0
         self._no_goals = tuple(np.full(size, np.nan) for size in (r, k, r))
-        self._first_word: int | None = None  # first sample with a goal, that is with a valid measurement
         self._carries = carries
         self._models: list[tuple[int, ReducedModel | None]] = []  # first sample and plant model
         self._external: np.ndarray | None = None
         self._normal: NormalForces | None = None
-        self.derived: dict[str, np.ndarray] | None = None
-        """Derived quantities that somebody else computed."""
         self.phases: tuple[PhaseInfo, ...] = ()
         """Intervals with one set of constraints, of a plant whose contacts open and close."""
         self.fallback: FallbackUse | None = None
@@ -101,11 +89,11 @@ class Record:
         self._use_rows(rows)
         self._integrals[:] = 0.0
 
-    def written(self, count: int, first_word: int | None) -> None:
-        """Set the number of samples that somebody else wrote into the rows, and the first one with a goal."""
+    def written(self, count: int) -> None:
+        """Set the number of samples that somebody else wrote into the rows."""
         if not self._models and count:
             self._models.append((0, self.reduced))
-        self.count, self._first_word = count, first_word
+        self.count = count
 
     def _use_rows(self, rows: np.ndarray) -> None:
         """Set the array of all samples; the arrays by name are views of it."""
@@ -161,8 +149,6 @@ class Record:
         if self.count == self.capacity:  # without a call of ``moves``
             self._grow()
         row, given = self._rows[self.count], (command.v2_desired, command.x1_desired, command.x2_desired)
-        if self._first_word is None and any(goal is not None for goal in given):
-            self._first_word = self.count
         goals = [
             none if goal is None else _expect(name, goal, none.shape)
             for name, goal, none in zip(_GOALS, given, self._no_goals, strict=True)
@@ -225,7 +211,8 @@ class Record:
         about[:, self._carries] = (a["x2"][:1] + self._integrals[: self.count])[:, self._carries]
         a["x2"] = x2.unwrap(a["x2"], about)
         bodies = ground_bodies(reduced)
-        first = self._first_word or 0
+        given = np.concatenate([a[name] for name in _GOALS], axis=1)
+        first = int(np.argmax(~np.isnan(given).all(axis=1))) if len(given) else 0  # with a valid measurement
         goals = tuple(
             name
             for kind, outputs in (("x1", reduced.vertical), ("x2", reduced.reducing))
@@ -240,7 +227,7 @@ class Record:
                 multipliers=rows.multipliers,
                 contact_forces=rows.contact_forces,
                 friction_used=self._contacts,
-                normal_forces=self._normal_names(),
+                normal_forces=rows.normal_forces,
                 ground_poses=tuple(body.name for body in bodies),
             ),
             goals,
@@ -264,38 +251,29 @@ class Record:
     def _derived(
         self, t: np.ndarray, q: np.ndarray, v: np.ndarray, T: np.ndarray, bodies: Sequence[GroundBody]
     ) -> dict[str, np.ndarray]:
-        if self.derived is not None:
-            return self.derived
         t = t - self.start
-        reduced, N, names, rows = self.reduced, len(q), self._normal_names(), self._row_names()
-        missing = 0.0 if rows.switching else np.nan
-        derived = empty_quantities(reduced, N, len(names), len(bodies), rows)
-        for start, end, plant in self._stretches(N):
-            own = self._normal if plant is self.reduced else None
-            normal = (own or NormalForces(plant)) if names else None
-            known = () if normal is None else normal.names
+        reduced, rows = self.reduced, self._row_names()
+        quantities = DerivedQuantities(reduced, rows, bodies)
+        derived = quantities.empty(len(q))
+        for start, end, plant in self._stretches(len(q)):
+            own = self._normal if plant is reduced else None
+            normal = (own or NormalForces(plant)) if rows.normal_forces else None
             for inner in blocks(end - start, MATRICES * reduced.n**2):
                 block = slice(start + inner.start, start + inner.stop)
                 external = None if self._external is None else self._external[block]
-                states = BlockOfStates(reduced, plant, t[block], q[block], v[block])
-                found = states.quantities(states.entries(), normal, T[block], external, bodies, rows=rows)
-                assert found is not None
+                found = quantities.of(plant, normal, t[block], q[block], v[block], T[block], external)
                 for name, values in found.items():
-                    derived[name][block] = values if name != "normal_forces" else by_name(names, known, values, missing)
+                    derived[name][block] = values
         return derived
 
     def _row_names(self) -> RowNames:
         """Rows with forces: those of the controller's model, or of all models of a plant whose contacts switch."""
-        if not self.phases:
-            return RowNames.of(self.reduced)
+        models = self._plant_models() if self.phases else [self.reduced]
         kept, every = (
             tuple(dict.fromkeys(name for stack in stacks for name in stack.names))
-            for stacks in (
-                [model.constraints for model in self._plant_models()],
-                [model.all_constraints for model in self._plant_models()],
-            )
+            for stacks in ([model.constraints for model in models], [model.all_constraints for model in models])
         )
-        return RowNames(kept, every, switching=True)
+        return RowNames(kept, every, self._normal_names(), switching=bool(self.phases))
 
     def _plant_models(self) -> list[ReducedModel]:
         """Controller's model and models of the plant, in the order of their first samples."""
@@ -318,20 +296,6 @@ class Record:
         for (start, model), end in zip(told, ends, strict=True):
             if start < end:
                 yield start, end, self.reduced if model is None else model
-
-
-def derive_together(records: Sequence[Record]) -> None:
-    """Compute the derived quantities of complete runs of one model at once, each with the bits of a run alone."""
-    reduced = records[0].reduced
-    whole = [(0, reduced)]
-    plain = [each for each in records if each._models == whole and each._external is None]
-    if len(plain) < 2 or reduced.rheonomic:
-        return
-    runs = [StatesOfRun(*(each.arrays[name][: each.count] for name in ("time", "q", "v", "T"))) for each in plain]
-    normal = NormalForces(reduced)
-    derived = quantities_of_runs(reduced, runs, normal if normal.names else None, ground_bodies(reduced))
-    for each, found in zip(plain, derived, strict=True):
-        each.derived = found
 
 
 def _expect(name: str, value: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:

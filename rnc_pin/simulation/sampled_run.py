@@ -42,6 +42,7 @@ class SampledRun:
         start: time of the first sample in messages and in the record [s]; the time of the controller starts at zero.
 
     Attributes:
+        controller: the controller.
         loop: control loop of the controller.
         record: recorder of the run.
         stop: monitor of the stop conditions.
@@ -65,6 +66,7 @@ class SampledRun:
         start: float = 0.0,
     ) -> None:
         _check_arguments(reduced, controller, plant, options)
+        self.controller = controller
         self._provenance, self._observer = provenance_of(options.meta), options.observer
         self._adapter = adapter = PlantAdapter(ReducedPlant(reduced) if plant is None else plant, reduced)
         loop_options: LoopOptions = {**adapter.loop_options, "max_speed": options.stop.speed, **options.loop}

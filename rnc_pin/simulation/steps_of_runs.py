@@ -51,10 +51,6 @@ class StepsOfRuns(ABC):
     def keep(self, staying: Array) -> None:
         """Keep only the runs of a mask (B,)."""
 
-    @abstractmethod
-    def spoken(self, count: int, any_goal: bool) -> Array:
-        """Return the mask (count,) of the runs whose last command had a goal."""
-
 
 def steps_of_runs(controllers: Sequence[Controller], states: Sequence[State]) -> StepsOfRuns:
     """Return the controllers of many runs in the fastest form that they allow."""
@@ -86,7 +82,7 @@ class StepsTogether(StepsOfRuns):
             if found.failed.any():
                 return found
             try:
-                return found._replace(states=stack_states(found.states[0]))
+                return found._replace(states=stack_states(found.states))
             except NotStackable:
                 return found._replace(failed=np.ones(self._count, dtype=bool))
 
@@ -99,16 +95,12 @@ class StepsTogether(StepsOfRuns):
     def keep(self, staying: Array) -> None:
         self._state, self._count = state_of_runs(self._state, staying), int(staying.sum())
 
-    def spoken(self, count: int, any_goal: bool) -> Array:
-        return np.full(count, any_goal)
-
 
 class StepsInTurn(StepsOfRuns):
     """A controller for each run."""
 
     def __init__(self, controllers: Sequence[Controller], states: Sequence[State]) -> None:
         self._controllers, self._states = list(controllers), list(states)
-        self._spoken = np.zeros(len(states), dtype=bool)
 
     def step(self, t: float, measurement: Measurement) -> Answer:
         commands: list[Command] = []
@@ -126,11 +118,10 @@ class StepsInTurn(StepsOfRuns):
             commands.append(command)
             states.append(state)
         together, misfits = _together(commands, failed, measurement)
-        return Answer(together, (states, commands), failed | misfits)
+        return Answer(together, states, failed | misfits)
 
     def commit(self, answer: Answer) -> None:
-        self._states, commands = answer.states
-        self._spoken = np.array([any(goal is not None for goal in _goals(command)) for command in commands], dtype=bool)
+        self._states = answer.states
 
     def state(self, place: int) -> State:
         return self._states[place]
@@ -138,14 +129,6 @@ class StepsInTurn(StepsOfRuns):
     def keep(self, staying: Array) -> None:
         self._controllers = list(compress(self._controllers, staying))
         self._states = list(compress(self._states, staying))
-        self._spoken = self._spoken[staying]
-
-    def spoken(self, count: int, any_goal: bool) -> Array:
-        return self._spoken
-
-
-def _goals(command: Command) -> tuple[Array | None, ...]:
-    return command.v2_desired, command.x1_desired, command.x2_desired
 
 
 def _sizes(measurement: Measurement) -> dict[str, int]:

@@ -24,7 +24,7 @@ from rnc_pin.scenario.planner_builder import Plans
 from rnc_pin.scenario.run_verdict import judged_summary
 from rnc_pin.scenario.schema import Scenario
 from rnc_pin.simulation import sample_count
-from rnc_pin.simulation.side_by_side import RunArguments, lock_step_key, simulate_side_by_side
+from rnc_pin.simulation.many_runs import RunArguments, simulate_many
 from rnc_pin.sweeps.seeded_draws import Draw, SeededDraws
 from rnc_pin.sweeps.swept_run import Numbered, Row, refused, results_of, save_trajectory, with_options_of_sweeps
 
@@ -195,11 +195,11 @@ def batch_key(plan: Plan) -> Hashable | None:
     experiment = plan.experiment
     if plan.comparisons or experiment.phases or program_of(experiment.controller) is not None:
         return None
-    return lock_step_key(_arguments(plan))
+    return _arguments(plan).lock_step_key
 
 
 def execute_together(plans: Sequence[Plan]) -> list[Result | RncError]:
-    """Run plans with the same ``batch_key`` in lock-step, each with the bits of ``execute``; or their errors.
+    """Run plans with the same ``batch_key`` in lock-step; return their results or errors.
 
     Args:
         plans: what to run; each on objects of its own, except for the model.
@@ -207,7 +207,7 @@ def execute_together(plans: Sequence[Plan]) -> list[Result | RncError]:
     start = time.perf_counter()
     with np.errstate(over="ignore", invalid="ignore"):  # diverged values
         found: list[Result | RncError] = []
-        for plan, run in zip(plans, simulate_side_by_side([_arguments(plan) for plan in plans]), strict=True):
+        for plan, run in zip(plans, simulate_many([_arguments(plan) for plan in plans]), strict=True):
             if run.started:
                 trajectory, wall_time = run.trajectory, (time.perf_counter() - start) / len(plans)
                 summary, limits = judged_summary(plan.experiment, trajectory, {}, wall_time)

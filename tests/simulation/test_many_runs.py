@@ -227,6 +227,24 @@ def test_an_interruption_ends_all_runs(sleigh, at_rest):
     assert [len(run.time) for run in runs] == [6, 6]
 
 
+def test_an_interruption_ends_the_runs_that_follow_one_another(sleigh, at_rest):
+    options = rnc.SimulationOptions(loop={"fallback": "raise"})  # one run after the other
+    runs = rnc.simulate(sleigh, Impatient(), np.stack([at_rest] * 3), DURATION, DT, options=options)
+    assert [str(outcome) for outcome in runs.outcomes] == ["interrupted"] * 3
+    assert [len(run.time) for run in runs] == [6, 0, 0]
+
+
+def test_runs_of_several_models_and_plants_keep_their_order(sleigh, at_rest):
+    """Those with equal options advance together, whichever runs stand between them."""
+    limited = [rnc.ReducedPlant(sleigh, actuator_limits=True) for _ in range(2)]
+    plants = [limited[0], None, limited[1], rnc.ReducedPlant(sleigh, substeps=2), None]
+    v2_0 = 0.1 * np.arange(10.0).reshape(5, 2)
+    tracker = VelocityTracker(hold(sleigh))
+    runs = rnc.simulate(sleigh, tracker, at_rest, DURATION, DT, v2_0=v2_0, plant=plants)
+    for run, v2, plant in zip(runs, v2_0, plants, strict=True):
+        check_same(run, rnc.simulate(sleigh, tracker, at_rest, DURATION, DT, v2_0=v2, plant=plant))
+
+
 def test_a_singular_start_has_an_outcome_and_no_run():
     reduced = systems.space_robot()
     straight = reduced.robot.configuration()
