@@ -5,10 +5,10 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Literal, TypeAlias, cast
 
 import numpy as np
-import scipy
 
 from rnc_pin.control import ZeroInput
 from rnc_pin.control.controller import Controller, describe
@@ -24,7 +24,7 @@ from rnc_pin.model.parameter_types import Positive
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.plants import ReducedPlant
-from rnc_pin.plants.reduced.reduced_plant import Checkpoint
+from rnc_pin.plants.reduced.reduced_plant import EventStep
 from rnc_pin.simulation.ending import Progress, complete_run
 from rnc_pin.simulation.phase_events import BoundEvent, Event, LiftOffMonitor, PushingForces
 from rnc_pin.simulation.phase_record import PhasePart, joined
@@ -36,7 +36,6 @@ from rnc_pin.simulation.trajectory import Trajectory
 
 _REBOUND = 1e-6  # velocity against a row that counts as a rebound, relative to the speed
 _SAME = 1e-9  # relative change of the velocity below which there is no impact
-_PRECISION = 1e-12  # of the time of an event, relative to the sampling period
 OnLiftOff = Literal["ignore", "stop", "release"]
 
 
@@ -281,21 +280,18 @@ class _PhasedRun:
                     return
             if sample + 1 == count:
                 break
-            here = plant.checkpoint()
-            run.advance()
+            step = EventStep(plant, self._dt)
             values = [_value(event, plant) for event in events]
-            times = [
-                _time_of_crossing(event, plant, here, self._dt, before)
-                for event, before, after in zip(events, now, values, strict=True)
+            found = [
+                (step.crossing(partial(_value, event, plant)), number)
+                for number, (event, before, after) in enumerate(zip(events, now, values, strict=True))
                 if event.crossed(before, cast(float, after))
             ]
-            if times:
-                crossed = [e for e, b, a in zip(events, now, values, strict=True) if e.crossed(b, cast(float, a))]
-                first = int(np.argmin(times))
-                plant.rollback(here)
-                plant.advance(times[first])
-                run.record_between(times[first], plant.integrals, plant.applied)
-                self._end(phase, crossed[first], sample * self._dt + times[first])
+            if found:
+                elapsed, number = min(found)
+                step.move_to(elapsed)
+                run.record_between(elapsed, plant.integrals, plant.applied)
+                self._end(phase, events[number], sample * self._dt + elapsed)
                 return
         if phase.until is not None:
             raise SimulationError(f"'{events[0].name}' did not occur within {phase.duration:g} s")
@@ -357,19 +353,6 @@ def _events(phase: Phase) -> list[BoundEvent]:
     if phase.on_lift_off == "release":
         events.append(LiftOffMonitor(PushingForces(phase.reduced, phase.pushing)).event())
     return events
-
-
-def _time_of_crossing(event: BoundEvent, plant: ReducedPlant, here: Checkpoint, dt: float, before: float) -> float:
-    """Time in (0, dt] at which the value of an event crosses zero [s]."""
-
-    def value(elapsed: float) -> float:
-        if elapsed == 0.0:
-            return before
-        plant.rollback(here)
-        plant.advance(elapsed)
-        return _value(event, plant)
-
-    return float(scipy.optimize.brentq(value, 0.0, dt, xtol=_PRECISION * dt, rtol=1e-14))
 
 
 def _check_same_robot(first: ReducedModel, other: ReducedModel, number: int) -> None:

@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
-import scipy
 
 from rnc_pin.errors import ConfigurationError, InputError, SimulationError
 from rnc_pin.model.impact import Impact
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.plants.reduced.contact_modes import Closed, ContactModes, consistent, force_margin
-from rnc_pin.plants.reduced.reduced_plant import Checkpoint, ReducedPlant
+from rnc_pin.plants.reduced.reduced_plant import EventStep, ReducedPlant
 from rnc_pin.plants.reduced.unilateral_contact import BoundContact, UnilateralContact
 
 _INSIDE = 1e-4  # depth below the ground that counts as rounding of an initial configuration [m]
 _TOUCHES = 1e-9  # gap of a contact that lands together with another one [m]
 _ROUNDING = 1e-12  # depth below the ground that rounding explains after a contact has opened [m]
-_PRECISION = 1e-12  # of the time of an event, relative to the time of a step
 _HALVINGS = 40
 _EVENTS = 100  # largest number of events in one step
 
@@ -190,28 +188,21 @@ class ContactPlant:
         end = self._time + dt
         for _ in range(_EVENTS):
             left = end - self._time
-            here, before = self._plant.checkpoint(), _Signals(self._modes, self.closed, self._plant)
-            self._plant.advance(left)
-            there = self._plant.checkpoint()
-            event = self._first_event(here, before, left)
+            before = _Signals(self._modes, self.closed, self._plant)
+            step = EventStep(self._plant, left)
+            event = self._first_event(step, before)
             if event is None:
-                self._plant.rollback(there)
+                step.move_to(left)
                 self._time = end
                 return
             elapsed, number = event
-            self._go(here, elapsed)
+            step.move_to(elapsed)
             self._time = min(self._time + elapsed, end)
             self._happen(number)
         raise SimulationError(
             f"contacts open and close {_EVENTS} times within {dt:g} s at t = {self._time:.4f} s: "
             "increase the rest_speed of the contacts"
         )
-
-    def _go(self, here: Checkpoint, elapsed: float) -> None:
-        """Move to a time after a checkpoint [s]."""
-        self._plant.rollback(here)
-        if elapsed > 0.0:
-            self._plant.advance(elapsed)
 
     def _happen(self, number: int) -> None:
         """Open or close a contact at the present state."""
@@ -279,28 +270,26 @@ class ContactPlant:
 
     # ------------------------------------------------------------------ events
 
-    def _first_event(self, here: Checkpoint, before: _Signals, dt: float) -> tuple[float, int] | None:
-        """Time after the checkpoint [s] and contact of the first event within a step; None without any."""
+    def _first_event(self, step: EventStep, before: _Signals) -> tuple[float, int] | None:
+        """Time after the start of a step [s] and contact of the first event within it; None without any."""
         after = _Signals(self._modes, self.closed, self._plant)
         found: list[tuple[float, int]] = []
         margin = force_margin(after.forces)
         for column, number in enumerate(sorted(self.closed)):
             if after.forces[column] < -margin:
-                found.append((self._zero_of_force(here, before, column, dt), number))
+                found.append((self._zero_of_force(step, before, column), number))
         for number in range(len(self._modes.contacts)):
             if number not in self.closed:
-                time = self._landing_time(here, before, after, number, dt)
+                time = self._landing_time(step, before, after, number)
                 found += [] if time is None else [(time, number)]
         return min(found, default=None)
 
-    def _zero_of_force(self, here: Checkpoint, before: _Signals, column: int, dt: float) -> float:
+    def _zero_of_force(self, step: EventStep, before: _Signals, column: int) -> float:
         if before.forces[column] <= 0.0:
             return 0.0
-        return self._root(here, lambda: float(_Signals(self._modes, self.closed, self._plant).forces[column]), 0.0, dt)
+        return step.crossing(lambda: float(_Signals(self._modes, self.closed, self._plant).forces[column]))
 
-    def _landing_time(
-        self, here: Checkpoint, before: _Signals, after: _Signals, number: int, dt: float
-    ) -> float | None:
+    def _landing_time(self, step: EventStep, before: _Signals, after: _Signals, number: int) -> float | None:
         """Time at which the gap of a contact becomes zero; None if it stays open."""
         contact = self._modes.contacts[number]
 
@@ -310,29 +299,20 @@ class ContactPlant:
         def rate() -> float:
             return contact.gap_rate(self._modes.position(self._plant.state.q), self._plant.state.v)
 
-        end, departs = dt, before.gaps[number] <= _ROUNDING
+        end, departs = step.dt, before.gaps[number] <= _ROUNDING
         if after.gaps[number] >= (-_ROUNDING if departs else 0.0):
             # It may touch the ground in between, such as the corner of a body that turns.
             if not before.rates[number] < 0.0 < after.rates[number]:
                 return None
-            end = self._root(here, rate, 0.0, dt)
-            self._go(here, end)
+            end = step.crossing(rate)
+            step.move_to(end)
             if gap() >= -_ROUNDING:
                 return None
         if not departs:
-            return self._root(here, gap, 0.0, end)
+            return step.crossing(gap, 0.0, end)
         for halving in range(1, _HALVINGS):
             start = end * 0.5**halving
-            self._go(here, start)
+            step.move_to(start)
             if gap() > 0.0:
-                return self._root(here, gap, start, end)
+                return step.crossing(gap, start, end)
         return 0.0
-
-    def _root(self, here: Checkpoint, value: Callable[[], float], start: float, end: float) -> float:
-        """Time after the checkpoint at which a value of the state crosses zero [s]."""
-
-        def at(elapsed: float) -> float:
-            self._go(here, elapsed)
-            return value()
-
-        return float(scipy.optimize.brentq(at, start, end, xtol=_PRECISION * end, rtol=1e-14))

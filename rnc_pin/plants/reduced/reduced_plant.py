@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from rnc_pin.errors import DivergenceError, InputError
 from rnc_pin.model.reduced_model import ReducedModel
@@ -14,6 +16,8 @@ from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics
 from rnc_pin.plants.reduced.dissipative_step import DissipativeStep
 from rnc_pin.plants.reduced.dry_friction import DryFriction
 from rnc_pin.plants.reduced.velocity_chart import VelocityChart
+
+_PRECISION = 1e-12  # of the time of an event, relative to the end of its bracket
 
 
 class Checkpoint(NamedTuple):
@@ -161,3 +165,44 @@ class ReducedPlant:
         if self.reduced.assembly.size and np.isfinite(q).all():  # otherwise the next access to ``state`` raises
             q = self._dynamics.project(q, y)
         self._q, self._y, self._state = q, y, None
+
+
+class EventStep:
+    """Step of a plant under constant inputs, within which events are located.
+
+    Args:
+        plant: plant at the start of the step. It advances to the end.
+        dt: duration of the step [s].
+
+    Attributes:
+        dt: duration of the step [s].
+
+    Raises:
+        DivergenceError: as ``ReducedPlant.advance``.
+    """
+
+    def __init__(self, plant: ReducedPlant, dt: float) -> None:
+        self._plant, self.dt, self._start = plant, dt, plant.checkpoint()
+        plant.advance(dt)
+        self._end = plant.checkpoint()
+
+    def move_to(self, elapsed: float) -> None:
+        """Move the plant to a time after the start of the step [s]."""
+        self._plant.rollback(self._end if elapsed == self.dt else self._start)
+        if 0.0 < elapsed < self.dt:
+            self._plant.advance(elapsed)
+
+    def crossing(self, value: Callable[[], float], start: float = 0.0, end: float | None = None) -> float:
+        """Return the time after the start of the step at which a value of the plant's state crosses zero [s].
+
+        Args:
+            value: the value at the present state of the plant.
+            start, end: times with values of opposite signs [s]; by default those of the step.
+        """
+        end = self.dt if end is None else end
+
+        def at(elapsed: float) -> float:
+            self.move_to(elapsed)
+            return value()
+
+        return float(scipy.optimize.brentq(at, start, end, xtol=_PRECISION * end, rtol=1e-14))
