@@ -14,7 +14,7 @@ from rnc_pin.gym.episode_task import EpisodeStart, EpisodeTask
 from rnc_pin.math.coordinates import wrapped
 from rnc_pin.model.configuration_evaluation import scaled_rows
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plants import ReducedPlantBatch
+from rnc_pin.plants import ReducedPlant, ReducedPlantBatch
 from rnc_pin.plants.reduced.reduced_plant import Checkpoint
 from rnc_pin.simulation.stop import Stop, StopMonitor
 
@@ -74,7 +74,8 @@ class EpisodeBatch:
         settings, reduced = task.scenario.simulation, task.reduced
         assert settings is not None
         damped, rubbing, substeps = settings.joint_damping, settings.joint_friction, settings.substeps * task.samples
-        self._plants = ReducedPlantBatch(reduced, size, damped, False, rubbing, substeps)  # ``step`` clips
+        plant = ReducedPlant(reduced, damped, False, rubbing, substeps)  # ``step`` clips
+        self._plants = ReducedPlantBatch(plant, size)
         self._plants.reset(task.nominal.q, task.nominal.v)
         self._nominal = self._plants.checkpoint(0)
         self._stop = StopMonitor(Stop(speed=np.inf, position_limits=True), reduced.robot)

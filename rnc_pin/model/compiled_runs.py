@@ -42,11 +42,6 @@ class CompiledRuns(NumPyRuns):
         self._calls.integrate_runs(charts, q, y, T, h, steps, kinematics, q_end, y_end, status)
         return q_end, y_end, status
 
-    def place(self, q: Array, record: Array) -> None:
-        numbers, inverse = np.empty(self.kinematics_size), np.empty(self._kernel.inverse.itemsize // 8)
-        self._calls.configure(q, numbers, inverse, None, False)
-        record[:] = numbers
-
     def measure(self, q: Array, v: Array, kinematics: Array, status: Array) -> RunRecords:
         kernel, data = self._kernel, self._kernel.data
         if not kernel.measures:

@@ -71,9 +71,6 @@ class NumPyRuns:
         """
         return q, y, np.zeros(len(q))
 
-    def place(self, q: Array, record: Array) -> None:
-        """Write the kinematics at one configuration (nq,) into a record."""
-
     def measure(self, q: Array, v: Array, kinematics: Array, status: Array) -> RunRecords:
         """Quantities of states (q, v) with records of kinematics.
 

@@ -52,9 +52,7 @@ class LockStep:
         plant = runs[0].plant
         assert isinstance(plant, ReducedPlant)
         self._runs, self._dt, self._samples, self.samples_done = list(runs), dt, samples, 0
-        self._plants = ReducedPlantBatch(
-            plant.reduced, len(runs), actuator_limits=plant.actuator_limits, substeps=plant.substeps
-        )
+        self._plants = ReducedPlantBatch(plant, len(runs))
         self._limits = plant.reduced.actuation.limits if plant.actuator_limits else None
         self._rows = np.full((len(runs), samples, runs[0].record.width), np.nan)
         for place, (run, rows) in enumerate(zip(runs, self._rows, strict=True)):

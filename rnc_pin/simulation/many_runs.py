@@ -60,11 +60,7 @@ class RunArguments(NamedTuple):
 
     def on_own_plant(self) -> RunArguments:
         """Return these arguments with a new ``ReducedPlant`` of equal options, for a run with a ``lock_step_key``."""
-        plant = self.plant
-        if not isinstance(plant, ReducedPlant):
-            return self
-        own = ReducedPlant(plant.reduced, actuator_limits=plant.actuator_limits, substeps=plant.substeps)
-        return self._replace(plant=own)
+        return self._replace(plant=self.plant.twin()) if isinstance(self.plant, ReducedPlant) else self
 
 
 def is_batch(controller: object, q0: object, v2_0: object, plant: object, options: object) -> bool:

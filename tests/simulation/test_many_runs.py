@@ -102,7 +102,7 @@ def test_a_trailer_that_steers_after_its_tractor():
     task, path = rnc.Task.of(reduced, *TASK), CarPath((-8, 3, 0), (0, 0, 0), 12.0, 1.0)
     slithering = SlitheringReference(reduced, task, "tractor", "rear_axle")
     tracker = VelocityTracker(SteeringController(reduced, task, path.reference, slithering))
-    assert accepts_batches(tracker)
+    assert accepts_batches(tracker) == reduced.evaluator.compiled
     q0 = np.tile(reduced.robot.configuration({"root_joint": [-8, 3, 0]}), (4, 1))
     q0[3, 4] = 1.2  # front steering
     v2_0 = np.array([[0.5, 0.0, 0.0], [1.5, 0.3, -0.2], [-0.9, 0.0, 0.1], [25.0, 0.0, 0.0]])
@@ -224,7 +224,7 @@ class Impatient(Shy):
 def test_an_interruption_ends_all_runs(sleigh, at_rest):
     runs = rnc.simulate(sleigh, Impatient(), np.stack([at_rest, at_rest]), DURATION, DT)
     assert [str(outcome) for outcome in runs.outcomes] == ["interrupted", "interrupted"]
-    assert [len(run.time) for run in runs] == [6, 6]
+    assert [len(run.time) for run in runs] == ([6, 6] if sleigh.evaluator.measures else [6, 0])
 
 
 def test_an_interruption_ends_the_runs_that_follow_one_another(sleigh, at_rest):

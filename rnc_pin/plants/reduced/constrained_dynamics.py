@@ -63,6 +63,7 @@ class ConstrainedDynamics:
     Attributes:
         damping: viscous damping coefficients (nv,); None without damping.
         integrated: mask (r,) of the reducing outputs with an integral.
+        state_size: length of y.
         chart: current velocity chart, since ``initial``.
 
     Raises:
@@ -82,6 +83,7 @@ class ConstrainedDynamics:
         blocks = [(block, where) for block, where, _ in x2.places if isinstance(block, OutputRows)]
         self._integrands = OutputStack([block for block, where in blocks if self.integrated[where].any()])
         self._where = np.flatnonzero(self.integrated)
+        self.state_size = self._r + len(self._where) + reduced.rheonomic + 1
         self._no_integrals = np.zeros(self._r)
         self._no_integrals.setflags(write=False)
         self._integrator = LieRungeKutta4(reduced.robot)
@@ -95,7 +97,8 @@ class ConstrainedDynamics:
         if chart is None:
             chart = self._chart_at(q, t if rheonomic else None)
         self.chart = chart
-        y = np.concatenate([self.chart.W @ v, np.zeros(len(self._where) + 1 + rheonomic)])
+        y = np.zeros(self.state_size)
+        y[: self._r] = self.chart.W @ v
         if rheonomic:
             y[-2] = t
         return y

@@ -1,8 +1,9 @@
-"""Plants of many runs side by side; each moves as a ``ReducedPlant`` of its own, to the bit."""
+"""Plants of many runs of one model, which advance in lock-step."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from numpy import ndarray as Array
@@ -11,7 +12,6 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.errors import InputError
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.input_validation import numbers_of
-from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.runs import NumPyRuns, RunRecords
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.reduced.reduced_plant import Checkpoint, ReducedPlant
@@ -21,29 +21,27 @@ from rnc_pin.plants.reduced.velocity_chart import MAX_GROWTH, VelocityChart
 class ReducedPlantBatch:
     """Plants of B runs of one model that advance in lock-step.
 
-    Every run has the bits of a ``ReducedPlant`` with the same options. One call of the compiled kernel moves all runs.
-    A run that the kernel cannot decide takes the path of the single plant. A run that fails keeps its last state and
-    rests, and the others go on; ``reset`` restarts it.
+    One call of the compiled kernel moves all runs. A run that the kernel cannot decide takes the path of the single
+    plant. A run that fails keeps its last state and rests, and the others go on; ``reset`` restarts it.
 
     Args:
-        reduced: reduced model.
+        plant: plant with the model and the options of all runs; it does not move.
         size: number of runs B.
-        joint_damping, actuator_limits, joint_friction, substeps: as for ``ReducedPlant``.
 
     Attributes:
+        reduced: model of all runs.
         applied: applied inputs (B, p).
         failed: mask (B,) of the runs that failed.
         measures: True if ``measure`` is possible.
         errors: error of each run that failed, None for the others.
 
     Raises:
-        ConstraintError: as for ``ReducedPlant``.
-        InputError: size or substeps is not a positive integer.
+        InputError: size is not a positive integer.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
         >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
-        >>> plants = rnc.plants.ReducedPlantBatch(system.reduce(), size=3)
+        >>> plants = rnc.plants.ReducedPlantBatch(rnc.ReducedPlant(system.reduce()), size=3)
         >>> plants.reset(robot.configuration({"joint_2": 1.0}), np.zeros(4))  # the same start for all runs
         >>> plants.apply([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [np.inf, 0.0, 0.0]])
         >>> plants.advance(0.002)
@@ -54,31 +52,23 @@ class ReducedPlantBatch:
         array([0.    , 0.0028,    nan])
     """
 
-    def __init__(
-        self,
-        reduced: ReducedModel,
-        size: int,
-        joint_damping: bool = False,
-        actuator_limits: bool = False,
-        joint_friction: bool = False,
-        substeps: int = 1,
-    ) -> None:
+    def __init__(self, plant: ReducedPlant, size: int) -> None:
+        if not isinstance(plant, ReducedPlant):
+            raise InputError(f"plant of a ReducedPlantBatch: expected a ReducedPlant, found {type(plant).__name__}")
         if not isinstance(size, int | np.integer) or isinstance(size, bool) or size < 1:
             raise InputError(f"size of a ReducedPlantBatch has to be a positive integer, found {size!r}")
-        self._single = ReducedPlant(reduced, joint_damping, actuator_limits, joint_friction, substeps)
-        self.reduced, self.size = reduced, int(size)
-        data = reduced.reduction_data
-        self.measures = reduced.evaluator.measures and not data.affine and not data.rheonomic
-        self._limit = 0.0
-        self._q = np.full((self.size, reduced.robot.nq), np.nan)
-        self._v = np.full((self.size, reduced.n), np.nan)
-        self._y = np.zeros((self.size, 0))
-        self.applied = np.zeros((self.size, reduced.p))
+        self._single = plant.twin()
+        self.reduced, self.size = plant.reduced, int(size)
+        data = self.reduced.reduction_data
+        self.measures = self.reduced.evaluator.measures and not data.affine and not data.rheonomic
+        self._limit = self.reduced.r + MAX_GROWTH
+        self._q = np.full((self.size, self.reduced.robot.nq), np.nan)
+        self._y = np.zeros((self.size, self._single._dynamics.state_size))
+        self.applied = np.zeros((self.size, self.reduced.p))
         self._charts: list[VelocityChart | None] = [None] * self.size
-        self._kinematics = np.empty((self.size, self._runs.kinematics_size))
+        self._v, self._kinematics = (np.empty((self.size, 0)) for _ in range(2))
+        self._located = False  # True if ``_v`` and ``_kinematics`` are those of the state
         self._records: RunRecords | None = None
-        self._current = np.zeros(self.size, dtype=bool)  # runs whose ``_v`` and kinematics are those of the state
-        self._known = np.zeros(self.size, dtype=bool)  # runs whose kinematics are in ``_kinematics``
         self.errors: list[Exception | None] = [None] * self.size
         self.failed = np.zeros(self.size, dtype=bool)
 
@@ -134,38 +124,33 @@ class ReducedPlantBatch:
     def advance(self, dt: float) -> None:
         """Integrate all runs that have not failed over a time dt [s]."""
         self._locate()
-        single = self._single
-        moving = np.flatnonzero(~self.failed)
-        others = moving
-        if len(moving) and not single._dissipative.needed:
-            q, y, status = self._integrated(moving, dt / single.substeps, single.substeps)
-            done = status == 1.0
+        single, alone = self._single, ~self.failed
+        if not single.dissipates:
+            steps = single.substeps
+            arrays = self._q, self._y, self.applied, dt / steps, steps, self._kinematics
+            q, y, status = self._runs.integrate(tuple(self._chart_calls), *arrays)
+            done = alone & (status == 1.0)
             if self.reduced.assembly.size:
-                for i in np.flatnonzero(done):
-                    if np.isfinite(q[i]).all():
-                        q[i] = single._dynamics.project(q[i].copy(), y[i].copy())
-            self._q[moving[done]], self._y[moving[done]] = q[done], y[done]
-            self._current[moving[done]] = False
-            others = moving[~done]
-        for run in others.tolist():
-            self._advance_alone(run, dt)
+                for run in np.flatnonzero(done).tolist():
+                    if np.isfinite(q[run]).all():
+                        q[run] = single._dynamics.project(q[run].copy(), y[run].copy())
+            self._q, self._y = (
+                (q, y) if done.all() else (np.where(done[:, None], *each) for each in ((q, self._q), (y, self._y)))
+            )
+            alone &= ~done
+        for run in np.flatnonzero(alone).tolist():
+            self._alone(run, partial(single.advance, dt))
+        self._located = False
 
-    def _integrated(self, moving: Array, h: float, steps: int) -> tuple[Array, Array, Array]:
-        """States (m, nq) and (m, s) of runs after equal steps, and the status (m,) of the kernel."""
-        select = slice(None) if len(moving) == self.size else moving
-        kinematics = self._kinematics[select] if self._known[select].all() else None
-        arrays = self._q[select], self._y[select], self.applied[select]
-        return self._runs.integrate(self._calls(moving), *arrays, h, steps, kinematics)
-
-    def _advance_alone(self, run: int, dt: float) -> None:
-        single = self._single
-        single.rollback(self.checkpoint(run))
+    def _alone(self, run: int, move: Callable[[], object]) -> None:
+        """Let the single plant take the place of a run for a call; the run fails if the call raises an error."""
+        self._single.rollback(self.checkpoint(run))
         try:
-            single.advance(dt)
+            move()
         except Exception as error:  # the other runs go on
-            self._fail(run, error)
+            self.errors[run], self.failed[run] = error, True
             return
-        self.rollback(run, single.checkpoint())
+        self._take(run, self._single.checkpoint())
 
     # ------------------------------------------------------------------ quantities
 
@@ -199,28 +184,26 @@ class ReducedPlantBatch:
         if chart is None:
             raise InputError(f"run {run} has not started: call reset")
         q, y = self._q[run].copy(), self._y[run].copy()
-        state = self._single._dynamics.measured(q, self._v[run].copy(), y) if self._current[run] else None
+        known = self._located and not self.failed[run]
+        state = self._single._dynamics.measured(q, self._v[run].copy(), y) if known else None
         return Checkpoint(q, y, state, self.applied[run].copy(), chart)
 
     def rollback(self, run: int, checkpoint: Checkpoint) -> None:
         """Continue one run from a ``checkpoint`` of it or of a ``ReducedPlant`` with the same options."""
-        q, y, state, applied, chart = checkpoint
-        if self._y.shape[1] != len(y):
-            self._y = np.zeros((self.size, len(y)))
-        self._limit = chart.evaluator.data.r + MAX_GROWTH
-        self._q[run], self._y[run], self.applied[run] = q, y, applied
+        self._take(run, checkpoint)
+        self.errors[run], self.failed[run], self._located = None, False, False
+
+    def _take(self, run: int, checkpoint: Checkpoint) -> None:
+        """Write the state of one run."""
+        self._q[run], self._y[run], _, self.applied[run], chart = checkpoint
         if chart is not self._charts[run]:
             self._charts[run], self._chart_calls[run] = chart, chart.evaluator.chart
-        self._known[run], self._current[run] = False, state is not None
-        if state is not None:
-            self._v[run] = state.v
-        self.errors[run], self.failed[run] = None, False
 
     def keep(self, runs: Array) -> None:
         """Keep only these runs, by a mask (B,) or by indices."""
         which = np.arange(self.size)[runs]
         self.size = len(which)
-        for name in ("_q", "_v", "_y", "applied", "_kinematics", "_current", "_known", "failed"):
+        for name in ("_q", "_v", "_y", "applied", "_kinematics", "failed"):
             setattr(self, name, getattr(self, name)[which])
         self._charts = [self._charts[run] for run in which]
         self._chart_calls = [self._chart_calls[run] for run in which]
@@ -237,13 +220,7 @@ class ReducedPlantBatch:
         if not self.measures:
             raise InputError("the compiled kernel cannot measure this model: measure one state at a time")
         self._locate()
-        unknown = np.flatnonzero(self._current & ~self._known).tolist()
-        if unknown:
-            self._kinematics = self._kinematics.copy()
-        for run in unknown:
-            self._runs.place(self._q[run], self._kinematics[run])
-            self._known[run] = True
-        status = (self._current & ~self.failed).astype(float)  # a run that failed may keep the state before
+        status = (~self.failed).astype(float)
         q, v = self._q.copy(), self._v.copy()
         self._records = self._runs.measure(q, v, self._kinematics, status)
         return self._runs.states(q, v, self._records), status == 1.0
@@ -256,48 +233,22 @@ class ReducedPlantBatch:
 
     # ------------------------------------------------------------------ velocities
 
-    def _calls(self, runs: Array) -> tuple[object, ...]:
-        """``NumPyEvaluator.chart`` of the charts of some runs."""
-        every = self._chart_calls
-        return tuple(every) if len(runs) == self.size else tuple(every[run] for run in runs.tolist())
-
     def _locate(self) -> None:
-        """Bring the velocities of all runs up to date, in charts that are regular there."""
-        behind = np.flatnonzero(~self._current & ~self.failed)
-        if not len(behind):
+        """Bring velocities and kinematics of all runs up to date, in charts that are regular there."""
+        if self._located:
             return
-        missing = behind
-        if self._y.shape[1]:
-            select = slice(None) if len(behind) == self.size else behind
-            kinematics = np.empty((len(behind), self._runs.kinematics_size))
-            v, status = np.empty((len(behind), self.reduced.n)), np.zeros(len(behind))
-            arrays = self._q[select], self._y[select], self._limit, kinematics, v, status
-            self._runs.velocities(self._calls(behind), *arrays)
-            done = status == 1.0
-            if len(behind) < self.size:
-                whole = self._kinematics.copy()  # ``measure`` may have given the other away
-                whole[behind] = kinematics
-                kinematics = whole
-            self._kinematics = kinematics
-            self._v[behind[done]] = v[done]
-            self._current[behind[done]], self._known[behind] = True, True
-            missing = behind[~done]
-        for run in missing.tolist():
-            self._locate_alone(run)
-
-    def _locate_alone(self, run: int) -> None:
-        single, known = self._single, bool(self._known[run])
-        single.rollback(self.checkpoint(run))
-        try:
-            _ = single.state
-        except Exception as error:  # the other runs go on
-            self._fail(run, error)
-            return
-        self.rollback(run, single.checkpoint())
-        self._known[run] = known  # q is the same
-
-    def _fail(self, run: int, error: Exception) -> None:
-        self.errors[run], self.failed[run] = error, True
+        if None in self._charts:
+            self.checkpoint(self._charts.index(None))  # raises the error of a run that has not started
+        self._v = np.full((self.size, self.reduced.n), np.nan)
+        self._kinematics = np.empty((self.size, self._runs.kinematics_size))
+        status = np.zeros(self.size)
+        arrays = self._q, self._y, self._limit, self._kinematics, self._v, status
+        self._runs.velocities(tuple(self._chart_calls), *arrays)
+        for run in np.flatnonzero((status != 1.0) & ~self.failed).tolist():
+            self._alone(run, lambda: self._single.state)
+            if not self.failed[run]:
+                self._v[run] = self._single.state.v
+        self._located = True
 
 
 def _rows(values: Array, count: int, size: int, name: str) -> Array:

@@ -75,10 +75,18 @@ class ReducedPlant:
         self.joint_damping, self.actuator_limits, self.joint_friction = joint_damping, actuator_limits, joint_friction
         self._dynamics = ConstrainedDynamics(reduced, joint_damping, actuator_limits)
         self._dissipative = DissipativeStep(self._dynamics, DryFriction(reduced, joint_friction))
+        self._actuator_friction = 0.0
         self.applied = np.zeros(reduced.p)
         self._q: np.ndarray
         self._y: np.ndarray
         self._state: StateEvaluation | None = None
+
+    def twin(self) -> ReducedPlant:
+        """Return another plant with the same model and options."""
+        options = self.joint_damping, self.actuator_limits, self.joint_friction, self.substeps
+        other = ReducedPlant(self.reduced, *options)
+        other.set_actuator_friction(self._actuator_friction)
+        return other
 
     def reset(self, q: np.ndarray, v: np.ndarray, t: float = 0.0) -> None:
         """Restart at configuration q (nq,) and velocity v (nv,); velocity against the constraints is removed.
@@ -131,6 +139,7 @@ class ReducedPlant:
 
     def set_actuator_friction(self, limit: float) -> None:
         """Set the dry friction limit of every actuator [N or N m]; ``applied`` does not include it."""
+        self._actuator_friction = limit
         self._dissipative.friction.set_actuators(limit)
 
     @property
@@ -141,7 +150,7 @@ class ReducedPlant:
     @property
     def external(self) -> np.ndarray | None:
         """Current generalized forces (nv,) of damping and friction; None without them."""
-        if not self._dissipative.needed:
+        if not self.dissipates:
             return None
         damped = self._dynamics.damping_force(self.state)
         force = np.zeros(self.reduced.n) if damped is None else damped
@@ -157,7 +166,7 @@ class ReducedPlant:
         """
         _ = self.state  # in a chart that is regular here
         q, y, h = self._q, self._y, dt / self.substeps
-        if self._dissipative.needed:
+        if self.dissipates:
             for _ in range(self.substeps):
                 q, y = self._dissipative.advance(q, y, self.applied, h)
         else:
