@@ -63,7 +63,6 @@ class DerivedQuantities:
 
     def __init__(self, reduced: ReducedModel, rows: RowNames, bodies: Sequence[GroundBody]) -> None:
         self._reduced, self._rows, self._bodies = reduced, rows, bodies
-        self._missing = 0.0 if rows.switching else np.nan
 
     def empty(self, samples: int) -> dict[str, Array]:
         """Arrays of all quantities, without values."""
@@ -108,30 +107,23 @@ class DerivedQuantities:
         multipliers, contact_forces = moved.multipliers(T, external), moved.contact_forces(T, external)
         pushing = np.zeros((len(q), 0)) if normal is None else normal.at(moved, T, external)
         kinematic, assembly = (own, plant.assembly) if rows.switching else (seen, reduced.assembly)
-        residual, kept = kinematic.residual, plant.constraints.names
+        residual, kept, missing = kinematic.residual, plant.constraints.names, 0.0 if rows.switching else np.nan
         return {
             "F": F,
-            "multipliers": self._columns(rows.multipliers, kept, multipliers),
-            "contact_forces": self._columns(rows.contact_forces, plant.all_constraints.names, contact_forces),
-            "normal_forces": self._columns(rows.normal_forces, () if normal is None else normal.names, pushing),
+            "multipliers": columns_by_name(rows.multipliers, kept, multipliers, missing),
+            "contact_forces": columns_by_name(
+                rows.contact_forces, plant.all_constraints.names, contact_forces, missing
+            ),
+            "normal_forces": columns_by_name(
+                rows.normal_forces, () if normal is None else normal.names, pushing, missing
+            ),
             "energy": np.asarray(own.energy),
-            "slip": self._columns(rows.multipliers, kept, residual) if rows.switching else residual,
+            "slip": columns_by_name(rows.multipliers, kept, residual, missing) if rows.switching else residual,
             "constraint_residual": np.abs(residual).max(axis=-1, initial=0.0),
             "position_residual": np.abs(assembly.residual(q, t)).max(axis=-1, initial=0.0),
             "singular_value": np.asarray(seen.smallest_singular_value),
             "ground_poses": ground_poses(self._bodies, seen.position),
         }
-
-    def _columns(self, wanted: tuple[str, ...], known: tuple[str, ...], values: Array) -> Array:
-        """Select columns of values (N, k) by name; those without a name are zero if rows switch, else NaN."""
-        if wanted == known:
-            return values
-        columns = {name: column for column, name in enumerate(known)}
-        found = np.full((len(values), len(wanted)), self._missing)
-        for place, name in enumerate(wanted):
-            if name in columns:
-                found[:, place] = values[:, columns[name]]
-        return found
 
 
 @once_per_model
@@ -149,3 +141,15 @@ def _free_evaluator(reduced: ReducedModel, entries: tuple[int, ...]) -> NumPyEva
         data = reduced.reduction_data.in_entries(entries, free=True)
         known[entries] = evaluator_for(data, reduced.evaluator)
     return known[entries]
+
+
+def columns_by_name(wanted: Sequence[str], known: Sequence[str], values: Array, missing: float) -> Array:
+    """Select columns of values (N, k) by name; those of unknown names have the value ``missing``."""
+    if tuple(wanted) == tuple(known):
+        return values
+    columns = {name: column for column, name in enumerate(known)}
+    found = np.full((len(values), len(wanted)), missing)
+    for place, name in enumerate(wanted):
+        if name in columns:
+            found[:, place] = values[:, columns[name]]
+    return found

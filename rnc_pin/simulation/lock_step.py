@@ -1,4 +1,4 @@
-"""Runs that advance in lock-step, each with the bits of a run alone.
+"""Runs of one model that advance in lock-step.
 
 Only regular samples are computed together. A run that meets anything else (a singular state, a stop condition, an error
 of its controller) leaves the others before that sample and goes on alone, which raises the errors of a run alone.
@@ -7,12 +7,21 @@ of its controller) leaves the others before that sample and goes on alone, which
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from contextlib import suppress
+from itertools import compress
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
-from rnc_pin.control.controller import Command
+from rnc_pin.control.batches import (
+    NotStackable,
+    accepts_batches,
+    measurement_of_run,
+    stack_states,
+    state_of_runs,
+)
+from rnc_pin.control.controller import Command, Controller, State
 from rnc_pin.loop import LoopState
 from rnc_pin.math.linear_algebra import apply, clipped
 from rnc_pin.model.measurement import Measurement
@@ -20,7 +29,6 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import ReducedPlant, ReducedPlantBatch
 from rnc_pin.simulation.ending import Progress
 from rnc_pin.simulation.sampled_run import SampledRun
-from rnc_pin.simulation.steps_of_runs import StepsOfRuns, steps_of_runs
 
 _GOALS = ("v2_desired", "x1_desired", "x2_desired")
 
@@ -32,6 +40,80 @@ class Leaver(NamedTuple):
     """Index among all runs."""
     sampled: bool
     """True if it leaves between a sample and the next, False before a sample."""
+
+
+class _Answer(NamedTuple):
+    """Commands of all runs."""
+
+    command: Command
+    """Fields (B, ...); NaN in the rows of the runs without a value."""
+    states: Any
+    """States of the controllers after the step."""
+    failed: Array
+    """Mask (B,) of the runs whose controller raised an error, or gave another command than expected."""
+
+
+class _Controllers:
+    """Controllers of many runs, and their states: one call for all runs if they share one that accepts batches.
+
+    Args:
+        controllers: controller of each run.
+        states: state of each controller.
+    """
+
+    def __init__(self, controllers: Sequence[Controller], states: Sequence[State]) -> None:
+        self._each, self._shared = list(controllers), False
+        self.states: Any = list(states)
+        if accepts_batches(controllers[0]) and all(each is controllers[0] for each in controllers):
+            with suppress(NotStackable):
+                self.states, self._shared = stack_states(states), True
+
+    def step(self, t: float, measurement: Measurement) -> _Answer:
+        """Return the commands of all runs at time t [s]; ``states`` does not change."""
+        if not self._shared:
+            return self._in_turn(t, measurement, self.states)
+        every = np.ones(len(self._each), dtype=bool)
+        try:
+            command, states = self._each[0].step(t, measurement, self.states)
+            if isinstance(command, Command) and _of_shapes(command, measurement):
+                return _Answer(command, states, ~every)
+            return _Answer(Command(), None, every)
+        except Exception:  # of one run, which is not known
+            found = self._in_turn(t, measurement, [self.state(place) for place in range(len(every))])
+            if found.failed.any():
+                return found
+            try:
+                return found._replace(states=stack_states(found.states))
+            except NotStackable:
+                return found._replace(failed=every)
+
+    def state(self, place: int) -> State:
+        """State of the controller of one run."""
+        return state_of_runs(self.states, place) if self._shared else self.states[place]
+
+    def keep(self, staying: Array) -> None:
+        """Keep only the runs of a mask (B,)."""
+        self._each = list(compress(self._each, staying))
+        self.states = state_of_runs(self.states, staying) if self._shared else list(compress(self.states, staying))
+
+    def _in_turn(self, t: float, measurement: Measurement, before: Sequence[State]) -> _Answer:
+        """Commands of one controller after the other."""
+        commands: list[Command] = []
+        states: list[State] = []
+        failed = np.zeros(len(before), dtype=bool)
+        for place, (controller, state) in enumerate(zip(self._each, before, strict=True)):
+            seen = measurement_of_run(measurement, place)
+            if seen.input_deficit is not None and not seen.input_deficit.any():
+                seen = seen._replace(input_deficit=None, force_deficit=None)
+            command: Any = None
+            try:
+                command, state = controller.step(t, seen, state)
+            except Exception:  # alone it raises the same error
+                failed[place] = True
+            commands.append(command)
+            states.append(state)
+        together, misfits = _together(commands, failed, measurement)
+        return _Answer(together, states, failed | misfits)
 
 
 class LockStep:
@@ -59,9 +141,8 @@ class LockStep:
             assert isinstance(run.plant, ReducedPlant)
             self._plants.rollback(place, run.plant.checkpoint())
             run.record.use(rows)
-        self._steps: StepsOfRuns = steps_of_runs(
-            [run.controller for run in runs], [run.loop.state.controller for run in runs]
-        )
+        states = [run.loop.state.controller for run in runs]
+        self._controllers = _Controllers([run.controller for run in runs], states)
         self._deficit: Array | None = None
         self.places = np.arange(len(runs))
         self.leavers: list[Leaver] = []
@@ -102,7 +183,7 @@ class LockStep:
             return self._leave(stopped, sample)
         integrals = plants.integrals
         measurement = self._measurement(states, integrals)
-        answer = self._steps.step(t, measurement)
+        answer = self._controllers.step(t, measurement)
         if answer.failed.any():
             return self._leave(answer.failed, sample)
         requested, failed = self._inputs(states, answer.command)
@@ -111,7 +192,7 @@ class LockStep:
         T = requested if self._limits is None else clipped(requested, self._limits)
         plants.apply(T)
         self._deficit = None if T is requested or np.array_equal(requested, T) else requested - T
-        self._steps.commit(answer)
+        self._controllers.states = answer.states
         self._record(sample, measurement, integrals, answer.command)
         return True
 
@@ -181,13 +262,49 @@ class LockStep:
             deficit = None if self._deficit is None else self._deficit[place]
             if deficit is not None and not deficit.any():
                 deficit = None
-            state = LoopState(begin=0.0, input_deficit=deficit, controller=self._steps.state(place))
+            state = LoopState(begin=0.0, input_deficit=deficit, controller=self._controllers.state(place))
             run.continue_from(samples, self._plants.checkpoint(place), state)
             run.record.written(samples)
             self.leavers.append(Leaver(number, sampled))
         staying = ~leaving
         self._plants.keep(staying)
-        self._steps.keep(staying)
+        self._controllers.keep(staying)
         self.places = self.places[staying]
         self._deficit = None if self._deficit is None else self._deficit[staying]
         return False
+
+
+def _sizes(measurement: Measurement) -> dict[str, int]:
+    """Size of the goals and forces of a command by name."""
+    r, k = measurement.v2.shape[-1], measurement.x1.shape[-1]
+    return {"F": r, "v2_desired": r, "x1_desired": k, "x2_desired": r}
+
+
+def _of_shapes(command: Command, measurement: Measurement) -> bool:
+    """True if the fields of a command of all runs have their rows."""
+    count, sizes = len(measurement.v2), _sizes(measurement)
+    given = {name: getattr(command, name) for name in sizes}
+    return all(value is None or np.shape(value) == (count, sizes[name]) for name, value in given.items())
+
+
+def _together(commands: Sequence[Command], failed: Array, measurement: Measurement) -> tuple[Command, Array]:
+    """Command of all runs, and the mask (B,) of those whose own has another form."""
+    count, misfits = len(commands), np.zeros(len(commands), dtype=bool)
+    present = [name for name in Command._fields if any(getattr(each, name, None) is not None for each in commands)]
+    sizes, fields = _sizes(measurement), {}
+    for name in present:
+        shapes = [np.shape(value) for each in commands if (value := getattr(each, name, None)) is not None]
+        shape = (sizes[name],) if name in sizes else shapes[0]
+        field = np.full((count, *shape), np.nan)
+        for place, each in enumerate(commands):
+            value = getattr(each, name, None)
+            if value is None:
+                misfits[place] |= name not in ("v2_desired", "x1_desired", "x2_desired")
+            elif np.shape(value) == shape:
+                field[place] = value
+            else:
+                misfits[place] = True
+        fields[name] = field
+    for place, each in enumerate(commands):
+        misfits[place] |= not failed[place] and not isinstance(each, Command)
+    return Command(**fields), misfits

@@ -13,6 +13,7 @@ from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.rows import OutputRows
+from rnc_pin.simulation.derived_quantities import columns_by_name
 from rnc_pin.simulation.judgement import judged_by
 from rnc_pin.simulation.record import columns_of
 from rnc_pin.simulation.run_info import FallbackUse, MissedUpdates, Outcome, OutputNames, PhaseInfo, RunInfo
@@ -181,15 +182,8 @@ def _columns(
     runs: Sequence[Trajectory], wanted: Sequence[str], known: Sequence[Sequence[str]], array: str
 ) -> np.ndarray:
     """Columns of an array by name over all runs; zeros where a run does not have them."""
-    parts = []
-    for run, names in zip(runs, known, strict=True):
-        values = getattr(run, array)
-        out = np.zeros((len(values), len(wanted)))
-        for column, name in enumerate(wanted):
-            if name in names:
-                out[:, column] = values[:, list(names).index(name)]
-        parts.append(out)
-    return np.concatenate(parts)
+    each = (columns_by_name(wanted, own, getattr(run, array), 0.0) for run, own in zip(runs, known, strict=True))
+    return np.concatenate(list(each))
 
 
 def _poses(run: Trajectory, names: Sequence[str]) -> np.ndarray:
