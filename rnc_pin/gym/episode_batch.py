@@ -187,7 +187,7 @@ class EpisodeBatch:
             x1, x2 = (each[together] for each in states.outputs(integrals))
             v2, singular_values = states.v2[together], _smallest_singular_values(states.E[together], data.lengths)
             self._observe(together, states.q[together], x1, x2, v2)
-            stopping = self._stop.may_stop(states)
+            stopping = self._stop.stopped(states).any()
             for i, speed, value in zip(together.tolist(), v2, singular_values, strict=True):
                 state = plants.state(states, i) if stopping else None
                 self.failures[i] = self._failure(state, speed, float(value))

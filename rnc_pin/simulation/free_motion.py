@@ -144,7 +144,7 @@ def free_motion(
         samples = _Samples(*(np.concatenate(each) for each in zip(*pending, strict=True)))
         pending.clear()
         states = StateEvaluation.at(reduced.evaluator, samples.q, v=samples.v, t=samples.times)
-        if feedback is not None or lift_off is not None or stop_monitor.may_stop(states):
+        if feedback is not None or lift_off is not None or stop_monitor.stopped(states).any():
             add(progress, samples)
             return
         progress.time = float(samples.times[-1])

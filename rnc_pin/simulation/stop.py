@@ -63,12 +63,6 @@ class StopMonitor:
                 if low < high:
                     self._ranges.append((name, joint.idx_q, low, high))
 
-    def may_stop(self, states: StateEvaluation) -> bool:
-        """True if one of several states (count,) meets a stop condition."""
-        if not np.abs(states.v2).max(initial=0.0) < self._speed:
-            return True
-        return any(not ((low <= states.q[:, k]) & (states.q[:, k] <= high)).all() for _, k, low, high in self._ranges)
-
     def stopped(self, states: StateEvaluation) -> np.ndarray:
         """Mask (count,) of the states for which ``check`` raises an error."""
         stopped = ~(np.abs(states.v2).max(axis=-1, initial=0.0) < self._speed)
