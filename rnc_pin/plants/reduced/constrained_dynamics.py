@@ -9,7 +9,6 @@ import numpy as np
 
 from rnc_pin.errors import ConstraintError
 from rnc_pin.integrators import LieRungeKutta4, Rate
-from rnc_pin.math.components import Component
 from rnc_pin.math.linear_algebra import clipped, null_space
 from rnc_pin.model.compiled import evaluator_for
 from rnc_pin.model.factorization import constraint_rows
@@ -34,44 +33,22 @@ class VelocityChart:
     Args:
         known: evaluator of any reduction of the system.
         q: centre of the chart (nq,).
-        integrated: outputs whose rates ``derivative`` returns.
+        integrated: outputs whose rates are integrated.
         t: time for rheonomic constraints [s].
+
+    Attributes:
+        W: basis (r, nv).
+        evaluator: evaluator of the reduction to w.
     """
 
     def __init__(self, known: NumPyEvaluator, q: np.ndarray, integrated: OutputStack, t: float | None = None) -> None:
         data, m = known.data, known.data.m
         A = constraint_rows(data, data.kinematics.position(q, t))
-        self._scale = data.lengths[:m]
-        self.W = null_space(A / np.where(self._scale > 0, self._scale, 1.0)[:, None]).T
+        lengths = data.lengths[:m]
+        self.W = null_space(A / np.where(lengths > 0, lengths, 1.0)[:, None]).T
         self.evaluator = evaluator_for(data.in_velocities(self.W, vertical=integrated), known)
 
-    def at(self, q: np.ndarray, w: np.ndarray, t: Component | None = None) -> StateEvaluation:
-        """Return the state at (q, w) of this chart."""
-        return StateEvaluation.at(self.evaluator, q, w, t=t)
-
-    def derivative(
-        self,
-        q: np.ndarray,
-        w: np.ndarray,
-        T: np.ndarray,
-        external: np.ndarray | None,
-        damping: np.ndarray | None,
-        t: float | None = None,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Full velocity at (q, w), and the rates of y, under constant forces."""
-        return self.evaluator.state_derivative(q, w, T, external, damping, t)
-
-    def advance(
-        self, q: np.ndarray, y: np.ndarray, T: np.ndarray, h: float, steps: int
-    ) -> tuple[np.ndarray, np.ndarray] | None:
-        """State (q, y) after equal steps of ``LieRungeKutta4`` under inputs T; None if the integrator has to step."""
-        return self.evaluator.integrate(q, y, T, h, steps)
-
-    def local_rate(self, q: np.ndarray, x: np.ndarray, T: np.ndarray, damping: np.ndarray | None) -> np.ndarray | None:
-        """Rates of ``x = (u, y)`` at ``q (+) u`` under inputs T; None if the integrator has to compute them."""
-        return self.evaluator.chart_rate(q, x, T, damping)
-
-    def velocity(self, q: np.ndarray, w: np.ndarray, t: float | None = None) -> tuple[np.ndarray, bool]:
+    def velocity(self, q: np.ndarray, w: np.ndarray, t: float | None) -> tuple[np.ndarray, bool]:
         """Full velocity at (q, w), and True if this state needs a new chart."""
         v, size = self.evaluator.admissible_velocity(q, w, t)
         return v, not size < self.evaluator.data.r + MAX_GROWTH
@@ -180,7 +157,7 @@ class ConstrainedDynamics:
 
     def at(self, q: np.ndarray, y: np.ndarray) -> StateEvaluation:
         """States (...,) in the current chart."""
-        return self.chart.at(q, np.ascontiguousarray(y[..., : self._r]), self.time(y))
+        return StateEvaluation.at(self.chart.evaluator, q, np.ascontiguousarray(y[..., : self._r]), t=self.time(y))
 
     def integral_rows(self, state: StateEvaluation) -> np.ndarray:
         """Jacobian (k, nv) of the integrals."""
@@ -226,7 +203,7 @@ class ConstrainedDynamics:
         Raises:
             DivergenceError: accelerations are not finite, or a step is longer than the integrator's chart.
         """
-        found = self.chart.advance(q, y, T, h, steps)
+        found = self.chart.evaluator.integrate(q, y, T, h, steps)
         if found is not None:
             return found
         rate = self.derivative(T)
@@ -236,7 +213,7 @@ class ConstrainedDynamics:
 
     def local_rate(self, q: np.ndarray, x: np.ndarray, T: np.ndarray) -> np.ndarray | None:
         """Rates of coordinates ``x = (u, y)`` at ``q (+) u`` under inputs T; None if an integrator computes them."""
-        return self.chart.local_rate(q, x, T, self.damping)
+        return self.chart.evaluator.chart_rate(q, x, T, self.damping)
 
     def derivative(
         self,
@@ -257,7 +234,7 @@ class ConstrainedDynamics:
 
         def rate(q: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             if projection is None:
-                return self.chart.derivative(q, y[: self._r], T, external, self.damping, self.time(y))
+                return self.chart.evaluator.state_derivative(q, y[: self._r], T, external, self.damping, self.time(y))
             return state_rates(projection(self.at(q, y)), T, self.damping, external)
 
         return rate

@@ -13,8 +13,7 @@ from rnc_pin.errors import DivergenceError, InputError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics, VelocityChart
-from rnc_pin.plants.reduced.dissipative_step import DissipativeStep
-from rnc_pin.plants.reduced.dry_friction import DryFriction
+from rnc_pin.plants.reduced.friction import DissipativeStep, DryFriction
 
 _PRECISION = 1e-12  # of the time of an event, relative to the end of its bracket
 
