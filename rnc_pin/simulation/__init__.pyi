@@ -26,10 +26,10 @@ from .preflight import Margins as Margins
 from .preflight import margins_along as margins_along
 from .preflight import preflight as preflight
 from .record import output_names as output_names
+from .rollout import Margin as Margin
 from .rollout import Rollout as Rollout
+from .rollout import RolloutEvaluation as RolloutEvaluation
 from .rollout import kinematic_rollout as kinematic_rollout
-from .rollout_evaluation import Margin as Margin
-from .rollout_evaluation import RolloutEvaluation as RolloutEvaluation
 from .run_info import Columns as Columns
 from .run_info import FallbackUse as FallbackUse
 from .run_info import MissedUpdates as MissedUpdates

@@ -15,8 +15,7 @@ from rnc_pin.errors import InfeasibleError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.planning import Slowed, TaskReference
-from rnc_pin.simulation.rollout import class_1_controller, kinematic_rollout
-from rnc_pin.simulation.rollout_evaluation import RolloutEvaluation
+from rnc_pin.simulation.rollout import RolloutEvaluation, class_1_controller, kinematic_rollout
 
 _LARGEST_TIME_SCALE = 64.0
 _CLOSE = 1e-3

@@ -14,8 +14,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.planning import TaskReference
 from rnc_pin.simulation.friction_demand import FrictionDemand, friction_demand
-from rnc_pin.simulation.rollout import Rollout, class_1_controller, kinematic_rollout
-from rnc_pin.simulation.rollout_evaluation import Margin, RolloutEvaluation
+from rnc_pin.simulation.rollout import Margin, Rollout, RolloutEvaluation, class_1_controller, kinematic_rollout
 
 _FEWEST = 5  # smallest number of configurations for accelerations by differences
 
