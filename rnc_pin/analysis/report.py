@@ -133,8 +133,7 @@ def analyze(
         >>> report.redundancy_class, report.growth_vector
         ('1', (3, 4))
     """
-    if reduced.rheonomic:
-        reduced = reduced.frozen(0.0)
+    reduced = reduced.frozen(0.0)
     if (program is None) != (not len(states)):
         raise InputError("analyze: program and states belong together; give both or none")
     if primary is None:

@@ -173,7 +173,10 @@ class ReducedModel(SummaryMixin):
         """The same model at one time t [s]: its constraints have the rows, rates and positions of this time.
 
         It serves analyses of rheonomic systems at an instant. It does not follow the constraints over time.
+        A model whose constraints do not depend on time is returned itself.
         """
+        if not self.rheonomic:
+            return self
         return ReducedModel(self._data.frozen(float(t)), self.assembly.frozen(float(t)), self.dropped_rows)
 
     def with_basis_at(self, q: ArrayInput) -> ReducedModel:

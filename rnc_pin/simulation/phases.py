@@ -35,7 +35,6 @@ from rnc_pin.simulation.simulation_options import DEFAULT_OPTIONS, SimulationOpt
 from rnc_pin.simulation.trajectory import Trajectory
 
 _REBOUND = 1e-6  # velocity against a row that counts as a rebound, relative to the speed
-_SAME = 1e-9  # relative change of the velocity below which there is no impact
 OnLiftOff = Literal["ignore", "stop", "release"]
 
 
@@ -230,7 +229,7 @@ class _PhasedRun:
         self._reduced = phase.reduced
         name, controller = self._name(number, phase), phase.controller or ZeroInput(phase.reduced)
         self._info = PhaseInfo(name, self._samples, self._time, controller=describe(controller))
-        if jump is not None and np.abs(jump.v - jump.v_before).max() > _SAME * np.abs(jump.v_before).max():
+        if jump is not None and jump.changes_velocity:
             self._info = replace(self._info, impulses=dict(jump.impulses), energy_loss=jump.loss)
 
     def _impact(self, phase: Phase, v: np.ndarray) -> Impact:
@@ -239,7 +238,8 @@ class _PhasedRun:
             if name in names:
                 raise ConfigurationError(f"contact row '{name}' was released, but the next phase has it again")
         acting = phase.reduced if phase.impact is None else phase.impact
-        jump = impact(_at_time_zero(acting), self._q, v, phase.restitution)
+        reduced = acting.reduce() if isinstance(acting, NonholonomicSystem) else acting
+        jump = impact(reduced.frozen(0.0), self._q, v, phase.restitution)
         residual = phase.reduced.at(self._q, v=jump.v, t=0.0).residual
         row = int(np.argmax(np.abs(residual))) if len(residual) else 0
         if len(residual) and abs(residual[row]) > _REBOUND * max(float(np.linalg.norm(jump.v)), 1e-9):
@@ -336,12 +336,6 @@ def _made(start: PhaseStart, q: np.ndarray, v: np.ndarray, t: float) -> Phase:
     except (TypeError, ValueError):
         count = 2
     return made(q, v, t) if count >= 3 else made(q, v)
-
-
-def _at_time_zero(model: NonholonomicSystem | ReducedModel) -> ReducedModel:
-    """Model of constraints at the start of a phase."""
-    reduced = model.reduce() if isinstance(model, NonholonomicSystem) else model
-    return reduced.frozen(0.0) if reduced.rheonomic else reduced
 
 
 def _value(event: BoundEvent, plant: ReducedPlant) -> float:

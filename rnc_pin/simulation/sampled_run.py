@@ -111,7 +111,8 @@ class SampledRun:
             self._count_fallback(t, loop.state.fault)
         if self._lift_off is not None:
             self._lift_off.check(t, state, T, adapter.external)
-        measurement, command = self._add(t, state, T)
+        integrals = loop.state.integrals if loop.state.integrals is not None else self._zeros
+        measurement, command = self._add(t, state, T, integrals)
         self.samples += 1
         found = Sample(t, measurement, command, T, loop.state.controller)
         if self._observer is not None:
@@ -126,11 +127,12 @@ class SampledRun:
         first = FallbackUse(0, t, reason, False) if before is None else before
         self.record.fallback = replace(first, samples=first.samples + 1)
 
-    def _add(self, t: float, state: StateEvaluation, T: np.ndarray) -> tuple[Measurement, Command]:
-        """Record a state with the last measurement and command of the loop."""
-        adapter, loop = self._adapter, self.loop
-        measurement, command = _last_decision(loop, state)
-        integrals = loop.state.integrals if loop.state.integrals is not None else self._zeros
+    def _add(
+        self, t: float, state: StateEvaluation, T: np.ndarray, integrals: np.ndarray
+    ) -> tuple[Measurement, Command]:
+        """Record a state with the last measurement and command of the loop, and return these."""
+        adapter = self._adapter
+        measurement, command = _last_decision(self.loop, state)
         self.record.moves(adapter.model, adapter.external)
         outputs = (measurement.x1, measurement.x2) if measurement.q is state.q else None  # not of a sensor's state
         sensed = adapter.v_measured, adapter.friction_used
@@ -174,11 +176,8 @@ class SampledRun:
             integrals: integrals of the reducing velocities (r,).
             T: applied inputs (p,).
         """
-        adapter = self._adapter
         t = self._start + self.time - self._dt + elapsed
-        state = adapter.read_state(t)
-        self.record.moves(adapter.model, adapter.external)
-        self.record.add(t, state, integrals, _last_decision(self.loop, state)[1], T, adapter.work)
+        self._add(t, self._adapter.read_state(t), T, integrals)
 
     @property
     def failure(self) -> str | None:

@@ -29,11 +29,6 @@ class RunResult:
         self.outcome, self.error, self._trajectory = outcome, error, trajectory
 
     @property
-    def pending(self) -> bool:
-        """True if the trajectory is made when somebody reads it."""
-        return self._trajectory is not None and not isinstance(self._trajectory, Trajectory)
-
-    @property
     def started(self) -> bool:
         """True if the run has a trajectory."""
         return self._trajectory is not None
@@ -113,7 +108,7 @@ class TrajectoryBatch(SummaryMixin, Sequence[Trajectory]):
         Raises:
             InputError: no run has an array of that name, or their shapes differ.
         """
-        started = [result for result in self._results if result._trajectory is not None]
+        started = [result for result in self._results if result.started]
         arrays = {id(result): getattr(result.trajectory, name, None) for result in started}
         found = [array for array in arrays.values() if isinstance(array, np.ndarray)]
         if not found or len(found) < len(started) or len({array.shape[1:] for array in found}) > 1:

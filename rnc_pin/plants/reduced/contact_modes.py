@@ -235,14 +235,12 @@ class ContactModes:
         return frozenset(each for each in touching if self.contacts[each].gap_rate(at, found.v) <= speed), found
 
     def _impacts(self, touching: Closed, q: np.ndarray, v: np.ndarray, t: float) -> ContactImpacts:
-        reduced = self.plant(frozenset()).reduced
         contacts = {number: self.contacts[number] for number in sorted(touching)}
-        return ContactImpacts(reduced.frozen(t) if reduced.rheonomic else reduced, q, v, contacts)
+        return ContactImpacts(self.plant(frozenset()).reduced.frozen(t), q, v, contacts)
 
     def _impact(self, closed: Closed, rates: dict[int, float], q: np.ndarray, v: np.ndarray, t: float) -> Impact:
         """Impact of a set of contacts, in which all of them take part."""
-        reduced, numbers = self.plant(closed).reduced, sorted(closed)
-        reduced = reduced.frozen(t) if reduced.rheonomic else reduced
+        reduced, numbers = self.plant(closed).reduced.frozen(t), sorted(closed)
         given = [self.contacts[number] for number in numbers]
         # Below the rest speed no contact rebounds: dependent rows need equal coefficients.
         rebounds = any(each.rebound(rates[number]) for number, each in zip(numbers, given, strict=True))

@@ -224,8 +224,7 @@ class ContactPlant:
         self.closed = frozenset()
         self._plant = self._started(self.closed, q, jump.v, T)
         self._use(candidates, candidates)
-        hit = np.abs(jump.v - jump.v_before).max() > 1e-9 * max(float(np.abs(jump.v_before).max()), 1e-9)
-        self._record(cause, jump if hit else None)
+        self._record(cause, jump if jump.changes_velocity else None)
 
     def _open_where_pulled(self) -> None:
         """Open contacts whose normal force is negative, as after a jump of the inputs."""
