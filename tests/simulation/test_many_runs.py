@@ -280,6 +280,8 @@ def test_runs_can_be_sliced_and_stored(sleigh, at_rest):
             rnc.ConfigurationError,
             "cannot tell the runs of a batch apart",
         ),
+        ({"v2_0": np.zeros((2, 2)), "options": {"stop": None}}, rnc.ConfigurationError, "run 0: options: expected"),
+        ({"v2_0": np.zeros((2, 2)), "plant": object()}, rnc.ConfigurationError, "run 0: plant: expected methods"),
     ],
 )
 def test_wrong_arguments_are_refused(sleigh, at_rest, arguments, error, message):
