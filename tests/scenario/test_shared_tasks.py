@@ -1,6 +1,5 @@
 """Tasks on several processors: the same results to the bit, and no helper is left behind."""
 
-import dataclasses
 import os
 import signal
 import subprocess
@@ -16,6 +15,7 @@ from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.scenario.pictures import Artists, draw_pictures, picture_names
 from rnc_pin.scenario.shared_tasks import SharedTasks, processor_count
 from rnc_pin.simulation import Outcome
+from same_runs import check_same
 
 PARENT = os.getpid()
 QUICK = {"simulation.duration": 0.1}
@@ -167,11 +167,7 @@ def test_comparisons_beside_the_run_are_the_same_to_the_bit(alone):
     both = execute(prepared, progress=lambda done, _: shown.append(done), processes=2)
     assert both.comparisons.keys() == alone.comparisons.keys()
     for label, run in {"": alone.trajectory, **alone.comparisons}.items():
-        other = both.comparisons.get(label, both.trajectory)
-        for field in dataclasses.fields(run):
-            if field.name != "info":
-                assert getattr(run, field.name).tobytes() == getattr(other, field.name).tobytes(), field.name
-        assert run.meta == other.meta
+        check_same(run, both.comparisons.get(label, both.trajectory))
     assert both.summary["comparisons"] == alone.summary["comparisons"]
     assert shown == sorted(shown)
     assert shown[-1] == pytest.approx(prepared.total_duration)

@@ -1,7 +1,6 @@
 """Many runs of ``simulate`` against runs alone: the same bits, outcomes and errors."""
 
 import pickle
-from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -19,6 +18,7 @@ from rnc_pin.control import (
 )
 from rnc_pin.control.batches import accepts_batches, stack_states, state_of_runs
 from rnc_pin.planning import CarPath, Hold, MinimumJerk
+from same_runs import check_same
 from simple_controllers import Inputs
 
 DT, DURATION = 0.01, 0.12
@@ -30,15 +30,6 @@ def alone(*arguments, **options):
         return rnc.simulate(*arguments, **options), None
     except rnc.RncError as error:
         return error.trajectory, error
-
-
-def check_same(run, single):
-    for field in fields(single):
-        ours, theirs = getattr(run, field.name), getattr(single, field.name)
-        if field.name == "info":
-            assert ours.to_json() == theirs.to_json()
-        else:
-            assert np.array_equal(ours, theirs, equal_nan=True), field.name
 
 
 def check_all(reduced, controller, q0, v2_0=None, plant=None, options=None, **alike):

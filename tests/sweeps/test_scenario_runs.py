@@ -1,8 +1,5 @@
 """A run of a scenario has the same bits whether its model served other runs before or not."""
 
-import dataclasses
-
-import numpy as np
 import pytest
 
 import rnc_pin as rnc
@@ -10,6 +7,7 @@ from rnc_pin.sweeps import scenario_runs
 from rnc_pin.sweeps.scenario_runs import ScenarioRuns
 from rnc_pin.sweeps.scenario_runs import execute_together as together
 from rnc_pin.sweeps.seeded_draws import SeededDraws
+from same_runs import check_same
 
 QUICK = {"simulation.duration": 0.06, "simulation.dt": 0.01}
 CASES = {
@@ -71,15 +69,6 @@ def test_runs_of_a_batch_have_the_bits_of_runs_alone(scenario, tmp_path, monkeyp
         if files[0].exists():
             check_same(*map(rnc.Trajectory.load, files))
     assert [row["outcome"] for row in rows] == ["completed"] * 4 + ["refused"]
-
-
-def check_same(run, other):
-    for field in dataclasses.fields(run):
-        ours, theirs = getattr(run, field.name), getattr(other, field.name)
-        same = (
-            ours.to_json() == theirs.to_json() if field.name == "info" else np.array_equal(ours, theirs, equal_nan=True)
-        )
-        assert same, field.name
 
 
 def test_a_drawn_part_of_the_system_has_a_model_of_its_own():
