@@ -117,9 +117,7 @@ class ReducedPlantBatch:
         T = np.asarray(T, dtype=float)
         if T.shape != self.applied.shape:
             raise InputError(f"T has shape {T.shape}, expected {self.applied.shape}")
-        self.applied = np.ascontiguousarray(self._single._dynamics.saturate(T))
-        if self.applied is T:
-            self.applied = T.copy()
+        self.applied = np.array(self._single._dynamics.saturate(T), order="C")  # the caller may change T
 
     def advance(self, dt: float) -> None:
         """Integrate all runs that have not failed over a time dt [s]."""
