@@ -2,6 +2,8 @@
 
 Only regular samples are computed together. A run that meets anything else (a singular state, a stop condition, an error
 of its controller) leaves the others before that sample and goes on alone, which raises the errors of a run alone.
+
+Each run has the bits of a run alone. The sizes of a sweep's batches follow the clock, and its rows must not.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ from rnc_pin.simulation.trajectory_batch import RunResult
 
 
 class RunArguments(NamedTuple):
-    """Arguments of one run, as for ``simulate``."""
+    """Arguments of one run, as for ``simulate``, with a number of samples instead of a duration."""
 
     reduced: ReducedModel
     controller: Controller
@@ -162,7 +162,7 @@ def simulate_many(runs: Sequence[RunArguments], raises: tuple[type[RncError], ..
         if interrupted:
             found = [_ended(each, Outcome.INTERRUPTED) for each in started.values()]
         elif together and started:
-            found = _advance_together(list(started.values()), runs[numbers[0]])
+            found = _advance_together(list(started.values()), runs[numbers[0]].dt, runs[numbers[0]].samples)
         else:
             found = [_advance_alone(each, run.samples) for each in started.values()]
         results |= dict(zip(started, found, strict=True))
@@ -170,9 +170,9 @@ def simulate_many(runs: Sequence[RunArguments], raises: tuple[type[RncError], ..
     return [results[number] for number in range(len(runs))]
 
 
-def _advance_together(runs: Sequence[SampledRun], of: RunArguments) -> list[RunResult]:
-    """Compute runs with the sampling and the plant options of given arguments in lock-step."""
-    batch, outcome = LockStep(runs, of.dt, of.samples), Outcome.COMPLETED
+def _advance_together(runs: Sequence[SampledRun], dt: float, samples: int) -> list[RunResult]:
+    """Results of runs in lock-step; those that leave the others go on alone."""
+    batch, outcome = LockStep(runs, dt, samples), Outcome.COMPLETED
     with uninterrupted():
         try:
             with interruptible():
@@ -185,7 +185,7 @@ def _advance_together(runs: Sequence[SampledRun], of: RunArguments) -> list[RunR
             if outcome is Outcome.INTERRUPTED:
                 results[number] = _ended(runs[number], outcome)
                 continue
-            results[number] = _advance_alone(runs[number], of.samples, advance_first=sampled)
+            results[number] = _advance_alone(runs[number], samples, advance_first=sampled)
             outcome = results[number].outcome if results[number].outcome is Outcome.INTERRUPTED else outcome
     for number in batch.places.tolist():
         results[number] = _ended(runs[number], outcome)
@@ -193,7 +193,7 @@ def _advance_together(runs: Sequence[SampledRun], of: RunArguments) -> list[RunR
 
 
 def _advance_alone(run: SampledRun, samples: int, advance_first: bool = False) -> RunResult:
-    """Result of a run that goes on alone to its end."""
+    """Result of a run that goes on alone to its end; ``advance_first`` if its last sample is complete."""
 
     def advance(progress: Progress) -> str | None:
         if advance_first:
