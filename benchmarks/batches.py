@@ -19,9 +19,9 @@ import numpy as np
 import pinocchio as pin
 
 import rnc_pin as rnc
+from rnc_pin.applications.scenario.execution import plan
 from rnc_pin.control import ComputedTorque, ReducingOutputController
 from rnc_pin.planning import Hold
-from rnc_pin.scenario.execution import plan
 from rnc_pin.simulation.ending import Progress
 from rnc_pin.simulation.sampled_run import SampledRun
 

@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rnc_pin.applications.scenario.execution import Plan, execute, plan
+from rnc_pin.applications.scenario.files import with_options
+from rnc_pin.applications.scenario.loading import validate
+from rnc_pin.applications.scenario.plant_builder import build_plant
 from rnc_pin.errors import RncError
-from rnc_pin.scenario.execution import Plan, execute, plan
-from rnc_pin.scenario.files import with_options
-from rnc_pin.scenario.loading import validate
-from rnc_pin.scenario.plant_builder import build_plant
 
 SCENARIOS: dict[str, dict[str, Any]] = {
     "space-robot": {

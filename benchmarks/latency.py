@@ -27,12 +27,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from rnc_pin.applications.scenario.builder import Experiment
+from rnc_pin.applications.scenario.execution import plan
+from rnc_pin.applications.scenario.files import built_in_names
 from rnc_pin.errors import RncError
 from rnc_pin.loop import ControlLoop, VelocityInputLoop
 from rnc_pin.plants.plant import takes_velocities
-from rnc_pin.scenario.builder import Experiment
-from rnc_pin.scenario.execution import plan
-from rnc_pin.scenario.files import built_in_names
 from rnc_pin.simulation.sampled_run import assembled_start
 
 TICKS, PERIOD = 50_000, 0.002

@@ -18,12 +18,12 @@ import joblib
 from rich.console import Console
 from rich.table import Table
 
+from rnc_pin.applications.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.files import built_in_names
+from rnc_pin.applications.scenario.saved_run import load_run
 from rnc_pin.collision import Obstacle
 from rnc_pin.errors import RncError
 from rnc_pin.robots.robot import Robot
-from rnc_pin.scenario.execution import execute, plan
-from rnc_pin.scenario.files import built_in_names
-from rnc_pin.scenario.saved_run import load_run
 from rnc_pin.simulation import LimitReplay, Trajectory, replay_limits
 
 

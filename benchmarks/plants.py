@@ -16,9 +16,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from rnc_pin.applications.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.files import built_in_names
 from rnc_pin.errors import RncError
-from rnc_pin.scenario.execution import execute, plan
-from rnc_pin.scenario.files import built_in_names
 from rnc_pin.simulation import Trajectory, tracking_errors
 
 _NOISE = 1e-6  # an error below which two plants are equal

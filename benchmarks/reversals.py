@@ -11,8 +11,8 @@ import sys
 import numpy as np
 
 from benchmarks.drawn_scenes import drawn_options
+from rnc_pin.applications.scenario.execution import execute, plan
 from rnc_pin.robots.joint_values import NO_LIMIT
-from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.simulation import Trajectory
 
 

@@ -34,7 +34,7 @@ from rich.table import Table
 import rnc_pin as rnc
 from benchmarks.states import States, regular_states
 from benchmarks.timing import in_turn, used_by
-from rnc_pin.scenario.execution import plan
+from rnc_pin.applications.scenario.execution import plan
 from rnc_pin.visualization.plot_style import PrintFigure, line, save, styled
 
 JOINTS, ROWS = (4, 8, 15, 30, 60), (1, 2, 4, 8, 12, 16)

@@ -25,10 +25,10 @@ import numpy as np
 import pinocchio as pin
 
 import rnc_pin as rnc
+from rnc_pin.applications.scenario.execution import Plan, execute, plan
+from rnc_pin.applications.scenario.files import built_in_names
+from rnc_pin.applications.scenario.run_verdict import judged_summary, run_summary
 from rnc_pin.collision import CollisionDistances, Obstacle
-from rnc_pin.scenario.execution import Plan, execute, plan
-from rnc_pin.scenario.files import built_in_names
-from rnc_pin.scenario.run_verdict import judged_summary, run_summary
 from rnc_pin.simulation import Trajectory
 from rnc_pin.verdict import FindingKind
 

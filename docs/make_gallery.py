@@ -18,11 +18,11 @@ import numpy as np
 import pinocchio as pin
 from PIL import Image
 
-from rnc_pin.scenario.drawn_run import drawn_run
-from rnc_pin.scenario.execution import Plan, Result, execute, plan, write
-from rnc_pin.scenario.files import built_in_names, find_scenario
-from rnc_pin.scenario.pictures import draw_pictures
-from rnc_pin.scenario.saved_run import view_of
+from rnc_pin.applications.scenario.drawn_run import drawn_run
+from rnc_pin.applications.scenario.execution import Plan, Result, execute, plan, write
+from rnc_pin.applications.scenario.files import built_in_names, find_scenario
+from rnc_pin.applications.scenario.pictures import draw_pictures
+from rnc_pin.applications.scenario.saved_run import view_of
 from rnc_pin.visualization.capture import take_pictures
 from rnc_pin.visualization.recording import Recording
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from rnc_pin.scenario.execution import execute, plan
-from rnc_pin.scenario.saved_run import view_of
+from rnc_pin.applications.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.saved_run import view_of
 from rnc_pin.visualization.capture import take_pictures
 from rnc_pin.visualization.recording import Recording
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from rnc_pin.scenario.animation_file import write_animation
-from rnc_pin.scenario.execution import execute, plan
-from rnc_pin.scenario.files import built_in_names
+from rnc_pin.applications.scenario.animation_file import write_animation
+from rnc_pin.applications.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.files import built_in_names
 
 SCENES = Path(__file__).parent / "_scenes"
 SHORT = ("space-robot", "tiago-doorway", "parallel-parking", "free-flying-arm", "docking", "rattleback")

@@ -64,7 +64,7 @@ the lines that they concern.
 `pip install --no-deps`.
 
 None of these packages contains a robot of the following two kinds.
-`tests/scenario/draft/test_snake_and_ball.py` makes them:
+`tests/applications/init/test_snake_and_ball.py` makes them:
 
 * **snake**: four or more bodies in a row (three if the names say so). Each has wheels without actuators, and the
   vertical joints between them have actuators. The first body follows one wave of a serpenoid. The joints follow by the

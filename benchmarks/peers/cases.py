@@ -12,7 +12,7 @@ import pinocchio as pin
 import rnc_pin as rnc
 from benchmarks.peers.coordinates import PlainCoordinates, QuaternionCoordinates
 from benchmarks.peers.hand_written import FreeArm, MobileManipulator, Solution, Tiago
-from rnc_pin.scenario.execution import plan
+from rnc_pin.applications.scenario.execution import plan
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ import pytest
 
 import rnc_pin as rnc
 import systems
+from rnc_pin.applications.scenario.execution import plan
 from rnc_pin.model.rows import Rows
 from rnc_pin.planning import MinimumJerk, Slowed, TaskReference
-from rnc_pin.scenario.execution import plan
 from rnc_pin.simulation import grip_along, within_grip
 from systems import (
     random_states,

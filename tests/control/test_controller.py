@@ -5,10 +5,10 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin import control
+from rnc_pin.applications.scenario.execution import plan
 from rnc_pin.control import Command, Describable, VelocityTracker, describe
 from rnc_pin.control.controller import check_size
 from rnc_pin.planning import Hold
-from rnc_pin.scenario.execution import plan
 from systems import space_robot
 
 

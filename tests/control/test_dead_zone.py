@@ -5,10 +5,10 @@ import pytest
 
 import rnc_pin as rnc
 import systems
+from rnc_pin.applications.scenario.execution import plan
 from rnc_pin.control.dead_zone import apply_dead_zone
 from rnc_pin.control.estimation import adapt
 from rnc_pin.plants import Faults, FaultyPlant, ReducedPlant
-from rnc_pin.scenario.execution import plan
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ import rnc_pin as rnc
 from controlled_tasks import TASK
 from places import ROOT
 from rnc_pin import _kernel
+from rnc_pin.applications.scenario.execution import plan
 from rnc_pin.control import (
     DrivenPath,
     SlitheringReference,
@@ -18,7 +19,6 @@ from rnc_pin.control import (
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import CarPath
 from rnc_pin.robots.robot_files import find_urdf
-from rnc_pin.scenario.execution import plan
 from systems import (
     fire_truck,
 )

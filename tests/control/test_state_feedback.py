@@ -9,14 +9,14 @@ import yaml
 
 import rnc_pin as rnc
 from controlled_tasks import Cubic
+from rnc_pin.applications.scenario.execution import execute, plan, write
+from rnc_pin.applications.scenario.saved_run import load_run
 from rnc_pin.control import (
     StateFeedback,
 )
 from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import Hold
-from rnc_pin.scenario.execution import execute, plan, write
-from rnc_pin.scenario.saved_run import load_run
 from textbook_systems import acrobot, wheeled_pendulum
 
 

@@ -9,6 +9,8 @@ import yaml
 
 import rnc_pin as rnc
 from controlled_tasks import estimating
+from rnc_pin.applications.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
 from rnc_pin.control import (
     MomentumRegressor,
     RedundancyController,
@@ -20,8 +22,6 @@ from rnc_pin.control import (
 from rnc_pin.control.estimation import adapt
 from rnc_pin.planning import Harmonic
 from rnc_pin.robots.robot_files import find_urdf
-from rnc_pin.scenario.execution import execute, plan
-from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
 from systems import random_states, space_robot
 from tolerances import ROUNDING
 

@@ -6,10 +6,10 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.analysis.derivatives import state_derivatives
+from rnc_pin.applications.scenario.execution import plan
 from rnc_pin.errors import ConstraintError, InputError
 from rnc_pin.forces import Damper, ForceFunction, ForceLaw, SmoothFriction, Spring, Wrench
 from rnc_pin.model.differences import gradient
-from rnc_pin.scenario.execution import plan
 from systems import random_states
 from textbook_systems import rail_sliders
 

@@ -9,11 +9,11 @@ import pytest
 
 import rnc_pin as rnc
 import systems
+from rnc_pin.applications.scenario.execution import plan
 from rnc_pin.control import Command
 from rnc_pin.loop.saved_state import write_state
 from rnc_pin.loop.velocity import FilteredVelocity, VelocityEstimate, VelocityObserver
 from rnc_pin.plants import FaultyPlant, ReducedPlant
-from rnc_pin.scenario.execution import plan
 from simple_controllers import WithoutDeficit
 
 DT = 0.01

@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.scenario.execution import plan
+from rnc_pin.applications.scenario.execution import plan
 
 DT, SUBSTEPS, SAMPLES = 0.002, 4, 45
 CASES = {

@@ -6,9 +6,9 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
+from rnc_pin.applications.scenario.execution import execute, plan
 from rnc_pin.errors import InfeasibleError
 from rnc_pin.planning import CarPath, SteeringGeometry
-from rnc_pin.scenario.execution import execute, plan
 
 WHEELBASE, TRACK, OFFSET, RADIUS = 0.8, 0.5, 0.06, 0.1
 INERTIA = '<inertial><mass value="{m}"/><inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/></inertial>'

@@ -11,8 +11,8 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from rnc_pin.applications.scenario.execution import execute, plan
 from rnc_pin.plants import ChangingPlant, FaultyPlant, ReducedPlant
-from rnc_pin.scenario.execution import execute, plan
 from systems import mobile_manipulator
 
 DT = 0.01

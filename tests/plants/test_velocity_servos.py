@@ -8,8 +8,8 @@ import systems
 
 pytest.importorskip("mujoco", reason="comes with the extra mujoco")
 
+from rnc_pin.applications.scenario.execution import plan
 from rnc_pin.plants.mujoco import MuJoCoPlant, MuJoCoSettings
-from rnc_pin.scenario.execution import plan
 
 FAST = {"step": 0.002, "integrator": "implicitfast"}
 

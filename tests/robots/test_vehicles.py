@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
+from rnc_pin.applications.scenario.execution import execute, plan
 from rnc_pin.robots.robot_files import shipped_directory
 from rnc_pin.robots.vehicles import tractor_trailers_urdf
-from rnc_pin.scenario.execution import execute, plan
 from textbook_systems import tractor_trailers
 
 

@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.execution import execute, plan
 from rnc_pin.simulation.ground_bodies import ground_bodies
 from systems import fire_truck, free_flying_panda, space_robot
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.scenario.execution import execute, plan
-from rnc_pin.scenario.files import find_scenario
-from rnc_pin.scenario.saved_run import load_run
+from rnc_pin.applications.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.files import find_scenario
+from rnc_pin.applications.scenario.saved_run import load_run
 from rnc_pin.simulation import PlannedPath, Provenance, RunInfo, TaskNames
 from rnc_pin.simulation.run_info import provenance_of
 from simple_controllers import Idle
@@ -198,7 +198,7 @@ reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
 run = rnc.free_motion(reduced, robot.configuration(), [1.0, 0.5], duration=0.2)
 run.save({str(tmp_path / "run.npz")!r})
 print(rnc.__version__, run.info.versions["rnc_pin"], len(run.plot().axes) > 0)
-from rnc_pin.app.usage import cli
+from rnc_pin.applications.command_line.usage import cli
 cli(["--version"])
 """
     told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=tmp_path)

@@ -12,8 +12,8 @@ from benchmarks import latency, reduction, scaling
 from benchmarks.doorway_circle import doorway_robot
 from benchmarks.doorway_path import doorway_path, whole_configuration
 from benchmarks.states import regular_states
+from rnc_pin.applications.scenario.execution import plan
 from rnc_pin.collision import Obstacle
-from rnc_pin.scenario.execution import plan
 
 SYSTEM = "snakeboard"
 COST = {"us", "ratio", "limit", "within"}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.execution import execute, plan
 
 # Every kind of rows and controllers; the other scenarios are of the same.
 NAMES = [
@@ -20,7 +20,7 @@ COLUMNS = ("q", "v", "v2", "T", "energy", "multipliers")
 BOTH = 1e-9  # difference of the two paths, relative to the largest value
 SCRIPT = f"""
 import numpy as np
-from rnc_pin.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.execution import execute, plan
 import rnc_pin
 runs = {{name: execute(plan(name, {OPTIONS!r})).trajectory for name in {NAMES!r}}}
 columns = {{f"{{name}}/{{of}}": getattr(run, of) for name, run in runs.items() for of in {COLUMNS!r}}}

@@ -11,10 +11,10 @@ import pytest
 import rnc_pin as rnc
 from browsing import changed, children, opened, picture, place, visit, vivid
 from patience import PATIENCE, eventually
+from rnc_pin.applications.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.saved_run import view_of
 from rnc_pin.control import Command
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.scenario.execution import execute, plan
-from rnc_pin.scenario.saved_run import view_of
 from rnc_pin.simulation import Sample, tracking_errors
 from rnc_pin.visualization.drawn_state import RATE, sample_configurations
 from rnc_pin.visualization.live import LiveView

@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from rnc_pin.scenario.execution import execute, plan
-from rnc_pin.scenario.files import built_in_names
+from rnc_pin.applications.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.files import built_in_names
 
 PAPER = {  # largest errors with the paper's gains, as in docs/paper.md, and a tenth more
     "space-robot": {"tip_x": 0.26, "tip_y": 0.08, "platform": 0.03},

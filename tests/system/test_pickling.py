@@ -11,7 +11,7 @@ import pytest
 
 import rnc_pin as rnc
 import systems
-from rnc_pin.scenario.execution import plan
+from rnc_pin.applications.scenario.execution import plan
 
 BARE = {"comparisons": {}, "plots": {}, "simulation.duration": 0.5}
 EACH_KIND = [  # of rows and of controllers

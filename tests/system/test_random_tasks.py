@@ -2,10 +2,10 @@
 
 import pytest
 
+from rnc_pin.applications.scenario.execution import plan
+from rnc_pin.applications.sweep.scenario_runs import ScenarioRuns
+from rnc_pin.applications.sweep.seeded_draws import draws_of
 from rnc_pin.errors import InfeasibleError
-from rnc_pin.scenario.execution import plan
-from rnc_pin.sweeps.scenario_runs import ScenarioRuns
-from rnc_pin.sweeps.seeded_draws import draws_of
 
 # A path next to the edge of the region counts as well as one through its middle: the largest error is what matters.
 LARGEST = {

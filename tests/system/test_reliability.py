@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks import campaign, plants, soak
 from benchmarks.faulty_runs import LARGEST, SCENARIOS, prepared
-from rnc_pin.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.execution import execute, plan
 
 BOTH = ["space-robot", "mobile-manipulator"]  # without wheels and with them
 BOTH += [pytest.param(name, marks=pytest.mark.long) for name in ("wheels-uncertain", "snakeboard")]

@@ -9,12 +9,12 @@ from scipy.special import ellipk
 
 import rnc_pin as rnc
 from rnc_pin.analysis.derivatives import state_derivatives
+from rnc_pin.applications.init import draft
+from rnc_pin.applications.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.files import read_yaml
 from rnc_pin.control import Command, MomentumRegressor, UnknownMass
 from rnc_pin.model.differences import gradient
 from rnc_pin.planning import Hold, TaskReference
-from rnc_pin.scenario.draft import draft
-from rnc_pin.scenario.execution import execute, plan
-from rnc_pin.scenario.files import read_yaml
 from tolerances import FINITE_DIFFERENCE, ROUNDING
 
 pytestmark = pytest.mark.filterwarnings("error", "ignore:zmq.eventloop.ioloop is deprecated:DeprecationWarning")

@@ -9,6 +9,8 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
+from rnc_pin.applications.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
 from rnc_pin.control import (
     RedundancyController,
     UncertainRedundancyController,
@@ -18,8 +20,6 @@ from rnc_pin.control import (
 )
 from rnc_pin.planning import Harmonic, Hold
 from rnc_pin.robots.robot_files import find_urdf
-from rnc_pin.scenario.execution import execute, plan
-from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
 from systems import leaning_wheel, random_states
 from tolerances import ROUNDING
 

@@ -20,9 +20,9 @@ import rnc_pin as rnc
 from browsing import listening
 from held_memory import holding_at_most
 from patience import PATIENCE, eventually
+from rnc_pin.applications.scenario.execution import execute, plan
 from rnc_pin.control import Command
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.simulation import Sample
 from rnc_pin.visualization.browser.access import is_loopback
 from rnc_pin.visualization.browser.drawing_commands import SceneWindow, in_order
@@ -233,7 +233,7 @@ def test_interruption_keeps_what_was_simulated(tmp_path):
     command = [
         sys.executable,
         "-m",
-        "rnc_pin.app.cli",
+        "rnc_pin.applications.command_line.cli",
         "run",
         "space-robot",
         "--show",

@@ -19,7 +19,7 @@ from matplotlib.text import Text
 
 import rnc_pin as rnc
 from browsing import changed, give_up
-from rnc_pin.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.execution import execute, plan
 from rnc_pin.visualization import capture, plot_style, plots
 from rnc_pin.visualization.panels import learning_panels, panels, split_names
 from rnc_pin.visualization.plots import (
@@ -51,7 +51,7 @@ def ink(path):
 
 def test_an_overview_cuts_no_title_of_a_scenario_off(run, tmp_path):
     """The longest, broken into lines, is within the picture."""
-    builtin = Path(rnc.__file__).parent / "scenario" / "builtin"
+    builtin = Path(rnc.__file__).parent / "applications" / "scenario" / "builtin"
     titles = [yaml.safe_load(path.read_text())["title"] for path in builtin.glob("*.yaml")]
     figure = plot_run(run, max(titles, key=len))
     path = plot_style.save(figure, tmp_path / "overview.png")

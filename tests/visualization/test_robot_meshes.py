@@ -16,10 +16,10 @@ import rnc_pin as rnc
 from browsing import opened, place, visit
 from patience import PATIENCE, eventually
 from places import DIRT
-from rnc_pin.app.cli import main
+from rnc_pin.applications.command_line.cli import main
+from rnc_pin.applications.scenario import animation_file, plot_files
+from rnc_pin.applications.scenario.execution import execute, plan
 from rnc_pin.errors import nearest
-from rnc_pin.scenario import animation_file, plot_files
-from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.visualization.camera import Follower
 from rnc_pin.visualization.drawn_state import DrawnState
 from rnc_pin.visualization.live import LiveView
@@ -264,7 +264,8 @@ def test_what_fails_in_drawing_costs_the_drawing_alone(tmp_path, monkeypatch, ca
         printed.append((saved, capfd.readouterr().out))
         raise ValueError("found a\nleft-handed frame")
 
-    monkeypatch.setattr("rnc_pin.app.commands.run.processor_count", lambda: 1)  # what is printed is read in one process
+    # With one processor, what is printed is read in one process.
+    monkeypatch.setattr("rnc_pin.applications.command_line.commands.run.processor_count", lambda: 1)
     monkeypatch.setattr(plot_files, "plot_run", fail)
     monkeypatch.setattr(animation_file, "Recording", fail)
     status, out, err = called(monkeypatch, capfd, *RUN, tmp_path / "out")
@@ -298,7 +299,7 @@ def test_a_robot_without_its_meshes_runs(tmp_path, monkeypatch, capfd):
     path.write_text(chain(base=INERTIAL + far, arm=INERTIAL + far, hand=INERTIAL + mesh("wedge.stl")))
     scenario = tmp_path / "arm.yaml"
     called(monkeypatch, capfd, "init", path, "--out", scenario)
-    monkeypatch.setattr("rnc_pin.app.commands.run.processor_count", lambda: 1)
+    monkeypatch.setattr("rnc_pin.applications.command_line.commands.run.processor_count", lambda: 1)
     monkeypatch.setattr(plot_files, "write_plot", lambda *_: False)
     status, _, err = called(monkeypatch, capfd, "run", scenario, *SHORT, "--out", tmp_path / "out")
     assert status == 0
@@ -328,7 +329,7 @@ AS_SIGNAL = "os.kill(os.getpid(), signal.SIGINT); time.sleep(5)"
         for module, interrupt in (
             ("click", AS_EXCEPTION),
             ("pinocchio", AS_EXCEPTION),
-            ("rnc_pin.app.commands.run", AS_SIGNAL),
+            ("rnc_pin.applications.command_line.commands.run", AS_SIGNAL),
         )
     ],
 )

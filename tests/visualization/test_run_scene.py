@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 import rnc_pin as rnc
 import systems
+from rnc_pin.applications.scenario.execution import execute, plan
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.simulation import Columns, OutputNames, output_names
 from rnc_pin.visualization.camera import ASPECT, FIELD_OF_VIEW, VIEW_DIRECTION, fitting_camera
 from rnc_pin.visualization.drawn_state import RATE, DrawnState, recorded_states, sample_configurations

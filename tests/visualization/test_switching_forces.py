@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from rnc_pin.scenario.drawn_run import drawn_run
-from rnc_pin.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.drawn_run import drawn_run
+from rnc_pin.applications.scenario.execution import execute, plan
 from rnc_pin.visualization.browser.drawing_commands import SceneWindow
 from rnc_pin.visualization.drawn_state import RATE, recorded_states
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
