@@ -8,6 +8,7 @@ from .controller import Controller as Controller
 from .controller import Describable as Describable
 from .controller import Description as Description
 from .controller import KinematicController as KinematicController
+from .controller import State as State
 from .controller import VelocityTarget as VelocityTarget
 from .controller import describe as describe
 from .estimation import AdaptedModel as AdaptedModel
@@ -15,6 +16,8 @@ from .estimation import EstimatedModel as EstimatedModel
 from .estimation import ParametrizedCopy as ParametrizedCopy
 from .estimation import Regressor as Regressor
 from .estimator import Estimator as Estimator
+from .gain_design import OUTER_GAINS as OUTER_GAINS
+from .gain_design import OuterGains as OuterGains
 from .gain_design import PositionGains as PositionGains
 from .gain_design import Preset as Preset
 from .gain_design import VelocityGains as VelocityGains
@@ -22,12 +25,14 @@ from .gain_design import design_position_gains as design_position_gains
 from .gain_design import design_velocity_gains as design_velocity_gains
 from .jacobian_transpose import JacobianTransposeController as JacobianTransposeController
 from .jacobian_transpose import effective_inertia as effective_inertia
+from .limited_acceleration import limited_accelerations as limited_accelerations
 from .momentum_regressor import MomentumRegressor as MomentumRegressor
 from .momentum_regressor import UnknownMass as UnknownMass
 from .position_tracker import PositionState as PositionState
 from .position_tracker import PositionTracker as PositionTracker
 from .reducing import ReducingOutputController as ReducingOutputController
 from .redundancy import RedundancyController as RedundancyController
+from .redundancy import check_freedom as check_freedom
 from .secondary import Combined as Combined
 from .secondary import JointLimits as JointLimits
 from .secondary import Posture as Posture

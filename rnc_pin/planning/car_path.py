@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, InfeasibleError
 from rnc_pin.model.parameter_types import Positive
-from rnc_pin.planning.driven_path import continued_back, distances
+from rnc_pin.planning.driven_path import continued_back, path_distances
 from rnc_pin.planning.leg import Leg, best_legs
 from rnc_pin.planning.references import InTurn, Reference, ViaPoints
 from rnc_pin.planning.steering_geometry import SteeringGeometry
@@ -104,7 +104,7 @@ class CarPath:
 
     def distance(self, points: Float[Array, "n 2"]) -> Float[Array, " n"]:
         """Return the distances (N,) of points (N, 2) from the path and its straight extension behind the start [m]."""
-        return distances(points, continued_back(self.poses, 3.0))
+        return path_distances(points, continued_back(self.poses, 3.0))
 
 
 def _pose(value: ArrayLike, what: str) -> Array:

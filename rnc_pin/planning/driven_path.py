@@ -17,7 +17,7 @@ def continued_back(poses: Float[Array, "n 3"], length: float) -> Float[Array, "m
     return np.concatenate([[x, y] - back * [np.cos(heading), np.sin(heading)], poses[:, :2]])
 
 
-def distances(points: Float[Array, "n 2"], path: Float[Array, "m 2"]) -> Float[Array, " n"]:
+def path_distances(points: Float[Array, "n 2"], path: Float[Array, "m 2"]) -> Float[Array, " n"]:
     """Return the distances (n,) of points from a polyline whose segments are much shorter than its bend radii."""
     _, nearest = scipy.spatial.cKDTree(path).query(points)
     return np.minimum(*(_to_segment(points, path, np.clip(nearest + k, 0, len(path) - 2)) for k in (-1, 0)))

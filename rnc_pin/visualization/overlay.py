@@ -7,7 +7,7 @@ from typing import NamedTuple, TypedDict
 
 import numpy as np
 
-from rnc_pin.planning.driven_path import continued_back, distances
+from rnc_pin.planning.driven_path import continued_back, path_distances
 from rnc_pin.simulation import OutputNames, PlannedPath
 from rnc_pin.visualization.drawn_state import DrawnState, output_error, tracked_frames
 from rnc_pin.visualization.scene_kinematics import SceneKinematics
@@ -104,7 +104,7 @@ def _off_track(plan: PlannedPath | None, kinematics: SceneKinematics) -> list[Ov
         OverlayRow(
             f"{_words(plan.trailer)} off the planned path",
             "m",
-            lambda state: float(distances(point(state)[None, :2], points)[0]),
+            lambda state: float(path_distances(point(state)[None, :2], points)[0]),
         )
     ]
 

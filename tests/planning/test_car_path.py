@@ -11,7 +11,7 @@ import rnc_pin as rnc
 from polynomials import in_axes, powers
 from rnc_pin.planning import CarPath, car_path
 from rnc_pin.planning.car_path import _moves, plan_legs
-from rnc_pin.planning.driven_path import continued_back, distances
+from rnc_pin.planning.driven_path import continued_back, path_distances
 from rnc_pin.planning.leg import Leg, best_legs
 
 WHEELBASE, LIMIT = 1.3, 0.6
@@ -214,9 +214,9 @@ def test_distances_are_those_of_all_segments():
             share = np.clip((point - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
             each.append(np.linalg.norm(point - a - share * (b - a)))
         expected.append(min(each))
-    np.testing.assert_allclose(distances(points, path), expected, atol=1e-9)
+    np.testing.assert_allclose(path_distances(points, path), expected, atol=1e-9)
     stopped = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [2.0, 0.0]])  # a stop is twice in a path
-    np.testing.assert_allclose(distances(np.array([[1.0, 0.5], [2.0, -0.2]]), stopped), [0.5, 0.2])
+    np.testing.assert_allclose(path_distances(np.array([[1.0, 0.5], [2.0, -0.2]]), stopped), [0.5, 0.2])
 
 
 def test_a_path_goes_on_straight_behind_its_start():
@@ -233,7 +233,7 @@ def test_a_path_goes_on_straight_behind_its_start():
     np.testing.assert_allclose(continued_back(poses[:1], 1.0)[[0, -1]], [[1.0, -1.0] - along, [1.0, -1.0]])
     aside = np.array([-along[1], along[0]])
     points = np.array([[1.0, -1.0] - 0.55 * along + 0.1 * aside, [1.0, -1.0] - 1.5 * along, [1.0, -1.0] + 1.1 * along])
-    np.testing.assert_allclose(distances(points, whole), [0.1, 0.5, 0.3], atol=1e-9)
+    np.testing.assert_allclose(path_distances(points, whole), [0.1, 0.5, 0.3], atol=1e-9)
 
 
 # ---------------------------------------------------------------------- plans of several legs

@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rnc_pin.analysis import LimitEffect
-from rnc_pin.analysis.limit_effects import limit_effects
+from rnc_pin.analysis import LimitEffect, limit_effects
 from rnc_pin.applications.scenario.builder import Experiment, build_experiment
 from rnc_pin.applications.scenario.controllers.whole_body import WholeBodySettings
 from rnc_pin.applications.scenario.saved_run import load_run

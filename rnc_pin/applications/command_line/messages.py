@@ -12,7 +12,7 @@ from typing import TextIO
 import click
 
 from rnc_pin.errors import ModelWarning, printable
-from rnc_pin.io.json import dump_json
+from rnc_pin.io import dump_json
 
 
 def print_json(content: object) -> None:

@@ -6,8 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from rnc_pin.analysis import Report, Singularity
-from rnc_pin.model.mechanisms import Phrases
-from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model import Phrases, ReducedModel
 
 _BASES = {"JointModelPlanar": "moves in the plane", "JointModelFreeFlyer": "moves freely in space"}
 _FEW = 4  # names listed in a sentence

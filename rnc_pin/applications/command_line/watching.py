@@ -7,10 +7,8 @@ import click
 from rnc_pin.applications.command_line.messages import warn
 from rnc_pin.interruption import interruptible
 from rnc_pin.simulation import Provenance, RunInfo
-from rnc_pin.visualization.browser.access import is_loopback
-from rnc_pin.visualization.drawn_model import DrawnModel
-from rnc_pin.visualization.live import LiveView
-from rnc_pin.visualization.view import View
+from rnc_pin.visualization import DrawnModel, LiveView, View
+from rnc_pin.visualization.browser import is_loopback
 
 
 def live_view(

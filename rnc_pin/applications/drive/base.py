@@ -10,11 +10,10 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import RncError
-from rnc_pin.math.coordinates import wrapped
-from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
-from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.math import wrapped
+from rnc_pin.model import ConfigurationEvaluation, ReducedModel
 from rnc_pin.outputs import FrameSpeed, FrameYaw
-from rnc_pin.robots.robot import Robot
+from rnc_pin.robots import Robot
 
 _ROOT = "root_joint"
 _RANK = 1e-6  # smallest singular value, of rows of unit length, at which motions are independent

@@ -10,7 +10,7 @@ import numpy as np
 
 from rnc_pin.applications.drive.controls import FAR, DriveControls
 from rnc_pin.errors import InputError, nearest
-from rnc_pin.io.json import Json
+from rnc_pin.io import Json
 
 _Point: TypeAlias = tuple[float, float, float]
 _Quaternion: TypeAlias = tuple[float, float, float, float]

@@ -13,13 +13,11 @@ from rnc_pin.applications.drive.goals import DriveGoals, initial_goals, with_com
 from rnc_pin.applications.drive.log import CommandLog
 from rnc_pin.applications.drive.moved_obstacles import MovedMotion
 from rnc_pin.applications.drive.tasks import DrivenBaseTask, DrivenFrameTask, DrivenPostureTask, GoalBoard
-from rnc_pin.control.controller import Description, VelocityTarget
-from rnc_pin.control.velocity_tracker import TrackerState
+from rnc_pin.control import Description, TrackerState, VelocityTarget
 from rnc_pin.control.whole_body import LimitReport, ProgramState, VelocityQP
 from rnc_pin.control.whole_body.limits import ControlLimit
 from rnc_pin.control.whole_body.tasks import ControlTask, DampingTask
-from rnc_pin.model.measurement import Measurement
-from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model import Measurement, ReducedModel
 
 _DAMPING = 0.02  # weight of the reduced velocities at the lowest level
 

@@ -10,8 +10,8 @@ import numpy as np
 from rnc_pin.applications.drive.base import DrivenBase, find_base
 from rnc_pin.collision import Obstacle
 from rnc_pin.errors import InputError
-from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.robots.joint_values import NO_LIMIT
+from rnc_pin.model import ReducedModel
+from rnc_pin.robots import NO_LIMIT
 
 FAR = 100.0
 """Largest coordinate of a goal [m]."""

@@ -12,8 +12,7 @@ from typing import NamedTuple
 from rnc_pin.applications.drive.commands import DriveCommand, EndRun, command_entry, command_target, parse_command
 from rnc_pin.applications.drive.controls import DriveControls
 from rnc_pin.errors import ConfigurationError, InputError, printable
-from rnc_pin.io.json import Json, dump_json
-from rnc_pin.io.safe_read import read_bytes
+from rnc_pin.io import Json, dump_json, read_bytes
 
 FORMAT = "rnc_pin commands 1"
 _MOST = 5_000_000  # commands of a log

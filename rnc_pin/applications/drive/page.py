@@ -13,17 +13,12 @@ from rnc_pin.applications.drive.log import CommandQueue
 from rnc_pin.applications.drive.preparation import DrivePlan
 from rnc_pin.applications.drive.status import DriveStatus
 from rnc_pin.applications.scenario.saved_run import view_of
-from rnc_pin.io.json import Json
-from rnc_pin.robots.robot import Robot
+from rnc_pin.io import Json
+from rnc_pin.robots import Robot
 from rnc_pin.simulation import RunInfo, Sample
 from rnc_pin.verdict import Severity, Verdict, weight_of
-from rnc_pin.visualization.browser.access import LOOPBACK
-from rnc_pin.visualization.drawn_model import DrawnModel
-from rnc_pin.visualization.drawn_state import DrawnState
-from rnc_pin.visualization.live import LiveView
-from rnc_pin.visualization.meshcat_library import mg
-from rnc_pin.visualization.meshcat_viewer import MeshcatViewer
-from rnc_pin.visualization.view import View
+from rnc_pin.visualization import DrawnModel, DrawnState, LiveView, MeshcatViewer, View, mg
+from rnc_pin.visualization.browser import LOOPBACK
 
 _GOAL = 0xE69F00
 _GOAL_SIZE = 0.06  # radius of the mark of the base's goal [m]

@@ -31,15 +31,12 @@ from rnc_pin.applications.scenario.files import (
 )
 from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.schema import Scenario
-from rnc_pin.control import ComputedTorque, VelocityQP, VelocityTracker, describe
-from rnc_pin.control.actuator_velocity import ActuatorVelocityController
+from rnc_pin.control import ActuatorVelocityController, ComputedTorque, VelocityQP, VelocityTracker, describe
 from rnc_pin.control.whole_body.limits import CollisionAvoidance, ControlLimit
 from rnc_pin.errors import ConfigurationError, few
-from rnc_pin.io.json import Json
-from rnc_pin.io.safe_yaml import load_yaml
-from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.system import NonholonomicSystem
-from rnc_pin.robots.robot import Robot
+from rnc_pin.io import Json, load_yaml
+from rnc_pin.model import NonholonomicSystem, ReducedModel
+from rnc_pin.robots import Robot
 
 PERIOD = 0.01
 """Sampling period of a driven run [s], if no option gives another one."""

@@ -13,10 +13,9 @@ import pinocchio as pin
 from rnc_pin.applications.drive.base import BaseRates, DrivenBase, base_rows, curvature, rates_to_goal
 from rnc_pin.applications.drive.controls import DriveControls
 from rnc_pin.applications.drive.goals import DriveGoals
-from rnc_pin.control.whole_body.control_sample import ControlSample
-from rnc_pin.control.whole_body.tasks import ControlTask
-from rnc_pin.control.whole_body.tasks.control_task import BoundTask, TaskRows
-from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.control.whole_body import ControlSample
+from rnc_pin.control.whole_body.tasks import BoundTask, ControlTask, TaskRows
+from rnc_pin.model import ReducedModel
 
 _ATTITUDE = 0.3  # [m/rad]; error of the orientation beside that of the position
 _STILL = 0.1  # weight of joints whose posture gain is zero

@@ -11,11 +11,10 @@ from rnc_pin.applications.gym.episode_limits import SpaceBounds
 from rnc_pin.applications.gym.episode_task import EpisodeStart, EpisodeTask
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError, LimitError, SingularityError
 from rnc_pin.finding_kinds import FindingKind
-from rnc_pin.math.coordinates import wrapped
-from rnc_pin.model.configuration_evaluation import scaled_rows
-from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.math import wrapped
+from rnc_pin.model import StateEvaluation, scaled_rows
 from rnc_pin.plants import ReducedPlantBatch
-from rnc_pin.plants.reduced.reduced_plant import Checkpoint
+from rnc_pin.plants.reduced import Checkpoint
 from rnc_pin.simulation.stop import Stop, StopMonitor
 
 

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from rnc_pin.applications.scenario.execution import execute, plan
 from rnc_pin.errors import InputError
-from rnc_pin.io.json import Json
-from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.io import Json
+from rnc_pin.model import ReducedModel
 
 _INPUT, _SPEED, _OUTPUT = 2.0, 10.0, 2.0  # multiples of what the scenario's own run needs
 _SMALLEST = 0.1  # smallest limit relative to the largest one of the same unit

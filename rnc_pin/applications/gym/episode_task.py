@@ -17,7 +17,7 @@ from rnc_pin.applications.scenario.schema.reference_settings import References
 from rnc_pin.applications.scenario.schema.scenario import Initial
 from rnc_pin.applications.scenario.schema.sweep_settings import Distribution, Distributions
 from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError, SingularityError
-from rnc_pin.io.json import Json, to_json_mapping
+from rnc_pin.io import Json, to_json_mapping
 from rnc_pin.simulation import sample_count
 from rnc_pin.simulation.sampled_run import assembled_start
 

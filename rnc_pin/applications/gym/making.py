@@ -11,7 +11,7 @@ from rnc_pin.applications.gym.episode_limits import EpisodeLimits
 from rnc_pin.applications.gym.episode_task import EpisodeTask
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.extras import check_extra
-from rnc_pin.io.json import Json
+from rnc_pin.io import Json
 
 if TYPE_CHECKING:
     from rnc_pin.applications.gym.environments import ScenarioEnv, ScenarioVectorEnv

@@ -9,8 +9,8 @@ import numpy as np
 
 from rnc_pin.applications.init.base_assumptions import BaseAssumptions, Entry
 from rnc_pin.applications.init.tolerances import DRIVEN
-from rnc_pin.math.linear_algebra import unit_rows
-from rnc_pin.robots.robot import Robot
+from rnc_pin.math import unit_rows
+from rnc_pin.robots import Robot
 
 _UNPOWERED = "effort 0 in the file, driven without a limit: CHECK"
 _PASSIVE = "driven, although it is usually passive: CHECK"

@@ -14,7 +14,7 @@ from rnc_pin.applications.init.wheel_detection import Wheel
 from rnc_pin.applications.init.wheel_layout import WheelGroup, WheelLayout, are_parallel
 from rnc_pin.applications.init.wheeled_base import one_lateral
 from rnc_pin.errors import ConfigurationError, few
-from rnc_pin.io.json import Json
+from rnc_pin.io import Json
 from rnc_pin.printing import significant
 
 _SUPPORT = "caster.*|.*caster|castor.*|.*castor|support|skid|stabili[sz]er|ball|roller|slider|foot|feet|leg_rest"

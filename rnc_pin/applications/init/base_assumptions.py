@@ -9,7 +9,7 @@ import numpy as np
 
 from rnc_pin.applications.init.decision import DraftDecision
 from rnc_pin.applications.init.wheel_detection import Wheel
-from rnc_pin.io.json import Json
+from rnc_pin.io import Json
 
 Entry = str | Mapping[str, Json]
 

@@ -9,10 +9,9 @@ from pydantic import TypeAdapter
 
 from rnc_pin.applications.init.base_assumptions import Entry
 from rnc_pin.applications.scenario.schema.constraints import ConstraintItem
-from rnc_pin.io.json import Json
-from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.rows import ConstraintKind
-from rnc_pin.robots.robot import Robot
+from rnc_pin.io import Json
+from rnc_pin.model import ConstraintKind, Kinematics
+from rnc_pin.robots import Robot
 
 _COUPLED = 1e-9  # smallest entry of a constraint row that couples a joint
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.robots.robot import Robot
+from rnc_pin.robots import Robot
 
 
 def sliding_axis(model: pin.Model, data: pin.Data, joint: int) -> np.ndarray:

@@ -13,8 +13,8 @@ from rnc_pin.applications.init.tolerances import SAME
 from rnc_pin.applications.init.wheel_detection import Wheel
 from rnc_pin.applications.init.wheel_layout import WheelLayout
 from rnc_pin.applications.init.wheeled_base import planar
-from rnc_pin.io.json import Json
-from rnc_pin.math.linear_algebra import unit_rows
+from rnc_pin.io import Json
+from rnc_pin.math import unit_rows
 
 _OMNIDIRECTIONAL = "mecanum.*|.*mecanum|omni|omniwheel|omnidirectional|swedish|holonomic|planar_move"
 _APART = 0.05  # smallest singular value of three independent rows on the base velocity

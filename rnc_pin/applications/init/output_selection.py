@@ -13,12 +13,10 @@ from rnc_pin.applications.init.joint_properties import is_revolute, joint_limits
 from rnc_pin.applications.init.tolerances import DRIVEN, SAME
 from rnc_pin.applications.scenario.schema.outputs import OutputItem
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.io.json import Json
-from rnc_pin.math.linear_algebra import unit_rows
-from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.rows import OutputKind
-from rnc_pin.model.system import NonholonomicSystem
-from rnc_pin.robots.robot import Robot
+from rnc_pin.io import Json
+from rnc_pin.math import unit_rows
+from rnc_pin.model import Kinematics, NonholonomicSystem, OutputKind
+from rnc_pin.robots import Robot
 
 _SLID = 0.05  # displacement of the reference of a prismatic joint [m]
 

@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.applications.init.joint_properties import is_revolute, joint_limits
-from rnc_pin.math.linear_algebra import unit_diagonal
-from rnc_pin.robots.robot import Robot
+from rnc_pin.math import unit_diagonal
+from rnc_pin.robots import Robot
 
 _SINGULAR = 1e-9  # smallest eigenvalue of an inertia matrix with ones on its diagonal
 _PULLED, _TURNED_ASIDE = 0.1, 0.6  # [m], [rad]

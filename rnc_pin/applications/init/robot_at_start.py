@@ -13,7 +13,7 @@ from rnc_pin.applications.init.joint_properties import body_frame, sliding_axis,
 from rnc_pin.applications.init.shapes import GEOMETRY, Shape, missing_meshes, shapes
 from rnc_pin.applications.init.source import FileNames
 from rnc_pin.applications.init.tolerances import ALIGNED, first_smallest
-from rnc_pin.robots.robot import Robot
+from rnc_pin.robots import Robot
 
 
 @dataclass(frozen=True)

@@ -30,8 +30,8 @@ from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.start_findings import start_findings
 from rnc_pin.constraints import MomentumConservation
 from rnc_pin.errors import ConfigurationError, ConstraintError, RncError, few
-from rnc_pin.io.json import Json, to_json_mapping
-from rnc_pin.model.system import NonholonomicSystem
+from rnc_pin.io import Json, to_json_mapping
+from rnc_pin.model import NonholonomicSystem
 from rnc_pin.simulation import Outcome, Trajectory
 
 _LEAN = 0.05  # [rad]

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from rnc_pin.applications.init.tolerances import PLACED
 from rnc_pin.errors import ModelError
-from rnc_pin.robots.robot import Robot
+from rnc_pin.robots import Robot
 
 Kind: TypeAlias = Literal["collision", "visual"]
 GEOMETRY: tuple[Kind, ...] = ("collision", "visual")

@@ -17,7 +17,7 @@ from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.wheel_detection import Wheel
 from rnc_pin.applications.init.wheel_layout import TOWED
 from rnc_pin.applications.init.wheeled_base import one_lateral, planar, turned
-from rnc_pin.io.json import Json
+from rnc_pin.io import Json
 
 _BODIES = 4  # smallest number of bodies with wheels; one less if the file calls it a snake
 _SNAKE = "snake.*|.*snake|serpent.*|worm|acm"

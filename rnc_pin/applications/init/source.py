@@ -22,14 +22,18 @@ from rnc_pin.applications.init.tolerances import PLACED
 from rnc_pin.applications.scenario.loading import admitted
 from rnc_pin.applications.scenario.schema.robot_source import RobotSource
 from rnc_pin.errors import ModelError, nearest
-from rnc_pin.io.json import Json
-from rnc_pin.robots.inertias import MOVES_NONE, Massless, UselessInertia, mass_of_box
-from rnc_pin.robots.robot import Robot
-from rnc_pin.robots.robot_files import example_urdfs, find_urdf, shipped_directory
-from rnc_pin.robots.sources.description import parse_xml
-from rnc_pin.robots.sources.numeric_checks import read_number
-from rnc_pin.robots.sources.packages import Packages
-from rnc_pin.robots.sources.urdf import parse_urdf
+from rnc_pin.io import Json
+from rnc_pin.robots import (
+    MOVES_NONE,
+    Massless,
+    Robot,
+    UselessInertia,
+    example_urdfs,
+    find_urdf,
+    mass_of_box,
+    shipped_directory,
+)
+from rnc_pin.robots.sources import Packages, parse_urdf, parse_xml, read_number
 
 Lock = Mapping[str, float | list[float]]
 

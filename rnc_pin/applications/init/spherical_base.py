@@ -11,7 +11,7 @@ from rnc_pin.applications.init.joint_properties import is_revolute, joint_limits
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.shapes import LEVEL, Shape
 from rnc_pin.applications.init.tolerances import SAME
-from rnc_pin.io.json import Json
+from rnc_pin.io import Json
 
 _INSIDE = 1.05  # largest distance of an inner shape from the center, in radii
 _ROUND = 0.03  # largest deviation of a mesh from a sphere, in radii

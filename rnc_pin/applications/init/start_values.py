@@ -12,11 +12,10 @@ from rnc_pin.applications.init.coupled_joints import loop_closures, uncoupled_jo
 from rnc_pin.applications.init.joint_properties import joint_limits
 from rnc_pin.applications.scenario.schema.constraints import ConstraintItem
 from rnc_pin.errors import RncError
-from rnc_pin.model.system import NonholonomicSystem
+from rnc_pin.model import NonholonomicSystem
 from rnc_pin.outputs import JointPosition
-from rnc_pin.planning import solve_ik
-from rnc_pin.planning.output_targets import OutputTarget
-from rnc_pin.robots.robot import Robot
+from rnc_pin.planning import OutputTarget, solve_ik
+from rnc_pin.robots import Robot
 
 _CLOSED = 1e-4  # largest gap of a loop that counts as rounding in the file [m or rad], as at the start of a run
 _SOLVED = 1e-9  # largest gap of a configuration that is computed here

@@ -24,7 +24,7 @@ from rnc_pin.applications.init.wheeled_base import (
     support_by_casters,
     turned,
 )
-from rnc_pin.io.json import Json
+from rnc_pin.io import Json
 
 _GUIDES = 2  # largest number of axle lines with a lateral row: two of them fix the centre of rotation
 

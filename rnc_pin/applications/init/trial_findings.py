@@ -10,8 +10,8 @@ from rnc_pin.applications.init.base_assumptions import BaseAssumptions, Entry
 from rnc_pin.applications.init.trial import FAR, LOST, MEANINGFUL, Trial
 from rnc_pin.applications.scenario.frame_poses import frame_poses
 from rnc_pin.errors import few
-from rnc_pin.model.system import NonholonomicSystem
-from rnc_pin.robots.robot import Robot
+from rnc_pin.model import NonholonomicSystem
+from rnc_pin.robots import Robot
 from rnc_pin.simulation import Trajectory
 from rnc_pin.verdict import Finding, FindingKind, Severity
 

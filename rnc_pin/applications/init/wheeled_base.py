@@ -15,7 +15,7 @@ from rnc_pin.applications.init.tolerances import first_smallest, placed
 from rnc_pin.applications.init.wheel_detection import UPRIGHT, Wheel
 from rnc_pin.applications.init.wheel_layout import WheelGroup, WheelLayout, are_parallel, in_line
 from rnc_pin.errors import few
-from rnc_pin.io.json import Json
+from rnc_pin.io import Json
 
 _TRACK, _MANY = 3, 5  # smallest number of wheels of a track: called so, or of any name
 _TRACK_WORDS = "track|crawler|idler|sprocket|bogie|road|roadwheel|caterpillar|band|belt"

@@ -11,7 +11,7 @@ import yaml
 from rnc_pin.applications.init.base_assumptions import BaseAssumptions, Entry
 from rnc_pin.applications.init.decision import DraftDecision
 from rnc_pin.applications.init.trial import Trial
-from rnc_pin.io.json import Json
+from rnc_pin.io import Json
 from rnc_pin.verdict import Severity
 
 _WIDTH = 118

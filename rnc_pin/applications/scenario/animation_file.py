@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rnc_pin.applications.scenario.drawn_run import drawn_run
 from rnc_pin.applications.scenario.execution import Plan, Result
-from rnc_pin.visualization.recording import Recording
+from rnc_pin.visualization import Recording
 
 
 def write_animation(plan: Plan, result: Result, path: Path) -> bool:

@@ -25,21 +25,18 @@ from rnc_pin.applications.scenario.start_findings import start_findings, warning
 from rnc_pin.collision import Obstacle, check_ignored_links
 from rnc_pin.control import Controller, ZeroInput, describe
 from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError, RncError, nearest
-from rnc_pin.io.json import Json
+from rnc_pin.io import Json
 from rnc_pin.loop import LoopOptions
-from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.system import NonholonomicSystem
-from rnc_pin.model.task import Task
-from rnc_pin.optimal.motion_plan import MotionPlan
-from rnc_pin.planning import Slowed
-from rnc_pin.planning.driven_path import continued_back, distances
+from rnc_pin.model import NonholonomicSystem, ReducedModel, Task
+from rnc_pin.optimal import MotionPlan
+from rnc_pin.planning import Slowed, continued_back, path_distances
 from rnc_pin.plants import Plant
 from rnc_pin.simulation import Outcome, Phase, Provenance, SimulationOptions, TaskNames, sample_count, simulate
 from rnc_pin.simulation.friction_demand import iterate_time_scale
 from rnc_pin.simulation.phases import PhaseStart
 from rnc_pin.simulation.run_info import provenance_of
 from rnc_pin.verdict import Finding, FindingKind, Severity
-from rnc_pin.visualization.drawn_model import DrawnModel
+from rnc_pin.visualization import DrawnModel
 
 _ROUNDED = 1e-4  # largest residual of holonomic rows that counts as rounding in the file
 
@@ -353,7 +350,7 @@ def off_tracking(experiment: Experiment, configurations: np.ndarray) -> float | 
         frame_poses(robot, frame, some).planar for frame in (settings.frame, settings.trailer.given["axle"])
     )
     behind = 2.0 * float(np.linalg.norm(driven[0, :2] - axle[0, :2]))
-    return float(distances(axle[:, :2], continued_back(driven, behind)).max())
+    return float(path_distances(axle[:, :2], continued_back(driven, behind)).max())
 
 
 def check_plots(scenario: Scenario, models: Sequence[ReducedModel]) -> None:

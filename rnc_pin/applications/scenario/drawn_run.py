@@ -9,10 +9,10 @@ from rnc_pin.applications.scenario.phase_builder import captured_closures
 from rnc_pin.applications.scenario.schema import Scenario
 from rnc_pin.applications.scenario.schema.constraints import with_ground
 from rnc_pin.constraints import GroundPlane
-from rnc_pin.model.rows import ConstraintKind
-from rnc_pin.robots.robot import Robot
+from rnc_pin.model import ConstraintKind
+from rnc_pin.robots import Robot
 from rnc_pin.simulation import Trajectory
-from rnc_pin.visualization.drawn_model import DrawnModel
+from rnc_pin.visualization import DrawnModel
 
 
 def drawn_run(drawn: DrawnModel, scenario: Scenario, trajectory: Trajectory) -> DrawnModel:

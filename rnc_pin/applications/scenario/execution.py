@@ -20,11 +20,11 @@ from rnc_pin.applications.scenario.planner_builder import Plans
 from rnc_pin.applications.scenario.run_verdict import judged_summary, run_summary
 from rnc_pin.applications.scenario.schema import Scenario
 from rnc_pin.applications.scenario.shared_tasks import Report, SharedTasks
-from rnc_pin.control.controller import State
-from rnc_pin.control.whole_body.whole_body_program import report_within
+from rnc_pin.control import State
+from rnc_pin.control.whole_body import report_within
 from rnc_pin.errors import ConfigurationError, RncError
-from rnc_pin.io.json import Json, dump_json
-from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.io import Json, dump_json
+from rnc_pin.model import ReducedModel
 from rnc_pin.simulation import (
     LimitReplay,
     Observer,

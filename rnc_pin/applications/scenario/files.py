@@ -15,10 +15,8 @@ from pathlib import Path
 import yaml
 
 from rnc_pin.errors import ConfigurationError, ModelError, closest, nearest
-from rnc_pin.io.json import Json
-from rnc_pin.io.safe_read import read_bytes
-from rnc_pin.io.safe_yaml import load_yaml
-from rnc_pin.robots.robot_files import example_urdfs, shipped_directory
+from rnc_pin.io import Json, load_yaml, read_bytes
+from rnc_pin.robots import example_urdfs, shipped_directory
 
 ROBOT_FILES = (".urdf", ".xacro", ".xml", ".mjcf")
 _BUILT_IN = Path(__file__).resolve().parent / "builtin"

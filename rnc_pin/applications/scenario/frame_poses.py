@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.robots.robot import Robot
+from rnc_pin.robots import Robot
 
 
 class FramePoses(NamedTuple):

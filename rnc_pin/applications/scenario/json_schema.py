@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 from rnc_pin.applications.scenario.schema import Scenario
-from rnc_pin.io.json import Json
+from rnc_pin.io import Json
 
 
 def schema() -> dict[str, Json]:

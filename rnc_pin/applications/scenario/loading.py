@@ -13,7 +13,7 @@ from rnc_pin.applications.scenario.files import short_text
 from rnc_pin.applications.scenario.schema import Scenario
 from rnc_pin.applications.scenario.schema.base import LIST, PLAIN
 from rnc_pin.errors import ConfigurationError, nearest
-from rnc_pin.io.json import Json
+from rnc_pin.io import Json
 
 
 def validate(raw: Mapping[str, Json], source: str) -> Scenario:

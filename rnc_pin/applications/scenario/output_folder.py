@@ -12,8 +12,7 @@ from pathlib import Path
 from types import TracebackType
 
 from rnc_pin.errors import ConfigurationError, few
-from rnc_pin.io.atomic_write import TEMPORARY_PREFIX
-from rnc_pin.io.manifest import MANIFEST, Manifest, digest, is_result
+from rnc_pin.io import MANIFEST, TEMPORARY_PREFIX, Manifest, digest, is_result
 
 
 class OutputFolder:

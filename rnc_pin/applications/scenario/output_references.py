@@ -11,10 +11,9 @@ from rnc_pin.applications.scenario.frame_poses import frame_poses
 from rnc_pin.applications.scenario.schema import Scenario
 from rnc_pin.control import SlitheringReference
 from rnc_pin.errors import ConfigurationError, InputError
-from rnc_pin.math.coordinates import Coordinates
-from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.task import Task
-from rnc_pin.optimal.motion_plan import MotionPlan
+from rnc_pin.math import Coordinates
+from rnc_pin.model import ReducedModel, Task
+from rnc_pin.optimal import MotionPlan
 from rnc_pin.planning import Hold, Reference
 from rnc_pin.simulation import PlannedPath
 

@@ -16,12 +16,8 @@ from rnc_pin.applications.scenario.schema.constraints import with_ground
 from rnc_pin.applications.scenario.schema.phase_settings import PhaseSettings
 from rnc_pin.constraints import GroundPlane, LoopClosure, PrescribedMotion
 from rnc_pin.errors import ConfigurationError, InputError, RncError
-from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.model.offset_frame import OffsetFrame
-from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.rows import ConstraintKind
-from rnc_pin.model.system import NonholonomicSystem
-from rnc_pin.robots.robot import Robot
+from rnc_pin.model import ConstraintKind, Kinematics, NonholonomicSystem, OffsetFrame, ReducedModel
+from rnc_pin.robots import Robot
 from rnc_pin.simulation import Phase, sample_count
 from rnc_pin.simulation.phases import PhaseStart
 

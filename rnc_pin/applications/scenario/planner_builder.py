@@ -14,7 +14,7 @@ from rnc_pin.applications.scenario.schema.planner_settings import Limits, Optima
 from rnc_pin.applications.scenario.schema.reference_settings import VehiclePath
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
 from rnc_pin.errors import ConfigurationError, RncError, nearest
-from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model import ReducedModel
 from rnc_pin.optimal import (
     AccelerationCost,
     BoundKind,
@@ -23,20 +23,20 @@ from rnc_pin.optimal import (
     EffortCost,
     InputBound,
     MotionPlan,
+    Nodes,
     OutputBound,
     PostureCost,
+    RunFeedback,
     VelocityBound,
     VelocityCost,
+    Weight,
     action_model,
     driven_configurations,
+    goal_configuration,
     tvlqr,
 )
-from rnc_pin.optimal.action_models import Nodes
-from rnc_pin.optimal.costs import Weight
-from rnc_pin.optimal.guesses import goal_configuration
-from rnc_pin.optimal.planner import RunFeedback
 from rnc_pin.planning import Reference
-from rnc_pin.robots.robot import Robot
+from rnc_pin.robots import Robot
 from rnc_pin.simulation import PlannedPath
 
 _POINTS = 400  # of a planned path

@@ -10,10 +10,18 @@ import numpy as np
 
 from rnc_pin.applications.scenario.schema import Scenario
 from rnc_pin.errors import ConfigurationError, RncError
-from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.system import NonholonomicSystem
-from rnc_pin.plants import ChangingPlant, ContactPlant, FaultyPlant, Plant, ReducedPlant, VelocityPlant, mujoco
-from rnc_pin.plants.model_changes import MassErrors, TimedChange
+from rnc_pin.model import NonholonomicSystem, ReducedModel
+from rnc_pin.plants import (
+    ChangingPlant,
+    ContactPlant,
+    FaultyPlant,
+    MassErrors,
+    Plant,
+    ReducedPlant,
+    TimedChange,
+    VelocityPlant,
+    mujoco,
+)
 
 
 def build_plant(scenario: Scenario, reduced: ReducedModel, q0: np.ndarray, folder: Path) -> Plant:

@@ -6,10 +6,7 @@ from pathlib import Path
 
 from rnc_pin.applications.scenario.execution import Plan, Result
 from rnc_pin.applications.scenario.schema.scenario import PlotSettings
-from rnc_pin.visualization.limit_plot import plot_limits
-from rnc_pin.visualization.plot_style import save
-from rnc_pin.visualization.plots import plot_learning, plot_outputs, plot_run, plot_top_view
-from rnc_pin.visualization.top_view import ground_paths
+from rnc_pin.visualization import ground_paths, plot_learning, plot_limits, plot_outputs, plot_run, plot_top_view, save
 
 
 def write_plot(plan: Plan, result: Result, path: Path) -> bool:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from rnc_pin.applications.scenario.builder import Experiment, off_tracking
-from rnc_pin.control.limited_acceleration import limited_accelerations
+from rnc_pin.control import limited_accelerations
+from rnc_pin.control.whole_body import program_of
 from rnc_pin.control.whole_body.limits import CollisionAvoidance
-from rnc_pin.control.whole_body.whole_body_program import program_of
 from rnc_pin.simulation import (
     SHORTFALL,
     LimitReplay,

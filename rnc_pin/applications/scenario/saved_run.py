@@ -15,11 +15,9 @@ from rnc_pin.applications.scenario.schema import Scenario
 from rnc_pin.applications.scenario.schema.obstacles import build_obstacles
 from rnc_pin.collision import Obstacle
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model import ReducedModel
 from rnc_pin.simulation import Provenance, Trajectory
-from rnc_pin.visualization.drawn_model import DrawnModel
-from rnc_pin.visualization.recording import Recording
-from rnc_pin.visualization.view import View
+from rnc_pin.visualization import DrawnModel, Recording, View
 
 
 @dataclass(frozen=True)

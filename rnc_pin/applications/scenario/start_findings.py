@@ -6,9 +6,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from rnc_pin.analysis.wheel_heights import wheel_height_findings
+from rnc_pin.analysis import wheel_height_findings
 from rnc_pin.applications.scenario.schema import Scenario
-from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model import ReducedModel
 from rnc_pin.verdict import Finding, Severity
 
 

@@ -12,11 +12,10 @@ import numpy as np
 from rnc_pin.applications.sweep.results import SweepResults
 from rnc_pin.applications.sweep.statistics import sweep_statistics
 from rnc_pin.applications.sweep.swept_run import LIMITS, SUCCESSFUL, Row, verdict_or_failure
-from rnc_pin.io.atomic_write import atomic_file
-from rnc_pin.io.json import dump_json
+from rnc_pin.io import atomic_file, dump_json
 
 if TYPE_CHECKING:
-    from rnc_pin.visualization.sweep_plots import Histogram
+    from rnc_pin.visualization import Histogram
 
 _MOST_PANELS = 24
 _DRAWN_RESULTS = ("smallest_distance", "smallest_own_distance", "min_singular_value")
@@ -57,8 +56,7 @@ def failure_lines(results: SweepResults, row: Row) -> Iterator[str]:
 
 def write_distributions(results: SweepResults, path: Path) -> None:
     """Draw the distributions of results, and the share of each finding over drawn values."""
-    from rnc_pin.visualization.plot_style import save
-    from rnc_pin.visualization.sweep_plots import plot_distributions
+    from rnc_pin.visualization import plot_distributions, save
 
     names = [name for name in results.columns if name.startswith("final_error.")]
     names += [name for name in _DRAWN_RESULTS if name in results.columns]
@@ -74,7 +72,7 @@ def _histogram(results: SweepResults, name: str) -> Histogram | None:
     """Histogram of a column of numbers by verdict; None if it has no two different numbers."""
     import pyarrow as pa
 
-    from rnc_pin.visualization.sweep_plots import Histogram
+    from rnc_pin.visualization import Histogram
 
     kind = results.table_schema.field(name).type
     if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):

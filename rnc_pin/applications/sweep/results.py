@@ -25,7 +25,7 @@ from rnc_pin.applications.sweep.swept_run import (
 )
 from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.extras import check_extra
-from rnc_pin.io.atomic_write import atomic_file
+from rnc_pin.io import atomic_file
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, counted
 from rnc_pin.simulation import Trajectory
 

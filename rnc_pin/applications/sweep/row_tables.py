@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from rnc_pin.applications.sweep.swept_run import Row, is_result_column
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.io.atomic_write import atomic_file
+from rnc_pin.io import atomic_file
 
 if TYPE_CHECKING:
     import pyarrow as pa

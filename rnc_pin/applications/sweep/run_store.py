@@ -16,7 +16,7 @@ from pathlib import Path
 from rnc_pin.applications.sweep.row_tables import plain_rows, read_part, schema_of, table_of, write_part
 from rnc_pin.applications.sweep.swept_run import Row
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.io.atomic_write import TEMPORARY_PREFIX
+from rnc_pin.io import TEMPORARY_PREFIX
 
 BLOCK = 5000
 """Runs of a block."""

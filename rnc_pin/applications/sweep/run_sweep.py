@@ -28,7 +28,7 @@ from rnc_pin.applications.sweep.worker_pool import finished_runs
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.extras import check_extra
 from rnc_pin.interruption import uninterrupted
-from rnc_pin.io.json import Json, to_json_mapping
+from rnc_pin.io import Json, to_json_mapping
 
 SweepProgress = Callable[[int, int | None], object]
 """Callback that takes the number of finished runs, and that of all runs if it is known."""

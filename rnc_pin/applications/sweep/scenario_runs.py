@@ -28,10 +28,10 @@ from rnc_pin.applications.sweep.swept_run import (
     save_trajectory,
     with_options_of_sweeps,
 )
-from rnc_pin.control.whole_body.whole_body_program import program_of
+from rnc_pin.control.whole_body import program_of
 from rnc_pin.errors import InfeasibleError, RncError, SingularityError
-from rnc_pin.io.json import Json
-from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.io import Json
+from rnc_pin.model import ReducedModel
 from rnc_pin.simulation import sample_count
 from rnc_pin.simulation.side_by_side import RunArguments, lock_step_key, simulate_side_by_side
 

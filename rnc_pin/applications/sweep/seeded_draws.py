@@ -12,7 +12,7 @@ from rnc_pin.applications.scenario.files import apply_options, find_scenario, re
 from rnc_pin.applications.scenario.loading import admitted, validate
 from rnc_pin.applications.scenario.schema.sweep_settings import ChoiceDistribution, Distribution, Distributions
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.io.json import Json, to_json_mapping
+from rnc_pin.io import Json, to_json_mapping
 
 Draw: TypeAlias = Mapping[str, Any]
 """Values of a run by name; in sweeps of a scenario, options by dotted key."""

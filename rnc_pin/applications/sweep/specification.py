@@ -17,9 +17,7 @@ from rnc_pin.applications.scenario.output_folder import lock_folder
 from rnc_pin.applications.sweep.row_tables import Kinds
 from rnc_pin.applications.sweep.run_store import blocks_of, journal_file, part_file
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.io.atomic_write import TEMPORARY_PREFIX, atomic_file
-from rnc_pin.io.json import Json
-from rnc_pin.io.safe_read import read_bytes
+from rnc_pin.io import TEMPORARY_PREFIX, Json, atomic_file, read_bytes
 from rnc_pin.version import __version__
 
 SPECIFICATION = "specification.json"

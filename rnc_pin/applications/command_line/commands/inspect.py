@@ -20,8 +20,7 @@ from rnc_pin.applications.scenario.files import apply_options, find_scenario, pa
 from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.start_findings import start_findings, warnings_of
 from rnc_pin.errors import RncError
-from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.task import Task
+from rnc_pin.model import ReducedModel, Task
 from rnc_pin.verdict import Finding
 
 

@@ -16,9 +16,7 @@ from rnc_pin.applications.scenario.saved_run import Run, animation_of, compared,
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.simulation import add_verdict, judge, replay_limits, summarize
 from rnc_pin.verdict import Verdict
-from rnc_pin.visualization.capture import write_frames, write_video
-from rnc_pin.visualization.drawn_state import recorded_states
-from rnc_pin.visualization.plots import write_plots
+from rnc_pin.visualization import recorded_states, write_frames, write_plots, write_video
 
 
 def replay_runs(

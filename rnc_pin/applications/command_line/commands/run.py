@@ -89,7 +89,7 @@ def _drawn(prepared: Plan, result: Result, folder: Path, artists: Artists, quiet
 def _watched(prepared: Plan, speed: float, browser: bool, host: str, quiet: bool) -> Result:
     """Execute the run with a live view."""
     from rnc_pin.applications.command_line.watching import close, live_view  # Meshcat takes a second to import
-    from rnc_pin.visualization.drawn_model import DrawnModel
+    from rnc_pin.visualization import DrawnModel
 
     experiment = prepared.experiment
     scenario, title = experiment.scenario, experiment.scenario.title or prepared.name

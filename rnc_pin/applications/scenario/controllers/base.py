@@ -19,6 +19,8 @@ from rnc_pin.applications.scenario.controllers.unknown_parameters import Unknown
 from rnc_pin.applications.scenario.schema.base import Numbers, Strict, wrong
 from rnc_pin.applications.scenario.schema.derived import Entry, T, part
 from rnc_pin.control import (
+    OUTER_GAINS,
+    OuterGains,
     PositionGains,
     Preset,
     UncertainController,
@@ -26,7 +28,6 @@ from rnc_pin.control import (
     ZeroInput,
     design_velocity_gains,
 )
-from rnc_pin.control.gain_design import OUTER_GAINS, OuterGains
 from rnc_pin.errors import ConfigurationError
 
 _Gains = type[VelocityGains] | type[PositionGains]

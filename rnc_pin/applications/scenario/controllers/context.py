@@ -15,10 +15,9 @@ from rnc_pin.applications.scenario.schema.simulation_settings import SimulationS
 from rnc_pin.collision import Obstacle
 from rnc_pin.control import Controller, SlitheringReference
 from rnc_pin.errors import ConfigurationError, InfeasibleError, nearest
-from rnc_pin.io.json import Json
-from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.task import Task
-from rnc_pin.optimal.motion_plan import MotionPlan
+from rnc_pin.io import Json
+from rnc_pin.model import ReducedModel, Task
+from rnc_pin.optimal import MotionPlan
 from rnc_pin.planning import Reference
 
 MIN_SINGULAR_VALUE = 0.01

@@ -6,8 +6,7 @@ from rnc_pin.applications.scenario.controllers.context import MIN_SINGULAR_VALUE
 from rnc_pin.applications.scenario.controllers.task_goals import TaskGoals
 from rnc_pin.control import KinematicController, VelocityQP, VelocityTarget
 from rnc_pin.control.whole_body import ProgramState
-from rnc_pin.model.measurement import Measurement
-from rnc_pin.model.task import Task
+from rnc_pin.model import Measurement, Task
 from rnc_pin.simulation import Margins, margins_along, obstacles_passed
 
 _ROLLOUT_STEP = 0.05  # [s]; a coarse step is enough, because the inertia varies smoothly

@@ -18,6 +18,7 @@ from rnc_pin.applications.scenario.controllers.context import BuiltController, C
 from rnc_pin.applications.scenario.schema.derived import PartialCall, part
 from rnc_pin.applications.scenario.schema.reference_settings import Pose
 from rnc_pin.control import (
+    OUTER_GAINS,
     JacobianTransposeController,
     PositionGains,
     PositionTracker,
@@ -29,10 +30,8 @@ from rnc_pin.control import (
     design_velocity_gains,
     effective_inertia,
 )
-from rnc_pin.control.gain_design import OUTER_GAINS
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.model.parameter_types import NotNegative
-from rnc_pin.model.task import Task
+from rnc_pin.model import NotNegative, Task
 
 _GAINS = preset_gains(PositionGains, "k1", "k2", "gamma", "beta", "sigma")
 _ACTIVE = part(JacobianTransposeController, "active")

@@ -9,8 +9,7 @@ from pydantic import model_validator
 from rnc_pin.applications.scenario.controllers.context import ControllerContext
 from rnc_pin.applications.scenario.schema.base import Strict
 from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall
-from rnc_pin.control import Combined, JointLimits, Posture, Secondary, SingularityDistance
-from rnc_pin.control.redundancy import check_freedom
+from rnc_pin.control import Combined, JointLimits, Posture, Secondary, SingularityDistance, check_freedom
 
 
 class SecondarySettings(Strict):

@@ -7,8 +7,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from rnc_pin.analysis import equilibrium, linearize, lqr
-from rnc_pin.analysis.regulator import check_sampling
+from rnc_pin.analysis import check_sampling, equilibrium, linearize, lqr
 from rnc_pin.applications.scenario.controllers.base import ControllerSettings
 from rnc_pin.applications.scenario.controllers.context import (
     MIN_SINGULAR_VALUE,

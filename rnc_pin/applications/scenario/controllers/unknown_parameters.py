@@ -20,8 +20,7 @@ from rnc_pin.control import (
     UnknownTrack,
     WheelRegressor,
 )
-from rnc_pin.model.parameter_types import NotNegative
-from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model import NotNegative, ReducedModel
 
 _ENDS = Field(min_length=2, max_length=2, description="Lower and upper bound of all estimates, in their unit.")
 _ERROR = Field(description="Prediction error below which adaptation stops, because of noise [m/s or rad/s].")

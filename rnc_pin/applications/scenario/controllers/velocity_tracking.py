@@ -19,6 +19,7 @@ from rnc_pin.control import (
     ActuatorVelocityController,
     ComputedTorque,
     KinematicController,
+    OuterGains,
     ReducingOutputController,
     RedundancyController,
     Secondary,
@@ -27,9 +28,8 @@ from rnc_pin.control import (
     VelocityTracker,
     design_velocity_gains,
 )
-from rnc_pin.control.gain_design import OuterGains
 from rnc_pin.errors import ConfigurationError, RncError
-from rnc_pin.model.task import Task
+from rnc_pin.model import Task
 from rnc_pin.planning import Joined, Reference, ReferencePoint
 
 _BANDWIDTH = part(design_velocity_gains, "bandwidth")

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from rnc_pin.applications.scenario.schema.derived import Entry, one_of
 from rnc_pin.applications.scenario.schema.outputs import OutputItem
-from rnc_pin.model.actuation import Actuator, FrameForce, FrameTorque, OutputForce
+from rnc_pin.model import Actuator, FrameForce, FrameTorque, OutputForce
 
 ActuatorItem = Annotated[
     Actuator,

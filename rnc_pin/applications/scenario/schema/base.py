@@ -25,7 +25,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError
 
 from rnc_pin.errors import nearest
-from rnc_pin.model.parameter_types import Positive as Positive
+from rnc_pin.model import Positive as Positive
 
 _LARGEST = 1e15  # largest magnitude of a number in a scenario; products stay finite
 

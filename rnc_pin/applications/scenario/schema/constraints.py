@@ -35,8 +35,8 @@ from rnc_pin.constraints import (
     SphericalGround,
     Torus,
 )
-from rnc_pin.math.coordinates import Coordinates
-from rnc_pin.model.rows import ConstraintKind
+from rnc_pin.math import Coordinates
+from rnc_pin.model import ConstraintKind
 from rnc_pin.planning import Reference
 from rnc_pin.plants import UnilateralContact
 

@@ -7,7 +7,7 @@ from typing import Annotated
 from rnc_pin.applications.scenario.schema.derived import Entry, one_of
 from rnc_pin.applications.scenario.schema.outputs import OutputItem
 from rnc_pin.forces import Damper, SmoothFriction, Spring, Wrench
-from rnc_pin.model.passive_forces import ForceKind
+from rnc_pin.model import ForceKind
 
 ForceItem = Annotated[
     ForceKind,

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from rnc_pin.applications.scenario.schema.base import Strict
 from rnc_pin.applications.scenario.schema.derived import Entry, one_of
-from rnc_pin.model.rows import OutputKind
+from rnc_pin.model import OutputKind
 from rnc_pin.outputs import (
     CenterOfMass,
     Distance,

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, model_validator
 from rnc_pin.applications.scenario.schema.base import Numbers, Positive, Strict
 from rnc_pin.applications.scenario.schema.derived import Entry
 from rnc_pin.applications.scenario.schema.reference_settings import ReferenceItem, VehiclePath
-from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model import ReducedModel
 from rnc_pin.optimal import FileLimits, MotionPlan, OutputCost, SolverSettings, plan
 
 WeightSetting = float | Numbers | dict[str, float]

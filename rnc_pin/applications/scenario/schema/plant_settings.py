@@ -9,9 +9,8 @@ from pydantic import Field, model_validator
 from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall
 from rnc_pin.applications.scenario.schema.forces import ForceItem
 from rnc_pin.loop import ControlLoop
-from rnc_pin.model.parameter_types import NotNegative, Positive
-from rnc_pin.plants import Faults
-from rnc_pin.plants.model_changes import Payload, StuckJoint
+from rnc_pin.model import NotNegative, Positive
+from rnc_pin.plants import Faults, Payload, StuckJoint
 from rnc_pin.plants.mujoco import MuJoCoSettings
 
 _MUJOCO, _FAULTS = Entry(MuJoCoSettings), Entry(Faults)

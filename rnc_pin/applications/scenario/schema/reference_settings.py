@@ -10,14 +10,15 @@ from pydantic import Field, model_validator
 from rnc_pin.applications.scenario.schema.base import Positive, Strict
 from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, one_of
 from rnc_pin.control import SlitheringReference
-from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.planning import CarPath, SteeringGeometry
-from rnc_pin.planning.relative_references import (
+from rnc_pin.model import ReducedModel
+from rnc_pin.planning import (
+    CarPath,
     RelativeHarmonic,
     RelativeHold,
     RelativeMinimumJerk,
     RelativeReference,
     RelativeViaPoints,
+    SteeringGeometry,
 )
 
 ReferenceItem = Annotated[

@@ -10,8 +10,7 @@ import pinocchio as pin
 from pydantic import Field, model_validator
 
 from rnc_pin.applications.scenario.schema.base import Strict
-from rnc_pin.robots.robot import Robot
-from rnc_pin.robots.robot_files import find_mjcf, find_urdf
+from rnc_pin.robots import Robot, find_mjcf, find_urdf
 
 
 class Attachment(Strict):

@@ -24,9 +24,9 @@ from rnc_pin.applications.scenario.schema.simulation_settings import GripSetting
 from rnc_pin.applications.scenario.schema.sweep_settings import Distribution
 from rnc_pin.constraints import GroundPlane
 from rnc_pin.errors import nearest
-from rnc_pin.model.parameter_types import Positive
+from rnc_pin.model import Positive
 from rnc_pin.verdict import FindingKind
-from rnc_pin.visualization.view import View
+from rnc_pin.visualization import View
 
 
 class Initial(Strict):

@@ -9,7 +9,7 @@ from pydantic import Field
 from rnc_pin.analysis import Grip
 from rnc_pin.applications.scenario.schema.base import Positive
 from rnc_pin.applications.scenario.schema.derived import Entry
-from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model import ReducedModel
 from rnc_pin.plants import ReducedPlant
 from rnc_pin.simulation import Stop
 
