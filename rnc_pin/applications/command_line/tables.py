@@ -104,7 +104,7 @@ def print_sweep_statistics(scenario: str, summary: SweepStatistics, folder: Path
         counts.append(f"{sum(failed.values())} failed ({kinds})")
     outcomes = ", ".join(counts)
     if summary["redrawn"]:
-        outcomes += f" ({summary['redrawn']} tasks failed preflight and were drawn again)"
+        outcomes += f" ({summary['redrawn']} draws were infeasible and drawn again)"
     table = Table(title=f"{scenario}: {outcomes}", title_justify="left", title_style="bold")
     table.add_column("output")
     table.add_column("median final error", justify="right")

@@ -49,7 +49,7 @@ _Model: TypeAlias = tuple[ReducedModel | None, tuple[str, ...]]
 class ScenarioRuns:
     """Runs of a scenario with drawn options.
 
-    A task is drawn again if preflight refuses it or no gains fit; ``redrawn`` counts these draws.
+    A draw is repeated if preflight refuses it, no gains fit, or it has no plan; ``redrawn`` counts.
 
     Args:
         scenario: a built-in name or a file.
