@@ -11,10 +11,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rnc_pin.applications.scenario.execution import Plan, execute, plan
+from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import with_options
 from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.plant_builder import build_plant
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import RncError
 
 SCENARIOS: dict[str, dict[str, Any]] = {
@@ -80,12 +81,12 @@ def spoilt(fault: str, size: float, clean: dict[str, Any]) -> dict[str, Any]:
 
 
 @functools.cache
-def prepared(scenario: str) -> Plan:
+def prepared(scenario: str) -> Scenario:
     """Without a fault: its gains are the same in every run."""
-    return plan(scenario, {"comparisons": {}, "preflight": "warn", **SCENARIOS[scenario]})
+    return Scenario.load(scenario, {"comparisons": {}, "preflight": "warn", **SCENARIOS[scenario]}).build()
 
 
-def spoiled(clean: Plan, options: dict[str, Any]) -> Plan:
+def spoiled(clean: Scenario, options: dict[str, Any]) -> Scenario:
     """A plan of which no more is built anew than the plant."""
     scenario = validate(with_options(clean.raw, options), clean.name)
     before = clean.experiment

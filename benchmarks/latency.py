@@ -28,8 +28,8 @@ from rich.console import Console
 from rich.table import Table
 
 from rnc_pin.applications.scenario.builder import Experiment
-from rnc_pin.applications.scenario.execution import plan
 from rnc_pin.applications.scenario.files import built_in_names
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import RncError
 from rnc_pin.loop import ControlLoop, VelocityInputLoop
 from rnc_pin.plants.plant import takes_velocities
@@ -180,7 +180,7 @@ def main() -> None:
     table = Table("scenario", *COLUMNS)
     for name in given.scenarios:
         try:
-            experiment = plan(name, {"comparisons": {}}).experiment
+            experiment = Scenario.load(name, {"comparisons": {}}).experiment
             if not experiment.reduced.p:
                 continue  # nothing to control
             cells = latency(name, experiment, recorded(experiment, given.ticks + 1), given.ticks).cells()

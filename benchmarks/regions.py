@@ -10,7 +10,6 @@ import numpy as np
 
 import rnc_pin as rnc
 from benchmarks.planned_models import car, tractor
-from rnc_pin.applications.scenario.execution import plan as planned_scenario
 from rnc_pin.errors import SimulationError
 from rnc_pin.optimal import MotionPlan, OutputBound, PlanFeedback, SolverSettings, VelocityBound
 from rnc_pin.optimal.action_models import KinematicModel, Nodes

@@ -25,9 +25,10 @@ import numpy as np
 import pinocchio as pin
 
 import rnc_pin as rnc
-from rnc_pin.applications.scenario.execution import Plan, execute, plan
+from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import built_in_names
 from rnc_pin.applications.scenario.run_verdict import judged_summary, run_summary
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.collision import CollisionDistances, Obstacle
 from rnc_pin.simulation import Trajectory
 from rnc_pin.verdict import FindingKind
@@ -130,7 +131,7 @@ def exceeds(run: Trajectory, robot: rnc.Robot) -> dict[FindingKind, bool]:
     return {kind: any(each) for kind, each in found.items()}
 
 
-def truths(made: Plan, run: Trajectory, step: float) -> dict[FindingKind, bool | None]:
+def truths(made: Scenario, run: Trajectory, step: float) -> dict[FindingKind, bool | None]:
     """Truth of each kind except goals; None where it is within the tolerance."""
     robot, obstacles = made.experiment.reduced.robot, made.experiment.obstacles
     true: dict[FindingKind, bool | None] = dict(exceeds(run, robot))
@@ -151,12 +152,12 @@ def truths(made: Plan, run: Trajectory, step: float) -> dict[FindingKind, bool |
 # ---------------------------------------------------------------------- drawn runs
 
 
-def drawn_plan(number: int, seed: int) -> Plan:
+def drawn_plan(number: int, seed: int) -> Scenario:
     """Run with drawn duration, obstacles, limits and faults."""
     generator = np.random.default_rng([seed, number])
     name = DRAWN[number % len(DRAWN)]
     options: dict[str, Any] = {**SHORT, "simulation.duration": float(generator.uniform(2.0, 7.0)), "seed": number}
-    nominal = plan(name, options)
+    nominal = Scenario.load(name, options).build()
     robot = nominal.experiment.reduced.robot
     run = execute(nominal).trajectory
     boxes = []
@@ -174,7 +175,7 @@ def drawn_plan(number: int, seed: int) -> Plan:
     if driven and generator.random() < 0.3:
         stuck = {"joint": str(generator.choice(driven)), "time": float(generator.uniform(0.1, 1.0))}
         options["faults"] = {"stuck": stuck}
-    made = plan(name, options)
+    made = Scenario.load(name, options).build()
     tighten(made.experiment.reduced.robot, run, generator)
     return made
 
@@ -200,7 +201,7 @@ def tighten(robot: rnc.Robot, run: Trajectory, generator: np.random.Generator) -
             model.upperEffortLimit[place] = generator.uniform(0.7, 2.0) * (float(np.abs(run.T[:, column]).max()) + 0.01)
 
 
-def missed(made: Plan, run: Trajectory) -> bool:
+def missed(made: Scenario, run: Trajectory) -> bool:
     """True if an output ended away from its desired value."""
     tolerance = made.experiment.scenario.goal_tolerance
     errors = []
@@ -212,7 +213,7 @@ def missed(made: Plan, run: Trajectory) -> bool:
     return any(each > tolerance for each in errors)
 
 
-def judged(made: Plan, step: float) -> dict[FindingKind, Case]:
+def judged(made: Scenario, step: float) -> dict[FindingKind, Case]:
     """Truth and judgement of a run by kind."""
     run = execute(replace(made, comparisons={})).trajectory
     true = truths(made, run, step)
@@ -231,13 +232,13 @@ def drawn_case(seed: int, number: int) -> dict[FindingKind, Case]:
 def built_in_case(name: str) -> dict[FindingKind, Case]:
     """Truth and judgement of a built-in scenario by kind; at 4 ms, because of its meshes."""
     with warnings.catch_warnings(action="ignore"), np.errstate(all="ignore"):
-        return judged(plan(name, SHORT), 4 * STEP)
+        return judged(Scenario.load(name, SHORT).build(), 4 * STEP)
 
 
 def cost(name: str, repeats: int = 3) -> str:
     """Row of a table: processor times of the run and of its verdict [s], and their ratio. Hulls of meshes exist."""
     with warnings.catch_warnings(action="ignore"), np.errstate(all="ignore"):
-        made = plan(name, SHORT)
+        made = Scenario.load(name, SHORT).build()
         execute(made)
         start = time.process_time()
         run = execute(made).trajectory

@@ -80,7 +80,7 @@ def driven() -> tuple[float, float]:
         run.log.add(sample, [parse_command(message, run.controls)])
     seen = _Times([])
     drive(run, samples=SAMPLES, watcher=seen)
-    return (seen.used[-1] - seen.used[0]) / (SAMPLES - 1), run.plan.experiment.simulation.dt
+    return (seen.used[-1] - seen.used[0]) / (SAMPLES - 1), run.scenario.experiment.simulation.dt
 
 
 class _Times(NamedTuple):

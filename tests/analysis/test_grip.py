@@ -6,7 +6,7 @@ import pytest
 
 import rnc_pin as rnc
 import systems
-from rnc_pin.applications.scenario.execution import plan
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.model.rows import Rows
 from rnc_pin.planning import MinimumJerk, Slowed, TaskReference
 from rnc_pin.simulation import grip_along, within_grip
@@ -130,15 +130,17 @@ def test_what_is_no_grip_is_refused(gripping, friction, loads, words):
 def test_a_scenario_is_warned_of_its_grip_refused_or_slowed():
     """A unicycle whose wheels would slip on ice."""
     quiet = {"comparisons": {}, "simulation.duration": 4.0}
-    needed = plan("unicycle", {**quiet, "grip": {"friction": 0.01}}).experiment.warnings
+    needed = Scenario.load("unicycle", {**quiet, "grip": {"friction": 0.01}}).experiment.warnings
     assert "times the grip that" in needed[0]
     with pytest.raises(rnc.InfeasibleError, match="times the grip that"):
-        plan("unicycle", {**quiet, "grip": {"friction": 0.01}, "preflight": "refuse"})
-    assert not plan("unicycle", {**quiet, "grip": {"friction": 5.0}, "preflight": "refuse"}).experiment.warnings
-    slowed = plan("unicycle", {**quiet, "grip": {"friction": 0.01, "slow": True}})
+        Scenario.load("unicycle", {**quiet, "grip": {"friction": 0.01}, "preflight": "refuse"}).build()
+    assert not Scenario.load(
+        "unicycle", {**quiet, "grip": {"friction": 5.0}, "preflight": "refuse"}
+    ).experiment.warnings
+    slowed = Scenario.load("unicycle", {**quiet, "grip": {"friction": 0.01, "slow": True}}).build()
     assert "slowed down by a factor of" in slowed.experiment.warnings[0]
     with pytest.raises(rnc.ConfigurationError, match="grip: requires a controller over a velocity tracker"):
-        plan("mobile-manipulator-two-phase", {**quiet, "grip": {"friction": 0.5}})
+        Scenario.load("mobile-manipulator-two-phase", {**quiet, "grip": {"friction": 0.5}}).build()
 
 
 def test_factors_by_which_a_scenario_slows_references_multiply():
@@ -149,7 +151,7 @@ def test_factors_by_which_a_scenario_slows_references_multiply():
     made, factors = {}, {}
     for friction in (0.005, 0.02):
         changes = {"comparisons": {}, "simulation.duration": 4.0, "grip.friction": friction, "grip.slow": True}
-        made[friction] = plan("unicycle", changes).experiment
+        made[friction] = Scenario.load("unicycle", changes).experiment
         (said,) = made[friction].warnings  # and nothing of wheels that slip
         factors[friction] = float(said.split("by a factor of ")[1].split(" so")[0])
     assert factors[0.005] == pytest.approx(2 * factors[0.02], rel=0.01)

@@ -5,7 +5,7 @@ import pytest
 
 import rnc_pin as rnc
 import systems
-from rnc_pin.applications.scenario.execution import plan
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control.dead_zone import apply_dead_zone
 from rnc_pin.control.estimation import adapt
 from rnc_pin.plants import Faults, FaultyPlant, ReducedPlant
@@ -72,11 +72,11 @@ def test_gains_that_know_the_delay_survive_it(sleigh):
 
 def test_a_scenario_says_delay_and_dead_zone():
     changes = {"controller.delay": 0.012, "controller.dead_zone": 0.01, "comparisons": {}}
-    gains = [plan("unicycle", each).experiment.controller.gains for each in ({"comparisons": {}}, changes)]
+    gains = [Scenario.load("unicycle", each).experiment.controller.gains for each in ({"comparisons": {}}, changes)]
     assert (gains[1].k < gains[0].k).all()
     assert gains[1].dead_zone == gains[1].describe()["dead_zone"] == 0.01
     assert "dead_zone" not in gains[0].describe()
     with pytest.raises(rnc.ConfigurationError, match=r"dead_zone"):
-        plan("unicycle", {"controller.dead_zone": -1.0})
+        Scenario.load("unicycle", {"controller.dead_zone": -1.0}).build()
     with pytest.raises(rnc.ConfigurationError, match=r"delay.*belongs to the preset 'scaled'"):
-        plan("unicycle", {"controller.delay": 0.01, "controller.preset": "paper"})
+        Scenario.load("unicycle", {"controller.delay": 0.01, "controller.preset": "paper"}).build()

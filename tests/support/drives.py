@@ -42,7 +42,7 @@ def in_real_time(run, queue, page):
 
 
 def reduced_of(drive):
-    return drive.plan.experiment.reduced
+    return drive.scenario.experiment.reduced
 
 
 def point_of(drive, q, frame):

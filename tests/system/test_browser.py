@@ -11,8 +11,9 @@ import pytest
 import rnc_pin as rnc
 from browsing import changed, children, opened, picture, place, visit, vivid
 from patience import PATIENCE, eventually
-from rnc_pin.applications.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.saved_run import view_of
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import Command
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.simulation import Sample, tracking_errors
@@ -34,13 +35,13 @@ def browser():
 @pytest.fixture(scope="module")
 def space_robot():
     """Three seconds of the paper's figure 4: plan and result."""
-    prepared = plan("space-robot", {"simulation.duration": 3.0, "simulation.dt": 0.01})
+    prepared = Scenario.load("space-robot", {"simulation.duration": 3.0, "simulation.dt": 0.01}).build()
     return prepared, execute(prepared)
 
 
 @pytest.fixture(scope="module")
 def fire_truck():
-    prepared = plan("fire-truck", {"simulation.duration": 6.0, "simulation.dt": 0.01})
+    prepared = Scenario.load("fire-truck", {"simulation.duration": 6.0, "simulation.dt": 0.01}).build()
     return prepared, execute(prepared)
 
 

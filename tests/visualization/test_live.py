@@ -20,7 +20,8 @@ import rnc_pin as rnc
 from browsing import listening
 from held_memory import holding_at_most
 from patience import PATIENCE, eventually
-from rnc_pin.applications.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import Command
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.simulation import Sample
@@ -35,7 +36,7 @@ SHORT = {"simulation.duration": 2.0, "simulation.dt": 0.01, "comparisons": {}}
 @pytest.fixture(scope="module")
 def prepared():
     """Two seconds of the paper's figure 4."""
-    return plan("space-robot", SHORT)
+    return Scenario.load("space-robot", SHORT).build()
 
 
 @pytest.fixture(scope="module")

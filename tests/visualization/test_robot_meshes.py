@@ -18,7 +18,8 @@ from patience import PATIENCE, eventually
 from places import DIRT
 from rnc_pin.applications.command_line.cli import main
 from rnc_pin.applications.scenario import animation_file, plot_files
-from rnc_pin.applications.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import nearest
 from rnc_pin.visualization.camera import Follower
 from rnc_pin.visualization.drawn_state import DrawnState
@@ -289,7 +290,7 @@ def test_a_run_without_drawing_reads_no_meshes_for_pictures(tmp_path, monkeypatc
         raise AssertionError("geometry was asked for")
 
     monkeypatch.setattr(rnc.Robot, "visual_model", property(fail))  # the verdict needs collision shapes
-    execute(plan("space-robot", {"simulation.duration": 0.02, "comparisons": {}}))
+    execute(Scenario.load("space-robot", {"simulation.duration": 0.02, "comparisons": {}}))
 
 
 def test_a_robot_without_its_meshes_runs(tmp_path, monkeypatch, capfd):

@@ -3,7 +3,8 @@
 import numpy as np
 
 from rnc_pin.applications.scenario.drawn_run import drawn_run
-from rnc_pin.applications.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.visualization.browser.drawing_commands import SceneWindow
 from rnc_pin.visualization.drawn_state import RATE, recorded_states
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
@@ -32,7 +33,7 @@ def test_ground_carries_a_ball_after_its_landing(tmp_path):
     """No force in flight; then the weight of 1 kg, upwards at the contact point. The scene has a layer for it."""
     file = tmp_path / "drop.yaml"
     file.write_text(DROP)
-    prepared = plan(str(file))
+    prepared = Scenario.load(str(file)).build()
     run = execute(prepared).trajectory
     drawn = drawn_run(prepared.experiment.drawn_model, prepared.experiment.scenario, run)
     forces = SwitchingForces(drawn.robot, drawn.switching, run.info.outputs.multipliers)

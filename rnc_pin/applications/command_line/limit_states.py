@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from rnc_pin.analysis import LimitEffect, limit_effects
-from rnc_pin.applications.scenario.builder import Experiment, build_experiment
+from rnc_pin.applications.scenario.builder import Experiment
 from rnc_pin.applications.scenario.controllers.whole_body import WholeBodySettings
 from rnc_pin.applications.scenario.saved_run import load_run
-from rnc_pin.applications.scenario.schema import Scenario
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import ComputedTorque, InverseDynamicsQP, VelocityQP, VelocityTracker
 from rnc_pin.errors import ConfigurationError, RncError
 
@@ -30,23 +30,22 @@ class ExaminedLimits(NamedTuple):
     problem: str | None
 
 
-def examine_limits(scenario: Scenario, folder: Path, run: Path | None) -> ExaminedLimits:
+def examine_limits(scenario: Scenario, run: Path | None) -> ExaminedLimits:
     """Return the effects of limits at the start of a scenario, or at 21 states of a run.
 
     Args:
         scenario: the scenario.
-        folder: folder of its files.
         run: folder of a run, or its trajectory; None for the start.
 
     Raises:
         RncError: the run cannot be read, or does not belong to the scenario.
     """
-    if not isinstance(scenario.controller, WholeBodySettings):
+    if not isinstance(scenario.content.controller, WholeBodySettings):
         if run is not None:
             raise ConfigurationError("--run: the controller of the scenario is no program with limits, as 'qp' is")
         return ExaminedLimits((), None)
     try:
-        experiment = build_experiment(scenario, folder)
+        experiment = scenario.experiment
     except RncError as error:
         return ExaminedLimits((), f"the controller cannot be built: {error}")
     states = [(0.0, experiment.q0, experiment.v2_0)] if run is None else _along(run, experiment)

@@ -10,7 +10,7 @@ import numpy as np
 
 from rnc_pin.applications.drive.goals import DriveGoals
 from rnc_pin.applications.drive.log import CommandQueue
-from rnc_pin.applications.drive.preparation import DrivePlan
+from rnc_pin.applications.drive.preparation import PreparedDrive
 from rnc_pin.applications.drive.status import DriveStatus
 from rnc_pin.applications.scenario.saved_run import view_of
 from rnc_pin.io import Json
@@ -83,7 +83,7 @@ class DrivenViewer(MeshcatViewer):
 
     def __init__(
         self,
-        prepared: DrivePlan,
+        prepared: PreparedDrive,
         queue: CommandQueue,
         drawn: DrawnModel,
         view: View,
@@ -166,8 +166,8 @@ class DrivePage:
         open_browser: True to open the page immediately.
     """
 
-    def __init__(self, prepared: DrivePlan, queue: CommandQueue, title: str, open_browser: bool) -> None:
-        experiment = prepared.plan.experiment
+    def __init__(self, prepared: PreparedDrive, queue: CommandQueue, title: str, open_browser: bool) -> None:
+        experiment = prepared.scenario.experiment
         reduced = experiment.reduced
         drawn = DrawnModel(reduced.robot, reduced, experiment.obstacles)
         info = RunInfo(drawn.outputs, tuple(reduced.vertical.names), provenance=experiment.provenance)
@@ -211,7 +211,7 @@ class DrivePage:
         self.live.close()
 
 
-def controls_entry(prepared: DrivePlan, ground: float) -> dict[str, Json]:
+def controls_entry(prepared: PreparedDrive, ground: float) -> dict[str, Json]:
     """Controls of a run as ``drive.js`` reads them."""
     controls = prepared.controls
 

@@ -1,4 +1,4 @@
-"""Preparation of a driven run: a scenario or a bare robot becomes a plan with a velocity program."""
+"""Preparation of a driven run: a scenario or a bare robot gets a velocity program."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from rnc_pin.applications.drive.moved_obstacles import movable
 from rnc_pin.applications.init import draft
 from rnc_pin.applications.init.output_selection import select_outputs
 from rnc_pin.applications.scenario.builder import Experiment, build_experiment, build_system
-from rnc_pin.applications.scenario.execution import Plan
 from rnc_pin.applications.scenario.files import (
     ROBOT_FILES,
     apply_options,
@@ -30,7 +29,8 @@ from rnc_pin.applications.scenario.files import (
     robot_names,
 )
 from rnc_pin.applications.scenario.loading import validate
-from rnc_pin.applications.scenario.schema import Scenario
+from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.control import ActuatorVelocityController, ComputedTorque, VelocityQP, VelocityTracker, describe
 from rnc_pin.control.whole_body.limits import CollisionAvoidance, ControlLimit
 from rnc_pin.errors import ConfigurationError, few
@@ -66,18 +66,18 @@ _MOVED = 1e-6  # smallest singular value of R^T B, in rows of unit length, at wh
 
 
 @dataclass(frozen=True)
-class DrivePlan:
+class PreparedDrive:
     """Driven run that is ready to start.
 
     Attributes:
-        plan: the run, as for ``rnc-pin run``.
+        scenario: the run, as for ``rnc-pin run``.
         controls: what a user may set.
         log: commands of the run.
         controller: kinematic controller of the run.
         frames: frames that can have a goal.
     """
 
-    plan: Plan
+    scenario: Scenario
     controls: DriveControls
     log: CommandLog
     controller: DriveController
@@ -108,7 +108,7 @@ def prepare_drive(
     built_in: bool,
     options: Mapping[str, Json],
     frames: Sequence[str] = (),
-) -> DrivePlan:
+) -> PreparedDrive:
     """Build a driven run from the mapping of a scenario.
 
     Args:
@@ -136,10 +136,11 @@ def prepare_drive(
     scenario = validate(config, name)
     experiment = build_experiment(scenario, folder)
     _check_drivable(name, experiment)
-    return _driven_plan(Plan(name, config, folder, experiment, {}, built_in), chosen)
+    made = Scenario(name, config, folder, built_in).built_with(content=scenario, experiment=experiment, comparisons={})
+    return _driven(made, chosen)
 
 
-def rebuild_drive(name: str, config: Mapping[str, Json], folder: Path, frames: Sequence[str]) -> DrivePlan:
+def rebuild_drive(name: str, config: Mapping[str, Json], folder: Path, frames: Sequence[str]) -> PreparedDrive:
     """Build a driven run from the configuration of a record.
 
     Raises:
@@ -148,11 +149,12 @@ def rebuild_drive(name: str, config: Mapping[str, Json], folder: Path, frames: S
     scenario = validate(config, name)
     experiment = build_experiment(scenario, folder)
     _check_drivable(name, experiment)
-    return _driven_plan(Plan(name, dict(config), folder, experiment, {}, name in built_in_names()), tuple(frames))
+    made = Scenario(name, dict(config), folder, name in built_in_names())
+    return _driven(made.built_with(content=scenario, experiment=experiment, comparisons={}), tuple(frames))
 
 
-def _driven_plan(plan: Plan, frames: tuple[str, ...]) -> DrivePlan:
-    experiment = plan.experiment
+def _driven(scenario: Scenario, frames: tuple[str, ...]) -> PreparedDrive:
+    experiment = scenario.experiment
     reduced, settings = experiment.reduced, experiment.simulation
     obstacles, motions = movable(experiment.obstacles)
     joints = [name for name in reduced.reducing.names if name in reduced.robot.joint_names]
@@ -169,7 +171,8 @@ def _driven_plan(plan: Plan, frames: tuple[str, ...]) -> DrivePlan:
         obstacles=obstacles,
         provenance=replace(experiment.provenance, controller=describe(tracker)),
     )
-    return DrivePlan(replace(plan, experiment=driven), controls, log, controller, frames)
+    made = scenario.built_with(experiment=driven)
+    return PreparedDrive(made, controls, log, controller, frames)
 
 
 def _with_obstacles(
@@ -190,7 +193,7 @@ def _with_obstacles(
 
 def _driven_config(
     raw: Mapping[str, Json],
-    scenario: Scenario,
+    scenario: ScenarioFile,
     system: NonholonomicSystem,
     frames: Sequence[str],
     options: Mapping[str, Json],
@@ -224,7 +227,7 @@ def _mapping(value: object) -> dict[str, Json]:
 
 
 def _output_candidates(
-    raw: Mapping[str, Json], scenario: Scenario, robot: Robot
+    raw: Mapping[str, Json], scenario: ScenarioFile, robot: Robot
 ) -> Iterator[tuple[Mapping[str, Json], float]]:
     """Yield output entries by preference: speeds and joints of the scenario, the base, joints, then all others."""
     given = _mapping(raw.get("outputs")).get("reducing")
@@ -243,9 +246,9 @@ def _output_candidates(
             yield entry, 0.0
 
 
-def _default_frames(scenario: Scenario, robot: Robot) -> tuple[str, ...]:
+def _default_frames(scenario: ScenarioFile, robot: Robot) -> tuple[str, ...]:
     """Frames of the scenario's position outputs and trails, then the ends of chains; none that a base carries."""
-    outputs = (*scenario.outputs.reducing, *scenario.outputs.vertical)
+    outputs = scenario.listed_outputs
     named = [str(getattr(each, "frame", "")) for each in outputs if type(each).__name__ == "FramePosition"]
     parents = {int(parent) for parent in robot.model.parents[1:]}
     bodies = {int(each.parentJoint): str(each.name) for each in robot.model.frames if each.type.name == "BODY"}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from itertools import count
 from typing import Protocol
 
@@ -12,13 +11,13 @@ import numpy as np
 
 from rnc_pin.applications.drive.controller import drive_state_of
 from rnc_pin.applications.drive.log import CommandQueue, RecordedDrive, ends, log_entries
-from rnc_pin.applications.drive.preparation import DrivePlan
+from rnc_pin.applications.drive.preparation import PreparedDrive
 from rnc_pin.applications.drive.real_time import RealTimeClock
 from rnc_pin.applications.drive.status import DriveStatus, ProgressMonitor
 from rnc_pin.applications.scenario.execution import Result
 from rnc_pin.applications.scenario.run_verdict import judged_summary
 from rnc_pin.errors import RncError
-from rnc_pin.simulation import Sample, SimulationOptions, Trajectory
+from rnc_pin.simulation import Sample, Trajectory
 from rnc_pin.simulation.ending import Progress, complete_run
 from rnc_pin.simulation.sampled_run import SampledRun
 
@@ -33,7 +32,7 @@ class DriveWatcher(Protocol):
 
 
 def drive(
-    prepared: DrivePlan,
+    prepared: PreparedDrive,
     queue: CommandQueue | None = None,
     samples: int | None = None,
     clock: RealTimeClock | None = None,
@@ -55,27 +54,18 @@ def drive(
     with np.errstate(over="ignore", invalid="ignore"):  # values of diverged runs overflow
         trajectory, error = _driven(prepared, queue, samples, clock, watcher)
         wall_time = time.perf_counter() - started
-        summary, limits = judged_summary(prepared.plan.experiment, trajectory, wall_time=wall_time, goals=False)
+        summary, limits = judged_summary(prepared.scenario.experiment, trajectory, wall_time=wall_time, goals=False)
     return Result(trajectory, summary, error, {}, limits)
 
 
 def _driven(
-    prepared: DrivePlan,
+    prepared: PreparedDrive,
     queue: CommandQueue | None,
     samples: int | None,
     clock: RealTimeClock | None,
     watcher: DriveWatcher | None,
 ) -> tuple[Trajectory, RncError | None]:
-    plan = prepared.plan
-    experiment, settings = plan.experiment, plan.experiment.simulation
-    provenance = replace(
-        experiment.provenance,
-        scenario=plan.name,
-        seed=experiment.scenario.seed,
-        config=plan.raw,
-        folder=None if plan.built_in else str(plan.folder),
-    )
-    options = SimulationOptions(stop=settings.stop, loop=experiment.loop, meta=provenance)
+    experiment, settings = prepared.scenario.experiment, prepared.scenario.experiment.simulation
     run = SampledRun(
         experiment.reduced,
         experiment.controller,
@@ -83,7 +73,7 @@ def _driven(
         settings.dt,
         _CAPACITY if samples is None else min(samples, _CAPACITY),
         plant=experiment.plant,
-        options=options,
+        options=prepared.scenario.options(experiment),
     )
     observe = _observer(prepared, run, queue, clock, watcher)
 
@@ -110,7 +100,7 @@ def _driven(
 
 
 def _observer(
-    prepared: DrivePlan,
+    prepared: PreparedDrive,
     run: SampledRun,
     queue: CommandQueue | None,
     clock: RealTimeClock | None,
@@ -119,7 +109,7 @@ def _observer(
     """Function that passes a sample to the page, with a status if it is due."""
     if watcher is None:
         return None
-    controls, reduced = prepared.controls, prepared.plan.experiment.reduced
+    controls, reduced = prepared.controls, prepared.scenario.experiment.reduced
     monitor, due = ProgressMonitor(controls), [0.0]
     names = [*controls.frames, *(() if controls.base is None else (controls.base.frame,))]
 
@@ -143,17 +133,17 @@ def _observer(
     return observe
 
 
-def record_of(prepared: DrivePlan, result: Result) -> RecordedDrive:
+def record_of(prepared: PreparedDrive, result: Result) -> RecordedDrive:
     """Return the record of a driven run, from which it can be repeated."""
     from rnc_pin._kernel import kernel
 
-    plan = prepared.plan
+    scenario = prepared.scenario
     return RecordedDrive(
-        plan.name,
-        plan.raw,
-        None if plan.built_in else str(plan.folder),
+        scenario.name,
+        scenario.raw,
+        None if scenario.built_in else str(scenario.folder),
         list(prepared.frames),
         max(2, len(result.trajectory.time)),
         {**result.trajectory.info.versions, "kernel": kernel},
-        log_entries(prepared.log, plan.experiment.simulation.dt),
+        log_entries(prepared.log, scenario.experiment.simulation.dt),
     )

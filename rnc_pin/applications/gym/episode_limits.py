@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rnc_pin.applications.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import InputError
 from rnc_pin.io import Json
 from rnc_pin.model import ReducedModel
@@ -59,7 +60,7 @@ class EpisodeLimits:
         if limits["input"] is None and np.isfinite(effort).all():
             limits["input"] = np.array(effort)
         if any(limit is None for limit in limits.values()):
-            run = execute(plan(scenario, {**options, "comparisons": {}})).trajectory
+            run = execute(Scenario.load(scenario, {**options, "comparisons": {}})).trajectory
             position_units = tuple(unit.removesuffix("/s") for unit in (*x1.units, *x2.units))
             needed = {
                 "input": _INPUT * _largest(run.T, reduced.actuation.units),

@@ -8,11 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rnc_pin.applications.scenario.builder import build_reduced, build_task, start_of
-from rnc_pin.applications.scenario.files import apply_options, find_scenario, read_yaml, with_options
-from rnc_pin.applications.scenario.loading import admitted, validate
+from rnc_pin.applications.scenario.builder import start_of
+from rnc_pin.applications.scenario.files import with_options
+from rnc_pin.applications.scenario.loading import admitted
 from rnc_pin.applications.scenario.output_references import OutputReference, output_references
-from rnc_pin.applications.scenario.schema import Scenario, SimulationSettings
+from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.applications.scenario.schema import ScenarioFile, SimulationSettings
 from rnc_pin.applications.scenario.schema.reference_settings import References
 from rnc_pin.applications.scenario.schema.scenario import Initial
 from rnc_pin.applications.scenario.schema.sweep_settings import Distribution, Distributions
@@ -71,10 +72,8 @@ class EpisodeTask:
         period: float | None,
         min_singular_value: float,
     ) -> None:
-        path = find_scenario(scenario).resolve()
-        self._name = path.name
-        raw = apply_options(read_yaml(path), options)
-        self.scenario = validate(raw, self._name)
+        given = Scenario.load(scenario, options)
+        self._name, self.scenario = given.source, given.content
         settings = _supported(self.scenario, self._name)
         self.period = _SAMPLES * settings.dt if period is None else period
         self.samples = sample_count(self.period, settings.dt) - 1
@@ -82,11 +81,11 @@ class EpisodeTask:
             raise ConfigurationError(f"period {self.period:g} s is no multiple of simulation.dt, {settings.dt:g} s")
         self.steps = sample_count(settings.duration, self.period) - 1
         self.min_singular_value = min_singular_value
-        _, self.reduced = build_reduced(self.scenario, path.parent)
+        self.reduced = given.reduced
         if not self.reduced.p:
             raise ConfigurationError(f"{self._name}: actuators: there are none, so there are no actions")
-        self._task = build_task(self.scenario, self.reduced)
-        self._raw: dict[str, Json] = {key: raw.get(key) or {} for key in _DRAWN}
+        self._task = given.task
+        self._raw: dict[str, Json] = {key: given.raw.get(key) or {} for key in _DRAWN}
         self._draws = self._distributions(draws)
         self.nominal = self._start(self._raw)
         """Start without draws."""
@@ -146,7 +145,7 @@ def _mapping(raw: Json) -> Mapping[str, Json]:
     return raw
 
 
-def _supported(scenario: Scenario, name: str) -> SimulationSettings:
+def _supported(scenario: ScenarioFile, name: str) -> SimulationSettings:
     """Return the simulation of a scenario that an environment supports.
 
     Raises:

@@ -25,8 +25,9 @@ from rnc_pin.applications.init.trial import FAR, MEANINGFUL, Trial, worst_output
 from rnc_pin.applications.init.trial_findings import model_findings, run_findings
 from rnc_pin.applications.init.yaml_text import Drafted, write_draft
 from rnc_pin.applications.scenario.builder import Experiment, build_experiment, build_system
-from rnc_pin.applications.scenario.execution import Plan, execute
+from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.loading import validate
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.start_findings import start_findings
 from rnc_pin.constraints import MomentumConservation
 from rnc_pin.errors import ConfigurationError, ConstraintError, RncError, few
@@ -172,7 +173,7 @@ class ScenarioCandidate:
     def _run(self, raw: dict[str, Json], experiment: Experiment, duration: float) -> Trajectory:
         settings = experiment.simulation.model_copy(update={"duration": duration})
         brief = replace(experiment, simulation=settings)
-        result = execute(Plan("draft", raw, self.folder, brief, {}, built_in=False))
+        result = execute(Scenario("draft", raw, self.folder).built_with(experiment=brief, comparisons={}))
         if result.error is not None:
             raise result.error
         if result.trajectory.outcome is not Outcome.COMPLETED:

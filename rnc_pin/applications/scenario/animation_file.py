@@ -6,18 +6,18 @@ from dataclasses import replace
 from pathlib import Path
 
 from rnc_pin.applications.scenario.drawn_run import drawn_run
-from rnc_pin.applications.scenario.execution import Plan, Result
+from rnc_pin.applications.scenario.execution import Result
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.visualization import Recording
 
 
-def write_animation(plan: Plan, result: Result, path: Path) -> bool:
+def write_animation(scenario: Scenario, result: Result, path: Path) -> bool:
     """Write the page; False if the robot has nothing to draw."""
-    scenario, reduced = plan.experiment.scenario, plan.experiment.reduced
-    visual = reduced.robot.visual_model
+    content, visual = scenario.content, scenario.robot.visual_model
     if visual is None or not len(visual.geometryObjects):
         return False
-    view = scenario.view
+    view = content.view
     view = replace(view, hide=[*view.hide, "compared"])  # users can switch this layer on
-    drawn = drawn_run(plan.experiment.drawn_model, scenario, result.trajectory)
-    Recording(drawn, result.trajectory, view, scenario.title or plan.name, result.comparisons).save(path)
+    drawn = drawn_run(scenario.experiment.drawn_model, content, result.trajectory)
+    Recording(drawn, result.trajectory, view, content.title or scenario.name, result.comparisons).save(path)
     return True

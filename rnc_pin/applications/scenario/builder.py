@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import cast
 
@@ -19,7 +19,7 @@ from rnc_pin.applications.scenario.frame_poses import frame_poses
 from rnc_pin.applications.scenario.output_references import plan_path, task_references
 from rnc_pin.applications.scenario.planner_builder import Plans, Start, planned_path
 from rnc_pin.applications.scenario.plant_builder import build_plant
-from rnc_pin.applications.scenario.schema import Scenario, SimulationSettings
+from rnc_pin.applications.scenario.schema import ScenarioFile, SimulationSettings
 from rnc_pin.applications.scenario.schema.obstacles import build_obstacles
 from rnc_pin.applications.scenario.start_findings import start_findings, warnings_of
 from rnc_pin.collision import Obstacle, check_ignored_links
@@ -29,7 +29,7 @@ from rnc_pin.io import Json
 from rnc_pin.loop import LoopOptions
 from rnc_pin.model import NonholonomicSystem, ReducedModel, Task
 from rnc_pin.optimal import MotionPlan
-from rnc_pin.planning import Slowed, continued_back, path_distances
+from rnc_pin.planning import Reference, Slowed, continued_back, path_distances
 from rnc_pin.plants import Plant
 from rnc_pin.simulation import Outcome, Phase, Provenance, SimulationOptions, TaskNames, sample_count, simulate
 from rnc_pin.simulation.friction_demand import iterate_time_scale
@@ -41,19 +41,19 @@ from rnc_pin.visualization import DrawnModel
 _ROUNDED = 1e-4  # largest residual of holonomic rows that counts as rounding in the file
 
 
-def build_system(scenario: Scenario, folder: Path) -> NonholonomicSystem:
+def build_system(scenario: ScenarioFile, folder: Path) -> NonholonomicSystem:
     """Build the system of robot, constraints and actuators. Paths are relative to ``folder``."""
     robot = scenario.robot.build(folder)
     return NonholonomicSystem(robot, scenario.constraints, scenario.actuators, scenario.mimic, scenario.forces)
 
 
-def build_reduced(scenario: Scenario, folder: Path) -> tuple[NonholonomicSystem, ReducedModel]:
-    """Build the system and reduce it to the scenario's outputs."""
+def build_reduced(scenario: ScenarioFile, folder: Path) -> tuple[NonholonomicSystem, ReducedModel]:
+    """Build the system and reduce it to the outputs of the scenario."""
     system = build_system(scenario, folder)
-    return system, system.reduce(scenario.outputs.reducing, scenario.outputs.vertical)
+    return system, scenario.reduced(system)
 
 
-def build_task(scenario: Scenario, reduced: ReducedModel) -> Task:
+def build_task(scenario: ScenarioFile, reduced: ReducedModel) -> Task:
     """Return the task of the scenario. By default all reducing outputs are primary."""
     names = scenario.task
     primary = names.primary
@@ -66,7 +66,7 @@ def build_task(scenario: Scenario, reduced: ReducedModel) -> Task:
 class Experiment:
     """Objects of a run."""
 
-    scenario: Scenario
+    scenario: ScenarioFile
     reduced: ReducedModel
     controller: Controller
     plant: Plant
@@ -78,6 +78,8 @@ class Experiment:
     obstacles: tuple[Obstacle, ...] = ()
     plan: MotionPlan | None = None
     """Optimal motion of ``planner``."""
+    references: Mapping[str, Reference] = field(default_factory=dict)
+    """References of the task by role: ``primary``, ``redundant``, ``vertical``."""
     goals: TaskGoals | None = None
     """Goals of whole-body tasks."""
     phases: tuple[Phase | PhaseStart, ...] = ()
@@ -113,7 +115,7 @@ class Experiment:
 
 
 def build_experiment(
-    scenario: Scenario, folder: Path, plans: Plans | None = None, reduced: ReducedModel | None = None
+    scenario: ScenarioFile, folder: Path, plans: Plans | None = None, reduced: ReducedModel | None = None
 ) -> Experiment:
     """Build a run from a scenario without phases; ``build_phased`` builds the others.
 
@@ -140,13 +142,13 @@ def build_experiment(
     return experiment_at(scenario, folder, reduced, *start_of(scenario, reduced), plans)
 
 
-def start_of(scenario: Scenario, reduced: ReducedModel) -> tuple[np.ndarray, np.ndarray]:
+def start_of(scenario: ScenarioFile, reduced: ReducedModel) -> tuple[np.ndarray, np.ndarray]:
     """Initial configuration (nq,) and initial reduced velocity (r,)."""
     return _initial(scenario, reduced), reduced_velocity(reduced, scenario.initial.v2, "initial.v2")
 
 
 def experiment_at(
-    scenario: Scenario,
+    scenario: ScenarioFile,
     folder: Path,
     reduced: ReducedModel,
     q0: np.ndarray,
@@ -182,14 +184,14 @@ def experiment_at(
         return replace(experiment, start_findings=at_start)
     references, given = task_references(scenario, reduced, task, q0, motion)
     path = plan_path(scenario, reduced, task, q0)
+    if path.primary is not None:
+        references["primary"] = path.primary
     built = _build_controller(
         scenario,
         ControllerContext(
             reduced=reduced,
             task=task,
-            primary=references["primary"] if path.primary is None else path.primary,
-            redundant=references["redundant"],
-            vertical=references["vertical"],
+            **references,
             given=given,
             q0=q0,
             simulation=scenario.simulation,
@@ -221,6 +223,7 @@ def experiment_at(
         ),
         obstacles=obstacles,
         plan=motion,
+        references=references,
         goals=built.goals,
     )
     if built.doubts and scenario.preflight == "refuse":
@@ -259,7 +262,7 @@ def _check_goals(experiment: Experiment, plant: Plant) -> None:
         raise InfeasibleError("; ".join(missed))
 
 
-def _shown_frame(scenario: Scenario, reduced: ReducedModel) -> str:
+def _shown_frame(scenario: ScenarioFile, reduced: ReducedModel) -> str:
     """Frame whose planned path is drawn: the first trail, or the body of the first joint."""
     if scenario.view.trail:
         return scenario.view.trail[0]
@@ -276,7 +279,7 @@ def _unmeasured(obstacles: Sequence[Obstacle], reduced: ReducedModel) -> tuple[s
     return (text,)
 
 
-def _grip(scenario: Scenario, reduced: ReducedModel) -> Grip | None:
+def _grip(scenario: ScenarioFile, reduced: ReducedModel) -> Grip | None:
     """Return the friction limits of the wheels; None if the scenario has no ``grip``."""
     if scenario.grip is None:
         return None
@@ -288,7 +291,7 @@ def _grip(scenario: Scenario, reduced: ReducedModel) -> Grip | None:
         raise ConfigurationError(f"grip: {error}") from None
 
 
-def _build_controller(scenario: Scenario, context: ControllerContext) -> BuiltController:
+def _build_controller(scenario: ScenarioFile, context: ControllerContext) -> BuiltController:
     """Build the controller. With ``grip.slow`` its references are slowed down until no wheel slips."""
     assert scenario.controller is not None
     if scenario.grip is None or not scenario.grip.slow:
@@ -320,7 +323,7 @@ def _slowed(context: ControllerContext, time_scale: float) -> ControllerContext:
     )
 
 
-def _initial(scenario: Scenario, reduced: ReducedModel) -> np.ndarray:
+def _initial(scenario: ScenarioFile, reduced: ReducedModel) -> np.ndarray:
     """Return the initial configuration. If constraints require assembly, joints named in the file do not move."""
     q0 = reduced.robot.configuration(scenario.initial.q)
     if not reduced.assembly.size or np.abs(reduced.assembly.residual(q0)).max() < _ROUNDED:
@@ -353,7 +356,7 @@ def off_tracking(experiment: Experiment, configurations: np.ndarray) -> float | 
     return float(path_distances(axle[:, :2], continued_back(driven, behind)).max())
 
 
-def check_plots(scenario: Scenario, models: Sequence[ReducedModel]) -> None:
+def check_plots(scenario: ScenarioFile, models: Sequence[ReducedModel]) -> None:
     """Raise an error if a plot names an output that no model of the run has."""
     valid = tuple(name for reduced in models for name in (*reduced.reducing.names, *reduced.vertical.names))
     for plot, settings in scenario.plots.items():

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import cast
 
 from rnc_pin.applications.scenario.phase_builder import captured_closures
-from rnc_pin.applications.scenario.schema import Scenario
+from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.constraints import with_ground
 from rnc_pin.constraints import GroundPlane
 from rnc_pin.model import ConstraintKind
@@ -15,7 +15,7 @@ from rnc_pin.simulation import Trajectory
 from rnc_pin.visualization import DrawnModel
 
 
-def drawn_run(drawn: DrawnModel, scenario: Scenario, trajectory: Trajectory) -> DrawnModel:
+def drawn_run(drawn: DrawnModel, scenario: ScenarioFile, trajectory: Trajectory) -> DrawnModel:
     """Add the constraints of phases and contacts to the subject of a page, so that it shows their forces.
 
     Args:
@@ -29,7 +29,7 @@ def drawn_run(drawn: DrawnModel, scenario: Scenario, trajectory: Trajectory) -> 
     return replace(drawn, switching=tuple(kinds)) if kinds else drawn
 
 
-def _of_phases(scenario: Scenario, robot: Robot, trajectory: Trajectory) -> list[ConstraintKind]:
+def _of_phases(scenario: ScenarioFile, robot: Robot, trajectory: Trajectory) -> list[ConstraintKind]:
     """Constraints of the phases that the run has reached, with loops closed as they were in the run."""
     found: list[ConstraintKind] = []
     for settings, phase in zip(scenario.phases, trajectory.info.phases, strict=False):

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 
-from rnc_pin.applications.scenario.schema import Scenario
+from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.io import Json
 
 
 def schema() -> dict[str, Json]:
     """Return the schema of the models that read scenario files."""
-    content = Scenario.model_json_schema()
+    content = ScenarioFile.model_json_schema()
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "rnc_pin scenario",

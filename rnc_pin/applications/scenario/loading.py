@@ -10,19 +10,19 @@ from pydantic_core import ErrorDetails
 
 from rnc_pin.applications.scenario.controllers import TYPES
 from rnc_pin.applications.scenario.files import short_text
-from rnc_pin.applications.scenario.schema import Scenario
+from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.base import LIST, PLAIN
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.io import Json
 
 
-def validate(raw: Mapping[str, Json], source: str) -> Scenario:
+def validate(raw: Mapping[str, Json], source: str) -> ScenarioFile:
     """Validate the mapping of a scenario.
 
     Raises:
         ConfigurationError: one line for the first error: file, key, expected value and found value.
     """
-    return admitted(Scenario, raw, source)
+    return admitted(ScenarioFile, raw, source)
 
 
 _Model = TypeVar("_Model", bound=BaseModel)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rnc_pin.applications.scenario.frame_poses import frame_poses
-from rnc_pin.applications.scenario.schema import Scenario
+from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.control import SlitheringReference
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.math import Coordinates
@@ -33,7 +33,7 @@ class OutputReference(NamedTuple):
 
 
 def output_references(
-    scenario: Scenario, reduced: ReducedModel, task: Task, q0: np.ndarray
+    scenario: ScenarioFile, reduced: ReducedModel, task: Task, q0: np.ndarray
 ) -> tuple[OutputReference, ...]:
     """References that a scenario itself gives, from an initial configuration (nq,); none of a planner."""
     references, given = task_references(scenario, reduced, task, q0, None)
@@ -47,7 +47,7 @@ def output_references(
 
 
 def task_references(
-    scenario: Scenario, reduced: ReducedModel, task: Task, q0: np.ndarray, motion: MotionPlan | None
+    scenario: ScenarioFile, reduced: ReducedModel, task: Task, q0: np.ndarray, motion: MotionPlan | None
 ) -> tuple[dict[str, Reference], tuple[str, ...]]:
     """References of the task's outputs, and the names of those that the scenario or its plan gives."""
     if motion is not None and scenario.reference.path is not None:
@@ -87,7 +87,7 @@ class PathPlan:
     """For plots: the frame, its trailer, and the poses of the path."""
 
 
-def plan_path(scenario: Scenario, reduced: ReducedModel, task: Task, q0: np.ndarray) -> PathPlan:
+def plan_path(scenario: ScenarioFile, reduced: ReducedModel, task: Task, q0: np.ndarray) -> PathPlan:
     """Plan the path of ``reference.path``."""
     settings = scenario.reference.path
     if settings is None:

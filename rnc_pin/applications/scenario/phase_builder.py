@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.applications.scenario.builder import Experiment, check_plots, experiment_at, start_of
-from rnc_pin.applications.scenario.schema import Scenario
+from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.constraints import with_ground
 from rnc_pin.applications.scenario.schema.phase_settings import PhaseSettings
 from rnc_pin.constraints import GroundPlane, LoopClosure, PrescribedMotion
@@ -24,7 +24,7 @@ from rnc_pin.simulation.phases import PhaseStart
 _OWN = ("constraints", "outputs", "task", "reference", "controller")
 
 
-def build_phased(scenario: Scenario, folder: Path) -> Experiment:
+def build_phased(scenario: ScenarioFile, folder: Path) -> Experiment:
     """Build a run with phases.
 
     Models of all phases are built before the run. A controller is built when its phase starts, from the state there.
@@ -62,7 +62,7 @@ def build_phased(scenario: Scenario, folder: Path) -> Experiment:
     )
 
 
-def _check_supported(scenario: Scenario) -> None:
+def _check_supported(scenario: ScenarioFile) -> None:
     if scenario.simulation is None:
         raise ConfigurationError("simulation: is missing; a run needs {duration: ..., dt: ...}")
     plant = scenario.plant
@@ -90,7 +90,7 @@ class _PhaseBuilder:
         folder: base of relative paths.
     """
 
-    def __init__(self, scenario: Scenario, settings: PhaseSettings, robot: Robot, folder: Path) -> None:
+    def __init__(self, scenario: ScenarioFile, settings: PhaseSettings, robot: Robot, folder: Path) -> None:
         assert scenario.simulation is not None
         self.settings, self._robot, self._folder = settings, robot, folder
         own = {key: getattr(settings, key) for key in _OWN if getattr(settings, key) is not None}
@@ -110,8 +110,7 @@ class _PhaseBuilder:
         return NonholonomicSystem(self._robot, constraints, scenario.actuators, scenario.mimic, scenario.forces)
 
     def _model(self, constraints: list[ConstraintKind]) -> ReducedModel:
-        outputs = self.scenario.outputs
-        return self._system(constraints).reduce(outputs.reducing, outputs.vertical)
+        return self.scenario.reduced(self._system(constraints))
 
     def phase(self, experiment: Experiment, reduced: ReducedModel, impact: NonholonomicSystem | None = None) -> Phase:
         """Phase with the controller and the plant of an experiment."""

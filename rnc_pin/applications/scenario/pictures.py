@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rnc_pin.applications.scenario.execution import Plan, Result
+from rnc_pin.applications.scenario.execution import Result
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.shared_tasks import Report, SharedTasks
 from rnc_pin.errors import RncError, few
 from rnc_pin.interruption import interruptible
@@ -43,10 +44,10 @@ class Drawn:
         return "; ".join(f"{few(names)} could not be drawn: {why}" for why, names in causes.items())
 
 
-def picture_names(plan: Plan) -> list[str]:
+def picture_names(scenario: Scenario) -> list[str]:
     """Names of the pictures that a run can write."""
-    plots = dict.fromkeys(f"{name}.png" for name in plan.experiment.scenario.plots)
-    own = ["overview.png", "top_view.png", "limits.png", *(["plan.png"] if plan.experiment.plan else []), ANIMATION]
+    plots = dict.fromkeys(f"{name}.png" for name in scenario.content.plots)
+    own = ["overview.png", "top_view.png", "limits.png", *(["plan.png"] if scenario.experiment.plan else []), ANIMATION]
     return list(plots | dict.fromkeys(own))
 
 
@@ -62,25 +63,25 @@ class Artists(SharedTasks[tuple[Result, Path], _Picture]):
     """Processes that draw the pictures of a run, as a context. All but this one get ready while the simulation runs.
 
     Args:
-        plan: the plan of the run.
+        scenario: the scenario of the run.
         processes: largest number of processes.
     """
 
-    def __init__(self, plan: Plan, processes: int = 1) -> None:
-        self.names = picture_names(plan)
+    def __init__(self, scenario: Scenario, processes: int = 1) -> None:
+        self.names = picture_names(scenario)
         order = range(len(self.names))
         # The animation takes longest. This process draws it: the others have imported Matplotlib.
         numbers = order if processes == 1 else [order[-1], *order[:-1]]
 
         def draw(number: int, common: tuple[Result, Path], report: Report) -> _Picture:
             report(number, 0.0)
-            return _drawn(plan, common[0], common[1] / self.names[number])
+            return _drawn(scenario, common[0], common[1] / self.names[number])
 
         super().__init__(draw, numbers, min(processes - 1, _MOST_HELPERS), _import_writers)
 
 
 def draw_pictures(
-    plan: Plan,
+    scenario: Scenario,
     result: Result,
     folder: Path,
     progress: Callable[[float, str], None] | None = None,
@@ -91,7 +92,7 @@ def draw_pictures(
     An error in one picture does not affect the other pictures or the data.
 
     Args:
-        plan: the plan of the run.
+        scenario: the scenario of the run.
         result: the result of the run.
         folder: folder for the pictures.
         progress: called with the number of finished pictures and the name of the next.
@@ -100,7 +101,7 @@ def draw_pictures(
     if len(result.trajectory.time) < 2:
         return Drawn()
     interrupted = False
-    with artists or Artists(plan) as shared:
+    with artists or Artists(scenario) as shared:
         names = shared.names
 
         def report(number: int, _: float) -> None:
@@ -127,7 +128,7 @@ def _import_writers() -> None:
         _writer(name)
 
 
-def _writer(name: str) -> Callable[[Plan, Result, Path], bool]:
+def _writer(name: str) -> Callable[[Scenario, Result, Path], bool]:
     """Function that writes a file of this name."""
     if name == ANIMATION:
         from rnc_pin.applications.scenario.animation_file import write_animation
@@ -138,7 +139,7 @@ def _writer(name: str) -> Callable[[Plan, Result, Path], bool]:
     return write_plot
 
 
-def _drawn(plan: Plan, result: Result, path: Path) -> _Picture:
+def _drawn(scenario: Scenario, result: Result, path: Path) -> _Picture:
     """Write a picture, if there is something to draw.
 
     Raises:
@@ -147,7 +148,7 @@ def _drawn(plan: Plan, result: Result, path: Path) -> _Picture:
     try:
         write = _writer(path.name)  # not interruptible: C libraries turn Ctrl-C during imports into their own errors
         with interruptible(), np.errstate(over="ignore", invalid="ignore"):  # values of diverged runs overflow
-            return _Picture(write(plan, result, path))
+            return _Picture(write(scenario, result, path))
     except KeyboardInterrupt:
         path.unlink(missing_ok=True)
         raise

@@ -9,7 +9,7 @@ import numpy as np
 
 from rnc_pin.applications.scenario.controllers.plan_feedback import PlanFeedbackSettings
 from rnc_pin.applications.scenario.frame_poses import frame_poses
-from rnc_pin.applications.scenario.schema import Scenario
+from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.planner_settings import Limits, OptimalPlanner
 from rnc_pin.applications.scenario.schema.reference_settings import VehiclePath
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
@@ -56,7 +56,7 @@ class Plans:
         self._found: dict[str, MotionPlan] = {}
 
     def plan(
-        self, scenario: Scenario, reduced: ReducedModel, start: Start, obstacles: Sequence[Obstacle]
+        self, scenario: ScenarioFile, reduced: ReducedModel, start: Start, obstacles: Sequence[Obstacle]
     ) -> MotionPlan:
         """Return the optimal motion of a scenario, like ``build_plan``."""
         system = (scenario.robot, scenario.constraints, scenario.mimic, scenario.actuators, scenario.forces)
@@ -67,7 +67,9 @@ class Plans:
         return self._found[key]
 
 
-def build_plan(scenario: Scenario, reduced: ReducedModel, start: Start, obstacles: Sequence[Obstacle]) -> MotionPlan:
+def build_plan(
+    scenario: ScenarioFile, reduced: ReducedModel, start: Start, obstacles: Sequence[Obstacle]
+) -> MotionPlan:
     """Plan the motion of ``planner``.
 
     Raises:
@@ -96,7 +98,7 @@ def build_plan(scenario: Scenario, reduced: ReducedModel, start: Start, obstacle
         raise error.within("planner") from None
 
 
-def _regulator(scenario: Scenario) -> tuple[str, Weight, Weight]:
+def _regulator(scenario: ScenarioFile) -> tuple[str, Weight, Weight]:
     """Gains, weights of states and of inputs of the feedback of the run.
 
     Trackers of outputs have another feedback; the usual regulator stands for it.
@@ -107,7 +109,7 @@ def _regulator(scenario: Scenario) -> tuple[str, Weight, Weight]:
     return "tvlqr", 1.0, 1.0
 
 
-def _feedback(scenario: Scenario, reduced: ReducedModel) -> RunFeedback:
+def _feedback(scenario: ScenarioFile, reduced: ReducedModel) -> RunFeedback:
     gains, state_cost, input_cost = _regulator(scenario)
     if gains == "plan":
         return "plan"
@@ -128,7 +130,7 @@ def planned_path(found: MotionPlan, reduced: ReducedModel, frame: str) -> Planne
     return PlannedPath(frame, None, tuple((x, y, heading) for x, y, heading in rows), kept)
 
 
-def _goal(scenario: Scenario, reduced: ReducedModel, names: Sequence[str]) -> dict[Any, Any]:
+def _goal(scenario: ScenarioFile, reduced: ReducedModel, names: Sequence[str]) -> dict[Any, Any]:
     """Goal by output: rows of one output together, so that orientations are whole."""
     assert scenario.planner is not None
     given = scenario.planner.goal
@@ -137,7 +139,7 @@ def _goal(scenario: Scenario, reduced: ReducedModel, names: Sequence[str]) -> di
             raise ConfigurationError(f"goal: no output '{name}'{nearest(name, names)}")
     goal: dict[Any, Any] = {}
     rest, rows = dict(given), iter(names)
-    for output in (*scenario.outputs.reducing, *scenario.outputs.vertical):
+    for output in scenario.listed_outputs:
         own = [next(rows) for _ in output.bind(reduced.robot).names]
         if len(own) > 1 and all(name in rest for name in own):
             goal[output] = [rest.pop(name) for name in own]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rnc_pin.applications.scenario.schema import Scenario
+from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model import NonholonomicSystem, ReducedModel
 from rnc_pin.plants import (
@@ -24,7 +24,7 @@ from rnc_pin.plants import (
 )
 
 
-def build_plant(scenario: Scenario, reduced: ReducedModel, q0: np.ndarray, folder: Path) -> Plant:
+def build_plant(scenario: ScenarioFile, reduced: ReducedModel, q0: np.ndarray, folder: Path) -> Plant:
     """Build the plant of a scenario.
 
     Args:
@@ -75,7 +75,7 @@ def build_plant(scenario: Scenario, reduced: ReducedModel, q0: np.ndarray, folde
     return FaultyPlant(true_plant, faults.faults, reduced, settings.dt, scenario.seed)
 
 
-def _check_contacts(scenario: Scenario) -> None:
+def _check_contacts(scenario: ScenarioFile) -> None:
     """Raise an error for settings that do not support contacts that open and close."""
     plant = scenario.plant
     if plant is not None and plant.type == "mujoco":
@@ -92,7 +92,7 @@ def _check_contacts(scenario: Scenario) -> None:
         raise ConfigurationError("simulation.on_lift_off: 'contacts' lift off by themselves; remove it")
 
 
-def _check_servos(scenario: Scenario, servo_time: float | None) -> None:
+def _check_servos(scenario: ScenarioFile, servo_time: float | None) -> None:
     """Raise an error unless controller and plant agree about inputs: forces or velocities."""
     settings = scenario.simulation
     assert settings is not None
@@ -109,7 +109,7 @@ def _check_servos(scenario: Scenario, servo_time: float | None) -> None:
         raise ConfigurationError("faults: effort and dead_zone are those of forces, and the plant takes velocities")
 
 
-def _true_model(scenario: Scenario, folder: Path, changes: Sequence[MassErrors | TimedChange]) -> ReducedModel:
+def _true_model(scenario: ScenarioFile, folder: Path, changes: Sequence[MassErrors | TimedChange]) -> ReducedModel:
     """Build the true model: the system with further forces, and with changes to a separate copy of the robot."""
     robot = scenario.robot.build(folder)
     rows = [row for change in changes for row in change.change(robot)]

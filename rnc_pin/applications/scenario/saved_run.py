@@ -11,7 +11,7 @@ from rnc_pin.applications.scenario.builder import build_reduced
 from rnc_pin.applications.scenario.drawn_run import drawn_run
 from rnc_pin.applications.scenario.files import built_in_names, find_scenario
 from rnc_pin.applications.scenario.loading import validate
-from rnc_pin.applications.scenario.schema import Scenario
+from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.obstacles import build_obstacles
 from rnc_pin.collision import Obstacle
 from rnc_pin.errors import ConfigurationError
@@ -26,7 +26,7 @@ class Run:
 
     source: Path
     trajectory: Trajectory
-    scenario: Scenario
+    scenario: ScenarioFile
     reduced: ReducedModel
     obstacles: tuple[Obstacle, ...] = ()
 
@@ -97,6 +97,6 @@ def animation_of(runs: Sequence[Run], aside: bool = False) -> Recording:
     return Recording(run.drawn_model, run.trajectory, view_of(run.scenario), run.title, compared(runs), aside)
 
 
-def view_of(scenario: Scenario) -> View:
+def view_of(scenario: ScenarioFile) -> View:
     """Return the view settings of the scenario."""
     return scenario.view

@@ -7,12 +7,12 @@ from collections.abc import Iterable
 import numpy as np
 
 from rnc_pin.analysis import wheel_height_findings
-from rnc_pin.applications.scenario.schema import Scenario
+from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.model import ReducedModel
 from rnc_pin.verdict import Finding, Severity
 
 
-def start_findings(scenario: Scenario, reduced: ReducedModel, q0: np.ndarray) -> tuple[Finding, ...]:
+def start_findings(scenario: ScenarioFile, reduced: ReducedModel, q0: np.ndarray) -> tuple[Finding, ...]:
     """Compare the radii of wheels with their heights and shapes at the initial configuration (nq,).
 
     The height of the ground is that of ``view.ground``, if the scenario states one; constraints may name their own.

@@ -8,13 +8,14 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from rnc_pin.applications.scenario.execution import Plan, execute
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.sweep.seeded_draws import Draw, SeededDraws
 from rnc_pin.applications.sweep.swept_run import Numbered, Row, is_result_column, refused, results_of, save_trajectory
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.simulation import Outcome, Summary, Trajectory, add_verdict, simulate, summarize
 
-Build: TypeAlias = Callable[[dict[str, Any]], "Mapping[str, Any] | Trajectory | Plan"]
+Build: TypeAlias = Callable[[dict[str, Any]], "Mapping[str, Any] | Trajectory | Scenario"]
 """Function of drawn values that returns the arguments of ``simulate`` by name, or a finished run."""
 
 
@@ -62,7 +63,7 @@ class FunctionRuns:
 
 
 def _simulated(built: object) -> tuple[Summary, Trajectory]:
-    if isinstance(built, Plan):
+    if isinstance(built, Scenario):
         result = execute(built)
         return result.summary, result.trajectory
     if isinstance(built, Mapping):

@@ -5,20 +5,15 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Hashable, Iterable, Mapping, Sequence
-from dataclasses import replace
 from itertools import islice
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from rnc_pin.applications.scenario.builder import build_reduced
-from rnc_pin.applications.scenario.execution import Plan, Result, execute, located_experiment, run_options
+from rnc_pin.applications.scenario.execution import Result, execute
 from rnc_pin.applications.scenario.files import apply_options, find_scenario, is_built_in, read_yaml
-from rnc_pin.applications.scenario.loading import validate
-from rnc_pin.applications.scenario.model_warnings import collected_model_warnings
-from rnc_pin.applications.scenario.planner_builder import Plans
 from rnc_pin.applications.scenario.run_verdict import judged_summary
-from rnc_pin.applications.scenario.schema import Scenario
+from rnc_pin.applications.scenario.scenario import BuiltModel, Scenario
 from rnc_pin.applications.sweep.seeded_draws import Draw, SeededDraws
 from rnc_pin.applications.sweep.swept_run import (
     Numbered,
@@ -31,7 +26,6 @@ from rnc_pin.applications.sweep.swept_run import (
 from rnc_pin.control.whole_body import program_of
 from rnc_pin.errors import InfeasibleError, RncError, SingularityError
 from rnc_pin.io import Json
-from rnc_pin.model import ReducedModel
 from rnc_pin.simulation import sample_count
 from rnc_pin.simulation.side_by_side import RunArguments, lock_step_key, simulate_side_by_side
 
@@ -40,10 +34,6 @@ MOST_DRAWS = 20
 _STRUCTURE = ("robot", "constraints", "ground", "mimic", "actuators", "forces", "outputs")
 _MOST_SAMPLES = 100_000  # of runs that advance together; they are in memory at the same time
 _MOST_MODELS = 8  # models that a process keeps
-
-
-_Model: TypeAlias = tuple[ReducedModel | None, tuple[str, ...]]
-"""Model of a scenario, if it can be built, and the warnings about it."""
 
 
 class ScenarioRuns:
@@ -74,7 +64,7 @@ class ScenarioRuns:
         self._source = path.name if scenario != path.stem else scenario
         self._options, self._draws, self._seed, self._trajectories = dict(options), draws, seed, trajectories
         self._raw = read_yaml(path)
-        self._models: dict[str, _Model] = {}
+        self._models: dict[str, BuiltModel] = {}
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_models": {}}
@@ -89,15 +79,15 @@ class ScenarioRuns:
         waiting: dict[Hashable, list[_Prepared]] = {}
         for place, (run, draw) in enumerate(batch):
             start = time.perf_counter()
-            found, plan = self._prepared(run, draw)
+            found, scenario = self._prepared(run, draw)
             row = {"run": run, **found}
-            if plan is None:
+            if scenario is None:
                 rows[place] = {**row, "wall_time": time.perf_counter() - start}
                 continue
-            key = batch_key(plan) or place
-            waiting.setdefault(key, []).append(_Prepared(place, row, plan, time.perf_counter() - start))
+            key = batch_key(scenario) or place
+            waiting.setdefault(key, []).append(_Prepared(place, row, scenario, time.perf_counter() - start))
         for some in waiting.values():
-            size = max(1, _MOST_SAMPLES // _samples(some[0].plan))
+            size = max(1, _MOST_SAMPLES // _samples(some[0].scenario))
             for begin in range(0, len(some), size):
                 rows |= self._finished(some[begin : begin + size])
         return [rows[place] for place in range(len(batch))]
@@ -109,8 +99,8 @@ class ScenarioRuns:
             options["seed"] = int(np.random.SeedSequence([self._seed, run]).generate_state(1)[0])
         return options
 
-    def _prepared(self, run: int, draw: Draw | None) -> tuple[Row, Plan | None]:
-        """Drawn values of a run and its plan; without a plan also the results of a run that cannot start."""
+    def _prepared(self, run: int, draw: Draw | None) -> tuple[Row, Scenario | None]:
+        """Drawn values of a run and its scenario; without one also the results of a run that cannot start."""
         draws: Iterable[Draw]
         if draw is None:
             assert self._draws is not None
@@ -121,9 +111,9 @@ class ScenarioRuns:
             options = self.options_of(run, drawn)
             row = {"redrawn": redrawn, **drawn, "seed": options["seed"]}
             try:
-                plan = self._plan(options)
-                told = (*plan.experiment.model_warnings, *plan.experiment.warnings)
-                return {**row, "warnings": "; ".join(told)}, plan
+                scenario = self._scenario(options)
+                told = (*scenario.experiment.model_warnings, *scenario.experiment.warnings)
+                return {**row, "warnings": "; ".join(told)}, scenario
             except (InfeasibleError, SingularityError) as error:
                 failure: RncError = error
             except RncError as error:
@@ -133,7 +123,8 @@ class ScenarioRuns:
     def _finished(self, some: Sequence[_Prepared]) -> dict[int, Row]:
         """Rows of runs that fit together, by their places."""
         start = time.perf_counter()
-        found = _executed_alone(some[0].plan) if len(some) == 1 else execute_together([each.plan for each in some])
+        scenarios = [each.scenario for each in some]
+        found = _executed_alone(scenarios[0]) if len(scenarios) == 1 else execute_together(scenarios)
         rows = {}
         for each, result in zip(some, found, strict=True):
             if isinstance(result, RncError):
@@ -147,27 +138,20 @@ class ScenarioRuns:
         share = (time.perf_counter() - start) / len(some)
         return {each.place: {**rows[each.place], "wall_time": each.time + share} for each in some}
 
-    def _plan(self, options: Mapping[str, Json]) -> Plan:
-        """Build the objects of a run, like ``execution.plan``."""
+    def _scenario(self, options: Mapping[str, Json]) -> Scenario:
+        """Build the objects of a run. Runs of this process with the same system and outputs share their model."""
         raw = apply_options(self._raw, options)
-        scenario = validate(raw, self._source)
-        reduced, told = (None, ()) if scenario.phases else self._reduced(raw, scenario)
-        experiment = located_experiment(self._source, scenario, self._folder, Plans(), reduced, show=False)
-        experiment = replace(experiment, model_warnings=(*told, *experiment.model_warnings))
-        return Plan(self._name, raw, self._folder, experiment, {}, self._built_in)
+        made = Scenario(self._name, raw, self._folder, self._built_in, self._source, show_warnings=False)
+        model = None if made.content.phases else self._model(made)
+        made = made.built_with(content=made.content, model=model, comparisons={})
+        return made.build()
 
-    def _reduced(self, raw: Mapping[str, Json], scenario: Scenario) -> _Model:
-        """Model of a scenario, shared with the runs of this process that have the same system and outputs."""
-        key = json.dumps([raw.get(each) for each in _STRUCTURE], default=repr)
+    def _model(self, scenario: Scenario) -> BuiltModel:
+        key = json.dumps([scenario.raw.get(each) for each in _STRUCTURE], default=repr)
         if key not in self._models:
-            try:
-                with collected_model_warnings(show=False) as told:
-                    reduced = build_reduced(scenario, self._folder)[1]
-            except RncError:
-                return None, ()  # the builder of the experiment raises it with the place in the file
             if len(self._models) >= _MOST_MODELS:
                 self._models.pop(next(iter(self._models)))
-            self._models[key] = reduced, tuple(told)
+            self._models[key] = scenario.model
         return self._models[key]
 
 
@@ -177,19 +161,19 @@ class _Prepared(NamedTuple):
     place: int
     """Index in its batch."""
     row: Row
-    plan: Plan
+    scenario: Scenario
     time: float
     """Time of the preparation [s]."""
 
 
-def _samples(plan: Plan) -> int:
-    settings = plan.experiment.simulation
+def _samples(scenario: Scenario) -> int:
+    settings = scenario.experiment.simulation
     return max(1, round(settings.duration / settings.dt))
 
 
-def _executed_alone(plan: Plan) -> list[Result | RncError]:
+def _executed_alone(scenario: Scenario) -> list[Result | RncError]:
     try:
-        return [execute(plan)]
+        return [execute(scenario)]
     except RncError as error:
         return [error]
 
@@ -197,27 +181,28 @@ def _executed_alone(plan: Plan) -> list[Result | RncError]:
 # ------------------------------------------------------------------ runs in lock-step
 
 
-def batch_key(plan: Plan) -> Hashable | None:
-    """Key that plans have in common if ``execute_together`` takes them; None for a plan that has to be alone."""
-    experiment = plan.experiment
-    if plan.comparisons or experiment.phases or program_of(experiment.controller) is not None:
+def batch_key(scenario: Scenario) -> Hashable | None:
+    """Key that scenarios have in common if ``execute_together`` takes them; None for one that has to be alone."""
+    experiment = scenario.experiment
+    if scenario.comparisons or experiment.phases or program_of(experiment.controller) is not None:
         return None
-    return lock_step_key(_arguments(plan))
+    return lock_step_key(_arguments(scenario))
 
 
-def execute_together(plans: Sequence[Plan]) -> list[Result | RncError]:
-    """Run plans with the same ``batch_key`` in lock-step, each with the bits of ``execute``; or their errors.
+def execute_together(scenarios: Sequence[Scenario]) -> list[Result | RncError]:
+    """Run scenarios with the same ``batch_key`` in lock-step, each with the bits of ``execute``; or their errors.
 
     Args:
-        plans: what to run; each on objects of its own, except for the model.
+        scenarios: what to run; each on objects of its own, except for the model.
     """
     start = time.perf_counter()
     with np.errstate(over="ignore", invalid="ignore"):  # diverged values
         found: list[Result | RncError] = []
-        for plan, run in zip(plans, simulate_side_by_side([_arguments(plan) for plan in plans]), strict=True):
+        runs = simulate_side_by_side([_arguments(each) for each in scenarios])
+        for scenario, run in zip(scenarios, runs, strict=True):
             if run.started:
-                trajectory, wall_time = run.trajectory, (time.perf_counter() - start) / len(plans)
-                summary, limits = judged_summary(plan.experiment, trajectory, {}, wall_time)
+                trajectory, wall_time = run.trajectory, (time.perf_counter() - start) / len(scenarios)
+                summary, limits = judged_summary(scenario.experiment, trajectory, {}, wall_time)
                 found.append(Result(trajectory, summary, _reported(run.error), limits=limits))
             else:
                 assert isinstance(run.error, RncError)
@@ -230,8 +215,8 @@ def _reported(error: Exception | None) -> RncError | None:
     return error
 
 
-def _arguments(plan: Plan) -> RunArguments:
-    experiment, settings = plan.experiment, plan.experiment.simulation
+def _arguments(scenario: Scenario) -> RunArguments:
+    experiment, settings = scenario.experiment, scenario.experiment.simulation
     return RunArguments(
         reduced=experiment.reduced,
         controller=experiment.controller,
@@ -240,5 +225,5 @@ def _arguments(plan: Plan) -> RunArguments:
         dt=settings.dt,
         v2_0=experiment.v2_0,
         plant=experiment.plant,
-        options=run_options(plan, experiment),
+        options=scenario.options(experiment),
     )

@@ -17,9 +17,10 @@ import yaml
 import rnc_pin as rnc
 from patience import PATIENCE
 from rnc_pin.applications.command_line.cli import main
-from rnc_pin.applications.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import built_in_names, find_scenario
 from rnc_pin.applications.scenario.pictures import draw_pictures, picture_names
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.robots.robot_files import shipped_directory
 from terminal import results
 
@@ -205,7 +206,7 @@ def test_printed_figures_have_units(first_run):
 def test_progress_tells_runs_and_pictures_apart(tmp_path, monkeypatch):
     # Drawing takes long, and its progress comes before it.
     monkeypatch.setattr("rnc_pin.applications.scenario.pictures._writer", lambda name: lambda *_: True)
-    prepared = plan("space-robot", {"simulation.duration": 0.05, "plots": {}})
+    prepared = Scenario.load("space-robot", {"simulation.duration": 0.05, "plots": {}}).build()
     runs, pictures = [], []
     result = execute(prepared, progress=lambda done, what: runs.append((done, what)))
     assert list(dict.fromkeys(what for _, what in runs)) == ["space-robot", "space-robot: platform uncontrolled"]

@@ -179,7 +179,7 @@ def test_an_obstacle_that_moves_into_the_arm_is_avoided(arm):
 
     run = prepared(arm, approach, simulation__dt=DT)
     trajectory = drive(run, samples=250, watcher=Watcher()).trajectory
-    (obstacle,) = run.plan.experiment.obstacles
+    (obstacle,) = run.scenario.experiment.obstacles
     np.testing.assert_allclose(obstacle.placement(0.1).translation, [0.9, 0.7, 0.0])
     np.testing.assert_allclose(obstacle.placement(0.1 + 1.0).translation, [0.9, 0.4, 0.0])
     np.testing.assert_allclose(obstacle.placement(6.0).translation, [0.9, 0.05, 0.0])
@@ -299,7 +299,7 @@ def test_a_bare_robot_is_drafted_and_driven(monkeypatch):
     run = prepared("differential_drive.urdf", [(0, {"kind": "base_goal", "x": 0.5, "y": 0.3})])
     assert run.controls.base is not None
     assert (run.controls.base.turns, run.controls.base.slides) == (True, False)
-    assert run.plan.experiment.simulation.dt == 0.01
+    assert run.scenario.experiment.simulation.dt == 0.01
     trajectory = drive(run, samples=500).trajectory
     np.testing.assert_allclose(point_of(run, trajectory.q[-1], run.controls.base.frame)[:2], [0.5, 0.3], atol=0.03)
 

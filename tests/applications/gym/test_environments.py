@@ -8,7 +8,8 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.applications.gym.episode_task import EpisodeTask
-from rnc_pin.applications.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import Command
 
 gymnasium = pytest.importorskip("gymnasium", reason="needs the extra gym")
@@ -216,7 +217,9 @@ def test_limits_come_from_the_model_and_from_the_scenarios_own_run():
     robot = rnc.gym.make("mobile-manipulator", options={**options, "simulation.dt": 0.002}).unwrapped
     high = robot.action_space.high
     assert high[2:].tolist() == [400.0, 400.0]  # of the joints in the file
-    run = execute(plan("mobile-manipulator", {**options, "simulation.dt": 0.002, "comparisons": {}})).trajectory
+    run = execute(
+        Scenario.load("mobile-manipulator", {**options, "simulation.dt": 0.002, "comparisons": {}})
+    ).trajectory
     assert high[0] == 2 * np.abs(run.T[:, 0]).max()
     assert robot.observation_space.high[-1] == 10 * np.abs(run.v2[:, 3]).max()
 

@@ -9,8 +9,9 @@ import yaml
 
 from places import ROOT
 from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate
-from rnc_pin.applications.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import read_yaml
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ModelError
 from rnc_pin.robots.robot_files import find_urdf
 
@@ -49,7 +50,9 @@ def test_a_draft_names_no_folder_of_the_computer(tmp_path):
 
 
 def outcome_of(path, duration, warnings=()):
-    prepared = plan(str(path), {"simulation.duration": duration, **({"simulation.dt": 0.01} if duration > 1 else {})})
+    prepared = Scenario.load(
+        str(path), {"simulation.duration": duration, **({"simulation.dt": 0.01} if duration > 1 else {})}
+    ).build()
     assert [each.split(":")[0] for each in prepared.experiment.warnings] == list(warnings)
     return execute(prepared).summary
 

@@ -5,8 +5,9 @@ import pytest
 
 from places import DIRT
 from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate
-from rnc_pin.applications.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import read_yaml
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ModelError
 
 pytestmark = pytest.mark.filterwarnings("ignore::rnc_pin.ModelWarning")
@@ -30,7 +31,7 @@ HURRIED = {"simulation.duration": 1.2, "simulation.dt": 0.01, "reference.primary
 
 
 def run(path, options):
-    summary = execute(plan(str(path), options)).summary
+    summary = execute(Scenario.load(str(path), options)).summary
     assert summary["outcome"] == "completed"
     return summary
 
@@ -85,7 +86,7 @@ def test_wheels_without_shapes_are_measured_by_their_inertia(tmp_path):
 def test_a_skid_steered_base_turns_about_its_equivalent_axle(tmp_path):
     """Its origin is 0.3 m behind the middle, so that turning on the spot moves it sideways."""
     _, _, path = drafted("skid_off_center", tmp_path)
-    prepared = plan(str(path), {**HURRIED, "reference.primary.minimum_jerk.by": [0.0, 0.4]})
+    prepared = Scenario.load(str(path), {**HURRIED, "reference.primary.minimum_jerk.by": [0.0, 0.4]}).build()
     trajectory = execute(prepared).trajectory
     heading = prepared.experiment.reduced.robot.joint_values(trajectory.q[-1])["root_joint"]
     x, y, yaw = heading
@@ -97,7 +98,7 @@ def test_a_skid_steered_base_turns_about_its_equivalent_axle(tmp_path):
 def test_mecanum_wheels_move_sideways(tmp_path):
     """The rates of the wheels are those of the textbook: +-(vx -+ vy) over the radius."""
     content, _, path = drafted("mecanum_with_rollers", tmp_path)
-    prepared = plan(str(path), {**HURRIED, "reference.primary.minimum_jerk.by": [0.0, 0.3, 0.0]})
+    prepared = Scenario.load(str(path), {**HURRIED, "reference.primary.minimum_jerk.by": [0.0, 0.3, 0.0]}).build()
     trajectory = execute(prepared).trajectory
     robot = prepared.experiment.reduced.robot
     radius = entries(content, "rolling_wheel")[0]["radius"]
@@ -133,7 +134,7 @@ def test_a_balancer_comes_upright_and_drives(tmp_path):
     content, _, path = drafted("balancer", tmp_path)
     assert content["controller"]["type"] == "state_feedback"
     assert content["robot"]["lock"] == {"neck": 0.0}
-    result = execute(plan(str(path), {"simulation.duration": 10, "simulation.dt": 0.02}))
+    result = execute(Scenario.load(str(path), {"simulation.duration": 10, "simulation.dt": 0.02}))
     tilt = result.trajectory.x2[:, 2]
     assert abs(tilt[0]) == pytest.approx(0.05, abs=1e-3)
     assert abs(tilt[-1]) < 2e-3
@@ -143,7 +144,7 @@ def test_a_balancer_comes_upright_and_drives(tmp_path):
 def test_a_bicycle_stays_upright(tmp_path):
     content, text, path = drafted("raked_fork", tmp_path)
     assert "starts rolling" in text
-    result = execute(plan(str(path), {"simulation.duration": 8, "simulation.dt": 0.005}))
+    result = execute(Scenario.load(str(path), {"simulation.duration": 8, "simulation.dt": 0.005}))
     assert result.summary["outcome"] == "completed"
     tilt = result.trajectory.x2[:, content["task"]["primary"].index("frame_tilt_y")]
     assert np.abs(tilt).max() > 5e-3
@@ -188,7 +189,7 @@ def test_packages_of_the_environment_are_recorded(packaged, tmp_path, monkeypatc
     content, _, path = drafted(robot, tmp_path)
     assert content["robot"]["package_dirs"] == ["packages/wheels_of_some"]
     monkeypatch.delenv("ROS_PACKAGE_PATH")
-    assert not plan(str(path)).experiment.reduced.robot.stand_ins
+    assert not Scenario.load(str(path)).experiment.reduced.robot.stand_ins
 
 
 def test_package_dirs_are_recorded(packaged, tmp_path, call, monkeypatch):

@@ -8,8 +8,9 @@ import pytest
 from generated_urdfs import ball, cart, snake
 from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate
 from rnc_pin.applications.init.drive_evidence import named_as_driven
-from rnc_pin.applications.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import read_yaml
+from rnc_pin.applications.scenario.scenario import Scenario
 
 
 @pytest.fixture(autouse=True)
@@ -31,7 +32,7 @@ def test_a_snake_winds_its_way(tmp_path):
     content, kind, path = drafted(snake(6, forward=1, drawn=True), tmp_path)
     assert kind == "# base planar: a snake of 6 bodies on wheels that nothing drives"
     assert content["constraints"] == [{"no_side_slip": {"frame": f"body_{k}_right", "axis": "y"}} for k in range(6)]
-    prepared = plan(str(path), {"simulation.dt": 0.04, "controller.tracker": "computed_torque"})
+    prepared = Scenario.load(str(path), {"simulation.dt": 0.04, "controller.tracker": "computed_torque"}).build()
     result = execute(prepared)
     assert result.summary["outcome"] == "completed"
     values = [prepared.experiment.reduced.robot.joint_values(q) for q in result.trajectory.q[::2]]
@@ -52,7 +53,7 @@ def test_the_wheels_of_a_snake_are_not_driven(tmp_path):
     assert len([each for each in content["constraints"] if "rolling_wheel" in each]) == 10
     assert content["view"]["ground"] == pytest.approx(-0.04)
     assert content["reference"]["primary"]["via_points"]["points"][-1][0] == pytest.approx(5 * 0.2)  # it lies behind
-    summary = execute(plan(str(path), {"simulation.duration": 0.1})).summary
+    summary = execute(Scenario.load(str(path), {"simulation.duration": 0.1})).summary
     assert summary["outcome"] == "completed"
     assert summary["constraint_residual_max"] < 1e-9
 
@@ -114,7 +115,7 @@ def test_a_ball_rolls_as_its_pendulum_turns(tmp_path):
     assert content["constraints"] == [{"rolling_ball": {"frame": "shell", "radius": 0.3}}]
     assert content["actuators"] == ["drive", "lean"]
     assert content["initial"]["q"]["root_joint"][:3] == [0, 0, 0.3]
-    prepared = plan(str(path), {"simulation.dt": 0.02})
+    prepared = Scenario.load(str(path), {"simulation.dt": 0.02}).build()
     result = execute(prepared)
     assert result.summary["outcome"] == "completed"
     assert result.summary["constraint_residual_max"] < 1e-8
@@ -164,4 +165,4 @@ def test_wheels_that_the_file_does_not_drive_are_not_driven(tmp_path):
         "Which wheels are driven? rear_left_joint, rear_right_joint (95 % sure: named by a plugin)" in path.read_text()
     )
     assert "# - front_left_joint  # uncomment it if it has a motor" in path.read_text()
-    assert execute(plan(str(path), {"simulation.duration": 0.1})).summary["outcome"] == "completed"
+    assert execute(Scenario.load(str(path), {"simulation.duration": 0.1})).summary["outcome"] == "completed"

@@ -5,7 +5,8 @@ import pytest
 import yaml
 
 from rnc_pin.applications.init import DraftOptions, draft_with_decisions, scenario_candidate, with_choices
-from rnc_pin.applications.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ConfigurationError, ModelError
 from rnc_pin.visualization.top_view import ground_paths
 from urdf_parts import BOX, caster, joint, link, pivot, plugin, robot, transmissions, wheel
@@ -40,7 +41,9 @@ def drafted(tmp_path):
 
 def moved(folder, **options):
     """Distance that the base moves in 2 s of the drafted run [m]."""
-    trajectory = execute(plan(str(folder / "unit.yaml"), {"simulation.duration": 2, "simulation.dt": 0.01, **options}))
+    trajectory = execute(
+        Scenario.load(str(folder / "unit.yaml"), {"simulation.duration": 2, "simulation.dt": 0.01, **options})
+    )
     assert trajectory.error is None
     q = trajectory.trajectory.q
     return float(np.linalg.norm(q[-1, :2] - q[0, :2]))
@@ -311,9 +314,9 @@ def test_all_steered_axles_turn_about_one_point(shuffled, drafted, tmp_path):
     assert len(of(content, "ackermann")) == 3
     assert len(content["actuators"]) == 7
     assert len(content["outputs"]["reducing"]) == 2
-    result = execute(plan(str(tmp_path / "unit.yaml"), {"simulation.duration": 3, "simulation.dt": 0.01}))
+    result = execute(Scenario.load(str(tmp_path / "unit.yaml"), {"simulation.duration": 3, "simulation.dt": 0.01}))
     run = result.trajectory
-    model = plan(str(tmp_path / "unit.yaml")).experiment.reduced.robot
+    model = Scenario.load(str(tmp_path / "unit.yaml")).experiment.reduced.robot
     angle = {name: model.joint_values(run.q[-1])[f"s_{name}_joint"] for name in ("fl", "fr", "bl", "br")}
     assert abs(angle["fl"]) > 0.05
     places = {"fl": (0.5, 0.3), "fr": (0.5, -0.3), "bl": (-0.4, 0.3), "br": (-0.4, -0.3)}
@@ -543,7 +546,7 @@ def test_the_desired_path_belongs_to_the_point_that_is_drawn(drafted, tmp_path):
     places = ((0.3, 0.3), (0.3, -0.1), (-0.3, 0.3), (-0.3, -0.1))
     wheels = [wheel(f"mecanum_{k}", "base", (x, y, 0)) for k, (x, y) in enumerate(places)]
     drafted(robot(link("base", 10.0, BOX), *wheels))
-    result = execute(plan(str(tmp_path / "unit.yaml"), {"simulation.duration": 5.5, "simulation.dt": 0.01}))
+    result = execute(Scenario.load(str(tmp_path / "unit.yaml"), {"simulation.duration": 5.5, "simulation.dt": 0.01}))
     (path,) = [each for each in ground_paths(result.trajectory) if each.desired is not None]
     np.testing.assert_allclose(path.points, path.desired, atol=0.01)
     assert np.linalg.norm(path.points[-1] - path.points[0]) == pytest.approx(0.5, abs=0.02)

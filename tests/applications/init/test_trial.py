@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate
-from rnc_pin.applications.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import read_yaml
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ModelWarning
 
 
@@ -60,7 +61,7 @@ def test_what_remains_of_an_error_is_said(tmp_path, monkeypatch):
     assert "is all that is asked for" in line
     head = text.partition("\ntitle:")[0].replace("\n# ", " ")
     assert "NOT CONFIRMED: its run misses its reference: elbow is off by" in head
-    worst = max(execute(plan(str(path))).summary["max_error"].values())
+    worst = max(execute(Scenario.load(str(path))).summary["max_error"].values())
     said = float(line.split("error is ")[1].split()[0])
     assert said == pytest.approx(worst, rel=0.05)
 

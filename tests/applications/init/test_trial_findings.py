@@ -8,8 +8,9 @@ from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate
 from rnc_pin.applications.init.base_assumptions import BaseAssumptions
 from rnc_pin.applications.init.trial import Trial
 from rnc_pin.applications.init.trial_findings import model_findings, run_findings
-from rnc_pin.applications.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import read_yaml
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ModelWarning
 from rnc_pin.verdict import FindingKind, Severity
 
@@ -77,7 +78,9 @@ def test_a_car_with_toe_in_moves(toe, tmp_path, brief):
     assert content["task"]["primary"] == ["base_speed_x", "steer_left_joint"]
     assert "nearly dependent" not in text
     if toe == 1e-3:
-        q = execute(plan(str(path), {"simulation.dt": 0.01, "controller.tracker": "computed_torque"})).trajectory.q
+        q = execute(
+            Scenario.load(str(path), {"simulation.dt": 0.01, "controller.tracker": "computed_torque"})
+        ).trajectory.q
         assert np.linalg.norm(q[-1, :2] - q[0, :2]) == pytest.approx(0.5, rel=0.05)
 
 
@@ -155,7 +158,7 @@ def test_efforts_beyond_the_file_are_said(tmp_path, brief):
     with pytest.warns(ModelWarning, match="'car' is drafted, but rear_left_joint gives .* the file allows 1e-06 N m"):
         text, _, path = drafted(car(rear=1e-6), tmp_path)
     said = next(line for line in text.splitlines() if line.startswith("# CHECK: rear_left_joint gives"))
-    largest = np.abs(execute(plan(str(path), {"simulation.duration": 0.1})).trajectory.T[:, 0]).max()
+    largest = np.abs(execute(Scenario.load(str(path), {"simulation.duration": 0.1})).trajectory.T[:, 0]).max()
     assert float(said.split("gives ")[1].split()[0]) == pytest.approx(largest, rel=0.01)
 
 

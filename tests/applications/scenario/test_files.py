@@ -9,9 +9,9 @@ import yaml
 
 import rnc_pin as rnc
 from places import DIRT
-from rnc_pin.applications.scenario.execution import plan
 from rnc_pin.applications.scenario.files import built_in_names, find_scenario, parse_option, read_yaml, with_options
 from rnc_pin.applications.scenario.loading import validate
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.sweep.seeded_draws import draws_of
 from rnc_pin.robots.robot_files import shipped_directory
 
@@ -25,7 +25,7 @@ def plan_of(changes, folder):
     """The plan of the space robot's scenario with values at dotted keys replaced."""
     path = folder / "mine.yaml"
     path.write_text(yaml.safe_dump(with_options(SPACE_ROBOT, changes)))
-    return plan(str(path))
+    return Scenario.load(str(path)).build()
 
 
 def refusal(call):
@@ -53,7 +53,7 @@ def test_built_in_scenarios_can_run(name):
     """With their comparisons. Their whole length is planned here or in test_built_in_runs."""
     with warnings.catch_warnings():
         warnings.simplefilter("error", rnc.ModelWarning)
-        prepared = plan(name, {} if name in CUT_SHORT else {"simulation.duration": 1.0})
+        prepared = Scenario.load(name, {} if name in CUT_SHORT else {"simulation.duration": 1.0}).build()
     scenario = prepared.experiment.scenario
     assert prepared.name == name
     assert scenario.title
@@ -222,7 +222,7 @@ TIP = {"frame_position": {"frame": "tip", "axes": "xy"}}
 BROKEN = {
     "unknown key": ({"contoller": {}}, ["mine.yaml", "'contoller'", "did you mean 'controller'?"]),
     "unknown key inside": ({"simulation.stpes": 2}, ["mine.yaml", "simulation: 'stpes'"]),
-    "no outputs": ({"outputs": None}, ["mine.yaml: outputs: expected a mapping"]),
+    "outputs are a name": ({"outputs": "tip"}, ["mine.yaml: outputs: expected a mapping"]),
     "robot is a name": ({"robot": "space_robot.urdf"}, ["robot: expected a mapping", "'space_robot.urdf'"]),
     "no robot": ({"robot": {"base": "fixed"}}, ["robot: expected one of 'urdf', 'mjcf' and 'example'"]),
     "two robots": ({"robot.example": "panda"}, ["robot: expected one of 'urdf', 'mjcf' and 'example'"]),
@@ -393,14 +393,14 @@ TEXTS = {
 def test_a_file_that_is_no_mapping_is_refused_with_its_line(text, words, tmp_path):
     path = tmp_path / "mine.yaml"
     path.write_text(text)
-    message = refusal(lambda: plan(str(path)))
+    message = refusal(lambda: Scenario.load(str(path)).build())
     assert all(word in message for word in ["mine.yaml", *words]), message
 
 
 def test_a_file_that_is_no_text_is_refused(tmp_path):
     path = tmp_path / "mine.yaml"
     path.write_bytes(b"title: \xff\n")
-    assert "mine.yaml: cannot be read" in refusal(lambda: plan(str(path)))
+    assert "mine.yaml: cannot be read" in refusal(lambda: Scenario.load(str(path)).build())
 
 
 @pytest.mark.parametrize(
@@ -459,18 +459,18 @@ def test_what_goes_with_a_preset_is_brought_by_it_and_options_count_more(tmp_pat
     raw["presets"] = {"paper": {"simulation.duration": 3.0, "reference.vertical.minimum_jerk.to": [0.1]}}
     path = tmp_path / "mine.yaml"
     path.write_text(yaml.safe_dump(raw))
-    assert plan(str(path)).duration == raw["simulation"]["duration"]
-    slow = plan(str(path), {"controller.preset": "paper"})
+    assert Scenario.load(str(path)).build().duration == raw["simulation"]["duration"]
+    slow = Scenario.load(str(path), {"controller.preset": "paper"}).build()
     assert slow.duration == 3.0
     assert slow.raw["reference"]["vertical"]["minimum_jerk"]["to"] == [0.1]
     assert "presets" not in slow.raw  # a record says what was run, and runs again as it was
-    shorter = plan(str(path), {"controller.preset": "paper", "simulation.duration": 2.0})
+    shorter = Scenario.load(str(path), {"controller.preset": "paper", "simulation.duration": 2.0}).build()
     assert shorter.duration == 2.0
     path.write_text(yaml.safe_dump(shorter.raw))
-    assert plan(str(path)).duration == 2.0
+    assert Scenario.load(str(path)).build().duration == 2.0
     path.write_text(yaml.safe_dump({**raw, "presets": {"papr": {}}}))
     with pytest.raises(rnc.ConfigurationError, match=r"presets\.papr"):
-        plan(str(path))
+        Scenario.load(str(path)).build()
 
 
 def test_a_variant_is_the_scenario_with_what_it_says(tmp_path):
@@ -479,13 +479,13 @@ def test_a_variant_is_the_scenario_with_what_it_says(tmp_path):
     raw["presets"] = {"paper": {"simulation.dt": 0.004}}
     path = tmp_path / "mine.yaml"
     path.write_text(yaml.safe_dump(raw))
-    assert plan(str(path)).duration == raw["simulation"]["duration"]
-    slow = plan(str(path), {"variant": "slow"})
+    assert Scenario.load(str(path)).build().duration == raw["simulation"]["duration"]
+    slow = Scenario.load(str(path), {"variant": "slow"}).build()
     assert (slow.duration, slow.raw["simulation"]["dt"]) == (3.0, 0.004)  # its preset brings what goes with it
     assert not {"variant", "variants", "presets"} & slow.raw.keys()
-    assert plan(str(path), {"variant": "slow", "simulation.duration": 2.0}).duration == 2.0
+    assert Scenario.load(str(path), {"variant": "slow", "simulation.duration": 2.0}).build().duration == 2.0
     path.write_text(yaml.safe_dump({**raw, "variant": "slow"}))
-    assert plan(str(path)).duration == 3.0
+    assert Scenario.load(str(path)).build().duration == 3.0
     path.write_text(yaml.safe_dump({**raw, "variant": "slwo"}))
     with pytest.raises(rnc.ConfigurationError, match=r"no variant 'slwo'; did you mean 'slow'"):
-        plan(str(path))
+        Scenario.load(str(path)).build()

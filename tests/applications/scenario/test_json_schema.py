@@ -43,7 +43,7 @@ def test_it_is_a_schema_and_accepts_every_built_in_scenario():
         ("robot", "space_robot.urdf"),
         ("constraints", [{"momentom": "x"}]),
         ("seed", -1),
-        ("outputs", None),
+        ("outputs", "tip"),
     ],
 )
 def test_it_refuses_what_the_models_refuse(key, value):

@@ -8,9 +8,10 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.applications.scenario.drawn_run import drawn_run
-from rnc_pin.applications.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.phase_builder import build_phased
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.simulation import simulate_phases
 from rnc_pin.visualization.drawn_state import recorded_states
 from rnc_pin.visualization.switching_forces import SwitchingForces
@@ -28,7 +29,7 @@ GROUND = {"rolling_ball": {"frame": "ball", "radius": 0.1}}
 
 @pytest.fixture(scope="module")
 def grasp():
-    prepared = plan("grasp", {"simulation.dt": 0.01, "plots": {}})
+    prepared = Scenario.load("grasp", {"simulation.dt": 0.01, "plots": {}}).build()
     result = execute(prepared)
     assert result.error is None
     return prepared, result
@@ -146,6 +147,6 @@ def test_files_refuse_wrong_keys():
 
 def test_frames_out_of_reach_are_not_joined():
     options = {"simulation.dt": 0.05, "phases.1.capture_distance": 0.02, "plots": {}}
-    result = execute(plan("grasp", options))
+    result = execute(Scenario.load("grasp", options))
     assert "phases[1]: capture_distance: 'hand' and 'handle' are 0.03 m apart, limit 0.02 m" in str(result.error)
     assert result.trajectory.phase.max() == 0

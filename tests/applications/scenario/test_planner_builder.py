@@ -6,7 +6,8 @@ import yaml
 
 import forklifts
 import rnc_pin as rnc
-from rnc_pin.applications.scenario.execution import execute, plan, write
+from rnc_pin.applications.scenario.execution import execute, write
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.io.manifest import is_result
 
 SCENARIO = """
@@ -37,7 +38,7 @@ def written(folder, text=SCENARIO, **changes):
 
 
 def test_a_run_plans_and_tracks_its_plan(tmp_path):
-    prepared = plan(written(tmp_path))
+    prepared = Scenario.load(written(tmp_path)).build()
     run = execute(prepared)
     assert run.error is None
     np.testing.assert_allclose(run.trajectory.q[-1, :2], [1.0, 0.0], atol=1e-3)
@@ -64,7 +65,7 @@ def test_existing_trackers_follow_the_outputs_of_the_plan_and_equal_plans_are_sh
     damper = {"damper": {"output": {"frame_yaw": "sleigh"}, "damping": 1.0}}
     others = {"plan": {"controller": {"type": "plan_feedback"}}, "damped": {"forces": [damper]}}
     path = written(tmp_path, controller=tracker, comparisons=others)
-    prepared = plan(path)
+    prepared = Scenario.load(path).build()
     assert prepared.comparisons["plan"].plan is prepared.experiment.plan
     assert prepared.comparisons["damped"].plan is not prepared.experiment.plan
     run = execute(prepared)
@@ -86,7 +87,7 @@ def test_existing_trackers_follow_the_outputs_of_the_plan_and_equal_plans_are_sh
 )
 def test_mistakes_are_refused(tmp_path, changes, message):
     with pytest.raises(rnc.RncError, match=message):
-        plan(written(tmp_path, **changes))
+        Scenario.load(written(tmp_path, **changes)).build()
 
 
 FORKLIFT = """
@@ -130,7 +131,7 @@ def test_a_goal_beyond_a_limit_of_the_file_is_refused(warehouse, call):
     ],
 )
 def test_limits_of_the_file_are_removed_or_replaced(warehouse, settings):
-    found = plan(written(warehouse, FORKLIFT, planner=settings)).experiment.plan
+    found = Scenario.load(written(warehouse, FORKLIFT, planner=settings)).experiment.plan
     assert found.q[-1, 4] == pytest.approx(2.6, abs=1e-4)
     assert found.verdict.succeeded
 
@@ -139,7 +140,7 @@ def test_velocities_of_the_file_hold_unless_the_file_says_otherwise(warehouse):
     high = {"lift_joint": 1.2, "base_x": 1.0, "base_y": 0.0, "base_yaw": 0.0}
     quick = {"goal": high, "duration": 3.0}
     slow, fast = (
-        plan(written(warehouse, FORKLIFT, planner={**quick, **each})).experiment.plan
+        Scenario.load(written(warehouse, FORKLIFT, planner={**quick, **each})).experiment.plan
         for each in ({}, {"limits": {"velocity": None}})
     )
     assert slow.w[:, 2].max() == pytest.approx(0.5, abs=1e-3)
@@ -150,9 +151,9 @@ def test_plans_are_judged_with_the_gains_of_the_run(warehouse):
     """Without gains the motion with feedback is that of the inputs alone."""
     near = {"goal": {"lift_joint": 0.5, "base_x": 1.0, "base_y": 0.3, "base_yaw": 0.3}, "seeds": 6}
     zero = {"state_cost": 0.0, "input_cost": 1.0}
-    idle = plan(written(warehouse, FORKLIFT, planner=near, controller=zero)).experiment.plan.info.verification
+    idle = Scenario.load(written(warehouse, FORKLIFT, planner=near, controller=zero)).experiment.plan.info.verification
     stiff = {"state_cost": 1000.0}
-    firm = plan(written(warehouse, FORKLIFT, planner=near, controller=stiff)).experiment.plan.info.verification
+    firm = Scenario.load(written(warehouse, FORKLIFT, planner=near, controller=stiff)).experiment.plan.info.verification
     assert idle.feedback.violation == pytest.approx(idle.inputs.violation, rel=1e-6)
     assert firm.feedback.violation < 0.8 * firm.inputs.violation
     assert firm.inputs == idle.inputs

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 
-from rnc_pin.applications.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.visualization import capture, plots
 
 SHORT = ["--set", "simulation.duration=0.1", "--set", "simulation.dt=0.01"]
@@ -20,7 +21,7 @@ def run(tmp_path_factory):
     """A run that is replayed, and not changed."""
     path = tmp_path_factory.mktemp("run") / "trajectory.npz"
     options = {"simulation.duration": 0.5, "simulation.dt": 0.01, "comparisons": {}}
-    execute(plan("space-robot", options)).trajectory.save(path)
+    execute(Scenario.load("space-robot", options)).trajectory.save(path)
     return path
 
 

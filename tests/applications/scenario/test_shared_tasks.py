@@ -12,8 +12,9 @@ import pytest
 
 from benchmarks.processes import alive, children
 from patience import eventually
-from rnc_pin.applications.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.pictures import Artists, draw_pictures, picture_names
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.shared_tasks import SharedTasks, processor_count
 from rnc_pin.simulation import Outcome
 
@@ -158,12 +159,12 @@ def test_no_processes_are_forked_beside_threads_that_simulate():
 
 @pytest.fixture(scope="module")
 def alone():
-    return execute(plan("space-robot", QUICK))
+    return execute(Scenario.load("space-robot", QUICK))
 
 
 def test_comparisons_beside_the_run_are_the_same_to_the_bit(alone):
     shown = []
-    prepared = plan("space-robot", QUICK)
+    prepared = Scenario.load("space-robot", QUICK).build()
     both = execute(prepared, progress=lambda done, _: shown.append(done), processes=2)
     assert both.comparisons.keys() == alone.comparisons.keys()
     for label, run in {"": alone.trajectory, **alone.comparisons}.items():
@@ -178,7 +179,7 @@ def test_comparisons_beside_the_run_are_the_same_to_the_bit(alone):
 
 
 def test_pictures_of_several_processes_are_the_same_to_the_byte(alone, tmp_path):
-    prepared = plan("space-robot", QUICK)
+    prepared = Scenario.load("space-robot", QUICK).build()
     (tmp_path / "one").mkdir()
     (tmp_path / "two").mkdir()
     one = draw_pictures(prepared, alone, tmp_path / "one")
@@ -194,7 +195,7 @@ def test_pictures_of_several_processes_are_the_same_to_the_byte(alone, tmp_path)
 
 def test_a_run_that_fails_ends_its_comparisons():
     far = {"reference.primary": {"minimum_jerk": {"to": [4, 0], "duration": 1}}, "simulation.duration": 2}
-    result = execute(plan("space-robot", {**far, "controller.preset": "paper"}), processes=2)
+    result = execute(Scenario.load("space-robot", {**far, "controller.preset": "paper"}), processes=2)
     assert result.error is not None
     assert result.trajectory.outcome is not Outcome.COMPLETED
     assert not result.comparisons

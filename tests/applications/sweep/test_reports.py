@@ -3,8 +3,8 @@
 import numpy as np
 
 import rnc_pin as rnc
+from rnc_pin import visualization
 from rnc_pin.applications.sweep.reports import write_distributions
-from rnc_pin.visualization import sweep_plots
 
 
 def test_shares_have_bins_of_many_runs_and_no_seeds(tmp_path, monkeypatch):
@@ -14,9 +14,9 @@ def test_shares_have_bins_of_many_runs_and_no_seeds(tmp_path, monkeypatch):
     results = rnc.sweep("space-robot", 12, out=tmp_path / "out", options=options, distributions=draws)
     assert "seed" in results.drawn
     drawn = []
-    draw = sweep_plots.plot_distributions
+    draw = visualization.plot_distributions
     monkeypatch.setattr(
-        sweep_plots, "plot_distributions", lambda panels, title: (drawn.extend(panels), draw(panels, title))[1]
+        visualization, "plot_distributions", lambda panels, title: (drawn.extend(panels), draw(panels, title))[1]
     )
     write_distributions(results, tmp_path / "picture.png")
     panels = {panel.name: panel for panel in drawn}

@@ -16,7 +16,7 @@ from rnc_pin.applications.command_line.status import FAILED
 from rnc_pin.applications.command_line.tables import print_elapsed, print_files, print_summary
 from rnc_pin.applications.drive.log import CommandQueue, RecordedDrive, read_drive, write_drive
 from rnc_pin.applications.drive.page import DrivePage
-from rnc_pin.applications.drive.preparation import DrivePlan, prepare_drive, read_source, rebuild_drive
+from rnc_pin.applications.drive.preparation import PreparedDrive, prepare_drive, read_source, rebuild_drive
 from rnc_pin.applications.drive.real_time import RealTimeClock
 from rnc_pin.applications.drive.run import drive, record_of
 from rnc_pin.applications.scenario.execution import Result, data_names, write
@@ -56,16 +56,16 @@ def drive_robot(
         name, raw, folder, built_in = read_source(str(source), given)
         raw = {**raw, **accept_option(raw, {}, accept)}
         prepared = prepare_drive(name, raw, folder, built_in, given, frames)
-    for warning in prepared.plan.experiment.warnings:
+    for warning in prepared.scenario.experiment.warnings:
         warn(warning)
-    names = [*data_names(), _COMMANDS, *picture_names(prepared.plan)]
-    name = prepared.plan.name.strip(".") or "scenario"
+    names = [*data_names(), _COMMANDS, *picture_names(prepared.scenario)]
+    name = prepared.scenario.name.strip(".") or "scenario"
     path = out or Path("runs") / (f"{name}-drive" if record is None else f"{name}-drive-replay")
     with uninterrupted(), OutputFolder(path, force, names) as target:
         result = _replayed(prepared, record) if record is not None else _driven(prepared, duration, browser)
         try:
             with target.writing() as fresh:
-                files = write(prepared.plan, result, fresh)
+                files = write(prepared.scenario, result, fresh)
                 write_drive(record_of(prepared, result), fresh / _COMMANDS)
             target.keep_so_far()
             if not as_json:
@@ -79,7 +79,7 @@ def drive_robot(
     return _report(prepared, result, drawn, [*files, _COMMANDS, *drawn.written], target.path, as_json)
 
 
-def _report(prepared: DrivePlan, result: Result, drawn: Drawn, files: list[str], path: Path, as_json: bool) -> int:
+def _report(prepared: PreparedDrive, result: Result, drawn: Drawn, files: list[str], path: Path, as_json: bool) -> int:
     """Print the end of the run and return the exit status."""
     if drawn.failures:
         warn(str(drawn))
@@ -89,21 +89,21 @@ def _report(prepared: DrivePlan, result: Result, drawn: Drawn, files: list[str],
     else:
         print_files(path, files)
         print_elapsed(seconds_since_start(), result.summary["wall_time"])
-    return report_verdict(result, drawn, path, prepared.plan.experiment.warnings)
+    return report_verdict(result, drawn, path, prepared.scenario.experiment.warnings)
 
 
-def _drawn(prepared: DrivePlan, result: Result, folder: Path, quiet: bool) -> Drawn:
-    names = picture_names(prepared.plan)
-    text = f"{prepared.plan.name}: drawing {len(names)} pictures"
+def _drawn(prepared: PreparedDrive, result: Result, folder: Path, quiet: bool) -> Drawn:
+    names = picture_names(prepared.scenario)
+    text = f"{prepared.scenario.name}: drawing {len(names)} pictures"
     with ProgressBar(Console(stderr=True), len(names), text, quiet) as bar:
-        return draw_pictures(prepared.plan, result, folder, bar)
+        return draw_pictures(prepared.scenario, result, folder, bar)
 
 
-def _driven(prepared: DrivePlan, duration: float | None, browser: bool) -> Result:
+def _driven(prepared: PreparedDrive, duration: float | None, browser: bool) -> Result:
     """Serve the page and run in real time."""
-    settings, queue = prepared.plan.experiment.simulation, CommandQueue(prepared.controls)
+    settings, queue = prepared.scenario.experiment.simulation, CommandQueue(prepared.controls)
     samples = None if duration is None else max(2, round(duration / settings.dt) + 1)
-    title = prepared.plan.experiment.scenario.title or prepared.plan.name
+    title = prepared.scenario.experiment.scenario.title or prepared.scenario.name
     with ExitStack() as stack:
         page = DrivePage(prepared, queue, title, browser)
         stack.callback(page.close)
@@ -128,7 +128,7 @@ def _check_replay(options: tuple[str, ...], frames: tuple[str, ...], duration: f
         )
 
 
-def _rebuilt(record: RecordedDrive, path: Path) -> DrivePlan:
+def _rebuilt(record: RecordedDrive, path: Path) -> PreparedDrive:
     """Build the run of a record, with its commands."""
     folder = find_scenario(record.scenario).parent if record.folder is None else Path(record.folder)
     try:
@@ -139,7 +139,7 @@ def _rebuilt(record: RecordedDrive, path: Path) -> DrivePlan:
     return prepared
 
 
-def _replayed(prepared: DrivePlan, record: RecordedDrive) -> Result:
+def _replayed(prepared: PreparedDrive, record: RecordedDrive) -> Result:
     """Run the commands of a record without waiting; other versions may give other bits."""
     result = None
     announce(f"{record.scenario}: replaying {len(record.commands)} commands", quiet=True)

@@ -15,9 +15,8 @@ from rnc_pin.analysis import Boundedness, Redundancy, Report, analyze
 from rnc_pin.applications.command_line.limit_states import examine_limits, sentences_of
 from rnc_pin.applications.command_line.messages import print_json, warn
 from rnc_pin.applications.command_line.sentences import sentences
-from rnc_pin.applications.scenario.builder import build_reduced, build_task, start_of
-from rnc_pin.applications.scenario.files import apply_options, find_scenario, parse_options, read_yaml
-from rnc_pin.applications.scenario.loading import validate
+from rnc_pin.applications.scenario.files import parse_options
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.start_findings import start_findings, warnings_of
 from rnc_pin.errors import RncError
 from rnc_pin.model import ReducedModel, Task
@@ -28,15 +27,13 @@ def inspect_system(
     system: str, options: tuple[str, ...], samples: int, seed: int, details: bool, as_json: bool, run: Path | None
 ) -> None:
     """Print the analysis of a system."""
-    path = find_scenario(system)
-    checked = validate(apply_options(read_yaml(path), parse_options(options)), path.name)
-    built, reduced = build_reduced(checked, path.parent)
-    task = build_task(checked, reduced)
+    scenario = Scenario.load(system, parse_options(options))
+    reduced, task = scenario.model.reduced, scenario.task
     report = analyze(reduced, task.primary_names, task.redundant_names, samples, seed, task.vertical_names)
-    limits = examine_limits(checked, path.parent, run)
+    limits = examine_limits(scenario, run)
     found: tuple[Finding, ...] = ()
     with suppress(RncError):  # a start that cannot be assembled is an error of a run
-        found = start_findings(checked, reduced, start_of(checked, reduced)[0])
+        found = start_findings(scenario.content, reduced, scenario.q0)
     for message in warnings_of(found):
         warn(message)
     if not as_json:
@@ -47,8 +44,8 @@ def inspect_system(
     content = {
         "system": system,
         "sentences": list(sentences(reduced, report)),
-        "robot": built.robot.name,
-        "joints": list(built.robot.joint_names),
+        "robot": reduced.robot.name,
+        "joints": list(reduced.robot.joint_names),
         "reducing": list(reduced.reducing.names),
         "vertical": list(reduced.vertical.names),
         "actuators": list(reduced.actuation.names),

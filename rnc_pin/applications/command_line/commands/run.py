@@ -11,10 +11,11 @@ from rnc_pin.applications.command_line.progress import ProgressBar
 from rnc_pin.applications.command_line.run_end import report_verdict
 from rnc_pin.applications.command_line.status import FAILED
 from rnc_pin.applications.command_line.tables import print_elapsed, print_files, print_summary
-from rnc_pin.applications.scenario.execution import Plan, Result, data_names, execute, plan, write
+from rnc_pin.applications.scenario.execution import Result, data_names, execute, write
 from rnc_pin.applications.scenario.files import accept_option, parse_options, plant_option
 from rnc_pin.applications.scenario.output_folder import OutputFolder
 from rnc_pin.applications.scenario.pictures import Artists, Drawn, draw_pictures, picture_names
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.shared_tasks import processor_count
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.interruption import uninterrupted
@@ -36,7 +37,8 @@ def run_scenario(
 ) -> int:
     """Run a scenario, write its folder and return the exit status."""
     given = parse_options(options)
-    prepared = plan(scenario, {**plant_option(scenario, plant), **given, **accept_option(scenario, given, accept)})
+    chosen = {**plant_option(scenario, plant), **given, **accept_option(scenario, given, accept)}
+    prepared = Scenario.load(scenario, chosen).build()
     if show and prepared.experiment.phases:
         raise ConfigurationError("--show: a live view does not support phases; omit it and open animation.html")
     for warning in prepared.experiment.warnings:
@@ -79,29 +81,29 @@ def run_scenario(
     return report_verdict(result, drawn, folder.path, prepared.experiment.warnings)
 
 
-def _drawn(prepared: Plan, result: Result, folder: Path, artists: Artists, quiet: bool) -> Drawn:
+def _drawn(prepared: Scenario, result: Result, folder: Path, artists: Artists, quiet: bool) -> Drawn:
     """Draw the pictures with a progress bar."""
     names = picture_names(prepared)
     with ProgressBar(Console(stderr=True), len(names), f"{prepared.name}: drawing {len(names)} pictures", quiet) as bar:
         return draw_pictures(prepared, result, folder, bar, artists)
 
 
-def _watched(prepared: Plan, speed: float, browser: bool, host: str, quiet: bool) -> Result:
+def _watched(prepared: Scenario, speed: float, browser: bool, host: str, quiet: bool) -> Result:
     """Execute the run with a live view."""
     from rnc_pin.applications.command_line.watching import close, live_view  # Meshcat takes a second to import
     from rnc_pin.visualization import DrawnModel
 
     experiment = prepared.experiment
-    scenario, title = experiment.scenario, experiment.scenario.title or prepared.name
+    title = prepared.content.title or prepared.name
     drawn = DrawnModel(experiment.reduced.robot, experiment.reduced, experiment.obstacles)
-    live = live_view(drawn, scenario.view, experiment.provenance, title, speed, browser, host)
+    live = live_view(drawn, prepared.content.view, experiment.provenance, title, speed, browser, host)
     try:
         return _executed(prepared, live, quiet)
     finally:
         close(live)
 
 
-def _executed(prepared: Plan, live: Observer | None, quiet: bool, processes: int = 1) -> Result:
+def _executed(prepared: Scenario, live: Observer | None, quiet: bool, processes: int = 1) -> Result:
     """Execute the run with a progress bar."""
     count = len(prepared.comparisons)
     others = f" and {count} comparison{'s'[: count != 1]}" if count else ""

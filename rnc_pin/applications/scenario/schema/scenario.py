@@ -24,7 +24,7 @@ from rnc_pin.applications.scenario.schema.simulation_settings import GripSetting
 from rnc_pin.applications.scenario.schema.sweep_settings import Distribution
 from rnc_pin.constraints import GroundPlane
 from rnc_pin.errors import nearest
-from rnc_pin.model import Positive
+from rnc_pin.model import NonholonomicSystem, OutputKind, Positive, ReducedModel
 from rnc_pin.verdict import FindingKind
 from rnc_pin.visualization import View
 
@@ -58,7 +58,7 @@ class PlotSettings(Strict):
         return self
 
 
-class Scenario(Strict):
+class ScenarioFile(Strict):
     """Complete scenario: robot, constraints, outputs, task, controller and simulation."""
 
     title: str | None = None
@@ -80,8 +80,9 @@ class Scenario(Strict):
     """Actuators: names of joints, or forces and torques on frames."""
     forces: list[ForceItem] = []
     """Springs, dampers, friction and wrenches, which plant and controller model both have."""
-    outputs: Outputs
-    """Reducing and vertical outputs."""
+    outputs: Outputs | None = None
+    """Reducing and vertical outputs. Without them, the reducing outputs are entries of ``v`` that are never
+    dependent."""
     task: TaskOutputs = TaskOutputs()
     """Roles of the outputs; by default all reducing outputs are primary."""
     initial: Initial = Initial()
@@ -129,8 +130,17 @@ class Scenario(Strict):
     view: Annotated[View, Entry(View)] = View()
     """Camera and layers of the animation."""
 
+    @property
+    def listed_outputs(self) -> tuple[OutputKind, ...]:
+        """Outputs of the file: the reducing ones, then the vertical ones."""
+        return () if self.outputs is None else (*self.outputs.reducing, *self.outputs.vertical)
+
+    def reduced(self, system: NonholonomicSystem) -> ReducedModel:
+        """System, reduced to the outputs of the file."""
+        return system.reduce() if self.outputs is None else system.reduce(self.outputs.reducing, self.outputs.vertical)
+
     @model_validator(mode="after")
-    def _constraints_have_ground(self) -> Scenario:
+    def _constraints_have_ground(self) -> ScenarioFile:
         if self.ground is None:
             return self
         plane, contacts = cast(GroundPlane, self.ground), [each.constraint for each in self.contacts]
@@ -140,13 +150,13 @@ class Scenario(Strict):
         return self.model_copy(update={"constraints": grounded[:count], "contacts": landing})
 
     @model_validator(mode="after")
-    def _variant_exists(self) -> Scenario:
+    def _variant_exists(self) -> ScenarioFile:
         if self.variant is not None and self.variant not in self.variants:
             raise ValueError(f"no variant '{self.variant}'{nearest(self.variant, self.variants)}")
         return self
 
     @model_validator(mode="after")
-    def _labels_exist(self) -> Scenario:
+    def _labels_exist(self) -> ScenarioFile:
         for name, plot in self.plots.items():
             for label in plot.comparisons or []:
                 if label not in self.comparisons:

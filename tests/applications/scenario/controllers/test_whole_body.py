@@ -5,7 +5,8 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
-from rnc_pin.applications.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
 
 SCENARIO = """
 robot: {urdf: mobile_manipulator.urdf, base: planar}
@@ -44,7 +45,7 @@ def written(folder, **controller):
 
 
 def test_the_hand_follows_its_reference_within_the_limits(tmp_path):
-    run = execute(plan(written(tmp_path)))
+    run = execute(Scenario.load(written(tmp_path)))
     trajectory = run.trajectory
     assert run.error is None
     start, goals = trajectory.x1[0], trajectory.x1_desired
@@ -65,7 +66,7 @@ def test_every_task_and_limit_is_built(tmp_path):
         {"manipulability": {"output": {"frame_position": {"frame": "tip", "axes": "xy"}}, "priority": 3}},
         {"singularity": {"gain": 0.1, "priority": 3}},
     ]
-    built = plan(written(tmp_path, tasks=items, limits={"joint_position": None})).experiment.controller
+    built = Scenario.load(written(tmp_path, tasks=items, limits={"joint_position": None})).experiment.controller
     described = built.describe()["target"]
     names = [each["type"] for each in described["tasks"]]
     assert names == [
@@ -94,7 +95,7 @@ def test_every_task_and_limit_is_built(tmp_path):
 )
 def test_mistakes_are_one_line_with_their_place(tmp_path, controller, words):
     with pytest.raises(rnc.RncError, match=words) as caught:
-        plan(written(tmp_path, **controller))
+        Scenario.load(written(tmp_path, **controller)).build()
     assert "\n" not in str(caught.value)
 
 
@@ -147,7 +148,7 @@ def gaps(trajectory):
 
 @pytest.mark.parametrize("program", PROGRAMS, ids=["qp", "inverse_dynamics"])
 def test_obstacles_of_the_scenario_are_avoided_at_rest_and_in_motion(tmp_path, program):
-    run = execute(plan(point(tmp_path, controller=program)))
+    run = execute(Scenario.load(point(tmp_path, controller=program)))
     assert run.error is None
     post, walker = gaps(run.trajectory)
     assert 0.015 < post.min() < 0.05
@@ -159,7 +160,7 @@ def test_obstacles_of_the_scenario_are_avoided_at_rest_and_in_motion(tmp_path, p
     blind = point(
         tmp_path, controller={**program, "limits": {"collision": None}}, simulation={"duration": 2, "dt": 0.02}
     )
-    hit = execute(plan(blind)).trajectory
+    hit = execute(Scenario.load(blind)).trajectory
     assert gaps(hit)[0].min() < -0.1
 
 
@@ -168,18 +169,18 @@ def test_preflight_names_a_goal_that_the_limits_exclude(tmp_path):
     behind = {"controller": {**program, "limits": {"regions": [{"frame": "ball", "box": {"x": [-1, 0.7]}}]}}}
     behind["obstacles"] = []
     with pytest.raises(rnc.InfeasibleError, match=r"task 0 \(ball_x\) misses its goal .*: error 0.3 at t = 7.00 s"):
-        plan(point(tmp_path, preflight="refuse", **behind))
-    (warning,) = plan(point(tmp_path, **behind)).experiment.warnings
+        Scenario.load(point(tmp_path, preflight="refuse", **behind)).build()
+    (warning,) = Scenario.load(point(tmp_path, **behind)).experiment.warnings
     assert "task 0 (ball_x) may miss its goal within the limits: a coarse roll-out ends 0.3 from it" in warning
-    assert plan(point(tmp_path, controller=program, preflight="refuse")).experiment.warnings == ()
-    assert plan(point(tmp_path, preflight="refuse", goal_tolerance=0.31, **behind)).experiment.warnings == ()
+    assert Scenario.load(point(tmp_path, controller=program, preflight="refuse")).experiment.warnings == ()
+    assert Scenario.load(point(tmp_path, preflight="refuse", goal_tolerance=0.31, **behind)).experiment.warnings == ()
 
 
 def test_preflight_warns_of_a_lower_goal_that_is_given_up(tmp_path):
     behind = {"type": "inverse_dynamics", "limits": {"regions": [{"frame": "ball", "box": {"x": [-1, 0.7]}}]}}
     (first, *others) = yaml.safe_load(POINT)["controller"]["tasks"]
     behind["tasks"] = [{"output": {**first["output"], "priority": 1}}, *others]
-    (warning,) = plan(point(tmp_path, controller=behind, obstacles=[], preflight="refuse")).experiment.warnings
+    (warning,) = Scenario.load(point(tmp_path, controller=behind, obstacles=[], preflight="refuse")).experiment.warnings
     assert "task 0 (ball_x) of priority 1 may give its goal up: a coarse roll-out ends 0.3 from it" in warning
 
 
@@ -194,13 +195,13 @@ def three_posts(folder, **changes):
 
 def test_a_run_that_reaches_its_goal_is_not_said_to_miss_it(tmp_path):
     """The coarse roll-out stops at the first post, 1.5 m from the goal; the program in inputs passes it."""
-    prepared = plan(three_posts(tmp_path))
+    prepared = Scenario.load(three_posts(tmp_path)).build()
     (warning,) = prepared.experiment.warnings
     assert "may miss its goal within the limits: a coarse roll-out ends 1.5 from it" in warning
     run = execute(prepared)
     assert "goals_missed" not in run.summary
     assert abs(run.trajectory.q[-1][0] - 2.0) < 1e-4
-    sure = plan(three_posts(tmp_path, preflight="refuse"))
+    sure = Scenario.load(three_posts(tmp_path, preflight="refuse")).build()
     assert sure.experiment.warnings == ()
     np.testing.assert_array_equal(execute(sure).trajectory.q, run.trajectory.q)
 
@@ -211,13 +212,13 @@ def test_limits_that_gave_way_are_in_the_summary(tmp_path, program):
     thrown = {"name": "stone", "radius": 0.2, "position": [1.5, 0, 0]}
     thrown["motion"] = {"minimum_jerk": {"by": [-3, 0, 0, 0], "duration": 0.8}}
     changes = {"obstacles": [{"sphere": thrown}], "simulation": {"duration": 0.8, "dt": 0.02}}
-    prepared = plan(point(tmp_path, controller=program, **changes))
+    prepared = Scenario.load(point(tmp_path, controller=program, **changes)).build()
     assert "passes through obstacle 'stone'" in prepared.experiment.warnings[0]
     stands_in = program["type"] == "inverse_dynamics"
     assert prepared.experiment.warnings[0].endswith("the run may differ)") == stands_in
     gave_way = execute(prepared).summary["limits_gave_way"]
     assert [name for name in gave_way if name.endswith("stone distance") and gave_way[name] > 1.0]
-    calm = execute(plan(point(tmp_path, controller=program, **{**changes, "obstacles": []})))
+    calm = execute(Scenario.load(point(tmp_path, controller=program, **{**changes, "obstacles": []})))
     assert "limits_gave_way" not in calm.summary
 
 
@@ -226,14 +227,14 @@ def test_goals_that_a_run_misses_are_in_the_summary(tmp_path, program):
     """The joint locks at 0.5 s, which preflight cannot know."""
     changes = {"obstacles": [], "simulation": {"duration": 2.5, "dt": 0.02}, "preflight": "refuse"}
     stuck = {**changes, "faults": {"stuck": {"joint": "x", "time": 0.5}}}
-    run = execute(plan(point(tmp_path, controller=program, **stuck)))
+    run = execute(Scenario.load(point(tmp_path, controller=program, **stuck)))
     missed = 1.0 - float(run.trajectory.q[-1, 0])
     assert missed > 0.5
     assert run.summary["goals_missed"] == {"ball_x": pytest.approx(missed, abs=1e-12)}
     assert run.summary["goal_tolerance"] == 0.02
-    generous = execute(plan(point(tmp_path, controller=program, **stuck, goal_tolerance=missed + 1e-9)))
+    generous = execute(Scenario.load(point(tmp_path, controller=program, **stuck, goal_tolerance=missed + 1e-9)))
     assert "goals_missed" not in generous.summary
-    assert "goals_missed" not in execute(plan(point(tmp_path, controller=program, **changes))).summary
+    assert "goals_missed" not in execute(Scenario.load(point(tmp_path, controller=program, **changes))).summary
 
 
 def test_the_goal_of_a_speed_is_its_rate(tmp_path):
@@ -242,7 +243,7 @@ def test_the_goal_of_a_speed_is_its_rate(tmp_path):
     speed = {"output": {"output": {"frame_speed": {"frame": "ball", "axis": "x"}}, "reference": ahead}}
     program = {**PROGRAMS[0], "tasks": [speed], "limits": {"joint_velocity": {"margin": 0.0}}}
     short = {"obstacles": [], "simulation": {"duration": 1.0, "dt": 0.02}}
-    (error,) = execute(plan(point(tmp_path, controller=program, **short))).summary["goals_missed"].values()
+    (error,) = execute(Scenario.load(point(tmp_path, controller=program, **short))).summary["goals_missed"].values()
     assert error == pytest.approx(15 / 8 - 1.5, abs=1e-9)
 
 
@@ -251,7 +252,7 @@ def test_inputs_stay_within_the_efforts_of_the_file(tmp_path):
     steps = [
         {"output": {"output": {"joint": name}, "reference": {"hold": {"value": [1.0]}}, "gain": 4}} for name in "xy"
     ]
-    run = execute(plan(point(tmp_path, controller={**fast, "tasks": steps}, obstacles=[]))).trajectory
+    run = execute(Scenario.load(point(tmp_path, controller={**fast, "tasks": steps}, obstacles=[]))).trajectory
     assert np.abs(run.T).max() == pytest.approx(60.0, abs=1e-8)
     np.testing.assert_allclose(run.q[-1], [1.0, 1.0], atol=1e-3)
     assert np.abs(run.v).max() <= 1.5
@@ -259,6 +260,6 @@ def test_inputs_stay_within_the_efforts_of_the_file(tmp_path):
 
 def test_a_robot_with_fewer_actuators_than_motions_needs_no_roll_out(tmp_path):
     program = {"type": "inverse_dynamics", "tasks": [{"posture": {"joints": {"x": 0.5}, "gain": 2}}]}
-    prepared = plan(point(tmp_path, controller=program, actuators=["x"], obstacles=[]))
+    prepared = Scenario.load(point(tmp_path, controller=program, actuators=["x"], obstacles=[])).build()
     assert prepared.experiment.warnings == ()
     assert execute(prepared).trajectory.q[-1, 0] == pytest.approx(0.5, abs=1e-3)

@@ -1,7 +1,6 @@
 """Obstacles of a scenario: from the file to the check before the run, the summary and the pictures."""
 
 import re
-from pathlib import Path
 
 import coal
 import numpy as np
@@ -10,9 +9,11 @@ import umsgpack
 from matplotlib.figure import Figure
 
 import rnc_pin as rnc
+from places import ROOT
 from rnc_pin.applications.scenario import plot_files
-from rnc_pin.applications.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.pictures import draw_pictures
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.collision import CollisionDistances
 from rnc_pin.visualization.drawn_model import DrawnModel
 from rnc_pin.visualization.drawn_obstacles import corners_over_time, outline, surface_points
@@ -42,7 +43,7 @@ BESIDE = """
 def prepared(tmp_path, obstacles, **options):
     file = tmp_path / "arm.yaml"
     file.write_text(SCENARIO + obstacles)
-    return plan(str(file), options)
+    return Scenario.load(str(file), options).build()
 
 
 def test_every_shape_is_built(tmp_path):
@@ -131,10 +132,10 @@ def test_pictures_show_a_floor_without_making_room_for_it(tmp_path, monkeypatch)
 
 
 def test_obstacles_without_collision_geometry_are_reported(tmp_path):
-    text = (Path(__file__).parents[3] / "urdf" / "unicycle.urdf").read_text()
+    text = (ROOT / "urdf" / "unicycle.urdf").read_text()
     (tmp_path / "bare.urdf").write_text(re.sub("<collision>.*</collision>", "", text))
     given = {"robot.urdf": str(tmp_path / "bare.urdf"), "obstacles": [{"sphere": {"radius": 0.1}}], "comparisons": {}}
-    ready = plan("unicycle", given)
+    ready = Scenario.load("unicycle", given).build()
     assert any("no collision geometry" in each for each in ready.experiment.warnings)
 
 
