@@ -213,7 +213,7 @@ def _mesh_scale(mesh: ElementTree.Element) -> np.ndarray:
 
 def _numbers(element: ElementTree.Element, key: str, usual: str) -> np.ndarray:
     text = element.get(key, usual)
-    numbers = read_numbers(text, len(usual.split()))
+    numbers = read_numbers(text.replace(",", " "), len(usual.split()))  # Pinocchio takes commas for blanks too
     if numbers is None:
         raise ValueError(f'<{element.tag} {key}="{text}">: expected {len(usual.split())} finite numbers')
     return numbers
