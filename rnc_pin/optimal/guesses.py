@@ -199,8 +199,5 @@ def _given(problem: Transcription, given: Any, duration: float) -> Iterate:
 def _spaced(model: ActionModel, q: Array, K: int) -> Array:
     """Configurations (K + 1, nq) at equal times along others."""
     places = np.linspace(0.0, len(q) - 1.0, K + 1)
-    found = []
-    for place in places:
-        k = min(int(place), len(q) - 2)
-        found.append(model.manifold.interpolate(q[k], q[k + 1], np.array([place - k]))[0])
-    return np.array(found)
+    before = np.minimum(places.astype(int), len(q) - 2)
+    return model.manifold.interpolate(q[before], q[before + 1], places - before)
