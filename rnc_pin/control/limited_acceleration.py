@@ -6,19 +6,23 @@ from typing import Literal, NamedTuple
 
 
 class LimitedAcceleration(NamedTuple):
-    """Limit of one entry of an acceleration.
+    """Limits of one entry of an acceleration.
 
     Attributes:
         name: name of the entry.
         quantity: "v2" for a reduced velocity, "v" for a velocity of the robot.
         column: column of the entry.
-        largest: largest acceleration [rad/s^2 or m/s^2].
+        lower, upper: smallest and largest acceleration [rad/s^2 or m/s^2].
+        rounding: excess that counts as rounding, as a share of the larger limit. The acceleration of a run is a
+            quotient of two samples, between which the inputs are held.
     """
 
     name: str
     quantity: Literal["v", "v2"]
     column: int
-    largest: float
+    lower: float
+    upper: float
+    rounding: float = 1e-4
 
 
 def limited_accelerations(controller: object) -> tuple[LimitedAcceleration, ...]:

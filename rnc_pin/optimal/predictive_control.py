@@ -11,6 +11,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Description
+from rnc_pin.control.limited_acceleration import LimitedAcceleration
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
@@ -23,6 +24,8 @@ from rnc_pin.optimal.problem_building import build_problem
 from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic, SolverSettings
 from rnc_pin.optimal.transcription import Iterate
 from rnc_pin.printing import ReprMixin
+
+_HELD = 0.01  # of a limit; the force is held between two samples, so that the acceleration departs from its bound
 
 
 class PredictiveState(NamedTuple):
@@ -105,6 +108,20 @@ class PredictiveController(ReprMixin):
         self._problem = build_problem(reduced, start, None, horizon, form, costs, bounds, nodes)
         self._model = self._problem.model
         self._h = horizon / nodes
+
+    @property
+    def limited_accelerations(self) -> tuple[LimitedAcceleration, ...]:
+        """Accelerations that the bounds of the inputs limit in the form "acceleration", for the verdict of a run."""
+        if self._model.form != "acceleration":
+            return ()
+        names = self._model.input_names
+        return tuple(
+            LimitedAcceleration(name.removesuffix("_dot"), "v2", names.index(name), low, high, _HELD)
+            for bound in self._problem.bounds
+            if bound.quantity == "input"
+            for name, low, high in zip(bound.names, bound.lower.tolist(), bound.upper.tolist(), strict=True)
+            if np.isfinite(low) or np.isfinite(high)
+        )
 
     def describe(self) -> Description:
         """Return the form, the horizon and the schedule of updates."""

@@ -134,8 +134,9 @@ def _limits(replay: LimitReplay) -> Iterator[Finding]:
 
 
 def _exceeded(use: LimitUse) -> Finding:
-    """Finding of a limit; positions have a lower and an upper limit, the others one of the absolute value."""
-    amount = abs(use.value - use.limit) if use.kind == "position" else abs(use.value) - use.limit
+    """Finding of a limit; positions and accelerations have two, the others one of the absolute value."""
+    two = use.kind in ("position", "acceleration")
+    amount = abs(use.value - use.limit) if two else abs(use.value) - use.limit
     return Finding(FindingKind(use.kind), use.name, amount, "", use.time, Severity.FAILS, str(use))
 
 

@@ -27,9 +27,6 @@ from rnc_pin.simulation.trajectory import Trajectory
 ROUNDING = 1e-9
 """Largest excess over a limit that counts as rounding, as a share of its range."""
 
-_ROUNDING_OF_RATES = 1e-4
-"""The same for accelerations: they are quotients of two samples, between which the inputs are held."""
-
 LimitKind = Literal["position", "velocity", "effort", "acceleration"]
 LIMIT_KINDS: tuple[LimitKind, ...] = get_args(LimitKind)
 
@@ -46,6 +43,7 @@ class LimitUse(NamedTuple):
         time: time of the largest excess [s].
         value: value at that time [rad, m, rad/s, m/s, N m, N, rad/s^2 or m/s^2].
         limit: limit that is nearest to it.
+        rounding: excess that counts as rounding.
     """
 
     kind: LimitKind
@@ -54,11 +52,12 @@ class LimitUse(NamedTuple):
     time: float
     value: float
     limit: float
+    rounding: float = ROUNDING
 
     @property
     def exceeded(self) -> bool:
         """True if the excess is more than rounding."""
-        return self.excess > (_ROUNDING_OF_RATES if self.kind == "acceleration" else ROUNDING)
+        return self.excess > self.rounding
 
     def __str__(self) -> str:
         return (
@@ -306,14 +305,20 @@ def _efforts(robot: Robot, run: Trajectory) -> list[_Use]:
 
 def _accelerations(run: Trajectory, limits: Sequence[LimitedAcceleration]) -> list[_Use]:
     """Use of limits of acceleration, each at the sample before the change of velocity."""
-    spans = np.diff(run.time)
-    if not len(spans) or not (spans > 0).all():
+    if len(run.time) < 2:
         return []
+    spans = np.diff(run.time)
+    spans[spans <= 0.0] = np.nan  # velocities jump between the samples of an impact
     rates = {each: np.diff(getattr(run, each), axis=0) / spans[:, None] for each in {each.quantity for each in limits}}
     found = []
-    for name, quantity, column, largest in limits:
-        values = np.append(rates[quantity][:, column], 0.0)
-        found.append(_symmetric("acceleration", name, run.time, values, largest))
+    for name, quantity, column, lower, upper, rounding in limits:
+        values = rates[quantity][:, column]
+        span = max((abs(each) for each in (lower, upper) if 0.0 < abs(each) < np.inf), default=1.0)
+        excess = np.where(np.isfinite(values), np.maximum(values - upper, lower - values) / span, -1.0)
+        at = int(excess.argmax())
+        limit = upper if values[at] - upper > lower - values[at] else lower
+        use = LimitUse("acceleration", name, float(excess[at]), float(run.time[at]), float(values[at]), limit, rounding)
+        found.append((use, np.append(excess, -1.0)))
     return found
 
 
