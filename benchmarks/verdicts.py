@@ -1,8 +1,10 @@
 """Verdicts of runs beside an independent replay, as a confusion matrix: ``python -m benchmarks.verdicts [--runs 200]``.
 
 Drawn runs are those of three built-in scenarios with drawn durations, boxes near their paths, tighter limits of joints,
-and stuck joints. The oracle interpolates the recorded configurations at 1 ms with Pinocchio and measures each pair with
-coal. It reads limits and goals from the arrays. Built-in scenarios are judged as they are.
+stuck joints, and stated friction. Half of the space robots have a whole-body program with limits of acceleration, and
+other masses than its model. The oracle interpolates the recorded configurations at 1 ms with Pinocchio and measures
+each pair with coal. It reads limits, accelerations and goals from the arrays. The friction that a unicycle needs is the
+rate of its momentum by Pinocchio. Built-in scenarios are judged as they are.
 
 ``python -m benchmarks.verdicts cost`` prints the processor time of each verdict of a built-in scenario beside that of
 its run.
@@ -37,6 +39,8 @@ KINDS = (
     FindingKind.POSITION,
     FindingKind.VELOCITY,
     FindingKind.EFFORT,
+    FindingKind.ACCELERATION,
+    FindingKind.SLIP,
     FindingKind.COLLISION,
     FindingKind.CLEARANCE,
     FindingKind.GOAL,
@@ -44,6 +48,7 @@ KINDS = (
 STEP = 1e-3  # of the replay [s]
 UNDECIDED = 1e-3  # depth or shortfall of a distance that may be judged either way [m]
 ROUNDING = 1e-9
+CLOSE = 0.02  # share of a limit of acceleration or friction within which a run may be judged either way
 DRAWN = ("space-robot", "mobile-manipulator", "unicycle")
 SHORT = {"comparisons": {}, "plots": {}, "preflight": "warn"}
 
@@ -131,10 +136,49 @@ def exceeds(run: Trajectory, robot: rnc.Robot) -> dict[FindingKind, bool]:
     return {kind: any(each) for kind, each in found.items()}
 
 
+def acceleration(made: Scenario, run: Trajectory) -> bool | None:
+    """True if a joint of a whole-body program accelerates more than its limit; None if it nearly does."""
+    limits = getattr(made.experiment.scenario.controller, "limits", None)
+    limit = None if limits is None else limits.acceleration
+    if limit is None:
+        return False
+    columns = [made.experiment.reduced.robot.velocity_indices(name).start for name in limit.joints]
+    largest = max(abs(float(b - a)) / float(t) for t, a, b in changes(run, columns)) / limit.limit
+    return None if 1.0 < largest < 1.0 + CLOSE else largest > 1.0
+
+
+def changes(run: Trajectory, columns: list[int]) -> Iterator[tuple[float, float, float]]:
+    """Time between two samples [s], and a velocity at both."""
+    for k, t in enumerate(np.diff(run.time)):
+        for column in columns:
+            yield t, run.v[k, column], run.v[k + 1, column]
+
+
+def slip(made: Scenario, run: Trajectory) -> bool | None:
+    """True if the one wheel of a unicycle needs more than the stated friction; None if it nearly does.
+
+    Along the ground the wheel alone pushes the robot: its force is the rate of the momentum, its load is the weight.
+    A joint that locks stops the robot at once, which no finite force does: such a run is not decided.
+    """
+    stated, faults, reduced = made.experiment.scenario.grip, made.experiment.scenario.faults, made.experiment.reduced
+    if stated is None:
+        return False
+    if faults is not None and faults.stuck is not None:
+        return None
+    model, data = reduced.robot.model, reduced.robot.model.createData()
+    available = stated.friction * pin.computeTotalMass(model) * 9.81
+    needed = 0.0
+    for k, t in enumerate(np.diff(run.time)):
+        pin.computeCentroidalMomentumTimeVariation(model, data, run.q[k], run.v[k], (run.v[k + 1] - run.v[k]) / t)
+        needed = max(needed, float(np.linalg.norm(data.dhg.linear[:2])) / available)
+    return None if abs(needed - 1.0) < CLOSE else needed > 1.0
+
+
 def truths(made: Scenario, run: Trajectory, step: float) -> dict[FindingKind, bool | None]:
     """Truth of each kind except goals; None where it is within the tolerance."""
     robot, obstacles = made.experiment.reduced.robot, made.experiment.obstacles
     true: dict[FindingKind, bool | None] = dict(exceeds(run, robot))
+    true |= {FindingKind.ACCELERATION: acceleration(made, run), FindingKind.SLIP: slip(made, run)}
     geometry = robot.collision_model
     smallest = smallest_distances(robot, obstacles, run, step) if geometry and len(geometry.geometryObjects) else {}
     nearest = min(smallest.values(), default=np.inf)
@@ -157,6 +201,7 @@ def drawn_plan(number: int, seed: int) -> Scenario:
     generator = np.random.default_rng([seed, number])
     name = DRAWN[number % len(DRAWN)]
     options: dict[str, Any] = {**SHORT, "simulation.duration": float(generator.uniform(2.0, 7.0)), "seed": number}
+    options |= stated_limits(name, number, seed)
     nominal = Scenario.load(name, options).build()
     robot = nominal.experiment.reduced.robot
     run = execute(nominal).trajectory
@@ -174,10 +219,28 @@ def drawn_plan(number: int, seed: int) -> Scenario:
     driven = [each for each in nominal.experiment.scenario.actuators if isinstance(each, str)]
     if driven and generator.random() < 0.3:
         stuck = {"joint": str(generator.choice(driven)), "time": float(generator.uniform(0.1, 1.0))}
-        options["faults"] = {"stuck": stuck}
+        options["faults"] = {**options.get("faults", {}), "stuck": stuck}
     made = Scenario.load(name, options).build()
     tighten(made.experiment.reduced.robot, run, generator)
     return made
+
+
+def stated_limits(name: str, number: int, seed: int) -> dict[str, Any]:
+    """Options with a drawn limit that no robot file has: accelerations of a space robot, or friction of a unicycle."""
+    generator = np.random.default_rng([seed, number, 1])
+    if name == "unicycle":
+        return {"grip": {"friction": float(0.15 * np.exp(generator.normal()))}}
+    if name != "space-robot" or number % 2 == 0:
+        return {}
+    goal = {f"joint_{k}": float(generator.uniform(-1.5, 1.5)) for k in (1, 2, 3)}
+    limit = {"limit": float(generator.uniform(0.5, 4.0)), "joints": list(goal)}
+    tasks = [{"posture": {"joints": goal, "gain": float(generator.uniform(1.0, 4.0))}}]
+    return {
+        "task": {},
+        "reference": {},
+        "controller": {"type": "inverse_dynamics", "tasks": tasks, "limits": {"acceleration": limit}},
+        "faults": {"masses": float(generator.choice([0.0, 0.3]))},
+    }
 
 
 def tighten(robot: rnc.Robot, run: Trajectory, generator: np.random.Generator) -> None:

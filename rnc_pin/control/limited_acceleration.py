@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Literal, NamedTuple
 
 
@@ -15,6 +16,7 @@ class LimitedAcceleration(NamedTuple):
         lower, upper: smallest and largest acceleration [rad/s^2 or m/s^2].
         rounding: excess that counts as rounding, as a share of the larger limit. The acceleration of a run is a
             quotient of two samples, between which the inputs are held.
+        until: time up to which the limits hold [s], as those of a controller of one phase.
     """
 
     name: str
@@ -23,6 +25,7 @@ class LimitedAcceleration(NamedTuple):
     lower: float
     upper: float
     rounding: float = 1e-4
+    until: float = math.inf
 
 
 def limited_accelerations(controller: object) -> tuple[LimitedAcceleration, ...]:

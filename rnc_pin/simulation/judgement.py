@@ -7,7 +7,8 @@ from functools import partial
 
 import numpy as np
 
-from rnc_pin.analysis import first_lift_off
+from rnc_pin.analysis import Grip, first_lift_off
+from rnc_pin.array_shapes import Float
 from rnc_pin.control.limited_acceleration import LimitedAcceleration
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation.limit_replay import ROUNDING, LimitReplay, LimitUse, replay_limits
@@ -20,7 +21,7 @@ _MOSTLY = 0.5  # share of a run under a fallback command that fails
 _AT_LIMIT = 0.99  # use of friction of a contact that slides; MuJoCo gives it to 1e-3
 _MOMENT = 0.01  # share of a run at the limit of friction that fails: more than a landing
 _SLIDING = 0.01  # [m/s or rad/s]; contacts of MuJoCo that stick creep by less than 1e-3
-_SLIPS = 1.0 + 1e-6  # use of friction that is beyond the stated friction, and not rounding
+_SLIPS = 1.0 + 1e-3  # use of friction that is beyond the stated friction, and not rounding
 
 
 def judge(
@@ -30,6 +31,7 @@ def judge(
     goal_errors: Mapping[str, float] | None = None,
     goal_tolerance: float = 0.02,
     gave_way: Mapping[str, float] | None = None,
+    grip: Grip | None = None,
     more: Iterable[Finding] = (),
     accepted: Iterable[FindingKind | str] = (),
 ) -> Verdict:
@@ -41,6 +43,7 @@ def judge(
         goal_errors: errors at the end by name [m or rad]; None if the run has no goals.
         goal_tolerance: error above which a goal is missed [m or rad].
         gave_way: largest amounts by which limits of a whole-body program gave way, by name.
+        grip: stated friction of the ground, for the forces that the constraints of the run need.
         more: findings that others made, such as a plan that is not verified.
         accepted: kinds of findings that the user accepts.
 
@@ -63,7 +66,7 @@ def judge(
         *_missed_updates(run),
         *(_goals(run, goal_errors or {}, goal_tolerance) if completed else ()),
         *(() if replay is None else _limits(replay)),
-        *_contacts(run),
+        *_contacts(run, grip),
         *(() if replay is None else _saturation(run, replay)),
         *_given_way(gave_way or {}),
         *more,
@@ -140,25 +143,43 @@ def _exceeded(use: LimitUse) -> Finding:
     return Finding(FindingKind(use.kind), use.name, amount, "", use.time, Severity.FAILS, str(use))
 
 
-def _contacts(run: Trajectory) -> Iterator[Finding]:
+def _contacts(run: Trajectory, grip: Grip | None) -> Iterator[Finding]:
     """Findings of contacts that pull, that need more friction than is stated, or that slide at its limit."""
     lifted = first_lift_off(run.time, run.normal_forces, run.info.outputs.normal_forces)
     if lifted is not None:
         yield Finding(
             FindingKind.LIFT_OFF, lifted.contact, -lifted.lowest, "N", lifted.time, Severity.FAILS, str(lifted)
         )
+    if grip is not None:
+        yield from _demands(run, grip)
     yield from _slips(run)
+
+
+def _demands(run: Trajectory, grip: Grip) -> Iterator[Finding]:
+    """Findings of contacts whose constraints need more than the stated friction: where a real wheel slips."""
+    used = np.nan_to_num(grip.used_by_forces(run.contact_forces, run.normal_forces), posinf=np.inf)
+    for name, demand in zip(grip.names, used.T, strict=True):
+        if demand.max(initial=0.0) > _SLIPS:
+            yield _beyond(run, name, demand)
+
+
+def _beyond(run: Trajectory, contact: str, used: Float[np.ndarray, " N"]) -> Finding:
+    """Finding of a contact that needs more than its friction at some sample."""
+    most = int(used.argmax())
+    need, time = float(used[most]), float(run.time[most])
+    words = f"needs {need:.3g} times the stated friction" if need < np.inf else "needs friction, but carries no load,"
+    message = f"contact '{contact}' {words} at t = {time:.2f} s"
+    return Finding(FindingKind.SLIP, contact, need, "", time, Severity.FAILS, message)
 
 
 def _slips(run: Trajectory) -> Iterator[Finding]:
     """Findings of contacts at the limit of their friction, where a plant lets them slide, and of rows that slip."""
     used, slip = np.nan_to_num(run.friction_used), np.abs(np.nan_to_num(run.slip))
     for column, name in enumerate(run.info.outputs.friction_used if len(used) else ()):
-        most, at_limit = int(used[:, column].argmax()), used[:, column] > _AT_LIMIT
-        share, demand, time = float(at_limit.mean()), float(used[most, column]), float(run.time[most])
-        if demand > _SLIPS:
-            message = f"contact '{name}' needs {demand:.3g} times the stated friction at t = {time:.2f} s"
-            yield Finding(FindingKind.SLIP, name, demand, "", time, Severity.FAILS, message)
+        at_limit = used[:, column] > _AT_LIMIT
+        share = float(at_limit.mean())
+        if used[:, column].max() > _SLIPS:
+            yield _beyond(run, name, used[:, column])
         elif share > 0.0:
             first = float(run.time[int(at_limit.argmax())])
             message = (

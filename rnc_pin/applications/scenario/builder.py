@@ -39,6 +39,7 @@ from rnc_pin.verdict import Finding, FindingKind, Severity
 from rnc_pin.visualization import DrawnModel
 
 _ROUNDED = 1e-4  # largest residual of holonomic rows that counts as rounding in the file
+_FOR_FEEDBACK = 0.05  # share of the friction that slowed references leave
 
 
 def build_system(scenario: ScenarioFile, folder: Path) -> NonholonomicSystem:
@@ -297,6 +298,8 @@ def _build_controller(scenario: ScenarioFile, context: ControllerContext) -> Bui
     if scenario.grip is None or not scenario.grip.slow:
         return scenario.controller.build(context)
     settings = scenario.controller
+    grip = scenario.grip.model_copy(update={"friction": scenario.grip.friction * (1.0 - _FOR_FEEDBACK)})
+    context = replace(context, grip=grip.build(context.reduced))
 
     def slowed(time_scale: float) -> BuiltController:
         return settings.build(_slowed(context, time_scale))

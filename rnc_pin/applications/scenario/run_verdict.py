@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from contextlib import suppress
 
+from rnc_pin.analysis import Grip
 from rnc_pin.applications.scenario.builder import Experiment, off_tracking
 from rnc_pin.control import limited_accelerations
-from rnc_pin.control.whole_body import program_of
+from rnc_pin.control.whole_body import InverseDynamicsQP, program_of
 from rnc_pin.control.whole_body.limits import CollisionAvoidance
+from rnc_pin.errors import ConfigurationError
 from rnc_pin.simulation import (
     SHORTFALL,
     LimitReplay,
@@ -60,6 +64,7 @@ def judged_summary(
         goal_errors=errors,
         goal_tolerance=scenario.goal_tolerance,
         gave_way=gave_way,
+        grip=_grip(experiment, run),
         more=more,
         accepted=scenario.accept,
     )
@@ -108,8 +113,21 @@ def _replay(experiment: Experiment, run: Trajectory, asked: float | None) -> Lim
     robot, obstacles = experiment.reduced.robot, experiment.obstacles
     near = asked or 0.0
     within = max(REPLAY_DISTANCE, near)
-    limits = limited_accelerations(experiment.controller)
+    end = run.info.phases[1].start if experiment.phases and len(run.info.phases) > 1 else math.inf
+    limits = [each._replace(until=end) for each in limited_accelerations(experiment.controller)]  # of the first phase
     return replay_limits(robot, run, obstacles, step=step, within=within, exact=near, accelerations=limits)
+
+
+def _grip(experiment: Experiment, run: Trajectory) -> Grip | None:
+    """Stated friction of the ground; None without one, or if contacts appear and vanish."""
+    stated, program, reduced = experiment.scenario.grip, program_of(experiment.controller), experiment.reduced
+    grip = None if stated is None else stated.build(reduced)
+    if grip is None and isinstance(program, InverseDynamicsQP) and program.friction is not None:
+        with suppress(ConfigurationError):  # nothing grips
+            grip = Grip(reduced, program.friction)
+    names = run.info.outputs
+    same = grip is not None and names.normal_forces == grip.normal.names
+    return grip if same and names.contact_forces == reduced.all_constraints.names and not experiment.phases else None
 
 
 def _asked(experiment: Experiment) -> float | None:

@@ -104,7 +104,7 @@ class ScenarioFile(Strict):
     loop: LoopItem | None = None
     """Velocity estimation, supervision and safe commands of the control loop."""
     grip: GripSettings | None = None
-    """Friction of the ground; the check before the run compares the references with it."""
+    """Friction of the ground; references before the run, and the forces of the run, are compared with it."""
     preflight: Literal["warn", "refuse"] = "warn"
     """Action if the check before the run finds a singular configuration on the reference, or a goal out of reach."""
     goal_tolerance: Positive = 0.02

@@ -40,10 +40,13 @@ class SimulationSettings(_PLANT.model, _STOP.model):  # type: ignore[name-define
 
 
 class GripSettings(_GRIP.model):  # type: ignore[name-defined, misc]
-    """Friction of the ground. A reference that needs more friction causes a warning, is refused, or is slowed down."""
+    """Friction of the ground. A reference that needs more friction causes a warning, is refused, or is slowed down.
+
+    A run whose constraints need more friction fails.
+    """
 
     slow: bool = False
-    """True to slow down all references by one factor until no wheel slips."""
+    """True to slow down all references by one factor until no wheel slips. 5 % of the friction are for feedback."""
 
     def build(self, reduced: ReducedModel) -> Grip:
         """Friction limits of the contacts of a model."""
