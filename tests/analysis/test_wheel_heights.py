@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import yaml
 
 import rnc_pin as rnc
 from rnc_pin.analysis.wheel_heights import wheel_height_findings
@@ -246,3 +247,22 @@ def test_runs_and_inspect_warn(tmp_path, call):
     assert SAID in error.replace("\n", " ")
     path.write_text(SCENARIO.replace("0.25", "0.17"))
     assert Scenario.load(str(path)).experiment.warnings == ()
+
+
+def test_wheels_of_later_phases_are_compared_too(tmp_path):
+    """A cart coasts on one wheel of the right radius, then on the other one; the first was compared alone."""
+    (tmp_path / "cart.urdf").write_text(cart())
+    path = tmp_path / "cart.yaml"
+    system = SCENARIO.partition("constraints:")[0] + "simulation: {duration: 0.1, dt: 0.01}\n"
+    phases = [
+        {
+            "constraints": [{"rolling_wheel": {"frame": f"wheel_{side}", "radius": radius}}],
+            "outputs": {"reducing": [{"frame_speed": {"frame": "base"}}, {"frame_yaw": "base"}, {"joint": other}]},
+        }
+        for side, radius, other in (("right", 0.17, "left"), ("left", 0.25, "right"))
+    ]
+    path.write_text(f"{system}{yaml.safe_dump({'outputs': phases[0]['outputs'], 'phases': phases})}")
+    made = Scenario.load(str(path)).build()
+    assert made.experiment.warnings == (f"{SAID} ground",)
+    (found,) = (each for each in execute(made).trajectory.verdict.findings if each.kind is FindingKind.MODEL)
+    assert (found.where, str(found.severity)) == ("wheel_left", "degrades")

@@ -14,6 +14,7 @@ from rnc_pin.applications.scenario.builder import Experiment, check_plots, exper
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.constraints import with_ground
 from rnc_pin.applications.scenario.schema.phase_settings import PhaseSettings
+from rnc_pin.applications.scenario.start_findings import start_findings, warnings_of
 from rnc_pin.constraints import GroundPlane, LoopClosure, PrescribedMotion
 from rnc_pin.errors import ConfigurationError, InputError, RncError
 from rnc_pin.model import ConstraintKind, Kinematics, NonholonomicSystem, OffsetFrame, ReducedModel
@@ -54,8 +55,13 @@ def build_phased(scenario: ScenarioFile, folder: Path) -> Experiment:
     phases: list[Phase | PhaseStart] = [first.phase(experiment, first.reduced)]
     phases += [builder.start(number) for number, builder in enumerate(builders[1:], start=1)]
     longest = sum(builder.duration for builder in builders)
+    found = dict.fromkeys(
+        each for builder in builders for each in start_findings(builder.scenario, builder.reduced, q0)
+    )
     return replace(
         experiment,
+        start_findings=tuple(found),
+        warnings=tuple(dict.fromkeys([*warnings_of(found), *experiment.warnings])),
         scenario=scenario,
         simulation=scenario.simulation.model_copy(update={"duration": longest}),
         phases=tuple(phases),
