@@ -10,6 +10,7 @@ import numpy as np
 from rnc_pin.analysis import Grip, first_lift_off
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.limited_acceleration import LimitedAcceleration
+from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation.limit_replay import ROUNDING, LimitReplay, LimitUse, replay_limits
 from rnc_pin.simulation.run_info import Outcome
@@ -217,17 +218,20 @@ def _given_way(amounts: Mapping[str, float]) -> Iterator[Finding]:
         yield Finding(FindingKind.LIMIT_GAVE_WAY, name, amount, "", None, Severity.DEGRADES, message)
 
 
-def judged_by(run: Trajectory, robot: Robot, accelerations: Sequence[LimitedAcceleration] = ()) -> Trajectory:
+def judged_by(run: Trajectory, reduced: ReducedModel, accelerations: Sequence[LimitedAcceleration] = ()) -> Trajectory:
     """Return a run whose verdict follows at its first use from its samples and from limits.
 
     Args:
         run: the run.
-        robot: its robot, with the limits of its file.
+        reduced: its model, with the limits of the robot's file and of actuators.
         accelerations: limits of accelerations, as for ``replay_limits``.
     """
-    return run.judged_later(partial(_judged, robot, accelerations))
+    return run.judged_later(partial(_judged, reduced.robot, accelerations, reduced.actuation.stated_limits))
 
 
-def _judged(robot: Robot, accelerations: Sequence[LimitedAcceleration], run: Trajectory) -> Verdict:
-    replay = replay_limits(robot, run, exact=0.0, accelerations=accelerations) if len(run.time) else None
-    return judge(run, replay)
+def _judged(
+    robot: Robot, accelerations: Sequence[LimitedAcceleration], efforts: Mapping[str, float], run: Trajectory
+) -> Verdict:
+    if not len(run.time):
+        return judge(run)
+    return judge(run, replay_limits(robot, run, exact=0.0, accelerations=accelerations, efforts=efforts))

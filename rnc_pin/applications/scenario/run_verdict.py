@@ -110,12 +110,22 @@ def _goal_errors(experiment: Experiment, run: Trajectory, summary: Summary) -> d
 
 def _replay(experiment: Experiment, run: Trajectory, asked: float | None) -> LimitReplay:
     step = max(_REPLAY_STEP, float(run.time[-1]) / _REPLAYED)
-    robot, obstacles = experiment.reduced.robot, experiment.obstacles
-    near = asked or 0.0
+    reduced, near = experiment.reduced, asked or 0.0
     within = max(REPLAY_DISTANCE, near)
+    # The controller is that of the first phase.
     end = run.info.phases[1].start if experiment.phases and len(run.info.phases) > 1 else math.inf
-    limits = [each._replace(until=end) for each in limited_accelerations(experiment.controller)]  # of the first phase
-    return replay_limits(robot, run, obstacles, step=step, within=within, exact=near, accelerations=limits)
+    return replay_limits(
+        reduced.robot,
+        run,
+        experiment.obstacles,
+        step=step,
+        within=within,
+        exact=near,
+        accelerations=[
+            each._replace(until=end) for each in limited_accelerations(experiment.controller)
+        ],  # first phase
+        efforts=reduced.actuation.stated_limits,
+    )
 
 
 def _grip(experiment: Experiment, run: Trajectory) -> Grip | None:

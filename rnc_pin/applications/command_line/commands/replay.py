@@ -83,8 +83,9 @@ def _judged(run: Run, accept: tuple[str, ...]) -> int:
 
 def _verdict(run: Run) -> Verdict:
     """Verdict of the run's file; else a new one, without the goals and obstacles of its scenario."""
-    stored = run.trajectory.info.verdict
-    return stored or judge(run.trajectory, replay_limits(run.reduced.robot, run.trajectory))
+    stored, reduced = run.trajectory.info.verdict, run.reduced
+    efforts = reduced.actuation.stated_limits
+    return stored or judge(run.trajectory, replay_limits(reduced.robot, run.trajectory, efforts=efforts))
 
 
 def _show(run: Run, speed: float, browser: bool, host: str) -> None:
