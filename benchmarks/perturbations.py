@@ -123,6 +123,9 @@ def described(name: str, source: Path | str, *, meshes: bool = False) -> Descrip
     folders = [find_example(name)[1]] if name in example_urdfs() else []
     packages = Packages(source.parent, folders)
     robot = parse_urdf(source, None, packages)
+    for each in robot.iter():  # published files have commas between numbers, and more than three of them
+        for key in {"xyz", "rpy", "scale"} & set(each.attrib):
+            each.set(key, " ".join(each.attrib[key].replace(",", " ").split()[:3]))
     for mesh in robot.iter("mesh"):
         said = mesh.get("filename", "")
         file = packages.file(said) if meshes else None

@@ -114,7 +114,7 @@ def scaled(urdf: str, scale: float) -> str:
         for shape in (each for each in link.iter() if each.tag in ("box", "cylinder", "sphere", "capsule")):
             _multiply(shape, size=scale, radius=scale, length=scale)
         for mesh in link.iter("mesh"):
-            _write(mesh, "scale", scale * _mesh_scale(mesh))
+            _write(mesh, "scale", scale * _numbers(mesh, "scale", "1 1 1"))
     types = {joint.get("name"): joint.get("type") for joint in robot.findall("joint")}
     for joint in robot.findall("joint"):
         turns = joint.get("type") in _TYPES_WITH_ANGLES
@@ -152,7 +152,7 @@ def mirrored(urdf: str, seed: int = 0) -> str:
         for inertia in link.iterfind("inertial/inertia"):
             _multiply(inertia, ixy=-1.0, iyz=-1.0)
         for mesh in link.iter("mesh"):
-            _write(mesh, "scale", _MIRROR * _mesh_scale(mesh))
+            _write(mesh, "scale", _MIRROR * _numbers(mesh, "scale", "1 1 1"))
     return _text(robot)
 
 
@@ -205,15 +205,9 @@ def _child(owner: ElementTree.Element, tag: str) -> ElementTree.Element:
     return ElementTree.SubElement(owner, tag) if found is None else found
 
 
-def _mesh_scale(mesh: ElementTree.Element) -> np.ndarray:
-    """Scale of a mesh; numbers behind the third, as in a published file, have no meaning."""
-    mesh.set("scale", " ".join(mesh.get("scale", "1 1 1").split()[:3]))
-    return _numbers(mesh, "scale", "1 1 1")
-
-
 def _numbers(element: ElementTree.Element, key: str, usual: str) -> np.ndarray:
     text = element.get(key, usual)
-    numbers = read_numbers(text.replace(",", " "), len(usual.split()))  # Pinocchio takes commas for blanks too
+    numbers = read_numbers(text, len(usual.split()))
     if numbers is None:
         raise ValueError(f'<{element.tag} {key}="{text}">: expected {len(usual.split())} finite numbers')
     return numbers
