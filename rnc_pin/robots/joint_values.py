@@ -1,8 +1,9 @@
-"""Conversion between joint values by name (angles, displacements) and the entries of q."""
+"""Place of joints in q and v, and conversion between joint values by name (angles, displacements) and entries of q."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -84,3 +85,28 @@ def _joint_coordinates(name: str, joint: pin.JointModel, entry: np.ndarray) -> n
     }
     count = expected.get(kind, str(joint.nv))
     raise ModelError(f"joint '{name}' takes {count} value{'s' * (count != '1')}, found {entry.size}")
+
+
+class SingleJoint(NamedTuple):
+    """Joint with one degree of freedom, as plain numbers: joint models of Pinocchio cannot be pickled or copied."""
+
+    idx_q: int
+    """Index of its first value in q."""
+    idx_v: int
+    """Index in v."""
+    continuous: bool
+    """True if q holds the cosine and the sine of its angle."""
+    unit: str
+    """Unit of its velocity: "rad/s" or "m/s"."""
+
+    @classmethod
+    def of(cls, joint: pin.JointModel) -> SingleJoint:
+        """Return the place of a joint, which has one degree of freedom."""
+        unit = "rad/s" if joint.shortname().startswith("JointModelR") else "m/s"
+        return cls(joint.idx_q, joint.idx_v, joint.nq == 2, unit)
+
+    def position(self, q: np.ndarray) -> np.ndarray:
+        """Position (...,) [rad or m] at q (..., nq)."""
+        if self.continuous:
+            return np.asarray(np.arctan2(q[..., self.idx_q + 1], q[..., self.idx_q]))
+        return np.asarray(q[..., self.idx_q])

@@ -8,8 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, nearest
-from rnc_pin.robots.joint_values import JointValue, configuration, joint_index, values_of
-from rnc_pin.robots.single_joint import SingleJoint
+from rnc_pin.robots.joint_values import JointValue, SingleJoint, configuration, joint_index, values_of
 
 
 class NamedModel:
