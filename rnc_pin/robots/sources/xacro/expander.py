@@ -17,9 +17,16 @@ from xml.etree.ElementTree import Element
 
 from rnc_pin.errors import ModelError, nearest
 from rnc_pin.robots.sources.xacro.bounded_values import Function, Namespace, Value
-from rnc_pin.robots.sources.xacro.documents import PlacedElement, read_document
-from rnc_pin.robots.sources.xacro.macros import Macro, Parameter, read_macro
-from rnc_pin.robots.sources.xacro.scopes import Scope, ScopeNamespace, truth
+from rnc_pin.robots.sources.xacro.definitions import (
+    Macro,
+    Parameter,
+    PlacedElement,
+    Scope,
+    ScopeNamespace,
+    read_document,
+    read_macro,
+    truth,
+)
 from rnc_pin.robots.sources.xacro.substitution import Arguments, FileAccess, Substitution
 
 _PREFIX = "xacro:"

@@ -1,11 +1,12 @@
-"""Substitution of ``${expression}`` and ``$(command)`` in texts, as in xacro."""
+"""Substitution of ``${expression}`` and ``$(command)`` in texts as in xacro, and numbers with units in YAML files."""
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Protocol
@@ -15,11 +16,10 @@ import yaml
 
 from rnc_pin.errors import ModelError, ModelWarning, nearest
 from rnc_pin.io.safe_read import read_bytes
-from rnc_pin.io.safe_yaml import load_yaml
+from rnc_pin.io.safe_yaml import BoundedLoader, load_yaml
 from rnc_pin.robots.sources.xacro.bounded_values import LETTERS, Budget, Function, Namespace, Value
 from rnc_pin.robots.sources.xacro.expressions import evaluate
 from rnc_pin.robots.sources.xacro.functions import builtins, mathematical, tokenize
-from rnc_pin.robots.sources.xacro.units import unit_loader
 
 ENVIRONMENT = (
     *("ROS_DISTRO", "ROS_VERSION", "*_URDF_EXTRAS", "ROBOT_*", "TURTLEBOT*", "HUSKY_*", "JACKAL_*", "RIDGEBACK_*"),
@@ -290,3 +290,35 @@ def _fail(*words: Value) -> Value:
 
 def _say_nothing(*_words: Value, **_options: Value) -> str:
     return ""
+
+
+_UNITS: Mapping[str, float] = {
+    "!radians": 1.0,
+    "!degrees": math.pi / 180.0,
+    "!meters": 1.0,
+    "!millimeters": 0.001,
+    "!foot": 0.3048,
+    "!inches": 0.0254,
+}
+
+
+def unit_loader(budget: Budget) -> type[BoundedLoader]:
+    """Return a safe YAML loader with support for units.
+
+    Args:
+        budget: limit on the steps of the expressions in it.
+    """
+    names = builtins()
+
+    def reading(factor: float) -> Callable[[BoundedLoader, yaml.ScalarNode], float]:
+        def read(loader: BoundedLoader, node: yaml.ScalarNode) -> float:
+            return float(evaluate(str(loader.construct_scalar(node)), names, budget)) * factor
+
+        return read
+
+    class Loader(BoundedLoader):
+        """YAML loader with the unit tags and the budget of one file."""
+
+    for tag, factor in _UNITS.items():
+        Loader.add_constructor(tag, reading(factor))
+    return Loader

@@ -1,12 +1,128 @@
-"""Scopes for the properties, macros and blocks of a xacro file: the current macro first, then its callers."""
+"""Definitions of a xacro file: elements with their places, macros, and scopes of properties and blocks."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping
-from xml.etree.ElementTree import Element
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree.ElementTree import Element, ParseError
 
 from rnc_pin.errors import ModelError
+from rnc_pin.io.safe_read import read_bytes
+from rnc_pin.io.safe_xml import parse_tree
 from rnc_pin.robots.sources.xacro.bounded_values import Namespace, Value
+
+# ---------------------------------------------------------------------- elements
+
+
+_DEEPEST = 200
+
+
+class PlacedElement(Element):
+    """Element with the file and line of its start tag; line 0 if it is in no file."""
+
+    file: Path = Path()
+    line: int = 0
+
+    def copied(self, tag: str) -> PlacedElement:
+        """Return an empty element with this place."""
+        copy = PlacedElement(tag)
+        copy.file, copy.line = self.file, self.line
+        return copy
+
+
+def read_document(path: Path) -> PlacedElement:
+    """Return the root element of a file.
+
+    Raises:
+        ModelError: the file cannot be read, is not XML, or has elements more than 200 deep.
+    """
+
+    def make(tag: str, attributes: dict[str, str], line: int) -> PlacedElement:
+        element = PlacedElement(tag, attributes)
+        element.file, element.line = path, line
+        return element
+
+    try:
+        root = parse_tree(read_bytes(path), _DEEPEST, make)
+    except OSError as error:
+        raise ModelError(f"cannot read '{path}': {error.strerror}") from None
+    except (ParseError, LookupError, ValueError) as error:  # also for an unknown encoding
+        raise ModelError(f"not well-formed XML: {error}") from None
+    assert isinstance(root, PlacedElement)
+    return root
+
+
+# ---------------------------------------------------------------------- macros
+
+
+_NAME = re.compile(r"\s*([^\s:=]+)\s*:?=\s*(\^\|?)?")
+_DEFAULT = (  # an expression, a substitution, or quoted and plain parts up to the next space
+    re.compile(r"\$\{[^}]*\}(?=\s|$)"),
+    re.compile(r"\$\([^)]*\)(?=\s|$)"),
+    re.compile(r"(?:'[^'\n]*+'|\"[^\"\n]*+\"|[^\s'\"]++)*+(?=\s|$)"),
+)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """Parameter of a macro.
+
+    Attributes:
+        name: name of the property, or of a block, which begins with one or two stars.
+        default: text of the default value; None if there is none.
+        forwarded: True if a missing value is taken from the property of the same name in the caller's scope.
+    """
+
+    name: str
+    default: str | None = None
+    forwarded: bool = False
+
+    @property
+    def block(self) -> bool:
+        """True if the parameter is a block, i.e. an element."""
+        return self.name.startswith("*")
+
+
+@dataclass(frozen=True)
+class Macro:
+    """Macro: elements that replace a call."""
+
+    name: str
+    body: Element
+    parameters: tuple[Parameter, ...]
+
+
+def read_macro(element: Element, name: str) -> Macro:
+    """Return the macro that an element defines.
+
+    Raises:
+        ModelError: the name cannot be called.
+    """
+    if name == "call" or "." in name:
+        raise ModelError(f"a macro cannot have the name '{name}'")
+    return Macro(name, element, tuple(_parameters(element.get("params", ""))))
+
+
+def _parameters(text: str) -> Iterator[Parameter]:
+    place = 0
+    while place < len(text) and text[place:].strip():
+        named = _NAME.match(text, place)
+        default = None
+        if named:
+            default = next(filter(None, (each.match(text, named.end()) for each in _DEFAULT)), None)
+        if named and default:
+            yield Parameter(named[1], default[0] or None, named[2] is not None)
+            place = default.end()
+        else:
+            word = re.compile(r"\s*(\S+)").match(text, place)
+            assert word is not None, "there is more than space"
+            yield Parameter(word[1])
+            place = word.end()
+
+
+# ---------------------------------------------------------------------- scopes
 
 
 class Scope(Mapping[str, Value]):
