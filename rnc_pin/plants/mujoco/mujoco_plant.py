@@ -9,16 +9,14 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.errors import DivergenceError, InputError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants.mujoco.actuator_mapping import ActuatorMapping
-from rnc_pin.plants.mujoco.base_support import choose_support
-from rnc_pin.plants.mujoco.body_tree import BodyTree
-from rnc_pin.plants.mujoco.contact_bodies import common_plane, contact_bodies, on_one_plane
+from rnc_pin.plants.mujoco.body_tree import BodyTree, EqualityConstraints
+from rnc_pin.plants.mujoco.contact_bodies import choose_support, common_plane, contact_bodies, on_one_plane
 from rnc_pin.plants.mujoco.engine import mujoco
-from rnc_pin.plants.mujoco.equalities import EqualityConstraints
 from rnc_pin.plants.mujoco.ground import Ground, add_ground
 from rnc_pin.plants.mujoco.joint_coordinates import RobotCoordinates
 from rnc_pin.plants.mujoco.settings import MuJoCoSettings
 from rnc_pin.plants.mujoco.velocity_servos import VelocityServos
-from rnc_pin.robots.sources.mujoco_log import unlogged
+from rnc_pin.robots.sources.description import unlogged
 
 _INTEGRATORS = {
     "RK4": mujoco.mjtIntegrator.mjINT_RK4,

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import ModuleType
 from typing import Literal, NamedTuple
 from xml.etree import ElementTree
 
@@ -185,3 +186,18 @@ def captured_stderr() -> Iterator[list[str]]:
             os.close(saved)
             sink.seek(0)
             lines += sink.read().decode(errors="replace").splitlines()
+
+
+@contextmanager
+def unlogged(mujoco: ModuleType) -> Iterator[None]:
+    """Prevent MuJoCo from writing MUJOCO_LOG.TXT to the working directory; important faults raise errors here."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(_ignore)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
+
+
+def _ignore(message: str) -> None:
+    """Ignore a warning: states and models are checked after every step, with own error messages."""

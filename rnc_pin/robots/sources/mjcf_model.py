@@ -11,13 +11,14 @@ import pinocchio as pin
 from rnc_pin.errors import ModelError, few
 from rnc_pin.printing import counted
 from rnc_pin.robots.sources.description import ROOT_JOINTS
-from rnc_pin.robots.sources.mjcf_compiler import SMALLEST
 from rnc_pin.robots.sources.numeric_checks import check_not_negative
 
 FREE, BALL, SLIDE, HINGE = range(4)
 _ALIGNED = {HINGE: (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)}
 _ALIGNED[SLIDE] = (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ)
 _SKEW = {HINGE: pin.JointModelRevoluteUnaligned, SLIDE: pin.JointModelPrismaticUnaligned}
+SMALLEST = 1e-15
+"""Smallest mass [kg] and moment of inertia [kg m^2] of a moving body in MuJoCo (mjMINVAL)."""
 _QUATERNION = 1.01  # limit of its entries, as in Pinocchio
 
 

@@ -15,7 +15,7 @@ import pytest
 import rnc_pin as rnc
 from places import DIRT, ROOT
 from rnc_pin.applications.scenario.schema.robot_source import RobotSource
-from rnc_pin.robots.sources.packages import Packages
+from rnc_pin.robots.sources.description_files import Packages
 from rnc_pin.robots.sources.rounding import decimals, is_rounding, snapped_angle, snapped_direction
 from tolerances import ROUNDING
 
