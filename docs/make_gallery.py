@@ -24,8 +24,7 @@ from rnc_pin.applications.scenario.files import built_in_names, find_scenario
 from rnc_pin.applications.scenario.pictures import draw_pictures
 from rnc_pin.applications.scenario.saved_run import view_of
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.visualization.capture import take_pictures
-from rnc_pin.visualization.recording import Recording
+from rnc_pin.visualization.recording import Recording, take_pictures
 
 DOCS = Path(__file__).parent
 IMAGES = DOCS / "images"

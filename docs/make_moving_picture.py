@@ -15,8 +15,7 @@ from PIL import Image
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.saved_run import view_of
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.visualization.capture import take_pictures
-from rnc_pin.visualization.recording import Recording
+from rnc_pin.visualization.recording import Recording, take_pictures
 
 IMAGE = Path(__file__).parent / "images" / "moving.webp"
 SCENARIO = "tiago-doorway"

@@ -1,4 +1,9 @@
-"""Models made from others, with their geometry: joints locked, a robot attached to a frame, other link masses."""
+"""Models made from others, with their geometry: joints locked, a robot attached to a frame, other link masses.
+
+Pinocchio adds the inertias of links that are fixed to each other. It stores the inertia of each fixed link in its
+frame. The rest of the sum is the inertia of the link that the joint itself moves. The ten dynamic parameters of bodies
+about one point are additive, so a link is replaced by adding the difference.
+"""
 
 from __future__ import annotations
 

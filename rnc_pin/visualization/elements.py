@@ -16,8 +16,8 @@ from rnc_pin.math.components import cross
 from rnc_pin.robots.robot import Robot
 from rnc_pin.visualization.drawn_state import DrawnState
 from rnc_pin.visualization.meshcat_library import mg
+from rnc_pin.visualization.meshcat_robot import drawn_scale
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
-from rnc_pin.visualization.robot_meshes import drawn_scale
 
 # Okabe and Ito
 BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (

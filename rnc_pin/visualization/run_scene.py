@@ -12,16 +12,13 @@ import pinocchio as pin
 from rnc_pin.simulation import PlannedPath, RunInfo, TaskNames, Trajectory
 from rnc_pin.visualization import elements as e
 from rnc_pin.visualization.camera import VIEW_DIRECTION, Follower, enlarged_box, fitting_camera, with_plan
-from rnc_pin.visualization.drawn_ground import ground_elements
 from rnc_pin.visualization.drawn_model import DrawnModel
-from rnc_pin.visualization.drawn_obstacles import ObstacleElement, corners_over_time
 from rnc_pin.visualization.drawn_state import DrawnState, tracked_frames
 from rnc_pin.visualization.meshcat_robot import MeshcatRobot
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
-from rnc_pin.visualization.null_motion import NullMotion
 from rnc_pin.visualization.overlay import Overlay, margin_color
-from rnc_pin.visualization.scene_kinematics import SceneKinematics
-from rnc_pin.visualization.switching_forces import SwitchingForces
+from rnc_pin.visualization.scene_kinematics import NullMotion, SceneKinematics, SwitchingForces
+from rnc_pin.visualization.surroundings import ObstacleElement, corners_over_time, ground_elements
 from rnc_pin.visualization.view import View
 
 _TRAILS = (e.VERMILLION, e.BLUE, e.GREEN, e.PURPLE)

@@ -14,8 +14,8 @@ from matplotlib.transforms import Affine2D
 from rnc_pin.collision import Obstacle
 from rnc_pin.simulation import Trajectory
 from rnc_pin.visualization import plot_style as ps
-from rnc_pin.visualization.drawn_obstacles import outline
 from rnc_pin.visualization.panels import MOST, Others, readable_name
+from rnc_pin.visualization.surroundings import outline
 
 _MARKS = 12  # heading marks along a path: eleven equal parts, so that marks of two laps do not coincide
 _TURN = 0.15  # distance between marks that is equivalent to a rotation of 1 rad, over the extent of the path

@@ -24,10 +24,10 @@ from rnc_pin.errors import nearest
 from rnc_pin.visualization.camera import Follower
 from rnc_pin.visualization.drawn_state import DrawnState
 from rnc_pin.visualization.live import LiveView
+from rnc_pin.visualization.meshcat_robot import drawn_scale, drawn_triangles
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.plots import plot_outputs, plot_run
 from rnc_pin.visualization.recording import Recording
-from rnc_pin.visualization.robot_meshes import drawn_scale, drawn_triangles
 from rnc_pin.visualization.view import View
 
 SINGLE_PRECISION = 1e-6  # [m]; meshes are kept in it

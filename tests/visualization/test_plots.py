@@ -21,7 +21,8 @@ import rnc_pin as rnc
 from browsing import changed, give_up
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.visualization import capture, plot_style, plots
+from rnc_pin.visualization import plot_style, plots
+from rnc_pin.visualization import recording as capture
 from rnc_pin.visualization.panels import learning_panels, panels, split_names
 from rnc_pin.visualization.plots import (
     draw_footprints,

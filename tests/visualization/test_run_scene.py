@@ -18,10 +18,9 @@ from rnc_pin.visualization.camera import ASPECT, FIELD_OF_VIEW, VIEW_DIRECTION, 
 from rnc_pin.visualization.drawn_state import RATE, DrawnState, recorded_states, sample_configurations
 from rnc_pin.visualization.elements import _cylinder_transform
 from rnc_pin.visualization.meshcat_scene import Keyframes
-from rnc_pin.visualization.null_motion import NullMotion
 from rnc_pin.visualization.overlay import Overlay, margin_color
 from rnc_pin.visualization.recording import Recording
-from rnc_pin.visualization.scene_kinematics import SceneKinematics
+from rnc_pin.visualization.scene_kinematics import NullMotion, SceneKinematics
 from rnc_pin.visualization.view import View
 
 

@@ -9,7 +9,7 @@ from rnc_pin.visualization.browser.drawing_commands import SceneWindow
 from rnc_pin.visualization.drawn_state import RATE, recorded_states
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.run_scene import RunScene, ShownRun
-from rnc_pin.visualization.switching_forces import SwitchingForces
+from rnc_pin.visualization.scene_kinematics import SwitchingForces
 from rnc_pin.visualization.view import View
 
 DROP = """

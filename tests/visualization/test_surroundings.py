@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.visualization.drawn_ground import (
+from rnc_pin.visualization.drawn_model import DrawnModel
+from rnc_pin.visualization.drawn_state import DrawnState
+from rnc_pin.visualization.meshcat_scene import MeshcatScene
+from rnc_pin.visualization.scene_kinematics import SceneKinematics
+from rnc_pin.visualization.surroundings import (
     GroundElement,
     carrier_placement,
     ground_patch,
@@ -12,10 +16,6 @@ from rnc_pin.visualization.drawn_ground import (
     is_drawn,
     seen_from,
 )
-from rnc_pin.visualization.drawn_model import DrawnModel
-from rnc_pin.visualization.drawn_state import DrawnState
-from rnc_pin.visualization.meshcat_scene import MeshcatScene
-from rnc_pin.visualization.scene_kinematics import SceneKinematics
 from rnc_pin.visualization.view import View
 
 GROUNDS = {

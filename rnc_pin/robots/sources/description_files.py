@@ -1,4 +1,9 @@
-"""Files that a robot description may name: those in its own folders, and those of ROS packages, with or without ROS."""
+"""Files that a robot description may name: those in its own folders, and those of ROS packages, with or without ROS.
+
+Every reader checks a file that a description names before it opens it, after symbolic links are resolved. Otherwise a
+description from an untrusted source could name any file of the computer. The content of that file would appear in a
+draft, a picture or an error.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Links of a URDF: their meshes, boxes in place of missing meshes, and inertias, in the file or from a given mass."""
+"""Links of a URDF: their meshes, boxes in place of missing meshes, and inertias, in the file or from a given mass.
+
+A robot can be simulated without meshes, so missing meshes cause one warning and no error.
+"""
 
 from __future__ import annotations
 

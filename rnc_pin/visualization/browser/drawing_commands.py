@@ -18,8 +18,7 @@ from rnc_pin.visualization.browser.access import LOOPBACK
 from rnc_pin.visualization.browser.page import recorded_page
 
 if TYPE_CHECKING:
-    from rnc_pin.visualization.browser.command_socket import Receiver
-    from rnc_pin.visualization.browser.scene_server import SceneServer
+    from rnc_pin.visualization.browser.scene_server import Receiver, SceneServer
 
 Key = tuple[str, str]
 """Path of a node, and the kind of command: object, transform, one property, ..."""

@@ -14,7 +14,7 @@ from rnc_pin.applications.scenario.phase_builder import build_phased
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.simulation import simulate_phases
 from rnc_pin.visualization.drawn_state import recorded_states
-from rnc_pin.visualization.switching_forces import SwitchingForces
+from rnc_pin.visualization.scene_kinematics import SwitchingForces
 
 DROP = 0.2
 AXES = [{"frame": "ball", "axis": axis} for axis in "xyz"]

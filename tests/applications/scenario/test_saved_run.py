@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.visualization import capture, plots
+from rnc_pin.visualization import plots, recording
 
 SHORT = ["--set", "simulation.duration=0.1", "--set", "simulation.dt=0.01"]
 
@@ -69,7 +69,7 @@ def test_what_cannot_be_written_is_one_line(arguments, words, run, call, tmp_pat
 def stills(monkeypatch):
     """Pictures without a browser, and empty plots; what is in them is of no interest here."""
     monkeypatch.setattr(plots, "plot_run", lambda *arguments: Figure(figsize=(1, 1)))
-    monkeypatch.setattr(capture, "take_pictures", lambda *arguments: iter([b"one", b"two"]))
+    monkeypatch.setattr(recording, "take_pictures", lambda *arguments: iter([b"one", b"two"]))
 
 
 KINDS = {"--html": "run.html", "--plot": "run.png", "--frames": "frames"}

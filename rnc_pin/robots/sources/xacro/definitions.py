@@ -13,9 +13,6 @@ from rnc_pin.io.safe_read import read_bytes
 from rnc_pin.io.safe_xml import parse_tree
 from rnc_pin.robots.sources.xacro.bounded_values import Namespace, Value
 
-# ---------------------------------------------------------------------- elements
-
-
 _DEEPEST = 200
 
 
