@@ -1,20 +1,78 @@
-"""Validity checks of measurements."""
+"""Measurements of a control loop: velocity estimates from configurations, and validity checks."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from math import isfinite
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy import ndarray as Array
+from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.loop.loop_state import LoopState
-from rnc_pin.loop.velocity import VelocityEstimate, VelocityEstimator
+from rnc_pin.loop.loop_state import LoopState, VelocityEstimate
 from rnc_pin.robots.robot import Robot
 
 _UNIT = 0.1  # largest deviation of a (cos, sin) pair or quaternion from unit length
+
+
+class VelocityEstimator(ABC):
+    """Estimator of velocities from configurations.
+
+    Args:
+        model: Pinocchio model of the configurations.
+        cutoff: cutoff frequency [rad/s].
+    """
+
+    def __init__(self, model: pin.Model, cutoff: float) -> None:
+        self._model, self.cutoff = model, cutoff
+
+    def start(self, q: Float[Array, " nq"]) -> VelocityEstimate:
+        """Return the initial estimate at q: zero velocity."""
+        nothing = np.zeros(self._model.nv)
+        return VelocityEstimate(q, nothing, nothing)
+
+    @abstractmethod
+    def step(self, motion: VelocityEstimate, q: Float[Array, " nq"], elapsed: float) -> VelocityEstimate:
+        """Return the estimate after a new measurement q.
+
+        Args:
+            motion: last estimate.
+            q: measured configuration (nq,).
+            elapsed: time since the last measurement [s].
+        """
+
+
+class FilteredVelocity(VelocityEstimator):
+    """Finite differences through two first-order low-pass filters, each exact over the step. The lag is 2 / cutoff."""
+
+    def step(self, motion: VelocityEstimate, q: np.ndarray, elapsed: float) -> VelocityEstimate:
+        share = -np.expm1(-self.cutoff * elapsed)
+        inner = motion.other + share * (pin.difference(self._model, motion.q, q) / elapsed - motion.other)
+        return VelocityEstimate(q, motion.v + share * (inner - motion.v), inner)
+
+
+class VelocityObserver(VelocityEstimator):
+    """Observer of position, velocity and acceleration, without lag at constant acceleration.
+
+    The fading-memory filter of second order (Morrison, "Introduction to Sequential Smoothing and Prediction", 1969): a
+    parabola fitted to the past by least squares, with weights that decay by ``theta = exp(-cutoff dt)`` per sample.
+    The observer does not use the inertia. Controllers get the measured position, not the estimated one.
+    """
+
+    def step(self, motion: VelocityEstimate, q: np.ndarray, elapsed: float) -> VelocityEstimate:
+        theta = np.exp(-self.cutoff * elapsed)
+        ahead = motion.v * elapsed + motion.other * (0.5 * elapsed**2)
+        expected = pin.integrate(self._model, motion.q, ahead)
+        miss = pin.difference(self._model, expected, q)
+        v = motion.v + motion.other * elapsed + 1.5 * (1.0 - theta) ** 2 * (1.0 + theta) / elapsed * miss
+        other = motion.other + (1.0 - theta) ** 3 / elapsed**2 * miss
+        return VelocityEstimate(pin.integrate(self._model, expected, (1.0 - theta**3) * miss), v, other)
+
+
+# ------------------------------------------------------------------ validity
 
 
 class InvalidMeasurementError(Exception):
@@ -44,7 +102,7 @@ class Guard:
     def __init__(self, robot: Robot, max_speed: float, estimator: VelocityEstimator | None) -> None:
         self._robot, self._max_speed, self._estimator = robot, max_speed, estimator
 
-    def check(self, before: LoopState, t: float, q: Any, v: Any) -> ValidMeasurement:
+    def check(self, before: LoopState, t: float, q: ArrayLike, v: ArrayLike | None) -> ValidMeasurement:
         """Check a measurement and return it normalized.
 
         Args:
@@ -81,7 +139,7 @@ class Guard:
             raise InvalidMeasurementError("q holds a (cos, sin) pair or a quaternion that is not of unit length")
         return unit
 
-    def _velocity(self, v: Any) -> Array:
+    def _velocity(self, v: ArrayLike | None) -> Array:
         if v is None:
             raise InvalidMeasurementError("v is missing: measure it, or use velocity='filtered' or 'observer'")
         v = _numbers("v", v, self._robot.nv)
@@ -91,7 +149,7 @@ class Guard:
         return v
 
 
-def is_time(t: Any) -> bool:
+def is_time(t: float) -> bool:
     """True if t is a finite number."""
     try:
         return isfinite(t)
@@ -99,7 +157,7 @@ def is_time(t: Any) -> bool:
         return False
 
 
-def _numbers(name: str, value: Any, size: int) -> Array:
+def _numbers(name: str, value: ArrayLike, size: int) -> Array:
     try:
         numbers = np.array(value, dtype=float)
     except (TypeError, ValueError):
