@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import re
 import stat
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
@@ -132,8 +132,8 @@ def package_uri(name: str) -> str:
     return _FOUND.sub(r"package://\1/", name, count=1) if _FOUND.match(name) else name
 
 
-class Packages:
-    """Search for ROS packages by name.
+class Packages(AllowedFolders):
+    """Search for ROS packages by name, and the folders whose files the description may name.
 
     The search order is: the given folders (a folder of packages, or a package itself), the environment variables
     ``ROS_PACKAGE_PATH`` and ``AMENT_PREFIX_PATH``, then the file's own folder and those above (``folders_above``). A
@@ -142,42 +142,31 @@ class Packages:
 
     Args:
         beside: folder of the file that names packages.
-        folders: folders given by the user.
-
-    Attributes:
-        allowed: folders whose files the description may name.
+        given: folders given by the user.
     """
 
-    def __init__(self, beside: Path, folders: Sequence[str | Path] = ()) -> None:
+    def __init__(self, beside: Path, given: Iterable[str | Path] = ()) -> None:
         self._beside = beside.resolve()
-        self._folders = [Path(folder).expanduser().resolve() for folder in folders]
+        self._given = [Path(folder).expanduser().resolve() for folder in given]
         self._found: dict[str, Path] = {}
-        self.allowed = AllowedFolders(self._beside, self._folders)
+        super().__init__(self._beside, self._given)
 
     def candidates(self, name: str) -> Iterator[Path]:
         """Yield the folders that can be this package, the most likely first."""
         if name in ("", "..") or Path(name).name != name:
             return
-        for folder in self._folders:
+        for folder in self._given:
             yield from _at(folder, name)
         prefixes = (prefix / "share" for prefix in _environment("AMENT_PREFIX_PATH"))
         for folder in (*_environment("ROS_PACKAGE_PATH"), *prefixes):
             for package in _at(folder, name):
-                self.allowed.add(package)
+                self.add(package)
                 yield package
         yield from self._near(name)
 
     def folder(self, name: str) -> Path | None:
         """Return the folder of a package, or None."""
-        return self._recorded(name, next(self.candidates(name), None))
-
-    def admit(self, file: Path, what: str) -> Path:
-        """Return the absolute path of a file that the description may name; see ``AllowedFolders.admit``."""
-        return self.allowed.admit(file, what)
-
-    def allow(self, path: Path) -> None:
-        """Allow an additional folder, or a single file."""
-        self.allowed.add(path)
+        return self._recorded(name, self.candidates(name))
 
     @property
     def found(self) -> Mapping[str, Path]:
@@ -193,10 +182,11 @@ class Packages:
         for folder in folders_above(self._beside):
             for package in _at(folder, name):
                 if package_name(package) is not None and package.resolve().is_relative_to(folder):
-                    self.allowed.add(package)
+                    self.add(package)
                 yield package
 
-    def _recorded(self, name: str, folder: Path | None) -> Path | None:
+    def _recorded(self, name: str, candidates: Iterable[Path]) -> Path | None:
+        folder = next(iter(candidates), None)
         if folder is not None:
             self._found.setdefault(name, folder)
         return folder
@@ -212,15 +202,15 @@ class Packages:
             name, _, inside = rest.partition("/")
             candidates = list(self.candidates(name))
             having = [each for each in candidates if os.path.isfile(each / inside)]
-            having.sort(key=lambda each: not self.allowed.has(each / inside))
-            self._recorded(name, next(iter([*having, *candidates]), None))
-            return self.allowed.admit(having[0] / inside, f"file '{uri}'") if having else None
+            having.sort(key=lambda each: not self.has(each / inside))
+            self._recorded(name, [*having, *candidates])
+            return self.admit(having[0] / inside, f"file '{uri}'") if having else None
         if separator and scheme != "file":
             return None
         path = Path(rest if separator else uri)
-        places = [folder / path for folder in (self._beside, *self._folders)]
+        places = [folder / path for folder in (self._beside, *self._given)]
         place = next((place for place in places if os.path.isfile(place)), None)
-        return None if place is None else self.allowed.admit(place, f"file '{uri}'")
+        return None if place is None else self.admit(place, f"file '{uri}'")
 
 
 def _environment(variable: str) -> list[Path]:

@@ -89,7 +89,7 @@ def read_urdf(
         bodies,
         packages.found,
         packages.far,
-        packages.allowed.folders,
+        packages.folders,
     )
 
 

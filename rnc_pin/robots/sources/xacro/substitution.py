@@ -6,6 +6,7 @@ import math
 import os
 import re
 import warnings
+from collections import ChainMap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -95,7 +96,7 @@ class FileAccess(Protocol):
         """Return the absolute path of a file; raise ModelError with the words ``what`` if it is not allowed."""
         ...
 
-    def allow(self, path: Path) -> None:
+    def add(self, path: Path) -> None:
         """Allow a file that the user named."""
         ...
 
@@ -175,8 +176,8 @@ class Substitution:
 
     def _command(self, text: str) -> str:
         if text.startswith("eval "):
-            known = dict(self._commands)
-            return str(evaluate(text[5:], _Either(known, self.arguments), self.budget))
+            names = ChainMap(self._commands, self.arguments)  # type: ignore[arg-type]  # both are only read
+            return str(evaluate(text[5:], names, self.budget))
         command, *words = text.split() or [""]
         if command not in _COMMANDS:
             raise ModelError(f"unknown command in '$({text[:60]})'{nearest(command, _COMMANDS)}")
@@ -214,7 +215,7 @@ class Substitution:
         """Allow the file that the user names in an argument or variable. A folder is not allowed in this way."""
         path = Path(text)
         if path.is_absolute() and os.path.isfile(path):
-            self._access.allow(path)
+            self._access.add(path)
         return text
 
     def _xacro(self) -> dict[str, Value]:
@@ -248,26 +249,6 @@ class Substitution:
         text = " ".join(map(str, words))
         warnings.warn(f"{self.files[0].name}: {text[:300]}", ModelWarning, stacklevel=2)
         return ""
-
-
-class _Either(Mapping[str, Value]):
-    """Names available in ``$(eval ...)``: functions first, then arguments."""
-
-    def __init__(self, known: Mapping[str, Value], arguments: Arguments) -> None:
-        self._known, self._arguments = known, arguments
-
-    def __getitem__(self, name: str) -> Value:
-        return self._known[name] if name in self._known else self._arguments[name]
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._known or name in self._arguments
-
-    def __iter__(self) -> Iterator[str]:
-        yield from self._known
-        yield from self._arguments
-
-    def __len__(self) -> int:
-        return len(self._known) + len(self._arguments)
 
 
 def _no_values(names: Sequence[str]) -> str:
