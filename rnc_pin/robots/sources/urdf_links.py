@@ -179,27 +179,18 @@ def equivalent_box(link: ElementTree.Element) -> tuple[np.ndarray, pin.SE3] | No
 
     None if the link has no mass. A box of very low density is reduced, and a flat box gets a minimum thickness.
     """
-    mass = _attribute(link.find("inertial/mass"), "value", 1)
-    if mass is None or mass[0] <= 0:
+    mass, inertia = _inertia(link)
+    placement = _pose(link.find("inertial/origin"))
+    if mass <= 0 or placement is None:
         return None
-    element = link.find("inertial/inertia")
-    entries = {key: _attribute(element, key, 1) for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")}
-    xx, yy, zz, xy, xz, yz = (0.0 if entry is None else float(entry[0]) for entry in entries.values())
-    moments, axes = np.linalg.eigh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    moments, axes = np.linalg.eigh(inertia)
     if np.linalg.det(axes) < 0:
         axes[:, 0] *= -1.0
-    squares = 6.0 * (moments.sum() - 2.0 * moments) / mass[0]
+    squares = 6.0 * (moments.sum() - 2.0 * moments) / mass
     longest = float(np.sqrt(max(squares.max(), 1e-6)))
     sides = np.maximum(np.sqrt(np.maximum(squares, 0.0)), _THINNEST * longest)
-    sides *= min(1.0, float(np.cbrt(mass[0] / _LIGHTEST / sides.prod())))
-    origin = link.find("inertial/origin")
-    xyz, rpy = (_attribute(origin, key, 3) for key in ("xyz", "rpy"))
-    turn = np.eye(3) if rpy is None else pin.rpy.rpyToMatrix(*rpy)
-    return sides, pin.SE3(turn @ axes, np.zeros(3) if xyz is None else xyz)
-
-
-def _attribute(element: ElementTree.Element | None, key: str, count: int) -> np.ndarray | None:
-    return None if element is None else read_numbers(element.get(key), count)
+    sides *= min(1.0, float(np.cbrt(mass / _LIGHTEST / sides.prod())))
+    return sides, placement * pin.SE3(axes, np.zeros(3))
 
 
 # ---------------------------------------------------------------------- inertias
@@ -297,12 +288,16 @@ def _corners(shape: ElementTree.Element) -> Iterator[np.ndarray]:
     bounds = None if geometry is None else _bounds(geometry)
     if bounds is None:
         return
-    origin = shape.find("origin")
-    numbers = {key: _vector(None if origin is None else origin.get(key)) for key in ("xyz", "rpy")}
-    if any(each is None for each in numbers.values()):
-        return
-    corners = np.array(list(itertools.product(*zip(*bounds, strict=True))))
-    yield corners @ pin.rpy.rpyToMatrix(numbers["rpy"]).T + numbers["xyz"]
+    place = _pose(shape.find("origin"))
+    if place is not None:
+        corners = np.array(list(itertools.product(*zip(*bounds, strict=True))))
+        yield corners @ place.rotation.T + place.translation
+
+
+def _pose(origin: ElementTree.Element | None) -> pin.SE3 | None:
+    """Pose of an ``<origin>``, the identity if there is none; None if it cannot be read."""
+    xyz, rpy = (_vector(None if origin is None else origin.get(key)) for key in ("xyz", "rpy"))
+    return None if xyz is None or rpy is None else pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
 
 
 def _bounds(geometry: ElementTree.Element) -> tuple[np.ndarray, np.ndarray] | None:
