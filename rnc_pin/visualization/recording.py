@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from html import escape
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -26,6 +26,9 @@ from rnc_pin.visualization.drawn_state import RATE, recorded_states
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.run_scene import RunScene, ShownRun
 from rnc_pin.visualization.view import View
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 
 class Recording:
@@ -119,7 +122,7 @@ _LONGEST_WAIT = 180_000  # [ms], timeout for a browser and its pages on a busy p
 
 
 @contextmanager
-def browser() -> Iterator[Any]:
+def browser() -> Iterator[Browser]:
     """Start a headless Chromium under Playwright.
 
     Raises:
@@ -141,7 +144,10 @@ def browser() -> Iterator[Any]:
 
 
 def take_pictures(
-    recording: Recording, times: Iterable[float], size: tuple[int, int] = (1280, 720), kind: str = "png"
+    recording: Recording,
+    times: Iterable[float],
+    size: tuple[int, int] = (1280, 720),
+    kind: Literal["png", "jpeg"] = "png",
 ) -> Iterator[bytes]:
     """Take pictures of a recording at given times.
 
@@ -162,11 +168,10 @@ def take_pictures(
         page.goto(path.as_uri())
         page.wait_for_function("window.ready === true")
         page.evaluate("document.body.classList.add('still')")
-        quality = {} if kind == "png" else {"quality": 92}
         for time in times:
             page.evaluate(f"viewer.animator.seek({float(time)!r})")
             page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
-            yield page.screenshot(type=kind, **quality)
+            yield page.screenshot(type=kind, quality=None if kind == "png" else 92)
 
 
 def write_frames(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 
 import coal
 import numpy as np
@@ -74,23 +75,30 @@ def outline(obstacle: Obstacle, t: float) -> np.ndarray:
     return points[ConvexHull(points).vertices]
 
 
+@dataclass(eq=False)
 class ObstacleElement(Element):
     """Obstacle in the scene, at rest or in motion."""
 
-    def __init__(self, obstacle: Obstacle) -> None:
-        self.entry = LayerEntry("obstacles", "obstacles", GREY, "dot")
-        self._obstacle, self._node = obstacle, f"obstacles/{obstacle.name}"
+    obstacle: Obstacle
+
+    def __post_init__(self) -> None:
         self._drawn = False
 
     def build(self, scene: MeshcatScene) -> None:
-        opacity = _PALE if self._obstacle.unbounded else _OPACITY
-        scene.mesh(self._node, _drawable(self._obstacle.shape), GREY, opacity)
+        opacity = _PALE if self.obstacle.unbounded else _OPACITY
+        scene.mesh(self.node, _drawable(self.obstacle.shape), GREY, opacity)
 
     def update(self, scene: MeshcatScene, state: DrawnState) -> None:
-        if self._obstacle.motion is None and self._drawn:
+        if self.obstacle.motion is None and self._drawn:
             return
         self._drawn = True
-        scene.place(self._node, self._obstacle.placement(state.time).homogeneous)
+        scene.place(self.node, self.obstacle.placement(state.time).homogeneous)
+
+
+def obstacle_elements(obstacles: Iterable[Obstacle]) -> list[Element]:
+    """Elements of obstacles."""
+    entry = LayerEntry("obstacles", "obstacles", GREY, "dot")
+    return [ObstacleElement(entry, each.name, each) for each in obstacles]
 
 
 def _drawable(shape: coal.CollisionGeometry) -> mg.Geometry:
@@ -111,6 +119,7 @@ def corners_over_time(obstacles: Sequence[Obstacle], times: Sequence[float]) -> 
 # ---------------------------------------------------------------------- ground
 
 
+GROUND = LayerEntry("ground", "surface", GREEN, "dot")
 _GROUND_OPACITY = 0.35
 _AROUND, _AROUND_CARRIER = 2.0, 0.3  # drawn half width of ground in the world, or on a body, over the size of the robot
 _WIDER = 1.3  # drawn half width over the largest distance of the robot from the middle
@@ -163,30 +172,24 @@ def ground_patch(ground: GroundSurface, places: np.ndarray, size: float) -> tupl
     return np.concatenate([vertices, vertices]), np.concatenate([triangles, triangles[:, ::-1] + len(vertices)])
 
 
+@dataclass(eq=False)
 class GroundElement(Element):
     """Surface in the scene, at rest or on a body.
 
-    Args:
-        name: name of the node.
+    Attributes:
         patch: vertices (n, 3) and triangles (m, 3).
         placement: placement of the body that carries it, as a function of the state.
     """
 
-    def __init__(
-        self,
-        name: str,
-        patch: tuple[np.ndarray, np.ndarray],
-        placement: Callable[[DrawnState], pin.SE3] | None = None,
-    ) -> None:
-        self.entry = LayerEntry("ground", "surface", GREEN, "dot")
-        self._node, self._mesh, self._placement = f"surface/{name}", patch, placement
+    patch: tuple[np.ndarray, np.ndarray]
+    placement: Callable[[DrawnState], pin.SE3] | None = None
 
     def build(self, scene: MeshcatScene) -> None:
-        scene.mesh(self._node, mg.TriangularMeshGeometry(*self._mesh), GREEN, _GROUND_OPACITY)
+        scene.mesh(self.node, mg.TriangularMeshGeometry(*self.patch), GREEN, _GROUND_OPACITY)
 
     def update(self, scene: MeshcatScene, state: DrawnState) -> None:
-        if self._placement is not None:
-            scene.place(self._node, self._placement(state).homogeneous)
+        if self.placement is not None:
+            scene.place(self.node, self.placement(state).homogeneous)
 
 
 def ground_elements(
@@ -204,5 +207,6 @@ def ground_elements(
     drawn = [each for each in grounds_of(reduced) if is_drawn(each, kinematics.robot)]
     for k, ground in enumerate(drawn):
         places = np.stack([seen_from(ground, kinematics, q) for q in moments])
-        found.append(GroundElement(str(k), ground_patch(ground, places, size), carrier_placement(ground, kinematics)))
+        patch, placement = ground_patch(ground, places, size), carrier_placement(ground, kinematics)
+        found.append(GroundElement(GROUND, str(k), patch, placement))
     return found

@@ -9,6 +9,7 @@ from rnc_pin.visualization.drawn_state import DrawnState
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.scene_kinematics import SceneKinematics
 from rnc_pin.visualization.surroundings import (
+    GROUND,
     GroundElement,
     carrier_placement,
     ground_patch,
@@ -67,7 +68,7 @@ def test_ground_on_a_body_moves_with_it_and_is_drawn_if_the_body_is_not():
     np.testing.assert_allclose(seen_from(rnc.GroundPlane(), kinematics, tilted), center, atol=1e-12)
     placement = carrier_placement(plane, kinematics)
     assert carrier_placement(rnc.GroundPlane(), kinematics) is None
-    scene, sheet = MeshcatScene(), GroundElement("plate", ground_patch(plane, np.zeros((1, 3)), 1.0), placement)
+    scene, sheet = MeshcatScene(), GroundElement(GROUND, "plate", ground_patch(plane, np.zeros((1, 3)), 1.0), placement)
     moved = {}
     scene.place = lambda name, matrix: moved.update({name: matrix})
     sheet.build(scene)

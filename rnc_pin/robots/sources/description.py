@@ -21,7 +21,6 @@ from rnc_pin.errors import ModelError, nearest
 from rnc_pin.io.safe_read import read_bytes
 from rnc_pin.io.safe_xml import parse_tree
 
-GEOMETRY = {"visual": pin.GeometryType.VISUAL, "collision": pin.GeometryType.COLLISION}
 ROOT_JOINTS: Mapping[str, Callable[[], object] | None] = {
     "fixed": None,
     "planar": pin.JointModelPlanar,
@@ -159,16 +158,6 @@ def brief(error: Exception) -> str:
     place = ("From file:", "in function:", "at line:")
     kept = [line.removeprefix("message:").strip() for line in lines if not line.startswith(place)]
     return " ".join(line for line in kept if line) or type(error).__name__
-
-
-@contextmanager
-def geometry_errors(path: Path) -> Iterator[None]:
-    """Convert any exception during the loading of geometry into a ModelError of one line."""
-    try:
-        with captured_stderr():
-            yield
-    except Exception as error:  # Boost.Python raises whatever the C++ side threw
-        raise ModelError(f"{path}: geometry cannot be loaded: {brief(error)}") from None
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Literal
 from xml.etree import ElementTree
 
 import numpy as np
@@ -18,6 +18,9 @@ from rnc_pin.robots.sources.mjcf_document import compile_document, read_with_inc
 from rnc_pin.robots.sources.mjcf_geometry import MeshAssets, MjcfGeometry
 from rnc_pin.robots.sources.mjcf_model import ModelBuilder, pose
 from rnc_pin.robots.sources.rounding import snap_mjcf
+
+if TYPE_CHECKING:
+    import mujoco
 
 
 def read_mjcf(path: Path, base: str | None, package_dirs: Sequence[Path] = (), *, snap: bool = True) -> Description:
@@ -80,7 +83,7 @@ def unread(root: ElementTree.Element) -> set[str]:
     return {f"<equality><{tag}>" for tag in active if tag not in _READ} | tendons
 
 
-def mark_passive_joints(compiled: Any, built: ModelBuilder) -> None:
+def mark_passive_joints(compiled: mujoco.MjModel, built: ModelBuilder) -> None:
     """Set the effort limits of joints without an actuator to zero, as a URDF does for passive joints.
 
     The model does not change if no actuator drives a joint.
@@ -97,7 +100,7 @@ def mark_passive_joints(compiled: Any, built: ModelBuilder) -> None:
                 limit[entries] = 0.0
 
 
-def mimics(compiled: Any, built: ModelBuilder) -> tuple[tuple[Mimic, ...], set[str]]:
+def mimics(compiled: mujoco.MjModel, built: ModelBuilder) -> tuple[tuple[Mimic, ...], set[str]]:
     """Linear equalities of two joints, and the elements that are of another form."""
     found: list[Mimic] = []
     others: set[str] = set()
@@ -113,7 +116,7 @@ def mimics(compiled: Any, built: ModelBuilder) -> tuple[tuple[Mimic, ...], set[s
     return tuple(found), others
 
 
-def closures(compiled: Any, built: ModelBuilder) -> Iterator[Closure]:
+def closures(compiled: mujoco.MjModel, built: ModelBuilder) -> Iterator[Closure]:
     """Yield the kinematic loops, without those of bodies that the user moves (``mocap``)."""
     import mujoco
 
@@ -136,7 +139,7 @@ def closures(compiled: Any, built: ModelBuilder) -> Iterator[Closure]:
         yield Closure(names[0], names[1], kind, _rounded(a), _rounded(b), _rounded(rpy))
 
 
-def _equalities(compiled: Any, kinds: tuple[int, ...]) -> list[int]:
+def _equalities(compiled: mujoco.MjModel, kinds: tuple[int, ...]) -> list[int]:
     return [k for k in range(compiled.neq) if compiled.eq_active0[k] and compiled.eq_type[k] in kinds]
 
 

@@ -9,7 +9,7 @@ import os
 import re
 import warnings
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 from rnc_pin.errors import ModelError, nearest
@@ -20,6 +20,9 @@ from rnc_pin.robots.sources.description_files import AllowedFolders
 from rnc_pin.robots.sources.mjcf_geometry import MeshAssets
 from rnc_pin.robots.sources.mjcf_model import SMALLEST
 from rnc_pin.robots.sources.numeric_checks import check_numbers
+
+if TYPE_CHECKING:
+    import mujoco
 
 _GENERATORS = ("composite", "flexcomp", "attach")
 _MOST_ELEMENTS = 20_000  # after expansion of <replicate>
@@ -183,7 +186,7 @@ def _check_numbers(root: ElementTree.Element, path: Path) -> None:
 # ---------------------------------------------------------------------- compilation
 
 
-def compile_document(root: ElementTree.Element, path: Path, assets: MeshAssets) -> Any:
+def compile_document(root: ElementTree.Element, path: Path, assets: MeshAssets) -> mujoco.MjModel:
     """Return the ``mujoco.MjModel`` of a file.
 
     A moving body without mass is compiled with the smallest one, because its joint may be locked.
@@ -204,20 +207,22 @@ def compile_document(root: ElementTree.Element, path: Path, assets: MeshAssets) 
         with captured_stderr(), unlogged(mujoco), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             try:
-                return _compile(mujoco, root, assets)
+                return _compile(root, assets)
             except ValueError as error:
                 if "mjMINVAL" not in str(error):
                     raise
                 bounds = {"boundmass": str(SMALLEST), "boundinertia": str(SMALLEST)}
                 root.insert(0, ElementTree.Element("compiler", bounds))
-                return _compile(mujoco, root, assets)
+                return _compile(root, assets)
     except ModelError:
         raise
     except Exception as error:  # raised by its C code
         raise ModelError(f"{path}: {_explained(brief(error), root)}") from None
 
 
-def _compile(mujoco: Any, root: ElementTree.Element, assets: MeshAssets) -> Any:
+def _compile(root: ElementTree.Element, assets: MeshAssets) -> mujoco.MjModel:
+    import mujoco
+
     spec = mujoco.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"))
     assets.put_in(spec)
     return spec.compile()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 from xml.etree import ElementTree
 
 import coal
@@ -24,6 +24,9 @@ from rnc_pin.robots.sources.mesh_formats import (
 from rnc_pin.robots.sources.mesh_shapes import MOST_TOGETHER, LoadedMesh, MeshShapes
 from rnc_pin.robots.sources.mjcf_model import ModelBuilder, pose
 from rnc_pin.robots.sources.numeric_checks import read_numbers
+
+if TYPE_CHECKING:
+    import mujoco
 
 _KEPT = ("class", "scale", "inertia", "maxhullvert")
 _STAND_IN = "100 100 100 100 -100 -100 -100 100 -100 -100 -100 100"  # corners of a tetrahedron
@@ -56,7 +59,7 @@ class MeshAssets:
             mesh.attrib.clear()
             mesh.attrib.update(kept, name=name, vertex=_STAND_IN)
 
-    def put_in(self, spec: Any) -> None:
+    def put_in(self, spec: mujoco.MjSpec) -> None:
         """Put triangles into a ``mujoco.MjSpec``, for the meshes that determine a mass or the size of a shape.
 
         Raises:
@@ -194,7 +197,7 @@ class MjcfGeometry:
         assets: meshes of the file.
     """
 
-    def __init__(self, compiled: Any, built: ModelBuilder, assets: MeshAssets) -> None:
+    def __init__(self, compiled: mujoco.MjModel, built: ModelBuilder, assets: MeshAssets) -> None:
         self._assets = assets
         known = [k for k in range(compiled.ngeom) if compiled.geom_type[k] in (*_SHAPES, _MESH)]
         self._shapes = [_read(compiled, k, built) for k in known]
@@ -221,7 +224,7 @@ class MjcfGeometry:
         return geometry
 
 
-def _read(compiled: Any, k: int, built: ModelBuilder) -> _Shape:
+def _read(compiled: mujoco.MjModel, k: int, built: ModelBuilder) -> _Shape:
     body, mesh = compiled.geom_bodyid[k], int(compiled.geom_dataid[k])
     carrier = built.carriers[body]
     place = carrier.placement * pose(compiled.geom_pos[k], compiled.geom_quat[k])

@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning, few, nearest
-from rnc_pin.robots.sources.description import GEOMETRY, Body, geometry_errors
+from rnc_pin.robots.sources.description import Body, brief, captured_stderr
 from rnc_pin.robots.sources.description_files import Packages, package_uri
 from rnc_pin.robots.sources.mesh_formats import MeshError, read_mesh
 from rnc_pin.robots.sources.mesh_shapes import LoadedMesh, MeshShapes, put_in
@@ -27,6 +27,7 @@ from rnc_pin.robots.sources.numeric_checks import read_number, read_numbers
 STAND_IN = "_stand_in"
 """Suffix of the names of boxes that replace meshes; Pinocchio's own names of shapes end in a number."""
 
+_GEOMETRY = {"visual": pin.GeometryType.VISUAL, "collision": pin.GeometryType.COLLISION}
 _LIGHTEST = 30.0  # [kg/m^3] least density of a box: many files give small links far too large inertias
 _THINNEST = 0.05  # shortest side, relative to the longest side
 _COLOR = np.array([0.55, 0.6, 0.66, 0.75])
@@ -44,7 +45,7 @@ class Meshes:
     def __init__(self, root: ElementTree.Element, path: Path, packages: Packages) -> None:
         self._root, self._path = root, path
         self._missing: dict[str, str] = {}  # file name to its expected package or folder
-        self._lost: dict[str, dict[str, tuple[str, ...]]] = {kind: {} for kind in GEOMETRY}
+        self._lost: dict[str, dict[str, tuple[str, ...]]] = {kind: {} for kind in _GEOMETRY}
         self._warned = False
         for element in root.iter():
             if element.tag not in ("mesh", "texture") or "filename" not in element.attrib:
@@ -121,8 +122,11 @@ class Meshes:
                 if mesh.tag == "mesh":
                     parent[place] = ElementTree.Element("box", size="1 1 1")
         text = ElementTree.tostring(root, encoding="unicode")
-        with geometry_errors(self._path):
-            return pin.buildGeomFromUrdfString(model, text, GEOMETRY[kind], None, [])  # file names are absolute
+        try:
+            with captured_stderr():
+                return pin.buildGeomFromUrdfString(model, text, _GEOMETRY[kind], None, [])  # file names are absolute
+        except Exception as error:  # Boost.Python raises any type of C++ exception
+            raise ModelError(f"{self._path}: geometry cannot be loaded: {brief(error)}") from None
 
     def _warn(self, missing: Mapping[str, str], faults: Mapping[str, str]) -> None:
         parts = []
