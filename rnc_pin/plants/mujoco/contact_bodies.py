@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
+import coal
 import numpy as np
 import pinocchio as pin
 import scipy
@@ -140,7 +141,7 @@ def _drawn(robot: Robot, joint: int, middle: np.ndarray, axle: np.ndarray) -> li
     largest: dict[float, float] = {}
     for geometry in (robot.visual_model, robot.collision_model):
         for shape in [] if geometry is None else geometry.geometryObjects:
-            if shape.parentJoint != joint or not _is_cylinder(shape.geometry):
+            if shape.parentJoint != joint or not isinstance(shape.geometry, coal.Cylinder):
                 continue
             offset = shape.placement.translation - middle
             along, radius = float(offset @ axle), float(shape.geometry.radius)
@@ -153,10 +154,6 @@ def _drawn(robot: Robot, joint: int, middle: np.ndarray, axle: np.ndarray) -> li
             break
     enough = _LARGE * max(largest.values(), default=0.0)
     return [(middle + along * axle, radius) for along, radius in sorted(largest.items()) if radius >= enough]
-
-
-def _is_cylinder(geometry: object) -> bool:
-    return hasattr(geometry, "halfLength") and type(geometry).__name__ == "Cylinder"
 
 
 # ------------------------------------------------------------------ common plane
