@@ -29,7 +29,7 @@ _LARGEST = 1e15
 """Largest valid absolute value of a time, velocity or input."""
 
 _STRUCTURE = "structure"
-_ROOM = 64 * 2**20  # largest size of all arrays of a state [bytes]
+_MOST_BYTES = 64 * 2**20  # largest size of all arrays of a state [bytes]
 
 
 class VelocityEstimate(NamedTuple):
@@ -279,7 +279,7 @@ def _read_state(path: Path, template: Callable[[Array], State]) -> LoopState:
         RncError: ``template`` raises it at q.
     """
     try:
-        arrays = read_npz(path, text=[_STRUCTURE], largest=_ROOM)
+        arrays = read_npz(path, text=[_STRUCTURE], largest=_MOST_BYTES)
         structure = json.loads(str(arrays.pop(_STRUCTURE)))
         known: dict[str, type] = {each.__qualname__: each for each in (tuple, LoopState, VelocityEstimate)}
         fields = dict(zip(LoopState._fields, structure["items"], strict=True))
@@ -329,7 +329,7 @@ def restore(
         state = _read_state(path, initial_state)
         check_state(state, reduced)
         if controller is not None and not state.failed:
-            _try(state, reduced, controller, initial)
+            _check_trial_step(state, reduced, controller, initial)
     except ConfigurationError:
         raise
     except RncError as error:
@@ -339,7 +339,7 @@ def restore(
     return state, controller
 
 
-def _try(state: LoopState, reduced: ReducedModel, controller: Controller, initial: State) -> None:
+def _check_trial_step(state: LoopState, reduced: ReducedModel, controller: Controller, initial: State) -> None:
     """Check the stored state of a controller by one step.
 
     Raises:

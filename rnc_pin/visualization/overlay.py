@@ -53,24 +53,24 @@ class Overlay:
         margin: bool,
     ) -> None:
         errors: list[OverlayRow] = []
-        told: set[tuple[str, int]] = set()
+        shown: set[tuple[str, int]] = set()
 
-        def tell(label: str, unit: str, places: Sequence[tuple[str, int]]) -> None:
-            told.update(places)
+        def add(label: str, unit: str, places: Sequence[tuple[str, int]]) -> None:
+            shown.update(places)
             errors.append(OverlayRow(f"error of {_words(label)}", unit, _size_of_error(outputs, places)))
 
         for frame, places in tracked_frames(outputs, goals, kinematics.robot).items():
-            tell(frame, "m", list(places.values()))
+            add(frame, "m", list(places.values()))
         for name in goals:
             place = outputs.find(name)
-            if place is None or place in told:
+            if place is None or place in shown:
                 continue
             kind, k = place
             columns = outputs.of(kind)
             if k in columns.rotations:
-                tell(name.removesuffix("_x"), "rad", [(kind, k), (kind, k + 1), (kind, k + 2)])
+                add(name.removesuffix("_x"), "rad", [(kind, k), (kind, k + 1), (kind, k + 2)])
             else:
-                tell(f"integral of {name}" if columns.is_integral(k) else name, columns.units[k], [place])
+                add(f"integral of {name}" if columns.is_integral(k) else name, columns.units[k], [place])
         self.rows = [
             OverlayRow("time", "s", lambda state: state.time),
             *errors[:_MOST_ERRORS],

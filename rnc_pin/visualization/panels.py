@@ -104,9 +104,9 @@ def learning_panels(run: Trajectory, others: Others, quantity: str) -> list[Pane
         compared = {label: column(other, name) for label, other in alike.items()}
         return Series(readable_name(name), column(run, name), None, compared)
 
-    said, found = "estimate" if quantity == "estimates" else "measured less\npredicted rate", list[Panel]()
+    label, found = "estimate" if quantity == "estimates" else "measured less\npredicted rate", list[Panel]()
     for unit, group in _grouped_by(names, lambda name: units.get(name, (1.0, ""))[1]):
-        found += _split(f"{said} [{unit}]" if unit else said, group, series, _lines_per_panel(others))
+        found += _split(f"{label} [{unit}]" if unit else label, group, series, _lines_per_panel(others))
     return found
 
 

@@ -89,8 +89,8 @@ def _resolve_assets(root: ElementTree.Element, path: Path, allowed: AllowedFolde
     for compiler in root.findall("compiler"):
         both = compiler.attrib.pop("assetdir", None)
         for kind in folders:
-            said = compiler.attrib.pop(f"{kind}dir", both)
-            folders[kind] = folders[kind] if said is None else said
+            folder = compiler.attrib.pop(f"{kind}dir", both)
+            folders[kind] = folders[kind] if folder is None else folder
         stripped = compiler.attrib.pop("strippath", str(stripped).lower()) == "true"
     for asset in root.findall("asset/*"):
         name = asset.get("file")

@@ -95,10 +95,10 @@ class MeshAssets:
         shapes, read = MeshShapes(), dict[str, Mesh]()
         for name, factors in uses:
             scale = " ".join(map(repr, factors.tolist()))
-            said = self._attributes[name]
+            attributes = self._attributes[name]
             try:
-                if "file" in said and not _MOVED & set(said):
-                    yield shapes.load(Path(said["file"]), scale)
+                if "file" in attributes and not _MOVED & set(attributes):
+                    yield shapes.load(Path(attributes["file"]), scale)
                     continue
                 if name not in read:
                     read[name] = self._read(name)
@@ -107,11 +107,11 @@ class MeshAssets:
                 raise ModelError(f"{self._path}: mesh '{name}': {error}") from None
 
     def _read(self, name: str) -> Mesh:
-        said = self._attributes[name]
-        mesh = read_mesh(Path(said["file"])) if "file" in said else _inline_triangles(said)
-        if not _MOVED & set(said):
+        attributes = self._attributes[name]
+        mesh = read_mesh(Path(attributes["file"])) if "file" in attributes else _inline_triangles(attributes)
+        if not _MOVED & set(attributes):
             return mesh
-        place, turn = _numbers(said, "refpos", 3), _numbers(said, "refquat", 4)
+        place, turn = _numbers(attributes, "refpos", 3), _numbers(attributes, "refquat", 4)
         if place is None or turn is None or not turn.any():
             raise MeshError("refpos takes three numbers, refquat four that are not all zero")
         rotation = pin.Quaternion(turn[0], *turn[1:]).normalized().matrix()

@@ -252,11 +252,11 @@ class Substitution:
 
 
 def _no_values(names: Sequence[str]) -> str:
-    said, it, have = ("argument", "it", "has") if len(names) == 1 else ("arguments", "them", "have")
+    noun, it, have = ("argument", "it", "has") if len(names) == 1 else ("arguments", "them", "have")
     quoted = ", ".join(f"'{name}'" for name in names)
     in_python = ", ".join(f"'{name}': ..." for name in names)
     options = " ".join(f"--arg {name}=..." for name in names)
-    return f"{said} {quoted} {have} no value: give {it} with xacro_arguments={{{in_python}}} ({options})"
+    return f"{noun} {quoted} {have} no value: give {it} with xacro_arguments={{{in_python}}} ({options})"
 
 
 def _check_variable(name: str) -> None:
