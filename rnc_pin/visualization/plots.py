@@ -21,7 +21,7 @@ from rnc_pin.simulation import LimitReplay, Trajectory
 from rnc_pin.visualization import panels as p
 from rnc_pin.visualization import plot_style as ps
 from rnc_pin.visualization.panels import MOST, readable_name
-from rnc_pin.visualization.surroundings import outline, surface_points
+from rnc_pin.visualization.surroundings import hull_from_above, outline, surface_points
 from rnc_pin.visualization.top_view import draw_obstacles, draw_top_view, ground_paths
 
 _WIDTH, _NARROW = 8.0, 7.0  # width of a panel and its legend in figures of one and of several columns [inches]
@@ -262,8 +262,6 @@ _FACE, _EDGE = "0.55", "0.3"
 
 def footprints(robot: Robot, q: np.ndarray) -> list[np.ndarray]:
     """Outline (n, 2) [m] of every moving part from above at a configuration (nq,): the hull of its collision shapes."""
-    from scipy.spatial import ConvexHull  # the import takes 0.1 s and is seldom needed
-
     source = robot.collision_model
     if source is None:
         return []
@@ -272,9 +270,8 @@ def footprints(robot: Robot, q: np.ndarray) -> list[np.ndarray]:
     parts: dict[int, list[np.ndarray]] = {}
     for shape, pose in zip(source.geometryObjects, placed.oMg, strict=True):
         points = surface_points(shape.geometry) @ pose.rotation.T + pose.translation
-        parts.setdefault(int(shape.parentJoint), []).append(points[:, :2])
-    hulls = [np.concatenate(points) for joint, points in parts.items() if joint]
-    return [points[ConvexHull(points).vertices] for points in hulls]
+        parts.setdefault(int(shape.parentJoint), []).append(points)
+    return [hull_from_above(np.concatenate(points)) for joint, points in parts.items() if joint]
 
 
 def draw_footprints(axes: Axes, robot: Robot, q: np.ndarray) -> list[ps.LegendEntry]:

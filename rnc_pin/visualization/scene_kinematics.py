@@ -22,6 +22,13 @@ Point = Callable[[DrawnState], np.ndarray]
 _ENDLESS = 1e3  # [m]
 
 
+def box_corners(shape: coal.CollisionGeometry) -> np.ndarray:
+    """Corners (8, 3) [m] of the bounding box of a shape along its own axes."""
+    shape.computeLocalAABB()
+    box = shape.aabb_local
+    return np.array(np.meshgrid(*zip(box.min_, box.max_, strict=True))).reshape(3, -1).T
+
+
 class SceneKinematics:
     """Kinematics of a robot, computed once per state.
 
@@ -85,12 +92,10 @@ class SceneKinematics:
         data = self._data_at(q)
         found = [np.zeros((1, 3))] if not len(visual.geometryObjects) else []
         for shape in visual.geometryObjects:
-            shape.geometry.computeLocalAABB()
-            box = shape.geometry.aabb_local
-            if np.abs([box.min_, box.max_]).max() < _ENDLESS:
-                corners = np.array(np.meshgrid(*zip(box.min_, box.max_, strict=True))).reshape(3, -1)
+            corners = box_corners(shape.geometry)
+            if np.abs(corners).max() < _ENDLESS:
                 placement = data.oMi[shape.parentJoint] * shape.placement
-                found.append((placement.rotation @ corners).T + placement.translation)
+                found.append((placement.rotation @ corners.T).T + placement.translation)
         return np.concatenate(found) if found else np.zeros((1, 3))
 
     # ------------------------------------------------------------------ wheels

@@ -18,7 +18,7 @@ from rnc_pin.visualization.drawn_state import DrawnState
 from rnc_pin.visualization.elements import GREEN, GREY, Element, LayerEntry
 from rnc_pin.visualization.meshcat_library import mg
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
-from rnc_pin.visualization.scene_kinematics import SceneKinematics
+from rnc_pin.visualization.scene_kinematics import SceneKinematics, box_corners
 
 _ROUND = 32  # points of a circle
 _OPACITY = 0.75
@@ -48,9 +48,7 @@ def surface_points(shape: coal.CollisionGeometry) -> np.ndarray:
         ring = np.column_stack([shape.radius * np.cos(around), shape.radius * np.sin(around), np.zeros(_ROUND)])
         middle = np.array([0.0, 0.0, shape.halfLength])
         return np.concatenate([ring - middle, ring + middle])
-    shape.computeLocalAABB()
-    box = shape.aabb_local  # exact for a box, and around other shapes
-    return np.array(np.meshgrid(*zip(box.min_, box.max_, strict=True))).reshape(3, -1).T
+    return box_corners(shape)  # exact for a box, and around other shapes
 
 
 def _ball(radius: float) -> np.ndarray:
@@ -69,10 +67,15 @@ def points_at(obstacle: Obstacle, t: float) -> np.ndarray:
 
 def outline(obstacle: Obstacle, t: float) -> np.ndarray:
     """Outline (n, 2) of an obstacle from above [m] at time t [s], counterclockwise."""
+    return hull_from_above(points_at(obstacle, t))
+
+
+def hull_from_above(points: np.ndarray) -> np.ndarray:
+    """Outline (n, 2) of points (N, 3) from above, counterclockwise."""
     from scipy.spatial import ConvexHull  # the import takes 0.1 s and is seldom needed
 
-    points = points_at(obstacle, t)[:, :2]
-    return points[ConvexHull(points).vertices]
+    flat = points[:, :2]
+    return np.asarray(flat[ConvexHull(flat).vertices])
 
 
 @dataclass(eq=False)

@@ -182,31 +182,29 @@ class Scope(Mapping[str, Value]):
 
     def remove(self, name: str) -> None:
         """Remove a property here and in all parents."""
-        scope: Scope | Mapping[str, Value] = self
-        while isinstance(scope, Scope):
+        for scope in self._chain():
             scope._values.pop(name, None)
             scope._unresolved.discard(name)
-            scope = scope.outer
 
     def block(self, name: str) -> Element | None:
         """Return the block of a name, ``*name`` or ``**name``, or None."""
-        scope: Scope | Mapping[str, Value] = self
-        while isinstance(scope, Scope):
-            if name in scope.blocks:
-                return scope.blocks[name]
-            scope = scope.outer
-        return None
+        return next((scope.blocks[name] for scope in self._chain() if name in scope.blocks), None)
 
     def outermost(self) -> Scope:
         """Return the scope of the whole file."""
-        return self.outer.outermost() if isinstance(self.outer, Scope) else self
+        return list(self._chain())[-1]
 
     def caller(self) -> Scope | None:
         """Return the scope that called the macro of this scope, or None."""
-        scope: Scope | Mapping[str, Value] = self.outer
-        while isinstance(scope, Scope) and scope.namespace and not self.namespace:
+        outside = list(self._chain())[1:]
+        return next((scope for scope in outside if self.namespace or not scope.namespace), None)
+
+    def _chain(self) -> Iterator[Scope]:
+        """Yield this scope and its parents, the innermost first."""
+        scope: Scope | Mapping[str, Value] = self
+        while isinstance(scope, Scope):
+            yield scope
             scope = scope.outer
-        return scope if isinstance(scope, Scope) else None
 
 
 class ScopeNamespace(Namespace):

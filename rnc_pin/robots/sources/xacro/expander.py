@@ -51,6 +51,7 @@ class Expander:
     ) -> None:
         self._path, self._known = path, known
         self._substitution = Substitution(path, arguments, access)
+        self._value = self._substitution.value
         self._arguments = arguments
         self._depth = 0
         self._called: list[Macro] = []
@@ -93,9 +94,6 @@ class Expander:
             raise
         self._arguments.announce(each for each in root.iter(f"{_PREFIX}arg"))
         return root
-
-    def _value(self, text: str, scope: Scope) -> Value:
-        return self._substitution.value(text, scope)
 
     def _text(self, text: str, scope: Scope) -> str:
         value = self._value(text, scope)
