@@ -16,7 +16,7 @@ from numpy import ndarray as Array
 
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.dead_zone import apply_dead_zone
+from rnc_pin.control.adaptation import apply_dead_zone
 from rnc_pin.math.linear_algebra import solve
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.numpy_evaluator import NumPyEvaluator
@@ -201,7 +201,7 @@ def adapt(
 
     The step is bounded as in the trackers: it never corrects more than the measured error, so ``|p - phat|`` does not
     grow (Lemma 4). With noise within the dead zone it does not grow for small steps, because the law ignores such
-    errors (``control.dead_zone``). Clipping to a box that contains p does not make it grow either.
+    errors (``control.adaptation``). Clipping to a box that contains p does not make it grow either.
     """
     step = gain * elapsed
     beyond = error if _is_zero(dead_zone) else apply_dead_zone(error, dead_zone)

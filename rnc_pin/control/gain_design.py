@@ -67,7 +67,7 @@ class VelocityGains:
         beta: adaptation gain (10); one number, or one for each reducing output.
         sigma: leak rate of the adapted values [1/s].
         dead_zone: velocity error below which adaptation stops, as large as the velocity noise [m/s or rad/s]; zero in
-            the paper (``control.dead_zone``). One number, or one for each reducing output.
+            the paper (``control.adaptation``). One number, or one for each reducing output.
     """
 
     k: Gain = 10.0

@@ -10,10 +10,10 @@ from numpy import ndarray as Array
 
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
+from rnc_pin.control.adaptation import saturation_mask
 from rnc_pin.control.controller import Command, Description, check_size, elapsed_time, goals_at, listed
 from rnc_pin.control.deviation import fed_back
 from rnc_pin.control.gain_design import PositionGains
-from rnc_pin.control.windup import saturation_mask
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.coordinates import Coordinates, angle_difference
 from rnc_pin.math.linear_algebra import apply
@@ -53,7 +53,7 @@ class PositionTracker(ReprMixin):
     with ``q = k2 e / (k1 gamma) - w / gamma``. Filter and leak are exact over a sample.
 
     For an output with saturated actuators, the learnt force does not grow in the saturated direction
-    (``control.windup``). For an output with an error within the dead zone, it does not change at all.
+    (``control.adaptation``). For an output with an error within the dead zone, it does not change at all.
 
     Reads from the measurement: ``x2``, and ``force_deficit`` if available.
 

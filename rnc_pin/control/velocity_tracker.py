@@ -10,6 +10,7 @@ from numpy import ndarray as Array
 
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
+from rnc_pin.control.adaptation import apply_dead_zone, saturation_mask
 from rnc_pin.control.batches import accepts_batches, stack_states, state_of_runs
 from rnc_pin.control.controller import (
     Command,
@@ -22,9 +23,7 @@ from rnc_pin.control.controller import (
     elapsed_time,
     listed,
 )
-from rnc_pin.control.dead_zone import apply_dead_zone
 from rnc_pin.control.gain_design import VelocityGains
-from rnc_pin.control.windup import saturation_mask
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.printing import ReprMixin
@@ -51,9 +50,9 @@ class VelocityTracker(ReprMixin):
     large ``beta |w|^2 dt`` is (explicit Euler diverges above 2). For small steps both are the paper's.
 
     With a dead zone z the laws use only the part of ``e_v`` beyond z. For an output within the zone, adaptation and
-    leak stop. So velocity noise below z causes no drift (``control.dead_zone``); only the feedback k corrects errors
+    leak stop. So velocity noise below z causes no drift (``control.adaptation``); only the feedback k corrects errors
     below z. For an output with saturated actuators, the learnt force does not grow in the saturated direction
-    (``control.windup``).
+    (``control.adaptation``).
 
     Reads from the measurement: ``v2``, ``force_deficit`` if available, and the quantities that its kinematic
     controller reads.
