@@ -11,11 +11,12 @@ from .controller import KinematicController as KinematicController
 from .controller import State as State
 from .controller import VelocityTarget as VelocityTarget
 from .controller import describe as describe
+from .controller import limited_accelerations as limited_accelerations
 from .estimation import AdaptedModel as AdaptedModel
 from .estimation import EstimatedModel as EstimatedModel
+from .estimation import Estimator as Estimator
 from .estimation import ParametrizedCopy as ParametrizedCopy
 from .estimation import Regressor as Regressor
-from .estimator import Estimator as Estimator
 from .gain_design import OUTER_GAINS as OUTER_GAINS
 from .gain_design import OuterGains as OuterGains
 from .gain_design import PositionGains as PositionGains
@@ -25,7 +26,6 @@ from .gain_design import design_position_gains as design_position_gains
 from .gain_design import design_velocity_gains as design_velocity_gains
 from .jacobian_transpose import JacobianTransposeController as JacobianTransposeController
 from .jacobian_transpose import effective_inertia as effective_inertia
-from .limited_acceleration import limited_accelerations as limited_accelerations
 from .momentum_regressor import MomentumRegressor as MomentumRegressor
 from .momentum_regressor import UnknownMass as UnknownMass
 from .position_tracker import PositionState as PositionState
@@ -44,7 +44,7 @@ from .split import SplitController as SplitController
 from .state_feedback import StateFeedback as StateFeedback
 from .steering import SteeringController as SteeringController
 from .uncertain import UncertainController as UncertainController
-from .uncertain_redundancy import UncertainRedundancyController as UncertainRedundancyController
+from .uncertain import UncertainRedundancyController as UncertainRedundancyController
 from .unicycle_stabilizer import UnicycleStabilizer as UnicycleStabilizer
 from .velocity_tracker import TrackerState as TrackerState
 from .velocity_tracker import VelocityTracker as VelocityTracker

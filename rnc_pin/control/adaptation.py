@@ -1,8 +1,9 @@
 """Conditions of adaptation: a dead zone against measurement noise, and anti-windup while actuators are saturated.
 
-Dead zone: only the sum ``error = e + n`` of the true error e and the noise n is measured. A law that adapts at ``beta error`` also
-adapts at ``beta n``, and its estimates drift with the integral of the noise. A dead zone z with ``|n| <= z`` reduces
-the measured error by z. The result is ``theta e`` with 0 <= theta <= 1: zero, or of the sign of e and not larger. So
+Dead zone: only the sum ``error = e + n`` of the true error e and the noise n is measured. A law that adapts at ``beta
+error`` also adapts at ``beta n``, and its estimates drift with the integral of the noise. A dead zone z with ``|n| <=
+z`` reduces the measured error by z. The result is ``theta e`` with 0 <= theta <= 1: zero, or of the sign of e and not
+larger. So
 
 * where e = 0 the estimates do not change: noise has no effect;
 * elsewhere the law adapts from the true error, at a gain between 0 and beta. In the Lyapunov functions of Lemmas 2 to

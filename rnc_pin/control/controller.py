@@ -13,7 +13,7 @@ is optional.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple, Protocol, TypeAlias, runtime_checkable
+from typing import Any, Literal, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy import ndarray as Array
@@ -146,3 +146,26 @@ def command_towards(target: VelocityTarget, F: np.ndarray) -> Command:
         estimates=target.estimates,
         prediction_error=target.prediction_error,
     )
+
+
+class LimitedAcceleration(NamedTuple):
+    """Limit of one entry of an acceleration.
+
+    Attributes:
+        name: name of the entry.
+        quantity: "v2" for a reduced velocity, "v" for a velocity of the robot.
+        column: column of the entry.
+        largest: largest acceleration [rad/s^2 or m/s^2].
+    """
+
+    name: str
+    quantity: Literal["v", "v2"]
+    column: int
+    largest: float
+
+
+def limited_accelerations(controller: object) -> tuple[LimitedAcceleration, ...]:
+    """Accelerations that a controller limits, or that the one within it as its ``target`` limits."""
+    while controller is not None and not hasattr(controller, "limited_accelerations"):
+        controller = getattr(controller, "target", None)
+    return () if controller is None else controller.limited_accelerations

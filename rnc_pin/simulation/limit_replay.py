@@ -19,7 +19,7 @@ from rnc_pin.collision import (
     PairSelection,
     continuous_distances,
 )
-from rnc_pin.control.limited_acceleration import LimitedAcceleration
+from rnc_pin.control.controller import LimitedAcceleration
 from rnc_pin.errors import InputError
 from rnc_pin.robots.joint_values import NO_LIMIT
 from rnc_pin.robots.robot import Robot

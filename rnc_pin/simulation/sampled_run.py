@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rnc_pin.control.controller import Command, Controller
-from rnc_pin.control.limited_acceleration import limited_accelerations
+from rnc_pin.control.controller import Command, Controller, limited_accelerations
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.loop import ControlLoop, LoopOptions, LoopState, VelocityInputLoop
 from rnc_pin.loop.options import admit_controller, admit_model, type_name

@@ -1,4 +1,4 @@
-"""Adaptation under noise, delay and saturation: dead zones, gains for a late loop, and no learning of missing forces."""
+"""Adaptation under noise, delay and saturation: dead zones, gains for a late loop, and forces that are not learnt."""
 
 import numpy as np
 import pytest

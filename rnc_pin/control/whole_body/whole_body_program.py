@@ -10,8 +10,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.controller import Description
-from rnc_pin.control.limited_acceleration import LimitedAcceleration
+from rnc_pin.control.controller import Description, LimitedAcceleration
 from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
 from rnc_pin.control.whole_body.limit_stack import LimitStack
 from rnc_pin.control.whole_body.limits.acceleration_limit import AccelerationLimit

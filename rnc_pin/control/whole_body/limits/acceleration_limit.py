@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from rnc_pin.control.limited_acceleration import LimitedAcceleration
+from rnc_pin.control.controller import LimitedAcceleration
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.limits.control_limit import BoundLimit, ControlLimit, LimitRows
 from rnc_pin.control.whole_body.limits.limited_joints import selection_rows

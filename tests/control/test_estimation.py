@@ -17,8 +17,7 @@ from rnc_pin.control import (
     VelocityTarget,
     WheelRegressor,
 )
-from rnc_pin.control.estimation import adapt
-from rnc_pin.control.estimator import EstimatorState, with_estimated_kinematics
+from rnc_pin.control.estimation import EstimatorState, adapt, with_estimated_kinematics
 from rnc_pin.model.measurement import Measurement
 from textbook_systems import reduced_cart, two_wheeled_cart
 
