@@ -1,7 +1,6 @@
 """Exports of ``rnc_pin.control``, which ``__init__.py`` imports at their first use."""
 
 from .actuator_velocity import ActuatorVelocityController as ActuatorVelocityController
-from .chained_stabilizer import ChainedStabilizer as ChainedStabilizer
 from .computed_torque import ComputedTorque as ComputedTorque
 from .controller import Command as Command
 from .controller import Controller as Controller

@@ -8,8 +8,7 @@ from scipy.optimize import LinearConstraint, minimize
 
 from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
 from rnc_pin.control.whole_body.limit_stack import ProgramBounds
-from rnc_pin.control.whole_body.sampled_damping import SampledDamping, column_norms
-from rnc_pin.control.whole_body.task_hierarchy import TaskLevel, solve_cascade
+from rnc_pin.control.whole_body.task_hierarchy import SampledDamping, TaskLevel, column_norms, solve_cascade
 
 
 @pytest.mark.parametrize("by_name", [False, True])

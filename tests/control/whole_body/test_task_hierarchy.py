@@ -5,7 +5,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.control import VelocityQP, limits, tasks
-from rnc_pin.control.whole_body import ControlSample, InverseDynamicsQP, sampled_damping
+from rnc_pin.control.whole_body import ControlSample, InverseDynamicsQP, task_hierarchy
 from rnc_pin.planning import Hold
 
 LEVER, GAIN, FAR, SLOW, DT = 0.1, 5.0, 3.0, 0.1, 0.025
@@ -44,7 +44,7 @@ def slope(residual, share):
 @pytest.mark.parametrize("share", [0.0, 2.0])
 def test_the_wrist_follows_its_sampled_loop(reduced, share, monkeypatch):
     """``v+ = -a (angle + h v)``, ``angle+ = angle + h (v + v+) / 2``."""
-    monkeypatch.setattr(sampled_damping, "_SHARE", share)
+    monkeypatch.setattr(task_hierarchy, "_SAMPLED_DAMPING", share)
     program = VelocityQP(reduced, [REACH], [SPEED], dt=DT)
     q, v = np.array([0.0, 1e-9]), np.array([SLOW, 0.0])
     angles, expected = [q[1]], [q[1]]
