@@ -17,6 +17,7 @@ from annotated_types import Gt, Le, Len
 
 from rnc_pin.control.controller import Description, check_size, describe, listed
 from rnc_pin.control.deviation import deviation, fed_back
+from rnc_pin.control.whole_body.limits.limited_joints import limited_positions
 from rnc_pin.errors import ConfigurationError, SingularityError
 from rnc_pin.math.linear_algebra import apply_transposed
 from rnc_pin.model.kinematics import over_states
@@ -26,7 +27,6 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.planning.references import Reference
 from rnc_pin.printing import ReprMixin
-from rnc_pin.robots.joint_values import NO_LIMIT
 
 _STEP = 2e-5  # [rad or m]; step of a central difference along the motion
 
@@ -155,23 +155,13 @@ class JointLimits(ReprMixin):
     ) -> None:
         if not 0 < margin <= 0.5:
             raise ConfigurationError(f"margin of joint limits has to be a share of the range, 0 to 0.5, found {margin}")
-        model, robot = reduced.robot.model, reduced.robot
-        self._q: list[int] = []
-        self._v: list[int] = []
-        for name in robot.joint_names if joints is None else joints:
-            joint = model.joints[robot.joint_id(name)]
-            places = range(joint.nq) if joint.nq == joint.nv else ()  # coordinates on a circle or sphere have no limits
-            limited = [i for i in places if _has_ends(model, joint.idx_q + i)]
-            if joints is not None and not limited:
-                raise ConfigurationError(f"joint '{name}' has no position limits")
-            self._q += [joint.idx_q + i for i in limited]
-            self._v += [joint.idx_v + i for i in limited]
-        if not self._q:
-            raise ConfigurationError(f"no joint of robot '{robot.name}' has position limits")
+        limited = limited_positions(reduced.robot, joints)
+        if not limited.q:
+            raise ConfigurationError(f"no joint of robot '{reduced.robot.name}' has position limits")
+        self._q, self._v = limited.q, limited.v
         self._reduced, self._redundant, self.k = reduced, task.redundant, _one_each(k, task)
-        low, high = model.lowerPositionLimit[self._q], model.upperPositionLimit[self._q]
-        self._zone = margin * (high - low)
-        self._begin_low, self._begin_high = low + self._zone, high - self._zone
+        self._zone = margin * (limited.upper - limited.lower)
+        self._begin_low, self._begin_high = limited.lower + self._zone, limited.upper - self._zone
 
     def describe(self) -> Description:
         """Return the gain, and the widths of the zones [rad or m]."""
@@ -260,8 +250,3 @@ def _one_each(k: float | np.ndarray, task: Task) -> np.ndarray:
     if gains.shape not in ((), (size,)) or not (gains >= 0).all():
         raise ConfigurationError(f"k of a secondary objective has to be a number or {size}, not negative, found {k}")
     return gains
-
-
-def _has_ends(model: pin.Model, index: int) -> bool:
-    low, high = model.lowerPositionLimit[index], model.upperPositionLimit[index]
-    return -NO_LIMIT < low < high < NO_LIMIT
