@@ -13,7 +13,7 @@ is optional.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, Literal, NamedTuple, Protocol, TypeAlias, runtime_checkable
+from typing import Any, ClassVar, Literal, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy import ndarray as Array
@@ -23,6 +23,7 @@ from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.io.json import Json
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning.references import Reference
+from rnc_pin.printing import ReprMixin
 
 State: TypeAlias = Any
 """State of a controller from one sample to the next; only the controller knows its content."""
@@ -93,10 +94,30 @@ def describe(thing: object) -> Description:
     return thing.describe() if isinstance(thing, Describable) else {"type": type(thing).__name__}
 
 
-def listed(values: float | np.ndarray) -> Json:
+def listed(values: object) -> Json:
     """Return a gain in a form that JSON can store: a number, or a list of numbers."""
     numbers: Json = np.asarray(values).tolist()
     return numbers
+
+
+class DescribedMixin(ReprMixin):
+    """Mixin of controllers with settings: it prints them in one line, and describes them for the record of a run.
+
+    Attributes:
+        described: names of the attributes that the description contains.
+    """
+
+    described: ClassVar[tuple[str, ...]] = ()
+
+    def describe(self) -> Description:
+        """Return the type and the settings, with the descriptions of the objects among them."""
+        return {"type": type(self).__name__, **{name: _setting(getattr(self, name)) for name in self.described}}
+
+
+def _setting(value: object) -> Json:
+    if value is None or isinstance(value, bool | int | float | str | tuple | np.ndarray):
+        return listed(value)
+    return dict(describe(value))
 
 
 class _Sized(Protocol):

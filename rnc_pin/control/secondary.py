@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from annotated_types import Gt, Le, Len
 
-from rnc_pin.control.controller import Description, check_size, describe, listed
+from rnc_pin.control.controller import DescribedMixin, Description, check_size, describe, listed
 from rnc_pin.control.deviation import deviation, fed_back
 from rnc_pin.control.whole_body.limits.limited_joints import limited_positions
 from rnc_pin.errors import ConfigurationError, SingularityError
@@ -68,7 +68,7 @@ class Combined(ReprMixin):
         return sum(z for z, _ in each[1:]) + each[0][0], sum(z_dot for _, z_dot in each[1:]) + each[0][1]
 
 
-class Posture(ReprMixin):
+class Posture(DescribedMixin):
     """Objective that keeps redundant outputs near a reference: ``z = x22d_dot + k (x22d - x22)``.
 
     Reads from the measurement: ``x2, v2``.
@@ -91,13 +91,11 @@ class Posture(ReprMixin):
         (array([1.]), array([0.]))
     """
 
+    described = ("k",)
+
     def __init__(self, task: Task, reference: Reference, k: float | np.ndarray = 1.0) -> None:
         check_size(reference, len(task.redundant), "redundant")
         self._task, self.reference, self.k = task, reference, _one_each(k, task)
-
-    def describe(self) -> Description:
-        """Return the gain."""
-        return {"type": type(self).__name__, "k": listed(self.k)}
 
     def __call__(self, t: float, measurement: Measurement) -> tuple[np.ndarray, np.ndarray]:
         redundant = self._task.redundant
@@ -106,7 +104,7 @@ class Posture(ReprMixin):
         return seen.velocity + fed_back(self.k, seen.error), seen.acceleration + self.k * seen.error_rate
 
 
-class JointLimits(ReprMixin):
+class JointLimits(DescribedMixin):
     """Objective that keeps joints away from their limits: descent on a potential that rises towards each limit.
 
     In a zone of width delta at each end the potential of a joint is ``s^3 / 3``. s is 0 at the start of the zone, 1 at
@@ -145,6 +143,8 @@ class JointLimits(ReprMixin):
         [False, True]
     """
 
+    described = ("k",)
+
     def __init__(
         self,
         reduced: ReducedModel,
@@ -165,7 +165,7 @@ class JointLimits(ReprMixin):
 
     def describe(self) -> Description:
         """Return the gain, and the widths of the zones [rad or m]."""
-        return {"type": type(self).__name__, "k": listed(self.k), "zone": listed(self._zone)}
+        return {**super().describe(), "zone": listed(self._zone)}
 
     def __call__(self, t: float, measurement: Measurement) -> tuple[np.ndarray, np.ndarray]:
         q, v = measurement.q[..., self._q], measurement.v[..., self._v]
@@ -178,7 +178,7 @@ class JointLimits(ReprMixin):
         return -self.k * apply_transposed(J, gradient), -self.k * z_dot
 
 
-class SingularityDistance(ReprMixin):
+class SingularityDistance(DescribedMixin):
     """Objective that avoids singular configurations: ascent on ``w = log |det E| + log det(A4 A4^T) / 2``.
 
     First derivatives along the motion of each redundant output i are exact,
@@ -212,12 +212,10 @@ class SingularityDistance(ReprMixin):
         ((1,), array([0.]))
     """
 
+    described = ("k",)
+
     def __init__(self, reduced: ReducedModel, task: Task, k: float | np.ndarray = 0.1) -> None:
         self._reduced, self._task, self.k = reduced, task, _one_each(k, task)
-
-    def describe(self) -> Description:
-        """Return the gain."""
-        return {"type": type(self).__name__, "k": listed(self.k)}
 
     def gradient(self, q: np.ndarray) -> np.ndarray:
         """Return dw/dx22 (..., r2) at configurations (..., nq)."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from rnc_pin import _kernel
 from rnc_pin.control.batches import state_of_runs
-from rnc_pin.control.controller import Description, VelocityTarget, check_size, goals_at, listed
+from rnc_pin.control.controller import DescribedMixin, VelocityTarget, check_size, goals_at
 from rnc_pin.control.deviation import Feedback
 from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS
 from rnc_pin.control.slithering import PathState, SlitheringReference
@@ -19,12 +19,11 @@ from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.planning.references import Reference, ReferencePoint
-from rnc_pin.printing import ReprMixin
 
 _A4_ZERO = 1e-9
 
 
-class SteeringController(ReprMixin):
+class SteeringController(DescribedMixin):
     """Backstepping for ``x11dot = A3(x, x22) v21``.
 
     The paper puts its fire truck into class 2, but there (13) has no matrix to invert: A4 = 0. The desired rate is
@@ -70,6 +69,8 @@ class SteeringController(ReprMixin):
         array([2., 0., 0.])
     """
 
+    described = ("k3", "k4", "k21", "damping", "max_rate")
+
     def __init__(
         self,
         reduced: ReducedModel,
@@ -108,17 +109,6 @@ class SteeringController(ReprMixin):
     def accepts_batches(self) -> bool:
         """True if the compiled kernel evaluates the model."""
         return self._reduced.evaluator.compiled and not self._reduced.rheonomic
-
-    def describe(self) -> Description:
-        """Return the gains."""
-        return {
-            "type": type(self).__name__,
-            "k3": listed(self.k3),
-            "k4": self.k4,
-            "k21": listed(self.k21),
-            "damping": self.damping,
-            "max_rate": self.max_rate,
-        }
 
     def initial_state(self, measurement: Measurement) -> PathState | None:
         """Return the state of the vertical reference, if any; raise an error if redundant rates move x11."""

@@ -14,19 +14,16 @@ from rnc_pin.control.adaptation import apply_dead_zone, saturation_mask
 from rnc_pin.control.batches import accepts_batches, stack_states, state_of_runs
 from rnc_pin.control.controller import (
     Command,
-    Description,
+    DescribedMixin,
     KinematicController,
     State,
     VelocityTarget,
     command_towards,
-    describe,
     elapsed_time,
-    listed,
 )
 from rnc_pin.control.gain_design import VelocityGains
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.printing import ReprMixin
 
 _Learnt = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # force, and learnt g, C and D
 
@@ -42,7 +39,7 @@ class TrackerState(NamedTuple):
     """State of the kinematic controller."""
 
 
-class VelocityTracker(ReprMixin):
+class VelocityTracker(DescribedMixin):
     """``F = C v2d_dot + D [v2 v2d] + g + k e_v`` with gains learnt from ``e_v = v2d - v2``, paper (10).
 
     The scan of the paper omits the third law, ``Ddot = -sigma D + beta e_v [v2 v2d]^T``. In discrete time the leak is
@@ -76,6 +73,8 @@ class VelocityTracker(ReprMixin):
         array([20.,  0.])
     """
 
+    described = ("gains", "gravity_compensation", "target")
+
     def __init__(
         self,
         target: KinematicController,
@@ -95,15 +94,6 @@ class VelocityTracker(ReprMixin):
     def accepts_batches(self) -> bool:
         """True if the kinematic controller accepts batches."""
         return accepts_batches(self.target)
-
-    def describe(self) -> Description:
-        """Return the gains, the gravity compensation, and the kinematic controller."""
-        return {
-            "type": type(self).__name__,
-            "gains": self.gains.describe(),
-            "gravity_compensation": listed(self.gravity_compensation),
-            "target": describe(self.target),
-        }
 
     def initial_state(self, measurement: Measurement) -> TrackerState:
         """Return zero adaptive gains."""
