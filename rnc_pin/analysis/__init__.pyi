@@ -1,8 +1,5 @@
 """Exports of ``rnc_pin.analysis``, which ``__init__.py`` imports at their first use."""
 
-from .boundedness import Approach as Approach
-from .boundedness import Boundedness as Boundedness
-from .boundedness import boundedness as boundedness
 from .continuation import SteadyMotion as SteadyMotion
 from .continuation import continuation as continuation
 from .derivatives import StateDerivatives as StateDerivatives
@@ -15,6 +12,9 @@ from .growth import GrowthEvidence as GrowthEvidence
 from .growth import growth_vector as growth_vector
 from .integrability import Integrability as Integrability
 from .integrability import integrability as integrability
+from .lemma_1 import Approach as Approach
+from .lemma_1 import Boundedness as Boundedness
+from .lemma_1 import boundedness as boundedness
 from .lemma_1 import lemma_1_residuals as lemma_1_residuals
 from .limit_effects import LimitEffect as LimitEffect
 from .limit_effects import limit_effects as limit_effects

@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 import scipy
 
-from rnc_pin.analysis.bracket_jets import BracketJets, Jets
+from rnc_pin.analysis.lie_brackets import BracketJets, Jets
 from rnc_pin.errors import InfeasibleError, InputError, SingularityError
 from rnc_pin.io.json import Json
 from rnc_pin.model.reduced_model import ReducedModel
@@ -180,7 +180,7 @@ def grow(reduced: ReducedModel, q: np.ndarray, reach: int = 0, limit: int = DEEP
 
     Vector fields are written in the tangent space at q. There the moving frames of planar, spherical and free-flying
     joints have a bracket of their own. Brackets of the columns of R are exact; deeper brackets are jets along flows
-    (``bracket_jets``).
+    (``lie_brackets``).
 
     For affine constraints, ``v = R v2 + b``, brackets with the given motion b are left out. So the result is a lower
     bound: span(R) reaches these directions, and b may reach more.

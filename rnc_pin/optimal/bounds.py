@@ -15,8 +15,7 @@ from rnc_pin.collision import CollisionDistances
 from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.optimal.action_models import ActionModel
 from rnc_pin.optimal.costs import velocity_rows
-from rnc_pin.optimal.node_data import NodeData, RowValues
-from rnc_pin.optimal.output_rows_at_nodes import NodeOutputs
+from rnc_pin.optimal.node_data import NodeData, NodeOutputs, RowValues
 
 _FAR = 1e3  # [m], distance of a row without a pair
 DISTANCE = "distance"

@@ -18,8 +18,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.optimal.action_models import ActionModel
-from rnc_pin.optimal.node_data import NodeData, RowValues
-from rnc_pin.optimal.output_rows_at_nodes import NodeOutputs
+from rnc_pin.optimal.node_data import NodeData, NodeOutputs, RowValues
 from rnc_pin.planning.references import Reference
 
 Weight = float | Sequence[float] | Mapping[str, float] | Callable[[float], Any]

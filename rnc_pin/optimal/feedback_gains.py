@@ -6,8 +6,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.optimal.linear_quadratic import LinearQuadratic
-from rnc_pin.optimal.riccati import RiccatiFactors
+from rnc_pin.optimal.linear_quadratic import LinearQuadratic, RiccatiFactors
 from rnc_pin.optimal.transcription import Iterate, Transcription
 
 _GOAL, _BOUND = 1e2, 1e6

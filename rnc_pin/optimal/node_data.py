@@ -1,15 +1,21 @@
-"""Data of nodes that costs and bounds read, and the rows that they return."""
+"""Data of nodes that costs and bounds read: outputs of a model among them, and the rows that they return."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
+from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.row_stack import OutputStack
+from rnc_pin.model.rows import OutputKind
 from rnc_pin.optimal.action_models import ActionModel, FlowDerivatives, Nodes
 
 
@@ -75,3 +81,98 @@ def stacked(rows: list[RowValues], n: int, nx: int, nu: int) -> tuple[Array, Arr
         return np.empty((n, 0)), np.empty((n, 0, nx)), np.empty((n, 0, nu))
     x, u = zip(*(each.full(nx, nu) for each in rows), strict=True)
     return np.concatenate([each.value for each in rows], axis=1), np.concatenate(x, 1), np.concatenate(u, 1)
+
+
+class NodeOutputs:
+    """Selected outputs with values at stacks of nodes.
+
+    Args:
+        reduced: the model.
+        outputs: an output object, the name of a scalar output of the model or of a joint output, or a list of these.
+
+    Attributes:
+        names, size: names and number of the rows.
+        units: unit of each row, such as "rad".
+        angular: True for rows whose values repeat every turn, and for rotations.
+
+    Raises:
+        ConfigurationError: unknown output, or an output without a value.
+    """
+
+    def __init__(self, reduced: ReducedModel, outputs: Any) -> None:
+        chosen = list(outputs) if isinstance(outputs, list | tuple) else [outputs]
+        self._stacks: list[tuple[OutputStack, Array]] = [_found(reduced, each) for each in chosen]
+        self.names = tuple(stack.names[row] for stack, rows in self._stacks for row in rows)
+        self.units = tuple(stack.units[row].removesuffix("/s") for stack, rows in self._stacks for row in rows)
+        self.angular = tuple(bool(stack.angular[row]) for stack, rows in self._stacks for row in rows)
+        self.size = len(self.names)
+
+    def target(self, value: Any, what: str) -> Array:
+        """Target (size,) from numbers.
+
+        Raises:
+            InputError: the wrong number of values, or one that is not finite.
+        """
+        try:
+            array = np.atleast_1d(np.array(value, dtype=float))
+        except (TypeError, ValueError):
+            raise InputError(f"{what}: expected {self.size} numbers, found {value!r}") from None
+        if array.shape != (self.size,) or not np.isfinite(array).all():
+            raise InputError(f"{what}: expected {self.size} finite numbers ({', '.join(self.names)}), found {value!r}")
+        return array
+
+    def value(self, nodes: NodeData) -> Float[Array, "n k"]:
+        """Values at nodes."""
+        return np.concatenate([stack.value(nodes.position)[:, rows] for stack, rows in self._stacks], axis=1)
+
+    def jacobian(self, nodes: NodeData) -> Float[Array, "n k nv"]:
+        """Jacobians at nodes; rows of rotations are angular velocities in world axes."""
+        return np.concatenate([stack.jacobian(nodes.position)[:, rows] for stack, rows in self._stacks], axis=1)
+
+    def error(self, nodes: NodeData, target: Float[Array, "*n k"]) -> Float[Array, "n k"]:
+        """Value minus target (..., k): angles within half a turn, rotations as vectors in world axes."""
+        parts, start = [], 0
+        for stack, rows in self._stacks:
+            goal = np.broadcast_to(target[..., start : start + len(rows)], (nodes.size, len(rows)))
+            coordinates = stack.coordinates.choose(rows, stack.names)
+            parts.append(-coordinates.difference(goal, stack.value(nodes.position)[:, rows]))
+            start += len(rows)
+        return np.concatenate(parts, axis=1)
+
+    def error_jacobian(self, nodes: NodeData, error: Float[Array, "n k"]) -> Float[Array, "n k nv"]:
+        """Derivatives of ``error`` along the tangent space at q."""
+        parts, start = [], 0
+        for stack, rows in self._stacks:
+            J = stack.jacobian(nodes.position)[:, rows]
+            coordinates = stack.coordinates.choose(rows, stack.names)
+            if coordinates.rotations:
+                deviation = -error[:, None, start : start + len(rows)]
+                columns = np.moveaxis(J, 2, 1)
+                deviation = np.broadcast_to(deviation, columns.shape)
+                J = np.moveaxis(-coordinates.difference_rate(deviation, np.zeros_like(columns), columns), 1, 2)
+            parts.append(J)
+            start += len(rows)
+        return np.concatenate(parts, axis=1)
+
+
+def _found(reduced: ReducedModel, output: Any) -> tuple[OutputStack, Array]:
+    """Return the stack of an output and its rows in it."""
+    if not isinstance(output, str):
+        if not isinstance(output, OutputKind):
+            raise ConfigurationError(f"expected the name of an output or an output object, found {output!r}")
+        stack = OutputStack([output.bind(reduced.robot)])
+        rows = np.arange(stack.size)
+    else:
+        stack, rows = _named(reduced, output)
+    for row in rows:
+        if stack.quasi[row]:
+            raise ConfigurationError(f"output '{stack.names[row]}' is a speed: it has no value; use VelocityCost")
+    return stack, rows
+
+
+def _named(reduced: ReducedModel, name: str) -> tuple[OutputStack, Array]:
+    known: Sequence[str] = (*reduced.reducing.names, *reduced.vertical.names)
+    for stack in (reduced.reducing, reduced.vertical):
+        if name in stack.names:
+            return stack, np.array([stack.names.index(name)])
+    raise ConfigurationError(f"no output '{name}'{nearest(name, known)}")

@@ -1,14 +1,14 @@
 """Exports of ``rnc_pin.planning``, which ``__init__.py`` imports at their first use."""
 
 from .car_path import CarPath as CarPath
+from .car_path import Leg as Leg
+from .car_path import continued_back as continued_back
+from .car_path import path_distances as path_distances
 from .chained_form import FireTruckChart as FireTruckChart
-from .driven_path import continued_back as continued_back
-from .driven_path import path_distances as path_distances
-from .geodesic import Geodesic as Geodesic
 from .inverse_kinematics import IkResult as IkResult
 from .inverse_kinematics import solve_ik as solve_ik
-from .leg import Leg as Leg
 from .output_targets import OutputTarget as OutputTarget
+from .references import Geodesic as Geodesic
 from .references import Harmonic as Harmonic
 from .references import Hold as Hold
 from .references import InTurn as InTurn

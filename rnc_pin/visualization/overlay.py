@@ -7,7 +7,7 @@ from typing import NamedTuple, TypedDict
 
 import numpy as np
 
-from rnc_pin.planning.driven_path import continued_back, path_distances
+from rnc_pin.planning.car_path import continued_back, path_distances
 from rnc_pin.simulation import OutputNames, PlannedPath
 from rnc_pin.visualization.drawn_state import DrawnState, output_error, tracked_frames
 from rnc_pin.visualization.scene_kinematics import SceneKinematics
