@@ -56,6 +56,19 @@ class LinearQuadratic:
         scales = 1.0 / np.sqrt(np.maximum(weights, 1e-6 * usual))
         return np.broadcast_to(scales, (len(self.A), len(scales)))
 
+    @property
+    def scaled_dynamics(self) -> Float[Array, "N nx nz"]:
+        """A and B, for scaled inputs."""
+        return np.concatenate([self.A, self.B * self.input_scales[:, None, :]], axis=2)
+
+    def scaled_hessian(self, damping: float) -> Float[Array, "N nz nz"]:
+        """H for scaled inputs, with an addition to their weights."""
+        N, nx, nu = self.B.shape
+        scale = np.concatenate([np.ones((N, nx)), self.input_scales], axis=1)
+        H = self.H * scale[:, :, None] * scale[:, None, :]
+        H[:, np.arange(nx, nx + nu), np.arange(nx, nx + nu)] += damping
+        return H
+
     @cached_property
     def typical_sizes(self) -> tuple[Float[Array, "N1 k"], Float[Array, "N1 nx"]]:
         """Typical sizes of the rows of each stage, and of the states.
@@ -236,11 +249,8 @@ class InteriorPointSolver:
 
 def _scaled(problem: LinearQuadratic, damping: float) -> tuple[_Scaled, Array]:
     """Scaled subproblem, and the mask of its equations at the end (k,)."""
-    N, nx, nu = problem.B.shape
+    N, nx, _ = problem.B.shape
     inputs, (rows, _) = problem.input_scales, problem.typical_sizes
-    scale = np.concatenate([np.ones((N, nx)), inputs], axis=1)
-    H = problem.H * scale[:, :, None] * scale[:, None, :]
-    H[:, np.arange(nx, nx + nu), np.arange(nx, nx + nu)] += damping
     D = problem.D.copy()
     D[:-1] *= inputs[:, None, :]
     G = np.concatenate([problem.C, D], axis=2) / rows[:, :, None]
@@ -248,10 +258,10 @@ def _scaled(problem: LinearQuadratic, damping: float) -> tuple[_Scaled, Array]:
     limit = np.concatenate([upper, -lower], axis=1)
     active = np.isfinite(limit)
     scaled = _Scaled(
-        AB=np.concatenate([problem.A, problem.B * inputs[:, None, :]], axis=2),
+        AB=problem.scaled_dynamics,
         gap=problem.gap,
-        H=H,
-        g=problem.g * scale,
+        H=problem.scaled_hessian(damping),
+        g=problem.g * np.concatenate([np.ones((N, nx)), inputs], axis=1),
         H_end=problem.H_end,
         g_end=problem.g_end,
         G=np.concatenate([G, -G], axis=1) * active[:, :, None],

@@ -11,10 +11,9 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError
-from rnc_pin.math.coordinates import Coordinates, left_jacobian
+from rnc_pin.math.coordinates import Coordinates, rotation_vector_rates
 from rnc_pin.optimal.action_models import ActionModel, Nodes
 from rnc_pin.optimal.bounds import DISTANCE, GOAL
-from rnc_pin.optimal.feedback_gains import feedback_gains
 from rnc_pin.optimal.guesses import resampled
 from rnc_pin.optimal.motion_plan import Integration, MotionPlan, PlanInfo, PlanVerification
 from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic, Solution, SolverSettings
@@ -74,12 +73,8 @@ def _continue(coordinates: Coordinates, position: Array, velocity: Array, accele
         triple = slice(first, first + 3)
         for k in range(K):
             for end in (0, 1):
-                r, w, w_dot = (each[k, end, triple].copy() for each in (position, velocity, acceleration))
-                J, _ = left_jacobian(r, np.zeros(3))
-                r_dot = np.linalg.solve(J, w)
-                J_dot = left_jacobian(r, r_dot)[1]
-                velocity[k, end, triple] = r_dot
-                acceleration[k, end, triple] = np.linalg.solve(J, w_dot - J_dot @ r_dot)
+                parts = (each[k, end, triple] for each in (position, velocity, acceleration))
+                velocity[k, end, triple], acceleration[k, end, triple] = rotation_vector_rates(*parts)
 
 
 class _Candidate(NamedTuple):
@@ -265,7 +260,7 @@ class PlanSearch:
             q=np.array(at.q),
             w=np.array(at.w),
             u=np.array(at.u),
-            K=feedback_gains(problem, at),
+            K=problem.feedback_gains(at),
             position=position,
             velocity=velocity,
             acceleration=acceleration,

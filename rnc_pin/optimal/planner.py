@@ -13,15 +13,15 @@ from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.errors import ModelWarning
 from rnc_pin.model.parameter_types import NotNegative
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.optimal.action_models import Form
-from rnc_pin.optimal.bounds import BoundKind
+from rnc_pin.optimal.action_models import Form, action_model
+from rnc_pin.optimal.bounds import BoundKind, GoalRows
 from rnc_pin.optimal.costs import CostKind
 from rnc_pin.optimal.file_limits import FileLimits
 from rnc_pin.optimal.guesses import guesses
 from rnc_pin.optimal.motion_plan import MotionPlan
 from rnc_pin.optimal.plan_feedback import tvlqr
 from rnc_pin.optimal.plan_search import PlanSearch
-from rnc_pin.optimal.problem_building import build_problem, check_start
+from rnc_pin.optimal.problem_building import build_problem, check_start, initial_node
 from rnc_pin.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.optimal.transcription import Transcription
 
@@ -104,9 +104,11 @@ def plan_motion(
         >>> plan.info.outcome, plan.verdict.succeeded
         ('solved', True)
     """
-    problem = build_problem(
-        reduced, q0, goal, duration, form, costs, bounds, settings.nodes, v2_0, at_rest, time_weight, limits
-    )
+    model = action_model(reduced, form)
+    end = None if goal is None else GoalRows(model, goal, at_rest)
+    start = initial_node(model, q0, v2_0)
+    problem = build_problem(model, start, end, duration, costs, bounds, settings.nodes, limits)
+    problem.time_weight = time_weight
     check_start(problem, settings.accuracy)
     _warn_of_differences(problem)
     wanted = max(1, solutions)

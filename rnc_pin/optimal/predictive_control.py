@@ -15,12 +15,11 @@ from rnc_pin.control.limited_acceleration import LimitedAcceleration
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.optimal.action_models import Form, Nodes
+from rnc_pin.optimal.action_models import Form, Nodes, action_model
 from rnc_pin.optimal.bounds import BoundKind
 from rnc_pin.optimal.costs import CostKind
-from rnc_pin.optimal.feedback_gains import feedback_gains
 from rnc_pin.optimal.guesses import along
-from rnc_pin.optimal.problem_building import build_problem
+from rnc_pin.optimal.problem_building import build_problem, initial_node
 from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic, SolverSettings
 from rnc_pin.optimal.transcription import Iterate
 from rnc_pin.printing import ReprMixin
@@ -104,9 +103,9 @@ class PredictiveController(ReprMixin):
             raise ConfigurationError("period has to be positive, delay not negative, and iterations at least 1")
         self._reduced, self._solver_settings = reduced, SolverSettings(nodes=nodes)
         self.horizon, self.period, self.iterations, self.delay, self.budget = horizon, period, iterations, delay, budget
-        start = reduced.robot.configuration()
-        self._problem = build_problem(reduced, start, None, horizon, form, costs, bounds, nodes)
-        self._model = self._problem.model
+        self._model = action_model(reduced, form)
+        start = initial_node(self._model, reduced.robot.configuration())
+        self._problem = build_problem(self._model, start, None, horizon, costs, bounds, nodes)
         self._h = horizon / nodes
 
     @property
@@ -165,7 +164,7 @@ class PredictiveController(ReprMixin):
                 if found is None:
                     break
                 at = found[0]
-            gains = feedback_gains(self._problem, at)
+            gains = self._problem.feedback_gains(at)
         except RncError:
             return waiting._replace(missed=state.missed + 1)
         late = limit is not None and time.process_time() - begin > limit

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import InputError
-from rnc_pin.math.coordinates import Coordinates, left_jacobian
+from rnc_pin.math.coordinates import Coordinates, rotation_vector_rates
 
 _GROWN = np.array([1.0, 0.0, 0.0, 0.0])  # full amplitude, which no longer changes
 
@@ -370,10 +370,7 @@ class Geodesic:
         s, s_dot, s_ddot, _ = (float(each[0]) for each in self._share.at(t))
         for triple, R0, arc in self._turns:
             r = pin.log3(pin.exp3(s * arc) @ R0)
-            J, _ = left_jacobian(r, np.zeros(3))
-            velocity = np.linalg.solve(J, s_dot * arc)
-            _, J_dot = left_jacobian(r, velocity)
-            point.position[triple], point.velocity[triple] = r, velocity
-            point.acceleration[triple] = np.linalg.solve(J, s_ddot * arc - J_dot @ velocity)
+            point.position[triple] = r
+            point.velocity[triple], point.acceleration[triple] = rotation_vector_rates(r, s_dot * arc, s_ddot * arc)
             point.jerk[triple] = np.nan
         return point

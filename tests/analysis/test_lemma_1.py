@@ -1,4 +1,4 @@
-"""Lemma 1 of the paper and the KKT solution on every system; bounds of the reduced terms on the way to a singularity."""
+"""Lemma 1 and the KKT solution on every system, and bounds of the reduced terms on the way to a singularity."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""The subproblem against a dense quadratic program of another solver, and its Riccati recursion against dense solves."""
+"""The subproblem against a quadratic program of another solver, and its Riccati recursion against dense solves."""
 
 import daqp
 import numpy as np
