@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy import ndarray as Array
 
@@ -101,7 +99,7 @@ class ActuatorVelocityController(ReprMixin):
             prediction_error=target.prediction_error,
         ), state
 
-    def _admitted(self, target: Any) -> np.ndarray:
+    def _admitted(self, target: object) -> np.ndarray:
         """Return v2d of a target."""
         if isinstance(target, Command):
             raise InputError(

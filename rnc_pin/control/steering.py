@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from math import isfinite
-from typing import Any
 
 import numpy as np
 
@@ -98,7 +97,7 @@ class SteeringController(DescribedMixin):
         self.monitored = monitored
         self._follow_primary = Feedback(task.primary_coordinates, k21)
         self._follow_vertical = Feedback(task.vertical_coordinates, k3)
-        self._in_A3: Any = (..., *np.ix_(task.vertical, task.primary))
+        self._in_A3 = (..., *np.ix_(task.vertical, task.primary))
         self._damped = damping**2 * np.eye(len(task.redundant))
         self._places = np.concatenate([task.vertical, task.primary, task.redundant])
         self._redundant = np.array(task.redundant, dtype=np.int64)

@@ -5,23 +5,29 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy import ndarray as Array
+from numpy.typing import ArrayLike
 
 from rnc_pin.collision import CollisionDistances
 from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.optimal.action_models import ActionModel
 from rnc_pin.optimal.costs import velocity_rows
-from rnc_pin.optimal.node_data import NodeData, NodeOutputs, RowValues
+from rnc_pin.optimal.node_data import NodeData, NodeOutputs, OutputChoice, RowValues
+from rnc_pin.planning.output_targets import OutputTarget
 
 _FAR = 1e3  # [m], distance of a row without a pair
 DISTANCE = "distance"
 GOAL = "goal"
 _WORDS = {"input": "input", "velocity": "velocity", "output": "value"}
 _HORIZON = 0.5  # [m], distance beyond the clearance from which pairs have no row
+
+Limit = ArrayLike | Mapping[str, float] | None
+"""A number, one for each row, or limits by name (none for the others); None for no limit."""
+Goal = Mapping[OutputTarget, ArrayLike] | ArrayLike
+"""Values by output, or a configuration (nq,)."""
 
 
 class NodeBound(ABC):
@@ -43,7 +49,7 @@ class NodeBound(ABC):
     """Remedy that removes a limit of the robot's file; "" for bounds that are stated."""
 
     def __init__(
-        self, names: Sequence[str], lower: Any, upper: Any, of_state: bool, units: Sequence[str] | None = None
+        self, names: Sequence[str], lower: Limit, upper: Limit, of_state: bool, units: Sequence[str] | None = None
     ) -> None:
         self.names, self.of_state = tuple(names), of_state
         self.units = ("",) * len(self.names) if units is None else tuple(units)
@@ -86,8 +92,8 @@ class InputBound(BoundKind):
         {'sleigh_yaw': 0.5}
     """
 
-    lower: Any = None
-    upper: Any = None
+    lower: Limit = None
+    upper: Limit = None
 
     def bind(self, model: ActionModel) -> NodeBound:
         return _Input(model.input_names, self.lower, self.upper, of_state=False)
@@ -115,8 +121,8 @@ class VelocityBound(BoundKind):
         -0.5
     """
 
-    lower: Any = None
-    upper: Any = None
+    lower: Limit = None
+    upper: Limit = None
 
     def bind(self, model: ActionModel) -> NodeBound:
         of_state = model.form != "kinematic"
@@ -144,9 +150,9 @@ class OutputBound(BoundKind):
         0.6
     """
 
-    output: Any
-    lower: Any = None
-    upper: Any = None
+    output: OutputChoice
+    lower: Limit = None
+    upper: Limit = None
 
     def bind(self, model: ActionModel) -> NodeBound:
         return _OutputLimits(self, model)
@@ -232,7 +238,7 @@ class GoalRows(NodeBound):
 
     quantity = GOAL
 
-    def __init__(self, model: ActionModel, goal: Any, at_rest: bool) -> None:
+    def __init__(self, model: ActionModel, goal: Goal, at_rest: bool) -> None:
         robot = model.reduced.robot
         self._q: Array | None = None
         self._outputs: list[tuple[NodeOutputs, Array]] = []
@@ -301,12 +307,12 @@ class GoalRows(NodeBound):
         return found
 
 
-def _stated(given: Any, names: Sequence[str]) -> Array:
+def _stated(given: Limit, names: Sequence[str]) -> Array:
     """Mask (k,) of the rows for which a limit is given."""
     return np.array([given is not None and (name in given if isinstance(given, Mapping) else True) for name in names])
 
 
-def _limits(given: Any, names: Sequence[str], default: float) -> Array:
+def _limits(given: Limit, names: Sequence[str], default: float) -> Array:
     limits = np.full(len(names), default)
     if given is None:
         return limits

@@ -11,17 +11,18 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy import ndarray as Array
+from numpy.typing import ArrayLike
 
 from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.optimal.action_models import ActionModel
-from rnc_pin.optimal.node_data import NodeData, NodeOutputs, RowValues
+from rnc_pin.optimal.node_data import NodeData, NodeOutputs, OutputChoice, RowValues
 from rnc_pin.planning.references import Reference
 
-Weight = float | Sequence[float] | Mapping[str, float] | Callable[[float], Any]
+Weight = float | Sequence[float] | Mapping[str, float] | Callable[[float], "Weight"]
 """A number, one for each row, weights by name (zero for the others), or a function of time that returns these."""
 Phase = Literal["running", "terminal", "both"]
 
@@ -75,8 +76,8 @@ class OutputCost(CostKind):
         ('sleigh_x', 'sleigh_y')
     """
 
-    output: Any
-    target: Any
+    output: OutputChoice
+    target: ArrayLike | Reference
     weight: Weight = 1.0
     phase: Phase = "running"
 
@@ -124,7 +125,7 @@ class PostureCost(CostKind):
         'running'
     """
 
-    q: Any
+    q: ArrayLike
     weight: Weight = 1.0
     phase: Phase = "running"
 
@@ -161,7 +162,7 @@ class EffortCost(CostKind):
     """
 
     weight: Weight = 1.0
-    target: Any = 0.0
+    target: ArrayLike = 0.0
 
     def bind(self, model: ActionModel) -> BoundCost:
         return _Effort(self, model)
@@ -193,7 +194,7 @@ class VelocityCost(CostKind):
     """
 
     weight: Weight = 1.0
-    target: Any = 0.0
+    target: ArrayLike = 0.0
     phase: Phase = "running"
 
     def bind(self, model: ActionModel) -> BoundCost:
@@ -258,7 +259,7 @@ def _by_position(nodes: NodeData, J: Array) -> Array:
     return np.concatenate([J, np.zeros((n, k, nodes.model.nw))], axis=2)
 
 
-def weights_of(given: Any, names: Sequence[str]) -> Array:
+def weights_of(given: Weight, names: Sequence[str]) -> Array:
     """Weights (k,) from a number, a list, or weights by name."""
     if isinstance(given, Mapping):
         for name in given:
@@ -271,7 +272,7 @@ def weights_of(given: Any, names: Sequence[str]) -> Array:
     return weights
 
 
-def _entries(given: Any, size: int, what: str) -> Array:
+def _entries(given: object, size: int, what: str) -> Array:
     try:
         array = np.asarray(given, dtype=float)
     except (TypeError, ValueError):

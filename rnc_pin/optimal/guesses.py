@@ -3,24 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 import numpy as np
 from numpy import ndarray as Array
+from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, RncError
 from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.action_models import ActionModel, KinematicModel, Nodes
+from rnc_pin.optimal.bounds import Goal
 from rnc_pin.optimal.motion_plan import MotionPlan
 from rnc_pin.optimal.transcription import Iterate, Transcription
 from rnc_pin.planning import Reference, solve_ik
 
 _HARMONICS = 3
 
+Guess = MotionPlan | Iterate | ArrayLike | None
+"""Another plan, a motion, or configurations (n, nq) at equal times; None for the straight line."""
 
-def guesses(problem: Transcription, goal: Any, given: Any, seeds: int, seed: int) -> Iterator[tuple[str, Iterate]]:
+
+def guesses(
+    problem: Transcription, goal: Goal | None, given: Guess, seeds: int, seed: int
+) -> Iterator[tuple[str, Iterate]]:
     """Named guesses, in the order in which they are tried.
 
     Args:
@@ -68,7 +74,7 @@ def along(model: ActionModel, q: Array, duration: float, w: Array | None = None)
 
 
 def driven_configurations(
-    reduced: ReducedModel, q0: Any, reference: Reference, duration: float | None = None, count: int = 201
+    reduced: ReducedModel, q0: ArrayLike, reference: Reference, duration: float | None = None, count: int = 201
 ) -> Float[Array, "n nq"]:
     """Return the configurations to which a motion of the reducing outputs leads, as a guess for ``plan``.
 
@@ -162,7 +168,7 @@ def resampled(model: ActionModel, at: Iterate, K: int) -> Iterate:
     return Iterate(q, w, u, at.duration)
 
 
-def goal_configuration(reduced: ReducedModel, q0: Array, goal: Any) -> Array:
+def goal_configuration(reduced: ReducedModel, q0: Array, goal: Goal | None) -> Array:
     """Return a configuration (nq,) that reaches a goal of ``plan``; ``q0`` if none is found."""
     if goal is None:
         return q0
@@ -175,7 +181,7 @@ def goal_configuration(reduced: ReducedModel, q0: Array, goal: Any) -> Array:
     return np.array(found.q) if found.converged else q0
 
 
-def _given(problem: Transcription, given: Any, duration: float) -> Iterate:
+def _given(problem: Transcription, given: MotionPlan | Iterate | ArrayLike, duration: float) -> Iterate:
     """Guess from a plan, an iterate or configurations."""
     K, model = problem.K, problem.model
     if isinstance(given, Iterate):

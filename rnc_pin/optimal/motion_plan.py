@@ -291,7 +291,7 @@ class MotionPlan:
         return _figure(self, list(self.info.output_names if outputs is None else outputs))
 
 
-def _content(info: PlanInfo) -> dict[str, Any]:
+def _content(info: PlanInfo) -> dict[str, object]:
     return {**asdict(info), "findings": [each.to_json() for each in info.findings]}
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy import ndarray as Array
@@ -17,6 +16,10 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.rows import OutputKind
 from rnc_pin.optimal.action_models import ActionModel, FlowDerivatives, Nodes
+from rnc_pin.planning.output_targets import OutputTarget
+
+OutputChoice = OutputTarget | Sequence[OutputTarget]
+"""Output object, name of an output of the model, or a list of these."""
 
 
 class NodeData:
@@ -99,7 +102,7 @@ class NodeOutputs:
         ConfigurationError: unknown output, or an output without a value.
     """
 
-    def __init__(self, reduced: ReducedModel, outputs: Any) -> None:
+    def __init__(self, reduced: ReducedModel, outputs: OutputChoice) -> None:
         chosen = list(outputs) if isinstance(outputs, list | tuple) else [outputs]
         self._stacks: list[tuple[OutputStack, Array]] = [_found(reduced, each) for each in chosen]
         self.names = tuple(stack.names[row] for stack, rows in self._stacks for row in rows)
@@ -107,7 +110,7 @@ class NodeOutputs:
         self.angular = tuple(bool(stack.angular[row]) for stack, rows in self._stacks for row in rows)
         self.size = len(self.names)
 
-    def target(self, value: Any, what: str) -> Array:
+    def target(self, value: object, what: str) -> Array:
         """Target (size,) from numbers.
 
         Raises:
@@ -155,7 +158,7 @@ class NodeOutputs:
         return np.concatenate(parts, axis=1)
 
 
-def _found(reduced: ReducedModel, output: Any) -> tuple[OutputStack, Array]:
+def _found(reduced: ReducedModel, output: object) -> tuple[OutputStack, Array]:
     """Return the stack of an output and its rows in it."""
     if not isinstance(output, str):
         if not isinstance(output, OutputKind):

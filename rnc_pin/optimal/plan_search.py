@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
+from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError
@@ -23,7 +24,7 @@ from rnc_pin.optimal.verification import Excess, excess_text, plan_findings, ver
 _TIGHTENED = 4  # times that nodes near places that come too close get a larger distance
 _HELPS = 2.0  # factor by which halved intervals reduce a violation that they cause
 
-Gains = Callable[[MotionPlan], Any]
+Gains = Callable[[MotionPlan], ArrayLike]
 """Gains (K, nu, nx) of the feedback along a plan."""
 
 
@@ -310,7 +311,7 @@ class PlanSearch:
         return found
 
 
-def _checked(gains: Any, plan: MotionPlan) -> np.ndarray:
+def _checked(gains: ArrayLike, plan: MotionPlan) -> np.ndarray:
     found = np.array(gains, dtype=float)
     if found.shape != plan.K.shape or not np.isfinite(found).all():
         raise ConfigurationError(f"feedback: gains of shape {found.shape}, expected finite numbers {plan.K.shape}")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.math.coordinates import Coordinates
@@ -47,7 +47,7 @@ class OutputTargets:
         InputError: a value has the wrong shape or is not finite.
     """
 
-    def __init__(self, reduced: ReducedModel, targets: Mapping[OutputTarget, Any]) -> None:
+    def __init__(self, reduced: ReducedModel, targets: Mapping[OutputTarget, ArrayLike]) -> None:
         if not isinstance(targets, Mapping) or not targets:
             raise ConfigurationError("targets have to be a mapping from outputs to values, with at least one output")
         self._targets = [_target(reduced, output, value) for output, value in targets.items()]
@@ -80,7 +80,7 @@ class OutputTargets:
         }
 
 
-def _target(reduced: ReducedModel, output: Any, value: Any) -> _Target:
+def _target(reduced: ReducedModel, output: object, value: object) -> _Target:
     block, rows, label = _rows(reduced, output)
     if block.quasi:
         raise ConfigurationError(f"target '{label}': a speed has no value that a configuration could reach")
@@ -105,7 +105,7 @@ def _target(reduced: ReducedModel, output: Any, value: Any) -> _Target:
     return _Target(label, block, rows, array, Coordinates(angular, (0,) if block.rotation else ()))
 
 
-def _rows(reduced: ReducedModel, output: Any) -> tuple[OutputRows, list[int], str]:
+def _rows(reduced: ReducedModel, output: object) -> tuple[OutputRows, list[int], str]:
     """Return the block, its rows and the label of an output."""
     if not isinstance(output, str):
         if not isinstance(output, OutputKind):

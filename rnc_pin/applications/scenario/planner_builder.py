@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -157,7 +157,7 @@ def _costs(settings: OptimalPlanner, start: Start, names: Sequence[str]) -> Iter
     if costs.posture is not None:
         yield PostureCost(start.q, costs.posture)
     for each in costs.outputs:
-        _check_names("costs.outputs", each.output, names)
+        _check_names("costs.outputs", cast(list[str], each.output), names)
         yield each
 
 

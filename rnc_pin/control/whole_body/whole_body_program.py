@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.controller import Description, LimitedAcceleration
+from rnc_pin.control.controller import Description, LimitedAcceleration, State
 from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
 from rnc_pin.control.whole_body.limit_stack import LimitStack
 from rnc_pin.control.whole_body.limits.acceleration_limit import AccelerationLimit
@@ -87,7 +87,7 @@ class WholeBodyProgram(ReprMixin):
             raise InputError("a whole-body controller reads the configuration: the measurement has no q")
         return measurement.q
 
-    def _check_velocity(self, v2: Any) -> None:
+    def _check_velocity(self, v2: Array) -> None:
         if np.shape(v2) != (self._reduced.r,):
             raise InputError(
                 f"a whole-body controller takes one state: v2 has shape {np.shape(v2)}, expected ({self._reduced.r},)"
@@ -105,7 +105,7 @@ def program_of(controller: object) -> WholeBodyProgram | None:
     return controller
 
 
-def report_within(controller: object, state: Any) -> LimitReport | None:
+def report_within(controller: object, state: State) -> LimitReport | None:
     """Return the report of the program that a controller is or contains as its ``target``; None without one.
 
     Args:
