@@ -15,7 +15,7 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.io.atomic_write import atomic_file
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
-from rnc_pin.planning.references import ReferencePoint
+from rnc_pin.planning.references import PiecewisePolynomial
 from rnc_pin.verdict import Finding, Verdict
 
 if TYPE_CHECKING:
@@ -125,7 +125,7 @@ class PlanInfo:
     findings: tuple[Finding, ...] = ()
 
 
-class PlannedOutputs:
+class PlannedOutputs(PiecewisePolynomial):
     """Reference of outputs along a plan: quintic polynomials between its nodes, at rest after its end.
 
     Values, rates and accelerations are those of the plan at both ends of every interval. Where the inputs jump, rates
@@ -143,42 +143,21 @@ class PlannedOutputs:
     """
 
     def __init__(self, time: Array, position: Array, velocity: Array, acceleration: Array) -> None:
-        self._time, self.duration, self.size = time, float(time[-1]), position.shape[2]
         h = np.diff(time)[:, None]
         a, b = (position[:, k] for k in (0, 1))
         va, vb = (h * velocity[:, k] for k in (0, 1))
         aa, ab = (h**2 * acceleration[:, k] for k in (0, 1))
-        # Coefficients of the quintic on [0, 1] in powers of the fraction of the interval.
-        self._coefficients = np.stack(
-            [
-                a,
-                va,
-                aa / 2,
-                10 * (b - a) - 6 * va - 4 * vb - 1.5 * aa + 0.5 * ab,
-                -15 * (b - a) + 8 * va + 7 * vb + 1.5 * aa - ab,
-                6 * (b - a) - 3 * va - 3 * vb - 0.5 * aa + 0.5 * ab,
-            ],
-            axis=1,
-        )
-        zero = np.zeros(self.size)
-        self._first = ReferencePoint(a[0], zero, zero, zero)
-        self._last = ReferencePoint(b[-1], zero, zero, zero)
-
-    def at(self, t: float) -> ReferencePoint:
-        """Values and three derivatives at a time [s]."""
-        if t < 0:
-            return self._first
-        if t >= self.duration:
-            return self._last
-        k = min(int(np.searchsorted(self._time, t, side="right")) - 1, len(self._coefficients) - 1)
-        h = self._time[k + 1] - self._time[k]
-        s, c = (t - self._time[k]) / h, self._coefficients[k]
-        powers = s ** np.arange(6)
-        found = []
-        for order in range(4):
-            found.append(powers[: len(c)] @ c / h**order)
-            c = np.arange(1, len(c))[:, None] * c[1:]
-        return ReferencePoint(*found)
+        # Coefficients of the quintic in powers of the fraction of the interval, highest first.
+        quintic = [
+            6 * (b - a) - 3 * va - 3 * vb - 0.5 * aa + 0.5 * ab,
+            -15 * (b - a) + 8 * va + 7 * vb + 1.5 * aa - ab,
+            10 * (b - a) - 6 * va - 4 * vb - 1.5 * aa + 0.5 * ab,
+            aa / 2,
+            va,
+            a,
+        ]
+        coefficients = np.stack([each / h ** (5 - k) for k, each in enumerate(quintic)])
+        super().__init__(coefficients, time, float(time[0]), float(time[-1]))
 
 
 @dataclass(frozen=True)

@@ -67,11 +67,16 @@ class Hold:
         return self._point
 
 
-class _Polynomial:
-    """Smooth curve on [begin, end], at rest at both ends and beyond."""
+class PiecewisePolynomial:
+    """Reference of piecewise polynomials on [begin, end], at rest before and after.
+
+    Args:
+        coefficients: of powers of ``t - breaks[piece]``, highest power first, (degree + 1, pieces, k).
+        breaks: ends of the pieces, (pieces + 1,) [s].
+        begin, end: times between which the polynomials count [s].
+    """
 
     def __init__(self, coefficients: np.ndarray, breaks: np.ndarray, begin: float, end: float) -> None:
-        """Make the curve from coefficients (degree + 1, pieces, k) of ``t - breaks[piece]``, highest power first."""
         # One matrix for each piece holds the curve and three derivatives, lowest power first: one product gives all.
         self.size = coefficients.shape[2]
         together = np.zeros((coefficients.shape[1], len(coefficients), 4, self.size))
@@ -126,7 +131,7 @@ def _step_of_degree_seven(duration: float) -> np.ndarray:
     return np.array([c / duration**power for power, c in enumerate(lowest_first)][::-1])[:, None, None]
 
 
-class MinimumJerk(_Polynomial):
+class MinimumJerk(PiecewisePolynomial):
     """Quintic from rest to rest, with the least integral of squared jerk (Flash and Hogan 1985).
 
     Args:
@@ -155,7 +160,7 @@ class MinimumJerk(_Polynomial):
         super().__init__(_quintic(ends[0], ends[1], np.diff(breaks))[:, None], breaks, begin, begin + duration)
 
 
-class ViaPoints(_Polynomial):
+class ViaPoints(PiecewisePolynomial):
     """Quintic spline through given points at given times, at rest at both ends.
 
     Args:
@@ -220,7 +225,7 @@ class Harmonic:
         except ValueError:
             raise InputError(f"amplitude, frequency and phase have to be numbers or lists of {self.size}") from None
         # The step of degree seven has three derivatives that vanish at both ends.
-        self._growth = _Polynomial(_step_of_degree_seven(max(ramp, 1e-9)), np.array([0.0, ramp]), 0.0, ramp)
+        self._growth = PiecewisePolynomial(_step_of_degree_seven(max(ramp, 1e-9)), np.array([0.0, ramp]), 0.0, ramp)
         self._ramp = ramp
 
     def at(self, t: float) -> ReferencePoint:
