@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,7 @@ from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.rows import OutputKind
 from rnc_pin.optimal.action_models import ActionModel, FlowDerivatives, Nodes
 from rnc_pin.planning.output_targets import OutputTarget
+from rnc_pin.planning.references import Reference
 
 OutputChoice = OutputTarget | Sequence[OutputTarget]
 """Output object, name of an output of the model, or a list of these."""
@@ -86,6 +87,48 @@ def stacked(rows: list[RowValues], n: int, nx: int, nu: int) -> tuple[Array, Arr
     return np.concatenate([each.value for each in rows], axis=1), np.concatenate(x, 1), np.concatenate(u, 1)
 
 
+NodeFunction = Callable[[NodeData, bool], RowValues]
+"""Function of nodes that returns rows; the flag tells whether their derivatives are needed."""
+
+
+def input_rows(nodes: NodeData, derivatives: bool) -> RowValues:
+    """Inputs at nodes."""
+    assert nodes.u is not None
+    n, nu = nodes.u.shape
+    return RowValues(nodes.u, None, np.broadcast_to(np.eye(nu), (n, nu, nu)))
+
+
+def velocity_rows(nodes: NodeData, derivatives: bool) -> RowValues:
+    """Reduced velocities at nodes."""
+    model, n = nodes.model, nodes.size
+    eye = np.eye(model.r)
+    if model.form == "kinematic":
+        return RowValues(nodes.v2, None, np.broadcast_to(eye, (n, model.r, model.r)))
+    x = np.concatenate([np.zeros((model.r, model.nv)), eye], axis=1)
+    return RowValues(nodes.v2, np.broadcast_to(x, (n, model.r, model.nx)))
+
+
+def acceleration_rows(nodes: NodeData, derivatives: bool) -> RowValues:
+    """Reduced accelerations at nodes."""
+    if not derivatives or nodes.flow is None:
+        return RowValues(nodes.acceleration)
+    return RowValues(nodes.acceleration, np.concatenate([nodes.flow.a_q, nodes.flow.a_w], axis=2), nodes.flow.a_u)
+
+
+def displacement_rows(q: Array, nodes: NodeData, derivatives: bool) -> RowValues:
+    """Tangent vectors from a configuration (nq,) to nodes."""
+    start, manifold = np.broadcast_to(q, nodes.at.q.shape), nodes.model.manifold
+    found = RowValues(manifold.difference(start, nodes.at.q))
+    if derivatives:
+        found.x = _by_position(nodes, manifold.difference_derivative(start, nodes.at.q))
+    return found
+
+
+def _by_position(nodes: NodeData, J: Array) -> Array:
+    """Derivative by the whole state, from the derivative by q."""
+    return np.concatenate([J, np.zeros((*J.shape[:2], nodes.model.nw))], axis=2)
+
+
 class NodeOutputs:
     """Selected outputs with values at stacks of nodes.
 
@@ -123,6 +166,17 @@ class NodeOutputs:
         if array.shape != (self.size,) or not np.isfinite(array).all():
             raise InputError(f"{what}: expected {self.size} finite numbers ({', '.join(self.names)}), found {value!r}")
         return array
+
+    def value_rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
+        """Values at nodes."""
+        return RowValues(self.value(nodes), _by_position(nodes, self.jacobian(nodes)) if derivatives else None)
+
+    def error_rows(self, target: Array | Reference, nodes: NodeData, derivatives: bool) -> RowValues:
+        """Values minus a target, or minus a reference at the times of the nodes."""
+        if not isinstance(target, Array):
+            target = np.array([target.at(float(t)).position for t in nodes.time])
+        error = self.error(nodes, target)
+        return RowValues(error, _by_position(nodes, self.error_jacobian(nodes, error)) if derivatives else None)
 
     def value(self, nodes: NodeData) -> Float[Array, "n k"]:
         """Values at nodes."""
