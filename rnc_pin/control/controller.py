@@ -157,10 +157,11 @@ def goals_at(values: np.ndarray, where: np.ndarray, shape: tuple[int, ...]) -> n
     return whole
 
 
-def command_towards(target: VelocityTarget, F: np.ndarray) -> Command:
-    """Return a command with force F and the record of its velocity target."""
+def command_towards(target: VelocityTarget, F: np.ndarray | None = None, T: np.ndarray | None = None) -> Command:
+    """Return a command with force F or inputs T, and the record of its velocity target."""
     return Command(
         F=F,
+        T=T,
         v2_desired=target.v2,
         x1_desired=target.x1,
         x2_desired=target.x2,

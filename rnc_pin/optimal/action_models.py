@@ -16,6 +16,7 @@ are evaluated in one block.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -53,14 +54,18 @@ class StateManifold(ConfigurationManifold):
         if self._real:
             eye = np.broadcast_to(np.eye(self.nv), (len(q), self.nv, self.nv))
             return eye, eye
-        both = [pin.dIntegrate(self._model, a, b) for a, b in zip(q, step, strict=True)]
-        return np.array([each[0] for each in both]), np.array([each[1] for each in both])
+        both = self._each(pin.dIntegrate, q, step)
+        return both[:, 0], both[:, 1]
 
     def difference_derivative(self, start: Float[Array, "n nq"], end: Float[Array, "n nq"]) -> Float[Array, "n nv nv"]:
         """Derivatives of ``difference`` by ``end``."""
         if self._real:
             return np.broadcast_to(np.eye(self.nv), (len(start), self.nv, self.nv))
-        return np.array([pin.dDifference(self._model, a, b)[1] for a, b in zip(start, end, strict=True)])
+        return self._each(pin.dDifference, start, end)[:, 1]
+
+    def _each(self, function: Callable[..., object], first: Array, second: Array) -> Array:
+        """Results of a function of Pinocchio for each pair of rows."""
+        return np.array([function(self._model, *each) for each in zip(first, second, strict=True)])
 
 
 class Nodes(NamedTuple):

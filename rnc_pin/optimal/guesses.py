@@ -60,9 +60,7 @@ def along(model: ActionModel, q: Array, duration: float, w: Array | None = None)
     """Motion along configurations (K + 1, nq) at equal times: velocities and inputs fit it as well as they can."""
     K = len(q) - 1
     h = duration / K
-    v = model.manifold.difference(q[:-1], q[1:]) / h
-    J2 = model.reduced.at(q[:-1]).J2
-    v2 = np.einsum("kri,ki->kr", J2, v) if w is None else w
+    v2 = _speeds(model, q, h) if w is None else w
     if model.form == "kinematic":
         return Iterate(q, np.empty((K + 1, 0)), v2, duration)
     nodes = np.concatenate([v2[:1], (v2[:-1] + v2[1:]) / 2, v2[-1:]])
@@ -129,7 +127,7 @@ def random_motion(
     """Motion with random harmonic velocities from the start; warped: bent so that it ends at the end of the line."""
     model, K = problem.model, problem.K
     h = duration / K
-    straight = np.abs(along(model, line, duration).u if model.form == "kinematic" else _speeds(model, line, h))
+    straight = np.abs(_speeds(model, line, h))
     size = np.maximum(2.0 * straight.mean(axis=0), 3.0 / duration)
     phase = np.pi * (np.arange(K) + 0.5) / K
     v2 = sum(
@@ -149,6 +147,7 @@ def random_motion(
 
 
 def _speeds(model: ActionModel, q: Array, h: float) -> Array:
+    """Reduced velocities (K, r) that fit configurations (K + 1, nq) at intervals h [s] as well as they can."""
     v = model.manifold.difference(q[:-1], q[1:]) / h
     return np.einsum("kri,ki->kr", model.reduced.at(q[:-1]).J2, v)
 

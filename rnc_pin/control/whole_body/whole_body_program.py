@@ -151,9 +151,6 @@ def _describe_item(description: object) -> Json:
     return found
 
 
-# ------------------------------------------------------------------ desired outputs
-
-
 class DesiredOutputs:
     """Desired values of a model's outputs, as far as tasks have them.
 
@@ -164,13 +161,13 @@ class DesiredOutputs:
 
     def __init__(self, tasks: Sequence[BoundTask], reduced: ReducedModel) -> None:
         self._sizes = reduced.vertical.size, reduced.r
-        self._goals = [
-            (task.goal, own, where, place)
-            for task in tasks
-            for place, names in enumerate((reduced.vertical.names, reduced.reducing.names))
-            for own, where in [_matches(task.goal_names, names)]
-            if own
-        ]
+        self._goals = []
+        for task in tasks:
+            for place, names in enumerate((reduced.vertical.names, reduced.reducing.names)):
+                own = [index for index, name in enumerate(task.goal_names) if name in names]
+                if own:
+                    where = [names.index(task.goal_names[index]) for index in own]
+                    self._goals.append((task.goal, own, where, place))
 
     def at(self, t: float) -> tuple[Array | None, Array | None]:
         """Return x1 and x2 at a time [s], NaN for outputs without a task; None if no task has an output."""
@@ -180,9 +177,3 @@ class DesiredOutputs:
         for goal, own, where, place in self._goals:
             found[place][where] = goal(t)[own]
         return found
-
-
-def _matches(names: Sequence[str], among: Sequence[str]) -> tuple[list[int], list[int]]:
-    """Indices of common names in both sequences."""
-    own = [index for index, name in enumerate(names) if name in among]
-    return own, [list(among).index(names[index]) for index in own]
