@@ -9,14 +9,12 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.errors import ConfigurationError, InputError, nearest
+from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.row_stack import OutputStack
-from rnc_pin.model.rows import OutputKind
 from rnc_pin.optimal.action_models import ActionModel, FlowDerivatives, Nodes
-from rnc_pin.planning.output_targets import OutputTarget
+from rnc_pin.planning.output_targets import OutputTarget, SelectedOutputs, find_output
 from rnc_pin.planning.references import Reference
 
 OutputChoice = OutputTarget | Sequence[OutputTarget]
@@ -129,7 +127,7 @@ def _by_position(nodes: NodeData, J: Array) -> Array:
     return np.concatenate([J, np.zeros((*J.shape[:2], nodes.model.nw))], axis=2)
 
 
-class NodeOutputs:
+class NodeOutputs(SelectedOutputs):
     """Selected outputs with values at stacks of nodes.
 
     Args:
@@ -137,9 +135,8 @@ class NodeOutputs:
         outputs: an output object, the name of a scalar output of the model or of a joint output, or a list of these.
 
     Attributes:
-        names, size: names and number of the rows.
         units: unit of each row, such as "rad".
-        angular: True for rows whose values repeat every turn, and for rotations.
+        angular: True for rows whose values repeat every turn.
 
     Raises:
         ConfigurationError: unknown output, or an output without a value.
@@ -147,11 +144,13 @@ class NodeOutputs:
 
     def __init__(self, reduced: ReducedModel, outputs: OutputChoice) -> None:
         chosen = list(outputs) if isinstance(outputs, list | tuple) else [outputs]
-        self._stacks: list[tuple[OutputStack, Array]] = [_found(reduced, each) for each in chosen]
-        self.names = tuple(stack.names[row] for stack, rows in self._stacks for row in rows)
-        self.units = tuple(stack.units[row].removesuffix("/s") for stack, rows in self._stacks for row in rows)
-        self.angular = tuple(bool(stack.angular[row]) for stack, rows in self._stacks for row in rows)
-        self.size = len(self.names)
+        found = [find_output(reduced, each, "expected") for each in chosen]
+        for stack, rows in found:
+            for row in rows[stack.quasi[rows]]:
+                raise ConfigurationError(f"output '{stack.names[row]}' is a speed: it has no value; use VelocityCost")
+        super().__init__(found)
+        self.units = tuple(stack.units[row].removesuffix("/s") for stack, rows in found for row in rows)
+        self.angular = tuple(bool(stack.angular[row]) for stack, rows in found for row in rows)
 
     def target(self, value: object, what: str) -> Array:
         """Target (size,) from numbers.
@@ -169,67 +168,12 @@ class NodeOutputs:
 
     def value_rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
         """Values at nodes."""
-        return RowValues(self.value(nodes), _by_position(nodes, self.jacobian(nodes)) if derivatives else None)
+        at = nodes.position
+        return RowValues(self.value(at), _by_position(nodes, self.jacobian(at)) if derivatives else None)
 
     def error_rows(self, target: Array | Reference, nodes: NodeData, derivatives: bool) -> RowValues:
         """Values minus a target, or minus a reference at the times of the nodes."""
         if not isinstance(target, Array):
             target = np.array([target.at(float(t)).position for t in nodes.time])
-        error = self.error(nodes, target)
-        return RowValues(error, _by_position(nodes, self.error_jacobian(nodes, error)) if derivatives else None)
-
-    def value(self, nodes: NodeData) -> Float[Array, "n k"]:
-        """Values at nodes."""
-        return np.concatenate([stack.value(nodes.position)[:, rows] for stack, rows in self._stacks], axis=1)
-
-    def jacobian(self, nodes: NodeData) -> Float[Array, "n k nv"]:
-        """Jacobians at nodes; rows of rotations are angular velocities in world axes."""
-        return np.concatenate([stack.jacobian(nodes.position)[:, rows] for stack, rows in self._stacks], axis=1)
-
-    def error(self, nodes: NodeData, target: Float[Array, "*n k"]) -> Float[Array, "n k"]:
-        """Value minus target (..., k): angles within half a turn, rotations as vectors in world axes."""
-        parts, start = [], 0
-        for stack, rows in self._stacks:
-            goal = np.broadcast_to(target[..., start : start + len(rows)], (nodes.size, len(rows)))
-            coordinates = stack.coordinates.choose(rows, stack.names)
-            parts.append(-coordinates.difference(goal, stack.value(nodes.position)[:, rows]))
-            start += len(rows)
-        return np.concatenate(parts, axis=1)
-
-    def error_jacobian(self, nodes: NodeData, error: Float[Array, "n k"]) -> Float[Array, "n k nv"]:
-        """Derivatives of ``error`` along the tangent space at q."""
-        parts, start = [], 0
-        for stack, rows in self._stacks:
-            J = stack.jacobian(nodes.position)[:, rows]
-            coordinates = stack.coordinates.choose(rows, stack.names)
-            if coordinates.rotations:
-                deviation = -error[:, None, start : start + len(rows)]
-                columns = np.moveaxis(J, 2, 1)
-                deviation = np.broadcast_to(deviation, columns.shape)
-                J = np.moveaxis(-coordinates.difference_rate(deviation, np.zeros_like(columns), columns), 1, 2)
-            parts.append(J)
-            start += len(rows)
-        return np.concatenate(parts, axis=1)
-
-
-def _found(reduced: ReducedModel, output: object) -> tuple[OutputStack, Array]:
-    """Return the stack of an output and its rows in it."""
-    if not isinstance(output, str):
-        if not isinstance(output, OutputKind):
-            raise ConfigurationError(f"expected the name of an output or an output object, found {output!r}")
-        stack = OutputStack([output.bind(reduced.robot)])
-        rows = np.arange(stack.size)
-    else:
-        stack, rows = _named(reduced, output)
-    for row in rows:
-        if stack.quasi[row]:
-            raise ConfigurationError(f"output '{stack.names[row]}' is a speed: it has no value; use VelocityCost")
-    return stack, rows
-
-
-def _named(reduced: ReducedModel, name: str) -> tuple[OutputStack, Array]:
-    known: Sequence[str] = (*reduced.reducing.names, *reduced.vertical.names)
-    for stack in (reduced.reducing, reduced.vertical):
-        if name in stack.names:
-            return stack, np.array([stack.names.index(name)])
-    raise ConfigurationError(f"no output '{name}'{nearest(name, known)}")
+        at, error = nodes.position, self.error(nodes.position, target)
+        return RowValues(-error, _by_position(nodes, self.error_jacobian(at, error)) if derivatives else None)
