@@ -96,7 +96,7 @@ def state_derivatives(
 
 
 def _read_only(found: StateDerivatives) -> StateDerivatives:
-    """The same arrays, which nobody can change, as those of the kernel."""
+    """The same derivatives as read-only arrays, such as the kernel returns."""
     for value in vars(found).values():
         if isinstance(value, Array):
             value.setflags(write=False)

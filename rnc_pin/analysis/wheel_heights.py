@@ -139,7 +139,7 @@ def _severity(wheel: _Wheel, difference: float) -> Severity:
 
 
 class _Shapes:
-    """Collision shapes of a robot at a configuration (nq,), without those of links that lack a mesh.
+    """Collision shapes of a robot at a configuration (nq,), without the shapes of links that lack a mesh.
 
     The other shapes of such a link, such as the hub of a wheel without its tyre, do not give its radius.
     """

@@ -28,7 +28,7 @@ _RANK = 1e-9  # smallest relative singular value of B^T R at which actuators det
 
 
 class ActuatorVelocityController(ReprMixin):
-    """``u = B^T (R v2d + b)``: velocities of the actuators, exactly those of the admissible motion v2d.
+    """``u = B^T (R v2d + b)``: velocities of the actuators in the admissible motion v2d.
 
     u is conjugate to the inputs T: ``T^T u`` is their power. So u has the joint velocity of an actuated joint, the
     velocity of the frame for a ``FrameForce``, and its angular velocity for a ``FrameTorque``. The controller returns u

@@ -139,7 +139,7 @@ class RedundancyController(DescribedMixin):
     def _target(
         self, x21d: ReferencePoint, x1d: ReferencePoint, secondary: _Secondary, m: Measurement
     ) -> VelocityTarget:
-        """Target; of many runs that the kernel declines one by one, with their bits alone."""
+        """Target. If the kernel declines many runs, each is computed alone, with the same bits."""
         if m.x2.ndim > 1 + self.accepts_batches:
             return self._pursued(x21d, x1d, secondary, m)
         batch, counts = m.x2.shape[:-1], (len(self.task.vertical), len(self.task.primary))

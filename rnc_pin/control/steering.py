@@ -151,7 +151,7 @@ class SteeringController(DescribedMixin):
     def _redundant_rates(
         self, m: Measurement, slopes: np.ndarray, v21d: np.ndarray, v21d_dot: np.ndarray, x11d: ReferencePoint
     ) -> np.ndarray:
-        """Redundant rates (..., a); of many runs that the kernel declines one by one, with their bits alone."""
+        """Redundant rates (..., a). If the kernel declines many runs, each is computed alone, with the same bits."""
         found = np.empty((*m.v2.shape[:-1], len(self._redundant)))
         point = [
             np.ascontiguousarray(np.broadcast_to(each, (*m.v2.shape[:-1], len(self.task.vertical))))

@@ -119,7 +119,7 @@ class VelocityTracker(DescribedMixin):
         return command_towards(target, F), TrackerState(t, g, C, D, target_state)
 
     def _learnt(self, elapsed: float, measurement: Measurement, target: VelocityTarget, state: TrackerState) -> _Learnt:
-        """Force, and learnt g, C and D; many runs that the kernel declines one by one, with their bits alone."""
+        """Force, and learnt g, C and D. If the kernel declines many runs, each is computed alone, to the same bits."""
         v2, sigma = measurement.v2, self.gains.sigma
         if v2.ndim > 2:
             return self._adapted(elapsed, measurement, target, state)

@@ -180,7 +180,7 @@ class ActionModel(ABC):
         return StepDerivatives(after, out[:, :, :nx], out[:, :, nx : nx + nu], out[:, :, -1], first)
 
     def _columns(self, flow: FlowDerivatives, q: Array, w: Array, u: Array) -> tuple[Array, Array]:
-        """Derivatives of velocity and acceleration (n, ..., columns), from those of configuration and velocity."""
+        """Derivatives of velocity and acceleration (n, ..., columns), by the chain rule."""
         speed = u if self.form == "kinematic" else w
         return flow.v_q @ q + flow.v_w @ speed, flow.a_q @ q + flow.a_w @ speed + flow.a_u @ u
 

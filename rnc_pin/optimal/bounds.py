@@ -113,7 +113,7 @@ class InputBound(BoundKind):
 
     Args:
         lower: limits: a number, one for each input, or limits by name; no limit by default.
-        upper: the same.
+        upper: largest values, in the same forms.
 
     Example:
         >>> rnc.optimal.InputBound(-1.0, {"sleigh_yaw": 0.5}).upper
@@ -133,7 +133,7 @@ class VelocityBound(BoundKind):
 
     Args:
         lower: limits: a number, one for each reducing output, or limits by name; no limit by default.
-        upper: the same.
+        upper: largest values, in the same forms.
 
     Example:
         >>> rnc.optimal.VelocityBound(-0.5, 0.5).lower
@@ -155,7 +155,7 @@ class OutputBound(BoundKind):
     Args:
         output: an output object, the name of an output of the model, or a list of these.
         lower: limits: a number, one for each row, or limits by name; no limit by default.
-        upper: the same.
+        upper: largest values, in the same forms.
 
     Example:
         >>> rnc.optimal.OutputBound(rnc.JointPosition("front_steering"), -0.6, 0.6).upper

@@ -27,7 +27,7 @@ class FileLimits:
     Args:
         position: keep the position limits of joints; continuous joints and bases have none.
         velocity: keep the velocity limits of joints.
-        effort: keep the effort limits of actuators; those of forces on frames are their ``limit``.
+        effort: keep the effort limits of actuators; a force on a frame has its ``limit``.
 
     Example:
         >>> rnc.optimal.FileLimits(effort=False)  # argument of rnc.optimal.plan

@@ -76,13 +76,13 @@ def driven_configurations(
 ) -> Float[Array, "n nq"]:
     """Return the configurations to which a motion of the reducing outputs leads, as a guess for ``plan``.
 
-    The constraints give the motion of everything else. The reference may be that of a ``CarPath``, or a gait.
+    The constraints give the motion of everything else. The reference may come from a ``CarPath``, or be a gait.
 
     Args:
         reduced: the model.
         q0: initial configuration (nq,).
         reference: of all reducing outputs; only its rates count.
-        duration: duration [s]; that of the reference by default.
+        duration: duration [s]; the duration of the reference by default.
         count: number of configurations, at equal times.
 
     Raises:

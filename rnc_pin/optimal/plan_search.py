@@ -127,7 +127,7 @@ class PlanSearch:
         settings: settings of the solver.
         gains: gains of the feedback that the run will use; None if the inputs alone decide.
         solutions: number of solutions among which the cheapest is tried first.
-        alone: True if there is only one guess, whose errors are then those of the search.
+        alone: True if there is only one guess, whose errors the search then raises.
     """
 
     def __init__(

@@ -53,7 +53,7 @@ class Leg:
 
     Attributes:
         start: (x, y, heading) of the rear axle's middle [m, m, rad].
-        goal: the same.
+        goal: (x, y, heading) of the same point at the end.
         chart: direction of the x axis in which the leg is y(x) [rad].
     """
 
@@ -179,7 +179,7 @@ class CarPath:
 
     Args:
         start: (x, y, heading) of the rear axle's middle [m, m, rad].
-        goal: the same.
+        goal: (x, y, heading) of the same point at the end.
         duration: [s].
         wheelbase: distance between rear and front axle [m].
         via: intermediate poses where the vehicle stops, in this order. If the path is infeasible, further ones follow.
@@ -282,7 +282,7 @@ def plan_legs(
 
     Args:
         start: (x, y, heading) of the rear axle's middle [m, m, rad].
-        goal: the same.
+        goal: (x, y, heading) of the same point at the end.
         radius: smallest turning radius of the car [m].
         forward_only: True forbids backing up.
 
