@@ -97,7 +97,7 @@ class SteeringController(DescribedMixin):
         self.monitored = monitored
         self._follow_primary = Feedback(task.primary_coordinates, k21)
         self._follow_vertical = Feedback(task.vertical_coordinates, k3)
-        self._in_A3 = (..., *np.ix_(task.vertical, task.primary))
+        self._in_A3 = np.ix_(task.vertical, task.primary)
         self._damped = damping**2 * np.eye(len(task.redundant))
         self._places = np.concatenate([task.vertical, task.primary, task.redundant])
         self._redundant = np.array(task.redundant, dtype=np.int64)
@@ -172,7 +172,7 @@ class SteeringController(DescribedMixin):
         task = self.task
         v21, v22_now = m.v2[..., task.primary], m.v2[..., task.redundant]
         A3, A3_dot = m.A_star[self._in_A3], m.A_star_dot[self._in_A3]
-        N = np.stack([apply(gradient[(*self._in_A3, j)], v21) for j in range(len(task.redundant))], axis=-1)
+        N = np.stack([apply(gradient[..., j][self._in_A3], v21) for j in range(len(task.redundant))], axis=-1)
         rate = apply(A3, v21)
         wanted, wanted_dot = self._follow_vertical(x11d, m.x1[..., task.vertical], rate)
         without = apply(A3_dot, v21) - apply(N, v22_now) + apply(A3, v21d_dot)

@@ -150,7 +150,7 @@ class ActionModel(ABC):
 
     def step_derivatives(self, at: Nodes, u: Array, h: Array) -> StepDerivatives:
         """Next states of nodes after steps h (n,) [s], with derivatives."""
-        n, nv, nw, nu, nx = len(at.q), self.nv, self.nw, self.nu, self.nx
+        n, nv, nu, nx = len(at.q), self.nv, self.nu, self.nx
         half = np.asarray(h) / 2
         columns = nx + nu + 1
         first = self.flow_derivatives(at, u)
@@ -176,7 +176,6 @@ class ActionModel(ABC):
         out[:, nv:] = start_w + step[:, :, None] * a
         out[:, nv:, -1] += second.a
         after = Nodes(self.manifold.integrate(at.q, step * second.v), at.w + step * second.a)
-        assert nw + nv == nx
         return StepDerivatives(after, out[:, :, :nx], out[:, :, nx : nx + nu], out[:, :, -1], first)
 
     def _columns(self, flow: FlowDerivatives, q: Array, w: Array, u: Array) -> tuple[Array, Array]:
