@@ -12,6 +12,7 @@ is optional.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar, Literal, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
@@ -171,19 +172,25 @@ def command_towards(target: VelocityTarget, F: np.ndarray | None = None, T: np.n
 
 
 class LimitedAcceleration(NamedTuple):
-    """Limit of one entry of an acceleration.
+    """Limits of one entry of an acceleration.
 
     Attributes:
         name: name of the entry.
         quantity: "v2" for a reduced velocity, "v" for a velocity of the robot.
         column: column of the entry.
-        largest: largest acceleration [rad/s^2 or m/s^2].
+        lower, upper: smallest and largest acceleration [rad/s^2 or m/s^2].
+        rounding: excess that counts as rounding, as a share of the larger limit. The acceleration of a run is a
+            quotient of two samples, between which the inputs are held.
+        until: time up to which the limits hold [s], as those of a controller of one phase.
     """
 
     name: str
     quantity: Literal["v", "v2"]
     column: int
-    largest: float
+    lower: float
+    upper: float
+    rounding: float = 1e-4
+    until: float = math.inf
 
 
 def limited_accelerations(controller: object) -> tuple[LimitedAcceleration, ...]:

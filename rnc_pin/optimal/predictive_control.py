@@ -10,8 +10,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.controller import Command, Description
-from rnc_pin.control.limited_acceleration import LimitedAcceleration
+from rnc_pin.control.controller import Command, Description, LimitedAcceleration
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel

@@ -10,7 +10,6 @@ import numpy as np
 from rnc_pin.analysis import Grip, first_lift_off
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import LimitedAcceleration
-from rnc_pin.control.limited_acceleration import LimitedAcceleration
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation.limit_replay import ROUNDING, LimitReplay, LimitUse, replay_limits
