@@ -91,7 +91,7 @@ def spoiled(clean: Scenario, options: dict[str, Any]) -> Scenario:
     scenario = validate(with_options(clean.raw, options), clean.name)
     before = clean.experiment
     plant = build_plant(scenario, before.reduced, before.q0, clean.folder)
-    return replace(clean, experiment=replace(before, scenario=scenario, plant=plant))
+    return clean.built_with(experiment=replace(before, scenario=scenario, plant=plant))
 
 
 def result(scenario: str, options: dict[str, Any]) -> tuple[str, float, bool, Any, Any]:

@@ -2,7 +2,6 @@
 
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -234,7 +233,7 @@ def test_the_live_page_of_a_run_shows_goals_forces_and_figures(browser, fire_tru
     experiment = prepared.experiment
     view = view_of(experiment.scenario)
     live = LiveView(experiment.reduced, view, experiment.notes, speed=2.0, open_browser=False, title="Truck")
-    short = replace(prepared, comparisons={}, experiment=experiment)
+    short = prepared.built_with(comparisons={}, experiment=experiment)
     try:
         page, problems = visit(browser, live.url)
         assert live.wait_for_browser(PATIENCE)
