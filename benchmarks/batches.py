@@ -19,9 +19,9 @@ import numpy as np
 import pinocchio as pin
 
 import rnc_pin as rnc
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import ComputedTorque, ReducingOutputController
 from rnc_pin.planning import Hold
-from rnc_pin.scenario.execution import plan
 from rnc_pin.simulation.ending import Progress
 from rnc_pin.simulation.sampled_run import SampledRun
 
@@ -33,7 +33,7 @@ NAMES = ("space-robot", "mobile-manipulator", "fire-truck", "computed torque")
 
 def prepared(name: str) -> tuple[rnc.ReducedModel, Any, np.ndarray]:
     """Model, controller and start of a scenario; computed torque is that of the manipulator, at its start."""
-    experiment = plan("mobile-manipulator" if name == "computed torque" else name).experiment
+    experiment = Scenario.load("mobile-manipulator" if name == "computed torque" else name).experiment
     reduced, controller = experiment.reduced, experiment.controller
     if name == "computed torque":
         _, x2 = reduced.at(experiment.q0).outputs()

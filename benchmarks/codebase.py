@@ -15,9 +15,13 @@ import io
 import re
 import statistics
 import tokenize
+from collections import Counter
 from collections.abc import Iterator
+from importlib.util import resolve_name
 from pathlib import Path
 
+import numpy as np
+import scipy.sparse.csgraph
 from rich.console import Console
 from rich.table import Table
 
@@ -68,6 +72,49 @@ def public_members(tree: ast.AST, names: set[str]) -> set[str]:
     return {name for name in found if not name.startswith("_")}
 
 
+def imports(package: Path, trees: dict[Path, ast.Module]) -> set[tuple[str, str]]:
+    """Imports among the modules of a package, as pairs: importer and imported.
+
+    A name that a room exports is traced to its module by the stub of the room.
+    """
+
+    def dotted(path: Path) -> str:
+        return ".".join(path.relative_to(package.parent).with_suffix("").parts).removesuffix(".__init__")
+
+    modules = {dotted(path) for path in trees}
+    exported = {
+        (dotted(stub), each.asname or each.name): resolve_name("." * node.level + (node.module or ""), dotted(stub))
+        for stub in package.rglob("__init__.pyi")
+        for node in ast.parse(stub.read_text()).body
+        if isinstance(node, ast.ImportFrom)
+        for each in node.names
+    }
+    pairs = {
+        (dotted(path), whole if whole in modules else exported.get((node.module or "", each.name), node.module or ""))
+        for path, tree in trees.items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom)
+        for each in node.names
+        for whole in (f"{node.module}.{each.name}",)
+    }
+    return {(importer, module) for importer, module in pairs if module in modules and module != importer}
+
+
+def room(module: str) -> str:
+    """Room of a module: a folder of the package, or one of the applications; "" for modules of the package itself."""
+    folders = module.split(".")[1:-1]
+    return "/".join(folders[: 2 if folders[:1] == ["applications"] else 1])
+
+
+def circles(pairs: set[tuple[str, str]]) -> int:
+    """Number of circles of imports: strongly connected groups of more than one."""
+    names = sorted({name for pair in pairs for name in pair})
+    rows, columns = ([names.index(pair[k]) for pair in pairs] for k in (0, 1))
+    graph = scipy.sparse.coo_array((np.ones(len(pairs)), (rows, columns)), shape=(len(names), len(names)))
+    _, group = scipy.sparse.csgraph.connected_components(graph, connection="strong")
+    return int(np.sum(np.bincount(group) > 1))
+
+
 def measure(root: Path) -> dict[str, object]:
     """All figures of a checkout."""
     package = root / "rnc_pin"
@@ -88,6 +135,11 @@ def measure(root: Path) -> dict[str, object]:
     exported = ast.parse((package / "__init__.pyi").read_text())
     imported = [each for each in exported.body if isinstance(each, ast.ImportFrom)]
 
+    pairs = imports(package, trees)
+    importers = Counter(module for _, module in pairs)
+    between = {(room(importer), room(module)) for importer, module in pairs}
+    arrows = {(first, second) for first, second in between if first and second and first != second}
+
     percentile = sorted(lengths)[len(lengths) * 95 // 100]
 
     def members(names: set[str]) -> int:
@@ -95,6 +147,9 @@ def measure(root: Path) -> dict[str, object]:
 
     return {
         "modules": len(sources),
+        "rooms, arrows between them": f"{len({each for arrow in arrows for each in arrow})}, {len(arrows)}",
+        "circles of modules, of rooms": f"{circles(pairs)}, {circles(arrows)}",
+        "modules with one importer": sum(count == 1 for count in importers.values()),
         "lines": sum(sizes.values()),
         "lines without comments": sum(code.values()),
         "  of these core": core,

@@ -27,7 +27,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.timing import processor_time_of_children, used_by_command
-from rnc_pin.scenario.files import built_in_names
+from rnc_pin.applications.scenario.files import built_in_names
 
 SCENARIOS = ("space-robot", "tiago", "wheels-uncertain")
 LAUNCHES = 5
@@ -46,7 +46,8 @@ reduced.forward_dynamics(np.array([0.0, -0.4, 1.8, -1.1]), np.zeros(3), np.zeros
 
 
 WITHOUT_US = "import numpy, pinocchio"
-MODULES = "import rnc_pin.app.commands.run, rnc_pin.scenario.plot_files, rnc_pin.scenario.animation_file"
+_ROOF = "rnc_pin.applications"
+MODULES = f"import {_ROOF}.command_line.commands.run, {_ROOF}.scenario.plot_files, {_ROOF}.scenario.animation_file"
 
 
 class RunTime(NamedTuple):

@@ -13,11 +13,11 @@ from functools import cache
 import coal
 import numpy as np
 
+from rnc_pin.applications.scenario.builder import build_system
+from rnc_pin.applications.scenario.files import find_scenario, read_yaml
+from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.collision import CollisionDistances, Obstacle
 from rnc_pin.robots.robot import Robot
-from rnc_pin.scenario.builder import build_system
-from rnc_pin.scenario.files import find_scenario, read_yaml
-from rnc_pin.scenario.loading import validate
 
 CLEARANCE = 0.05  # [m] that the scenario keeps
 _STEP = 0.01  # [rad] between tested angles

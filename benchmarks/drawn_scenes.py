@@ -10,13 +10,13 @@ from scipy.interpolate import CubicSpline
 
 from benchmarks.doorway_circle import CLEARANCE, passage
 from benchmarks.doorway_path import doorway_path
+from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
+from rnc_pin.applications.scenario.loading import validate
+from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.applications.scenario.schema.obstacles import build_obstacles
 from rnc_pin.collision import CollisionDistances, Obstacle
 from rnc_pin.io.json import Json
 from rnc_pin.robots.robot import Robot
-from rnc_pin.scenario.execution import plan
-from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
-from rnc_pin.scenario.loading import validate
-from rnc_pin.scenario.schema.obstacles import build_obstacles
 
 Options = dict[str, Json]
 _FREE = 0.06  # [m]; distance to obstacles at the start
@@ -43,7 +43,7 @@ def _generator(scenario: str, run: int) -> np.random.Generator:
 
 @cache
 def _nominal(scenario: str) -> tuple[Robot, np.ndarray]:
-    experiment = plan(scenario, {**_QUIET, "simulation.duration": 0.1}).experiment
+    experiment = Scenario.load(scenario, {**_QUIET, "simulation.duration": 0.1}).experiment
     return experiment.reduced.robot, experiment.q0
 
 

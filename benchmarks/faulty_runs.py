@@ -11,11 +11,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.files import with_options
+from rnc_pin.applications.scenario.loading import validate
+from rnc_pin.applications.scenario.plant_builder import build_plant
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import RncError
-from rnc_pin.scenario.execution import Plan, execute, plan
-from rnc_pin.scenario.files import with_options
-from rnc_pin.scenario.loading import validate
-from rnc_pin.scenario.plant_builder import build_plant
 
 SCENARIOS: dict[str, dict[str, Any]] = {
     "space-robot": {
@@ -80,17 +81,17 @@ def spoilt(fault: str, size: float, clean: dict[str, Any]) -> dict[str, Any]:
 
 
 @functools.cache
-def prepared(scenario: str) -> Plan:
+def prepared(scenario: str) -> Scenario:
     """Without a fault: its gains are the same in every run."""
-    return plan(scenario, {"comparisons": {}, "preflight": "warn", **SCENARIOS[scenario]})
+    return Scenario.load(scenario, {"comparisons": {}, "preflight": "warn", **SCENARIOS[scenario]}).build()
 
 
-def spoiled(clean: Plan, options: dict[str, Any]) -> Plan:
+def spoiled(clean: Scenario, options: dict[str, Any]) -> Scenario:
     """A plan of which no more is built anew than the plant."""
     scenario = validate(with_options(clean.raw, options), clean.name)
     before = clean.experiment
     plant = build_plant(scenario, before.reduced, before.q0, clean.folder)
-    return replace(clean, experiment=replace(before, scenario=scenario, plant=plant))
+    return clean.built_with(experiment=replace(before, scenario=scenario, plant=plant))
 
 
 def result(scenario: str, options: dict[str, Any]) -> tuple[str, float, bool, Any, Any]:

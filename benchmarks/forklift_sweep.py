@@ -107,6 +107,7 @@ def main() -> None:
     results = rnc.sweep(scenario, given.runs, out=given.out / "runs", jobs=given.jobs, trajectories=True)
     print(f"{given.runs} runs: {results.verdicts}")
     robot = rnc.Robot.from_urdf(scenario.parent / "forklift.urdf", base="planar")
+    print(f"{sum(row['redrawn'] for row in results.rows())} draws were infeasible and drawn again")
     keys = [f"planner.goal.{name}" for name in ("base_x", "base_y", "base_yaw", "lift_joint")]
     counts, worst = Counter[str](), {"distance": np.inf, "error": 0.0}
     for row in results.rows():

@@ -30,9 +30,9 @@ import numpy as np
 
 import rnc_pin as rnc
 from benchmarks.fuzz_meshes import MESHES, read_inline_meshes, read_mesh_file
+from rnc_pin.applications.scenario.files import find_scenario, read_yaml
+from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.robots.robot_files import shipped_directory
-from rnc_pin.scenario.files import find_scenario, read_yaml
-from rnc_pin.scenario.loading import validate
 
 SLOWEST = 10.0  # [s] of processor time
 LONGEST = 5000  # letters of a message

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 import rnc_pin as rnc
-from rnc_pin.scenario.draft import DraftOptions, draft
+from rnc_pin.applications.init import DraftOptions, draft
 from rnc_pin.visualization.meshcat_robot import MeshVisualizer, drawn_triangles
 from rnc_pin.visualization.recording import Recording
 

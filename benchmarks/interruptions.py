@@ -29,7 +29,7 @@ SHORT = ["--set", "comparisons={}", "--set", "plots={}", "--set", "simulation.du
 LONG = [*SHORT[:4], "--set", "simulation.duration=1000"]
 ALL = {".rnc_pin", "trajectory.npz", "summary.json", "scenario.yaml"}
 
-_MAIN = "\nfrom rnc_pin.app.cli import main\nmain()\n"
+_MAIN = "\nfrom rnc_pin.applications.command_line.cli import main\nmain()\n"
 _EACH_CONTROLLER = """
 from rnc_pin.control import ComputedTorque, Command, VelocityTracker
 def spoil(kind):
@@ -158,7 +158,7 @@ def ctrl_c_while_writing(out: Path) -> str:
 
 
 def ctrl_c_while_drawing(out: Path) -> str:
-    before = _INTERRUPT + "from rnc_pin.scenario import plot_files\nplot_files.plot_run = interrupt\n"
+    before = _INTERRUPT + "from rnc_pin.applications.scenario import plot_files\nplot_files.plot_run = interrupt\n"
     with Run("run", "space-robot", *SHORT, "--out", out, before=before) as run:
         check(run.end() == 1, run.error)
     return kept(out, rnc.Outcome.COMPLETED) + ", without pictures"

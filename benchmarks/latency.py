@@ -27,12 +27,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from rnc_pin.applications.scenario.builder import Experiment
+from rnc_pin.applications.scenario.files import built_in_names
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import RncError
 from rnc_pin.loop import ControlLoop, VelocityInputLoop
 from rnc_pin.plants.plant import takes_velocities
-from rnc_pin.scenario.builder import Experiment
-from rnc_pin.scenario.execution import plan
-from rnc_pin.scenario.files import built_in_names
 from rnc_pin.simulation.sampled_run import assembled_start
 
 TICKS, PERIOD = 50_000, 0.002
@@ -180,7 +180,7 @@ def main() -> None:
     table = Table("scenario", *COLUMNS)
     for name in given.scenarios:
         try:
-            experiment = plan(name, {"comparisons": {}}).experiment
+            experiment = Scenario.load(name, {"comparisons": {}}).experiment
             if not experiment.reduced.p:
                 continue  # nothing to control
             cells = latency(name, experiment, recorded(experiment, given.ticks + 1), given.ticks).cells()

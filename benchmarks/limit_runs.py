@@ -29,11 +29,12 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.drawn_scenes import DRAWS, GOALS, drawn_options
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.collision import CollisionDistances, Obstacle
 from rnc_pin.errors import InfeasibleError, RncError
 from rnc_pin.robots.joint_values import NO_LIMIT
 from rnc_pin.robots.robot import Robot
-from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.simulation import Trajectory
 
 TOLERANCE = 1e-6  # excess over a limit as a share of its range
@@ -77,7 +78,7 @@ def one(scenario: str, run: int) -> Row:
     """Run a scenario with drawn options, and replay it."""
     start = time.process_time()
     try:
-        prepared = plan(scenario, drawn_options(scenario, run))
+        prepared = Scenario.load(scenario, drawn_options(scenario, run)).build()
     except InfeasibleError as error:
         return _not_run(scenario, run, "refused", str(error), time.process_time() - start)
     experiment = prepared.experiment

@@ -18,12 +18,13 @@ import joblib
 from rich.console import Console
 from rich.table import Table
 
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.files import built_in_names
+from rnc_pin.applications.scenario.saved_run import load_run
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.collision import Obstacle
 from rnc_pin.errors import RncError
 from rnc_pin.robots.robot import Robot
-from rnc_pin.scenario.execution import execute, plan
-from rnc_pin.scenario.files import built_in_names
-from rnc_pin.scenario.saved_run import load_run
 from rnc_pin.simulation import LimitReplay, Trajectory, replay_limits
 
 
@@ -35,7 +36,7 @@ def replayed(source: str, comparisons: bool = False) -> list[tuple[str, LimitRep
         loaded = load_run(Path(source))
         runs[source] = loaded.reduced.robot, loaded.trajectory
     else:
-        planned = plan(source, None if comparisons else {"comparisons": {}, "plots": {}})
+        planned = Scenario.load(source, None if comparisons else {"comparisons": {}, "plots": {}}).build()
         result = execute(planned)
         robot, obstacles = planned.experiment.reduced.robot, planned.experiment.obstacles
         runs[source] = robot, result.trajectory

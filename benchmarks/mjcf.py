@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.table import Table
 
 import rnc_pin as rnc
-from rnc_pin.robots.sources.mujoco_log import unlogged
+from rnc_pin.robots.sources.description import unlogged
 
 _SCALAR_LAST = {1: [0], 4: [3, 0, 1, 2], 7: [0, 1, 2, 6, 3, 4, 5]}  # MuJoCo has the scalar of a quaternion first
 

@@ -31,8 +31,10 @@ from rnc_pin.optimal import (
     VelocityBound,
     VelocityCost,
 )
+from rnc_pin.optimal.action_models import action_model
+from rnc_pin.optimal.bounds import GoalRows
 from rnc_pin.optimal.guesses import along
-from rnc_pin.optimal.problem_building import build_problem
+from rnc_pin.optimal.problem_building import build_problem, initial_node
 from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic
 from rnc_pin.plants.mujoco import MuJoCoPlant
 
@@ -42,14 +44,16 @@ NODES, ROUNDS = 40, 7
 def iteration_time(reduced: rnc.ReducedModel, goal: dict[object, object], limit: float) -> float:
     """Median processor time of an iteration of the dynamic form with bounded inputs [s]."""
     q0 = reduced.robot.configuration()
-    problem = build_problem(reduced, q0, goal, 4.0, "dynamic", None, [InputBound(-limit, limit)], NODES)
+    model = action_model(reduced, "dynamic")
+    start, end = initial_node(model, q0), GoalRows(model, goal, at_rest=True)
+    problem = build_problem(model, start, end, 4.0, None, [InputBound(-limit, limit)], NODES)
     line = np.repeat(q0[None], NODES + 1, axis=0)
-    start = along(problem.model, line, 4.0)
+    guess = along(model, line, 4.0)
     solver, taken = SequentialQuadratic(problem, SolverSettings()), []
     for _ in range(ROUNDS):
         solver.restart()
         begin = time.process_time()
-        solver.iterate(start)
+        solver.iterate(guess)
         taken.append(time.process_time() - begin)
     return float(np.median(taken[1:]))
 

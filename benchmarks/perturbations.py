@@ -28,12 +28,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from rnc_pin.applications.init import DraftOptions, draft
 from rnc_pin.errors import RncError
 from rnc_pin.io.safe_xml import parse_tree
 from rnc_pin.robots.robot_files import example_urdfs, find_example, shipped_directory
-from rnc_pin.robots.sources.packages import Packages
+from rnc_pin.robots.sources.description_files import Packages
 from rnc_pin.robots.sources.urdf import parse_urdf
-from rnc_pin.scenario.draft import DraftOptions, draft
 
 sys.path.append(str(Path(__file__).parents[1] / "tests" / "support"))
 
@@ -123,6 +123,9 @@ def described(name: str, source: Path | str, *, meshes: bool = False) -> Descrip
     folders = [find_example(name)[1]] if name in example_urdfs() else []
     packages = Packages(source.parent, folders)
     robot = parse_urdf(source, None, packages)
+    for each in robot.iter():  # published files have commas between numbers, and more than three of them
+        for key in {"xyz", "rpy", "scale"} & set(each.attrib):
+            each.set(key, " ".join(each.attrib[key].replace(",", " ").split()[:3]))
     for mesh in robot.iter("mesh"):
         said = mesh.get("filename", "")
         file = packages.file(said) if meshes else None

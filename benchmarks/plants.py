@@ -16,9 +16,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.files import built_in_names
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import RncError
-from rnc_pin.scenario.execution import execute, plan
-from rnc_pin.scenario.files import built_in_names
 from rnc_pin.simulation import Trajectory, tracking_errors
 
 _NOISE = 1e-6  # an error below which two plants are equal
@@ -33,7 +34,9 @@ def largest_error(run: Trajectory) -> float:
 def on_both(name: str, options: dict[str, Any]) -> tuple[Trajectory, Trajectory]:
     """The run of a scenario on our plant, and in MuJoCo."""
     said = {"comparisons": {}, "plots": {}, **options}
-    ours, theirs = (execute(plan(name, {**said, "plant": plant})).trajectory for plant in ("reduced", "mujoco"))
+    ours, theirs = (
+        execute(Scenario.load(name, {**said, "plant": plant})).trajectory for plant in ("reduced", "mujoco")
+    )
     return ours, theirs
 
 

@@ -63,9 +63,9 @@ from benchmarks.peers.hand_derivatives import SYSTEMS as BY_HAND
 from benchmarks.peers.hand_derivatives import DerivativeCost, derivative_cost
 from benchmarks.states import States, regular_states
 from benchmarks.timing import Measurement, in_turn, used_by, used_by_command
-from rnc_pin.scenario.builder import Experiment
-from rnc_pin.scenario.execution import plan
-from rnc_pin.scenario.files import built_in_names
+from rnc_pin.applications.scenario.builder import Experiment
+from rnc_pin.applications.scenario.files import built_in_names
+from rnc_pin.applications.scenario.scenario import Scenario
 
 ROUNDS, BATCH, BLOCK, TICKS, LAUNCHES = 15, 256, 64, 100, 5
 WIDTH = 192  # of the table, wherever it goes [characters]
@@ -176,7 +176,7 @@ class CommandCost:
 
 def system_costs(name: str, rounds: int = ROUNDS) -> SystemCosts:
     """Costs of the system of a built-in scenario. States of rows over time are those of the start."""
-    experiment = plan(name).experiment
+    experiment = Scenario.load(name).experiment
     dt = experiment.simulation.dt
     reduced = experiment.reduced.frozen(0.0) if experiment.reduced.rheonomic else experiment.reduced
     states = regular_states(reduced, experiment.q0, BATCH)

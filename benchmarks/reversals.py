@@ -11,8 +11,9 @@ import sys
 import numpy as np
 
 from benchmarks.drawn_scenes import drawn_options
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.robots.joint_values import NO_LIMIT
-from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.simulation import Trajectory
 
 
@@ -26,9 +27,9 @@ def reversal(run: Trajectory, limits: np.ndarray) -> float:
 def main(draws: list[int]) -> None:
     """Print the measure of each draw of the free-flying arm."""
     for draw in draws:
-        prepared = plan(
+        prepared = Scenario.load(
             "free-flying-arm-limits", {**drawn_options("free-flying-arm-limits", draw), "preflight": "warn"}
-        )
+        ).build()
         limits = prepared.experiment.reduced.robot.model.upperVelocityLimit
         limits = np.where((limits > 0) & (limits < NO_LIMIT), limits, np.inf)
         print(f"draw {draw}: {reversal(execute(prepared).trajectory, limits):.2f}")

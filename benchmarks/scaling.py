@@ -34,7 +34,7 @@ from rich.table import Table
 import rnc_pin as rnc
 from benchmarks.states import States, regular_states
 from benchmarks.timing import in_turn, used_by
-from rnc_pin.scenario.execution import plan
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.visualization.plot_style import PrintFigure, line, save, styled
 
 JOINTS, ROWS = (4, 8, 15, 30, 60), (1, 2, 4, 8, 12, 16)
@@ -171,7 +171,7 @@ def _peak(call: Callable[[], object]) -> float:
 
 
 def _many_states(count: int) -> tuple[rnc.ReducedModel, States]:
-    experiment = plan("mobile-manipulator", {"comparisons": {}}).experiment
+    experiment = Scenario.load("mobile-manipulator", {"comparisons": {}}).experiment
     some = regular_states(experiment.reduced, experiment.q0, min(count, 64))
     repeats = -(-count // len(some.q))
     return experiment.reduced, States(*(np.tile(each, (repeats, 1))[:count] for each in some))

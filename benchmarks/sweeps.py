@@ -29,11 +29,11 @@ import numpy as np
 
 import rnc_pin as rnc
 from benchmarks.processes import children
-from rnc_pin.scenario.execution import execute
-from rnc_pin.sweeps.run_store import RunStore
-from rnc_pin.sweeps.scenario_runs import ScenarioRuns
-from rnc_pin.sweeps.seeded_draws import draws_of
-from rnc_pin.sweeps.swept_run import results_of
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.sweep.run_store import RunStore
+from rnc_pin.applications.sweep.scenario_runs import ScenarioRuns
+from rnc_pin.applications.sweep.seeded_draws import draws_of
+from rnc_pin.applications.sweep.swept_run import results_of
 
 SCENARIO = "space-robot"
 OPTIONS = {"simulation.duration": 0.05}  # 26 samples of 2 ms

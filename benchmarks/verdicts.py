@@ -1,8 +1,10 @@
 """Verdicts of runs beside an independent replay, as a confusion matrix: ``python -m benchmarks.verdicts [--runs 200]``.
 
 Drawn runs are those of three built-in scenarios with drawn durations, boxes near their paths, tighter limits of joints,
-and stuck joints. The oracle interpolates the recorded configurations at 1 ms with Pinocchio and measures each pair with
-coal. It reads limits and goals from the arrays. Built-in scenarios are judged as they are.
+stuck joints, and stated friction. Half of the space robots have a whole-body program with limits of acceleration, and
+other masses than its model. The oracle interpolates the recorded configurations at 1 ms with Pinocchio and measures
+each pair with coal. It reads limits, accelerations and goals from the arrays. The friction that a unicycle needs is the
+rate of its momentum by Pinocchio. Built-in scenarios are judged as they are.
 
 ``python -m benchmarks.verdicts cost`` prints the processor time of each verdict of a built-in scenario beside that of
 its run.
@@ -15,7 +17,6 @@ import time
 import warnings
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -25,10 +26,12 @@ import numpy as np
 import pinocchio as pin
 
 import rnc_pin as rnc
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.files import built_in_names
+from rnc_pin.applications.scenario.run_verdict import judged_summary, run_summary
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.collision import CollisionDistances, Obstacle
-from rnc_pin.scenario.execution import Plan, execute, plan
-from rnc_pin.scenario.files import built_in_names
-from rnc_pin.scenario.run_verdict import judged_summary, run_summary
+from rnc_pin.control.whole_body.limits import CollisionAvoidance
 from rnc_pin.simulation import Trajectory
 from rnc_pin.verdict import FindingKind
 
@@ -36,6 +39,8 @@ KINDS = (
     FindingKind.POSITION,
     FindingKind.VELOCITY,
     FindingKind.EFFORT,
+    FindingKind.ACCELERATION,
+    FindingKind.SLIP,
     FindingKind.COLLISION,
     FindingKind.CLEARANCE,
     FindingKind.GOAL,
@@ -43,6 +48,8 @@ KINDS = (
 STEP = 1e-3  # of the replay [s]
 UNDECIDED = 1e-3  # depth or shortfall of a distance that may be judged either way [m]
 ROUNDING = 1e-9
+SOLVED = 1e-5  # excess over an active limit that is the accuracy of a program, as a share of it
+CLOSE = 0.02  # share of a limit of acceleration or friction within which a run may be judged either way
 DRAWN = ("space-robot", "mobile-manipulator", "unicycle")
 SHORT = {"comparisons": {}, "plots": {}, "preflight": "warn"}
 
@@ -130,20 +137,61 @@ def exceeds(run: Trajectory, robot: rnc.Robot) -> dict[FindingKind, bool]:
     return {kind: any(each) for kind, each in found.items()}
 
 
-def truths(made: Plan, run: Trajectory, step: float) -> dict[FindingKind, bool | None]:
+def acceleration(made: Scenario, run: Trajectory) -> bool | None:
+    """True if a joint of a whole-body program accelerates more than its limit; None if it nearly does."""
+    limits = getattr(made.experiment.scenario.controller, "limits", None)
+    limit = None if limits is None else limits.acceleration
+    if limit is None:
+        return False
+    columns = [made.experiment.reduced.robot.velocity_indices(name).start for name in limit.joints]
+    largest = max(abs(float(b - a)) / float(t) for t, a, b in changes(run, columns)) / limit.limit
+    return None if 1.0 + SOLVED < largest < 1.0 + CLOSE else largest > 1.0 + SOLVED
+
+
+def changes(run: Trajectory, columns: list[int]) -> Iterator[tuple[float, float, float]]:
+    """Time between two samples [s], and a velocity at both."""
+    for k, t in enumerate(np.diff(run.time)):
+        for column in columns:
+            yield t, run.v[k, column], run.v[k + 1, column]
+
+
+def slip(made: Scenario, run: Trajectory) -> bool | None:
+    """True if the one wheel of a unicycle needs more than the stated friction; None if it nearly does.
+
+    Along the ground the wheel alone pushes the robot: its force is the rate of the momentum, its load is the weight.
+    A joint that locks stops the robot at once, which no finite force does: such a run is not decided.
+    """
+    stated, faults, reduced = made.experiment.scenario.grip, made.experiment.scenario.faults, made.experiment.reduced
+    if stated is None:
+        return False
+    if faults is not None and faults.stuck is not None:
+        return None
+    model, data = reduced.robot.model, reduced.robot.model.createData()
+    available = stated.friction * pin.computeTotalMass(model) * 9.81
+    needed = 0.0
+    for k, t in enumerate(np.diff(run.time)):
+        pin.computeCentroidalMomentumTimeVariation(model, data, run.q[k], run.v[k], (run.v[k + 1] - run.v[k]) / t)
+        needed = max(needed, float(np.linalg.norm(data.dhg.linear[:2])) / available)
+    return None if abs(needed - 1.0) < CLOSE else needed > 1.0
+
+
+def truths(made: Scenario, run: Trajectory, step: float) -> dict[FindingKind, bool | None]:
     """Truth of each kind except goals; None where it is within the tolerance."""
     robot, obstacles = made.experiment.reduced.robot, made.experiment.obstacles
     true: dict[FindingKind, bool | None] = dict(exceeds(run, robot))
+    true |= {FindingKind.ACCELERATION: acceleration(made, run), FindingKind.SLIP: slip(made, run)}
     geometry = robot.collision_model
     smallest = smallest_distances(robot, obstacles, run, step) if geometry and len(geometry.geometryObjects) else {}
     nearest = min(smallest.values(), default=np.inf)
     true[FindingKind.COLLISION] = None if -UNDECIDED < nearest < UNDECIDED else nearest < 0
-    planner = made.experiment.scenario.planner
-    asked = None if planner is None else planner.clearance
+    planner, program = made.experiment.scenario.planner, made.experiment.controller
+    asked, accuracy = (None, 1e-4) if planner is None else (planner.clearance, planner.accuracy)
+    for each in getattr(program, "limits", ()):
+        asked = each.clearance if isinstance(each, CollisionAvoidance) else asked
     if asked is None or not obstacles or smallest[True] < UNDECIDED:
         true[FindingKind.CLEARANCE] = False if asked is None or not obstacles else None
     else:
-        short = asked - planner.accuracy - smallest[True]
+        short = asked - accuracy - smallest[True]
         true[FindingKind.CLEARANCE] = None if abs(short) < UNDECIDED else short > 0
     return true
 
@@ -151,12 +199,13 @@ def truths(made: Plan, run: Trajectory, step: float) -> dict[FindingKind, bool |
 # ---------------------------------------------------------------------- drawn runs
 
 
-def drawn_plan(number: int, seed: int) -> Plan:
+def drawn_plan(number: int, seed: int) -> Scenario:
     """Run with drawn duration, obstacles, limits and faults."""
     generator = np.random.default_rng([seed, number])
     name = DRAWN[number % len(DRAWN)]
     options: dict[str, Any] = {**SHORT, "simulation.duration": float(generator.uniform(2.0, 7.0)), "seed": number}
-    nominal = plan(name, options)
+    options |= stated_limits(name, number, seed)
+    nominal = Scenario.load(name, options).build()
     robot = nominal.experiment.reduced.robot
     run = execute(nominal).trajectory
     boxes = []
@@ -173,10 +222,30 @@ def drawn_plan(number: int, seed: int) -> Plan:
     driven = [each for each in nominal.experiment.scenario.actuators if isinstance(each, str)]
     if driven and generator.random() < 0.3:
         stuck = {"joint": str(generator.choice(driven)), "time": float(generator.uniform(0.1, 1.0))}
-        options["faults"] = {"stuck": stuck}
-    made = plan(name, options)
+        options["faults"] = {**options.get("faults", {}), "stuck": stuck}
+    made = Scenario.load(name, options).build()
     tighten(made.experiment.reduced.robot, run, generator)
     return made
+
+
+def stated_limits(name: str, number: int, seed: int) -> dict[str, Any]:
+    """Options with a drawn limit that no robot file has: accelerations of a space robot, or friction of a unicycle."""
+    generator = np.random.default_rng([seed, number, 1])
+    if name == "unicycle":
+        return {"grip": {"friction": float(0.15 * np.exp(generator.normal()))}}
+    if name != "space-robot" or number % 2 == 0:
+        return {}
+    near = {"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1}  # the elbow stays bent: stretched, it is singular
+    goal = {name: start + float(generator.uniform(-0.8, 0.8)) for name, start in near.items()}
+    limit = {"limit": float(generator.uniform(0.5, 4.0)), "joints": list(goal)}
+    limits = {"acceleration": limit, "joint_position": None, "joint_velocity": None}  # they would exclude each other
+    tasks = [{"posture": {"joints": goal, "gain": float(generator.uniform(1.0, 4.0))}}]
+    return {
+        "task": {},
+        "reference": {},
+        "controller": {"type": "inverse_dynamics", "tasks": tasks, "limits": limits},
+        "faults": {"masses": float(generator.choice([0.0, 0.3]))},
+    }
 
 
 def tighten(robot: rnc.Robot, run: Trajectory, generator: np.random.Generator) -> None:
@@ -200,7 +269,7 @@ def tighten(robot: rnc.Robot, run: Trajectory, generator: np.random.Generator) -
             model.upperEffortLimit[place] = generator.uniform(0.7, 2.0) * (float(np.abs(run.T[:, column]).max()) + 0.01)
 
 
-def missed(made: Plan, run: Trajectory) -> bool:
+def missed(made: Scenario, run: Trajectory) -> bool:
     """True if an output ended away from its desired value."""
     tolerance = made.experiment.scenario.goal_tolerance
     errors = []
@@ -212,9 +281,9 @@ def missed(made: Plan, run: Trajectory) -> bool:
     return any(each > tolerance for each in errors)
 
 
-def judged(made: Plan, step: float) -> dict[FindingKind, Case]:
+def judged(made: Scenario, step: float) -> dict[FindingKind, Case]:
     """Truth and judgement of a run by kind."""
-    run = execute(replace(made, comparisons={})).trajectory
+    run = execute(made.built_with(comparisons={})).trajectory
     true = truths(made, run, step)
     whole_body = made.experiment.goals is not None
     true[FindingKind.GOAL] = None if whole_body or run.outcome is not rnc.Outcome.COMPLETED else missed(made, run)
@@ -231,13 +300,13 @@ def drawn_case(seed: int, number: int) -> dict[FindingKind, Case]:
 def built_in_case(name: str) -> dict[FindingKind, Case]:
     """Truth and judgement of a built-in scenario by kind; at 4 ms, because of its meshes."""
     with warnings.catch_warnings(action="ignore"), np.errstate(all="ignore"):
-        return judged(plan(name, SHORT), 4 * STEP)
+        return judged(Scenario.load(name, SHORT).build(), 4 * STEP)
 
 
 def cost(name: str, repeats: int = 3) -> str:
     """Row of a table: processor times of the run and of its verdict [s], and their ratio. Hulls of meshes exist."""
     with warnings.catch_warnings(action="ignore"), np.errstate(all="ignore"):
-        made = plan(name, SHORT)
+        made = Scenario.load(name, SHORT).build()
         execute(made)
         start = time.process_time()
         run = execute(made).trajectory

@@ -14,12 +14,12 @@ import numpy as np
 import pinocchio as pin
 
 import rnc_pin as rnc
+from rnc_pin.applications.drive.commands import parse_command
+from rnc_pin.applications.drive.preparation import prepare_drive, read_source
+from rnc_pin.applications.drive.run import drive
+from rnc_pin.applications.drive.status import DriveStatus
 from rnc_pin.collision import CollisionDistances
 from rnc_pin.control import VelocityQP, limits, tasks
-from rnc_pin.driving.drive_commands import parse_command
-from rnc_pin.driving.drive_plan import prepare_drive, read_source
-from rnc_pin.driving.drive_run import drive
-from rnc_pin.driving.drive_status import DriveStatus
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.planning import Harmonic, Hold
 
@@ -80,7 +80,7 @@ def driven() -> tuple[float, float]:
         run.log.add(sample, [parse_command(message, run.controls)])
     seen = _Times([])
     drive(run, samples=SAMPLES, watcher=seen)
-    return (seen.used[-1] - seen.used[0]) / (SAMPLES - 1), run.plan.experiment.simulation.dt
+    return (seen.used[-1] - seen.used[0]) / (SAMPLES - 1), run.scenario.experiment.simulation.dt
 
 
 class _Times(NamedTuple):

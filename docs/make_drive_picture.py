@@ -8,12 +8,12 @@ from __future__ import annotations
 import threading
 from pathlib import Path
 
-from rnc_pin.driving.drive_log import CommandQueue
-from rnc_pin.driving.drive_page import DrivePage
-from rnc_pin.driving.drive_plan import prepare_drive, read_source
-from rnc_pin.driving.drive_run import drive
-from rnc_pin.driving.real_time import RealTimeClock
-from rnc_pin.visualization.capture import browser
+from rnc_pin.applications.drive.log import CommandQueue
+from rnc_pin.applications.drive.page import DrivePage
+from rnc_pin.applications.drive.preparation import prepare_drive, read_source
+from rnc_pin.applications.drive.real_time import RealTimeClock
+from rnc_pin.applications.drive.run import drive
+from rnc_pin.visualization.recording import browser
 
 IMAGE = Path(__file__).parent / "images" / "drive.png"
 SIZE = {"width": 1280, "height": 760}

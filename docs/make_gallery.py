@@ -18,13 +18,13 @@ import numpy as np
 import pinocchio as pin
 from PIL import Image
 
-from rnc_pin.scenario.drawn_run import drawn_run
-from rnc_pin.scenario.execution import Plan, Result, execute, plan, write
-from rnc_pin.scenario.files import built_in_names, find_scenario
-from rnc_pin.scenario.pictures import draw_pictures
-from rnc_pin.scenario.saved_run import view_of
-from rnc_pin.visualization.capture import take_pictures
-from rnc_pin.visualization.recording import Recording
+from rnc_pin.applications.scenario.drawn_run import drawn_run
+from rnc_pin.applications.scenario.execution import Result, execute, write
+from rnc_pin.applications.scenario.files import built_in_names, find_scenario
+from rnc_pin.applications.scenario.pictures import draw_pictures
+from rnc_pin.applications.scenario.saved_run import view_of
+from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.visualization.recording import Recording, take_pictures
 
 DOCS = Path(__file__).parent
 IMAGES = DOCS / "images"
@@ -57,7 +57,7 @@ def main() -> None:
     IMAGES.mkdir(exist_ok=True)
     facts = json.loads(FACTS.read_text()) if FACTS.is_file() else {}
     for name in [] if arguments.page else arguments.scenarios or built_in_names():
-        prepared = plan(name)
+        prepared = Scenario.load(name).build()
         result = execute(prepared)
         facts[name] = picture(prepared, result, arguments.recordings)
         print(f"{name}: {facts[name]}", flush=True)
@@ -66,7 +66,7 @@ def main() -> None:
     PAGE.write_text(page(facts))
 
 
-def picture(prepared: Plan, result: Result, recordings: Path | None) -> dict:
+def picture(prepared: Scenario, result: Result, recordings: Path | None) -> dict:
     """Write what shows one scenario, and say what the page needs to know."""
     name, scenario = prepared.name, prepared.experiment.scenario
     with TemporaryDirectory() as scratch:
@@ -97,7 +97,7 @@ def picture(prepared: Plan, result: Result, recordings: Path | None) -> dict:
     }
 
 
-def telling_moment(prepared: Plan, result: Result) -> float:
+def telling_moment(prepared: Scenario, result: Result) -> float:
     """When the robot has come half of its way [s]."""
     model, q = prepared.experiment.reduced.robot.model, result.trajectory.q
     steps = [

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from rnc_pin.scenario.execution import execute, plan
-from rnc_pin.scenario.saved_run import view_of
-from rnc_pin.visualization.capture import take_pictures
-from rnc_pin.visualization.recording import Recording
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.saved_run import view_of
+from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.visualization.recording import Recording, take_pictures
 
 IMAGE = Path(__file__).parent / "images" / "moving.webp"
 SCENARIO = "tiago-doorway"
@@ -29,7 +29,7 @@ def main() -> None:
     parser.add_argument("scenario", nargs="?", default=SCENARIO)
     parser.add_argument("--out", type=Path, default=IMAGE)
     arguments = parser.parse_args()
-    prepared = plan(arguments.scenario)
+    prepared = Scenario.load(arguments.scenario).build()
     run, scenario = execute(prepared).trajectory, prepared.experiment.scenario
     recording = Recording(prepared.experiment.drawn_model, run, view_of(scenario), scenario.title or prepared.name)
     times = np.linspace(0.0, run.time[-1], FRAMES)

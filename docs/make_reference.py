@@ -14,17 +14,18 @@ from types import ModuleType
 import click
 
 import rnc_pin
-from rnc_pin.app.usage import cli
+from rnc_pin.applications.command_line.usage import cli
 
 PACKAGES = (
     "analysis",
+    "applications.gym",
+    "applications.sweep",
     "collision",
     "constraints",
     "control",
     "control.whole_body.tasks",
     "control.whole_body.limits",
     "forces",
-    "gym",
     "integrators",
     "loop",
     "optimal",
@@ -33,7 +34,6 @@ PACKAGES = (
     "plants",
     "plants.mujoco",
     "simulation",
-    "sweeps",
 )
 RESULTS = {
     "rnc_pin.model.state_evaluation": ["StateEvaluation"],

@@ -9,9 +9,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from rnc_pin.scenario.animation_file import write_animation
-from rnc_pin.scenario.execution import execute, plan
-from rnc_pin.scenario.files import built_in_names
+from rnc_pin.applications.scenario.animation_file import write_animation
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.files import built_in_names
+from rnc_pin.applications.scenario.scenario import Scenario
 
 SCENES = Path(__file__).parent / "_scenes"
 SHORT = ("space-robot", "tiago-doorway", "parallel-parking", "free-flying-arm", "docking", "rattleback")
@@ -31,7 +32,7 @@ def main() -> None:
 
 def record(name: str, folder: Path) -> Path:
     """Run a scenario and write its page under the name of its picture in ``docs/images``."""
-    prepared = plan(name)
+    prepared = Scenario.load(name).build()
     path = folder / f"{name.replace('-', '_')}.html"
     if not write_animation(prepared, execute(prepared), path):
         raise SystemExit(f"{name}: the robot has nothing to draw")

@@ -6,7 +6,6 @@ from . import constraints as constraints
 from . import control as control
 from . import errors as errors
 from . import forces as forces
-from . import gym as gym
 from . import loop as loop
 from . import optimal as optimal
 from . import outputs as outputs
@@ -14,7 +13,6 @@ from . import planning as planning
 from . import plants as plants
 from . import robots as robots
 from . import simulation as simulation
-from . import sweeps as sweeps
 from ._kernel import kernel as kernel
 from .analysis import Equilibrium as Equilibrium
 from .analysis import Grip as Grip
@@ -27,6 +25,11 @@ from .analysis import equilibrium as equilibrium
 from .analysis import linearize as linearize
 from .analysis import lqr as lqr
 from .analysis import state_derivatives as state_derivatives
+from .applications import gym as gym
+from .applications.scenario.scenario import Scenario as Scenario
+from .applications.sweep import SweepResults as SweepResults
+from .applications.sweep import load_sweep as load_sweep
+from .applications.sweep import sweep as sweep
 from .constraints import AckermannSteering as AckermannSteering
 from .constraints import BodySurface as BodySurface
 from .constraints import Caster as Caster
@@ -106,7 +109,4 @@ from .simulation import simulate as simulate
 from .simulation import simulate_phases as simulate_phases
 from .simulation import summarize as summarize
 from .simulation import tuned_tracker as tuned_tracker
-from .sweeps import SweepResults as SweepResults
-from .sweeps import load_sweep as load_sweep
-from .sweeps import sweep as sweep
 from .version import __version__ as __version__

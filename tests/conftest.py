@@ -47,7 +47,7 @@ def call(monkeypatch, capsys):
 
     def run(*arguments):
         monkeypatch.setattr(sys, "argv", ["rnc-pin", *map(str, arguments)])
-        from rnc_pin.app.cli import main
+        from rnc_pin.applications.command_line.cli import main
 
         with pytest.raises(SystemExit) as end:
             main()
@@ -59,7 +59,7 @@ def call(monkeypatch, capsys):
 @pytest.fixture
 def no_pictures(monkeypatch):
     """Runs of the command line without pictures, which cost more than a short simulation."""
-    from rnc_pin.scenario.pictures import Drawn
+    from rnc_pin.applications.scenario.pictures import Drawn
 
-    monkeypatch.setattr("rnc_pin.app.commands.run.draw_pictures", lambda *_: Drawn())
-    monkeypatch.setattr("rnc_pin.app.commands.run.processor_count", lambda: 1)
+    monkeypatch.setattr("rnc_pin.applications.command_line.commands.run.draw_pictures", lambda *_: Drawn())
+    monkeypatch.setattr("rnc_pin.applications.command_line.commands.run.processor_count", lambda: 1)

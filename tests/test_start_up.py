@@ -14,7 +14,7 @@ import rnc_pin as rnc
 from benchmarks.commands import COLD_START
 from patience import PATIENCE
 from places import ROOT
-from rnc_pin.scenario.files import built_in_names
+from rnc_pin.applications.scenario.files import built_in_names
 
 COMMAND = Path(sysconfig.get_path("scripts")) / "rnc-pin"
 HEAVY = {"joblib", "matplotlib", "meshcat", "numpy", "pinocchio", "pydantic", "scipy", "xacro"}
@@ -58,7 +58,7 @@ def test_the_command_line_imports_nothing_heavy(arguments):
 
 
 def test_reading_scenarios_imports_nothing_that_draws():
-    _, packages = imported([sys.executable, "-c", "import rnc_pin.scenario.loading"])
+    _, packages = imported([sys.executable, "-c", "import rnc_pin.applications.scenario.loading"])
     assert {"pinocchio", "pydantic"} <= packages & HEAVY
     assert not packages & {"matplotlib", "meshcat", "tornado"}
 
@@ -79,7 +79,10 @@ def test_annotations_mean_arrays_without_jaxtyping_and_shapes_with_it():
 
 
 def test_running_scenarios_imports_only_linear_algebra_of_scipy():
-    code = "import sys, rnc_pin.scenario.execution; print(*(m for m in sys.modules if m.count('.') == 1), sep='\\n')"
+    code = (
+        "import sys, rnc_pin.applications.scenario.execution\n"
+        "print(*(m for m in sys.modules if m.count('.') == 1), sep='\\n')"
+    )
     out, _ = imported([sys.executable, "-c", code])
     assert {name for name in out.split() if name.startswith("scipy.") and not name.startswith("scipy._")} <= {
         "scipy.linalg",

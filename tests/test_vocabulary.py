@@ -106,7 +106,7 @@ def test_no_public_name_is_defined_twice():
     defined = Counter(
         name
         for path in (ROOT / "rnc_pin").rglob("*.py")
-        if "app" not in path.relative_to(ROOT).parts
+        if "command_line" not in path.relative_to(ROOT).parts
         for name in facts(path).defined
         if not name.startswith("_")
     )

@@ -12,7 +12,7 @@ import pinocchio as pin
 import rnc_pin as rnc
 from benchmarks.peers.coordinates import PlainCoordinates, QuaternionCoordinates
 from benchmarks.peers.hand_written import FreeArm, MobileManipulator, Solution, Tiago
-from rnc_pin.scenario.execution import plan
+from rnc_pin.applications.scenario.scenario import Scenario
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Case:
 @cache
 def space_robot() -> Case:
     """Pinned platform with an arm of three joints, one momentum row."""
-    experiment = plan("space-robot").experiment
+    experiment = Scenario.load("space-robot").experiment
     return Case(
         "space-robot",
         experiment.reduced,
@@ -64,14 +64,14 @@ def space_robot() -> Case:
 @cache
 def tiago() -> Case:
     """TIAGo on two rolling wheels, three independent contact rows."""
-    experiment = plan("tiago").experiment
+    experiment = Scenario.load("tiago").experiment
     return Case("tiago", experiment.reduced, experiment.q0, Tiago(experiment.reduced.robot.model), free=False)
 
 
 @cache
 def mobile_manipulator() -> Case:
     """Platform with a knife edge and an arm of two joints."""
-    experiment = plan("mobile-manipulator").experiment
+    experiment = Scenario.load("mobile-manipulator").experiment
     by_hand = MobileManipulator(experiment.reduced.robot.model)
     return Case("mobile-manipulator", experiment.reduced, experiment.q0, by_hand, free=False)
 

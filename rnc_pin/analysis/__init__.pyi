@@ -1,8 +1,5 @@
 """Exports of ``rnc_pin.analysis``, which ``__init__.py`` imports at their first use."""
 
-from .boundedness import Approach as Approach
-from .boundedness import Boundedness as Boundedness
-from .boundedness import boundedness as boundedness
 from .continuation import SteadyMotion as SteadyMotion
 from .continuation import continuation as continuation
 from .derivatives import StateDerivatives as StateDerivatives
@@ -15,8 +12,12 @@ from .growth import GrowthEvidence as GrowthEvidence
 from .growth import growth_vector as growth_vector
 from .integrability import Integrability as Integrability
 from .integrability import integrability as integrability
+from .lemma_1 import Approach as Approach
+from .lemma_1 import Boundedness as Boundedness
+from .lemma_1 import boundedness as boundedness
 from .lemma_1 import lemma_1_residuals as lemma_1_residuals
 from .limit_effects import LimitEffect as LimitEffect
+from .limit_effects import limit_effects as limit_effects
 from .linearization import Linearization as Linearization
 from .linearization import linearize as linearize
 from .normal_forces import LiftOff as LiftOff
@@ -27,7 +28,9 @@ from .redundancy_class import Evidence as Evidence
 from .redundancy_class import Redundancy as Redundancy
 from .redundancy_class import Spread as Spread
 from .redundancy_class import classify as classify
+from .regulator import check_sampling as check_sampling
 from .regulator import lqr as lqr
 from .report import Report as Report
 from .report import analyze as analyze
 from .singularities import Singularity as Singularity
+from .wheel_heights import wheel_height_findings as wheel_height_findings

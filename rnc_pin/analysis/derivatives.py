@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -92,13 +91,13 @@ def state_derivatives(
         times = [None] * len(flat[0]) if state.t is None else np.broadcast_to(state.t, batch).ravel().tolist()
         states_at = zip(*flat, times, strict=True)
         found = _stacked([state_derivatives(reduced, *each, t=time) for *each, time in states_at], reduced)
-    whole = {name: value.reshape(*batch, *value.shape[1:]) for name, value in _values(found).items()}
+    whole = {name: value.reshape(*batch, *value.shape[1:]) for name, value in vars(found).items()}
     return _read_only(StateDerivatives(**whole))
 
 
 def _read_only(found: StateDerivatives) -> StateDerivatives:
-    """The same arrays, which nobody can change, as those of the kernel."""
-    for value in _values(found).values():
+    """The same derivatives as read-only arrays, such as the kernel returns."""
+    for value in vars(found).values():
         if isinstance(value, Array):
             value.setflags(write=False)
     return found
@@ -111,10 +110,6 @@ def _compiled(reduced: ReducedModel, q: object, v2: object, T: object, t: ArrayI
         return None
     count = found["v"].shape[:-1]
     return StateDerivatives(**found, difference_error=np.zeros(count) if count else 0.0)
-
-
-def _values(found: StateDerivatives) -> dict[str, Any]:
-    return {each.name: getattr(found, each.name) for each in fields(found)}
 
 
 def _flat(values: Array, batch: tuple[int, ...]) -> Array:

@@ -180,12 +180,11 @@ class _Search:
         v2: Array,
         free: Array,
         guess: Array,
-        symmetries: Symmetries | None = None,
-        open_rates: Array | None = None,
+        symmetries: Symmetries | None,
+        open_rates: Array,
     ) -> None:
         self._reduced, self._v2, self._guess = reduced, v2, guess
-        self._symmetries = symmetries
-        self._open = np.zeros(reduced.r, dtype=bool) if open_rates is None else open_rates
+        self._symmetries, self._open = symmetries, open_rates
         self._free = np.concatenate([free, np.ones(int(self._open.sum()), dtype=bool)])
         self._model = reduced.robot.model
         self._kinematics = Kinematics(reduced.robot)
@@ -269,8 +268,7 @@ class _Search:
     def _limited(self, step: Array) -> Array:
         return step / max(1.0, float(np.abs(step).max()) / _LONGEST)
 
-    def _at(self, q: Array, v2: Array | None = None) -> _Point:
-        v2 = self._v2 if v2 is None else v2
+    def _at(self, q: Array, v2: Array) -> _Point:
         reduced = self._settled(q)
         assembly = reduced.assembly
         state = reduced.at(q, v2)
@@ -332,11 +330,7 @@ class _Search:
         assert self._symmetries is not None
         directions = self._symmetries.directions(here.q)
         coefficients = self._symmetries.coefficients(here.q, derivatives.v)
-        changes = np.hstack(
-            [
-                derivatives.v_q - self._symmetries.gradient(here.q, coefficients),
-                derivatives.v_v2[:, self._open],
-            ]
-        )
+        along_q = derivatives.v_q - self._symmetries.gradient(here.q, coefficients)
+        changes = np.hstack([along_q, derivatives.v_v2[:, self._open]])
         symmetric = scipy.linalg.orth(directions, rcond=_DEPENDENT)
         return changes - symmetric @ (symmetric.T @ changes)

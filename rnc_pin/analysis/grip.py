@@ -81,14 +81,13 @@ class Grip:
             v2: reduced velocities (..., r).
             T: inputs of the actuators (..., p).
         """
-        return self._upwards(self._reduced.at(q, v2), np.asarray(T, dtype=float))
+        return self._loads(self.normal.at(self._reduced.at(q, v2), np.asarray(T, dtype=float)))
 
     def _along(self, multipliers: Array) -> Array:
         forces = [np.linalg.norm(multipliers[..., list(each.along)], axis=-1) for each in self._contacts]
         return np.stack(forces, axis=-1)
 
-    def _upwards(self, state: StateEvaluation, T: Array) -> Array:
-        normal = self.normal.at(state, T)
+    def _loads(self, normal: Array) -> Array:
         loads = np.zeros((*normal.shape[:-1], len(self.names)))
         for column, contact in enumerate(self._contacts):
             if contact in self.normal.contacts:
@@ -112,8 +111,16 @@ class Grip:
             state: states (...,) of the model.
             T: inputs of the actuators (..., p).
         """
-        forces = self._along(state.contact_forces(T))
-        allowed = self.friction * self._upwards(state, T)
+        return self.used_by_forces(state.contact_forces(T), self.normal.at(state, T))
+
+    def used_by_forces(self, contact_forces: Array, normal_forces: Array) -> Float[Array, "*batch w"]:
+        """Return the shares of ``used`` for known forces, such as those of a run.
+
+        Args:
+            contact_forces: forces of all constraint rows (..., m) [N or N m].
+            normal_forces: normal forces (..., c) of the contacts of ``normal`` [N].
+        """
+        forces, allowed = self._along(contact_forces), self.friction * self._loads(normal_forces)
         return np.divide(forces, allowed, out=np.where(forces > _SMALL, np.inf, 0.0), where=allowed > 0)
 
     def used_by(self, q: Array, v2: Array, v2_dot: Array) -> Float[Array, "*batch w"]:

@@ -10,15 +10,15 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 import pinocchio as pin
 import scipy
 
-from rnc_pin.analysis.bracket_jets import BracketJets, Jets
+from rnc_pin.analysis.lie_brackets import BracketJets, Jets
 from rnc_pin.errors import InfeasibleError, InputError, SingularityError
-from rnc_pin.io.json import Json
+from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.model.reduced_model import ReducedModel
 
 MARGIN = 1e3  # smallest ratio of a direction's singular value to the error and to the rejected singular values
@@ -75,14 +75,8 @@ class GrowthEvidence:
 
     def to_dict(self) -> dict[str, Json]:
         """Return lists and numbers that JSON can store."""
-        return {
-            "samples": self.samples,
-            "agreeing": self.agreeing,
-            "doubtful": self.doubtful,
-            "others": [{"growth_vector": list(vector), "samples": count} for vector, count in self.others],
-            "margin": self.margin,
-            "decided": self.decided,
-        }
+        others = [{"growth_vector": vector, "samples": count} for vector, count in self.others]
+        return to_json_mapping({**asdict(self), "others": others}, "growth_evidence")
 
     def __str__(self) -> str:
         text = f"{self.agreeing} of {self.samples} samples agree"
@@ -180,7 +174,7 @@ def grow(reduced: ReducedModel, q: np.ndarray, reach: int = 0, limit: int = DEEP
 
     Vector fields are written in the tangent space at q. There the moving frames of planar, spherical and free-flying
     joints have a bracket of their own. Brackets of the columns of R are exact; deeper brackets are jets along flows
-    (``bracket_jets``).
+    (``lie_brackets``).
 
     For affine constraints, ``v = R v2 + b``, brackets with the given motion b are left out. So the result is a lower
     bound: span(R) reaches these directions, and b may reach more.

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from rnc_pin.io.json import Json
+from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.model.output_gradients import kinematic_gradient
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -55,17 +55,9 @@ class Block:
         return len(self.rows), len(self.columns)
 
     def to_dict(self) -> dict[str, Json]:
-        """Plain lists, numbers and strings, ready for JSON."""
-        content: dict[str, Json] = {
-            "name": self.name,
-            "rows": list(self.rows),
-            "columns": list(self.columns),
-            "shape": list(self.shape),
-        }
-        if self.smallest_singular_value is not None:
-            content["largest_entry"] = self.largest_entry
-            content["smallest_singular_value"] = asdict(self.smallest_singular_value)
-        return content
+        """Return lists, numbers and strings that JSON can store."""
+        known = {name: value for name, value in asdict(self).items() if value is not None}
+        return to_json_mapping({**known, "shape": self.shape}, self.name)
 
 
 @dataclass(frozen=True)
@@ -89,15 +81,13 @@ class Evidence:
     blocks: tuple[Block, ...]
 
     def to_dict(self) -> dict[str, Json]:
-        """Plain lists, numbers and strings, ready for JSON."""
-        return {
-            "A3": self.A3,
-            "A4_singular_values": list(self.A4_singular_values),
-            "A6": self.A6,
-            "A5_along_x22": self.A5_along_x22,
-            **({} if self.steering is None else {_STEERING: self.steering}),
-            "blocks": [block.to_dict() for block in self.blocks],
+        """Return lists, numbers and strings that JSON can store."""
+        known = {
+            _STEERING if name == "steering" else name: value
+            for name, value in asdict(self).items()
+            if value is not None
         }
+        return to_json_mapping({**known, "blocks": [block.to_dict() for block in self.blocks]}, "evidence")
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,9 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rnc_pin.analysis.boundedness import Boundedness, boundedness
 from rnc_pin.analysis.growth import GrowthEvidence
 from rnc_pin.analysis.integrability import integrability
-from rnc_pin.analysis.lemma_1 import lemma_1_residuals
+from rnc_pin.analysis.lemma_1 import Boundedness, boundedness, lemma_1_residuals
 from rnc_pin.analysis.limit_effects import LimitedProgram, LimitEffect, limit_effects
 from rnc_pin.analysis.redundancy_class import Redundancy, Spread, classify
 from rnc_pin.analysis.singularities import Singularity, stack_singularities, task_singularities

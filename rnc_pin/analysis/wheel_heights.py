@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
@@ -18,6 +18,9 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.robot import Robot
 from rnc_pin.verdict import Finding, FindingKind, Severity
+
+if TYPE_CHECKING:
+    import coal
 
 _ROUNDED, _COARSE = 0.01, 0.05  # shares of a radius that rounding explains: always, and if its last digit is as coarse
 _EXACT = 1e-4  # share of a radius below which two lengths are equal, and printed with the same digits
@@ -139,7 +142,7 @@ def _severity(wheel: _Wheel, difference: float) -> Severity:
 
 
 class _Shapes:
-    """Collision shapes of a robot at a configuration (nq,), without those of links that lack a mesh.
+    """Collision shapes of a robot at a configuration (nq,), without the shapes of links that lack a mesh.
 
     The other shapes of such a link, such as the hub of a wheel without its tyre, do not give its radius.
     """
@@ -151,7 +154,7 @@ class _Shapes:
         except ModelError:
             geometry, missing = None, {}
         partial = {robot.model.frames[robot.frame_id(link)].parentJoint for link in missing}
-        self._objects: list[tuple[Any, pin.SE3]] = []
+        self._objects: list[tuple[pin.GeometryObject, pin.SE3]] = []
         if geometry is not None:
             data, placed = robot.model.createData(), geometry.createData()
             pin.updateGeometryPlacements(robot.model, data, geometry, placed, q)
@@ -173,7 +176,7 @@ class _Shapes:
         return largest if np.linalg.norm(_across(away, wheel.axle), axis=1).max() < largest else None
 
 
-def _radius(shape: Any, placement: pin.SE3, wheel: _Wheel) -> float | None:
+def _radius(shape: coal.CollisionGeometry, placement: pin.SE3, wheel: _Wheel) -> float | None:
     """Radius of a shape that is round about the wheel's axle, or None."""
     kind, near = type(shape).__name__, _BESIDE * wheel.radius
     away = placement.translation - wheel.center

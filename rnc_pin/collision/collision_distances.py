@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from weakref import WeakKeyDictionary
 
 import coal
@@ -16,7 +17,7 @@ from rnc_pin.collision.distance_bounds import DistanceBounds, PlacedBodies, Shap
 from rnc_pin.collision.flat_contacts import FlatParts, common_corners
 from rnc_pin.collision.obstacle import Obstacle, check_ignored_links
 from rnc_pin.collision.pair_distances import PairDistances
-from rnc_pin.collision.pair_measurement import PairMeasurement
+from rnc_pin.collision.pair_measurement import NUMBERS, PairMeasurement
 from rnc_pin.collision.pair_selection import LinkPair, OmittedPair, PairSelection, select_pairs
 from rnc_pin.collision.spinning_shapes import SpinningShapes, axes_of_rotation
 from rnc_pin.errors import InputError, ModelError
@@ -131,7 +132,7 @@ class CollisionDistances:
             q = self._validator.validate(q)
         self._place(q, t)
         near = self._bounds.nearby(self._at, within)
-        found = self.measure(near)
+        found = self._measure(near, self._at.rotations, self._at.origins)
         self._bounds.measured(near, found[:, 0])
         if within < np.inf:
             inside = found[:, 0] < within
@@ -144,9 +145,9 @@ class CollisionDistances:
     def smallest(self, q: ArrayLike, t: float = 0.0, beyond: float = 0.0) -> np.ndarray:
         """Distance of every pair (k,) [m]; pairs farther than ``beyond`` may have a lower bound instead."""
         self._place(self._validator.validate(q), t)
-        bounds = self.lower_bounds()
+        bounds = self._bounds.of_volumes(self._at)
         near = np.flatnonzero(bounds < beyond)
-        bounds[near] = self.measure(near)[:, 0]
+        bounds[near] = self._measure(near, self._at.rotations, self._at.origins)[:, 0]
         return bounds
 
     # ------------------------------------------------------------------ along motions
@@ -156,35 +157,56 @@ class CollisionDistances:
         """Number of shapes of links; the shapes of obstacles follow."""
         return len(self.carriers) - len(self.obstacles)
 
-    def place(self, q: np.ndarray, t: float) -> PlacedBodies:
-        """Place all bodies for ``lower_bounds`` and ``measure``.
+    def place(self, q: np.ndarray, t: np.ndarray) -> PlacedBodies:
+        """Poses of all bodies at places of a motion.
 
         Args:
-            q: configuration (nq,).
-            t: time, for obstacles that move [s].
-
-        Returns:
-            Poses of the bodies, with shapes of revolution as if they did not spin about their axes.
+            q: configurations (n, nq).
+            t: times (n,), for obstacles that move [s].
         """
+        joints = np.empty((len(q), self._model.njoints, 4, 4))
+        for row, configuration in zip(joints, q, strict=True):
+            pin.forwardKinematics(self._model, self._data, configuration)
+            row[:] = [each.homogeneous for each in self._data.oMi]
+        turns, origins = joints[..., :3, :3], joints[..., :3, 3]
+        rotations = np.tile(self._own_rotations, (len(q), 1, 1, 1))
+        places = np.tile(self._own_origins, (len(q), 1, 1))
         moving = [self.link_shapes + k for k in self._moving]
-        for k, shape in zip(self._moving, moving, strict=True):
-            self._geometry.geometryObjects[shape].placement = self.obstacles[k].placement(t)
-        pin.forwardKinematics(self._model, self._data, q)
-        joints = np.array([each.homogeneous for each in self._data.oMi])
-        self._place_by(joints[:, :3].swapaxes(1, 2).reshape(-1, 12))
-        origins = np.concatenate([joints[:, :3, 3], self._at.origins[moving]])
-        axes = np.concatenate([np.matvec(joints[:, :3, :3], self._axes), np.tile(_UP, (len(moving), 1))])
-        still = self.spinning.without_spin(self._at.rotations, joints[:, :3, :3])
-        return PlacedBodies(still, self._at.origins, self._at.middles, origins, axes)
+        for row, moment in enumerate(t.tolist()):
+            for k, shape in zip(self._moving, moving, strict=True):
+                pose = self.obstacles[k].placement(moment)
+                rotations[row, shape], places[row, shape] = pose.rotation, pose.translation
+        columns = joints[..., :3, :].swapaxes(-1, -2).reshape(*joints.shape[:2], 12)
+        at = ShapePoses.carried(columns, self._link_carriers, rotations, places, self._centers)
+        axes = np.matvec(turns, self._axes), np.broadcast_to(_UP, (len(q), len(moving), 3))
+        return PlacedBodies(
+            at.rotations,
+            self.spinning.without_spin(at.rotations, turns),
+            at.origins,
+            at.middles,
+            np.concatenate([origins, at.origins[:, moving]], axis=1),
+            np.concatenate(axes, axis=1),
+        )
 
-    def lower_bounds(self, pairs: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """Lower bounds (k,) of the distances of pairs [m], all by default, by bounding volumes, as placed."""
-        return self._bounds.of_volumes(self._at, pairs)
+    def lower_bounds(self, placed: PlacedBodies, pairs: np.ndarray) -> np.ndarray:
+        """Lower bounds (n, k) of the distances of pairs [m], by bounding volumes."""
+        return self._bounds.of_volumes(placed, pairs)
 
-    def measure(self, pairs: np.ndarray) -> np.ndarray:
-        """Distance, normal and nearest points of pairs, (k, 10), as placed."""
+    def measure(self, placed: PlacedBodies, places: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+        """Distance, normal and nearest points (k, 10) of pairs at places; equal places follow each other."""
+        ends = np.flatnonzero(np.diff(places, append=-1)) + 1
+        return np.concatenate(
+            [np.zeros((0, NUMBERS))]
+            + [
+                self._measure(pairs[start:end], placed.rotations[places[start]], placed.origins[places[start]])
+                for start, end in pairwise([0, *ends.tolist()])
+            ]
+        )
+
+    def _measure(self, pairs: np.ndarray, rotations: np.ndarray, origins: np.ndarray) -> np.ndarray:
+        """Distance, normal and nearest points of pairs, (k, 10), at poses of the shapes."""
         listed: list[int] = pairs.tolist()
-        self._measurement.place(listed, self._at.rotations, self._at.origins)
+        self._measurement.place(listed, rotations, origins)
         return self._measurement.measure(listed)
 
     # ------------------------------------------------------------------ set-up

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import get_args
 
 import numpy as np
 from numpy import ndarray as Array
@@ -21,7 +20,7 @@ from rnc_pin.array_shapes import Bool, Float, Int
 from rnc_pin.collision.collision_distances import CollisionDistances
 from rnc_pin.collision.distance_bounds import PlacedBodies
 from rnc_pin.collision.motion_segments import SampledMotion
-from rnc_pin.collision.pair_bounds import BoundKind, PairBounds, PairEnds
+from rnc_pin.collision.pair_bounds import PairBounds, PairEnds
 from rnc_pin.errors import InputError
 
 TOLERANCE = 1e-3
@@ -32,6 +31,7 @@ _MOST_PLACES = 2_500  # places beside the samples: those of a diverged run have 
 _FIRST = 16  # samples between those of the first look
 _SAME = 1e-7  # [m]; errors of coal: a sample that may be nearer by less is not measured
 _UNCHANGED = 1e-5  # [m]; range of distances of a pair that counts as constant
+_CHUNK = 100_000  # pairs at places that are measured at a time: bounds memory
 
 
 @dataclass(frozen=True)
@@ -77,21 +77,27 @@ class DistanceCurves:
 
     def of(self, pairs: Int[Array, " k"]) -> Float[Array, "n k"]:
         """Distances (n, k) of pairs [m]; lower bounds beyond ``within``."""
-        found = np.empty((len(self.q), len(pairs)))
-        for row, q, t in zip(found, self.q, self.time.tolist(), strict=True):
-            self.distances.place(q, t)
-            row[:] = _measured(self.distances, pairs, self.within)[:, 0]
-        return found
+        chunks = [
+            _near(self.distances, self.distances.place(self.q[part], self.time[part]), pairs, self.within)[..., 0]
+            for part in _chunks(len(self.q), len(pairs))
+        ]
+        return np.concatenate(chunks)
 
 
-def _measured(distances: CollisionDistances, pairs: Int[Array, " k"], within: float) -> Float[Array, "k 4"]:
-    """Distances and normals of pairs, as placed. Beyond ``within`` lower bounds, with NaN as normals."""
-    if within == np.inf:
-        return distances.measure(pairs)[:, :4]
-    found = np.full((len(pairs), 4), np.nan)
-    found[:, 0] = distances.lower_bounds(pairs)
-    near = np.flatnonzero(found[:, 0] < within)
-    found[near] = distances.measure(pairs[near])[:, :4]
+def _chunks(places: int, pairs: int) -> Iterator[slice]:
+    """Parts of the places, so that memory is bounded."""
+    size = max(_CHUNK // max(pairs, 1), 1)
+    return (slice(first, first + size) for first in range(0, places, size))
+
+
+def _near(
+    distances: CollisionDistances, placed: PlacedBodies, pairs: Int[Array, " k"], within: float
+) -> Float[Array, "n k 4"]:
+    """Distances and normals of pairs at all places. Beyond ``within`` lower bounds, with NaN as normals."""
+    found = np.full((len(placed.joints), len(pairs), 4), np.nan)
+    found[..., 0] = distances.lower_bounds(placed, pairs)
+    near = np.nonzero(found[..., 0] < within)
+    found[near] = distances.measure(placed, near[0], pairs[near[1]])[:, :4]
     return found
 
 
@@ -153,34 +159,27 @@ def continuous_distances(
 
 
 class _Places:
-    """Poses of all bodies at the places of a motion that are known so far."""
+    """Places of a motion that are known so far, by number, and the poses of all bodies there."""
 
-    def __init__(self) -> None:
-        self._places: list[float] = []
-        self._fresh: list[PlacedBodies] = []
-        self._stacked: PlacedBodies | None = None
+    def __init__(self, distances: CollisionDistances, motion: SampledMotion, places: Float[Array, " n"]) -> None:
+        self._distances, self._motion, self._places = distances, motion, places
+        self.bodies = self._placed(places)
 
     def __len__(self) -> int:
         return len(self._places)
 
-    def add(self, place: float, bodies: PlacedBodies) -> int:
-        """Keep the poses of a place, and return its number."""
-        self._places.append(place)
-        self._fresh.append(bodies)
-        return len(self._places) - 1
+    def add(self, places: Float[Array, " n"]) -> None:
+        """Add places: they have the next numbers."""
+        both = self.bodies, self._placed(places)
+        self._places = np.concatenate([self._places, places])
+        self.bodies = PlacedBodies(*map(np.concatenate, zip(*both, strict=True)))
 
-    def of(self, numbers: Int[Array, "s 2"]) -> Float[Array, "s 2"]:
+    def of(self, numbers: Int[Array, "*s"]) -> Float[Array, "*s"]:
         """Places by their numbers."""
-        return np.array(self._places)[numbers]
+        return self._places[numbers]
 
-    def stacked(self) -> PlacedBodies:
-        """Poses of all bodies, with the place as first axis."""
-        if self._fresh:
-            fresh = PlacedBodies(*map(np.array, zip(*self._fresh, strict=True)))
-            known = [fresh] if self._stacked is None else [self._stacked, fresh]
-            self._stacked, self._fresh = PlacedBodies(*map(np.concatenate, zip(*known, strict=True))), []
-        assert self._stacked is not None
-        return self._stacked
+    def _placed(self, places: Float[Array, " n"]) -> PlacedBodies:
+        return self._distances.place(self._motion.configurations(places), self._motion.times(places))
 
 
 @dataclass
@@ -215,7 +214,9 @@ class _Search:
     ) -> None:
         self._distances, self._motion, self._samples = distances, motion, samples
         self._within, self._exact, self._tolerance = within, exact, tolerance
-        self._places = _Places()
+        last = len(samples) - 1
+        first = samples[np.unique(np.append(np.arange(0, last, _FIRST), last))]
+        self._places = _Places(distances, motion, first.astype(float))
         count = len(distances.pairs)
         self._best, self._best_time = np.full(count, np.inf), np.zeros(count)
         self._largest = np.full(count, -np.inf)
@@ -233,33 +234,32 @@ class _Search:
 
     def _first_look(self) -> _Entries:
         """Distances at every few samples, and the pairs and segments between them that need a closer look."""
-        every = np.arange(len(self._distances.pairs))
-        last = len(self._samples) - 1
-        looked = self._samples[np.unique(np.append(np.arange(0, last, _FIRST), last))] if len(every) else []
-        known = np.array([self._look(float(sample), every, self._within)[1] for sample in looked])
-        starts = np.arange(len(looked) - 1)
-        if not len(starts):
-            return _Entries(*(np.zeros(0, dtype=int),) * 3, *(np.zeros((0, 4)),) * 2)
-        paths = self._motion.paths(self._places.of(np.column_stack([starts, starts + 1])).tolist())
+        every, places = np.arange(len(self._distances.pairs)), np.arange(len(self._places))
+        bodies = self._places.bodies
+        known = np.empty((len(places), len(every), 4))
+        for part in _chunks(len(places), len(every)):
+            known[part] = _near(self._distances, PlacedBodies(*(each[part] for each in bodies)), every, self._within)
+            self._keep(
+                np.repeat(places[part], len(every)), np.tile(every, len(known[part])), known[part].reshape(-1, 4)
+            )
+        paths = self._motion.paths(self._places.of(np.column_stack([places[:-1], places[1:]])))
         means = 0.5 * (known[:-1, :, 0] + known[1:, :, 0])
-        doubtful = means - self._bounds.coarse(paths, self._places.stacked()) < self._target()
+        doubtful = means - self._bounds.coarse(paths, bodies) < self._target()
         rows, pairs = np.nonzero(doubtful)
         return self._undecided(_Entries(rows, rows + 1, pairs, known[rows, pairs], known[rows + 1, pairs]))
 
     def _halved(self, entries: _Entries) -> _Entries:
         """Measure pairs halfway along their segments, and return the halves that need a closer look."""
         ends, of_segment = _unique_segments(entries)
-        middle = np.full(len(of_segment), -1)
-        measured = np.full((len(of_segment), 4), np.nan)
+        halfway = self._halfway(self._places.of(ends))
+        halved = np.isfinite(halfway)
+        numbers = np.where(halved, len(self._places) + np.cumsum(halved) - 1, -1)
+        self._places.add(halfway[halved])
         order = np.argsort(of_segment, kind="stable")
-        cuts = np.searchsorted(of_segment[order], np.arange(len(ends) + 1))
-        for k, place in enumerate(self._halfway(self._places.of(ends))):
-            if place is None:
-                continue
-            which = order[cuts[k] : cuts[k + 1]]
-            middle[which], measured[which] = self._look(place, entries.pair[which])
-        kept = middle >= 0
-        entries, middle, measured = entries.chosen(kept), middle[kept], measured[kept]
+        order = order[halved[of_segment[order]]]
+        entries, middle = entries.chosen(order), numbers[of_segment[order]]
+        measured = self._distances.measure(self._places.bodies, middle, entries.pair)[:, :4]
+        self._keep(middle, entries.pair, measured)
         return self._undecided(
             _Entries(
                 np.concatenate([entries.start, middle]),
@@ -272,33 +272,29 @@ class _Search:
 
     def _undecided(self, entries: _Entries) -> _Entries:
         """Entries whose distance may fall below the smallest one that is known: the cheapest bound decides first."""
-        for kind in get_args(BoundKind):
-            entries = self._doubtful(entries, kind)
-        return entries
+        return self._doubtful(self._doubtful(entries, by_path=True), by_path=False)
 
-    def _doubtful(self, entries: _Entries, kind: BoundKind) -> _Entries:
-        """Entries that a bound does not decide."""
+    def _doubtful(self, entries: _Entries, by_path: bool) -> _Entries:
+        """Entries that a bound does not decide: that of the path alone, or all of them."""
         if not len(entries.pair):
             return entries
         ends, of_segment = _unique_segments(entries)
         places = self._places.of(ends)
-        displaced = self._motion.segments if kind == "steady" else self._motion.paths
-        own = PairEnds(*vars(entries).values())
-        bound = self._bounds.along(kind, own, displaced(places.tolist()), of_segment, self._places.stacked())
+        own, segments = PairEnds(*vars(entries).values()), None if by_path else self._motion.segments(places)
+        bound = self._bounds.along(own, self._places.bodies, of_segment, self._motion.paths(places), segments)
         first, last = self._inside(places)
         slack = np.where((first < last)[of_segment] & (bound < self._exact), _SAME, self._tolerance)
         return entries.chosen(np.flatnonzero(bound < self._target()[entries.pair] - slack))
 
-    def _look(self, place: float, pairs: Int[Array, " k"], within: float = np.inf) -> tuple[int, Float[Array, "k 4"]]:
-        """Number of a new place, and the distances and normals of pairs there, exact up to a distance [m]."""
-        t = self._motion.time_at(place)
-        number = self._places.add(place, self._distances.place(self._motion.configuration_at(place), t))
-        found = _measured(self._distances, pairs, within)
-        distance = found[:, 0]
-        smaller = distance < self._best[pairs]
-        self._best[pairs[smaller]], self._best_time[pairs[smaller]] = distance[smaller], t
-        self._largest[pairs] = np.maximum(self._largest[pairs], distance)
-        return number, found
+    def _keep(self, places: Int[Array, " k"], pairs: Int[Array, " k"], measured: Float[Array, "k 4"]) -> None:
+        """Keep the smallest and the largest distances of pairs; of equal ones the place with the lowest number."""
+        distance = measured[:, 0]
+        order = np.lexsort([places, distance, pairs])
+        nearest = order[np.unique(pairs[order], return_index=True)[1]]
+        nearest = nearest[distance[nearest] < self._best[pairs[nearest]]]
+        self._best[pairs[nearest]] = distance[nearest]
+        self._best_time[pairs[nearest]] = self._motion.times(self._places.of(places[nearest]))
+        np.maximum.at(self._largest, pairs, distance)
 
     def _target(self) -> Array:
         return np.minimum(self._best, self._within)
@@ -307,11 +303,11 @@ class _Search:
         """First sample inside each segment, and the one after the last, as indices into the samples."""
         return np.searchsorted(self._samples, places[:, 0], "right"), np.searchsorted(self._samples, places[:, 1])
 
-    def _halfway(self, places: Float[Array, "s 2"]) -> Iterator[float | None]:
-        """Places about halfway, samples if there are some; None for segments that are not halved."""
-        for (start, end), first, last in zip(places.tolist(), *self._inside(places), strict=True):
-            inside = first < last
-            yield float(self._samples[(first + last) // 2]) if inside else self._motion.halfway(start, end)
+    def _halfway(self, places: Float[Array, "s 2"]) -> Float[Array, " s"]:
+        """Places about halfway, samples if there are some; NaN for segments that are not halved."""
+        first, last = self._inside(places)
+        samples = self._samples[np.minimum((first + last) // 2, len(self._samples) - 1)]
+        return np.where(first < last, samples, self._motion.halfway(places))
 
 
 def _unique_segments(entries: _Entries) -> tuple[Int[Array, "s 2"], Int[Array, " k"]]:

@@ -17,15 +17,15 @@ _FEW = 6  # pairs for which bounds of volumes cost more than distances
 
 
 class ShapePoses:
-    """Poses of all shapes.
+    """Poses of all shapes, at one place of a motion or at many, which are then the first axis.
 
     Args:
-        rotations: (s, 3, 3) in the world.
-        origins: (s, 3) in the world [m].
+        rotations: (..., s, 3, 3) in the world.
+        origins: (..., s, 3) in the world [m].
         centers: centres of the boxes around the shapes, in their own frames (s, 3) [m].
 
     Attributes:
-        middles: these centres in the world (s, 3) [m].
+        middles: these centres in the world (..., s, 3) [m].
     """
 
     __slots__ = ("middles", "origins", "rotations")
@@ -39,12 +39,12 @@ class ShapePoses:
         """Poses of shapes that joints carry.
 
         Args:
-            joints: placements of all joints (njoints, 12): the columns of a rotation, then a translation.
+            joints: placements of all joints (..., njoints, 12): the columns of a rotation, then a translation.
             carriers: joint of each of the first shapes (k,); further shapes are in the world.
-            rotations, origins: poses of all shapes in their joints (s, 3, 3) and (s, 3).
+            rotations, origins: poses of all shapes in their joints (..., s, 3, 3) and (..., s, 3).
             centers: as for the class.
         """
-        if _kernel.library is not None:
+        if joints.ndim == 2 and _kernel.library is not None:
             found = cls.__new__(cls)
             found.rotations, found.origins, found.middles = (
                 np.empty(each.shape) for each in (rotations, *[origins] * 2)
@@ -53,25 +53,27 @@ class ShapePoses:
             if _kernel.library.shape_poses(*known, found.rotations, found.origins, found.middles):
                 return found
         rotations, origins, count = rotations.copy(), origins.copy(), len(carriers)
-        carrying = joints.take(carriers, 0)
-        turns = carrying[:, :9].reshape(-1, 3, 3).swapaxes(1, 2)
-        origins[:count] = _product(turns, origins[:count, :, None])[:, :, 0] + carrying[:, 9:]
-        rotations[:count] = _product(turns, rotations[:count])
+        carrying = joints.take(carriers, -2)
+        turns = carrying[..., :9].reshape(*carrying.shape[:-1], 3, 3).swapaxes(-1, -2)
+        origins[..., :count, :] = _product(turns, origins[..., :count, :, None])[..., 0] + carrying[..., 9:]
+        rotations[..., :count, :, :] = _product(turns, rotations[..., :count, :, :])
         return cls(rotations, origins, centers)
 
 
 class PlacedBodies(NamedTuple):
-    """Poses of all bodies in the world, at one place of a motion or at many, which are then the first axis.
+    """Poses of all bodies in the world at n places of a motion.
 
     Attributes:
-        rotations: rotations (s, 3, 3) of the shapes; those that spin about their own axes are as if they did not.
-        origins: origins (s, 3) of the shapes [m].
-        middles: centres (s, 3) of the boxes around the shapes [m].
-        joints: origins (j, 3) of all joints, then of the obstacles that move [m].
-        axes: axes (j, 3) about which they turn; NaN for joints that turn about several ones, or none.
+        rotations: rotations (n, s, 3, 3) of the shapes.
+        still: the same, with shapes that spin about their own axes as if they did not.
+        origins: origins (n, s, 3) of the shapes [m].
+        middles: centres (n, s, 3) of the boxes around the shapes [m].
+        joints: origins (n, j, 3) of all joints, then of the obstacles that move [m].
+        axes: axes (n, j, 3) about which they turn; NaN for joints that turn about several ones, or none.
     """
 
     rotations: Array
+    still: Array
     origins: Array
     middles: Array
     joints: Array
@@ -95,17 +97,17 @@ class DistanceBounds:
         self._known = np.zeros(len(first))
         self._measured = np.zeros(len(first), dtype=bool)
 
-    def of_volumes(self, at: ShapePoses, pairs: Array | slice = slice(None)) -> Float[Array, " k"]:
+    def of_volumes(self, at: ShapePoses | PlacedBodies, pairs: Array | slice = slice(None)) -> Float[Array, "*n k"]:
         """Bounds of these pairs [m], from spheres and from boxes along the axes of the world."""
         first, second = self._first[pairs], self._second[pairs]
         halves = np.matvec(np.abs(at.rotations), self._halves)
-        apart = np.abs(at.middles.take(second, 0) - at.middles.take(first, 0))
+        apart = np.abs(at.middles.take(second, -2) - at.middles.take(first, -2))
         spheres = np.sqrt(np.vecdot(apart, apart)) - self._reach[pairs]
-        apart -= halves.take(first, 0)
-        apart -= halves.take(second, 0)
+        apart -= halves.take(first, -2)
+        apart -= halves.take(second, -2)
         gaps = np.maximum(apart, 0.0, out=apart)
         # A sphere's bound is negative where spheres overlap, a box's bound is then zero.
-        return np.maximum(np.sqrt(np.vecdot(gaps, gaps)), spheres, where=gaps.any(axis=1), out=spheres)
+        return np.maximum(np.sqrt(np.vecdot(gaps, gaps)), spheres, where=gaps.any(axis=-1), out=spheres)
 
     def nearby(self, at: ShapePoses, within: float) -> Int[Array, " n"]:
         """Pairs that may be nearer than a distance [m].
@@ -144,6 +146,7 @@ class DistanceBounds:
         self._measured[pairs] = True
 
 
-def _product(left: Float[Array, "k 3 3"], right: Float[Array, "k 3 c"]) -> Float[Array, "k 3 c"]:
+def _product(left: Float[Array, "*k 3 3"], right: Float[Array, "*k 3 c"]) -> Float[Array, "*k 3 c"]:
     """Matrix products with the order of additions of the compiled kernel: coal then sees the same bits."""
-    return left[:, :, :1] * right[:, :1] + left[:, :, 1:2] * right[:, 1:2] + left[:, :, 2:] * right[:, 2:]
+    first, second, third = (left[..., k : k + 1] * right[..., k : k + 1, :] for k in range(3))
+    return first + second + third

@@ -10,9 +10,10 @@ import numpy as np
 import pinocchio as pin
 from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Float, Int
 from rnc_pin.collision.obstacle import Obstacle, ObstacleMotion
 from rnc_pin.errors import ModelError
+from rnc_pin.model.configuration_manifold import ConfigurationManifold
 
 _LONGEST = 0.05
 """Longest time [s] over which the motion of an obstacle is judged from its poses and velocities at both ends."""
@@ -146,39 +147,34 @@ class SampledMotion:
     def __init__(
         self, model: pin.Model, time: Float[Array, " N"], q: Float[Array, "N nq"], obstacles: Sequence[Obstacle]
     ) -> None:
-        self._model, self._time, self._q = model, time, q
-        self._steps = JointSteps(model, q)
-        self._halfway: dict[float, Float[Array, " nq"]] = {}  # configurations between samples, by place
+        self._time, self._q = time, q
+        self._steps, self._manifold = JointSteps(model, q), ConfigurationManifold(model)
         self._tracks = [_Track(each.motion) for each in obstacles if each.motion is not None]
 
-    def time_at(self, place: float) -> float:
-        """Time [s] at a place."""
-        k, part = self._split(place)
-        return float(self._time[k] + part * (self._time[k + 1] - self._time[k])) if part else float(self._time[k])
+    def times(self, places: Float[Array, "*k"]) -> Float[Array, "*k"]:
+        """Times [s] at places."""
+        return np.interp(places, np.arange(len(self._time)), self._time)
 
-    def configuration_at(self, place: float) -> Float[Array, " nq"]:
-        """Configuration at a place, on the geodesic between two samples."""
-        k, part = self._split(place)
-        if not part:
-            return self._q[k]
-        if place not in self._halfway:
-            self._halfway[place] = np.asarray(pin.interpolate(self._model, self._q[k], self._q[k + 1], part))
-        return self._halfway[place]
+    def configurations(self, places: Float[Array, " k"]) -> Float[Array, "k nq"]:
+        """Configurations at places, on the geodesics between samples."""
+        before = places.astype(int)
+        found = self._q[before]
+        between = np.flatnonzero(places > before)
+        parts = (places - before)[between]
+        found[between] = self._manifold.interpolate(found[between], self._q[before[between] + 1], parts)
+        return found
 
-    def halfway(self, start: float, end: float) -> float | None:
-        """Place about halfway, a sample if there is one; None for a segment that is not halved."""
-        middle = 0.5 * (start + end)
-        if end - start > 1.0:
-            return float(np.floor(middle))
-        return middle if end - start > _SHORTEST else None
+    def halfway(self, places: Float[Array, "k 2"]) -> Float[Array, " k"]:
+        """Places about halfway along segments, samples if there are some; NaN for a segment that is not halved."""
+        length, middle = places[:, 1] - places[:, 0], places.mean(axis=1)
+        return np.where(length > 1.0, np.floor(middle), np.where(length > _SHORTEST, middle, np.nan))
 
-    def segments(self, places: Sequence[tuple[float, float]]) -> Segments:
+    def segments(self, places: Float[Array, "k 2"]) -> Segments:
         """Displacements and deviations of the segments between these places."""
-        model, ends = self._model, [[self.configuration_at(place) for place in pair] for pair in places]
-        steps = np.array([pin.difference(model, *pair) for pair in ends]).reshape(len(places), model.nv)
-        angular, linear = self._steps.of(steps)
+        starts, ends = (self.configurations(each) for each in places.T)
+        angular, linear = self._steps.of(self._manifold.difference(starts, ends))
         angular_deviation, linear_deviation = np.zeros(angular.shape), np.zeros(linear.shape)
-        rows, errors = self._deviations(places, ends)
+        rows, errors = self._deviations(places, starts, ends)
         turned, moved = self._steps.of(errors)
         np.maximum.at(angular_deviation, rows, turned)
         np.maximum.at(linear_deviation, rows, moved)
@@ -186,33 +182,25 @@ class SampledMotion:
         linear_deviation += angular * linear_deviation + linear * angular_deviation
         angular_deviation += angular * angular_deviation
         found = Segments(angular, linear, angular_deviation, linear_deviation)
-        return self._with_tracks(found, self._times(places))
+        return self._with_tracks(found, self.times(places))
 
-    def paths(self, places: Sequence[tuple[float, float]]) -> Segments:
+    def paths(self, places: Float[Array, "k 2"]) -> Segments:
         """Rotations and translations of the joints along segments, summed over all samples in them.
 
         They bound the paths of points, at whatever rates the joints move. Obstacles are as in ``segments``.
         """
-        ends = np.array(places).reshape(-1, 2)
-        before = np.minimum(ends.astype(int), max(len(self._time) - 2, 0))
-        after, part = np.minimum(before + 1, len(self._time) - 1), (ends - before)[:, :, None]
+        before = np.minimum(places.astype(int), max(len(self._time) - 2, 0))
+        after, part = np.minimum(before + 1, len(self._time) - 1), (places - before)[:, :, None]
         at = [total[before] + part * (total[after] - total[before]) for total in self._travelled]
         angular, linear = (each[:, 1] - each[:, 0] for each in at)
         found = Segments(angular, linear, np.zeros(angular.shape), np.zeros(linear.shape))
-        return self._with_tracks(found, self._times(places))
-
-    def _times(self, places: Sequence[tuple[float, float]]) -> Float[Array, "k 2"]:
-        """Times [s] of both ends of segments."""
-        return np.array([(self.time_at(start), self.time_at(end)) for start, end in places]).reshape(-1, 2)
+        return self._with_tracks(found, self.times(places))
 
     @cached_property
     def _travelled(self) -> tuple[Float[Array, "N j"], Float[Array, "N j"]]:
         """Rotations [rad] and translations [m] of the joints from the first sample to each one."""
-        q, model = self._q, self._model
-        steps = np.zeros((len(q), model.nv))
-        for k in range(1, len(q)):
-            steps[k] = pin.difference(model, q[k - 1], q[k])
-        angular, linear = self._steps.of(steps)
+        steps = self._manifold.difference(self._q[:-1], self._q[1:])
+        angular, linear = self._steps.of(np.concatenate([np.zeros((1, self._manifold.nv)), steps]))
         return angular.cumsum(axis=0), linear.cumsum(axis=0)
 
     def _with_tracks(self, found: Segments, times: Float[Array, "k 2"]) -> Segments:
@@ -222,24 +210,18 @@ class SampledMotion:
         return found
 
     def _deviations(
-        self, places: Sequence[tuple[float, float]], ends: Sequence[Sequence[Array]]
-    ) -> tuple[Array, Float[Array, "k nv"]]:
+        self, places: Float[Array, "k 2"], starts: Float[Array, "k nq"], ends: Float[Array, "k nq"]
+    ) -> tuple[Int[Array, " n"], Float[Array, "n nv"]]:
         """Differences of the samples from constant rates, and the segment of each."""
-        model, rows, errors = self._model, [], []
-        for row, ((start, end), (q_start, q_end)) in enumerate(zip(places, ends, strict=True)):
-            first, last = int(np.floor(start)) + 1, int(np.ceil(end))
-            if first >= last:
-                continue
-            begin, duration = self.time_at(start), self.time_at(end) - self.time_at(start)
-            for k in range(first, last):
-                part = (float(self._time[k]) - begin) / duration if duration > 0.0 else 0.5
-                rows.append(row)
-                errors.append(pin.difference(model, pin.interpolate(model, q_start, q_end, part), self._q[k]))
-        return np.array(rows, dtype=int), np.array(errors).reshape(len(rows), model.nv)
-
-    def _split(self, place: float) -> tuple[int, float]:
-        k = int(np.floor(place))
-        return k, place - k
+        first = np.floor(places[:, 0]).astype(int) + 1
+        counts = np.maximum(np.ceil(places[:, 1]).astype(int) - first, 0)
+        rows = np.repeat(np.arange(len(places)), counts)
+        samples = np.arange(len(rows)) + np.repeat(first - np.cumsum(counts) + counts, counts)
+        begin, end = self.times(places)[rows].T
+        moving = end > begin
+        parts = np.where(moving, (self._time[samples] - begin) / np.where(moving, end - begin, 1.0), 0.5)
+        steady = self._manifold.interpolate(starts[rows], ends[rows], parts)
+        return rows, self._manifold.difference(steady, self._q[samples])
 
 
 class _Track:

@@ -16,7 +16,7 @@ other. Two bounds follow:
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import coal
 import numpy as np
@@ -32,7 +32,6 @@ _CHUNK = 20_000  # entries at a time: bounds memory
 _LARGEST = 50.0  # exponent; the bound is of no use far below
 _NO_GAP = -1e9  # [m]; gap along a direction that coal does not give, or in which a half space has no end
 _UNIT = 1e-6  # error of the square of a unit vector
-BoundKind = Literal["path", "normals", "steady"]
 _ALONG = 1e-9  # distance of a direction from the normal of a half space that counts as rounding
 
 
@@ -138,58 +137,65 @@ class PairBounds:
         return found
 
     def along(
-        self, kind: BoundKind, ends: PairEnds, segments: Segments, rows: Int[Array, " k"], placed: PlacedBodies
+        self,
+        ends: PairEnds,
+        placed: PlacedBodies,
+        rows: Int[Array, " k"],
+        paths: Segments,
+        segments: Segments | None = None,
     ) -> Float[Array, " k"]:
         """Lower bounds (k,) of distances [m].
 
         Args:
-            kind: bound that is used: that of the path, that of the path along the normals at both ends, or all of them
-                with that of motion at constant rates. The first two hold however the joints move: their segments are
-                lengths of paths. The others are displacements.
             ends: pairs and their segments.
-            segments: displacements of some segments.
-            rows: the row of ``segments`` of each pair.
             placed: poses at all places.
+            rows: the row of ``paths`` and ``segments`` of each pair.
+            paths: lengths of paths along some segments: they hold at whatever rates the joints move.
+            segments: displacements along the same segments; without them the bound is that of the path alone, which is
+                cheap.
         """
         found = np.empty(len(rows))
         for first in range(0, len(rows), _CHUNK):
             part = slice(first, first + _CHUNK)
-            own = Segments(*(each[rows[part]] for each in segments))
-            found[part] = self._along(PairEnds(*(each[part] for each in ends)), own, placed, kind)
+            here, between = PairEnds(*(each[part] for each in ends)), self._between[ends.pair[part]]
+            own = [Segments(*(each[rows[part]] * between for each in some)) for some in (paths, segments) if some]
+            found[part] = self._along(here, placed, *own) - self._wobble[here.pair]
         return found
 
-    def _along(self, ends: PairEnds, segments: Segments, placed: PlacedBodies, kind: BoundKind) -> Float[Array, " k"]:
-        pair, between = ends.pair, self._between[ends.pair]
-        radius = self._radii[self._other[pair]]
-        arms = placed.joints[ends.start] - placed.middles[ends.start, self._other[pair]][:, None]
-        levers = np.sqrt(np.vecdot(arms, arms)) + radius[:, None]
-        own = Segments(*(each * between for each in segments))
-        path, turning, error = _paths(own, levers)
-        curved = 2.0 * turning * path  # bound of the second derivative
-        longest = np.minimum(path, self._chords(ends, placed) + 0.25 * curved) if kind == "steady" else path
+    def _along(
+        self, ends: PairEnds, placed: PlacedBodies, paths: Segments, segments: Segments | None = None
+    ) -> Float[Array, " k"]:
+        other = self._other[ends.pair]
+        arms = placed.joints[ends.start] - placed.middles[ends.start, other][:, None]
+        levers = np.sqrt(np.vecdot(arms, arms)) + self._radii[other][:, None]
         before, after = ends.at_start[:, 0], ends.at_end[:, 0]
-        found = 0.5 * (before + after - longest)
+        path, turning, error = _paths(paths, levers)
+        found = 0.5 * (before + after - path) - error
+        if segments is None:
+            return found
         exact = np.flatnonzero(np.isfinite(ends.at_start[:, 1]) & np.isfinite(ends.at_end[:, 1]))
-        if kind != "path" and len(exact):
-            some = PairEnds(*(each[exact] for each in ends))
-            gaps = self._gaps_at_ends(some, placed)
-            tilt = _tilt(some, own.angular[exact], turning[exact], placed)
-            if kind == "steady":
-                straight = np.minimum(np.minimum(before[exact], after[exact]), _smallest_maximum(*gaps[0], *gaps[1]))
-                along = straight - 0.125 * curved[exact] * tilt
-            else:
-                moved = own.linear[exact].sum(axis=1) * np.exp(np.minimum(turning[exact], _LARGEST))
-                along = 0.5 * (gaps.sum(axis=1).max(axis=0) - moved - tilt * (path[exact] - moved))
-            found[exact] = np.maximum(found[exact], along)
-        return found - error - self._wobble[pair]
+        some = PairEnds(*(each[exact] for each in ends))
+        gaps, sines = self._gaps_at_ends(some, placed), _sines(some, placed)
+        tilt = _tilt(sines, paths.angular[exact], turning[exact])
+        moved = paths.linear[exact].sum(axis=1) * np.exp(np.minimum(turning[exact], _LARGEST))
+        along = 0.5 * (gaps.sum(axis=1).max(axis=0) - moved - tilt * (path[exact] - moved)) - error[exact]
+        found[exact] = np.maximum(found[exact], along)
+        path, turning, error = _paths(segments, levers)
+        curved = 2.0 * turning * path  # bound of the second derivative
+        longest = np.minimum(path, self._chords(ends, placed) + 0.25 * curved)
+        steady = 0.5 * (before + after - longest)
+        straight = np.minimum(np.minimum(before, after)[exact], _smallest_maximum(*gaps[0], *gaps[1]))
+        along = straight - 0.125 * curved[exact] * _tilt(sines, segments.angular[exact], turning[exact])
+        steady[exact] = np.maximum(steady[exact], along)
+        return np.maximum(found, steady - error)
 
     def _chords(self, ends: PairEnds, placed: PlacedBodies) -> Float[Array, " k"]:
         """Largest displacement of a point of the other body between both ends, seen from the first one [m]."""
         one, other = self._from[ends.pair], self._other[ends.pair]
         relative, centers = [], []
         for place in (ends.start, ends.end):
-            world = placed.rotations[place, one].swapaxes(1, 2)
-            relative.append(world @ placed.rotations[place, other])
+            world = placed.still[place, one].swapaxes(1, 2)
+            relative.append(world @ placed.still[place, other])
             centers.append(np.matvec(world, placed.middles[place, other] - placed.origins[place, one]))
         turn = np.linalg.norm((relative[1] - relative[0]).reshape(-1, 9), axis=1) * np.sqrt(0.5)
         return np.linalg.norm(centers[1] - centers[0], axis=1) + turn * self._radii[other]
@@ -197,22 +203,25 @@ class PairBounds:
     def _gaps_at_ends(self, ends: PairEnds, placed: PlacedBodies) -> Float[Array, "2 2 k"]:
         """Gaps along the normals of both ends (first axis) at both ends (second axis) [m]."""
         one, other, sign = self._from[ends.pair], self._other[ends.pair], self._sign[ends.pair, None]
-        poses, normals = [], []
+        poses = []
         for place, numbers in ((ends.start, ends.at_start), (ends.end, ends.at_end)):
-            world = placed.rotations[place, one].swapaxes(1, 2)
+            world = placed.still[place, one].swapaxes(1, 2)
             shift = placed.origins[place, other] - placed.origins[place, one]
-            poses.append((world @ placed.rotations[place, other], np.matvec(world, shift)))
-            normals.append(np.matvec(world, sign * numbers[:, 1:]))
-        return np.array([[self._gaps(one, other, normal, *pose) for pose in poses] for normal in normals])
+            normal = np.matvec(world, sign * numbers[:, 1:])
+            poses.append(
+                (placed.still[place, other].swapaxes(1, 2) @ world.swapaxes(1, 2), np.matvec(world, shift), normal)
+            )
+        turns, shifts, normals = (np.array(each) for each in zip(*poses, strict=True))
+        inner = -np.matvec(turns, normals[:, None])
+        bodies = np.concatenate([np.tile(one, 2), np.tile(other, 4)])
+        supports = self._supports(bodies, np.concatenate([normals.reshape(-1, 3), inner.reshape(-1, 3)]))
+        own, opposite = np.split(supports, [normals[..., 0].size])
+        found = np.vecdot(normals[:, None], shifts) - own.reshape(2, 1, -1) - opposite.reshape(2, 2, -1)
+        unit = np.abs(np.vecdot(normals, normals) - 1.0) < _UNIT
+        return np.where(unit[:, None], np.maximum(found, _NO_GAP), _NO_GAP)
 
-    def _gaps(self, one: Array, other: Array, normal: Array, rotation: Array, place: Array) -> Float[Array, " k"]:
-        """Gaps of two shapes along unit vectors in the frame of the first one; very low without a unit vector."""
-        inner = -np.matvec(rotation.swapaxes(1, 2), normal)
-        found = np.vecdot(normal, place) - self._supports(one, normal) - self._supports(other, inner)
-        unit = np.abs(np.vecdot(normal, normal) - 1.0) < _UNIT
-        return np.where(unit, np.maximum(found, _NO_GAP), _NO_GAP)
-
-    def _supports(self, shapes: Array, directions: Array) -> Float[Array, " k"]:
+    def _supports(self, shapes: Int[Array, " k"], directions: Float[Array, "k 3"]) -> Float[Array, " k"]:
+        """Largest value of ``direction . x`` over the points of each of these shapes [m]."""
         found = np.empty(len(shapes))
         for shape in np.unique(shapes).tolist():
             which = np.flatnonzero(shapes == shape)
@@ -232,19 +241,23 @@ def _paths(segments: Segments, levers: Float[Array, "k j"]) -> tuple[Array, Arra
     return path, turning, error * np.exp(np.minimum(turned.sum(axis=1), _LARGEST))
 
 
-def _tilt(
-    ends: PairEnds, angular: Float[Array, "k j"], turning: Float[Array, " k"], placed: PlacedBodies
-) -> Float[Array, " k"]:
+def _sines(ends: PairEnds, placed: PlacedBodies) -> Float[Array, "k j"]:
+    """Largest sine of the angle between the normals at both ends and the axis of each joint there."""
+    largest = np.zeros(placed.axes[ends.start].shape[:2])
+    for place, numbers in ((ends.start, ends.at_start), (ends.end, ends.at_end)):
+        across = np.cross(placed.axes[place], numbers[:, None, 1:])
+        sines = np.sqrt(np.vecdot(across, across))
+        largest = np.maximum(largest, np.where(np.isnan(sines), 1.0, sines))
+    return largest
+
+
+def _tilt(sines: Float[Array, "k j"], angular: Float[Array, "k j"], turning: Float[Array, " k"]) -> Float[Array, " k"]:
     """Largest sine of the angle between the normals and the axes of the joints that turn, along each segment.
 
     The angle of two axes changes at most by the turn times the sine of the angle to the axis of the turn, so that the
     largest sine grows at most as the exponential function of twice the turn. Parallel axes stay parallel.
     """
-    largest = np.zeros(len(turning))
-    for place, numbers in ((ends.start, ends.at_start), (ends.end, ends.at_end)):
-        across = np.cross(placed.axes[place], numbers[:, None, 1:])
-        sines = np.where(angular > 0.0, np.sqrt(np.vecdot(across, across)), 0.0)
-        largest = np.maximum(largest, np.where(np.isnan(sines), 1.0, sines).max(axis=1, initial=0.0))
+    largest = np.where(angular > 0.0, sines, 0.0).max(axis=1, initial=0.0)
     return np.minimum(1.0, largest * np.exp(np.minimum(2.0 * turning, _LARGEST)))
 
 

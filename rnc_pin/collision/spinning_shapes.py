@@ -65,7 +65,9 @@ class SpinningShapes:
         placed = [model.jointPlacements[joint].rotation for joint in joints.tolist()]
         self._rotations = np.array(placed).reshape(-1, 3, 3) @ rotations[self.shapes]
 
-    def without_spin(self, rotations: Float[Array, "s 3 3"], joints: Float[Array, "j 3 3"]) -> Float[Array, "s 3 3"]:
+    def without_spin(
+        self, rotations: Float[Array, "n s 3 3"], joints: Float[Array, "n j 3 3"]
+    ) -> Float[Array, "n s 3 3"]:
         """Rotations of all shapes, with those of spinning ones as if their joints stood at zero.
 
         Args:
@@ -75,7 +77,7 @@ class SpinningShapes:
         if not len(self.shapes):
             return rotations
         still = rotations.copy()
-        still[self.shapes] = joints[self._parents] @ self._rotations
+        still[:, self.shapes] = joints[:, self._parents] @ self._rotations
         return still
 
 

@@ -17,8 +17,8 @@ from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.mechanisms import JointCoupler, Phrases
 from rnc_pin.model.parameter_types import Axis
 from rnc_pin.model.rows import Rows
+from rnc_pin.robots.joint_values import SingleJoint
 from rnc_pin.robots.robot import Robot
-from rnc_pin.robots.single_joint import SingleJoint
 
 _UPRIGHT = 0.3  # horizontal part of a unit axis above which it is not vertical: kingpins lean by up to 17 degrees
 _APART = 1e-6  # smallest wheelbase and track [m]

@@ -1,20 +1,23 @@
 """Exports of ``rnc_pin.control``, which ``__init__.py`` imports at their first use."""
 
 from .actuator_velocity import ActuatorVelocityController as ActuatorVelocityController
-from .chained_stabilizer import ChainedStabilizer as ChainedStabilizer
 from .computed_torque import ComputedTorque as ComputedTorque
 from .controller import Command as Command
 from .controller import Controller as Controller
 from .controller import Describable as Describable
 from .controller import Description as Description
 from .controller import KinematicController as KinematicController
+from .controller import State as State
 from .controller import VelocityTarget as VelocityTarget
 from .controller import describe as describe
+from .controller import limited_accelerations as limited_accelerations
 from .estimation import AdaptedModel as AdaptedModel
 from .estimation import EstimatedModel as EstimatedModel
+from .estimation import Estimator as Estimator
 from .estimation import ParametrizedCopy as ParametrizedCopy
 from .estimation import Regressor as Regressor
-from .estimator import Estimator as Estimator
+from .gain_design import OUTER_GAINS as OUTER_GAINS
+from .gain_design import OuterGains as OuterGains
 from .gain_design import PositionGains as PositionGains
 from .gain_design import Preset as Preset
 from .gain_design import VelocityGains as VelocityGains
@@ -28,6 +31,7 @@ from .position_tracker import PositionState as PositionState
 from .position_tracker import PositionTracker as PositionTracker
 from .reducing import ReducingOutputController as ReducingOutputController
 from .redundancy import RedundancyController as RedundancyController
+from .redundancy import check_freedom as check_freedom
 from .secondary import Combined as Combined
 from .secondary import JointLimits as JointLimits
 from .secondary import Posture as Posture
@@ -39,7 +43,7 @@ from .split import SplitController as SplitController
 from .state_feedback import StateFeedback as StateFeedback
 from .steering import SteeringController as SteeringController
 from .uncertain import UncertainController as UncertainController
-from .uncertain_redundancy import UncertainRedundancyController as UncertainRedundancyController
+from .uncertain import UncertainRedundancyController as UncertainRedundancyController
 from .unicycle_stabilizer import UnicycleStabilizer as UnicycleStabilizer
 from .velocity_tracker import TrackerState as TrackerState
 from .velocity_tracker import VelocityTracker as VelocityTracker

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.controller import Command, Description, KinematicController, State, VelocityTarget, describe
+from rnc_pin.control.controller import (
+    Command,
+    Description,
+    KinematicController,
+    State,
+    VelocityTarget,
+    command_towards,
+    describe,
+)
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError
 from rnc_pin.math.linear_algebra import apply, apply_transposed
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
@@ -22,7 +28,7 @@ _RANK = 1e-9  # smallest relative singular value of B^T R at which actuators det
 
 
 class ActuatorVelocityController(ReprMixin):
-    """``u = B^T (R v2d + b)``: velocities of the actuators, exactly those of the admissible motion v2d.
+    """``u = B^T (R v2d + b)``: velocities of the actuators in the admissible motion v2d.
 
     u is conjugate to the inputs T: ``T^T u`` is their power. So u has the joint velocity of an actuated joint, the
     velocity of the frame for a ``FrameForce``, and its angular velocity for a ``FrameTorque``. The controller returns u
@@ -92,16 +98,9 @@ class ActuatorVelocityController(ReprMixin):
         if np.min(scale) < 1.0:
             v2, along = scale * v2, scale * along
         v = along + at.b if self._reduced.affine else along
-        return Command(
-            T=apply_transposed(at.B, v),
-            v2_desired=v2,
-            x1_desired=target.x1,
-            x2_desired=target.x2,
-            estimates=target.estimates,
-            prediction_error=target.prediction_error,
-        ), state
+        return command_towards(target._replace(v2=v2), T=apply_transposed(at.B, v)), state
 
-    def _admitted(self, target: Any) -> np.ndarray:
+    def _admitted(self, target: object) -> np.ndarray:
         """Return v2d of a target."""
         if isinstance(target, Command):
             raise InputError(

@@ -13,12 +13,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from rnc_pin.control.controller import State
 from rnc_pin.model.measurement import Measurement
+
+Runs = int | slice | np.ndarray
+"""Index of one run, or a mask or indices of some runs."""
 
 
 class NotStackable(ValueError):
@@ -29,7 +31,7 @@ class RunStates(ABC):
     """States of many runs that arrays (B, ...) cannot hold, because their sizes differ."""
 
     @abstractmethod
-    def of_runs(self, runs: Any) -> State:
+    def of_runs(self, runs: Runs) -> State:
         """Return the states of some runs, by a mask or indices, or the state of one run, by its index."""
 
 
@@ -62,7 +64,7 @@ def stack_states(states: Sequence[State]) -> State:
     return first
 
 
-def state_of_runs(state: State, runs: Any) -> State:
+def state_of_runs(state: State, runs: Runs) -> State:
     """State of some runs, by a mask or indices, or of one run, by its index."""
     if isinstance(state, np.ndarray):
         return state[runs]
@@ -78,6 +80,6 @@ def measurement_of_run(measurement: Measurement, run: int) -> Measurement:
     return Measurement._make([None if field is None else field[run] for field in measurement])
 
 
-def _like(first: tuple[Any, ...], parts: list[Any]) -> tuple[Any, ...]:
+def _like(first: tuple[State, ...], parts: list[State]) -> tuple[State, ...]:
     make = getattr(first, "_make", None)
     return tuple(parts) if make is None else make(parts)

@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from rnc_pin.control.batches import accepts_batches
-from rnc_pin.control.controller import Command, Description, KinematicController, command_towards, describe, listed
+from rnc_pin.control.controller import Command, DescribedMixin, KinematicController, command_towards
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.printing import ReprMixin
 
 
-class ComputedTorque(ReprMixin):
+class ComputedTorque(DescribedMixin):
     """``F = H (v2d_dot + k (v2d - v2)) + V v2 + G``: the velocity error decays as exp(-k t).
 
     Unlike the adaptive trackers, it reads the model. Reads from the measurement: ``q, v2``, and the quantities that its
@@ -36,6 +35,8 @@ class ComputedTorque(ReprMixin):
         array([40.,  0.])
     """
 
+    described = ("k", "target")
+
     def __init__(self, reduced: ReducedModel, target: KinematicController, k: float | np.ndarray = 20.0) -> None:
         self._reduced, self.target, self.k = reduced, target, k
 
@@ -43,14 +44,6 @@ class ComputedTorque(ReprMixin):
     def accepts_batches(self) -> bool:
         """True if the kinematic controller accepts batches."""
         return accepts_batches(self.target)
-
-    def describe(self) -> Description:
-        """Return the gain, and the kinematic controller."""
-        return {
-            "type": type(self).__name__,
-            "k": listed(self.k),
-            "target": describe(self.target),
-        }
 
     def initial_state(self, measurement: Measurement) -> object:
         """Return the initial state of the kinematic controller."""

@@ -12,8 +12,9 @@ is optional.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple, Protocol, TypeAlias, runtime_checkable
+from typing import Any, ClassVar, Literal, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy import ndarray as Array
@@ -23,6 +24,7 @@ from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.io.json import Json
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning.references import Reference
+from rnc_pin.printing import ReprMixin
 
 State: TypeAlias = Any
 """State of a controller from one sample to the next; only the controller knows its content."""
@@ -93,10 +95,30 @@ def describe(thing: object) -> Description:
     return thing.describe() if isinstance(thing, Describable) else {"type": type(thing).__name__}
 
 
-def listed(values: float | np.ndarray) -> Json:
+def listed(values: object) -> Json:
     """Return a gain in a form that JSON can store: a number, or a list of numbers."""
     numbers: Json = np.asarray(values).tolist()
     return numbers
+
+
+class DescribedMixin(ReprMixin):
+    """Mixin of controllers with settings: it prints them in one line, and describes them for the record of a run.
+
+    Attributes:
+        described: names of the attributes that the description contains.
+    """
+
+    described: ClassVar[tuple[str, ...]] = ()
+
+    def describe(self) -> Description:
+        """Return the type and the settings, with the descriptions of the objects among them."""
+        return {"type": type(self).__name__, **{name: _setting(getattr(self, name)) for name in self.described}}
+
+
+def _setting(value: object) -> Json:
+    if value is None or isinstance(value, bool | int | float | str | tuple | np.ndarray):
+        return listed(value)
+    return dict(describe(value))
 
 
 class _Sized(Protocol):
@@ -136,13 +158,43 @@ def goals_at(values: np.ndarray, where: np.ndarray, shape: tuple[int, ...]) -> n
     return whole
 
 
-def command_towards(target: VelocityTarget, F: np.ndarray) -> Command:
-    """Return a command with force F and the record of its velocity target."""
+def command_towards(target: VelocityTarget, F: np.ndarray | None = None, T: np.ndarray | None = None) -> Command:
+    """Return a command with force F or inputs T, and the record of its velocity target."""
     return Command(
         F=F,
+        T=T,
         v2_desired=target.v2,
         x1_desired=target.x1,
         x2_desired=target.x2,
         estimates=target.estimates,
         prediction_error=target.prediction_error,
     )
+
+
+class LimitedAcceleration(NamedTuple):
+    """Limits of one entry of an acceleration.
+
+    Attributes:
+        name: name of the entry.
+        quantity: "v2" for a reduced velocity, "v" for a velocity of the robot.
+        column: column of the entry.
+        lower, upper: smallest and largest acceleration [rad/s^2 or m/s^2].
+        rounding: excess that counts as rounding, as a share of the larger limit. The acceleration of a run is a
+            quotient of two samples, between which the inputs are held.
+        until: time up to which the limits hold [s], as those of a controller of one phase.
+    """
+
+    name: str
+    quantity: Literal["v", "v2"]
+    column: int
+    lower: float
+    upper: float
+    rounding: float = 1e-4
+    until: float = math.inf
+
+
+def limited_accelerations(controller: object) -> tuple[LimitedAcceleration, ...]:
+    """Accelerations that a controller limits, or that the one within it as its ``target`` limits."""
+    while controller is not None and not hasattr(controller, "limited_accelerations"):
+        controller = getattr(controller, "target", None)
+    return () if controller is None else controller.limited_accelerations

@@ -75,7 +75,7 @@ class Feedback:
             point = desired.position, desired.velocity, desired.acceleration
             if _kernel.library.feedback(*point, actual, rate, self._table, found):
                 return found[0], found[1]
-            if actual.ndim == 2:  # with the bits of single runs, which NumPy would round differently
+            if actual.ndim == 2:  # each run alone: NumPy would round a stack differently
                 rows = [self(desired, *row) for row in zip(actual, rate, strict=True)]
                 return np.stack([row[0] for row in rows]), np.stack([row[1] for row in rows])
         seen = deviation(self._coordinates, desired, actual, rate)

@@ -7,8 +7,8 @@ There are three presets. ``paper`` has the numbers of the paper. ``normalised`` 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
-from typing import Literal, NamedTuple, TypeVar
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple, Self, TypeVar
 
 import numpy as np
 
@@ -58,8 +58,21 @@ OUTER_GAINS: dict[Preset, OuterGains] = {
 """Gains of the outer loops by preset."""
 
 
+class TrackerGains:
+    """Gains of an adaptive tracker."""
+
+    @classmethod
+    def paper(cls) -> Self:
+        """Return the gains of paper section 4, for every system: the defaults."""
+        return cls()
+
+    def describe(self) -> Description:
+        """Return the gains by name; the dead zone only if there is one."""
+        return {name: listed(value) for name, value in vars(self).items() if name != "dead_zone" or np.any(value)}
+
+
 @dataclass(frozen=True)
-class VelocityGains:
+class VelocityGains(TrackerGains):
     """Gains of (10).
 
     Attributes:
@@ -67,7 +80,7 @@ class VelocityGains:
         beta: adaptation gain (10); one number, or one for each reducing output.
         sigma: leak rate of the adapted values [1/s].
         dead_zone: velocity error below which adaptation stops, as large as the velocity noise [m/s or rad/s]; zero in
-            the paper (``control.dead_zone``). One number, or one for each reducing output.
+            the paper (``control.adaptation``). One number, or one for each reducing output.
     """
 
     k: Gain = 10.0
@@ -75,19 +88,8 @@ class VelocityGains:
     sigma: NotNegative = 0.1
     dead_zone: Gain = 0.0
 
-    def describe(self) -> Description:
-        """The numbers by name."""
-        return _describe(self)
-
     @classmethod
-    def paper(cls) -> VelocityGains:
-        """K = 10, beta = 10, sigma = 0.1: paper section 4, for every system."""
-        return cls()
-
-    @classmethod
-    def normalised(
-        cls, bound: Gain | None, bandwidth: float = 4.0, sigma: float = 0.1, adaptation: float = 1.0
-    ) -> VelocityGains:
+    def normalised(cls, bound: Gain | None, bandwidth: float = 4.0, adaptation: float = 1.0) -> VelocityGains:
         """Return gains ``K = bandwidth D`` from a known bound ``H <= D = diag(bound)`` only.
 
         With ``Hdot = V + V^T`` the error obeys ``d/dt (e^T H e / 2) = -e^T K e + e^T d``. Here d is the force that
@@ -102,14 +104,13 @@ class VelocityGains:
             bound: on the reduced inertia, ``diag(bound) - H >= 0`` [force per acceleration]; a number, or one for
                 each reducing output (r,). For a diagonally dominant H, the absolute row sums are a bound.
             bandwidth: lowest rate of the closed loop [1/s].
-            sigma: leak of the adaptation [1/s].
             adaptation: ``beta / k`` [1/s].
 
         Raises:
             ConfigurationError: the bound is not positive.
         """
         k = bandwidth * _positive(bound)
-        return cls(k=k, beta=adaptation * k, sigma=sigma)
+        return cls(k=k, beta=adaptation * k)
 
     @classmethod
     def scaled(
@@ -119,7 +120,6 @@ class VelocityGains:
         dt: float,
         bandwidth: float | None = None,
         slowest: float = 4.0,
-        sigma: float = 0.1,
         outputs: np.ndarray | None = None,
         adaptation: float = 1.0,
         delay: float = 0.0,
@@ -143,7 +143,6 @@ class VelocityGains:
             dt: sampling period [s].
             bandwidth: [rad/s]; by default the largest that the sampling allows.
             slowest: lowest accepted closed-loop rate [1/s]; about twice the outer loop's gain.
-            sigma: leak of the adaptation [1/s].
             outputs: indices of the reducing outputs of these gains; all by default.
             adaptation: ``beta / k`` [1/s]. Use 30 if gravity is large for the inertia that it acts on, as at a light
                 wrist: adaptation must then be as fast as the gravity force changes.
@@ -168,11 +167,11 @@ class VelocityGains:
         if bandwidth is not None and not low <= bandwidth <= high:
             raise ConfigurationError(f"bandwidth {bandwidth:g} rad/s is outside the window {low:.3g} to {high:.3g}")
         k = (high if bandwidth is None else bandwidth) * diagonal
-        return cls(k=k, beta=adaptation * k, sigma=sigma)
+        return cls(k=k, beta=adaptation * k)
 
 
 @dataclass(frozen=True)
-class PositionGains:
+class PositionGains(TrackerGains):
     """Gains of (8)-(9).
 
     Attributes:
@@ -192,17 +191,8 @@ class PositionGains:
     sigma: NotNegative = 0.1
     dead_zone: Gain = 0.0
 
-    def describe(self) -> Description:
-        """The numbers by name."""
-        return _describe(self)
-
     @classmethod
-    def paper(cls) -> PositionGains:
-        """k1 = k2 = 10, gamma = 2, beta = 10, sigma = 0.1: paper section 4, for every system."""
-        return cls()
-
-    @classmethod
-    def normalised(cls, bound: Gain | None, gamma: float = 8.0, rate: float = 3.0, sigma: float = 0.1) -> PositionGains:
+    def normalised(cls, bound: Gain | None, gamma: float = 8.0, rate: float = 3.0) -> PositionGains:
         """Return gains from a known bound ``H <= D = diag(bound)`` only.
 
         With ``k1 = kappa1 D, k2 = kappa2 D`` every motion of ``H = D / rho``, rho at least 1, has the polynomial
@@ -215,7 +205,6 @@ class PositionGains:
             bound: on the inertia of the outputs, ``diag(bound) - H >= 0``; a number, or one for each output (k,).
             gamma: rate of the filter [1/s].
             rate: decay rate of the error [1/s]; below ``gamma / 2``.
-            sigma: leak of the adaptation [1/s].
 
         Raises:
             ConfigurationError: the bound is not positive, or the filter is too slow for the rate.
@@ -225,7 +214,7 @@ class PositionGains:
         diagonal, square = _positive(bound), (4.0 * rate) ** 2
         kappa2 = rate * square / (2.0 * gamma**3)
         kappa1 = (square - kappa2 * gamma**2) / gamma**4
-        return cls(k1=kappa1 * diagonal, k2=kappa2 * diagonal, gamma=gamma, beta=1.0 * diagonal, sigma=sigma)
+        return cls(k1=kappa1 * diagonal, k2=kappa2 * diagonal, gamma=gamma, beta=1.0 * diagonal)
 
     @classmethod
     def scaled(
@@ -234,7 +223,6 @@ class PositionGains:
         dt: float,
         gamma: float = 8.0,
         rate: float = 3.0,
-        sigma: float = 0.1,
         delay: float = 0.0,
     ) -> PositionGains:
         """Return diagonal gains for the inertia over a region.
@@ -249,7 +237,6 @@ class PositionGains:
             dt: sampling period [s].
             gamma: rate of the filter [1/s].
             rate: decay rate of the error [1/s].
-            sigma: leak of the adaptation [1/s].
             delay: time from a measurement to the force that answers it, without sampling [s].
 
         Raises:
@@ -267,7 +254,7 @@ class PositionGains:
                 f"{np.sqrt(square):.3g} rad/s, a decay rate of {rate:g}/s with gamma {gamma:g} needs "
                 "more; sample faster or choose a smaller rate"
             )
-        return cls(k1=kappa1 * diagonal, k2=kappa2 * diagonal, gamma=gamma, beta=diagonal.copy(), sigma=sigma)
+        return cls(k1=kappa1 * diagonal, k2=kappa2 * diagonal, gamma=gamma, beta=diagonal.copy())
 
 
 def design_velocity_gains(
@@ -380,12 +367,6 @@ def _positive(bound: Gain | None) -> np.ndarray:
     if not (np.isfinite(values).all() and (values > 0).all()):
         raise ConfigurationError(f"a bound on the inertia has to be positive, found {values.tolist()}")
     return values
-
-
-def _describe(gains: VelocityGains | PositionGains) -> Description:
-    """The gains by name; the dead zone only if there is one."""
-    names = [each.name for each in fields(gains) if each.name != "dead_zone" or np.any(gains.dead_zone)]
-    return {name: listed(getattr(gains, name)) for name in names}
 
 
 def _check_delay(delay: float) -> None:

@@ -10,17 +10,16 @@ from numpy import ndarray as Array
 
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.controller import Command, Description, check_size, elapsed_time, goals_at, listed
+from rnc_pin.control.adaptation import saturation_mask
+from rnc_pin.control.controller import Command, DescribedMixin, check_size, elapsed_time, goals_at
 from rnc_pin.control.deviation import fed_back
 from rnc_pin.control.gain_design import PositionGains
-from rnc_pin.control.windup import saturation_mask
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.coordinates import Coordinates, angle_difference
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning.references import Reference, ReferencePoint
-from rnc_pin.printing import ReprMixin
 
 
 class PositionState(NamedTuple):
@@ -39,7 +38,7 @@ class PositionState(NamedTuple):
     """Error at the last sample."""
 
 
-class PositionTracker(ReprMixin):
+class PositionTracker(DescribedMixin):
     """``F = A x2d_ddot + B x2d_dot + f + k1 gamma^2 w + k2 gamma^2 e``, paper (8)-(9), without rates.
 
     The paper's laws contain ``edot``: the scan drops a dot from ``fdot = -sigma f + beta q_f`` with
@@ -53,7 +52,7 @@ class PositionTracker(ReprMixin):
     with ``q = k2 e / (k1 gamma) - w / gamma``. Filter and leak are exact over a sample.
 
     For an output with saturated actuators, the learnt force does not grow in the saturated direction
-    (``control.windup``). For an output with an error within the dead zone, it does not change at all.
+    (``control.adaptation``). For an output with an error within the dead zone, it does not change at all.
 
     Reads from the measurement: ``x2``, and ``force_deficit`` if available.
 
@@ -79,6 +78,8 @@ class PositionTracker(ReprMixin):
         array([4., 0., 0.])
     """
 
+    described = ("gains", "gravity_compensation")
+
     def __init__(
         self,
         reference: Reference,
@@ -102,14 +103,6 @@ class PositionTracker(ReprMixin):
             0.0 if gravity_compensation is None else np.asarray(gravity_compensation, dtype=float)
         )
         check_size(reference, len(self.outputs), "tracked")
-
-    def describe(self) -> Description:
-        """Return the gains and the gravity compensation."""
-        return {
-            "type": type(self).__name__,
-            "gains": self.gains.describe(),
-            "gravity_compensation": listed(self.gravity_compensation),
-        }
 
     def initial_state(self, measurement: Measurement) -> PositionState:
         """Return zero adaptive gains, and the filter at rest at the present error."""

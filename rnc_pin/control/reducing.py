@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from rnc_pin.control.controller import Description, VelocityTarget, check_size, goals_at, listed
+from rnc_pin.control.controller import DescribedMixin, VelocityTarget, check_size, goals_at
 from rnc_pin.control.deviation import Feedback
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.planning.references import Reference
-from rnc_pin.printing import ReprMixin
 
 
-class ReducingOutputController(ReprMixin):
+class ReducingOutputController(DescribedMixin):
     """``v2d = x2d_dot + k2 (x2d - x2)``: every reducing output follows a reference of its own.
 
     The vertical outputs follow from the constraints. Reads from the measurement: ``x1, x2, v2``.
@@ -36,6 +35,8 @@ class ReducingOutputController(ReprMixin):
         array([2., 0.])
     """
 
+    described = ("k2",)
+
     def __init__(
         self,
         reduced: ReducedModel,
@@ -50,13 +51,6 @@ class ReducingOutputController(ReprMixin):
 
     accepts_batches = True
     """All runs have one reference."""
-
-    def describe(self) -> Description:
-        """Return the gain."""
-        return {
-            "type": type(self).__name__,
-            "k2": listed(self.k2),
-        }
 
     def initial_state(self, measurement: Measurement) -> None:
         """Return None: the controller has no state."""

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, cast
+from typing import cast
 
 import numpy as np
 
 from rnc_pin import _kernel
 from rnc_pin.control.batches import measurement_of_run, stack_states
-from rnc_pin.control.controller import Description, VelocityTarget, check_size, describe, goals_at, listed
+from rnc_pin.control.controller import (
+    DescribedMixin,
+    Description,
+    VelocityTarget,
+    check_size,
+    describe,
+    goals_at,
+    listed,
+)
 from rnc_pin.control.deviation import deviation, fed_back
 from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS
 from rnc_pin.control.secondary import Secondary
 from rnc_pin.errors import ConfigurationError, SingularityError
-from rnc_pin.io.json import Json
 from rnc_pin.math.linear_algebra import apply, condition_number, solve
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.task import Task
 from rnc_pin.planning.references import Reference, ReferencePoint
-from rnc_pin.printing import ReprMixin
 
 _LIMIT = 1e8
 
@@ -26,19 +32,6 @@ _LIMIT = 1e8
 _Secondary = tuple[np.ndarray | None, np.ndarray | None]
 """Secondary rates of the redundant outputs and their rates, (..., c) each; None without an objective."""
 _NONE: _Secondary = (None, None)
-
-
-class _Rates(NamedTuple):
-    """Wanted rates of a sample, (..., k) each."""
-
-    primary: np.ndarray
-    primary_dot: np.ndarray
-    vertical: np.ndarray
-    """At ``v2 = 0`` the vertical outputs have none of them."""
-    vertical_dot: np.ndarray
-    secondary: np.ndarray | None
-    """Of the redundant outputs; None without an objective."""
-    secondary_dot: np.ndarray | None
 
 
 def check_freedom(task: Task) -> None:
@@ -51,7 +44,7 @@ def check_freedom(task: Task) -> None:
         )
 
 
-class RedundancyController(ReprMixin):
+class RedundancyController(DescribedMixin):
     """``v22d = A4^-1 (x1d_dot + k3 (x1d - x1) - A3 v21d)``, paper (12), with its exact rate.
 
     The rate of the redundant outputs lets the vertical outputs follow their reference, while the primary outputs follow
@@ -89,6 +82,8 @@ class RedundancyController(ReprMixin):
         array([0.2])
     """
 
+    described = ("k3", "k21")
+
     def __init__(
         self,
         task: Task,
@@ -114,7 +109,9 @@ class RedundancyController(ReprMixin):
             raise ConfigurationError(f"weights have to be {len(task.redundant)} positive numbers")
         self._cheap = 1.0 / self._weights
         self._places = np.concatenate([task.vertical, task.primary, task.redundant])
-        self._table = self._gains()
+        first, base = task.primary_coordinates, task.vertical_coordinates
+        gains = np.broadcast_to(k21, first.size), first.kinds, np.broadcast_to(k3, base.size), base.kinds, self._cheap
+        self._table = np.concatenate(gains, dtype=float)  # for the compiled kernel
         if secondary is not None:
             check_freedom(task)
         self.secondary = secondary
@@ -124,22 +121,12 @@ class RedundancyController(ReprMixin):
         """True without a secondary objective."""
         return self.secondary is None
 
-    def _gains(self) -> np.ndarray:
-        """Gains and kinds of the outputs for the kernel."""
-        task = self.task
-        primary, vertical = task.primary_coordinates, task.vertical_coordinates
-        gains = np.broadcast_to(self.k21, primary.size), np.broadcast_to(self.k3, vertical.size)
-        parts = gains[0], primary.kinds, gains[1], vertical.kinds, self._cheap
-        return np.concatenate(parts, dtype=float)
-
     def describe(self) -> Description:
         """Return the gains; for a wide A4 also the weights and the secondary objective."""
-        gains: dict[str, Json] = {"k3": listed(self.k3), "k21": listed(self.k21)}
-        if len(self.task.redundant) > len(self.task.vertical):
-            gains["weights"] = listed(self._weights)
-        if self.secondary is not None:
-            gains["secondary"] = describe(self.secondary)
-        return {"type": type(self).__name__, **gains}
+        wide = len(self.task.redundant) > len(self.task.vertical)
+        weights = {"weights": listed(self._weights)} if wide else {}
+        secondary = {} if self.secondary is None else {"secondary": describe(self.secondary)}
+        return {**super().describe(), **weights, **secondary}
 
     def initial_state(self, measurement: Measurement) -> None:
         """Return None: the controller has no state."""
@@ -152,7 +139,7 @@ class RedundancyController(ReprMixin):
     def _target(
         self, x21d: ReferencePoint, x1d: ReferencePoint, secondary: _Secondary, m: Measurement
     ) -> VelocityTarget:
-        """Target; of many runs that the kernel declines one by one, with their bits alone."""
+        """Target. If the kernel declines many runs, each is computed alone, with the same bits."""
         if m.x2.ndim > 1 + self.accepts_batches:
             return self._pursued(x21d, x1d, secondary, m)
         batch, counts = m.x2.shape[:-1], (len(self.task.vertical), len(self.task.primary))
@@ -187,8 +174,7 @@ class RedundancyController(ReprMixin):
             wanted = wanted - m.v1_offset[..., task.vertical]
         if m.v1_offset_dot is not None:
             wanted_dot = wanted_dot - m.v1_offset_dot[..., task.vertical]
-        rates = _Rates(v21, v21_dot, wanted, wanted_dot, *secondary)
-        v2, v2_dot = self._spread(rates, m)
+        v2, v2_dot = self._solved((v21, v21_dot), (wanted, wanted_dot), secondary, m)
         batch = v2.shape[:-1]
         return VelocityTarget(
             v2=v2,
@@ -197,20 +183,18 @@ class RedundancyController(ReprMixin):
             x2=goals_at(x21d.position, task.primary, (*batch, task.r)),
         )
 
-    def _spread(self, rates: _Rates, m: Measurement) -> tuple[np.ndarray, np.ndarray]:
-        """Rates v2 and v2_dot (..., r)."""
-        if m.x2.ndim != 1:
-            return self._solved(rates, m)
-        r, (v21, v21_dot, wanted, wanted_dot, z, z_dot) = self.task.r, rates
-        found = np.empty(2 * r)
-        each = m.A_star, m.A_star_dot, self._places, v21, v21_dot, wanted, wanted_dot, self._cheap, z, z_dot
-        if _kernel.library.spread(*each, len(self.task.vertical), found):
-            return found[:r], found[r:]
-        return self._solved(rates, m)
+    def _solved(
+        self,
+        primary: tuple[np.ndarray, np.ndarray],
+        vertical: tuple[np.ndarray, np.ndarray],
+        secondary: _Secondary,
+        m: Measurement,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Rates v2 and v2_dot (..., r), from the wanted rates of the outputs and their derivatives, (..., k) each.
 
-    def _solved(self, rates: _Rates, m: Measurement) -> tuple[np.ndarray, np.ndarray]:
-        """Rates v2 and v2_dot (..., r) by the formulas."""
-        task, (v21, v21_dot, wanted, wanted_dot, z, z_dot) = self.task, rates
+        Those of the vertical outputs do not contain their rates at ``v2 = 0``.
+        """
+        task, (v21, v21_dot), (wanted, wanted_dot), (z, z_dot) = self.task, primary, vertical, secondary
         A, A_dot = m.A_star[..., task.vertical, :], m.A_star_dot[..., task.vertical, :]
         A3, A4 = A[..., task.primary], A[..., task.redundant]
         A3_dot, A4_dot = A_dot[..., task.primary], A_dot[..., task.redundant]

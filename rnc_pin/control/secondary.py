@@ -15,8 +15,9 @@ import numpy as np
 import pinocchio as pin
 from annotated_types import Gt, Le, Len
 
-from rnc_pin.control.controller import Description, check_size, describe, listed
+from rnc_pin.control.controller import DescribedMixin, Description, check_size, describe, listed
 from rnc_pin.control.deviation import deviation, fed_back
+from rnc_pin.control.whole_body.limits.limited_joints import limited_positions
 from rnc_pin.errors import ConfigurationError, SingularityError
 from rnc_pin.math.linear_algebra import apply_transposed
 from rnc_pin.model.kinematics import over_states
@@ -26,7 +27,6 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.planning.references import Reference
 from rnc_pin.printing import ReprMixin
-from rnc_pin.robots.joint_values import NO_LIMIT
 
 _STEP = 2e-5  # [rad or m]; step of a central difference along the motion
 
@@ -68,7 +68,7 @@ class Combined(ReprMixin):
         return sum(z for z, _ in each[1:]) + each[0][0], sum(z_dot for _, z_dot in each[1:]) + each[0][1]
 
 
-class Posture(ReprMixin):
+class Posture(DescribedMixin):
     """Objective that keeps redundant outputs near a reference: ``z = x22d_dot + k (x22d - x22)``.
 
     Reads from the measurement: ``x2, v2``.
@@ -91,13 +91,11 @@ class Posture(ReprMixin):
         (array([1.]), array([0.]))
     """
 
+    described = ("k",)
+
     def __init__(self, task: Task, reference: Reference, k: float | np.ndarray = 1.0) -> None:
         check_size(reference, len(task.redundant), "redundant")
         self._task, self.reference, self.k = task, reference, _one_each(k, task)
-
-    def describe(self) -> Description:
-        """Return the gain."""
-        return {"type": type(self).__name__, "k": listed(self.k)}
 
     def __call__(self, t: float, measurement: Measurement) -> tuple[np.ndarray, np.ndarray]:
         redundant = self._task.redundant
@@ -106,7 +104,7 @@ class Posture(ReprMixin):
         return seen.velocity + fed_back(self.k, seen.error), seen.acceleration + self.k * seen.error_rate
 
 
-class JointLimits(ReprMixin):
+class JointLimits(DescribedMixin):
     """Objective that keeps joints away from their limits: descent on a potential that rises towards each limit.
 
     In a zone of width delta at each end the potential of a joint is ``s^3 / 3``. s is 0 at the start of the zone, 1 at
@@ -145,6 +143,8 @@ class JointLimits(ReprMixin):
         [False, True]
     """
 
+    described = ("k",)
+
     def __init__(
         self,
         reduced: ReducedModel,
@@ -155,27 +155,17 @@ class JointLimits(ReprMixin):
     ) -> None:
         if not 0 < margin <= 0.5:
             raise ConfigurationError(f"margin of joint limits has to be a share of the range, 0 to 0.5, found {margin}")
-        model, robot = reduced.robot.model, reduced.robot
-        self._q: list[int] = []
-        self._v: list[int] = []
-        for name in robot.joint_names if joints is None else joints:
-            joint = model.joints[robot.joint_id(name)]
-            places = range(joint.nq) if joint.nq == joint.nv else ()  # coordinates on a circle or sphere have no limits
-            limited = [i for i in places if _has_ends(model, joint.idx_q + i)]
-            if joints is not None and not limited:
-                raise ConfigurationError(f"joint '{name}' has no position limits")
-            self._q += [joint.idx_q + i for i in limited]
-            self._v += [joint.idx_v + i for i in limited]
-        if not self._q:
-            raise ConfigurationError(f"no joint of robot '{robot.name}' has position limits")
+        limited = limited_positions(reduced.robot, joints)
+        if not limited.q:
+            raise ConfigurationError(f"no joint of robot '{reduced.robot.name}' has position limits")
+        self._q, self._v = limited.q, limited.v
         self._reduced, self._redundant, self.k = reduced, task.redundant, _one_each(k, task)
-        low, high = model.lowerPositionLimit[self._q], model.upperPositionLimit[self._q]
-        self._zone = margin * (high - low)
-        self._begin_low, self._begin_high = low + self._zone, high - self._zone
+        self._zone = margin * (limited.upper - limited.lower)
+        self._begin_low, self._begin_high = limited.lower + self._zone, limited.upper - self._zone
 
     def describe(self) -> Description:
         """Return the gain, and the widths of the zones [rad or m]."""
-        return {"type": type(self).__name__, "k": listed(self.k), "zone": listed(self._zone)}
+        return {**super().describe(), "zone": listed(self._zone)}
 
     def __call__(self, t: float, measurement: Measurement) -> tuple[np.ndarray, np.ndarray]:
         q, v = measurement.q[..., self._q], measurement.v[..., self._v]
@@ -188,7 +178,7 @@ class JointLimits(ReprMixin):
         return -self.k * apply_transposed(J, gradient), -self.k * z_dot
 
 
-class SingularityDistance(ReprMixin):
+class SingularityDistance(DescribedMixin):
     """Objective that avoids singular configurations: ascent on ``w = log |det E| + log det(A4 A4^T) / 2``.
 
     First derivatives along the motion of each redundant output i are exact,
@@ -222,12 +212,10 @@ class SingularityDistance(ReprMixin):
         ((1,), array([0.]))
     """
 
+    described = ("k",)
+
     def __init__(self, reduced: ReducedModel, task: Task, k: float | np.ndarray = 0.1) -> None:
         self._reduced, self._task, self.k = reduced, task, _one_each(k, task)
-
-    def describe(self) -> Description:
-        """Return the gain."""
-        return {"type": type(self).__name__, "k": listed(self.k)}
 
     def gradient(self, q: np.ndarray) -> np.ndarray:
         """Return dw/dx22 (..., r2) at configurations (..., nq)."""
@@ -260,8 +248,3 @@ def _one_each(k: float | np.ndarray, task: Task) -> np.ndarray:
     if gains.shape not in ((), (size,)) or not (gains >= 0).all():
         raise ConfigurationError(f"k of a secondary objective has to be a number or {size}, not negative, found {k}")
     return gains
-
-
-def _has_ends(model: pin.Model, index: int) -> bool:
-    low, high = model.lowerPositionLimit[index], model.upperPositionLimit[index]
-    return -NO_LIMIT < low < high < NO_LIMIT

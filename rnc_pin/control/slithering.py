@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import atan2, cos, hypot, sin, sqrt
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -12,7 +12,7 @@ from numpy import ndarray as Array
 
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.batches import RunStates, measurement_of_run
+from rnc_pin.control.batches import Runs, RunStates, measurement_of_run
 from rnc_pin.control.path_fit import PathPoint, chord_end_between, chord_end_fitted
 from rnc_pin.errors import ConfigurationError, SingularityError, nearest
 from rnc_pin.math.coordinates import wrapped
@@ -54,7 +54,7 @@ class DrivenPaths(RunStates):
     def __init__(self, paths: Sequence[Array], headings: Array) -> None:
         self.paths, self.headings = tuple(paths), headings
 
-    def of_runs(self, runs: Any) -> DrivenPath | DrivenPaths:
+    def of_runs(self, runs: Runs) -> DrivenPath | DrivenPaths:
         if isinstance(runs, int | np.integer):
             return DrivenPath(self.paths[runs], float(self.headings[runs]))
         chosen = np.arange(len(self.paths))[runs]

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from math import isfinite
-from typing import Any
 
 import numpy as np
 
 from rnc_pin import _kernel
 from rnc_pin.control.batches import state_of_runs
-from rnc_pin.control.controller import Description, VelocityTarget, check_size, goals_at, listed
+from rnc_pin.control.controller import DescribedMixin, VelocityTarget, check_size, goals_at
 from rnc_pin.control.deviation import Feedback
 from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS
 from rnc_pin.control.slithering import PathState, SlitheringReference
@@ -19,12 +18,11 @@ from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.planning.references import Reference, ReferencePoint
-from rnc_pin.printing import ReprMixin
 
 _A4_ZERO = 1e-9
 
 
-class SteeringController(ReprMixin):
+class SteeringController(DescribedMixin):
     """Backstepping for ``x11dot = A3(x, x22) v21``.
 
     The paper puts its fire truck into class 2, but there (13) has no matrix to invert: A4 = 0. The desired rate is
@@ -70,6 +68,8 @@ class SteeringController(ReprMixin):
         array([2., 0., 0.])
     """
 
+    described = ("k3", "k4", "k21", "damping", "max_rate")
+
     def __init__(
         self,
         reduced: ReducedModel,
@@ -97,7 +97,7 @@ class SteeringController(ReprMixin):
         self.monitored = monitored
         self._follow_primary = Feedback(task.primary_coordinates, k21)
         self._follow_vertical = Feedback(task.vertical_coordinates, k3)
-        self._in_A3: Any = (..., *np.ix_(task.vertical, task.primary))
+        self._in_A3 = np.ix_(task.vertical, task.primary)
         self._damped = damping**2 * np.eye(len(task.redundant))
         self._places = np.concatenate([task.vertical, task.primary, task.redundant])
         self._redundant = np.array(task.redundant, dtype=np.int64)
@@ -108,17 +108,6 @@ class SteeringController(ReprMixin):
     def accepts_batches(self) -> bool:
         """True if the compiled kernel evaluates the model."""
         return self._reduced.evaluator.compiled and not self._reduced.rheonomic
-
-    def describe(self) -> Description:
-        """Return the gains."""
-        return {
-            "type": type(self).__name__,
-            "k3": listed(self.k3),
-            "k4": self.k4,
-            "k21": listed(self.k21),
-            "damping": self.damping,
-            "max_rate": self.max_rate,
-        }
 
     def initial_state(self, measurement: Measurement) -> PathState | None:
         """Return the state of the vertical reference, if any; raise an error if redundant rates move x11."""
@@ -162,7 +151,7 @@ class SteeringController(ReprMixin):
     def _redundant_rates(
         self, m: Measurement, slopes: np.ndarray, v21d: np.ndarray, v21d_dot: np.ndarray, x11d: ReferencePoint
     ) -> np.ndarray:
-        """Redundant rates (..., a); of many runs that the kernel declines one by one, with their bits alone."""
+        """Redundant rates (..., a). If the kernel declines many runs, each is computed alone, with the same bits."""
         found = np.empty((*m.v2.shape[:-1], len(self._redundant)))
         point = [
             np.ascontiguousarray(np.broadcast_to(each, (*m.v2.shape[:-1], len(self.task.vertical))))
@@ -183,7 +172,7 @@ class SteeringController(ReprMixin):
         task = self.task
         v21, v22_now = m.v2[..., task.primary], m.v2[..., task.redundant]
         A3, A3_dot = m.A_star[self._in_A3], m.A_star_dot[self._in_A3]
-        N = np.stack([apply(gradient[(*self._in_A3, j)], v21) for j in range(len(task.redundant))], axis=-1)
+        N = np.stack([apply(gradient[..., j][self._in_A3], v21) for j in range(len(task.redundant))], axis=-1)
         rate = apply(A3, v21)
         wanted, wanted_dot = self._follow_vertical(x11d, m.x1[..., task.vertical], rate)
         without = apply(A3_dot, v21) - apply(N, v22_now) + apply(A3, v21d_dot)

@@ -15,12 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rnc_pin.control.controller import Description, VelocityTarget, listed
+from rnc_pin.control.controller import DescribedMixin, VelocityTarget
 from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.math.coordinates import wrapped
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.printing import ReprMixin
 
 _WAKE_FACTOR = 2.0  # distance or heading error, in multiples of ``tolerance``, at which a resting vehicle starts again
 _REVERSAL_RATIO = 0.5  # largest ratio of the angle terms of V, after to before, for a change of driving direction
@@ -46,7 +45,7 @@ class _PolarPose(NamedTuple):
     """From the goal's heading to the line of sight (-pi, pi]."""
 
 
-class UnicycleStabilizer(ReprMixin):
+class UnicycleStabilizer(DescribedMixin):
     """Controller that drives a unicycle (forward speed, yaw) to a pose, from any other pose.
 
     The law is that of Aicardi and others, with V as above, forwards or backwards: the direction with less turning. The
@@ -85,6 +84,8 @@ class UnicycleStabilizer(ReprMixin):
         array([1., 0.])
     """
 
+    described = ("goal", "begin", "k", "rate", "tolerance", "ramp_time", "max_speed")
+
     def __init__(
         self,
         goal: np.ndarray,
@@ -112,19 +113,6 @@ class UnicycleStabilizer(ReprMixin):
         )
         # Near the line of sight the angles have the polynomial s^2 + c s + k^2 h: poles at -rate and -1.2 rate.
         self._c, self._h = 2.2 * rate, 1.2 * rate**2 / k**2
-
-    def describe(self) -> Description:
-        """Return the goal, the start time, the rates and the limits."""
-        return {
-            "type": type(self).__name__,
-            "goal": listed(self.goal),
-            "begin": self.begin,
-            "k": self.k,
-            "rate": self.rate,
-            "tolerance": self.tolerance,
-            "ramp_time": self.ramp_time,
-            "max_speed": list(self.max_speed),
-        }
 
     def initial_state(self, measurement: Measurement) -> DrivingState:
         """Return the waiting state."""

@@ -10,24 +10,20 @@ from numpy import ndarray as Array
 
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
+from rnc_pin.control.adaptation import apply_dead_zone, saturation_mask
 from rnc_pin.control.batches import accepts_batches, stack_states, state_of_runs
 from rnc_pin.control.controller import (
     Command,
-    Description,
+    DescribedMixin,
     KinematicController,
     State,
     VelocityTarget,
     command_towards,
-    describe,
     elapsed_time,
-    listed,
 )
-from rnc_pin.control.dead_zone import apply_dead_zone
 from rnc_pin.control.gain_design import VelocityGains
-from rnc_pin.control.windup import saturation_mask
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.printing import ReprMixin
 
 _Learnt = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # force, and learnt g, C and D
 
@@ -43,7 +39,7 @@ class TrackerState(NamedTuple):
     """State of the kinematic controller."""
 
 
-class VelocityTracker(ReprMixin):
+class VelocityTracker(DescribedMixin):
     """``F = C v2d_dot + D [v2 v2d] + g + k e_v`` with gains learnt from ``e_v = v2d - v2``, paper (10).
 
     The scan of the paper omits the third law, ``Ddot = -sigma D + beta e_v [v2 v2d]^T``. In discrete time the leak is
@@ -51,9 +47,9 @@ class VelocityTracker(ReprMixin):
     large ``beta |w|^2 dt`` is (explicit Euler diverges above 2). For small steps both are the paper's.
 
     With a dead zone z the laws use only the part of ``e_v`` beyond z. For an output within the zone, adaptation and
-    leak stop. So velocity noise below z causes no drift (``control.dead_zone``); only the feedback k corrects errors
+    leak stop. So velocity noise below z causes no drift (``control.adaptation``); only the feedback k corrects errors
     below z. For an output with saturated actuators, the learnt force does not grow in the saturated direction
-    (``control.windup``).
+    (``control.adaptation``).
 
     Reads from the measurement: ``v2``, ``force_deficit`` if available, and the quantities that its kinematic
     controller reads.
@@ -77,6 +73,8 @@ class VelocityTracker(ReprMixin):
         array([20.,  0.])
     """
 
+    described = ("gains", "gravity_compensation", "target")
+
     def __init__(
         self,
         target: KinematicController,
@@ -96,15 +94,6 @@ class VelocityTracker(ReprMixin):
     def accepts_batches(self) -> bool:
         """True if the kinematic controller accepts batches."""
         return accepts_batches(self.target)
-
-    def describe(self) -> Description:
-        """Return the gains, the gravity compensation, and the kinematic controller."""
-        return {
-            "type": type(self).__name__,
-            "gains": self.gains.describe(),
-            "gravity_compensation": listed(self.gravity_compensation),
-            "target": describe(self.target),
-        }
 
     def initial_state(self, measurement: Measurement) -> TrackerState:
         """Return zero adaptive gains."""
@@ -130,7 +119,7 @@ class VelocityTracker(ReprMixin):
         return command_towards(target, F), TrackerState(t, g, C, D, target_state)
 
     def _learnt(self, elapsed: float, measurement: Measurement, target: VelocityTarget, state: TrackerState) -> _Learnt:
-        """Force, and learnt g, C and D; many runs that the kernel declines one by one, with their bits alone."""
+        """Force, and learnt g, C and D. If the kernel declines many runs, each is computed alone, to the same bits."""
         v2, sigma = measurement.v2, self.gains.sigma
         if v2.ndim > 2:
             return self._adapted(elapsed, measurement, target, state)

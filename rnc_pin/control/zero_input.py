@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from rnc_pin.control.controller import Command, Description
+from rnc_pin.control.controller import Command, DescribedMixin
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.printing import ReprMixin
 
 
-class ZeroInput(ReprMixin):
+class ZeroInput(DescribedMixin):
     """All actuator inputs are zero, and no output has a goal.
 
     Args:
@@ -30,10 +29,6 @@ class ZeroInput(ReprMixin):
     def __init__(self, reduced: ReducedModel) -> None:
         self.inputs = np.zeros(reduced.p)
         self.inputs.setflags(write=False)
-
-    def describe(self) -> Description:
-        """Return the type."""
-        return {"type": type(self).__name__}
 
     def initial_state(self, measurement: Measurement) -> None:
         """Return None: the controller has no state."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rnc_pin.errors import ConstraintError
+from rnc_pin.forces.output_force_law import check_entries
 from rnc_pin.model.differences import gradient_with_error, vector_gradient_with_error
 from rnc_pin.model.kinematics import VelocityKinematics, over_states
 from rnc_pin.model.passive_forces import ForceGradient, PassiveForce
@@ -16,9 +16,6 @@ from rnc_pin.robots.robot import Robot
 
 Function = Callable[[np.ndarray, np.ndarray], np.ndarray]
 Gradient = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-
-_WRONG = 1e-6  # relative error that rounding and differences do not explain
-_DOUBT = 100.0  # times the error estimate that a difference may be wrong by
 
 
 @dataclass(frozen=True)
@@ -62,13 +59,8 @@ class _ForceFunction(PassiveForce):
                 *given, _ = self._given(q, v)
                 *expected, doubt = self._differences(q, v)
                 for by, found, wanted in zip(("q", "v"), given, expected, strict=True):
-                    allowed = _WRONG * (1.0 + np.abs(wanted).max(initial=0.0)) + _DOUBT * doubt
-                    if not (np.abs(found - wanted) <= allowed).all():
-                        row, column = np.argwhere(~(np.abs(found - wanted) <= allowed))[0]
-                        raise ConstraintError(
-                            f"gradient(q, v) of {self.name}: entry {[int(row), int(column)]} by {by} is "
-                            f"{found[row, column]:.6g}, a difference gives {wanted[row, column]:.6g}"
-                        )
+                    what = f"gradient(q, v) of {self.name}"
+                    check_entries(what, found, wanted, doubt, "a difference", f" by {by}")
 
     def _one(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         return admit_rows(self._kind.function(q, v), (self._nv,), f"function(q, v) of {self.name}")

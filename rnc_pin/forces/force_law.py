@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rnc_pin.errors import ConstraintError
-from rnc_pin.forces.output_force_law import OutputForceLaw
+from rnc_pin.forces.output_force_law import OutputForceLaw, check_entries
 from rnc_pin.model.differences import vector_gradient_with_error
 from rnc_pin.model.kinematics import over_states
 from rnc_pin.model.passive_forces import PassiveForce
@@ -17,9 +16,6 @@ from rnc_pin.robots.robot import Robot
 
 Law = Callable[[np.ndarray, np.ndarray], np.ndarray]
 Slopes = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-
-_WRONG = 1e-6  # relative error that rounding and differences do not explain
-_DOUBT = 100.0  # times the error estimate that a difference may be wrong by
 
 
 @dataclass(frozen=True)
@@ -92,17 +88,9 @@ class _ForceLaw(OutputForceLaw):
             *given, _ = self.slopes(y, rate)
             *expected, doubt = self._differences(y, rate)
             for by, found, wanted in zip(("y", "ydot"), given, expected, strict=True):
-                self._compare(f"slopes by {by}", found, wanted, doubt)
+                check_entries(f"{self.name}: slopes by {by}", found, wanted, doubt, "a difference of the law")
         if self._kind.potential is not None:
             gradient, doubt = vector_gradient_with_error(self.energy, y)
             for moving in (rate, 0.0 * rate):
-                self._compare("force", self._one(y, moving), -gradient, doubt, "the negative gradient of its potential")
-
-    def _compare(self, what: str, found: np.ndarray, wanted: np.ndarray, doubt: float, source: str = "") -> None:
-        wrong = ~(np.abs(found - wanted) <= _WRONG * (1.0 + np.abs(wanted).max(initial=0.0)) + _DOUBT * doubt)
-        if wrong.any():
-            at = tuple(np.argwhere(wrong)[0])
-            raise ConstraintError(
-                f"{self.name}: {what}: entry {[int(k) for k in at]} is {found[at]:.6g}, "
-                f"{source or 'a difference of the law'} gives {wanted[at]:.6g}"
-            )
+                force, source = self._one(y, moving), "the negative gradient of its potential"
+                check_entries(f"{self.name}: force", force, -gradient, doubt, source)

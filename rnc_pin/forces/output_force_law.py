@@ -6,12 +6,16 @@ from abc import abstractmethod
 
 import numpy as np
 
+from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply, apply_transposed
 from rnc_pin.model.kernel_rows import FORMS_OF_FORCES, KernelForce, KernelRow, Value
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.passive_forces import ForceGradient, PassiveForce
 from rnc_pin.model.rows import ConstantRows, OutputKind
 from rnc_pin.robots.robot import Robot
+
+_WRONG = 1e-6  # relative error that rounding and differences do not explain
+_DOUBT = 100.0  # times the error estimate that a difference may be wrong by
 
 
 class OutputForceLaw(PassiveForce):
@@ -70,3 +74,24 @@ class OutputForceLaw(PassiveForce):
 
     def potential(self, at: PositionKinematics) -> np.ndarray:
         return self.energy(self.rows.value(at)) if self.conservative else super().potential(at)
+
+
+def check_entries(what: str, found: np.ndarray, wanted: np.ndarray, doubt: float, source: str, by: str = "") -> None:
+    """Compare what a user gave with another result.
+
+    Args:
+        what: name of the quantity, for the message.
+        found: entries that the user gave.
+        wanted: the same from another source.
+        doubt: estimated error of that source.
+        source: name of the source, for the message.
+        by: words behind the entry, such as " by q".
+
+    Raises:
+        ConstraintError: an entry differs by more than rounding and the error explain.
+    """
+    wrong = ~(np.abs(found - wanted) <= _WRONG * (1.0 + np.abs(wanted).max(initial=0.0)) + _DOUBT * doubt)
+    if wrong.any():
+        at = tuple(np.argwhere(wrong)[0])
+        entry = [int(k) for k in at]
+        raise ConstraintError(f"{what}: entry {entry}{by} is {found[at]:.6g}, {source} gives {wanted[at]:.6g}")

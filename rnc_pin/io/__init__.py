@@ -1,1 +1,5 @@
 """Files: safe reading of untrusted ones, atomic writing, and data that JSON can represent."""
+
+from rnc_pin.lazy_exports import lazy_exports
+
+__getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -12,14 +11,25 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Controller
 from rnc_pin.errors import ConstraintError, InputError, RncError, SingularityError, printable
-from rnc_pin.loop.command import input_of, unpack_step
-from rnc_pin.loop.guard import Guard, InvalidMeasurementError, is_time
-from rnc_pin.loop.loop_state import LoopState
-from rnc_pin.loop.options import admit_controller, admit_limits, admit_model, check_choice, check_number
-from rnc_pin.loop.restoring import restore
-from rnc_pin.loop.saved_state import write_state
-from rnc_pin.loop.state_checks import check_state
-from rnc_pin.loop.velocity import FilteredVelocity, VelocityEstimator, VelocityObserver
+from rnc_pin.loop.loop_state import LoopState, check_state, restore, write_state
+from rnc_pin.loop.measurements import (
+    FilteredVelocity,
+    Guard,
+    InvalidMeasurementError,
+    VelocityEstimator,
+    VelocityObserver,
+    is_time,
+)
+from rnc_pin.loop.options import (
+    ControllerOrFactory,
+    admit_controller,
+    admit_limits,
+    admit_model,
+    check_choice,
+    check_number,
+    input_of,
+    unpack_step,
+)
 from rnc_pin.math.linear_algebra import apply, clipped
 from rnc_pin.model.input_validation import vector
 from rnc_pin.model.measurement import Measurement
@@ -104,7 +114,7 @@ class ControlLoop:
     def __init__(
         self,
         reduced: ReducedModel,
-        controller: Controller | Callable[[Measurement], Controller],
+        controller: ControllerOrFactory,
         dt: float,
         *,
         velocity: Literal["measured", "filtered", "observer"] = "measured",
@@ -118,17 +128,18 @@ class ControlLoop:
     ) -> None:
         check_number("dt", dt)
         self.reduced, self.dt = admit_model(reduced), dt
-        self._controller_or_factory = admit_controller(controller, of_measurement=True)
-        self._controller: Controller | None = controller if isinstance(controller, Controller) else None
-        self._fallback = check_choice("fallback", fallback, _FALLBACKS)
+        admit_controller(controller, of_measurement=True)
+        self._controller = controller if isinstance(controller, Controller) else None
+        self._factory = None if isinstance(controller, Controller) else controller
+        self._fallback, self._timeout = fallback, 5 * dt if timeout is None else timeout
+        check_choice("fallback", fallback, _FALLBACKS)
         check_number("max_speed", max_speed)
         check_number("min_singular_value", min_singular_value, zero=True)
         check_number("brake", brake, zero=True)
-        check_number("timeout", 5 * dt if timeout is None else timeout, zero=True)
+        check_number("timeout", self._timeout, zero=True)
         self._guard = Guard(reduced.robot, max_speed, self._estimator(velocity, cutoff))
         self._limits = admit_limits(reduced, limits)
         self._fallback_limits = reduced.actuation.limits if self._limits is None else self._limits
-        self._timeout = 5 * dt if timeout is None else timeout
         self._min_singular_value, self._brake = min_singular_value, brake
         self.state = LoopState()
         self.last: Decision | None = None
@@ -252,7 +263,7 @@ class ControlLoop:
 
     # ------------------------------------------------------------------ safe command
 
-    def _reject(self, t: Any, problem: str, v: Array | None) -> Array:
+    def _reject(self, t: float, problem: str, v: Array | None) -> Array:
         if self._fallback == "raise":
             raise InputError(f"measurement at t = {t:g} s: {problem}" if is_time(t) else problem)
         before, last = self.state, 0.0 if self.state.time is None else self.state.time
@@ -270,7 +281,7 @@ class ControlLoop:
         """Copy of T, clipped to the limits: a stored state may come from another loop."""
         return clipped(T, self._fallback_limits)
 
-    def _fallback_input(self, v: Any) -> Array:
+    def _fallback_input(self, v: Array | None) -> Array:
         """Inputs of the safe command."""
         T = np.zeros(self.reduced.p)
         if self._fallback == "hold" and self.state.T is not None:
@@ -280,7 +291,7 @@ class ControlLoop:
         self.state = self.state._replace(T=T, input_deficit=None)
         return T
 
-    def _braking_input(self, v: Any) -> Array:
+    def _braking_input(self, v: Array | None) -> Array:
         """Braking inputs ``F = -brake diag(H) v2``; zero if q or v is unknown."""
         nothing = np.zeros(self.reduced.p)
         q, v = self.state.q, None if v is None else np.asarray(v, dtype=float)
@@ -298,7 +309,7 @@ class ControlLoop:
     def reset(self) -> None:
         """Clear the state: the next step is the first."""
         self.state, self.last = LoopState(), None
-        if not isinstance(self._controller_or_factory, Controller):
+        if self._factory is not None:
             self._controller = None
 
     def resume(self, state: LoopState) -> None:
@@ -313,11 +324,9 @@ class ControlLoop:
         check_state(state, self.reduced)
         self.state, self.last = state, None
         if self.state.T is not None:
-            T = self._clipped(self.state.T)
+            T, deficit = self._clipped(self.state.T), self.state.input_deficit
             if not np.array_equal(T, self.state.T):
-                requested = (
-                    self.state.T if self.state.input_deficit is None else self.state.T + self.state.input_deficit
-                )
+                requested = self.state.T if deficit is None else self.state.T + deficit
                 self.state = self.state._replace(T=T, input_deficit=_input_deficit(requested, T))
 
     def save(self, path: str | Path) -> None:
@@ -348,8 +357,10 @@ class ControlLoop:
 
     def _make_controller(self, measurement: Measurement) -> Controller:
         """Return the controller; constructed from the first measurement if a function was given."""
-        made: Controller = self._controller_or_factory(measurement) if self._controller is None else self._controller
-        return made
+        if self._controller is not None:
+            return self._controller
+        assert self._factory is not None
+        return self._factory(measurement)
 
 
 def _input_deficit(requested: np.ndarray, T: np.ndarray) -> np.ndarray | None:

@@ -1,14 +1,45 @@
-"""State of a control loop."""
+"""State of a control loop between two steps, its checks, and its file.
+
+A state may come from an untrusted file. A file holds numbers, text and tuples of them, bit for bit; reading it executes
+no code. Before the loop resumes from it, the controller takes one trial step.
+"""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import json
+from collections.abc import Callable
+from math import isfinite
+from pathlib import Path
+from typing import NamedTuple, TypedDict
 
+import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.controller import State
-from rnc_pin.loop.velocity import VelocityEstimate
+from rnc_pin.control.controller import Controller, State
+from rnc_pin.errors import ConfigurationError, InputError, RncError, printable
+from rnc_pin.io.atomic_write import atomic_file
+from rnc_pin.io.safe_npz import ArchiveError, read_npz
+from rnc_pin.loop.options import input_of, unpack_step
+from rnc_pin.model.input_validation import ConfigurationValidator
+from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_model import ReducedModel
+
+_LARGEST = 1e15
+"""Largest valid absolute value of a time, velocity or input."""
+
+_STRUCTURE = "structure"
+_MOST_BYTES = 64 * 2**20  # largest size of all arrays of a state [bytes]
+
+
+class VelocityEstimate(NamedTuple):
+    """State of a velocity estimator."""
+
+    q: Float[Array, " nq"]
+    v: Float[Array, " nv"]
+    """Estimated velocity."""
+    other: Float[Array, " nv"]
+    """Filter: output of its first stage [rad/s, m/s]. Observer: estimated acceleration [rad/s^2, m/s^2]."""
 
 
 class LoopState(NamedTuple):
@@ -43,3 +74,286 @@ class LoopState(NamedTuple):
     """Reason for the safe command, as text; None in normal operation."""
     failed: bool = False
     """True after an error of the controller: the safe command is permanent."""
+
+
+# ------------------------------------------------------------------ checks
+
+
+def check_state(state: LoopState, reduced: ReducedModel) -> None:
+    """Check the types, shapes and values of a loop's state, apart from the controller's state.
+
+    Args:
+        state: state of a loop.
+        reduced: model of the loop.
+
+    Raises:
+        InputError: names the field and the expected value.
+    """
+    if not isinstance(state, LoopState):
+        raise InputError(f"expected a LoopState, found {type(state).__name__}")
+    for name in ("begin", "time", "invalid_since"):
+        value = getattr(state, name)
+        if value is not None and (isinstance(value, bool) or not _is_number(value)):
+            raise InputError(f"{name} is not a finite number: {_shown(value)}")
+    sizes = {"v2": reduced.r, "integrals": reduced.r, "T": reduced.p, "input_deficit": reduced.p, "q": reduced.robot.nq}
+    for name, size in sizes.items():
+        if getattr(state, name) is not None:
+            _check_vector(name, getattr(state, name), size)
+    configurations = [] if state.q is None else [state.q]
+    if state.motion is not None:
+        if not isinstance(state.motion, VelocityEstimate):
+            raise InputError(f"motion is not a VelocityEstimate: {_shown(state.motion)}")
+        for name, size in {"q": reduced.robot.nq, "v": reduced.n, "other": reduced.n}.items():
+            _check_vector(f"motion.{name}", getattr(state.motion, name), size)
+        configurations.append(state.motion.q)
+    validator = ConfigurationValidator(reduced.robot)
+    for q in configurations:
+        validator.validate(q)
+    if state.fault is not None and not isinstance(state.fault, str):
+        raise InputError(f"fault is not text: {_shown(state.fault)}")
+    if not isinstance(state.failed, bool):
+        raise InputError(f"failed is not a boolean: {_shown(state.failed)}")
+
+
+def _check_vector(name: str, value: object, size: int) -> None:
+    if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiu":
+        raise InputError(f"{name} is not an array of numbers: {_shown(value)}")
+    if value.shape != (size,):
+        raise InputError(f"{name} has shape {value.shape}, expected ({size},)")
+    wrong = np.flatnonzero(~(np.abs(value) <= _LARGEST))
+    if len(wrong):
+        raise InputError(f"{name}[{wrong[0]}] is {value[wrong[0]]:g}, expected at most {_LARGEST:g}")
+
+
+def _check_memory(found: object, initial: object, after: object, where: str = "controller") -> None:
+    """Check the stored state of a controller against two valid states.
+
+    Args:
+        found: stored state.
+        initial: initial state of the controller.
+        after: state after one step from ``found``. If its shape differs from that of ``initial``, it is a history: the
+            first axis may have any length.
+        where: name of the field, for error messages.
+
+    Raises:
+        InputError: the type or shape differs, or a number is not finite.
+    """
+    models = [each for each in (initial, after) if each is not None]
+    if found is None or (not models and not isinstance(found, tuple | dict | np.ndarray | float | int | str)):
+        return
+    if isinstance(found, dict | tuple):
+        if models and not any(type(each) is type(found) for each in models):
+            raise InputError(f"{where} is a {type(found).__name__}, expected a {type(models[0]).__name__}")
+        names = found if isinstance(found, dict) else getattr(found, "_fields", range(len(found)))
+        for key, name in enumerate(names):
+            at = name if isinstance(found, dict) else key
+            _check_memory(found[at], _item(initial, at), _item(after, at), f"{where}.{name}")
+    elif isinstance(found, str):
+        if models and not any(isinstance(each, str) for each in models):
+            raise InputError(f"{where} is text: {_shown(found)}")
+    else:
+        _check_numbers(found, initial, after, where)
+
+
+def _item(model: object, key: str | int) -> object:
+    """Return ``model[key]``; None if there is no such item."""
+    if isinstance(model, dict):
+        return model.get(key)
+    return model[key] if isinstance(model, tuple) and isinstance(key, int) and key < len(model) else None
+
+
+def _check_numbers(found: object, initial: object, after: object, where: str) -> None:
+    given = [each for each in (initial, after) if each is not None]
+    models = [each for each in given if not isinstance(each, str | tuple | dict)]
+    if given and not models:
+        raise InputError(f"{where} is a number or an array, expected a {type(given[0]).__name__}")
+    # An initial state may use NaN for unknown values.
+    unknown = any(each is initial and np.isnan(np.asarray(each)).any() for each in models)
+    if not unknown and not _is_number(found):
+        raise InputError(f"{where} is not finite")
+    shape, shapes = np.asarray(found).shape, [np.asarray(each).shape for each in models]
+    if not shapes or shape in shapes:
+        return
+    varies = len({*shapes}) > 1
+    if not varies or len(shape) != len(shapes[-1]) or shape[1:] != shapes[-1][1:]:
+        raise InputError(f"{where} has shape {shape}, expected {shapes[0]}")
+
+
+def _is_number(value: object) -> bool:
+    """True if the value is a finite number or an array of them."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.dtype.kind in "fiub" and bool(np.isfinite(value).all())
+    try:
+        return isinstance(value, float | int) and isfinite(value)
+    except OverflowError:
+        return False
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) < 60 else f"{text[:57]}..."
+
+
+# ------------------------------------------------------------------ file
+
+
+class _Packed(TypedDict, total=False):
+    """Value of a state in the JSON of a file: one of ``value``, ``number``, ``array``, ``mapping``, or a tuple."""
+
+    value: bool | int | str | None
+    number: str
+    """Name of the array that holds a float."""
+    array: str
+    mapping: dict[str, _Packed]
+    items: list[_Packed]
+    kind: str
+    """Type of the tuple of ``items``."""
+
+
+def write_state(state: LoopState, path: Path) -> None:
+    """Write a state. An existing file is replaced only when the new one is complete.
+
+    Raises:
+        ConfigurationError: the state holds another type than numbers, arrays, text, and tuples or mappings of them.
+    """
+    arrays: dict[str, Array] = {}
+    structure = json.dumps(_pack(state, arrays, "state"))
+    with atomic_file(path) as partial, partial.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **arrays, **{_STRUCTURE: np.array(structure)})
+
+
+def _pack(value: object, arrays: dict[str, Array], where: str) -> _Packed:
+    if value is None or isinstance(value, bool | int | str):
+        return {"value": value}
+    if isinstance(value, float | np.ndarray | np.generic):
+        array = np.asarray(value)
+        if array.dtype.kind not in "fiub":
+            raise ConfigurationError(f"{where}: an array of {array.dtype} cannot be saved")
+        name = f"a{len(arrays)}"
+        arrays[name] = array
+        return {"number": name} if isinstance(value, float) else {"array": name}
+    if isinstance(value, tuple):
+        names = getattr(value, "_fields", range(len(value)))
+        items = [_pack(each, arrays, f"{where}.{name}") for name, each in zip(names, value, strict=True)]
+        return {"items": items, "kind": type(value).__qualname__}
+    if isinstance(value, dict):
+        return {"mapping": {str(key): _pack(each, arrays, f"{where}.{key}") for key, each in value.items()}}
+    raise ConfigurationError(f"{where}: a {type(value).__name__} cannot be saved")
+
+
+def _unpack(content: _Packed, arrays: dict[str, Array], known: dict[str, type]) -> object:
+    if "value" in content:
+        if not isinstance(content["value"], bool | int | str | None):
+            raise ValueError(content)
+        return content["value"]
+    if "number" in content:
+        return arrays[content["number"]].item()
+    if "array" in content:
+        return arrays[content["array"]]
+    if "mapping" in content:
+        return {key: _unpack(each, arrays, known) for key, each in content["mapping"].items()}
+    items = [_unpack(each, arrays, known) for each in content["items"]]
+    kind = known.get(content["kind"])
+    if kind is None:
+        raise ConfigurationError(f"the state is that of another controller: it holds a '{content['kind']}'")
+    return tuple(items) if kind is tuple else kind(*items)
+
+
+def _collect(value: object, known: dict[str, type]) -> None:
+    """Add the tuple types of a value to ``known``."""
+    if isinstance(value, tuple):
+        known[type(value).__qualname__] = type(value)
+    for each in value.values() if isinstance(value, dict) else value if isinstance(value, tuple | list) else ():
+        _collect(each, known)
+
+
+def _read_state(path: Path, template: Callable[[Array], State]) -> LoopState:
+    """Read a file of ``write_state``.
+
+    Args:
+        path: path of the file.
+        template: function from a configuration to an initial state of the controller; its tuple types are allowed.
+
+    Raises:
+        ConfigurationError: the file does not exist, has another format, or holds tuples of another controller.
+        RncError: ``template`` raises it at q.
+    """
+    try:
+        arrays = read_npz(path, text=[_STRUCTURE], largest=_MOST_BYTES)
+        structure = json.loads(str(arrays.pop(_STRUCTURE)))
+        known: dict[str, type] = {each.__qualname__: each for each in (tuple, LoopState, VelocityEstimate)}
+        fields = dict(zip(LoopState._fields, structure["items"], strict=True))
+        q = _unpack(fields["q"], arrays, known)
+        if q is not None:
+            _collect(template(q), known)  # type: ignore[arg-type]  # checked with the whole state
+        state = _unpack(structure, arrays, known)
+    except FileNotFoundError:
+        raise ConfigurationError(f"no file '{path}'") from None
+    except ArchiveError as error:
+        raise ConfigurationError(f"{path}: not the state of a loop: {error}") from None
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error}") from None
+    except RncError:
+        raise
+    except Exception:  # a broken file can hold any structure
+        raise ConfigurationError(f"{path}: not the state of a loop") from None
+    if not isinstance(state, LoopState):
+        raise ConfigurationError(f"{path}: not the state of a loop")
+    return state
+
+
+def restore(
+    path: Path, reduced: ReducedModel, make: Callable[[Measurement], Controller]
+) -> tuple[LoopState, Controller | None]:
+    """Return the state of a loop from a file, and its controller.
+
+    Args:
+        path: path of the file.
+        reduced: model of the loop.
+        make: function from the first measurement to the controller.
+
+    Raises:
+        ConfigurationError: the file does not exist, or its state does not fit this model and controller.
+    """
+    controller: Controller | None = None
+    initial: State = None
+
+    def initial_state(q: Array) -> State:
+        nonlocal controller, initial
+        measurement = reduced.at(q, v=np.zeros(reduced.n), t=0.0).measure(np.zeros(reduced.r))
+        controller = make(measurement)
+        initial = controller.initial_state(measurement)
+        return initial
+
+    try:
+        state = _read_state(path, initial_state)
+        check_state(state, reduced)
+        if controller is not None and not state.failed:
+            _check_trial_step(state, reduced, controller, initial)
+    except ConfigurationError:
+        raise
+    except RncError as error:
+        raise ConfigurationError(f"{path}: the state does not fit this loop: {error}") from None
+    if state.fault is not None:
+        state = state._replace(fault=printable(state.fault))
+    return state, controller
+
+
+def _check_trial_step(state: LoopState, reduced: ReducedModel, controller: Controller, initial: State) -> None:
+    """Check the stored state of a controller by one step.
+
+    Raises:
+        RncError: its type or shape is wrong, it is not finite, or the step fails.
+    """
+    nothing = np.zeros(reduced.r)
+    elapsed = 0.0 if state.time is None else state.time - (state.time if state.begin is None else state.begin)
+    here = reduced.at(state.q, nothing if state.v2 is None else state.v2, t=elapsed)
+    measurement = here.measure(nothing if state.integrals is None else state.integrals)
+    try:
+        command, after = unpack_step(controller.step(elapsed, measurement, state.controller))
+    except RncError:
+        raise
+    except Exception as error:  # a state of the wrong shape can raise any error
+        raise InputError(f"the controller raises {type(error).__name__}: {error}") from None
+    _check_memory(state.controller, initial, after)
+    input_of(reduced, here, command)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple, Unpack
 
 import numpy as np
 import pinocchio as pin
@@ -21,9 +21,12 @@ from rnc_pin.control.controller import KinematicController
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.loop.control_loop import ControlLoop, Decision
 from rnc_pin.loop.loop_state import LoopState
-from rnc_pin.loop.options import admit_controller, admit_model, check_choice
+from rnc_pin.loop.options import ControllerOrFactory, LoopOptions, admit_controller, admit_model, check_choice
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
+
+KinematicControllerOrFactory = KinematicController | Callable[[Measurement], KinematicController]
+"""Kinematic controller, or a function from the first measurement to one."""
 
 _BASES = {"JointModelPlanar": (0, 1, 2), "JointModelFreeFlyer": (0, 1, 5)}
 """Entries of v that are the twist of a base joint."""
@@ -57,12 +60,14 @@ class VelocityCommand(NamedTuple):
 class VelocityInputLoop(ControlLoop):
     """Control loop whose inputs are velocities: effort limits do not apply, and "brake" lets velocities decay."""
 
-    def __init__(self, reduced: ReducedModel, controller: Any, dt: float, **options: Any) -> None:
+    def __init__(
+        self, reduced: ReducedModel, controller: ControllerOrFactory, dt: float, **options: Unpack[LoopOptions]
+    ) -> None:
         super().__init__(reduced, controller, dt, **options)
         if self._limits is None:
             self._fallback_limits = np.full(reduced.p, np.inf)
 
-    def _braking_input(self, v: Any) -> Array:
+    def _braking_input(self, v: Array | None) -> Array:
         """Last velocities, after a decay over one sample."""
         last = self.state.T
         return np.zeros(self.reduced.p) if last is None else last * np.exp(-self._brake * self.dt)
@@ -114,7 +119,7 @@ class VelocityLoop:
     def __init__(
         self,
         reduced: ReducedModel,
-        target: KinematicController | Callable[[Measurement], KinematicController],
+        target: KinematicControllerOrFactory,
         dt: float,
         *,
         velocity: Literal["measured", "filtered", "observer", "commanded"] = "measured",
@@ -130,12 +135,13 @@ class VelocityLoop:
     ) -> None:
         self.reduced = admit_model(reduced)
         target = admit_controller(target, of_measurement=True)
-        self._commanded = check_choice("velocity", velocity, _VELOCITIES) == "commanded"
+        check_choice("velocity", velocity, _VELOCITIES)
+        self._commanded = velocity == "commanded"
         self._loop = VelocityInputLoop(
             reduced,
             _velocity_controller(reduced, target, limits),
             dt,
-            velocity="measured" if self._commanded else velocity,
+            velocity="measured" if velocity == "commanded" else velocity,
             cutoff=cutoff,
             limits=False,
             fallback=fallback,
@@ -235,7 +241,9 @@ class VelocityLoop:
         self._loop.load(path)
 
 
-def _velocity_controller(reduced: ReducedModel, target: Any, limits: bool | Array) -> Any:
+def _velocity_controller(
+    reduced: ReducedModel, target: KinematicControllerOrFactory, limits: bool | Array
+) -> ControllerOrFactory:
     """Return the controller of actuator velocities, or a function from the first measurement to it."""
     if isinstance(target, KinematicController):
         return ActuatorVelocityController(reduced, target, limits)

@@ -1,1 +1,5 @@
 """Small dense matrices, and the coordinates of outputs."""
+
+from rnc_pin.lazy_exports import lazy_exports
+
+__getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -169,6 +169,14 @@ def left_jacobian(r: np.ndarray, r_dot: np.ndarray) -> tuple[np.ndarray, np.ndar
     return J, J_dot
 
 
+def rotation_vector_rates(r: np.ndarray, w: np.ndarray, w_dot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First and second derivative (3,) of a rotation vector, from the angular velocity and acceleration."""
+    J, _ = left_jacobian(r, np.zeros(3))
+    r_dot = np.linalg.solve(J, w)
+    _, J_dot = left_jacobian(r, r_dot)
+    return r_dot, np.linalg.solve(J, w_dot - J_dot @ r_dot)
+
+
 def _nearest_turn(vector: np.ndarray, previous: np.ndarray) -> np.ndarray:
     """Rotation vector that is nearest to ``previous`` and gives the same rotation as ``vector``."""
     angle = float(np.linalg.norm(vector))

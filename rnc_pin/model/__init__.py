@@ -1,1 +1,5 @@
 """Nonholonomic system, its constraint and output rows, and its reduction."""
+
+from rnc_pin.lazy_exports import lazy_exports
+
+__getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -176,6 +176,15 @@ class Actuation:
         self.names, self.units = tuple(names), tuple(units)
 
     @property
+    def stated_limits(self) -> dict[str, float]:
+        """Limits by name of the forces on frames and on outputs [N or N m]; those of joints are in the robot's file."""
+        return {
+            name: float(limit)
+            for column, (name, limit) in enumerate(zip(self.names, self.limits, strict=True))
+            if column in self.configured and limit < np.inf
+        }
+
+    @property
     def constant(self) -> np.ndarray | None:
         """Actuation matrix B (nv, p) if it does not depend on the configuration, else None."""
         return None if self._function is not None or self.configured else self._constant

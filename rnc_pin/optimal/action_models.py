@@ -16,6 +16,7 @@ are evaluated in one block.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -26,58 +27,45 @@ from numpy import ndarray as Array
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.model.configuration_manifold import ConfigurationManifold
 from rnc_pin.model.reduced_model import ReducedModel
 
 Form = Literal["kinematic", "acceleration", "dynamic"]
 
 
-class StateManifold:
+class StateManifold(ConfigurationManifold):
     """Exponential map, its inverse and their derivatives, for stacks of configurations.
 
-    Derivatives are along tangent vectors at each configuration, as Pinocchio defines them. A robot whose joints are all
-    real numbers needs no loop.
+    Derivatives are along tangent vectors at each configuration, as Pinocchio defines them. Those of a robot whose
+    joints are all real numbers need no loop.
 
     Args:
         model: Pinocchio's model.
     """
 
     def __init__(self, model: pin.Model) -> None:
-        self._model = model
-        self._flat = model.nq == model.nv
-        self.nv = model.nv
-
-    def integrate(self, q: Float[Array, "n nq"], step: Float[Array, "n nv"]) -> Float[Array, "n nq"]:
-        """Configurations displaced by tangent vectors."""
-        if self._flat:
-            return q + step
-        return np.array([pin.integrate(self._model, a, b) for a, b in zip(q, step, strict=True)]).reshape(q.shape)
+        super().__init__(model)
+        self._real = model.nq == model.nv
 
     def integrate_derivatives(
         self, q: Float[Array, "n nq"], step: Float[Array, "n nv"]
     ) -> tuple[Float[Array, "n nv nv"], Float[Array, "n nv nv"]]:
         """Derivatives of ``integrate`` by the configuration and by the tangent vector."""
-        if self._flat:
+        if self._real:
             eye = np.broadcast_to(np.eye(self.nv), (len(q), self.nv, self.nv))
             return eye, eye
-        both = [pin.dIntegrate(self._model, a, b) for a, b in zip(q, step, strict=True)]
-        return np.array([each[0] for each in both]), np.array([each[1] for each in both])
-
-    def difference(self, start: Float[Array, "n nq"], end: Float[Array, "n nq"]) -> Float[Array, "n nv"]:
-        """Tangent vectors at ``start`` that lead to ``end``."""
-        if self._flat:
-            return end - start
-        found = [pin.difference(self._model, a, b) for a, b in zip(start, end, strict=True)]
-        return np.array(found).reshape(len(start), self.nv)
+        both = self._each(pin.dIntegrate, q, step)
+        return both[:, 0], both[:, 1]
 
     def difference_derivative(self, start: Float[Array, "n nq"], end: Float[Array, "n nq"]) -> Float[Array, "n nv nv"]:
         """Derivatives of ``difference`` by ``end``."""
-        if self._flat:
+        if self._real:
             return np.broadcast_to(np.eye(self.nv), (len(start), self.nv, self.nv))
-        return np.array([pin.dDifference(self._model, a, b)[1] for a, b in zip(start, end, strict=True)])
+        return self._each(pin.dDifference, start, end)[:, 1]
 
-    def interpolate(self, start: Float[Array, " nq"], end: Float[Array, " nq"], parts: Array) -> Float[Array, "n nq"]:
-        """Configurations on the geodesic between two configurations, at fractions (n,) of it."""
-        return np.array([pin.interpolate(self._model, start, end, float(part)) for part in parts])
+    def _each(self, function: Callable[..., object], first: Array, second: Array) -> Array:
+        """Results of a function of Pinocchio for each pair of rows."""
+        return np.array([function(self._model, *each) for each in zip(first, second, strict=True)])
 
 
 class Nodes(NamedTuple):
@@ -162,7 +150,7 @@ class ActionModel(ABC):
 
     def step_derivatives(self, at: Nodes, u: Array, h: Array) -> StepDerivatives:
         """Next states of nodes after steps h (n,) [s], with derivatives."""
-        n, nv, nw, nu, nx = len(at.q), self.nv, self.nw, self.nu, self.nx
+        n, nv, nu, nx = len(at.q), self.nv, self.nu, self.nx
         half = np.asarray(h) / 2
         columns = nx + nu + 1
         first = self.flow_derivatives(at, u)
@@ -188,11 +176,10 @@ class ActionModel(ABC):
         out[:, nv:] = start_w + step[:, :, None] * a
         out[:, nv:, -1] += second.a
         after = Nodes(self.manifold.integrate(at.q, step * second.v), at.w + step * second.a)
-        assert nw + nv == nx
         return StepDerivatives(after, out[:, :, :nx], out[:, :, nx : nx + nu], out[:, :, -1], first)
 
     def _columns(self, flow: FlowDerivatives, q: Array, w: Array, u: Array) -> tuple[Array, Array]:
-        """Derivatives of velocity and acceleration (n, ..., columns), from those of configuration and velocity."""
+        """Derivatives of velocity and acceleration (n, ..., columns), by the chain rule."""
         speed = u if self.form == "kinematic" else w
         return flow.v_q @ q + flow.v_w @ speed, flow.a_q @ q + flow.a_w @ speed + flow.a_u @ u
 

@@ -5,24 +5,38 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy import ndarray as Array
+from numpy.typing import ArrayLike
 
 from rnc_pin.collision import CollisionDistances
 from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.optimal.action_models import ActionModel
-from rnc_pin.optimal.costs import velocity_rows
-from rnc_pin.optimal.node_data import NodeData, RowValues
-from rnc_pin.optimal.output_rows_at_nodes import NodeOutputs
+from rnc_pin.optimal.node_data import (
+    NodeData,
+    NodeFunction,
+    NodeOutputs,
+    OutputChoice,
+    RowValues,
+    displacement_rows,
+    input_rows,
+    stacked,
+    velocity_rows,
+)
+from rnc_pin.planning.output_targets import OutputTarget
 
 _FAR = 1e3  # [m], distance of a row without a pair
 DISTANCE = "distance"
 GOAL = "goal"
 _WORDS = {"input": "input", "velocity": "velocity", "output": "value"}
 _HORIZON = 0.5  # [m], distance beyond the clearance from which pairs have no row
+
+Limit = ArrayLike | Mapping[str, float] | None
+"""A number, one for each row, or limits by name (none for the others); None for no limit."""
+Goal = Mapping[OutputTarget, ArrayLike] | ArrayLike
+"""Values by output, or a configuration (nq,)."""
 
 
 class NodeBound(ABC):
@@ -44,7 +58,7 @@ class NodeBound(ABC):
     """Remedy that removes a limit of the robot's file; "" for bounds that are stated."""
 
     def __init__(
-        self, names: Sequence[str], lower: Any, upper: Any, of_state: bool, units: Sequence[str] | None = None
+        self, names: Sequence[str], lower: Limit, upper: Limit, of_state: bool, units: Sequence[str] | None = None
     ) -> None:
         self.names, self.of_state = tuple(names), of_state
         self.units = ("",) * len(self.names) if units is None else tuple(units)
@@ -66,6 +80,25 @@ class NodeBound(ABC):
         """Rows at nodes."""
 
 
+class BoundRows(NodeBound):
+    """Bounded rows that a function of nodes returns."""
+
+    def __init__(
+        self,
+        quantity: str,
+        names: Sequence[str],
+        limits: tuple[Limit, Limit],
+        rows: NodeFunction,
+        of_state: bool = True,
+        units: Sequence[str] | None = None,
+    ) -> None:
+        super().__init__(names, *limits, of_state, units)
+        self.quantity, self._rows = quantity, rows
+
+    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
+        return self._rows(nodes, derivatives)
+
+
 class BoundKind(ABC):
     """Family of the bounds. Each binds to an action model."""
 
@@ -80,27 +113,18 @@ class InputBound(BoundKind):
 
     Args:
         lower: limits: a number, one for each input, or limits by name; no limit by default.
-        upper: the same.
+        upper: largest values, in the same forms.
 
     Example:
         >>> rnc.optimal.InputBound(-1.0, {"sleigh_yaw": 0.5}).upper
         {'sleigh_yaw': 0.5}
     """
 
-    lower: Any = None
-    upper: Any = None
+    lower: Limit = None
+    upper: Limit = None
 
     def bind(self, model: ActionModel) -> NodeBound:
-        return _Input(model.input_names, self.lower, self.upper, of_state=False)
-
-
-class _Input(NodeBound):
-    quantity = "input"
-
-    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
-        assert nodes.u is not None
-        n, nu = nodes.u.shape
-        return RowValues(nodes.u, None, np.broadcast_to(np.eye(nu), (n, nu, nu)))
+        return BoundRows("input", model.input_names, (self.lower, self.upper), input_rows, of_state=False)
 
 
 @dataclass(frozen=True)
@@ -109,26 +133,19 @@ class VelocityBound(BoundKind):
 
     Args:
         lower: limits: a number, one for each reducing output, or limits by name; no limit by default.
-        upper: the same.
+        upper: largest values, in the same forms.
 
     Example:
         >>> rnc.optimal.VelocityBound(-0.5, 0.5).lower
         -0.5
     """
 
-    lower: Any = None
-    upper: Any = None
+    lower: Limit = None
+    upper: Limit = None
 
     def bind(self, model: ActionModel) -> NodeBound:
-        of_state = model.form != "kinematic"
-        return _Speed(model.reduced.reducing.names, self.lower, self.upper, of_state)
-
-
-class _Speed(NodeBound):
-    quantity = "velocity"
-
-    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
-        return RowValues(nodes.v2, *velocity_rows(nodes))
+        names, limits = model.reduced.reducing.names, (self.lower, self.upper)
+        return BoundRows("velocity", names, limits, velocity_rows, of_state=model.form != "kinematic")
 
 
 @dataclass(frozen=True)
@@ -138,35 +155,21 @@ class OutputBound(BoundKind):
     Args:
         output: an output object, the name of an output of the model, or a list of these.
         lower: limits: a number, one for each row, or limits by name; no limit by default.
-        upper: the same.
+        upper: largest values, in the same forms.
 
     Example:
         >>> rnc.optimal.OutputBound(rnc.JointPosition("front_steering"), -0.6, 0.6).upper
         0.6
     """
 
-    output: Any
-    lower: Any = None
-    upper: Any = None
+    output: OutputChoice
+    lower: Limit = None
+    upper: Limit = None
 
     def bind(self, model: ActionModel) -> NodeBound:
-        return _OutputLimits(self, model)
-
-
-class _OutputLimits(NodeBound):
-    quantity = "output"
-
-    def __init__(self, bound: OutputBound, model: ActionModel) -> None:
-        self._outputs = NodeOutputs(model.reduced, bound.output)
-        super().__init__(self._outputs.names, bound.lower, bound.upper, True, self._outputs.units)
-        self.angular = self._outputs.angular
-
-    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
-        found = RowValues(self._outputs.value(nodes))
-        if derivatives:
-            J = self._outputs.jacobian(nodes)
-            found.x = np.concatenate([J, np.zeros((*J.shape[:2], nodes.model.nw))], axis=2)
-        return found
+        outputs = NodeOutputs(model.reduced, self.output)
+        limits = self.lower, self.upper
+        return BoundRows("output", outputs.names, limits, outputs.value_rows, units=outputs.units)
 
 
 @dataclass(frozen=True)
@@ -233,7 +236,7 @@ class GoalRows(NodeBound):
 
     quantity = GOAL
 
-    def __init__(self, model: ActionModel, goal: Any, at_rest: bool) -> None:
+    def __init__(self, model: ActionModel, goal: Goal, at_rest: bool) -> None:
         robot = model.reduced.robot
         self._q: Array | None = None
         self._outputs: list[tuple[NodeOutputs, Array]] = []
@@ -278,36 +281,22 @@ class GoalRows(NodeBound):
         return self._q
 
     def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
-        model, n = nodes.model, nodes.size
-        values, positions = [], []
+        model = nodes.model
+        parts = [outputs.error_rows(target, nodes, derivatives) for outputs, target in self._outputs]
         if self._q is not None:
-            start = np.broadcast_to(self._q, nodes.at.q.shape)
-            values.append(model.manifold.difference(start, nodes.at.q))
-            if derivatives:
-                positions.append(model.manifold.difference_derivative(start, nodes.at.q))
-        for outputs, target in self._outputs:
-            error = outputs.error(nodes, target)
-            values.append(error)
-            if derivatives:
-                positions.append(outputs.error_jacobian(nodes, error))
+            parts = [displacement_rows(self._q, nodes, derivatives)]
         if self._rest:
-            values.append(nodes.at.w)
-        found = RowValues(np.concatenate(values, axis=1))
-        if derivatives:
-            found.x = np.zeros((n, len(self.names), model.nx))
-            J = np.concatenate(positions, axis=1)
-            found.x[:, : J.shape[1], : model.nv] = J
-            if self._rest:
-                found.x[:, J.shape[1] :, model.nv :] = np.eye(model.r)
-        return found
+            parts.append(velocity_rows(nodes, derivatives))
+        value, x, _ = stacked(parts, nodes.size, model.nx, model.nu)
+        return RowValues(value, x if derivatives else None)
 
 
-def _stated(given: Any, names: Sequence[str]) -> Array:
+def _stated(given: Limit, names: Sequence[str]) -> Array:
     """Mask (k,) of the rows for which a limit is given."""
     return np.array([given is not None and (name in given if isinstance(given, Mapping) else True) for name in names])
 
 
-def _limits(given: Any, names: Sequence[str], default: float) -> Array:
+def _limits(given: Limit, names: Sequence[str], default: float) -> Array:
     limits = np.full(len(names), default)
     if given is None:
         return limits

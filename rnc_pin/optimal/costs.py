@@ -11,29 +11,50 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from functools import partial
+from typing import Literal
 
 import numpy as np
 from numpy import ndarray as Array
+from numpy.typing import ArrayLike
 
 from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.optimal.action_models import ActionModel
-from rnc_pin.optimal.node_data import NodeData, RowValues
-from rnc_pin.optimal.output_rows_at_nodes import NodeOutputs
+from rnc_pin.optimal.node_data import (
+    NodeData,
+    NodeFunction,
+    NodeOutputs,
+    OutputChoice,
+    RowValues,
+    acceleration_rows,
+    displacement_rows,
+    input_rows,
+    velocity_rows,
+)
 from rnc_pin.planning.references import Reference
 
-Weight = float | Sequence[float] | Mapping[str, float] | Callable[[float], Any]
+Weight = float | Sequence[float] | Mapping[str, float] | Callable[[float], "Weight"]
 """A number, one for each row, weights by name (zero for the others), or a function of time that returns these."""
 Phase = Literal["running", "terminal", "both"]
 
 
-class BoundCost(ABC):
-    """Residual of a cost for one action model, with its weights."""
+class BoundCost:
+    """Residual of a cost for one action model, with its weights.
 
-    def __init__(self, names: Sequence[str], weight: Weight, phase: Phase) -> None:
+    Args:
+        names: names of the rows.
+        weight: their weights.
+        phase: "running", "terminal" or "both".
+        rows: function of nodes that returns the rows.
+        target: values of the rows without cost (k,).
+    """
+
+    def __init__(
+        self, names: Sequence[str], weight: Weight, phase: Phase, rows: NodeFunction, target: Array | float = 0.0
+    ) -> None:
         if phase not in ("running", "terminal", "both"):
             raise ConfigurationError(f"cost: phase '{phase}', expected 'running', 'terminal' or 'both'")
-        self.names, self._weight = tuple(names), weight
+        self.names, self._weight, self._rows, self._target = tuple(names), weight, rows, target
         self.running, self.terminal = phase != "terminal", phase != "running"
         self._constant = None if callable(weight) else weights_of(weight, self.names)
 
@@ -44,9 +65,10 @@ class BoundCost(ABC):
         assert callable(self._weight)
         return np.sqrt([weights_of(self._weight(float(t)), self.names) for t in time])
 
-    @abstractmethod
     def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
         """Residuals at nodes."""
+        found = self._rows(nodes, derivatives)
+        return RowValues(found.value - self._target, found.x, found.u)
 
 
 class CostKind(ABC):
@@ -76,39 +98,20 @@ class OutputCost(CostKind):
         ('sleigh_x', 'sleigh_y')
     """
 
-    output: Any
-    target: Any
+    output: OutputChoice
+    target: ArrayLike | Reference
     weight: Weight = 1.0
     phase: Phase = "running"
 
     def bind(self, model: ActionModel) -> BoundCost:
-        return _Output(self, model)
-
-
-class _Output(BoundCost):
-    def __init__(self, cost: OutputCost, model: ActionModel) -> None:
-        self._outputs = NodeOutputs(model.reduced, cost.output)
-        super().__init__(self._outputs.names, cost.weight, cost.phase)
-        self._reference: Reference | None = None
-        if isinstance(cost.target, Reference):
-            self._reference = cost.target
-            if cost.target.size != self._outputs.size:
-                raise ConfigurationError(
-                    f"cost of {', '.join(self.names)}: the reference has {cost.target.size} values"
-                )
+        outputs = NodeOutputs(model.reduced, self.output)
+        if not isinstance(self.target, Reference):
+            target: Array | Reference = outputs.target(self.target, "cost")
+        elif self.target.size == outputs.size:
+            target = self.target
         else:
-            self._target = self._outputs.target(cost.target, "cost")
-
-    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
-        target = (
-            self._target
-            if self._reference is None
-            else np.array([self._reference.at(float(t)).position for t in nodes.time])
-        )
-        error = self._outputs.error(nodes, target)
-        if not derivatives:
-            return RowValues(error)
-        return RowValues(error, _by_position(nodes, self._outputs.error_jacobian(nodes, error)))
+            raise ConfigurationError(f"cost of {', '.join(outputs.names)}: the reference has {self.target.size} values")
+        return BoundCost(outputs.names, self.weight, self.phase, partial(outputs.error_rows, target))
 
 
 @dataclass(frozen=True)
@@ -125,27 +128,13 @@ class PostureCost(CostKind):
         'running'
     """
 
-    q: Any
+    q: ArrayLike
     weight: Weight = 1.0
     phase: Phase = "running"
 
     def bind(self, model: ActionModel) -> BoundCost:
-        return _Posture(self, model)
-
-
-class _Posture(BoundCost):
-    def __init__(self, cost: PostureCost, model: ActionModel) -> None:
-        robot = model.reduced.robot
-        super().__init__(robot.velocity_names, cost.weight, cost.phase)
-        self._q = np.array(model.reduced.at(cost.q).q)
-
-    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
-        start = np.broadcast_to(self._q, nodes.at.q.shape)
-        manifold = nodes.model.manifold
-        found = RowValues(manifold.difference(start, nodes.at.q))
-        if derivatives:
-            found.x = _by_position(nodes, manifold.difference_derivative(start, nodes.at.q))
-        return found
+        rows = partial(displacement_rows, np.array(model.reduced.at(self.q).q))
+        return BoundCost(model.reduced.robot.velocity_names, self.weight, self.phase, rows)
 
 
 @dataclass(frozen=True)
@@ -162,21 +151,11 @@ class EffortCost(CostKind):
     """
 
     weight: Weight = 1.0
-    target: Any = 0.0
+    target: ArrayLike = 0.0
 
     def bind(self, model: ActionModel) -> BoundCost:
-        return _Effort(self, model)
-
-
-class _Effort(BoundCost):
-    def __init__(self, cost: EffortCost, model: ActionModel) -> None:
-        super().__init__(model.input_names, cost.weight, "running")
-        self._target = _entries(cost.target, model.nu, "target of the effort cost")
-
-    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
-        assert nodes.u is not None
-        n, nu = nodes.u.shape
-        return RowValues(nodes.u - self._target, None, np.broadcast_to(np.eye(nu), (n, nu, nu)))
+        target = _entries(self.target, model.nu, "target of the effort cost")
+        return BoundCost(model.input_names, self.weight, "running", input_rows, target)
 
 
 @dataclass(frozen=True)
@@ -194,23 +173,14 @@ class VelocityCost(CostKind):
     """
 
     weight: Weight = 1.0
-    target: Any = 0.0
+    target: ArrayLike = 0.0
     phase: Phase = "running"
 
     def bind(self, model: ActionModel) -> BoundCost:
         if model.form == "kinematic" and self.phase != "running":
             raise ConfigurationError("VelocityCost: the kinematic form has no velocity at the end; use 'running'")
-        return _Velocity(self, model)
-
-
-class _Velocity(BoundCost):
-    def __init__(self, cost: VelocityCost, model: ActionModel) -> None:
-        super().__init__(model.reduced.reducing.names, cost.weight, cost.phase)
-        self._target = _entries(cost.target, model.r, "target of the velocity cost")
-
-    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
-        x, u = velocity_rows(nodes)
-        return RowValues(nodes.v2 - self._target, x, u)
+        target = _entries(self.target, model.r, "target of the velocity cost")
+        return BoundCost(model.reduced.reducing.names, self.weight, self.phase, velocity_rows, target)
 
 
 @dataclass(frozen=True)
@@ -230,36 +200,10 @@ class AccelerationCost(CostKind):
     def bind(self, model: ActionModel) -> BoundCost:
         if model.form == "kinematic":
             raise ConfigurationError("AccelerationCost: the kinematic form has no acceleration; use 'acceleration'")
-        return _Acceleration(self, model)
+        return BoundCost(model.reduced.reducing.names, self.weight, "running", acceleration_rows)
 
 
-class _Acceleration(BoundCost):
-    def __init__(self, cost: AccelerationCost, model: ActionModel) -> None:
-        super().__init__(model.reduced.reducing.names, cost.weight, "running")
-
-    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
-        if not derivatives or nodes.flow is None:
-            return RowValues(nodes.acceleration)
-        return RowValues(nodes.acceleration, np.concatenate([nodes.flow.a_q, nodes.flow.a_w], axis=2), nodes.flow.a_u)
-
-
-def velocity_rows(nodes: NodeData) -> tuple[Array | None, Array | None]:
-    """Derivatives of the reduced velocities by the state and by the input."""
-    model, n = nodes.model, nodes.size
-    eye = np.eye(model.r)
-    if model.form == "kinematic":
-        return None, np.broadcast_to(eye, (n, model.r, model.r))
-    x = np.concatenate([np.zeros((model.r, model.nv)), eye], axis=1)
-    return np.broadcast_to(x, (n, model.r, model.nx)), None
-
-
-def _by_position(nodes: NodeData, J: Array) -> Array:
-    """Derivative by the whole state, from the derivative by q."""
-    n, k, _ = J.shape
-    return np.concatenate([J, np.zeros((n, k, nodes.model.nw))], axis=2)
-
-
-def weights_of(given: Any, names: Sequence[str]) -> Array:
+def weights_of(given: Weight, names: Sequence[str]) -> Array:
     """Weights (k,) from a number, a list, or weights by name."""
     if isinstance(given, Mapping):
         for name in given:
@@ -272,7 +216,7 @@ def weights_of(given: Any, names: Sequence[str]) -> Array:
     return weights
 
 
-def _entries(given: Any, size: int, what: str) -> Array:
+def _entries(given: object, size: int, what: str) -> Array:
     try:
         array = np.asarray(given, dtype=float)
     except (TypeError, ValueError):

@@ -12,8 +12,7 @@ from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.control.whole_body.limits.limited_joints import limited_positions, limited_velocities
 from rnc_pin.optimal.action_models import ActionModel
 from rnc_pin.optimal.bounds import InputBound, NodeBound
-from rnc_pin.optimal.costs import velocity_rows
-from rnc_pin.optimal.node_data import NodeData, RowValues
+from rnc_pin.optimal.node_data import NodeData, RowValues, velocity_rows
 from rnc_pin.robots.joint_values import NO_LIMIT
 
 
@@ -28,7 +27,7 @@ class FileLimits:
     Args:
         position: keep the position limits of joints; continuous joints and bases have none.
         velocity: keep the velocity limits of joints.
-        effort: keep the effort limits of actuators; those of forces on frames are their ``limit``.
+        effort: keep the effort limits of actuators; a force on a frame has its ``limit``.
 
     Example:
         >>> rnc.optimal.FileLimits(effort=False)  # argument of rnc.optimal.plan
@@ -122,8 +121,9 @@ class _Velocities(NodeBound):
         super().__init__([names[places[k]] for k in order], -limits, limits, of_state=model.form != "kinematic")
 
     def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
-        x, u = (None if each is None else each[:, self._own] for each in velocity_rows(nodes))
-        own = RowValues(nodes.v2[:, self._own], x, u)
+        whole = velocity_rows(nodes, derivatives)
+        x, u = (None if each is None else each[:, self._own] for each in (whole.x, whole.u))
+        own = RowValues(whole.value[:, self._own], x, u)
         if not self._other:
             return own
         if not derivatives:

@@ -3,24 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 import numpy as np
 from numpy import ndarray as Array
+from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, RncError
 from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.action_models import ActionModel, KinematicModel, Nodes
+from rnc_pin.optimal.bounds import Goal
 from rnc_pin.optimal.motion_plan import MotionPlan
 from rnc_pin.optimal.transcription import Iterate, Transcription
 from rnc_pin.planning import Reference, solve_ik
 
 _HARMONICS = 3
 
+Guess = MotionPlan | Iterate | ArrayLike | None
+"""Another plan, a motion, or configurations (n, nq) at equal times; None for the straight line."""
 
-def guesses(problem: Transcription, goal: Any, given: Any, seeds: int, seed: int) -> Iterator[tuple[str, Iterate]]:
+
+def guesses(
+    problem: Transcription, goal: Goal | None, given: Guess, seeds: int, seed: int
+) -> Iterator[tuple[str, Iterate]]:
     """Named guesses, in the order in which they are tried.
 
     Args:
@@ -54,9 +60,7 @@ def along(model: ActionModel, q: Array, duration: float, w: Array | None = None)
     """Motion along configurations (K + 1, nq) at equal times: velocities and inputs fit it as well as they can."""
     K = len(q) - 1
     h = duration / K
-    v = model.manifold.difference(q[:-1], q[1:]) / h
-    J2 = model.reduced.at(q[:-1]).J2
-    v2 = np.einsum("kri,ki->kr", J2, v) if w is None else w
+    v2 = _speeds(model, q, h) if w is None else w
     if model.form == "kinematic":
         return Iterate(q, np.empty((K + 1, 0)), v2, duration)
     nodes = np.concatenate([v2[:1], (v2[:-1] + v2[1:]) / 2, v2[-1:]])
@@ -68,17 +72,17 @@ def along(model: ActionModel, q: Array, duration: float, w: Array | None = None)
 
 
 def driven_configurations(
-    reduced: ReducedModel, q0: Any, reference: Reference, duration: float | None = None, count: int = 201
+    reduced: ReducedModel, q0: ArrayLike, reference: Reference, duration: float | None = None, count: int = 201
 ) -> Float[Array, "n nq"]:
     """Return the configurations to which a motion of the reducing outputs leads, as a guess for ``plan``.
 
-    The constraints give the motion of everything else. The reference may be that of a ``CarPath``, or a gait.
+    The constraints give the motion of everything else. The reference may come from a ``CarPath``, or be a gait.
 
     Args:
         reduced: the model.
         q0: initial configuration (nq,).
         reference: of all reducing outputs; only its rates count.
-        duration: duration [s]; that of the reference by default.
+        duration: duration [s]; the duration of the reference by default.
         count: number of configurations, at equal times.
 
     Raises:
@@ -123,7 +127,7 @@ def random_motion(
     """Motion with random harmonic velocities from the start; warped: bent so that it ends at the end of the line."""
     model, K = problem.model, problem.K
     h = duration / K
-    straight = np.abs(along(model, line, duration).u if model.form == "kinematic" else _speeds(model, line, h))
+    straight = np.abs(_speeds(model, line, h))
     size = np.maximum(2.0 * straight.mean(axis=0), 3.0 / duration)
     phase = np.pi * (np.arange(K) + 0.5) / K
     v2 = sum(
@@ -143,6 +147,7 @@ def random_motion(
 
 
 def _speeds(model: ActionModel, q: Array, h: float) -> Array:
+    """Reduced velocities (K, r) that fit configurations (K + 1, nq) at intervals h [s] as well as they can."""
     v = model.manifold.difference(q[:-1], q[1:]) / h
     return np.einsum("kri,ki->kr", model.reduced.at(q[:-1]).J2, v)
 
@@ -162,7 +167,7 @@ def resampled(model: ActionModel, at: Iterate, K: int) -> Iterate:
     return Iterate(q, w, u, at.duration)
 
 
-def goal_configuration(reduced: ReducedModel, q0: Array, goal: Any) -> Array:
+def goal_configuration(reduced: ReducedModel, q0: Array, goal: Goal | None) -> Array:
     """Return a configuration (nq,) that reaches a goal of ``plan``; ``q0`` if none is found."""
     if goal is None:
         return q0
@@ -175,7 +180,7 @@ def goal_configuration(reduced: ReducedModel, q0: Array, goal: Any) -> Array:
     return np.array(found.q) if found.converged else q0
 
 
-def _given(problem: Transcription, given: Any, duration: float) -> Iterate:
+def _given(problem: Transcription, given: MotionPlan | Iterate | ArrayLike, duration: float) -> Iterate:
     """Guess from a plan, an iterate or configurations."""
     K, model = problem.K, problem.model
     if isinstance(given, Iterate):
@@ -199,8 +204,5 @@ def _given(problem: Transcription, given: Any, duration: float) -> Iterate:
 def _spaced(model: ActionModel, q: Array, K: int) -> Array:
     """Configurations (K + 1, nq) at equal times along others."""
     places = np.linspace(0.0, len(q) - 1.0, K + 1)
-    found = []
-    for place in places:
-        k = min(int(place), len(q) - 2)
-        found.append(model.manifold.interpolate(q[k], q[k + 1], np.array([place - k]))[0])
-    return np.array(found)
+    before = np.minimum(places.astype(int), len(q) - 2)
+    return model.manifold.interpolate(q[before], q[before + 1], places - before)

@@ -15,12 +15,16 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.io.atomic_write import atomic_file
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
-from rnc_pin.planning.references import ReferencePoint
+from rnc_pin.planning.references import PiecewisePolynomial
 from rnc_pin.verdict import Finding, Verdict
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+_COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#999999")
+_SAMPLES = 400
+_NEAR = 2.0  # bounds farther away than this share of the range of a curve are not drawn
 _ARRAYS = ("time", "q", "w", "u", "K", "position", "velocity", "acceleration")
 
 
@@ -121,7 +125,7 @@ class PlanInfo:
     findings: tuple[Finding, ...] = ()
 
 
-class PlannedOutputs:
+class PlannedOutputs(PiecewisePolynomial):
     """Reference of outputs along a plan: quintic polynomials between its nodes, at rest after its end.
 
     Values, rates and accelerations are those of the plan at both ends of every interval. Where the inputs jump, rates
@@ -139,42 +143,21 @@ class PlannedOutputs:
     """
 
     def __init__(self, time: Array, position: Array, velocity: Array, acceleration: Array) -> None:
-        self._time, self.duration, self.size = time, float(time[-1]), position.shape[2]
         h = np.diff(time)[:, None]
         a, b = (position[:, k] for k in (0, 1))
         va, vb = (h * velocity[:, k] for k in (0, 1))
         aa, ab = (h**2 * acceleration[:, k] for k in (0, 1))
-        # Coefficients of the quintic on [0, 1] in powers of the fraction of the interval.
-        self._coefficients = np.stack(
-            [
-                a,
-                va,
-                aa / 2,
-                10 * (b - a) - 6 * va - 4 * vb - 1.5 * aa + 0.5 * ab,
-                -15 * (b - a) + 8 * va + 7 * vb + 1.5 * aa - ab,
-                6 * (b - a) - 3 * va - 3 * vb - 0.5 * aa + 0.5 * ab,
-            ],
-            axis=1,
-        )
-        zero = np.zeros(self.size)
-        self._first = ReferencePoint(a[0], zero, zero, zero)
-        self._last = ReferencePoint(b[-1], zero, zero, zero)
-
-    def at(self, t: float) -> ReferencePoint:
-        """Values and three derivatives at a time [s]."""
-        if t < 0:
-            return self._first
-        if t >= self.duration:
-            return self._last
-        k = min(int(np.searchsorted(self._time, t, side="right")) - 1, len(self._coefficients) - 1)
-        h = self._time[k + 1] - self._time[k]
-        s, c = (t - self._time[k]) / h, self._coefficients[k]
-        powers = s ** np.arange(6)
-        found = []
-        for order in range(4):
-            found.append(powers[: len(c)] @ c / h**order)
-            c = np.arange(1, len(c))[:, None] * c[1:]
-        return ReferencePoint(*found)
+        # Coefficients of the quintic in powers of the fraction of the interval, highest first.
+        quintic = [
+            6 * (b - a) - 3 * va - 3 * vb - 0.5 * aa + 0.5 * ab,
+            -15 * (b - a) + 8 * va + 7 * vb + 1.5 * aa - ab,
+            10 * (b - a) - 6 * va - 4 * vb - 1.5 * aa + 0.5 * ab,
+            aa / 2,
+            va,
+            a,
+        ]
+        coefficients = np.stack([each / h ** (5 - k) for k, each in enumerate(quintic)])
+        super().__init__(coefficients, time, float(time[0]), float(time[-1]))
 
 
 @dataclass(frozen=True)
@@ -284,12 +267,10 @@ class MotionPlan:
         Raises:
             ConfigurationError: unknown output.
         """
-        from rnc_pin.optimal.plan_figure import plan_figure  # Matplotlib takes a second to import
-
-        return plan_figure(self, list(self.info.output_names if outputs is None else outputs))
+        return _figure(self, list(self.info.output_names if outputs is None else outputs))
 
 
-def _content(info: PlanInfo) -> dict[str, Any]:
+def _content(info: PlanInfo) -> dict[str, object]:
     return {**asdict(info), "findings": [each.to_json() for each in info.findings]}
 
 
@@ -319,3 +300,45 @@ def _check_shapes(arrays: dict[str, Array], info: PlanInfo) -> None:
     for name in _ARRAYS:
         if not np.isfinite(arrays[name]).all():
             raise ConfigurationError(f"not a plan: '{name}' is not finite")
+
+
+def _figure(plan: MotionPlan, outputs: Sequence[str]) -> Figure:
+    """Figure of outputs, rates and inputs over time, with their bounds."""
+    from matplotlib.figure import Figure  # Matplotlib takes a second to import
+
+    reference = plan.reference(list(outputs))
+    times = np.linspace(0.0, plan.duration, _SAMPLES, endpoint=False)
+    points = [reference.at(float(t)) for t in times]
+    position, velocity = (np.array([getattr(each, name) for each in points]) for name in ("position", "velocity"))
+    figure = Figure(figsize=(8.0, 7.0), layout="constrained")
+    axes = figure.subplots(3, 1, sharex=True)
+    for k, name in enumerate(outputs):
+        for axis, values, quantity in ((axes[0], position, "output"), (axes[1], velocity, "velocity")):
+            axis.plot(times, values[:, k], color=_color(k), label=name)
+            _draw_bounds(axis, plan, quantity, name, values[:, k], _color(k))
+    for k, name in enumerate(plan.info.input_names):
+        held = np.append(plan.u[:, k], plan.u[-1, k])
+        axes[2].step(plan.time, held, where="post", color=_color(k), label=name)
+        _draw_bounds(axes[2], plan, "input", name, held, _color(k))
+    for axis, title in zip(axes, ("outputs", "rates", "inputs"), strict=True):
+        axis.set_ylabel(f"{title} [SI]")
+        axis.grid(alpha=0.3)
+        axis.legend(fontsize="small", loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+        axis.spines[["top", "right"]].set_visible(False)
+    axes[-1].set_xlabel("time [s]")
+    figure.suptitle(f"plan: cost {plan.info.cost:.4g}, {plan.info.iterations} iterations", fontsize="medium")
+    return figure
+
+
+def _draw_bounds(axis: Axes, plan: MotionPlan, quantity: str, name: str, values: np.ndarray, color: str) -> None:
+    room = _NEAR * max(float(np.ptp(values)), 1e-9)
+    for kind, bounded, *limits in plan.info.bounds:
+        if (kind, bounded) != (quantity, name):
+            continue
+        for limit in limits:
+            if values.min() - room < limit < values.max() + room:
+                axis.axhline(limit, color=color, ls="--", lw=0.8, alpha=0.7)
+
+
+def _color(k: int) -> str:
+    return _COLORS[k % len(_COLORS)]

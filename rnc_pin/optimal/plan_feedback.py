@@ -20,8 +20,8 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.action_models import ActionModel, Form, KinematicModel, Nodes, action_model
 from rnc_pin.optimal.costs import Weight, weights_of
 from rnc_pin.optimal.guesses import inputs_for
+from rnc_pin.optimal.linear_quadratic import RiccatiFactors
 from rnc_pin.optimal.motion_plan import MotionPlan
-from rnc_pin.optimal.riccati import RiccatiFactors
 from rnc_pin.printing import ReprMixin
 
 End = Literal["stop", "continue"]
@@ -75,7 +75,10 @@ class PlanEnd:
         start = self._start(k)
         if self._input_of is None or self._input_of[0] != k:
             middle = Nodes(self._moved(start, k * self._h, self._h / 2), self._velocity((k + 0.5) * self._h))
-            self._input_of = k, self._input(middle, self._rates)  # constant over the interval: that of its middle
+            self._input_of = (
+                k,
+                self._input(middle, self._rates),
+            )  # the input of the middle serves for the whole interval
         q = self._moved(start, k * self._h, since - k * self._h)
         return Nodes(q, self._velocity(since) if self._model.nw else self._plan.w[-1:]), self._input_of[1]
 

@@ -4,26 +4,78 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray as Array
+from numpy.typing import ArrayLike
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError
+from rnc_pin.math.coordinates import Coordinates, rotation_vector_rates
+from rnc_pin.optimal.action_models import ActionModel, Nodes
 from rnc_pin.optimal.bounds import DISTANCE, GOAL
-from rnc_pin.optimal.feedback_gains import feedback_gains
 from rnc_pin.optimal.guesses import resampled
 from rnc_pin.optimal.motion_plan import Integration, MotionPlan, PlanInfo, PlanVerification
-from rnc_pin.optimal.plan_findings import excess_text, plan_findings
-from rnc_pin.optimal.plan_outputs import output_nodes
 from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic, Solution, SolverSettings
 from rnc_pin.optimal.transcription import Iterate, Transcription
-from rnc_pin.optimal.verification import Excess, verify_inputs
+from rnc_pin.optimal.verification import Excess, excess_text, plan_findings, verify_inputs
 
 _TIGHTENED = 4  # times that nodes near places that come too close get a larger distance
 _HELPS = 2.0  # factor by which halved intervals reduce a violation that they cause
 
-Gains = Callable[[MotionPlan], Any]
+Gains = Callable[[MotionPlan], ArrayLike]
 """Gains (K, nu, nx) of the feedback along a plan."""
+
+
+def output_nodes(
+    model: ActionModel, at: Iterate
+) -> tuple[Float[Array, "K 2 k"], Float[Array, "K 2 k"], Float[Array, "K 2 k"]]:
+    """Reducing and vertical outputs, their rates and accelerations, with the input of the interval at both ends.
+
+    Rotations are rotation vectors without jumps, with the derivatives of these vectors.
+    """
+    ends = [_measured(model, Nodes(at.q[k:][: len(at.u)], at.w[k:][: len(at.u)]), at.u) for k in (0, 1)]
+    position, velocity, acceleration = (np.stack(each, axis=1) for each in zip(*ends, strict=True))
+    h, r = at.duration / len(at.u), model.r
+    quasi = np.flatnonzero(model.reduced.reducing.quasi)
+    rates, changes = velocity[:, :, quasi], acceleration[:, :, quasi]
+    # Integral of the cubic with these rates and accelerations at the ends.
+    steps = h / 2 * rates.sum(axis=1) + h**2 / 12 * (changes[:, 0] - changes[:, 1])
+    total = np.concatenate([np.zeros((1, len(quasi))), np.cumsum(steps, axis=0)])
+    position[:, 0, quasi], position[:, 1, quasi] = total[:-1], total[1:]
+    for stack, first in ((model.reduced.reducing, 0), (model.reduced.vertical, r)):
+        columns = slice(first, first + stack.size)
+        _continue(stack.coordinates, position[:, :, columns], velocity[:, :, columns], acceleration[:, :, columns])
+    return position, velocity, acceleration
+
+
+def _measured(model: ActionModel, nodes: Nodes, u: Array) -> tuple[Array, Array, Array]:
+    """Outputs, rates and accelerations at n nodes; quasi-velocities have no value yet."""
+    v2 = model.velocity(nodes, u)
+    v2_dot = np.zeros_like(v2) if model.form == "kinematic" else model.flow(nodes, u)[1]
+    seen = model.reduced.at(nodes.q, v2).measure(np.zeros(v2.shape))
+    v1_dot = np.einsum("kij,kj->ki", seen.A_star, v2_dot) + np.einsum("kij,kj->ki", seen.A_star_dot, v2)
+    if seen.v1_offset_dot is not None:
+        v1_dot = v1_dot + seen.v1_offset_dot
+    return (
+        np.concatenate([seen.x2, seen.x1], axis=1),
+        np.concatenate([v2, seen.v1], axis=1),
+        np.concatenate([v2_dot, v1_dot], axis=1),
+    )
+
+
+def _continue(coordinates: Coordinates, position: Array, velocity: Array, acceleration: Array) -> None:
+    """Remove jumps of angles and rotation vectors, and turn angular rates into rates of rotation vectors, in place."""
+    K = len(position)
+    whole = coordinates.unwrap(np.concatenate([position[:, 0], position[-1:, 1]]))
+    position[:, 0], position[:, 1] = whole[:-1], whole[1:]
+    for first in coordinates.rotations:
+        triple = slice(first, first + 3)
+        for k in range(K):
+            for end in (0, 1):
+                parts = (each[k, end, triple] for each in (position, velocity, acceleration))
+                velocity[k, end, triple], acceleration[k, end, triple] = rotation_vector_rates(*parts)
 
 
 class _Candidate(NamedTuple):
@@ -75,7 +127,7 @@ class PlanSearch:
         settings: settings of the solver.
         gains: gains of the feedback that the run will use; None if the inputs alone decide.
         solutions: number of solutions among which the cheapest is tried first.
-        alone: True if there is only one guess, whose errors are then those of the search.
+        alone: True if there is only one guess, whose errors the search then raises.
     """
 
     def __init__(
@@ -209,7 +261,7 @@ class PlanSearch:
             q=np.array(at.q),
             w=np.array(at.w),
             u=np.array(at.u),
-            K=feedback_gains(problem, at),
+            K=problem.feedback_gains(at),
             position=position,
             velocity=velocity,
             acceleration=acceleration,
@@ -259,7 +311,7 @@ class PlanSearch:
         return found
 
 
-def _checked(gains: Any, plan: MotionPlan) -> np.ndarray:
+def _checked(gains: ArrayLike, plan: MotionPlan) -> np.ndarray:
     found = np.array(gains, dtype=float)
     if found.shape != plan.K.shape or not np.isfinite(found).all():
         raise ConfigurationError(f"feedback: gains of shape {found.shape}, expected finite numbers {plan.K.shape}")

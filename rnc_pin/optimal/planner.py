@@ -3,39 +3,40 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
-from typing import Annotated, Any, Literal
+from collections.abc import Sequence
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Le
+from numpy.typing import ArrayLike
 
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.errors import ModelWarning
 from rnc_pin.model.parameter_types import NotNegative
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.optimal.action_models import Form
-from rnc_pin.optimal.bounds import BoundKind
+from rnc_pin.optimal.action_models import Form, action_model
+from rnc_pin.optimal.bounds import BoundKind, Goal, GoalRows
 from rnc_pin.optimal.costs import CostKind
 from rnc_pin.optimal.file_limits import FileLimits
-from rnc_pin.optimal.guesses import guesses
+from rnc_pin.optimal.guesses import Guess, guesses
 from rnc_pin.optimal.motion_plan import MotionPlan
 from rnc_pin.optimal.plan_feedback import tvlqr
-from rnc_pin.optimal.plan_search import PlanSearch
-from rnc_pin.optimal.problem_building import build_problem, check_start
+from rnc_pin.optimal.plan_search import Gains, PlanSearch
+from rnc_pin.optimal.problem_building import build_problem, check_start, initial_node
 from rnc_pin.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.optimal.transcription import Transcription
 
 _DEFAULT, _OF_FILE = SolverSettings(), FileLimits()
 
-RunFeedback = Literal["tvlqr", "plan"] | Callable[[MotionPlan], Any] | None
+RunFeedback = Literal["tvlqr", "plan"] | Gains | None
 """Feedback that a run will use: the gains of ``rnc.tvlqr(reduced, plan)``, those of the plan, a function from a plan to
 gains (K, nu, nx), or None for the inputs alone."""
 
 
 def plan_motion(
     reduced: ReducedModel,
-    q0: Any,
-    goal: Any,
+    q0: ArrayLike,
+    goal: Goal | None,
     duration: float | tuple[float, float],
     *,
     form: Form = "acceleration",
@@ -43,11 +44,11 @@ def plan_motion(
     bounds: Sequence[BoundKind] = (),
     limits: FileLimits | None = _OF_FILE,
     settings: SolverSettings = _DEFAULT,
-    guess: Any = None,
+    guess: Guess = None,
     seeds: Annotated[int, Ge(0), Le(1000)] = 6,
     seed: int = 0,
     solutions: Annotated[int, Ge(1), Le(1000)] = 1,
-    v2_0: Any = None,
+    v2_0: ArrayLike | None = None,
     at_rest: bool = True,
     time_weight: NotNegative = 0.0,
     feedback: RunFeedback = "tvlqr",
@@ -104,9 +105,11 @@ def plan_motion(
         >>> plan.info.outcome, plan.verdict.succeeded
         ('solved', True)
     """
-    problem = build_problem(
-        reduced, q0, goal, duration, form, costs, bounds, settings.nodes, v2_0, at_rest, time_weight, limits
-    )
+    model = action_model(reduced, form)
+    end = None if goal is None else GoalRows(model, goal, at_rest)
+    start = initial_node(model, q0, v2_0)
+    problem = build_problem(model, start, end, duration, costs, bounds, settings.nodes, limits)
+    problem.time_weight = time_weight
     check_start(problem, settings.accuracy)
     _warn_of_differences(problem)
     wanted = max(1, solutions)
@@ -119,7 +122,7 @@ def plan_motion(
     return made
 
 
-def _gains(reduced: ReducedModel, feedback: RunFeedback) -> Callable[[MotionPlan], Any] | None:
+def _gains(reduced: ReducedModel, feedback: RunFeedback) -> Gains | None:
     """Function from a plan to the gains of its feedback."""
     if feedback == "tvlqr":
         return lambda plan: tvlqr(reduced, plan).K

@@ -10,19 +10,20 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.controller import Command, Description
+from rnc_pin.control.controller import Command, Description, LimitedAcceleration
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.optimal.action_models import Form, Nodes
+from rnc_pin.optimal.action_models import Form, Nodes, action_model
 from rnc_pin.optimal.bounds import BoundKind
 from rnc_pin.optimal.costs import CostKind
-from rnc_pin.optimal.feedback_gains import feedback_gains
 from rnc_pin.optimal.guesses import along
-from rnc_pin.optimal.problem_building import build_problem
+from rnc_pin.optimal.problem_building import build_problem, initial_node
 from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic, SolverSettings
 from rnc_pin.optimal.transcription import Iterate
 from rnc_pin.printing import ReprMixin
+
+_HELD = 0.01  # of a limit; the force is held between two samples, so that the acceleration departs from its bound
 
 
 class PredictiveState(NamedTuple):
@@ -101,10 +102,24 @@ class PredictiveController(ReprMixin):
             raise ConfigurationError("period has to be positive, delay not negative, and iterations at least 1")
         self._reduced, self._solver_settings = reduced, SolverSettings(nodes=nodes)
         self.horizon, self.period, self.iterations, self.delay, self.budget = horizon, period, iterations, delay, budget
-        start = reduced.robot.configuration()
-        self._problem = build_problem(reduced, start, None, horizon, form, costs, bounds, nodes)
-        self._model = self._problem.model
+        self._model = action_model(reduced, form)
+        start = initial_node(self._model, reduced.robot.configuration())
+        self._problem = build_problem(self._model, start, None, horizon, costs, bounds, nodes)
         self._h = horizon / nodes
+
+    @property
+    def limited_accelerations(self) -> tuple[LimitedAcceleration, ...]:
+        """Accelerations that the bounds of the inputs limit in the form "acceleration", for the verdict of a run."""
+        if self._model.form != "acceleration":
+            return ()
+        names = self._model.input_names
+        return tuple(
+            LimitedAcceleration(name.removesuffix("_dot"), "v2", names.index(name), low, high, _HELD)
+            for bound in self._problem.bounds
+            if bound.quantity == "input"
+            for name, low, high in zip(bound.names, bound.lower.tolist(), bound.upper.tolist(), strict=True)
+            if np.isfinite(low) or np.isfinite(high)
+        )
 
     def describe(self) -> Description:
         """Return the form, the horizon and the schedule of updates."""
@@ -148,7 +163,7 @@ class PredictiveController(ReprMixin):
                 if found is None:
                     break
                 at = found[0]
-            gains = feedback_gains(self._problem, at)
+            gains = self._problem.feedback_gains(at)
         except RncError:
             return waiting._replace(missed=state.missed + 1)
         late = limit is not None and time.process_time() - begin > limit

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError
-from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.optimal.action_models import ActionModel, Nodes, action_model
+from rnc_pin.optimal.action_models import ActionModel, Nodes
 from rnc_pin.optimal.bounds import BoundKind, DistanceBound, DistanceRows, GoalRows, NodeBound
 from rnc_pin.optimal.costs import CostKind, EffortCost, OutputCost
 from rnc_pin.optimal.file_limits import FileLimits
@@ -21,17 +20,13 @@ _ROUNDING = 1e-9  # of a value at its limit
 
 
 def build_problem(
-    reduced: ReducedModel,
-    q0: Any,
-    goal: Any,
+    model: ActionModel,
+    start: Nodes,
+    goal: GoalRows | None,
     duration: float | tuple[float, float],
-    form: str,
     costs: Sequence[CostKind] | None,
     bounds: Sequence[BoundKind],
     nodes: int,
-    v2_0: Any = None,
-    at_rest: bool = True,
-    time_weight: float = 0.0,
     limits: FileLimits | None = None,
 ) -> Transcription:
     """Return the optimal control problem of ``plan``. Without ``limits``, those of the robot's file do not count.
@@ -39,7 +34,6 @@ def build_problem(
     Raises:
         InfeasibleError: the goal is beyond a limit.
     """
-    model = action_model(reduced, form)
     times = _duration(duration)
     costs = [EffortCost()] if costs is None else list(costs)
     for cost in costs:
@@ -54,14 +48,28 @@ def build_problem(
         _check_free(costs, bounds)
     if nodes < 2:
         raise InputError(f"nodes: expected at least 2, found {nodes}")
-    start, stated = _start(model, q0, v2_0), [bound.bind(model) for bound in bounds]
+    stated = [bound.bind(model) for bound in bounds]
     of_file = [] if limits is None else limits.bind(model, stated)
-    end = None if goal is None else GoalRows(model, goal, at_rest)
-    if end is not None:
-        _check_goal(model, end, stated, of_file)
-    return Transcription(
-        model, start, nodes, [cost.bind(model) for cost in costs], [*stated, *of_file], end, times, time_weight
-    )
+    if goal is not None:
+        _check_goal(model, goal, stated, of_file)
+    return Transcription(model, start, nodes, [cost.bind(model) for cost in costs], [*stated, *of_file], goal, times)
+
+
+def initial_node(model: ActionModel, q0: ArrayLike, v2_0: ArrayLike | None = None) -> Nodes:
+    """Return the initial state, at rest by default.
+
+    Raises:
+        ConfigurationError: a velocity in the kinematic form.
+        InputError: q0 is not one configuration.
+    """
+    if model.form == "kinematic" and v2_0 is not None:
+        raise ConfigurationError("v2_0: the kinematic form has no initial velocity; use 'acceleration' or 'dynamic'")
+    state = model.reduced.at(q0, np.zeros(model.r) if v2_0 is None else v2_0)
+    if state.q.ndim != 1:
+        raise InputError(f"q0: expected one configuration, found shape {state.q.shape}")
+    _ = state.v
+    w = np.empty((1, 0)) if model.form == "kinematic" else np.array(state.v2)[None]
+    return Nodes(np.array(state.q)[None], w)
 
 
 def check_start(problem: Transcription, accuracy: float) -> None:
@@ -85,21 +93,9 @@ def check_start(problem: Transcription, accuracy: float) -> None:
             _compare("start", bound, dict(zip(bound.names, values, strict=True)), accuracy)
 
 
-def _start(model: ActionModel, q0: Any, v2_0: Any) -> Nodes:
-    if model.form == "kinematic" and v2_0 is not None:
-        raise ConfigurationError("v2_0: the kinematic form has no initial velocity; use 'acceleration' or 'dynamic'")
-    state = model.reduced.at(q0, np.zeros(model.r) if v2_0 is None else v2_0)
-    if state.q.ndim != 1:
-        raise InputError(f"q0: expected one configuration, found shape {state.q.shape}")
-    _ = state.v
-    w = np.empty((1, 0)) if model.form == "kinematic" else np.array(state.v2)[None]
-    return Nodes(np.array(state.q)[None], w)
-
-
-def _duration(given: Any) -> tuple[float, float]:
+def _duration(given: float | tuple[float, float]) -> tuple[float, float]:
     try:
-        low, high = given if np.ndim(given) else (given, given)
-        low, high = float(low), float(high)
+        low, high = map(float, given if isinstance(given, Iterable) else (given, given))
     except (TypeError, ValueError):
         raise InputError(f"duration: expected a number or (shortest, longest), found {given!r}") from None
     if not 0 < low <= high < np.inf:

@@ -16,8 +16,7 @@ from annotated_types import Ge, Le
 
 from rnc_pin.errors import RncError, SimulationError
 from rnc_pin.model.parameter_types import Positive
-from rnc_pin.optimal.interior_point import InteriorPointSolver
-from rnc_pin.optimal.linear_quadratic import Direction, LinearQuadratic
+from rnc_pin.optimal.linear_quadratic import Direction, InteriorPointSolver, LinearQuadratic
 from rnc_pin.optimal.transcription import Iterate, Transcription, Values, Violation
 
 _LENGTHS = 0.5 ** np.arange(8)

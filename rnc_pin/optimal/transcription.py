@@ -17,10 +17,13 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.optimal.action_models import ActionModel, Nodes, StepDerivatives
 from rnc_pin.optimal.bounds import DISTANCE, NodeBound
 from rnc_pin.optimal.costs import BoundCost
-from rnc_pin.optimal.linear_quadratic import LinearQuadratic
+from rnc_pin.optimal.linear_quadratic import LinearQuadratic, RiccatiFactors
 from rnc_pin.optimal.node_data import NodeData, stacked
 
 _LEAST = 1e-12
+_GOAL, _BOUND = 1e2, 1e6
+"""Weights of the goal and of active bounds of inputs in the feedback, relative to the cost of typical inputs."""
+_ACTIVE = 1e-3  # distance from a limit that counts as active, in typical sizes
 
 
 class Iterate(NamedTuple):
@@ -61,7 +64,9 @@ class Transcription:
         goal: rows that hold at the end; None without a hard goal.
         duration: (shortest, longest) [s]; free if these differ.
         time_weight: cost of the duration [1/s].
-        margins: additions to the lower limits of distances at every node (K + 1,) [m]; none by default.
+
+    Attributes:
+        margins: additions to the lower limits of distances at every node (K + 1,) [m].
     """
 
     def __init__(
@@ -74,9 +79,8 @@ class Transcription:
         goal: NodeBound | None,
         duration: tuple[float, float],
         time_weight: float = 0.0,
-        margins: Float[Array, " K1"] | None = None,
     ) -> None:
-        self.margins = np.zeros(K + 1) if margins is None else margins
+        self.margins = np.zeros(K + 1)
         self.model, self.start, self.K = model, start, K
         self.costs = list(costs)
         self.running = [each for each in costs if each.running]
@@ -94,25 +98,29 @@ class Transcription:
         self.upper = np.tile(_joined([each.upper for each in blocks]), (K + 1, 1))
         for each, rows in self.blocks:
             nodes = slice(0, K) if each is goal else slice(0, 1) if each.of_state else slice(K, K + 1)
-            if each.quantity == DISTANCE:
-                self.lower[:, rows] += self.margins[:, None]
             self.lower[nodes, rows], self.upper[nodes, rows] = -np.inf, np.inf
 
     def with_intervals(self, K: int) -> Transcription:
         """Return the same problem over another number of intervals."""
-        return self._with(K, self.bounds, None)
+        return self._with(K, self.bounds, self.duration)
 
     def with_bounds(self, bounds: Sequence[NodeBound]) -> Transcription:
         """Return the same problem within other bounds."""
-        return self._with(self.K, bounds, self.margins)
+        return self._with(self.K, bounds, self.duration)._keep(self.margins)
 
     def with_margins(self, margins: Float[Array, " K1"]) -> Transcription:
         """Return the same problem with larger distances at some nodes: each at least its bound plus a margin."""
-        return self._with(self.K, self.bounds, margins)
+        return self._with(self.K, self.bounds, self.duration)._keep(margins)
 
-    def _with(self, K: int, bounds: Sequence[NodeBound], margins: Array | None) -> Transcription:
-        same = (self.goal, self.duration, self.time_weight, margins)
-        return Transcription(self.model, self.start, K, self.costs, bounds, *same)
+    def _with(self, K: int, bounds: Sequence[NodeBound], duration: tuple[float, float]) -> Transcription:
+        return Transcription(self.model, self.start, K, self.costs, bounds, self.goal, duration, self.time_weight)
+
+    def _keep(self, margins: Array) -> Transcription:
+        self.margins = margins
+        for each, rows in self.blocks:
+            if each.quantity == DISTANCE:
+                self.lower[:, rows] += margins[:, None]
+        return self
 
     def times(self, duration: float) -> Array:
         """Times of the nodes (K + 1,) [s]."""
@@ -238,6 +246,28 @@ class Transcription:
         lower[0, -1], upper[0, -1] = self.duration[0] - at.duration, self.duration[1] - at.duration
         H_end = scipy.linalg.block_diag(problem.H_end, np.zeros((1, 1)))
         return LinearQuadratic(A, B, gap, H, g, H_end, np.append(problem.g_end, 0.0), C, D, lower, upper)
+
+    # ------------------------------------------------------------------ feedback
+
+    def feedback_gains(self, at: Iterate) -> Float[Array, "K nu nx"]:
+        """Gains of ``u + K dx`` about a motion, from the Riccati recursion with the costs of the problem.
+
+        Deviations at the goal have a finite weight. Inputs at a bound have none to give: their feedback vanishes.
+        """
+        fixed = self._with(self.K, self.bounds, (at.duration, at.duration))
+        fixed.begin = self.begin
+        linear, _ = fixed.linearize(at)
+        nx = linear.B.shape[1]
+        inputs, (rows, _) = linear.input_scales, linear.typical_sizes
+        H = linear.scaled_hessian(1e-6)
+        D = linear.D[:-1] * inputs[:, None, :] / rows[:-1, :, None]
+        active = (np.minimum(linear.upper, -linear.lower) / rows)[:-1] < _ACTIVE
+        of_input = np.concatenate([np.zeros((*D.shape[:2], nx)), D], axis=2) * active[:, :, None]
+        H = H + _BOUND * of_input.mT @ of_input
+        equal = linear.lower[-1] == linear.upper[-1]
+        C = linear.C[-1, equal] / rows[-1, equal, None]
+        factors = RiccatiFactors(linear.scaled_dynamics, H, linear.H_end + _GOAL * C.T @ C)
+        return inputs[:, :, None] * factors.K
 
     def moved(self, at: Iterate, x: Array, u: Array, length: float) -> Iterate:
         """Iterate after a part of a direction of the subproblem."""

@@ -22,7 +22,7 @@ class FrameAngularVelocity:
     Args:
         frame: name of the frame.
         axis: "x", "y" or "z".
-        axes: "own" for the frame's own axis, "world" for that of the world.
+        axes: "own" for the frame's own axis, "world" for an axis of the world.
 
     Raises:
         ConfigurationError: unknown axis or axes.

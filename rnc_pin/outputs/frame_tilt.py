@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.math.components import Component
 from rnc_pin.model.kernel_rows import Form, KernelRow, Value, attached
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.parameter_types import Axis
@@ -67,12 +66,6 @@ class _TiltRow(DirectionAngleRow):
         square = x * x + y * y
         level, grows = square**0.5, z * dz / square
         return (dy + y * grows) / level, -(dx + x * grows) / level, 0.0
-
-    def _second(self, direction: Vector, first: Vector, second: Vector) -> Component:
-        x, y, z = direction
-        square = x * x + y * y
-        level = square**0.5
-        return second[2] / level + z * first[2] * first[2] / (square * level)
 
     def _check_defined(self, at: PositionKinematics, direction: Vector) -> None:
         level = (direction[0] * direction[0] + direction[1] * direction[1]) ** 0.5

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.math.components import Component
 from rnc_pin.model.kernel_rows import Form, KernelRow, Value, attached
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.parameter_types import Axis
@@ -64,12 +63,6 @@ class YawRow(DirectionAngleRow):
         square = x * x + y * y
         grows = 2 * (x * dx + y * dy) / square
         return (z * x * grows - dz * x - z * dx) / square, (z * y * grows - dz * y - z * dy) / square, 0.0
-
-    def _second(self, direction: Vector, first: Vector, second: Vector) -> Component:
-        x, y, _ = direction
-        square, twice = x * x + y * y, 2 * (x * first[0] + y * first[1])
-        area, area_rate = x * first[1] - y * first[0], x * second[1] - y * second[0]
-        return area_rate / square - area * twice / (square * square)
 
 
 class _FrameYawRow(YawRow):

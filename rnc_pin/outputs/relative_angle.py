@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.math.components import components, cross, packed
-from rnc_pin.math.linear_algebra import apply, complex_step
+from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.frame_velocity import axis_index
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.parameter_types import Axis
@@ -74,61 +73,47 @@ class _RelativeAngleRow(YawRow):
     def _direction(self, at: PositionKinematics) -> np.ndarray:
         return apply(self._axes(at), super()._direction(at))
 
-    def jacobian(self, at: PositionKinematics) -> np.ndarray:
-        direction = self._defined(at)
-        relative = (at.jacobian(self._frame) - at.jacobian(self._reference))[..., 3:, :]
-        return packed([self._form(direction)], direction[0]) @ self._axes(at) @ relative
+    def _turning(self, at: PositionKinematics) -> np.ndarray:
+        return self._axes(at) @ (at.jacobian(self._frame) - at.jacobian(self._reference))[..., 3:, :]
 
-    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
-        direction, axes = self._defined(at), self._axes(at)
-        rate = cross(components(self._velocity(at)), direction)
-        form, form_rate = (
-            packed([each], direction[0]) for each in (self._form(direction), self._form_rate(direction, rate))
-        )
+    def _turning_dot(self, at: VelocityKinematics) -> np.ndarray:
         relative, relative_dot = (
             (each(self._frame) - each(self._reference))[..., 3:, :] for each in (at.jacobian, at.jacobian_dot)
         )
         # The axes turn with the reference: d/dt (axes x) = axes (xdot + x cross w).
         turned = np.cross(relative, at.velocity(self._reference)[..., 3:, None], axis=-2)
-        return form @ axes @ (relative_dot + turned) + form_rate @ axes @ relative
+        return self._axes(at) @ (relative_dot + turned)
 
     def _velocity(self, at: VelocityKinematics) -> np.ndarray:
-        """Relative angular velocity (..., 3)."""
         return apply(self._axes(at), (at.velocity(self._frame) - at.velocity(self._reference))[..., 3:])
 
-    def _relative_acceleration(self, at: VelocityKinematics) -> np.ndarray:
-        """Rate of the relative angular velocity in world axes, as the reference sees it, (..., 3)."""
+    def _acceleration(self, at: VelocityKinematics) -> np.ndarray:
+        return apply(self._axes(at), self._motion_in_world(at)[1])
+
+    def _motion_in_world(self, at: VelocityKinematics) -> tuple[np.ndarray, np.ndarray]:
+        """Relative angular velocity, and its rate as the reference sees it, in world axes (..., 3)."""
         velocity, acceleration = (
             (each(self._frame) - each(self._reference))[..., 3:] for each in (at.velocity, at.acceleration)
         )
-        return acceleration + np.cross(velocity, at.velocity(self._reference)[..., 3:])
+        return velocity, acceleration + np.cross(velocity, at.velocity(self._reference)[..., 3:])
 
-    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
-        direction, acceleration = self._defined(at), apply(self._axes(at), self._relative_acceleration(at))
-        velocity = components(self._velocity(at))
-        return np.asarray(self._bias_acceleration(direction, velocity, components(acceleration)))[..., None]
-
-    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
+    def _gradients(self, at: VelocityKinematics) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         axes, reference = self._axes(at), at.velocity(self._reference)[3:]
         a, b = at.frame_gradients(self._frame), at.frame_gradients(self._reference)
         turning = at.jacobian(self._reference)[3:]
-        relative = at.jacobian(self._frame)[3:] - turning
-        world = (at.velocity(self._frame) - at.velocity(self._reference))[3:]
-        world_q = a.angular_velocity - b.angular_velocity
-        acceleration = self._relative_acceleration(at)
+        velocity, acceleration = self._motion_in_world(at)
+        velocity_q = a.angular_velocity - b.angular_velocity
         acceleration_q = (
             a.angular_acceleration
             - b.angular_acceleration
-            + _cross(world_q, reference[:, None])
-            + _cross(world[:, None], b.angular_velocity)
+            + _cross(velocity_q, reference[:, None])
+            + _cross(velocity[:, None], b.angular_velocity)
         )
-        direction = self._direction(at)
         # The axes turn with the reference, and the direction with the frame.
-        return complex_step(
-            lambda *parts: np.array([self._bias_acceleration(*parts)]),
-            (direction, _cross(axes @ relative, direction[:, None])),
-            (axes @ world, axes @ (world_q + _cross(world[:, None], turning))),
-            (axes @ acceleration, axes @ (acceleration_q + _cross(acceleration[:, None], turning))),
+        return (
+            _cross(self._turning(at), self._direction(at)[:, None]),
+            axes @ (velocity_q + _cross(velocity[:, None], turning)),
+            axes @ (acceleration_q + _cross(acceleration[:, None], turning)),
         )
 
     def _check_defined(self, at: PositionKinematics, direction: Vector) -> None:

@@ -1,11 +1,14 @@
 """Exports of ``rnc_pin.planning``, which ``__init__.py`` imports at their first use."""
 
 from .car_path import CarPath as CarPath
+from .car_path import Leg as Leg
+from .car_path import continued_back as continued_back
+from .car_path import path_distances as path_distances
 from .chained_form import FireTruckChart as FireTruckChart
-from .geodesic import Geodesic as Geodesic
 from .inverse_kinematics import IkResult as IkResult
 from .inverse_kinematics import solve_ik as solve_ik
-from .leg import Leg as Leg
+from .output_targets import OutputTarget as OutputTarget
+from .references import Geodesic as Geodesic
 from .references import Harmonic as Harmonic
 from .references import Hold as Hold
 from .references import InTurn as InTurn
@@ -16,4 +19,9 @@ from .references import ReferencePoint as ReferencePoint
 from .references import Slowed as Slowed
 from .references import TaskReference as TaskReference
 from .references import ViaPoints as ViaPoints
+from .relative_references import RelativeHarmonic as RelativeHarmonic
+from .relative_references import RelativeHold as RelativeHold
+from .relative_references import RelativeMinimumJerk as RelativeMinimumJerk
+from .relative_references import RelativeReference as RelativeReference
+from .relative_references import RelativeViaPoints as RelativeViaPoints
 from .steering_geometry import SteeringGeometry as SteeringGeometry

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy import ndarray as Array
+from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.collision import CollisionDistances
@@ -87,7 +87,7 @@ class IkResult(SummaryMixin):
 def solve_ik(
     reduced: ReducedModel,
     q0: Float[Array, " nq"],
-    targets: Mapping[OutputTarget, Any],
+    targets: Mapping[OutputTarget, ArrayLike],
     *,
     hold: Sequence[str] = (),
     limits: bool = True,
@@ -294,12 +294,11 @@ class _Problem:
         return tuple(found)
 
 
-def _check_options(starts: Any, tolerance: Any, clearance: Any, collisions: Any) -> None:
+def _check_options(starts: object, tolerance: object, clearance: object, collisions: object) -> None:
     if not isinstance(starts, int | np.integer) or isinstance(starts, bool) or starts < 1:
         raise InputError(f"starts has to be a positive integer, found {starts!r}")
     for name, value, least in (("tolerance", tolerance, 1e-10), ("clearance", clearance, 0.0)):
-        number = isinstance(value, int | float | np.floating) and not isinstance(value, bool)
-        if not number or not least <= value < np.inf:
+        if isinstance(value, bool) or not (isinstance(value, int | float | np.floating) and least <= value < np.inf):
             raise InputError(f"{name} has to be a number of at least {least:g}, found {value!r}")
     if collisions is not None and not isinstance(collisions, CollisionDistances):
         raise InputError(f"collisions has to be a CollisionDistances, found {type(collisions).__name__}")

@@ -1,33 +1,90 @@
-"""Targets of outputs for inverse kinematics: values, errors and their Jacobians."""
+"""Selected outputs and targets of them: values, errors and their Jacobians."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from rnc_pin.errors import ConfigurationError, InputError, nearest
-from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.rows import OutputKind, OutputRows
 
 OutputTarget = str | OutputKind
 """Name of an output of the model, or an output object."""
 
 
-@dataclass(frozen=True)
-class _Target:
-    """Target of some rows of one output."""
+class SelectedOutputs:
+    """Selected outputs with their values, with leading batch axes.
 
-    label: str
-    block: OutputRows
-    rows: list[int]
-    value: np.ndarray
-    coordinates: Coordinates
+    Args:
+        chosen: stacks of outputs, and the chosen rows of each.
+
+    Attributes:
+        names, size: names and number of the rows.
+    """
+
+    def __init__(self, chosen: Sequence[tuple[OutputStack, np.ndarray]]) -> None:
+        self._parts = [(stack, rows, stack.coordinates.choose(rows, stack.names)) for stack, rows in chosen]
+        self.names = tuple(stack.names[row] for stack, rows, _ in self._parts for row in rows)
+        self.size = len(self.names)
+        ends = np.cumsum([len(rows) for _, rows, _ in self._parts]).tolist()
+        self._places = [slice(a, b) for a, b in zip([0, *ends], ends, strict=False)]
+
+    def value(self, at: PositionKinematics) -> np.ndarray:
+        """Values (..., k)."""
+        return np.concatenate([stack.value(at)[..., rows] for stack, rows, _ in self._parts], axis=-1)
+
+    def jacobian(self, at: PositionKinematics) -> np.ndarray:
+        """Jacobian (..., k, nv); rows of rotations are angular velocities in world axes."""
+        return np.concatenate([stack.jacobian(at)[..., rows, :] for stack, rows, _ in self._parts], axis=-2)
+
+    def error(self, at: PositionKinematics, target: np.ndarray) -> np.ndarray:
+        """Target minus value (..., k): angles within half a turn, rotations as vectors in world axes."""
+        value = self.value(at)
+        goal = np.broadcast_to(target, value.shape)
+        parts = zip(self._parts, self._places, strict=True)
+        found = [kinds.difference(goal[..., place], value[..., place]) for (*_, kinds), place in parts]
+        return np.concatenate(found, axis=-1)
+
+    def error_jacobian(self, at: PositionKinematics, error: np.ndarray) -> np.ndarray:
+        """Derivative (..., k, nv) of ``-error`` along the tangent space at q."""
+        J = self.jacobian(at)
+        for (*_, kinds), place in zip(self._parts, self._places, strict=True):
+            if kinds.rotations:
+                columns = J[..., place, :].mT
+                deviation = np.broadcast_to(error[..., None, place], columns.shape)
+                J[..., place, :] = -kinds.difference_rate(deviation, np.zeros_like(columns), columns).mT
+        return J
+
+
+def find_output(reduced: ReducedModel, output: object, what: str) -> tuple[OutputStack, np.ndarray]:
+    """Return the outputs of a target, and the chosen rows of them.
+
+    Args:
+        reduced: the model.
+        output: an output object, or the name of an output of the model.
+        what: beginning of the message for other objects.
+
+    Raises:
+        ConfigurationError: there is no such output.
+    """
+    if not isinstance(output, str):
+        if not isinstance(output, OutputKind):
+            raise ConfigurationError(f"{what} the name of an output or an output object, found {output!r}")
+        stack = OutputStack([output.bind(reduced.robot)])
+        return stack, np.arange(stack.size)
+    known: list[str] = []
+    for each in (reduced.reducing, reduced.vertical):
+        known += each.names
+        for place in each.places:
+            if output in place.of(np.array(place.block.names)) and isinstance(place.block, OutputRows):
+                return OutputStack([place.block]), np.array([place.block.names.index(output)])
+    raise ConfigurationError(f"no output '{output}'{nearest(output, known)}")
 
 
 class OutputTargets:
@@ -47,31 +104,26 @@ class OutputTargets:
         InputError: a value has the wrong shape or is not finite.
     """
 
-    def __init__(self, reduced: ReducedModel, targets: Mapping[OutputTarget, Any]) -> None:
+    def __init__(self, reduced: ReducedModel, targets: Mapping[OutputTarget, ArrayLike]) -> None:
         if not isinstance(targets, Mapping) or not targets:
             raise ConfigurationError("targets have to be a mapping from outputs to values, with at least one output")
-        self._targets = [_target(reduced, output, value) for output, value in targets.items()]
-        self.labels = tuple(each.label for each in self._targets)
+        found = [_target(reduced, output, value) for output, value in targets.items()]
+        self.labels = tuple(label for label, *_ in found)
         for label in self.labels:
             if self.labels.count(label) > 1:
                 raise ConfigurationError(f"two targets for output '{label}'")
-        ends = np.cumsum([len(each.rows) for each in self._targets]).tolist()
+        self._outputs = SelectedOutputs([chosen for _, chosen, _ in found])
+        self._values = np.concatenate([value for *_, value in found])
+        ends = np.cumsum([len(value) for *_, value in found]).tolist()
         self.places = tuple(slice(a, b) for a, b in zip([0, *ends], ends, strict=False))
-        self.size: int = ends[-1]
 
     def error(self, at: PositionKinematics) -> np.ndarray:
         """Error (k,): target minus value; rotations in world axes, angles within half a turn."""
-        return np.concatenate(
-            [each.coordinates.difference(each.value, each.block.value(at)[each.rows]) for each in self._targets]
-        )
+        return self._outputs.error(at, self._values)
 
     def jacobian(self, at: PositionKinematics, error: np.ndarray) -> np.ndarray:
         """Jacobian (k, nv) of ``-error``."""
-        blocks = []
-        for each, place in zip(self._targets, self.places, strict=True):
-            rows = each.block.jacobian(at)[each.rows]
-            blocks.append(pin.Jlog3(pin.exp3(error[place])) @ rows if each.block.rotation else rows)
-        return np.concatenate(blocks)
+        return self._outputs.error_jacobian(at, error)
 
     def residuals(self, error: np.ndarray) -> dict[str, float]:
         """Length of the error of each target [m or rad]."""
@@ -80,11 +132,15 @@ class OutputTargets:
         }
 
 
-def _target(reduced: ReducedModel, output: Any, value: Any) -> _Target:
-    block, rows, label = _rows(reduced, output)
-    if block.quasi:
+def _target(
+    reduced: ReducedModel, output: object, value: object
+) -> tuple[str, tuple[OutputStack, np.ndarray], np.ndarray]:
+    """Label, outputs and value of a target."""
+    stack, rows = find_output(reduced, output, "a target needs")
+    label, rotation = _common([stack.names[row] for row in rows]), bool(stack.coordinates.rotations)
+    if stack.quasi[rows].any():
         raise ConfigurationError(f"target '{label}': a speed has no value that a configuration could reach")
-    if block.rotation and len(rows) != 3:
+    if rotation and len(rows) != 3:
         raise ConfigurationError(
             f"target '{label}': one component of a rotation is no target; use the output object, FrameOrientation(...)"
         )
@@ -92,7 +148,7 @@ def _target(reduced: ReducedModel, output: Any, value: Any) -> _Target:
         array = np.array(value, dtype=float)
     except (TypeError, ValueError):
         raise InputError(f"target '{label}': expected {len(rows)} numbers, found {value!r}") from None
-    if block.rotation and array.shape == (3, 3):
+    if rotation and array.shape == (3, 3):
         if not np.allclose(array @ array.T, np.eye(3), atol=1e-6) or np.linalg.det(array) < 0:
             raise InputError(f"target '{label}': the matrix is not a rotation")
         array = pin.log3(array)
@@ -101,25 +157,7 @@ def _target(reduced: ReducedModel, output: Any, value: Any) -> _Target:
         raise InputError(f"target '{label}' has shape {array.shape}, expected ({len(rows)},)")
     if not np.isfinite(array).all():
         raise InputError(f"target '{label}' is not finite: {array.tolist()}")
-    angular = np.asarray(block.angular, dtype=bool)[rows]
-    return _Target(label, block, rows, array, Coordinates(angular, (0,) if block.rotation else ()))
-
-
-def _rows(reduced: ReducedModel, output: Any) -> tuple[OutputRows, list[int], str]:
-    """Return the block, its rows and the label of an output."""
-    if not isinstance(output, str):
-        if not isinstance(output, OutputKind):
-            raise ConfigurationError(f"a target needs the name of an output or an output object, found {output!r}")
-        block = output.bind(reduced.robot)
-        return block, list(range(len(block.names))), _common(block.names)
-    known: list[str] = []
-    for stack in (reduced.reducing, reduced.vertical):
-        for place in stack.places:
-            names = place.of(np.array(place.block.names)).tolist()
-            known += names
-            if output in names and isinstance(place.block, OutputRows):
-                return place.block, [place.block.names.index(output)], output
-    raise ConfigurationError(f"no output '{output}'{nearest(output, known)}")
+    return label, (stack, rows), array
 
 
 def _common(names: Sequence[str]) -> str:

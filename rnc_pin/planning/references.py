@@ -11,6 +11,7 @@ from math import comb, perm
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
+import pinocchio as pin
 import scipy
 from numpy import ndarray as Array
 from numpy.typing import ArrayLike
@@ -18,6 +19,7 @@ from numpy.typing import ArrayLike
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import InputError
+from rnc_pin.math.coordinates import Coordinates, rotation_vector_rates
 
 _GROWN = np.array([1.0, 0.0, 0.0, 0.0])  # full amplitude, which no longer changes
 
@@ -65,11 +67,16 @@ class Hold:
         return self._point
 
 
-class _Polynomial:
-    """Smooth curve on [begin, end], at rest at both ends and beyond."""
+class PiecewisePolynomial:
+    """Reference of piecewise polynomials on [begin, end], at rest before and after.
+
+    Args:
+        coefficients: of powers of ``t - breaks[piece]``, highest power first, (degree + 1, pieces, k).
+        breaks: ends of the pieces, (pieces + 1,) [s].
+        begin, end: times between which the polynomials count [s].
+    """
 
     def __init__(self, coefficients: np.ndarray, breaks: np.ndarray, begin: float, end: float) -> None:
-        """Make the curve from coefficients (degree + 1, pieces, k) of ``t - breaks[piece]``, highest power first."""
         # One matrix for each piece holds the curve and three derivatives, lowest power first: one product gives all.
         self.size = coefficients.shape[2]
         together = np.zeros((coefficients.shape[1], len(coefficients), 4, self.size))
@@ -124,7 +131,7 @@ def _step_of_degree_seven(duration: float) -> np.ndarray:
     return np.array([c / duration**power for power, c in enumerate(lowest_first)][::-1])[:, None, None]
 
 
-class MinimumJerk(_Polynomial):
+class MinimumJerk(PiecewisePolynomial):
     """Quintic from rest to rest, with the least integral of squared jerk (Flash and Hogan 1985).
 
     Args:
@@ -153,7 +160,7 @@ class MinimumJerk(_Polynomial):
         super().__init__(_quintic(ends[0], ends[1], np.diff(breaks))[:, None], breaks, begin, begin + duration)
 
 
-class ViaPoints(_Polynomial):
+class ViaPoints(PiecewisePolynomial):
     """Quintic spline through given points at given times, at rest at both ends.
 
     Args:
@@ -218,7 +225,7 @@ class Harmonic:
         except ValueError:
             raise InputError(f"amplitude, frequency and phase have to be numbers or lists of {self.size}") from None
         # The step of degree seven has three derivatives that vanish at both ends.
-        self._growth = _Polynomial(_step_of_degree_seven(max(ramp, 1e-9)), np.array([0.0, ramp]), 0.0, ramp)
+        self._growth = PiecewisePolynomial(_step_of_degree_seven(max(ramp, 1e-9)), np.array([0.0, ramp]), 0.0, ramp)
         self._ramp = ramp
 
     def at(self, t: float) -> ReferencePoint:
@@ -323,3 +330,52 @@ def _admit(value: ArrayLike, what: str) -> np.ndarray:
     if not np.isfinite(array).all():
         raise InputError(f"{what} has to be finite, found {array.tolist()}")
     return array
+
+
+class Geodesic:
+    """Minimum-jerk motion from start to goal, rotations about one axis: ``R(t) = exp(s(t) log(R1 R0^T)) R0``.
+
+    Outputs on lines and circles move as in ``MinimumJerk``. Positions of rotations are rotation vectors of at most a
+    half turn. The jerk of a rotation is NaN, because no controller uses it.
+
+    Args:
+        start: (k,), with rotation vectors for rotations.
+        goal: (k,), in the same form.
+        duration: of the motion [s].
+        coordinates: coordinates of the outputs; they tell which outputs are rotations.
+        begin: time at which it starts [s].
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("satellite.urdf", base="free", gravity=(0, 0, 0))
+        >>> outputs = [rnc.FrameOrientation("satellite"), rnc.FramePosition("satellite")]
+        >>> reduced = rnc.NonholonomicSystem(robot).reduce(outputs)
+        >>> coordinates = reduced.reducing.coordinates
+        >>> quarter = [0.0, 0.0, np.pi / 2, 1.0, 0.0, 0.0]
+        >>> reference = rnc.planning.Geodesic(np.zeros(6), quarter, duration=2.0, coordinates=coordinates)
+        >>> reference.at(1.0).position.round(6) + 0.0  # an eighth of a turn, and half a metre
+        array([0.      , 0.      , 0.785398, 0.5     , 0.      , 0.      ])
+    """
+
+    def __init__(
+        self, start: ArrayLike, goal: ArrayLike, duration: float, coordinates: Coordinates, begin: float = 0.0
+    ) -> None:
+        first, last = np.atleast_1d(np.asarray(start, dtype=float)), np.atleast_1d(np.asarray(goal, dtype=float))
+        self._whole = MinimumJerk(first, last, duration, begin)
+        self._turns = []
+        for place in coordinates.rotations:
+            triple = slice(place, place + 3)
+            R0 = pin.exp3(first[triple])
+            arc = pin.log3(pin.exp3(last[triple]) @ R0.T)
+            self._turns.append((triple, R0, arc))
+        self._share = MinimumJerk([0.0], [1.0], duration, begin)
+        self.size, self.duration = self._whole.size, self._whole.duration
+
+    def at(self, t: float) -> ReferencePoint:
+        point = ReferencePoint(*(each.copy() for each in self._whole.at(t)))
+        s, s_dot, s_ddot, _ = (float(each[0]) for each in self._share.at(t))
+        for triple, R0, arc in self._turns:
+            r = pin.log3(pin.exp3(s * arc) @ R0)
+            point.position[triple] = r
+            point.velocity[triple], point.acceleration[triple] = rotation_vector_rates(r, s_dot * arc, s_ddot * arc)
+            point.jerk[triple] = np.nan
+        return point

@@ -13,8 +13,7 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.model.parameter_types import Numbers, Positive
-from rnc_pin.planning.geodesic import Geodesic
-from rnc_pin.planning.references import Harmonic, Hold, MinimumJerk, Reference, ViaPoints
+from rnc_pin.planning.references import Geodesic, Harmonic, Hold, MinimumJerk, Reference, ViaPoints
 
 
 class RelativeReference(ABC):

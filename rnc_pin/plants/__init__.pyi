@@ -3,6 +3,10 @@
 from .changing import ChangingPlant as ChangingPlant
 from .faults import Faults as Faults
 from .faults import FaultyPlant as FaultyPlant
+from .model_changes import MassErrors as MassErrors
+from .model_changes import Payload as Payload
+from .model_changes import StuckJoint as StuckJoint
+from .model_changes import TimedChange as TimedChange
 from .plant import Plant as Plant
 from .reduced import ContactEvent as ContactEvent
 from .reduced import ContactPlant as ContactPlant

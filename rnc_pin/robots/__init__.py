@@ -1,1 +1,5 @@
 """Robot descriptions, models and names."""
+
+from rnc_pin.lazy_exports import lazy_exports
+
+__getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -1,13 +1,18 @@
-"""Validation of a model before anything is computed with it."""
+"""Checks of a model before anything is computed with it, and masses that repair impossible inertias."""
 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
+import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning, argument, few
-from rnc_pin.robots.inertias import check_inertias, check_model_size
+from rnc_pin.math.linear_algebra import unit_diagonal
+from rnc_pin.printing import significant
+from rnc_pin.robots.sources.description import Body
 
 _BODY_FIXED = ("Planar", "FreeFlyer", "Spherical", "Translation")  # joints of several axes, constant in the body
 
@@ -57,3 +62,281 @@ def _check_order(model: pin.Model) -> None:
                     f"'{names[other]}' behind it, for which Pinocchio's inertia matrix is wrong; "
                     "add joints branch by branch"
                 )
+
+
+# ---------------------------------------------------------------------- inertias
+
+
+_TRIANGLE = 1e-3  # relative to the largest principal moment: values in files are rounded
+_SINGULAR = 1e-12  # smallest eigenvalue of an inertia matrix scaled to a unit diagonal
+_SUGGESTED = 0.1  # [kg] suggested for a link without mass and geometry
+_LIGHTEST = 0.01  # [kg] least suggestion for a link with geometry
+_DENSITY = 300.0  # [kg/m^3] of the box around a link's geometry: robots are hollow
+_SPREAD = 1e-3  # [m^2] rotational inertia per mass of a link that is given a mass
+
+LARGEST = 256
+"""Largest number of degrees of freedom. One evaluation in Pinocchio takes 32 bytes times its cube, 0.5 GB here."""
+
+HEAVIEST = 1e15
+"""Largest mass [kg], moment of inertia [kg m^2] and distance [m]. No robot exceeds it, and products stay finite."""
+
+MOVES_NONE = "moves no mass"
+NOT_POSITIVE = "rotational inertia is not positive"
+NEGATIVE = "negative mass"
+SINGULAR = "moves without moving mass"
+
+
+class Massless(NamedTuple):
+    """Joint whose body cannot be simulated with the inertia in the file.
+
+    Attributes:
+        joint: name of the joint; ``root_joint`` for the base.
+        why: reason in words, one of the constants of this module.
+        links: links that the joint moves, without links behind further joints; the joint's own link first.
+        shaped: those of ``links`` with geometry.
+        masses: link to mass [kg]. ``Robot.from_urdf`` accepts the file with the masses of all such joints together.
+        message: description of the fault in one line.
+    """
+
+    joint: str
+    why: str
+    links: tuple[str, ...]
+    shaped: tuple[str, ...]
+    masses: dict[str, float]
+    message: str
+
+
+class UselessInertia(ModelError):
+    """Error for a model whose masses do not allow a simulation.
+
+    Attributes:
+        what: description of the fault in one line, without a remedy.
+        joints: all joints with such bodies.
+    """
+
+    def __init__(self, what: str, joints: Sequence[Massless]) -> None:
+        self.what, self.joints = what, tuple(joints)
+        super().__init__(f"{what}: give the links behind it an inertia")
+
+
+def check_model_size(model: pin.Model) -> None:
+    """Raise an error if a model is too large for the memory.
+
+    Raises:
+        ModelError: the model has more than ``LARGEST`` degrees of freedom.
+    """
+    if model.nv > LARGEST:
+        raise ModelError(
+            f"robot '{model.name}' has {model.nv} degrees of freedom, limit {LARGEST}: "
+            "the memory of an evaluation grows with their cube; make joints fixed in the file"
+        )
+
+
+def check_inertias(model: pin.Model) -> None:
+    """Raise an error for inertias that cannot be simulated; warn about inertias that no body can have.
+
+    The literature idealises bodies: a rotor without mass, or a moment larger than the sum of the others. Their
+    equations of motion are sound as long as the inertia matrix of the robot is positive definite.
+
+    Raises:
+        ModelError: an inertia or mass is not finite.
+        UselessInertia: ``massless`` finds a joint.
+    """
+    found = massless(model, {})
+    if found:
+        raise UselessInertia(_summary(found), found)
+    impossible, weightless = [], []
+    for name, inertia in zip(list(model.names)[1:], list(model.inertias)[1:], strict=True):
+        moments = np.linalg.eigvalsh(inertia.inertia)
+        if moments[2] > moments[0] + moments[1] + _TRIANGLE * moments[2]:
+            impossible.append(name)
+        if inertia.mass == 0 and moments.any():
+            weightless.append(name)
+    unreal = "impossible rotational inertia behind {}: the largest principal moment exceeds the sum of the others"
+    rotors = "rotational inertia but zero mass behind {}: such bodies are idealised, so check the file"
+    for names, fault in ((impossible, unreal), (weightless, rotors)):
+        if names:
+            warnings.warn(f"robot '{model.name}': {fault.format(few(names))}", ModelWarning, stacklevel=2)
+
+
+def massless(model: pin.Model, bodies: Mapping[str, Body]) -> tuple[Massless, ...]:
+    """Return the joints of a model whose bodies cannot be simulated, and the masses that repair them.
+
+    Args:
+        model: not changed.
+        bodies: bodies of its links, as far as known.
+
+    Raises:
+        ModelError: an inertia or mass is not finite, or a placement is too far away.
+    """
+    _check_places(model)
+    model = model.copy()
+    found = [each for joint in range(1, model.njoints) for each in _body(model, joint, bodies)]
+    for each in found:
+        _mend(model, each)
+    data = model.createData()
+    generator = np.random.default_rng(0)
+    for q in [_some_configuration(model, generator) for _ in range(3)]:
+        for _ in range(model.nv):
+            motion = _free_of_mass(pin.crba(model, data, q))
+            if motion is None:
+                break
+            entry, velocity = motion
+            each = _behind(model, data, q, entry, velocity, bodies)
+            found.append(each)
+            _mend(model, each)
+    return tuple(found)
+
+
+def _summary(found: Sequence[Massless]) -> str:
+    names = [f"'{each.joint}'" for each in found if each.why == MOVES_NONE]
+    several = len(names) == len(found) > 1
+    return f"joints {few(names)} move no mass" if several else found[0].message
+
+
+def remedy(model: pin.Model, joints: Sequence[Massless]) -> str:
+    """Text of the remedy for a model: masses to give, and joints to lock if that is sufficient."""
+    masses: dict[str, float] = {}
+    for each in joints:
+        masses |= each.masses
+    if not masses:
+        return "give the links behind it an inertia"
+    several = f"link '{next(iter(masses))}' a mass" if len(masses) == 1 else f"{len(masses)} links masses"
+    words = f"give {several} with {argument('masses', masses)}"
+    lock = {each.joint: _neutral(model, each.joint) for each in joints}
+    if any(each.why != MOVES_NONE for each in joints) or not _holds(model, list(lock)):
+        return words
+    return f"lock {'it' if len(lock) == 1 else 'them'} with {argument('lock', lock)}, or {words}"
+
+
+def _check_places(model: pin.Model) -> None:
+    places = [*zip(model.names, model.jointPlacements, strict=True), *((f.name, f.placement) for f in model.frames)]
+    for name, place in places:
+        farthest = float(np.abs(place.translation).max())
+        if not (farthest <= HEAVIEST and np.isfinite(place.rotation).all()):
+            raise ModelError(f"placement of '{name}' is {farthest:g} m from its parent, limit {HEAVIEST:g} m")
+
+
+def _body(model: pin.Model, joint: int, bodies: Mapping[str, Body]) -> list[Massless]:
+    """Fault of the single body that a joint carries; empty if there is none."""
+    name, inertia = model.names[joint], model.inertias[joint]
+    tensor = inertia.inertia
+    if not (np.isfinite(inertia.mass) and np.isfinite(tensor).all() and np.isfinite(inertia.lever).all()):
+        raise ModelError(f"inertia behind joint '{name}' is not finite")
+    largest = max(abs(inertia.mass), float(np.abs(tensor).max()), float(np.abs(inertia.lever).max()))
+    if largest > HEAVIEST:
+        raise ModelError(f"inertia behind joint '{name}' contains {largest:g}, limit {HEAVIEST:g} [kg, m]")
+    if inertia.mass < 0:
+        message = f"mass behind joint '{name}' is negative: {inertia.mass:g} kg"
+        return [_massless(model, joint, NEGATIVE, message, bodies)]
+    if not _is_positive(tensor):
+        message = f"rotational inertia behind joint '{name}' is not positive"
+        return [_massless(model, joint, NOT_POSITIVE, message, bodies)]
+    return []
+
+
+def _is_positive(tensor: np.ndarray) -> bool:
+    return bool(np.linalg.eigvalsh(tensor)[0] >= -1e-9 * max(1.0, float(np.trace(tensor))))
+
+
+def _massless(model: pin.Model, joint: int, why: str, message: str, bodies: Mapping[str, Body]) -> Massless:
+    links = tuple(
+        frame.name for frame in model.frames if frame.parentJoint == joint and frame.type == pin.FrameType.BODY
+    )
+    known = [link for link in links if link in bodies]
+    shaped = tuple(link for link in known if bodies[link].shaped)
+    wrong = [link for link in known if _is_wrong(bodies[link], why)]
+    chosen = wrong or list(shaped[:1]) or known[:1]
+    masses = {link: _mass(bodies[link]) for link in chosen}
+    return Massless(model.names[joint], why, links, shaped, masses, message)
+
+
+def _is_wrong(body: Body, why: str) -> bool:
+    """True if the link itself has the fault of the body to which it belongs."""
+    if why == NEGATIVE:
+        return body.mass < 0
+    return why == NOT_POSITIVE and not _is_positive(body.inertia)
+
+
+def _mass(body: Body) -> float:
+    if body.mass > 0:
+        return body.mass
+    return max(mass_of_box(body.volume()), _LIGHTEST) if body.shaped else _SUGGESTED
+
+
+def mass_of_box(volume: float) -> float:
+    """Suggested mass [kg] of a body that fills a box of this volume [m^3]."""
+    return significant(_DENSITY * volume)
+
+
+def _mend(model: pin.Model, each: Massless) -> None:
+    """Give a body the inertia that the remedy gives it."""
+    index = model.getJointId(each.joint)
+    mass = sum(each.masses.values()) or _SUGGESTED
+    model.inertias[index] = pin.Inertia(mass, np.zeros(3), mass * _SPREAD * np.eye(3))
+
+
+def _some_configuration(model: pin.Model, generator: np.random.Generator) -> np.ndarray:
+    return pin.integrate(model, pin.neutral(model), generator.uniform(-np.pi, np.pi, model.nv))
+
+
+def _free_of_mass(inertia_matrix: np.ndarray) -> tuple[int | None, np.ndarray] | None:
+    """Return a velocity (nv,) of zero kinetic energy, with its index if only one entry moves; None if there is none."""
+    diagonal = np.sqrt(np.maximum(np.diag(inertia_matrix), 0.0))
+    if not diagonal.all():
+        entry = int(np.argmin(diagonal))
+        return entry, np.eye(len(diagonal))[entry]
+    values, vectors = np.linalg.eigh(unit_diagonal(inertia_matrix))
+    return None if values[0] >= _SINGULAR else (None, vectors[:, 0] / diagonal)
+
+
+def _behind(
+    model: pin.Model,
+    data: pin.Data,
+    q: np.ndarray,
+    entry: int | None,
+    velocity: np.ndarray,
+    bodies: Mapping[str, Body],
+) -> Massless:
+    """Fault at the first body that moves in a motion of zero kinetic energy; an inertia of this body repairs it."""
+    pin.forwardKinematics(model, data, q, velocity / np.abs(velocity).max())
+    speeds = [float(np.linalg.norm(data.v[joint].vector)) for joint in range(model.njoints)]
+    moving = (index for index, speed in enumerate(speeds) if speed > 1e-6 * max(speeds))
+    joint = next(moving, 1)  # no joint if placements are so large that speeds are not finite
+    if entry is not None:
+        message = f"joint '{_entry_name(model, entry)}' moves no mass"
+        return _massless(model, joint, MOVES_NONE, message, bodies)
+    at = int(np.argmax(np.abs(velocity)))
+    message = f"inertia matrix is singular: joint '{_entry_name(model, at)}' can move without moving mass"
+    return _massless(model, joint, SINGULAR, message, bodies)
+
+
+def _entry_name(model: pin.Model, entry: int) -> str:
+    index = next(
+        index for index, each in enumerate(model.joints) if index and each.idx_v <= entry < each.idx_v + each.nv
+    )
+    joint = model.joints[index]
+    return model.names[index] if joint.nv == 1 else f"{model.names[index]}[{entry - joint.idx_v}]"
+
+
+def _neutral(model: pin.Model, name: str) -> float | list[float]:
+    joint = model.joints[model.getJointId(name)]
+    if joint.nv == 1:
+        return 0
+    if joint.shortname() == "JointModelPlanar":
+        return [0, 0, 0]
+    return pin.neutral(model)[joint.idx_q : joint.idx_q + joint.nq].tolist()
+
+
+def _holds(model: pin.Model, names: Sequence[str]) -> bool:
+    """True if every remaining motion has inertia once these joints are locked."""
+    if "root_joint" in names:
+        return False
+    indices = [model.getJointId(name) for name in names]
+    locked = {model.joints[index].idx_v + offset for index in indices for offset in range(model.joints[index].nv)}
+    kept = [entry for entry in range(model.nv) if entry not in locked]
+    if not kept:
+        return False
+    q = _some_configuration(model, np.random.default_rng(1))
+    matrix = pin.crba(model, model.createData(), q)
+    return _free_of_mass(matrix[np.ix_(kept, kept)]) is None

@@ -15,17 +15,13 @@ import pinocchio as pin
 from rnc_pin.errors import ModelError, ModelWarning, argument
 from rnc_pin.printing import ObjectSummary, SummaryMixin, counted, items
 from rnc_pin.robots import robot_files
-from rnc_pin.robots.derived_models import AttachedModel, LockedModel
-from rnc_pin.robots.inertias import Massless, UselessInertia, check_model_size, massless, remedy
-from rnc_pin.robots.joint_values import JointValue
-from rnc_pin.robots.lazy_geometry import LazyGeometry
-from rnc_pin.robots.link_masses import LinkMass, with_link_masses
-from rnc_pin.robots.model_checks import check_model
-from rnc_pin.robots.named_model import NamedModel
+from rnc_pin.robots.derived_models import AttachedModel, LazyGeometry, LinkMass, LockedModel, with_link_masses
+from rnc_pin.robots.joint_values import JointValue, NamedModel
+from rnc_pin.robots.model_checks import Massless, UselessInertia, check_model, check_model_size, massless, remedy
 from rnc_pin.robots.sources.description import Closure, Description, Mimic
 from rnc_pin.robots.sources.numeric_checks import check_acceleration
 from rnc_pin.robots.sources.urdf import read_urdf
-from rnc_pin.robots.sources.urdf_meshes import STAND_IN
+from rnc_pin.robots.sources.urdf_links import STAND_IN
 
 Base = Literal["fixed", "planar", "free"]
 

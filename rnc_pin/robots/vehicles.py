@@ -56,15 +56,15 @@ def _tractor() -> list[str]:
         *(_box("0.14 0.1 0.05", f"0 {side * 0.3} 0.17", "orange") for side in (-1, 1)),
         *_wheels(0.0, 0.13, 0.3, 0.1),
         _cylinder(0.05, 0.1, "-0.02 0 0.12", "chrome"),
-        _solid_box("1.32 0.3 0.08", "0.5 0 0.04"),
-        _solid_box("0.635 0.36 0.26", "0.8675 0 0.21"),
-        _solid_box("0.5 0.5 0.3", "0.22 0 0.24"),
-        _solid_box("0.44 0.46 0.32", "0.2 0 0.55"),
-        _solid_box("0.5 0.52 0.04", "0.2 0 0.72"),
-        _solid_cylinder(0.025, 0.34, "0.98 0.12 0.45"),
-        *(_solid_box("0.14 0.1 0.05", f"0 {side * 0.3} 0.17") for side in (-1, 1)),
+        _box("1.32 0.3 0.08", "0.5 0 0.04"),
+        _box("0.635 0.36 0.26", "0.8675 0 0.21"),
+        _box("0.5 0.5 0.3", "0.22 0 0.24"),
+        _box("0.44 0.46 0.32", "0.2 0 0.55"),
+        _box("0.5 0.52 0.04", "0.2 0 0.72"),
+        _cylinder(0.025, 0.34, "0.98 0.12 0.45"),
+        *(_box("0.14 0.1 0.05", f"0 {side * 0.3} 0.17") for side in (-1, 1)),
         *_solid_wheels(0.0, 0.13, 0.3, 0.1),
-        _solid_cylinder(0.05, 0.1, "-0.02 0 0.12"),
+        _cylinder(0.05, 0.1, "-0.02 0 0.12"),
         "</link>",
         *_fixed("tractor_axle", "tractor"),
         '<link name="front_axle">',
@@ -91,10 +91,10 @@ def _trailer(number: int) -> list[str]:
         _box("0.8 0.48 0.03", "-0.85 0 0.44", "chrome"),
         *_wheels(-1.0, 0.13, 0.29, 0.07),
         _cylinder(0.05, 0.1, "-1 0 0.06", "chrome"),
-        _solid_box("0.5 0.05 0.05", "-0.23 0 0.06"),
-        _solid_box("0.8 0.48 0.385", "-0.85 0 0.2625"),
+        _box("0.5 0.05 0.05", "-0.23 0 0.06"),
+        _box("0.8 0.48 0.385", "-0.85 0 0.2625"),
         *_solid_wheels(-1.0, 0.13, 0.29, 0.07),
-        _solid_cylinder(0.05, 0.1, "-1 0 0.06"),
+        _cylinder(0.05, 0.1, "-1 0 0.06"),
         "</link>",
         *_fixed(f"axle_{number}", f"trailer_{number}", "-1 0 0"),
         f'<joint name="hitch_{number}" type="revolute">',
@@ -116,29 +116,20 @@ def _inertia(mass: float, center: str, principal: tuple[float, float, float]) ->
     return f'  <inertial><origin xyz="{center}"/><mass value="{mass:g}"/>{tensor}</inertial>'
 
 
-def _visual(shape: str, place: str, turn: str, color: str) -> str:
-    origin = f'<origin xyz="{place}" rpy="{turn}"/>'
-    return f'  <visual>{origin}<geometry>{shape}</geometry><material name="{color}"/></visual>'
+def _geometry(shape: str, place: str, turn: str, color: str | None) -> str:
+    """Visual geometry of a colour, or collision geometry without one."""
+    geometry = f'<origin xyz="{place}" rpy="{turn}"/><geometry>{shape}</geometry>'
+    if color is None:
+        return f"  <collision>{geometry}</collision>"
+    return f'  <visual>{geometry}<material name="{color}"/></visual>'
 
 
-def _box(size: str, place: str, color: str) -> str:
-    return _visual(f'<box size="{size}"/>', place, "0 0 0", color)
+def _box(size: str, place: str, color: str | None = None) -> str:
+    return _geometry(f'<box size="{size}"/>', place, "0 0 0", color)
 
 
-def _cylinder(radius: float, length: float, place: str, color: str, turn: str = "0 0 0") -> str:
-    return _visual(f'<cylinder radius="{radius:g}" length="{length:g}"/>', place, turn, color)
-
-
-def _solid(shape: str, place: str, turn: str = "0 0 0") -> str:
-    return f'  <collision><origin xyz="{place}" rpy="{turn}"/><geometry>{shape}</geometry></collision>'
-
-
-def _solid_box(size: str, place: str) -> str:
-    return _solid(f'<box size="{size}"/>', place)
-
-
-def _solid_cylinder(radius: float, length: float, place: str, turn: str = "0 0 0") -> str:
-    return _solid(f'<cylinder radius="{radius:g}" length="{length:g}"/>', place, turn)
+def _cylinder(radius: float, length: float, place: str, color: str | None = None, turn: str = "0 0 0") -> str:
+    return _geometry(f'<cylinder radius="{radius:g}" length="{length:g}"/>', place, turn, color)
 
 
 def _wheels(x: float, radius: float, half_track: float, width: float) -> list[str]:
@@ -154,5 +145,5 @@ def _wheels(x: float, radius: float, half_track: float, width: float) -> list[st
 def _solid_wheels(x: float, radius: float, half_track: float, width: float) -> list[str]:
     """The same for collisions: a wheel is as wide as its hub."""
     across = "1.5707963 0 0"
-    wheels = [_solid_cylinder(radius, width + 0.01, f"{x:g} {y:g} 0", across) for y in (half_track, -half_track)]
-    return [_solid_cylinder(0.025, 2 * half_track, f"{x:g} 0 0", across), *wheels]
+    wheels = [_cylinder(radius, width + 0.01, f"{x:g} {y:g} 0", turn=across) for y in (half_track, -half_track)]
+    return [_cylinder(0.025, 2 * half_track, f"{x:g} 0 0", turn=across), *wheels]

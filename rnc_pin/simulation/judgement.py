@@ -7,8 +7,10 @@ from functools import partial
 
 import numpy as np
 
-from rnc_pin.analysis import first_lift_off
-from rnc_pin.control.limited_acceleration import LimitedAcceleration
+from rnc_pin.analysis import Grip, first_lift_off
+from rnc_pin.array_shapes import Float
+from rnc_pin.control.controller import LimitedAcceleration
+from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation.limit_replay import ROUNDING, LimitReplay, LimitUse, replay_limits
 from rnc_pin.simulation.run_info import Outcome
@@ -20,7 +22,7 @@ _MOSTLY = 0.5  # share of a run under a fallback command that fails
 _AT_LIMIT = 0.99  # use of friction of a contact that slides; MuJoCo gives it to 1e-3
 _MOMENT = 0.01  # share of a run at the limit of friction that fails: more than a landing
 _SLIDING = 0.01  # [m/s or rad/s]; contacts of MuJoCo that stick creep by less than 1e-3
-_SLIPS = 1.0 + 1e-6  # use of friction that is beyond the stated friction, and not rounding
+_SLIPS = 1.0 + 1e-3  # use of friction that is beyond the stated friction, and not rounding
 
 
 def judge(
@@ -30,6 +32,7 @@ def judge(
     goal_errors: Mapping[str, float] | None = None,
     goal_tolerance: float = 0.02,
     gave_way: Mapping[str, float] | None = None,
+    grip: Grip | None = None,
     more: Iterable[Finding] = (),
     accepted: Iterable[FindingKind | str] = (),
 ) -> Verdict:
@@ -41,6 +44,7 @@ def judge(
         goal_errors: errors at the end by name [m or rad]; None if the run has no goals.
         goal_tolerance: error above which a goal is missed [m or rad].
         gave_way: largest amounts by which limits of a whole-body program gave way, by name.
+        grip: stated friction of the ground, for the forces that the constraints of the run need.
         more: findings that others made, such as a plan that is not verified.
         accepted: kinds of findings that the user accepts.
 
@@ -63,7 +67,7 @@ def judge(
         *_missed_updates(run),
         *(_goals(run, goal_errors or {}, goal_tolerance) if completed else ()),
         *(() if replay is None else _limits(replay)),
-        *_contacts(run),
+        *_contacts(run, grip),
         *(() if replay is None else _saturation(run, replay)),
         *_given_way(gave_way or {}),
         *more,
@@ -134,30 +138,49 @@ def _limits(replay: LimitReplay) -> Iterator[Finding]:
 
 
 def _exceeded(use: LimitUse) -> Finding:
-    """Finding of a limit; positions have a lower and an upper limit, the others one of the absolute value."""
-    amount = abs(use.value - use.limit) if use.kind == "position" else abs(use.value) - use.limit
+    """Finding of a limit; positions and accelerations have two, the others one of the absolute value."""
+    two = use.kind in ("position", "acceleration")
+    amount = abs(use.value - use.limit) if two else abs(use.value) - use.limit
     return Finding(FindingKind(use.kind), use.name, amount, "", use.time, Severity.FAILS, str(use))
 
 
-def _contacts(run: Trajectory) -> Iterator[Finding]:
+def _contacts(run: Trajectory, grip: Grip | None) -> Iterator[Finding]:
     """Findings of contacts that pull, that need more friction than is stated, or that slide at its limit."""
     lifted = first_lift_off(run.time, run.normal_forces, run.info.outputs.normal_forces)
     if lifted is not None:
         yield Finding(
             FindingKind.LIFT_OFF, lifted.contact, -lifted.lowest, "N", lifted.time, Severity.FAILS, str(lifted)
         )
+    if grip is not None:
+        yield from _demands(run, grip)
     yield from _slips(run)
+
+
+def _demands(run: Trajectory, grip: Grip) -> Iterator[Finding]:
+    """Findings of contacts whose constraints need more than the stated friction: where a real wheel slips."""
+    used = np.nan_to_num(grip.used_by_forces(run.contact_forces, run.normal_forces), posinf=np.inf)
+    for name, demand in zip(grip.names, used.T, strict=True):
+        if demand.max(initial=0.0) > _SLIPS:
+            yield _beyond(run, name, demand)
+
+
+def _beyond(run: Trajectory, contact: str, used: Float[np.ndarray, " N"]) -> Finding:
+    """Finding of a contact that needs more than its friction at some sample."""
+    most = int(used.argmax())
+    need, time = float(used[most]), float(run.time[most])
+    words = f"needs {need:.3g} times the stated friction" if need < np.inf else "needs friction, but carries no load,"
+    message = f"contact '{contact}' {words} at t = {time:.2f} s"
+    return Finding(FindingKind.SLIP, contact, need, "", time, Severity.FAILS, message)
 
 
 def _slips(run: Trajectory) -> Iterator[Finding]:
     """Findings of contacts at the limit of their friction, where a plant lets them slide, and of rows that slip."""
     used, slip = np.nan_to_num(run.friction_used), np.abs(np.nan_to_num(run.slip))
     for column, name in enumerate(run.info.outputs.friction_used if len(used) else ()):
-        most, at_limit = int(used[:, column].argmax()), used[:, column] > _AT_LIMIT
-        share, demand, time = float(at_limit.mean()), float(used[most, column]), float(run.time[most])
-        if demand > _SLIPS:
-            message = f"contact '{name}' needs {demand:.3g} times the stated friction at t = {time:.2f} s"
-            yield Finding(FindingKind.SLIP, name, demand, "", time, Severity.FAILS, message)
+        at_limit = used[:, column] > _AT_LIMIT
+        share = float(at_limit.mean())
+        if used[:, column].max() > _SLIPS:
+            yield _beyond(run, name, used[:, column])
         elif share > 0.0:
             first = float(run.time[int(at_limit.argmax())])
             message = (
@@ -195,17 +218,20 @@ def _given_way(amounts: Mapping[str, float]) -> Iterator[Finding]:
         yield Finding(FindingKind.LIMIT_GAVE_WAY, name, amount, "", None, Severity.DEGRADES, message)
 
 
-def judged_by(run: Trajectory, robot: Robot, accelerations: Sequence[LimitedAcceleration] = ()) -> Trajectory:
+def judged_by(run: Trajectory, reduced: ReducedModel, accelerations: Sequence[LimitedAcceleration] = ()) -> Trajectory:
     """Return a run whose verdict follows at its first use from its samples and from limits.
 
     Args:
         run: the run.
-        robot: its robot, with the limits of its file.
+        reduced: its model, with the limits of the robot's file and of actuators.
         accelerations: limits of accelerations, as for ``replay_limits``.
     """
-    return run.judged_later(partial(_judged, robot, accelerations))
+    return run.judged_later(partial(_judged, reduced.robot, accelerations, reduced.actuation.stated_limits))
 
 
-def _judged(robot: Robot, accelerations: Sequence[LimitedAcceleration], run: Trajectory) -> Verdict:
-    replay = replay_limits(robot, run, exact=0.0, accelerations=accelerations) if len(run.time) else None
-    return judge(run, replay)
+def _judged(
+    robot: Robot, accelerations: Sequence[LimitedAcceleration], efforts: Mapping[str, float], run: Trajectory
+) -> Verdict:
+    if not len(run.time):
+        return judge(run)
+    return judge(run, replay_limits(robot, run, exact=0.0, accelerations=accelerations, efforts=efforts))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
@@ -18,7 +19,7 @@ from rnc_pin.collision import (
     PairSelection,
     continuous_distances,
 )
-from rnc_pin.control.limited_acceleration import LimitedAcceleration
+from rnc_pin.control.controller import LimitedAcceleration
 from rnc_pin.errors import InputError
 from rnc_pin.robots.joint_values import NO_LIMIT
 from rnc_pin.robots.robot import Robot
@@ -27,8 +28,7 @@ from rnc_pin.simulation.trajectory import Trajectory
 ROUNDING = 1e-9
 """Largest excess over a limit that counts as rounding, as a share of its range."""
 
-_ROUNDING_OF_RATES = 1e-4
-"""The same for accelerations: they are quotients of two samples, between which the inputs are held."""
+_NO_EFFORTS: Mapping[str, float] = MappingProxyType({})
 
 LimitKind = Literal["position", "velocity", "effort", "acceleration"]
 LIMIT_KINDS: tuple[LimitKind, ...] = get_args(LimitKind)
@@ -39,13 +39,14 @@ class LimitUse(NamedTuple):
 
     Attributes:
         kind: "position", "velocity", "effort" or "acceleration".
-        name: joint, or the reducing output whose rate an acceleration is of.
+        name: joint, actuator, or the reducing output whose rate an acceleration is of.
         excess: largest excess over the limit, as a share of its range; negative while the limit is kept. The range is
             that from the lower to the upper position limit, or the limit itself. For an effort limit of zero it is
             the largest effort in the file.
         time: time of the largest excess [s].
         value: value at that time [rad, m, rad/s, m/s, N m, N, rad/s^2 or m/s^2].
         limit: limit that is nearest to it.
+        rounding: excess that counts as rounding.
     """
 
     kind: LimitKind
@@ -54,11 +55,12 @@ class LimitUse(NamedTuple):
     time: float
     value: float
     limit: float
+    rounding: float = ROUNDING
 
     @property
     def exceeded(self) -> bool:
         """True if the excess is more than rounding."""
-        return self.excess > (_ROUNDING_OF_RATES if self.kind == "acceleration" else ROUNDING)
+        return self.excess > self.rounding
 
     def __str__(self) -> str:
         return (
@@ -164,11 +166,12 @@ def replay_limits(
     within: float = 0.05,
     exact: float | None = None,
     accelerations: Sequence[LimitedAcceleration] = (),
+    efforts: Mapping[str, float] = _NO_EFFORTS,
 ) -> LimitReplay:
     """Replay a trajectory and return how much of each limit it uses, and the smallest distances of pairs.
 
     Limits of position and velocity, and those of the effort of driven joints, come from the robot's file. A robot's
-    file has no limits of acceleration.
+    file has no limits of acceleration, and none of forces on frames.
 
     Args:
         robot: robot of the trajectory.
@@ -181,6 +184,7 @@ def replay_limits(
         exact: distance up to which samples have no tolerance, as in ``continuous_distances`` [m].
         accelerations: limits of accelerations, such as those of a whole-body program. The acceleration is the change
             of the velocity from sample to sample over the time between them.
+        efforts: limits by name of actuators that are not joints, such as ``stated_limits`` of an actuation [N or N m].
 
     Raises:
         InputError: the trajectory has no samples, or belongs to another robot.
@@ -197,7 +201,7 @@ def replay_limits(
         raise InputError(f"q has {trajectory.q.shape[1]} entries, but nq of the robot is {robot.nq}")
     if not len(trajectory.time):
         raise InputError("the run has no samples")
-    found = [*_positions(robot, trajectory), *_rates(robot, trajectory), *_efforts(robot, trajectory)]
+    found = [*_positions(robot, trajectory), *_rates(robot, trajectory), *_efforts(robot, trajectory, efforts)]
     found += _accelerations(trajectory, accelerations)
     every = _spaced(trajectory.time, step)
     time, uses = trajectory.time[every], tuple(use for use, _ in found)
@@ -285,8 +289,8 @@ def _rates(robot: Robot, run: Trajectory) -> list[_Use]:
     ]
 
 
-def _efforts(robot: Robot, run: Trajectory) -> list[_Use]:
-    """Use of the effort limits of driven joints.
+def _efforts(robot: Robot, run: Trajectory, others: Mapping[str, float]) -> list[_Use]:
+    """Use of the effort limits of driven joints, and of other actuators with stated limits.
 
     A limit of zero holds where the file states another effort for some joint: nothing can drive this one. A file with
     zeros only has them as placeholders, and states no effort.
@@ -294,6 +298,8 @@ def _efforts(robot: Robot, run: Trajectory) -> list[_Use]:
     limits, uses = robot.model.upperEffortLimit, []
     stated = limits[(limits > 0) & (limits < NO_LIMIT)]
     for column, name in enumerate(run.info.outputs.T):
+        if name in others:
+            uses.append(_symmetric("effort", name, run.time, run.T[:, column], others[name]))
         if name not in robot.joint_names:
             continue
         place = robot.velocity_indices(name)
@@ -306,14 +312,20 @@ def _efforts(robot: Robot, run: Trajectory) -> list[_Use]:
 
 def _accelerations(run: Trajectory, limits: Sequence[LimitedAcceleration]) -> list[_Use]:
     """Use of limits of acceleration, each at the sample before the change of velocity."""
-    spans = np.diff(run.time)
-    if not len(spans) or not (spans > 0).all():
+    if len(run.time) < 2:
         return []
+    spans = np.diff(run.time)
+    spans[spans <= 0.0] = np.nan  # velocities jump between the samples of an impact
     rates = {each: np.diff(getattr(run, each), axis=0) / spans[:, None] for each in {each.quantity for each in limits}}
     found = []
-    for name, quantity, column, largest in limits:
-        values = np.append(rates[quantity][:, column], 0.0)
-        found.append(_symmetric("acceleration", name, run.time, values, largest))
+    for name, quantity, column, lower, upper, rounding, until in limits:
+        values = np.where(run.time[1:] <= until, rates[quantity][:, column], np.nan)
+        span = max((abs(each) for each in (lower, upper) if 0.0 < abs(each) < np.inf), default=1.0)
+        excess = np.where(np.isfinite(values), np.maximum(values - upper, lower - values) / span, -1.0)
+        at = int(excess.argmax())
+        limit = upper if values[at] - upper > lower - values[at] else lower
+        use = LimitUse("acceleration", name, float(excess[at]), float(run.time[at]), float(values[at]), limit, rounding)
+        found.append((use, np.append(excess, -1.0)))
     return found
 
 

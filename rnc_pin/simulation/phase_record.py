@@ -94,7 +94,7 @@ def joined(parts: Sequence[PhasePart], dt: float, outcome: Outcome, message: str
         _fallback([run.info.fallback for run in runs]),
         _missed_updates([run.info.missed_updates for run in runs]),
     )
-    return judged_by(Trajectory(**arrays, info=info), parts[0].reduced.robot)
+    return judged_by(Trajectory(**arrays, info=info), parts[0].reduced)
 
 
 def _fallback(uses: Sequence[FallbackUse | None]) -> FallbackUse | None:

@@ -246,7 +246,7 @@ class Record:
             run = Trajectory.deferred(a, lambda: self._derived(t, q, v, T, bodies), info)
         else:
             run = Trajectory(**a, **self._derived(a["time"], a["q"], a["v"], a["T"], bodies), info=info)
-        return judged_by(run, reduced.robot)
+        return judged_by(run, reduced)
 
     def _derived(
         self, t: np.ndarray, q: np.ndarray, v: np.ndarray, T: np.ndarray, bodies: Sequence[GroundBody]

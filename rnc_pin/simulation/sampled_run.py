@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rnc_pin.control.controller import Command, Controller
-from rnc_pin.control.limited_acceleration import limited_accelerations
+from rnc_pin.control.controller import Command, Controller, limited_accelerations
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.loop import ControlLoop, LoopOptions, LoopState, VelocityInputLoop
 from rnc_pin.loop.options import admit_controller, admit_model, type_name
@@ -75,7 +74,7 @@ class SampledRun:
         self.stop, self._dt, self.samples = StopMonitor(options.stop, reduced.robot), dt, 0
         self._start, self._lift_off = start, lift_off_monitor(options.stop, adapter.model, reduced)
         self._zeros = zeros = np.zeros(reduced.r)
-        self._robot, self._accelerations = reduced.robot, limited_accelerations(controller)
+        self._reduced, self._accelerations = reduced, limited_accelerations(controller)
         first = reduced.at(assembled_start(reduced, numbers_of(q0, "q0")), zeros if v2_0 is None else v2_0, t=0.0)
         adapter.plant.reset(first.q, first.v)
         state = options.controller_state
@@ -192,7 +191,7 @@ class SampledRun:
             self.record.fallback = replace(self.record.fallback, at_the_end=self.loop.state.fault is not None)
         self.record.missed_updates = _missed_updates(self.loop.state.controller)
         run = self.record.finish(self._dt, self._provenance, outcome, message, deferred)
-        return judged_by(run, self._robot, self._accelerations)
+        return judged_by(run, self._reduced, self._accelerations)
 
 
 def _missed_updates(state: Any) -> MissedUpdates | None:

@@ -1,1 +1,5 @@
 """Visualization: browser view, recordings and plots. It is imported only on demand."""
+
+from rnc_pin.lazy_exports import lazy_exports
+
+__getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -57,7 +57,7 @@ def recorded_states(
 ) -> Iterator[DrawnState]:
     """States at a constant rate. Other runs that end earlier keep their last configuration."""
     times = _even_times(trajectory, rate)
-    configurations = _configurations(robot, trajectory, times)
+    configurations = sample_configurations(robot, trajectory, rate)
     beside = [_configurations(robot, other, times) for other in others]
     nearest = np.searchsorted(trajectory.time, times).clip(max=len(trajectory.time) - 1)
     t = trajectory

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -16,8 +18,8 @@ from rnc_pin.math.components import cross
 from rnc_pin.robots.robot import Robot
 from rnc_pin.visualization.drawn_state import DrawnState
 from rnc_pin.visualization.meshcat_library import mg
+from rnc_pin.visualization.meshcat_robot import drawn_scale
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
-from rnc_pin.visualization.robot_meshes import drawn_scale
 
 # Okabe and Ito
 BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (
@@ -37,16 +39,24 @@ class LayerEntry(NamedTuple):
     """"line", "dashed", "arrow" or "dot"."""
 
 
+@dataclass(eq=False)
 class Element(ABC):
     """Drawn element of the scene.
 
     Attributes:
         entry: its entry in the legend; elements of one layer share an entry.
-        costly: True if a live view may update it less often.
+        name: name of its node on the layer.
+        expensive: True if a live view may update it less often.
     """
 
     entry: LayerEntry
+    name: str
     expensive = False
+
+    @property
+    def node(self) -> str:
+        """Path of its node in the scene."""
+        return f"{self.entry.layer}/{self.name}"
 
     def build(self, scene: MeshcatScene) -> None:  # noqa: B027, some have nothing to build
         """Draw the initial content."""
@@ -56,150 +66,137 @@ class Element(ABC):
         """Show a state."""
 
 
+@dataclass(eq=False)
 class FixedPath(Element):
-    """Path that is known in advance."""
+    """Path through points (N, 3) [m] that are known in advance."""
 
-    def __init__(self, entry: LayerEntry, name: str, points: np.ndarray, width: float) -> None:
-        self.entry, self._name, self._points, self._width = entry, name, points, width
+    points: np.ndarray
+    width: float
 
     def build(self, scene: MeshcatScene) -> None:
-        dashed = self.entry.sign == "dashed"
-        scene.path(f"{self.entry.layer}/{self._name}", self._points, self.entry.color, self._width, dashed)
+        scene.path(self.node, self.points, self.entry.color, self.width, self.entry.sign == "dashed")
 
     def update(self, scene: MeshcatScene, state: DrawnState) -> None:
         pass
 
 
+@dataclass(eq=False)
 class Trail(Element):
     """Path of a moving point, drawn piece by piece.
 
-    Args:
-        entry: entry of the legend.
-        name: name of the path.
+    Attributes:
         point: position (3,) [m] at a state.
         width: width of the path [m].
         piece: frames per piece.
     """
 
-    def __init__(
-        self, entry: LayerEntry, name: str, point: Callable[[DrawnState], np.ndarray], width: float, piece: int
-    ) -> None:
-        self.entry, self._name, self._point, self._width, self._piece = entry, name, point, width, max(piece, 1)
+    point: Callable[[DrawnState], np.ndarray]
+    width: float
+    piece: int
+
+    def __post_init__(self) -> None:
         self._points: list[np.ndarray] = []
         self._count = 0
 
     def update(self, scene: MeshcatScene, state: DrawnState) -> None:
-        self._points.append(np.array(self._point(state)))
-        if len(self._points) <= self._piece:
+        self._points.append(np.array(self.point(state)))
+        if len(self._points) <= self.piece:
             return
-        node = f"{self.entry.layer}/{self._name}/{self._count:03d}"
-        scene.path(node, np.stack(self._points), self.entry.color, self._width, self.entry.sign == "dashed")
+        node = f"{self.node}/{self._count:03d}"
+        scene.path(node, np.stack(self._points), self.entry.color, self.width, self.entry.sign == "dashed")
         scene.appear(node)
         self._points, self._count = self._points[-1:], self._count + 1
 
 
+@dataclass(eq=False)
 class Triad(Element):
     """Coordinate axes at a pose (4, 4), with a sphere in the colour of the entry at the origin."""
 
-    def __init__(self, entry: LayerEntry, name: str, pose: Callable[[DrawnState], np.ndarray], size: float) -> None:
-        self.entry, self._node, self._pose, self._size = entry, f"{entry.layer}/{name}", pose, size
+    pose: Callable[[DrawnState], np.ndarray]
+    size: float
 
     def build(self, scene: MeshcatScene) -> None:
-        size = self._size
+        size = self.size
         for axis, color in enumerate((VERMILLION, GREEN, BLUE)):
             shape = [0.06 * size] * 3
             shape[axis] = size
             offset = np.eye(4)
             offset[axis, 3] = size / 2
-            scene.mesh(f"{self._node}/{'xyz'[axis]}", mg.Box(shape), color)
-            scene.root[f"{self._node}/{'xyz'[axis]}"].set_transform(offset)
-        scene.mesh(f"{self._node}/point", mg.Sphere(0.14 * size), self.entry.color)
+            scene.mesh(f"{self.node}/{'xyz'[axis]}", mg.Box(shape), color)
+            scene.root[f"{self.node}/{'xyz'[axis]}"].set_transform(offset)
+        scene.mesh(f"{self.node}/point", mg.Sphere(0.14 * size), self.entry.color)
 
     def update(self, scene: MeshcatScene, state: DrawnState) -> None:
-        scene.place(self._node, self._pose(state))
+        scene.place(self.node, self.pose(state))
 
 
+@dataclass(eq=False)
 class Arrow(Element):
     """Arrow from a point along a vector, both (3,) [m]; almost invisible if the vector is zero."""
 
-    def __init__(
-        self, entry: LayerEntry, name: str, vector: Callable[[DrawnState], tuple[np.ndarray, np.ndarray]], width: float
-    ) -> None:
-        self.entry, self._node, self._vector, self._width = entry, f"{entry.layer}/{name}", vector, width
+    vector: Callable[[DrawnState], tuple[np.ndarray, np.ndarray]]
+    width: float
 
     def build(self, scene: MeshcatScene) -> None:
-        scene.mesh(f"{self._node}/shaft", mg.Cylinder(1.0, 1.0), self.entry.color)
-        scene.mesh(f"{self._node}/head", mg.Cylinder(1.0, radiusTop=0.0, radiusBottom=1.0), self.entry.color)
+        scene.mesh(f"{self.node}/shaft", mg.Cylinder(1.0, 1.0), self.entry.color)
+        scene.mesh(f"{self.node}/head", mg.Cylinder(1.0, radiusTop=0.0, radiusBottom=1.0), self.entry.color)
 
     def update(self, scene: MeshcatScene, state: DrawnState) -> None:
-        point, vector = self._vector(state)
+        point, vector = self.vector(state)
         length = float(np.linalg.norm(vector))
-        width = self._width
+        width = self.width
         if not length > 0.2 * width:  # True if NaN
             for part in ("shaft", "head"):
-                scene.place(f"{self._node}/{part}", _cylinder_transform(np.nan_to_num(point), np.eye(3)[1], 1e-4, 1e-4))
+                scene.place(f"{self.node}/{part}", _cylinder_transform(np.nan_to_num(point), np.eye(3)[1], 1e-4, 1e-4))
             return
         along = vector / length
         head = min(3.5 * width, length)
         shaft = max(length - head, 1e-4)
-        scene.place(f"{self._node}/shaft", _cylinder_transform(point + along * shaft / 2, along, shaft, width / 2))
+        scene.place(f"{self.node}/shaft", _cylinder_transform(point + along * shaft / 2, along, shaft, width / 2))
         scene.place(
-            f"{self._node}/head", _cylinder_transform(point + along * (shaft + head / 2), along, head, 0.4 * head)
+            f"{self.node}/head", _cylinder_transform(point + along * (shaft + head / 2), along, head, 0.4 * head)
         )
 
 
+@dataclass(eq=False)
 class Rod(Element):
     """Thin rod centred at a point along a unit vector: a direction in which the constraint prevents motion."""
 
-    def __init__(
-        self,
-        entry: LayerEntry,
-        name: str,
-        line: Callable[[DrawnState], tuple[np.ndarray, np.ndarray]],
-        length: float,
-        width: float,
-    ) -> None:
-        self.entry, self._node, self._line = entry, f"{entry.layer}/{name}", line
-        self._length, self._width = length, width
+    line: Callable[[DrawnState], tuple[np.ndarray, np.ndarray]]
+    length: float
+    width: float
 
     def build(self, scene: MeshcatScene) -> None:
-        scene.mesh(self._node, mg.Cylinder(1.0, 1.0), self.entry.color)
+        scene.mesh(self.node, mg.Cylinder(1.0, 1.0), self.entry.color)
 
     def update(self, scene: MeshcatScene, state: DrawnState) -> None:
-        point, along = self._line(state)
-        scene.place(self._node, _cylinder_transform(point, along, self._length, self._width / 2))
+        point, along = self.line(state)
+        scene.place(self.node, _cylinder_transform(point, along, self.length, self.width / 2))
 
 
+@dataclass(eq=False)
 class ColoredSphere(Element):
     """Sphere whose position and colour depend on the state."""
 
-    def __init__(
-        self,
-        entry: LayerEntry,
-        name: str,
-        point: Callable[[DrawnState], np.ndarray],
-        color: Callable[[DrawnState], np.ndarray],
-        size: float,
-    ) -> None:
-        self.entry, self._node = entry, f"{entry.layer}/{name}"
-        self._point, self._color, self._size = point, color, size
+    point: Callable[[DrawnState], np.ndarray]
+    color: Callable[[DrawnState], np.ndarray]
+    size: float
 
     def build(self, scene: MeshcatScene) -> None:
-        scene.mesh(self._node, mg.Sphere(self._size), self.entry.color)
+        scene.mesh(self.node, mg.Sphere(self.size), self.entry.color)
 
     def update(self, scene: MeshcatScene, state: DrawnState) -> None:
         placement = np.eye(4)
-        placement[:3, 3] = self._point(state)
-        scene.place(self._node, placement)
-        scene.paint(self._node, self._color(state))
+        placement[:3, 3] = self.point(state)
+        scene.place(self.node, placement)
+        scene.paint(self.node, self.color(state))
 
 
+@dataclass(eq=False)
 class Ghost(Element):
     """Copy of the robot at another configuration or place, pale or in its own colours.
 
-    Args:
-        entry: entry of the legend.
-        name: name of the copy.
+    Attributes:
         robot: robot to copy.
         configuration: configuration (nq,) at a state.
         source: group of the shapes to copy.
@@ -207,36 +204,30 @@ class Ghost(Element):
         offset: displacement in the world (3,) [m].
     """
 
-    def __init__(
-        self,
-        entry: LayerEntry,
-        name: str,
-        robot: Robot,
-        configuration: Callable[[DrawnState], np.ndarray],
-        source: str,
-        opacity: float = 0.35,
-        offset: np.ndarray | None = None,
-    ) -> None:
-        self.entry, self._node, self._source, self._opacity = entry, f"{entry.layer}/{name}", source, opacity
-        self._robot, self._configuration = robot, configuration
-        self._offset = np.zeros(3) if offset is None else offset
-        assert robot.visual_model is not None
-        self._visual = robot.visual_model
-        self._data, self._shapes = robot.model.createData(), self._visual.createData()
+    robot: Robot
+    configuration: Callable[[DrawnState], np.ndarray]
+    source: str
+    opacity: float = 0.35
+    offset: np.ndarray = field(default_factory=partial(np.zeros, 3))
+
+    def __post_init__(self) -> None:
+        assert self.robot.visual_model is not None
+        self._visual = self.robot.visual_model
+        self._data, self._shapes = self.robot.model.createData(), self._visual.createData()
 
     def build(self, scene: MeshcatScene) -> None:
-        color = None if self._opacity >= 1.0 else self.entry.color
+        color = None if self.opacity >= 1.0 else self.entry.color
         for shape in self._visual.geometryObjects:
-            scene.copy(f"{self._node}/{shape.name}", f"{self._source}/{shape.name}", color, self._opacity)
+            scene.copy(f"{self.node}/{shape.name}", f"{self.source}/{shape.name}", color, self.opacity)
 
     def update(self, scene: MeshcatScene, state: DrawnState) -> None:
-        q = self._configuration(state)
-        pin.updateGeometryPlacements(self._robot.model, self._data, self._visual, self._shapes, q)
+        q = self.configuration(state)
+        pin.updateGeometryPlacements(self.robot.model, self._data, self._visual, self._shapes, q)
         for shape, placement in zip(self._visual.geometryObjects, self._shapes.oMg, strict=True):
             matrix = placement.homogeneous.copy()
             matrix[:3, :3] *= drawn_scale(shape)
-            matrix[:3, 3] += self._offset
-            scene.place(f"{self._node}/{shape.name}", matrix)
+            matrix[:3, 3] += self.offset
+            scene.place(f"{self.node}/{shape.name}", matrix)
 
 
 def _cylinder_transform(middle: np.ndarray, along: np.ndarray, height: float, radius: float) -> np.ndarray:

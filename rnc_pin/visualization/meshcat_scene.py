@@ -167,7 +167,7 @@ class MeshcatScene:
             if self._offset.any():
                 track = {"offsets": self._offsets, "rate": self.keyframes.rate}
                 self.window.post({"type": "track", "path": "/Cameras", **track}, single=True)
-            self.window.post_packed("", "set_animation", self.keyframes.packed(single=True))
+            self.window.put(("", "set_animation"), self.keyframes.packed(single=True))
 
     # ------------------------------------------------------------------ content
 

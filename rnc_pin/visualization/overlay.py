@@ -7,7 +7,7 @@ from typing import NamedTuple, TypedDict
 
 import numpy as np
 
-from rnc_pin.planning.driven_path import continued_back, distances
+from rnc_pin.planning.car_path import continued_back, path_distances
 from rnc_pin.simulation import OutputNames, PlannedPath
 from rnc_pin.visualization.drawn_state import DrawnState, output_error, tracked_frames
 from rnc_pin.visualization.scene_kinematics import SceneKinematics
@@ -53,24 +53,24 @@ class Overlay:
         margin: bool,
     ) -> None:
         errors: list[OverlayRow] = []
-        told: set[tuple[str, int]] = set()
+        shown: set[tuple[str, int]] = set()
 
-        def tell(label: str, unit: str, places: Sequence[tuple[str, int]]) -> None:
-            told.update(places)
+        def add(label: str, unit: str, places: Sequence[tuple[str, int]]) -> None:
+            shown.update(places)
             errors.append(OverlayRow(f"error of {_words(label)}", unit, _size_of_error(outputs, places)))
 
         for frame, places in tracked_frames(outputs, goals, kinematics.robot).items():
-            tell(frame, "m", list(places.values()))
+            add(frame, "m", list(places.values()))
         for name in goals:
             place = outputs.find(name)
-            if place is None or place in told:
+            if place is None or place in shown:
                 continue
             kind, k = place
             columns = outputs.of(kind)
             if k in columns.rotations:
-                tell(name.removesuffix("_x"), "rad", [(kind, k), (kind, k + 1), (kind, k + 2)])
+                add(name.removesuffix("_x"), "rad", [(kind, k), (kind, k + 1), (kind, k + 2)])
             else:
-                tell(f"integral of {name}" if columns.is_integral(k) else name, columns.units[k], [place])
+                add(f"integral of {name}" if columns.is_integral(k) else name, columns.units[k], [place])
         self.rows = [
             OverlayRow("time", "s", lambda state: state.time),
             *errors[:_MOST_ERRORS],
@@ -104,7 +104,7 @@ def _off_track(plan: PlannedPath | None, kinematics: SceneKinematics) -> list[Ov
         OverlayRow(
             f"{_words(plan.trailer)} off the planned path",
             "m",
-            lambda state: float(distances(point(state)[None, :2], points)[0]),
+            lambda state: float(path_distances(point(state)[None, :2], points)[0]),
         )
     ]
 

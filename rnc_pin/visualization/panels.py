@@ -98,17 +98,21 @@ def learning_panels(run: Trajectory, others: Others, quantity: str) -> list[Pane
         scaled: np.ndarray = units.get(name, (1.0, ""))[0] * getattr(of, quantity)[:, names.index(name)]
         return scaled
 
-    found = []
+    alike = {label: other for label, other in others.items() if getattr(other, quantity).shape == values.shape}
+
+    def series(name: str) -> Series:
+        compared = {label: column(other, name) for label, other in alike.items()}
+        return Series(readable_name(name), column(run, name), None, compared)
+
+    label, found = "estimate" if quantity == "estimates" else "measured less\npredicted rate", list[Panel]()
     for unit, group in _grouped_by(names, lambda name: units.get(name, (1.0, ""))[1]):
-        for part in split_names(group, _lines_per_panel(others)):
-            series = []
-            for name in part:
-                alike = [label for label, other in others.items() if getattr(other, quantity).shape == values.shape]
-                compared = {label: column(others[label], name) for label in alike}
-                series.append(Series(readable_name(name), column(run, name), None, compared))
-            said = "estimate" if quantity == "estimates" else "measured less\npredicted rate"
-            found.append(Panel(f"{said} [{unit}]" if unit else said, tuple(series)))
+        found += _split(f"{label} [{unit}]" if unit else label, group, series, _lines_per_panel(others))
     return found
+
+
+def _split(label: str, names: Sequence[str], series: Callable[[str], Series], most: int, note: str = "") -> list[Panel]:
+    """Panels of one label, with at most so many lines each."""
+    return [Panel(label, tuple(map(series, part)), note) for part in split_names(names, most)]
 
 
 def _in_si(unit: str) -> tuple[float, str]:
@@ -230,7 +234,7 @@ def _panels_of_outputs(
     parts = [list(names)]
     if len(names) > room:  # outputs with references come first, in panels of their own
         parts = [[name for name in names if (name in run.info.goals) is wanted] for wanted in (True, False)]
-    return [Panel(label, tuple(map(series, part)), note=note) for group in parts for part in split_names(group, room)]
+    return [panel for group in parts for panel in _split(label, group, series, room, note)]
 
 
 def _has_same_outputs(other: Trajectory, run: Trajectory, kind: str) -> bool:
@@ -242,20 +246,18 @@ def _rates(run: Trajectory, others: Others) -> list[Panel]:
     """Panels of the quasi-velocities, whose integrals are not coordinates of the robot."""
     columns = run.info.outputs.x2
     names = [name for name in columns.names if _is_integral(run, name)]
+    alike = {label: other for label, other in others.items() if _has_same_outputs(other, run, "x2")}
+
+    def series(name: str) -> Series:
+        column = columns.names.index(name)
+        desired = run.v2_desired[:, column]
+        compared = {label: other.v2[:, column] for label, other in alike.items()}
+        return Series(readable_name(name), run.v2[:, column], desired if np.isfinite(desired).any() else None, compared)
+
     found = []
     for unit, group in _grouped_by(names, lambda name: columns.units[columns.names.index(name)]):
-        for part in split_names(group, _lines_per_panel(others)):
-            series = []
-            for name in part:
-                column = columns.names.index(name)
-                desired = run.v2_desired[:, column]
-                compared = {
-                    each: other.v2[:, column] for each, other in others.items() if _has_same_outputs(other, run, "x2")
-                }
-                known = desired if np.isfinite(desired).any() else None
-                series.append(Series(readable_name(name), run.v2[:, column], known, compared))
-            kind = {"m": "speed", "rad": "angular velocity"}.get(unit, "rate")
-            found.append(Panel(f"{kind} [{unit}/s]" if unit else f"{kind} [1/s]", tuple(series)))
+        kind = {"m": "speed", "rad": "angular velocity"}.get(unit, "rate")
+        found += _split(f"{kind} [{unit or 1}/s]", group, series, _lines_per_panel(others))
     return found
 
 
@@ -296,9 +298,7 @@ def _inputs(run: Trajectory, others: Others) -> list[Panel]:
         names, lambda name: kinds.get(units[names.index(name)] if units else "", "input [N, N m]")
     ):
         most, note = _largest_ranges(group, lambda name: run.T[:, names.index(name)], {})
-        for part in split_names(most):
-            series = tuple(Series(readable_name(name), run.T[:, names.index(name)]) for name in part)
-            found.append(Panel(label, series, note))
+        found += _split(label, most, lambda name: Series(readable_name(name), run.T[:, names.index(name)]), MOST, note)
     return found
 
 

@@ -17,10 +17,11 @@ from matplotlib.figure import Figure
 from rnc_pin.collision import Obstacle
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.robots.robot import Robot
-from rnc_pin.simulation import Trajectory
+from rnc_pin.simulation import LimitReplay, Trajectory
 from rnc_pin.visualization import panels as p
 from rnc_pin.visualization import plot_style as ps
-from rnc_pin.visualization.drawn_obstacles import outline, surface_points
+from rnc_pin.visualization.panels import MOST, readable_name
+from rnc_pin.visualization.surroundings import hull_from_above, outline, surface_points
 from rnc_pin.visualization.top_view import draw_obstacles, draw_top_view, ground_paths
 
 _WIDTH, _NARROW = 8.0, 7.0  # width of a panel and its legend in figures of one and of several columns [inches]
@@ -261,8 +262,6 @@ _FACE, _EDGE = "0.55", "0.3"
 
 def footprints(robot: Robot, q: np.ndarray) -> list[np.ndarray]:
     """Outline (n, 2) [m] of every moving part from above at a configuration (nq,): the hull of its collision shapes."""
-    from scipy.spatial import ConvexHull  # the import takes 0.1 s and is seldom needed
-
     source = robot.collision_model
     if source is None:
         return []
@@ -271,9 +270,8 @@ def footprints(robot: Robot, q: np.ndarray) -> list[np.ndarray]:
     parts: dict[int, list[np.ndarray]] = {}
     for shape, pose in zip(source.geometryObjects, placed.oMg, strict=True):
         points = surface_points(shape.geometry) @ pose.rotation.T + pose.translation
-        parts.setdefault(int(shape.parentJoint), []).append(points[:, :2])
-    hulls = [np.concatenate(points) for joint, points in parts.items() if joint]
-    return [points[ConvexHull(points).vertices] for points in hulls]
+        parts.setdefault(int(shape.parentJoint), []).append(points)
+    return [hull_from_above(np.concatenate(points)) for joint, points in parts.items() if joint]
 
 
 def draw_footprints(axes: Axes, robot: Robot, q: np.ndarray) -> list[ps.LegendEntry]:
@@ -285,3 +283,77 @@ def draw_footprints(axes: Axes, robot: Robot, q: np.ndarray) -> list[ps.LegendEn
             axes.fill(*points.T, color=_FACE, alpha=0.12 * strength, zorder=0.6, lw=0)
             lines += axes.plot(*np.concatenate([points, points[:1]]).T, color=_EDGE, lw=0.8, alpha=strength, zorder=0.7)
     return [ps.LegendEntry("robot", lines[-1:])] if lines else []
+
+
+# ------------------------------------------------------------------ distances and joint limits
+
+_LIMITS_HEIGHT = 2.6  # height of a panel [inches]
+_NEAR = 0.02  # distance below which a pair counts as active [m]
+_USED = 0.98  # share of a joint limit above which it counts as active
+_ACTIVE_WIDTH = 5.0
+
+
+@ps.styled
+def plot_limits(replay: LimitReplay, title: str | None = None) -> Figure:
+    """Plot the smallest distances and the most used joint limits over time; wide pale lines mark the active ones.
+
+    A pair is active below 20 mm, and a joint limit above 98 % of it. Distances beyond ``replay.within`` are not drawn.
+
+    Args:
+        replay: result of ``replay_limits``.
+        title: title above the plots.
+    """
+    count = bool(replay.clearances) + bool(replay.uses)
+    figure = ps.PrintFigure(figsize=(_WIDTH, _LIMITS_HEIGHT * max(count, 1) + 0.5))
+    panels = list(figure.subplots(max(count, 1), 1, sharex=True, squeeze=False)[:, 0])
+    for axes, draw in zip(panels, [_distances] * bool(replay.clearances) + [_uses] * bool(replay.uses), strict=False):
+        draw(axes, replay)
+        axes.margins(x=0.01)
+    panels[-1].set_xlabel("time [s]")
+    figure.align_labels_of(panels)
+    if title:
+        panels[0].set_title(ps.escape_dollars(title), loc="left", wrap=True)
+    return figure
+
+
+def _distances(axes: Axes, replay: LimitReplay) -> None:
+    names: list[str] = []
+    entries = []
+    for k, each in enumerate(replay.clearances):
+        name = " / ".join(map(readable_name, each.names))
+        if name in names:
+            continue  # another shape of the same two bodies, which is farther
+        if len(names) == MOST:
+            break
+        names.append(name)
+        same = [j for j, other in enumerate(replay.clearances) if other.names == each.names and j >= k]
+        values = replay.distances[:, same].min(axis=1)
+        values = np.where(values < replay.within, values, np.nan)
+        entries.append(_line(axes, len(names) - 1, name, replay.time, values, values < _NEAR))
+    axes.axhline(0.0, color="black", lw=0.8)
+    axes.set_ylabel("distance [m]")
+    ps.legend_beside(axes, entries, "nearest bodies")
+
+
+def _uses(axes: Axes, replay: LimitReplay) -> None:
+    most = sorted(range(len(replay.uses)), key=lambda k: -replay.uses[k].excess)[:MOST]
+    entries = []
+    for place, k in enumerate(most):
+        use = replay.uses[k]
+        values = 100.0 * replay.excesses[:, k]
+        name = f"{use.kind} of {readable_name(use.name)}"
+        entries.append(_line(axes, place, name, replay.time, values, values > 100.0 * (_USED - 1.0)))
+    axes.axhline(0.0, color="black", lw=0.8)
+    axes.set_ylabel("beyond limit\n[% of its range]")
+    ps.legend_beside(axes, entries, "most used joint limits")
+
+
+def _line(
+    axes: Axes, place: int, name: str, time: np.ndarray, values: np.ndarray, active: np.ndarray
+) -> ps.LegendEntry:
+    drawn = ps.line(axes, place, MOST, time, values)
+    if active.any():
+        marked = np.where(active, values, np.nan)
+        axes.plot(time, marked, color=drawn.get_color(), lw=_ACTIVE_WIDTH, alpha=0.4, solid_capstyle="round")
+        name = f"{name} (active)"
+    return ps.LegendEntry(name, [drawn])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import cycle
 from typing import TypedDict
 
 import numpy as np
@@ -12,16 +13,13 @@ import pinocchio as pin
 from rnc_pin.simulation import PlannedPath, RunInfo, TaskNames, Trajectory
 from rnc_pin.visualization import elements as e
 from rnc_pin.visualization.camera import VIEW_DIRECTION, Follower, enlarged_box, fitting_camera, with_plan
-from rnc_pin.visualization.drawn_ground import ground_elements
 from rnc_pin.visualization.drawn_model import DrawnModel
-from rnc_pin.visualization.drawn_obstacles import ObstacleElement, corners_over_time
 from rnc_pin.visualization.drawn_state import DrawnState, tracked_frames
 from rnc_pin.visualization.meshcat_robot import MeshcatRobot
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
-from rnc_pin.visualization.null_motion import NullMotion
 from rnc_pin.visualization.overlay import Overlay, margin_color
-from rnc_pin.visualization.scene_kinematics import SceneKinematics
-from rnc_pin.visualization.switching_forces import SwitchingForces
+from rnc_pin.visualization.scene_kinematics import NullMotion, SceneKinematics, SwitchingForces
+from rnc_pin.visualization.surroundings import corners_over_time, ground_elements, obstacle_elements
 from rnc_pin.visualization.view import View
 
 _TRAILS = (e.VERMILLION, e.BLUE, e.GREEN, e.PURPLE)
@@ -166,7 +164,7 @@ class RunScene:
         return found
 
     def _obstacles(self, first: DrawnState) -> list[e.Element]:
-        return [ObstacleElement(obstacle) for obstacle in self.shown.drawn_model.obstacles]
+        return obstacle_elements(self.shown.drawn_model.obstacles)
 
     def _grounds(self, first: DrawnState) -> list[e.Element]:
         run = self.shown.trajectory
@@ -248,7 +246,7 @@ class RunScene:
     def _paths(self, first: DrawnState) -> list[e.Element]:
         frames = self.view.trail or list(self.tracked)
         found: list[e.Element] = []
-        for frame, color in zip(frames, _repeated(_TRAILS, len(frames)), strict=True):
+        for frame, color in zip(frames, cycle(_TRAILS), strict=False):
             entry = e.LayerEntry(f"path of {frame.replace('_', ' ')}", f"path/{frame}", color)
             found.append(e.Trail(entry, frame, self.kinematics.point(frame), self._width, self._piece))
         return found
@@ -332,11 +330,15 @@ class RunScene:
     def _compared(self, first: DrawnState) -> list[e.Element]:
         found: list[e.Element] = []
         others = self.shown.comparisons
-        for k, (label, color) in enumerate(zip(others, _repeated(_GHOSTS, len(others)), strict=True)):
+        for k, (label, color) in enumerate(zip(others, cycle(_GHOSTS), strict=False)):
             offset = self._offset * (k + 1)
             entry = e.LayerEntry(label, f"compared/{k}", color)
             opacity = 1.0 if self.shown.aside else 0.4
-            found.append(e.Ghost(entry, "robot", self.robot, _other(k), self.meshcat_robot.group, opacity, offset))
+
+            def configuration(state: DrawnState, k: int = k) -> np.ndarray:
+                return state.others[k]
+
+            found.append(e.Ghost(entry, "robot", self.robot, configuration, self.meshcat_robot.group, opacity, offset))
             for frame in self.view.trail or self.tracked:
                 path = self.kinematics.path(frame, others[label].q[:: max(1, len(others[label].q) // 400)]) + offset
                 found.append(e.FixedPath(entry, f"path of {frame}", path, 0.7 * self._width))
@@ -367,10 +369,6 @@ def _origin(pose: Callable[[DrawnState], np.ndarray]) -> Callable[[DrawnState], 
     return lambda state: pose(state)[:3, 3]
 
 
-def _other(k: int) -> Callable[[DrawnState], np.ndarray]:
-    return lambda state: state.others[k]
-
-
 class _RunningMaximum:
     """Largest value so far, used to scale the arrows."""
 
@@ -381,7 +379,3 @@ class _RunningMaximum:
         if value > self._value:
             self._value = value
         return self._value
-
-
-def _repeated(colors: Sequence[int], count: int) -> list[int]:
-    return [colors[k % len(colors)] for k in range(count)]

@@ -1,21 +1,32 @@
-"""SceneKinematics of frames, shapes and wheels at a state, and the size of the robot."""
+"""Kinematics for drawings: frames, shapes and wheels at a state, forces of constraints, and null motion."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import coal
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.errors import DivergenceError, SingularityError
+from rnc_pin.integrators import LieRungeKutta4
 from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import RowStack
+from rnc_pin.model.rows import ConstraintKind, Rows, parts_of
 from rnc_pin.robots.robot import Robot
 from rnc_pin.visualization.drawn_state import DrawnState
 
 Point = Callable[[DrawnState], np.ndarray]
 
 _ENDLESS = 1e3  # [m]
+
+
+def box_corners(shape: coal.CollisionGeometry) -> np.ndarray:
+    """Corners (8, 3) [m] of the bounding box of a shape along its own axes."""
+    shape.computeLocalAABB()
+    box = shape.aabb_local
+    return np.array(np.meshgrid(*zip(box.min_, box.max_, strict=True))).reshape(3, -1).T
 
 
 class SceneKinematics:
@@ -81,12 +92,10 @@ class SceneKinematics:
         data = self._data_at(q)
         found = [np.zeros((1, 3))] if not len(visual.geometryObjects) else []
         for shape in visual.geometryObjects:
-            shape.geometry.computeLocalAABB()
-            box = shape.geometry.aabb_local
-            if np.abs([box.min_, box.max_]).max() < _ENDLESS:
-                corners = np.array(np.meshgrid(*zip(box.min_, box.max_, strict=True))).reshape(3, -1)
+            corners = box_corners(shape.geometry)
+            if np.abs(corners).max() < _ENDLESS:
                 placement = data.oMi[shape.parentJoint] * shape.placement
-                found.append((placement.rotation @ corners).T + placement.translation)
+                found.append((placement.rotation @ corners.T).T + placement.translation)
         return np.concatenate(found) if found else np.zeros((1, 3))
 
     # ------------------------------------------------------------------ wheels
@@ -128,3 +137,67 @@ class SceneKinematics:
             if not found and not any(np.linalg.norm(track(state)[:2] - point[:2]) < 1e-6 for track in tracks.values()):
                 tracks[f"row {row}"] = where_row_acts(row)
         return tracks
+
+
+class SwitchingForces:
+    """Points and forces of rows that act during a part of a run.
+
+    Args:
+        robot: the robot.
+        kinds: constraints of all parts of the run; rows of the same names count once.
+        multipliers: names of the rows whose multipliers the run has.
+
+    Attributes:
+        columns: multiplier of each row (k,) that has one.
+    """
+
+    def __init__(self, robot: Robot, kinds: Sequence[ConstraintKind], multipliers: Sequence[str]) -> None:
+        blocks: dict[tuple[str, ...], Rows] = {}
+        for kind in parts_of(kinds):
+            rows = kind.bind(robot)
+            blocks.setdefault(rows.names, rows)
+        self._rows, self._kinematics = RowStack(list(blocks.values())), Kinematics(robot)
+        places = {name: row for row, name in enumerate(self._rows.names)}
+        self._places = [places[name] for name in multipliers if name in places]
+        self.columns = [column for column, name in enumerate(multipliers) if name in places]
+
+    def force(self, number: int, state: DrawnState) -> tuple[np.ndarray, np.ndarray]:
+        """Point (3,) [m] and force (3,) [N] of a row on the robot; zeros while it does not act or acts on no point."""
+        value = state.multipliers[self.columns[number]]
+        if not value or not np.isfinite(value):  # the lines of a wheel that flies may be undefined
+            return np.zeros(3), np.zeros(3)
+        points, directions = self._rows.lines_of_action(self._kinematics.position(state.q))
+        row = self._places[number]
+        # Multipliers are on the side of the inertia forces, so the constraint force has the opposite sign.
+        return np.nan_to_num(points[row]), np.nan_to_num(-value * directions[row])
+
+
+_STEPS = 5
+_DISTANCE = 0.35  # change of the output [its unit]
+_NOTHING_ELSE = np.zeros(0)
+
+
+class NullMotion:
+    """Motion of one reducing output while all others are constant: ``v = R e_j``, integrated over a short distance.
+
+    Args:
+        reduced: reduced model.
+        output: name of the reducing output.
+    """
+
+    def __init__(self, reduced: ReducedModel, output: str) -> None:
+        self._reduced, self._step = reduced, _DISTANCE / _STEPS
+        self._column = list(reduced.reducing.names).index(output)
+        self._integrator = LieRungeKutta4(reduced.robot)
+
+    def __call__(self, q: np.ndarray) -> np.ndarray:
+        """Return the configuration at the end of the motion, or the last one before a singularity."""
+        for _ in range(_STEPS):
+            try:
+                q, _ = self._integrator.step(self._rate, q, _NOTHING_ELSE, self._step)
+            except (SingularityError, DivergenceError):
+                break
+        return q
+
+    def _rate(self, q: np.ndarray, nothing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return self._reduced.at(q).R[:, self._column], nothing

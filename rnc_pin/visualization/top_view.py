@@ -14,8 +14,8 @@ from matplotlib.transforms import Affine2D
 from rnc_pin.collision import Obstacle
 from rnc_pin.simulation import Trajectory
 from rnc_pin.visualization import plot_style as ps
-from rnc_pin.visualization.drawn_obstacles import outline
 from rnc_pin.visualization.panels import MOST, Others, readable_name
+from rnc_pin.visualization.surroundings import outline
 
 _MARKS = 12  # heading marks along a path: eleven equal parts, so that marks of two laps do not coincide
 _TURN = 0.15  # distance between marks that is equivalent to a rotation of 1 rad, over the extent of the path
@@ -60,10 +60,10 @@ class GroundPath:
         steps = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
         if self.headings is not None:
             steps = steps + _TURN * max(self.extent, _SMALLEST) * np.abs(np.diff(np.unwrap(self.headings)))
-        way = np.concatenate([[0.0], np.cumsum(steps)])
-        if not way[-1] > 0:
-            return np.array([0, len(way) - 1])
-        return np.unique(np.searchsorted(way, np.linspace(0.0, way[-1], _MARKS)).clip(max=len(way) - 1))
+        distance = np.concatenate([[0.0], np.cumsum(steps)])
+        if not distance[-1] > 0:
+            return np.array([0, len(distance) - 1])
+        return np.unique(np.searchsorted(distance, np.linspace(0.0, distance[-1], _MARKS)).clip(max=len(distance) - 1))
 
 
 def ground_paths(run: Trajectory) -> list[GroundPath]:
@@ -106,8 +106,8 @@ def draw_obstacles(axes: Axes, obstacles: Sequence[Obstacle], time: np.ndarray) 
             last = outline(obstacle, float(time[-1]))
             axes.plot(*np.concatenate([last, last[:1]]).T, color=_EDGE, lw=0.9, ls=ps.DOTS, zorder=0.5)
             moments = np.linspace(time[0], time[-1], 100).tolist()
-            way = np.array([obstacle.placement(t).translation[:2] for t in moments])
-            axes.plot(*way.T, color=_EDGE, lw=0.9, ls=ps.DOTS, zorder=0.5)
+            path = np.array([obstacle.placement(t).translation[:2] for t in moments])
+            axes.plot(*path.T, color=_EDGE, lw=0.9, ls=ps.DOTS, zorder=0.5)
     return [ps.LegendEntry("obstacles", lines[:1])] if lines else []
 
 
@@ -144,9 +144,9 @@ def draw_top_view(axes: Axes, run: Trajectory, others: Others) -> list[ps.Legend
     entries: list[ps.LegendEntry] = []
     plan = run.info.provenance.path
     if plan is not None and not any(path.desired is not None for path in paths):
-        way = np.array(plan.poses)[:, :2]
+        planned = np.array(plan.poses)[:, :2]
         entries.append(
-            ps.LegendEntry("planned path", axes.plot(*way.T, color="0.55", ls=ps.DASHES[2], lw=1.6, zorder=1))
+            ps.LegendEntry("planned path", axes.plot(*planned.T, color="0.55", ls=ps.DASHES[2], lw=1.6, zorder=1))
         )
     for k, path in enumerate(paths):
         color = ps.COLORS[k]

@@ -203,8 +203,8 @@ def test_a_step_towards_an_equilibrium_is_that_of_newton(make):
     q = reduced.robot.random_configuration(generator, 0.4)
     v2, free = 0.6 * generator.normal(size=reduced.r), np.ones(reduced.n, dtype=bool)
     free[-1] = False
-    search = _Search(reduced, v2, free, q)
-    here = search._at(q)
+    search = _Search(reduced, v2, free, q, None, np.zeros(reduced.r, dtype=bool))
+    here = search._at(q, v2)
     state = reduced.at(q, v2)
     scale = 1 / np.sqrt(np.diag(state.H))
     influence = scale[:, None] * state.input_matrix
@@ -313,7 +313,8 @@ def test_a_grain_of_dust_hangs_too():
 
 def search_from(reduced, guess):
     guess = np.asarray(guess, float)
-    return _Search(reduced, np.zeros(reduced.r), np.ones(reduced.n, dtype=bool), guess)
+    known = np.zeros(reduced.r, dtype=bool)
+    return _Search(reduced, np.zeros(reduced.r), np.ones(reduced.n, dtype=bool), guess, None, known)
 
 
 def test_rows_that_say_nothing_take_no_direction_away():
@@ -321,7 +322,7 @@ def test_rows_that_say_nothing_take_no_direction_away():
     reduced = wheeled_pendulum(())
     pitch = reduced.robot.velocity_indices("pitch").start
     search = search_from(reduced, reduced.robot.configuration({"pitch": 0.3, "root_joint": (1.0, 2.0, 0.5)}))
-    step, basis = search._newton(search._at(search._guess))
+    step, basis = search._newton(search._at(search._guess, search._v2))
     assert basis.shape == (reduced.n, reduced.n - 1)
     np.testing.assert_allclose(basis[pitch], 0.0, atol=1e-12)
     np.testing.assert_allclose(np.delete(step, pitch), 0.0, atol=1e-9)

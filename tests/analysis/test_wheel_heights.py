@@ -2,15 +2,17 @@
 
 import numpy as np
 import pytest
+import yaml
 
 import rnc_pin as rnc
 from rnc_pin.analysis.wheel_heights import wheel_height_findings
+from rnc_pin.applications.scenario.builder import build_reduced, start_of
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.files import find_scenario, read_yaml
+from rnc_pin.applications.scenario.loading import validate
+from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.applications.scenario.start_findings import start_findings
 from rnc_pin.errors import RncError
-from rnc_pin.scenario.builder import build_reduced, start_of
-from rnc_pin.scenario.execution import execute, plan
-from rnc_pin.scenario.files import find_scenario, read_yaml
-from rnc_pin.scenario.loading import validate
-from rnc_pin.scenario.start_findings import start_findings
 from rnc_pin.verdict import FindingKind, Severity
 from zoo import MECANUM, WHEELS, load
 
@@ -142,7 +144,7 @@ def test_a_run_with_a_radius_that_does_not_fit_is_degraded(tmp_path, radius, wor
         "reference: {primary: {minimum_jerk: {to: [0.1, 0.05], duration: 1}}}\n"
         "controller: {type: reducing_outputs, preset: scaled}\nsimulation: {duration: 1.2, dt: 0.01}\n"
     )
-    made = plan(str(tmp_path / "cart.yaml"))
+    made = Scenario.load(str(tmp_path / "cart.yaml")).build()
     verdict = execute(made).trajectory.verdict
     found = [each for each in verdict.findings if each.kind is FindingKind.MODEL and each.where]
     assert (verdict.word, [str(each.severity) for each in found]) == (word, severities)
@@ -239,9 +241,28 @@ def test_runs_and_inspect_warn(tmp_path, call):
     (tmp_path / "cart.urdf").write_text(cart())
     path = tmp_path / "cart.yaml"
     path.write_text(SCENARIO)
-    assert plan(str(path)).experiment.warnings == (f"{SAID} ground",)
+    assert Scenario.load(str(path)).experiment.warnings == (f"{SAID} ground",)
     status, _, error = call("inspect", str(path))
     assert status == 0
     assert SAID in error.replace("\n", " ")
     path.write_text(SCENARIO.replace("0.25", "0.17"))
-    assert plan(str(path)).experiment.warnings == ()
+    assert Scenario.load(str(path)).experiment.warnings == ()
+
+
+def test_wheels_of_later_phases_are_compared_too(tmp_path):
+    """A cart coasts on one wheel of the right radius, then on the other one; the first was compared alone."""
+    (tmp_path / "cart.urdf").write_text(cart())
+    path = tmp_path / "cart.yaml"
+    system = SCENARIO.partition("constraints:")[0] + "simulation: {duration: 0.1, dt: 0.01}\n"
+    phases = [
+        {
+            "constraints": [{"rolling_wheel": {"frame": f"wheel_{side}", "radius": radius}}],
+            "outputs": {"reducing": [{"frame_speed": {"frame": "base"}}, {"frame_yaw": "base"}, {"joint": other}]},
+        }
+        for side, radius, other in (("right", 0.17, "left"), ("left", 0.25, "right"))
+    ]
+    path.write_text(f"{system}{yaml.safe_dump({'outputs': phases[0]['outputs'], 'phases': phases})}")
+    made = Scenario.load(str(path)).build()
+    assert made.experiment.warnings == (f"{SAID} ground",)
+    (found,) = (each for each in execute(made).trajectory.verdict.findings if each.kind is FindingKind.MODEL)
+    assert (found.where, str(found.severity)) == ("wheel_left", "degrades")

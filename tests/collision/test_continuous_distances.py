@@ -91,7 +91,7 @@ def test_few_distances_are_measured_along_a_wall():
     robot, distances = unicycle_beside(wall)
     q = driven(robot, np.array([[0.0, 0.0, 0.0], [9.0, 0.0, 0.0]]))
     measured, measure = [], distances.measure
-    distances.measure = lambda pairs: (measured.extend(pairs), measure(pairs))[1]
+    distances.measure = lambda placed, places, pairs: (measured.extend(pairs), measure(placed, places, pairs))[1]
     found = continuous_distances(distances, np.array([0.0, 9.0]), q, within=1.0)
     assert len(measured) == 2 * len(distances.pairs)
     np.testing.assert_allclose(found.smallest, at_samples(found)[0])
@@ -106,7 +106,7 @@ def test_few_samples_are_measured_where_bodies_are_far_or_slow():
     wall = Obstacle(coal.Box(0.1, 4.0, 4.0), position=(1.0, 0.0, 0.0), name="wall")
     distances = CollisionDistances(robot, [wall], PairSelection(links=False), q0=q[0])
     placed, place = [], distances.place
-    distances.place = lambda q, t: (placed.append(t), place(q, t))[1]
+    distances.place = lambda q, t: (placed.extend(t), place(q, t))[1]
     found = continuous_distances(distances, np.linspace(0.0, 3.0, 2001), q, within=0.5, exact=0.0)
     assert len(placed) < 400
     every = found.curves.of(np.arange(len(distances.pairs))).min(axis=0)

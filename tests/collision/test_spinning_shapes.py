@@ -31,7 +31,7 @@ def test_a_wheel_keeps_its_distance_and_its_pose_without_spin(shape):
     distances = wheel_on_an_axle(shape, pin.SE3(ALONG, 0.05 * ALONG[:, 2]))
     assert distances.spinning.shapes.tolist() == [0]
     assert distances.spinning.wobble[0] < 1e-15
-    placed = [distances.place(np.array([angle]), 0.0).rotations[0] for angle in (0.0, 1.0, 2.0)]
+    placed = [distances.place(np.array([[angle]]), np.zeros(1)).still[0, 0] for angle in (0.0, 1.0, 2.0)]
     np.testing.assert_allclose(placed[1], placed[0], atol=1e-14)
     measured = [distances.smallest([angle], beyond=9.0)[0] for angle in np.linspace(-3.0, 3.0, 7)]
     assert np.ptp(measured) < 1e-7

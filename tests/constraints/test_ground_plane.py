@@ -5,9 +5,9 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.plants.mujoco import MuJoCoPlant
-from rnc_pin.scenario.loading import validate
 from rolling import GRAVITY, check_rates, rigid_body
 from tolerances import ROUNDING
 

@@ -5,15 +5,15 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin import control
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import Command, Describable, VelocityTracker, describe
 from rnc_pin.control.controller import check_size
 from rnc_pin.planning import Hold
-from rnc_pin.scenario.execution import plan
 from systems import space_robot
 
 
 def test_two_phases_keep_the_gains_of_both():
-    experiment = plan("mobile-manipulator-two-phase", {"comparisons": {}, "plots": {}}).experiment
+    experiment = Scenario.load("mobile-manipulator-two-phase", {"comparisons": {}, "plots": {}}).experiment
     hand, platform = experiment.notes["controller"]["parts"]
     assert (hand["type"], platform["type"], platform["target"]["type"]) == (
         "PositionTracker",

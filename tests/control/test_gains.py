@@ -113,10 +113,10 @@ def test_gains_scaled_to_an_inertia_are_those_of_the_window():
     reduced = SimpleNamespace(at=lambda q: SimpleNamespace(H=UNEVEN[: len(q)]))
     region, D = np.zeros((2, 3)), np.array([2.0, 8.0])
     for dt, delay, fastest in ((0.002, 0.0, 100.0), (0.002, 0.011, np.pi / 4 / 0.012), (0.01, 0.02, 20.0)):
-        gains = VelocityGains.scaled(reduced, region, dt, slowest=2.0, adaptation=3.0, sigma=0.3, delay=delay)
+        gains = VelocityGains.scaled(reduced, region, dt, slowest=2.0, adaptation=3.0, delay=delay)
         np.testing.assert_allclose(gains.k, 0.35 * fastest * D, rtol=1e-12)
         np.testing.assert_allclose(gains.beta, 3.0 * gains.k, rtol=1e-12)
-        assert gains.sigma == 0.3
+        assert gains.sigma == 0.1
     for bandwidth in (4.0 * (1 + 1e-12), 35.0 * (1 - 1e-12)):
         assert VelocityGains.scaled(reduced, region, 0.002, bandwidth, 2.0).k == pytest.approx(bandwidth * D)
     for bandwidth in (3.999, 35.001):
@@ -140,11 +140,11 @@ def test_position_gains_scaled_to_an_inertia_are_those_of_the_closed_form():
     """``omega^2 = gamma / (dt + 2 delay)`` of the slowest motion, and the fade asked for, along a typical diagonal."""
     D, gamma, rate = np.array([2.0, 8.0]), 8.0, 1.5
     for dt, delay in ((0.001, 0.0), (0.001, 0.002)):
-        gains = PositionGains.scaled(UNEVEN, dt, gamma, rate, 0.2, delay)
+        gains = PositionGains.scaled(UNEVEN, dt, gamma, rate, delay)
         square = gamma / (dt + 2 * delay) * 0.35
         np.testing.assert_allclose(gains.k1 * gamma**4 + gains.k2 * gamma**2, square * D)
         np.testing.assert_allclose(2 * gains.k2 * gamma**3, rate * square * D)
-        assert (gains.gamma, gains.sigma, gains.beta.tolist()) == (gamma, 0.2, D.tolist())
+        assert (gains.gamma, gains.sigma, gains.beta.tolist()) == (gamma, 0.1, D.tolist())
     # The window: omega at least four times the rate of the quickest, ``sqrt(2)`` of a typical one.
     edge = gamma * 0.35 / ((4 * rate) ** 2 * 2.0)
     PositionGains.scaled(UNEVEN, edge * (1 - 1e-9), gamma, rate)
@@ -159,11 +159,11 @@ def test_position_gains_scaled_to_an_inertia_are_those_of_the_closed_form():
 
 def test_gains_of_a_bound_are_those_of_the_closed_form_and_describe_themselves():
     bound = np.array([3.0, 0.5])
-    gains = VelocityGains.normalised(bound, sigma=0.4)
+    gains = VelocityGains.normalised(bound)
     np.testing.assert_allclose(gains.k, 4.0 * bound)
     np.testing.assert_allclose(gains.beta, 4.0 * bound)
-    assert gains.describe() == {"k": [12.0, 2.0], "beta": [12.0, 2.0], "sigma": 0.4}
-    position = PositionGains.normalised(bound, gamma=7.0, rate=2.0, sigma=0.4)
+    assert gains.describe() == {"k": [12.0, 2.0], "beta": [12.0, 2.0], "sigma": 0.1}
+    position = PositionGains.normalised(bound, gamma=7.0, rate=2.0)
     np.testing.assert_allclose(position.k1 * 7.0**4 + position.k2 * 7.0**2, 64.0 * bound)
     np.testing.assert_allclose(2 * position.k2 * 7.0**3 / 64.0, 2.0 * bound)
     np.testing.assert_allclose(position.beta, bound)

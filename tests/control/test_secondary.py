@@ -10,6 +10,8 @@ import yaml
 
 import rnc_pin as rnc
 from controlled_tasks import LIMITS, limited_sliders, manipulator
+from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import (
     Combined,
     ComputedTorque,
@@ -20,8 +22,6 @@ from rnc_pin.control import (
 )
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import Hold, MinimumJerk
-from rnc_pin.scenario.execution import plan
-from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
 from systems import (
     mobile_manipulator,
     random_states,
@@ -171,7 +171,7 @@ WIDE = {
 def scenario_of(changes, folder):
     path = folder / "mine.yaml"
     path.write_text(yaml.safe_dump(with_options(read_yaml(find_scenario("mobile-manipulator")), {**WIDE, **changes})))
-    return plan(str(path)).experiment
+    return Scenario.load(str(path)).experiment
 
 
 def test_a_scenario_adds_its_objectives_up(tmp_path):

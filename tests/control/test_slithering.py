@@ -10,6 +10,7 @@ import rnc_pin as rnc
 from controlled_tasks import TASK
 from places import ROOT
 from rnc_pin import _kernel
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import (
     DrivenPath,
     SlitheringReference,
@@ -18,7 +19,6 @@ from rnc_pin.control import (
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import CarPath
 from rnc_pin.robots.robot_files import find_urdf
-from rnc_pin.scenario.execution import plan
 from systems import (
     fire_truck,
 )
@@ -257,7 +257,7 @@ def test_steering_along_the_driven_path_needs_its_state():
 )
 def test_scenarios_that_cannot_slither_are_refused(changes, words):
     with pytest.raises(rnc.ConfigurationError, match=words):
-        plan("fire-truck", {**changes, "comparisons": {}})
+        Scenario.load("fire-truck", {**changes, "comparisons": {}}).build()
 
 
 def test_a_scenario_says_what_its_path_may_be():
@@ -267,7 +267,7 @@ def test_a_scenario_says_what_its_path_may_be():
         "controller.type": "reducing_outputs",
         "comparisons": {},
     }
-    experiment = plan("fire-truck", changes).experiment
+    experiment = Scenario.load("fire-truck", changes).experiment
     reference = experiment.controller.target.reference
     times = np.linspace(0, 12, 500)
     assert max(abs(reference.at(t).position[1]) for t in times) <= 0.5

@@ -9,14 +9,15 @@ import yaml
 
 import rnc_pin as rnc
 from controlled_tasks import Cubic
+from rnc_pin.applications.scenario.execution import execute, write
+from rnc_pin.applications.scenario.saved_run import load_run
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import (
     StateFeedback,
 )
 from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import Hold
-from rnc_pin.scenario.execution import execute, plan, write
-from rnc_pin.scenario.saved_run import load_run
 from textbook_systems import acrobot, wheeled_pendulum
 
 
@@ -103,7 +104,7 @@ def written(tmp_path, text, **changes):
 
 
 def test_a_pendulum_that_leans_is_balanced_and_driven(tmp_path):
-    result = execute(plan(str(written(tmp_path, PENDULUM))))
+    result = execute(Scenario.load(str(written(tmp_path, PENDULUM))))
     assert result.error is None
     run = result.trajectory
     assert run.x2[0, 1] == pytest.approx(0.1)
@@ -115,7 +116,7 @@ def test_a_pendulum_that_leans_is_balanced_and_driven(tmp_path):
 
 def test_a_bicycle_is_kept_upright_by_its_steering_alone(tmp_path):
     path = written(tmp_path, BICYCLE)
-    planned = plan(str(path))
+    planned = Scenario.load(str(path)).build()
     result = execute(planned)
     assert result.error is None
     run = result.trajectory
@@ -144,7 +145,7 @@ def test_a_bicycle_is_kept_upright_by_its_steering_alone(tmp_path):
 )
 def test_what_a_file_gets_wrong_is_said_in_a_line(tmp_path, changes, words):
     with pytest.raises(rnc.RncError, match=words) as caught:
-        plan(str(written(tmp_path, BICYCLE, **changes)))
+        Scenario.load(str(written(tmp_path, BICYCLE, **changes))).build()
     assert "\n" not in str(caught.value)
 
 

@@ -9,6 +9,9 @@ import yaml
 
 import rnc_pin as rnc
 from controlled_tasks import estimating
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import (
     MomentumRegressor,
     RedundancyController,
@@ -20,8 +23,6 @@ from rnc_pin.control import (
 from rnc_pin.control.estimation import adapt
 from rnc_pin.planning import Harmonic
 from rnc_pin.robots.robot_files import find_urdf
-from rnc_pin.scenario.execution import execute, plan
-from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
 from systems import random_states, space_robot
 from tolerances import ROUNDING
 
@@ -79,7 +80,7 @@ def two_plants(name, make, preset, folder):
     quiet |= PRESETS[preset]
     path = folder / "mine.yaml"
     path.write_text(yaml.safe_dump(with_options(read_yaml(find_scenario(name)), {**make(folder), **quiet})))
-    return plan(name, quiet).experiment, plan(str(path)).experiment
+    return Scenario.load(name, quiet).experiment, Scenario.load(str(path)).experiment
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -158,7 +159,7 @@ def test_figure_6_at_the_papers_gains():
     missed = {}
     for alpha in (1.0, 0.0):
         options = {"controller.preset": "paper", "controller.alpha": alpha, "simulation.dt": 0.05}
-        run = execute(plan("space-robot-uncertain", {**options, "comparisons": {}, "plots": {}})).trajectory
+        run = execute(Scenario.load("space-robot-uncertain", {**options, "comparisons": {}, "plots": {}})).trajectory
         assert run.info.outcome.value == "completed"
         assert run.singular_value.min() > 0.2
         late = run.time > 30.0

@@ -6,10 +6,10 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.analysis.derivatives import state_derivatives
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ConstraintError, InputError
 from rnc_pin.forces import Damper, ForceFunction, ForceLaw, SmoothFriction, Spring, Wrench
 from rnc_pin.model.differences import gradient
-from rnc_pin.scenario.execution import plan
 from systems import random_states
 from textbook_systems import rail_sliders
 
@@ -191,12 +191,14 @@ def test_scenario_files_have_forces_of_the_robot_and_of_the_plant_alone():
         {"wrench": {"frame": "tip", "force": [1, 0, 0]}},
         {"damper": {"output": {"joint": "joint_1"}, "damping": 2}},
     ]
-    experiment = plan("mobile-manipulator", {"forces": [both], "faults.forces": alone}).experiment
+    experiment = Scenario.load("mobile-manipulator", {"forces": [both], "faults.forces": alone}).experiment
     assert experiment.reduced.reduction_data.forces.names == ("spring(joint_2)",)
     plant = experiment.plant.plant.reduced
     assert plant.reduction_data.forces.names == ("spring(joint_2)", "wrench(tip)", "damper(joint_1)")
     with pytest.raises(InputError, match=r"mobile-manipulator: spring\(joint_2\): stiffness"):
-        plan("mobile-manipulator", {"forces": [{"spring": {**both["spring"], "stiffness": [1.0, 2.0]}}]})
+        Scenario.load(
+            "mobile-manipulator", {"forces": [{"spring": {**both["spring"], "stiffness": [1.0, 2.0]}}]}
+        ).build()
 
 
 @pytest.mark.parametrize(

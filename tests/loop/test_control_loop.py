@@ -9,11 +9,11 @@ import pytest
 
 import rnc_pin as rnc
 import systems
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import Command
-from rnc_pin.loop.saved_state import write_state
-from rnc_pin.loop.velocity import FilteredVelocity, VelocityEstimate, VelocityObserver
+from rnc_pin.loop.loop_state import VelocityEstimate, write_state
+from rnc_pin.loop.measurements import FilteredVelocity, VelocityObserver
 from rnc_pin.plants import FaultyPlant, ReducedPlant
-from rnc_pin.scenario.execution import plan
 from simple_controllers import WithoutDeficit
 
 DT = 0.01
@@ -493,7 +493,9 @@ def test_the_velocity_tracker_recovers_from_clipped_actuators():
 def test_tiago_recovers_at_four_fifths_of_its_largest_inputs():
     """Of what is beyond the weight, which no controller can do without; without anti-windup it is off in the end."""
     dt = 0.005
-    made = plan("tiago", {"comparisons": {}, "plots": {}, "simulation.dt": dt, "simulation.duration": 10.0}).experiment
+    made = Scenario.load(
+        "tiago", {"comparisons": {}, "plots": {}, "simulation.dt": dt, "simulation.duration": 10.0}
+    ).experiment
 
     def run(limits, controller=made.controller):
         return rnc.simulate(

@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.scenario.execution import plan
+from rnc_pin.applications.scenario.scenario import Scenario
 
 DT, SUBSTEPS, SAMPLES = 0.002, 4, 45
 CASES = {
@@ -25,7 +25,7 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_a_plain_loop_gives_the_motion_of_the_simulation(case):
     scenario, options = CASES[case]
-    experiment = plan(scenario, {**options, "comparisons": {}, "plots": {}}).experiment
+    experiment = Scenario.load(scenario, {**options, "comparisons": {}, "plots": {}}).experiment
     reduced, controller, q = experiment.reduced, experiment.controller, experiment.q0
     run = rnc.simulate(reduced, controller, q, SAMPLES * DT, DT, plant=rnc.ReducedPlant(reduced, substeps=SUBSTEPS))
 

@@ -424,7 +424,7 @@ sys.modules["rnc_pin._kernel.compiled"] = types.SimpleNamespace(INTERFACE=3)
     [
         ("import rnc_pin; print(rnc_pin.kernel)", "", "stderr", "using NumPy; reinstall with pip install -e ."),
         (
-            "from rnc_pin.app.usage import cli; cli(['--version'])",
+            "from rnc_pin.applications.command_line.usage import cli; cli(['--version'])",
             "",
             "stdout",
             ", kernel numpy (compiled kernel is of",

@@ -15,7 +15,7 @@ def controller_of(reduced, **options):
         VelocityCost(2.0, phase="both"),
         OutputCost(place, [1.0, 0.0, 0.0], weight=10.0, phase="both"),
     ]
-    return PredictiveController(reduced, costs, 2.0, nodes=15, bounds=[InputBound(-30.0, 30.0)], **options)
+    return PredictiveController(reduced, costs, 2.0, nodes=15, **{"bounds": [InputBound(-30.0, 30.0)], **options})
 
 
 def test_the_sleigh_reaches_its_goal_within_the_input_bounds():
@@ -54,6 +54,30 @@ def test_missed_updates_reach_the_verdict():
         (found,) = (each for each in run.verdict.findings if each.kind == "fallback")
         assert (found.where, found.amount) == ("predictive controller", 1.0 if always else pytest.approx(0.5, abs=0.1))
     assert rnc.simulate(reduced, controller_of(reduced), reduced.robot.configuration(), 0.1, dt=0.05).verdict.succeeded
+
+
+@pytest.mark.parametrize(("mass", "word"), [(1.0, "succeeded"), (0.8, "failed")])
+def test_bounds_of_accelerations_are_limits_of_the_run(mass, word):
+    """The sleigh of the model accelerates at its bound and brakes less; a lighter one accelerates more.
+
+    The force is held between two samples: the acceleration of the sleigh of the model is beyond its bound by less than
+    1 %, which counts as rounding.
+    """
+    reduced, lighter = systems.sleigh(), systems.sleigh.__wrapped__()
+    for body in lighter.robot.model.inertias:
+        body.mass *= mass
+        body.inertia *= mass
+    bounds = [InputBound([-0.5, -1.0], [0.4, np.inf])]
+    controller = controller_of(reduced, form="acceleration", bounds=bounds)
+    plant = rnc.ReducedPlant(lighter)
+    run = rnc.simulate(reduced, controller, reduced.robot.configuration(), 1.0, v2_0=[0.0, 0.5], dt=0.01, plant=plant)
+    rates = np.diff(run.v2[:, 0]) / np.diff(run.time)
+    assert 0.0 < rates.max() / 0.4 * mass - 1.0 < 0.01
+    assert run.verdict.word == word
+    if word == "failed":
+        found = next(each for each in run.verdict.findings if each.where == reduced.reducing.names[0])
+        assert found.kind == "acceleration"
+        assert found.amount == pytest.approx(rates.max() - 0.4)
 
 
 def test_prediction_over_the_delay_is_the_simulated_state():

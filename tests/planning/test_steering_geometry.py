@@ -6,9 +6,10 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import InfeasibleError
 from rnc_pin.planning import CarPath, SteeringGeometry
-from rnc_pin.scenario.execution import execute, plan
 
 WHEELBASE, TRACK, OFFSET, RADIUS = 0.8, 0.5, 0.06, 0.1
 INERTIA = '<inertial><mass value="{m}"/><inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/></inertial>'
@@ -122,13 +123,13 @@ def scenario(folder, **path):
 
 
 def test_a_scenario_with_two_steered_wheels_arrives(tmp_path):
-    found = execute(plan(scenario(tmp_path, max_steering=0.5))).summary["final_output"]
+    found = execute(Scenario.load(scenario(tmp_path, max_steering=0.5))).summary["final_output"]
     assert [found[f"base_{each}"] for each in ("x", "y", "yaw")] == pytest.approx([2.0, 1.5, 0.3], abs=0.01)
 
 
 def test_a_frame_that_slips_is_refused(tmp_path):
     with pytest.raises(rnc.ConfigurationError, match="frame 'nose' cannot drive a path: it slips sideways"):
-        plan(scenario(tmp_path, frame="nose", max_steering=0.5))
+        Scenario.load(scenario(tmp_path, frame="nose", max_steering=0.5)).build()
 
 
 def test_a_curvature_beyond_the_range_of_the_joint_is_refused(tmp_path):

@@ -11,8 +11,9 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.plants import ChangingPlant, FaultyPlant, ReducedPlant
-from rnc_pin.scenario.execution import execute, plan
 from systems import mobile_manipulator
 
 DT = 0.01
@@ -179,7 +180,7 @@ def test_a_plant_that_changes_keeps_its_state():
 
 
 def experiment(name, **options):
-    return plan(
+    return Scenario.load(
         name, {"comparisons": {}, **{key.replace("__", "."): value for key, value in options.items()}}
     ).experiment
 
@@ -287,7 +288,7 @@ FAULTY = {
 
 def bits(plant: str) -> bytes:
     """All that a short run with faults says, as bytes."""
-    run = execute(plan("unicycle", {**FAULTY, "plant": plant})).trajectory
+    run = execute(Scenario.load("unicycle", {**FAULTY, "plant": plant})).trajectory
     return b"".join(array.tobytes() for array in (run.q, run.v, run.T, run.v_measured, run.estimates, run.slip))
 
 

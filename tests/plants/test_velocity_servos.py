@@ -8,8 +8,8 @@ import systems
 
 pytest.importorskip("mujoco", reason="comes with the extra mujoco")
 
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.plants.mujoco import MuJoCoPlant, MuJoCoSettings
-from rnc_pin.scenario.execution import plan
 
 FAST = {"step": 0.002, "integrator": "implicitfast"}
 
@@ -133,7 +133,7 @@ def test_a_scenario_runs_velocity_commands():
     changes |= {"simulation.duration": 2.0, "reference.primary.minimum_jerk.by": [0.6, 0.3, 0.2]}
     changes |= {"reference.primary.minimum_jerk.duration": 1.5, "comparisons": {}}
     for plant in ({"type": "reduced", "servo_time": 0.02}, {"type": "mujoco", "servo_time": 0.02, **FAST}):
-        experiment = plan("mobile-manipulator", {**changes, "plant": plant}).experiment
+        experiment = Scenario.load("mobile-manipulator", {**changes, "plant": plant}).experiment
         run = rnc.simulate(experiment.reduced, experiment.controller, experiment.q0, 2.0, 0.02, plant=experiment.plant)
         assert run.outcome == rnc.Outcome.COMPLETED
         assert np.abs(run.x2 - run.x2_desired)[-1, :2].max() < 5e-3
@@ -166,4 +166,4 @@ def test_a_scenario_runs_velocity_commands():
 )
 def test_scenarios_that_mix_forces_and_velocities_are_refused(changes, words):
     with pytest.raises(rnc.ConfigurationError, match=words):
-        plan("mobile-manipulator", {**changes, "comparisons": {}})
+        Scenario.load("mobile-manipulator", {**changes, "comparisons": {}}).build()

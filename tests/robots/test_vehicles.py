@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.robots.robot_files import shipped_directory
 from rnc_pin.robots.vehicles import tractor_trailers_urdf
-from rnc_pin.scenario.execution import execute, plan
 from textbook_systems import tractor_trailers
 
 
@@ -54,7 +55,7 @@ def test_the_gait_of_the_snakeboard_carries_it_away_and_its_mirror_image_back():
             "reference.primary.harmonic.amplitude": amplitude,
             "plots": {},
         }
-        run = execute(plan("snakeboard", options)).trajectory
+        run = execute(Scenario.load("snakeboard", options)).trajectory
         assert np.abs(run.T).max() < 1.0
         return run.x1[-1]
 
@@ -67,7 +68,7 @@ def test_the_gait_of_the_snakeboard_carries_it_away_and_its_mirror_image_back():
 
 
 def test_the_unicycle_rolls_as_far_as_its_wheel_turns():
-    run = execute(plan("unicycle", {"simulation.duration": 2.0, "comparisons": {}, "plots": {}})).trajectory
+    run = execute(Scenario.load("unicycle", {"simulation.duration": 2.0, "comparisons": {}, "plots": {}})).trajectory
     robot = rnc.Robot.from_urdf("unicycle.urdf", base="planar")
     wheel = robot.velocity_indices("axle")
     np.testing.assert_allclose(run.v[:, 0], 0.25 * run.v[:, wheel][:, 0], atol=1e-12)

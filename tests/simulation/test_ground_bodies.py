@@ -5,7 +5,8 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.simulation.ground_bodies import ground_bodies
 from systems import fire_truck, free_flying_panda, space_robot
 
@@ -18,7 +19,7 @@ def poses(reduced, q):
 
 def test_a_run_records_what_its_outputs_say():
     """A tractor and three trailers: position and yaw of their frames are outputs, and another code path."""
-    run = execute(plan("tractor-trailers", {"simulation.duration": 1.0, "simulation.dt": 0.01})).trajectory
+    run = execute(Scenario.load("tractor-trailers", {"simulation.duration": 1.0, "simulation.dt": 0.01})).trajectory
     names = run.info.outputs.x1.names
     assert run.info.outputs.ground_poses == ("tractor", "trailer_1", "trailer_2", "trailer_3")
     own = {name: run.ground_poses[:, 3 * k : 3 * k + 3] for k, name in enumerate(run.info.outputs.ground_poses)}
@@ -31,7 +32,7 @@ def test_a_run_records_what_its_outputs_say():
 
 def test_a_steered_vehicle_is_its_chassis_not_its_forks():
     """A snakeboard: both axles are steered, so that the board itself says where it looks."""
-    reduced = plan("snakeboard").experiment.reduced
+    reduced = Scenario.load("snakeboard").experiment.reduced
     q = reduced.robot.configuration({"root_joint": [1.0, 2.0, 0.5], "front_steering": 0.4, "back_steering": -0.2})
     assert {name: pose.round(12).tolist() for name, pose in poses(reduced, q).items()} == {"board": [1.0, 2.0, 0.5]}
 

@@ -88,6 +88,20 @@ def test_an_effort_of_zero_is_a_limit_where_the_file_states_others(tmp_path):
     assert pushed(sliders(tmp_path, none, none), [8.7, 1.0]).verdict.findings == ()  # zeros are placeholders
 
 
+@pytest.mark.parametrize(("limit", "word"), [(2.5, "succeeded"), (1.5, "failed")])
+def test_limits_of_forces_on_frames_are_judged(limit, word):
+    """The sleigh's thruster is stated to give 1.5 N, and gives 2 N: no file has this limit."""
+    actuators = [rnc.FrameForce("sleigh", "x", limit=limit), rnc.FrameTorque("sleigh", "z")]
+    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators).reduce()
+    run = rnc.simulate(reduced, Inputs(lambda t: [2.0 * t, 0.3]), robot.configuration(), 1.0, 0.01)
+    assert run.verdict.word == word
+    if word == "failed":
+        (found,) = run.verdict.findings
+        assert (found.kind, found.where) == (FindingKind.EFFORT, "force(sleigh.x)")
+        assert found.amount == pytest.approx(2.0 - limit, abs=0.021)
+
+
 def test_an_actuator_at_its_limit_for_long_degrades(tmp_path):
     verdict = pushed(sliders(tmp_path, 'lower="-9" upper="9" velocity="9" effort="1"', WIDE), [1.0, 1.0]).verdict
     assert (verdict.word, kinds(verdict)) == ("degraded", [(FindingKind.SATURATION, "a")])

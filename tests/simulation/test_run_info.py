@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.scenario.execution import execute, plan
-from rnc_pin.scenario.files import find_scenario
-from rnc_pin.scenario.saved_run import load_run
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.files import find_scenario
+from rnc_pin.applications.scenario.saved_run import load_run
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.simulation import PlannedPath, Provenance, RunInfo, TaskNames
 from rnc_pin.simulation.run_info import provenance_of
 from simple_controllers import Idle
@@ -198,7 +199,7 @@ reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
 run = rnc.free_motion(reduced, robot.configuration(), [1.0, 0.5], duration=0.2)
 run.save({str(tmp_path / "run.npz")!r})
 print(rnc.__version__, run.info.versions["rnc_pin"], len(run.plot().axes) > 0)
-from rnc_pin.app.usage import cli
+from rnc_pin.applications.command_line.usage import cli
 cli(["--version"])
 """
     told = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=tmp_path)
@@ -217,7 +218,7 @@ def test_what_a_run_will_say_is_looked_up_before_it_runs(monkeypatch):
 
 
 def test_the_run_of_a_built_in_scenario_names_no_folder(tmp_path, monkeypatch):
-    run = execute(plan("space-robot", SHORT)).trajectory
+    run = execute(Scenario.load("space-robot", SHORT)).trajectory
     assert "folder" not in run.meta
     assert str(Path(rnc.__file__).parent) not in json.dumps(run.meta)
     run.save(tmp_path / "run.npz")
@@ -229,5 +230,5 @@ def test_the_run_of_a_built_in_scenario_names_no_folder(tmp_path, monkeypatch):
 
 def test_the_run_of_a_file_of_ones_own_keeps_its_folder(tmp_path):
     (tmp_path / "space-robot.yaml").write_bytes(find_scenario("space-robot").read_bytes())
-    run = execute(plan(str(tmp_path / "space-robot.yaml"), SHORT)).trajectory
+    run = execute(Scenario.load(str(tmp_path / "space-robot.yaml"), SHORT)).trajectory
     assert run.meta["folder"] == str(tmp_path.resolve())

@@ -11,7 +11,7 @@ from matplotlib import image
 
 import rnc_pin as rnc
 from patience import PATIENCE
-from rnc_pin.visualization.capture import browser
+from rnc_pin.visualization.recording import browser
 
 
 def give_up(reason):

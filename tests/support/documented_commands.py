@@ -26,7 +26,7 @@ PLACEHOLDERS = {
     "FILE.csv": "runs.csv",
     "FOLDER...": "runs",
     "FOLDER": "runs/space-robot",
-    "MODULE...": "rnc_pin/control/windup.py",
+    "MODULE...": "rnc_pin/control/adaptation.py",
     "NAME": "space-robot",
     "[NAME...]": "systems",
     "[PAGE...]": "01_your_robot",

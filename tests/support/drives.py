@@ -4,11 +4,11 @@ import threading
 from contextlib import contextmanager
 
 from patience import PATIENCE
-from rnc_pin.driving.drive_commands import parse_command
-from rnc_pin.driving.drive_log import LoggedCommand
-from rnc_pin.driving.drive_plan import prepare_drive, read_source
-from rnc_pin.driving.drive_run import drive
-from rnc_pin.driving.real_time import RealTimeClock
+from rnc_pin.applications.drive.commands import parse_command
+from rnc_pin.applications.drive.log import LoggedCommand
+from rnc_pin.applications.drive.preparation import prepare_drive, read_source
+from rnc_pin.applications.drive.real_time import RealTimeClock
+from rnc_pin.applications.drive.run import drive
 
 
 def prepared(source, commands=(), frames=(), **options):
@@ -42,7 +42,7 @@ def in_real_time(run, queue, page):
 
 
 def reduced_of(drive):
-    return drive.plan.experiment.reduced
+    return drive.scenario.experiment.reduced
 
 
 def point_of(drive, q, frame):

@@ -12,8 +12,8 @@ from benchmarks import latency, reduction, scaling
 from benchmarks.doorway_circle import doorway_robot
 from benchmarks.doorway_path import doorway_path, whole_configuration
 from benchmarks.states import regular_states
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.collision import Obstacle
-from rnc_pin.scenario.execution import plan
 
 SYSTEM = "snakeboard"
 COST = {"us", "ratio", "limit", "within"}
@@ -29,7 +29,7 @@ def mutation():
 
 @pytest.fixture(scope="module")
 def experiment():
-    return plan(SYSTEM).experiment
+    return Scenario.load(SYSTEM).experiment
 
 
 def test_states_are_regular_and_repeat_themselves(experiment):

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
 
 # Every kind of rows and controllers; the other scenarios are of the same.
 NAMES = [
@@ -20,7 +21,7 @@ COLUMNS = ("q", "v", "v2", "T", "energy", "multipliers")
 BOTH = 1e-9  # difference of the two paths, relative to the largest value
 SCRIPT = f"""
 import numpy as np
-from rnc_pin.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.execution import execute, plan
 import rnc_pin
 runs = {{name: execute(plan(name, {OPTIONS!r})).trajectory for name in {NAMES!r}}}
 columns = {{f"{{name}}/{{of}}": getattr(run, of) for name, run in runs.items() for of in {COLUMNS!r}}}
@@ -42,7 +43,7 @@ def by_numpy(tmp_path_factory):
 @pytest.mark.skipif(rnc.kernel == "numpy", reason="there is one path only")
 @pytest.mark.parametrize("name", NAMES)
 def test_both_paths_agree_and_the_kernel_repeats_itself(name, by_numpy):
-    prepared = plan(name, OPTIONS)
+    prepared = Scenario.load(name, OPTIONS).build()
     run, again = (execute(prepared).trajectory for _ in range(2))
     assert np.abs(run.v - run.v[0]).max() > 1e-4  # it moves
     for column in COLUMNS:

@@ -2,7 +2,6 @@
 
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -11,10 +10,11 @@ import pytest
 import rnc_pin as rnc
 from browsing import changed, children, opened, picture, place, visit, vivid
 from patience import PATIENCE, eventually
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.saved_run import view_of
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import Command
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.scenario.execution import execute, plan
-from rnc_pin.scenario.saved_run import view_of
 from rnc_pin.simulation import Sample, tracking_errors
 from rnc_pin.visualization.drawn_state import RATE, sample_configurations
 from rnc_pin.visualization.live import LiveView
@@ -34,13 +34,13 @@ def browser():
 @pytest.fixture(scope="module")
 def space_robot():
     """Three seconds of the paper's figure 4: plan and result."""
-    prepared = plan("space-robot", {"simulation.duration": 3.0, "simulation.dt": 0.01})
+    prepared = Scenario.load("space-robot", {"simulation.duration": 3.0, "simulation.dt": 0.01}).build()
     return prepared, execute(prepared)
 
 
 @pytest.fixture(scope="module")
 def fire_truck():
-    prepared = plan("fire-truck", {"simulation.duration": 6.0, "simulation.dt": 0.01})
+    prepared = Scenario.load("fire-truck", {"simulation.duration": 6.0, "simulation.dt": 0.01}).build()
     return prepared, execute(prepared)
 
 
@@ -233,7 +233,7 @@ def test_the_live_page_of_a_run_shows_goals_forces_and_figures(browser, fire_tru
     experiment = prepared.experiment
     view = view_of(experiment.scenario)
     live = LiveView(experiment.reduced, view, experiment.notes, speed=2.0, open_browser=False, title="Truck")
-    short = replace(prepared, comparisons={}, experiment=experiment)
+    short = prepared.built_with(comparisons={}, experiment=experiment)
     try:
         page, problems = visit(browser, live.url)
         assert live.wait_for_browser(PATIENCE)

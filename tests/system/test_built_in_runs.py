@@ -6,8 +6,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from rnc_pin.scenario.execution import execute, plan
-from rnc_pin.scenario.files import built_in_names
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.files import built_in_names
+from rnc_pin.applications.scenario.scenario import Scenario
 
 PAPER = {  # largest errors with the paper's gains, as in docs/paper.md, and a tenth more
     "space-robot": {"tip_x": 0.26, "tip_y": 0.08, "platform": 0.03},
@@ -56,7 +57,9 @@ PERIODS = {
 
 
 def summary_of(name, compared=False, **options):
-    prepared = plan(name, {**options, "plots": {}} if compared else {**options, "comparisons": {}, "plots": {}})
+    prepared = Scenario.load(
+        name, {**options, "plots": {}} if compared else {**options, "comparisons": {}, "plots": {}}
+    ).build()
     its_gains_are_recorded(prepared)
     assert "controller.preset" in options or prepared.experiment.warnings == ()
     result = execute(prepared)
@@ -121,20 +124,20 @@ def test_free_motions_are_those_of_textbooks():
     """The rattleback reverses its spin; a ball goes round at 2/7 of the rate of its turntable."""
     options = {"comparisons": {}, "plots": {}}
     short = {"simulation.duration": 1.0, "simulation.dt": 0.004, "simulation.substeps": 4}
-    stone = execute(plan("rattleback", {**options, **short})).trajectory
+    stone = execute(Scenario.load("rattleback", {**options, **short})).trajectory
     assert stone.v2[0, 2] == -5.0
     # By Newton's and Euler's equations in benchmarks/validation/rolling_body.py; the plant's steps are constant.
     assert stone.v2[-1, 2] == pytest.approx(4.83667908093643, abs=1e-3)
     half = {"simulation.duration": 3.16, "simulation.dt": 0.04}
-    ball = execute(plan("ball-on-turntable", {**options, **half})).trajectory
+    ball = execute(Scenario.load("ball-on-turntable", {**options, **half})).trajectory
     angle = 2 / 7 * 3.5 * ball.time
     circle = np.column_stack([0.9 * np.cos(angle) - 0.3, 0.9 * np.sin(angle)])
     np.testing.assert_allclose(ball.q[:, :2], circle, atol=2e-4)
-    bowl = execute(plan("ball-in-bowl", {**options, "simulation.duration": 0.3})).trajectory
+    bowl = execute(Scenario.load("ball-in-bowl", {**options, "simulation.duration": 0.3})).trajectory
     np.testing.assert_allclose(np.linalg.norm(bowl.q[:, :3] - [0, 0, 1.2], axis=1), 1.0, atol=1e-9)
     assert np.ptp(bowl.energy) < 1e-5 * bowl.energy[0]
     steps = {"simulation.duration": 3.0, "simulation.dt": 0.02, "simulation.substeps": 4}
-    racer = execute(plan("roller-racer", {**options, **steps})).trajectory
+    racer = execute(Scenario.load("roller-racer", {**options, **steps})).trajectory
     assert racer.v2[-1, 0] > 0.4  # forward, from rest, by the work of the hinge
     assert np.ptp(racer.energy - racer.work) < 1e-6 * racer.energy[-1]
 
@@ -142,12 +145,12 @@ def test_free_motions_are_those_of_textbooks():
 def test_textbook_motions_without_goals():
     """Cycloid of a disk on a slope, a momentum of Chaplygin's ball, a landing, an upright shaken pendulum."""
     options = {"comparisons": {}, "plots": {}}
-    disk = execute(plan("disk-on-slope", {**options, "simulation.duration": 3.2})).trajectory
+    disk = execute(Scenario.load("disk-on-slope", {**options, "simulation.duration": 3.2})).trajectory
     cycloid = np.column_stack([np.sin(disk.time) ** 2, disk.time - np.sin(2 * disk.time) / 2])
     pull = 9.81 * np.sin(0.3) / 1.5  # of a homogeneous disk, (m + I / r^2) = 3/2 m
     np.testing.assert_allclose(disk.x1, pull / 2 * cycloid, atol=1e-8)
 
-    ball = execute(plan("chaplygin-ball", {**options, "simulation.duration": 1.0})).trajectory
+    ball = execute(Scenario.load("chaplygin-ball", {**options, "simulation.duration": 1.0})).trajectory
     momenta = []  # about the contact, in the world
     for q, w in zip(ball.q, ball.v2, strict=True):
         turn = pin.Quaternion(q[3:7]).toRotationMatrix()
@@ -155,18 +158,18 @@ def test_textbook_motions_without_goals():
     np.testing.assert_allclose(momenta, np.tile(momenta[0], (len(momenta), 1)), atol=1e-7)
     assert np.ptp(ball.v2[:, 0]) > 2.0  # it tumbles
 
-    dropped = execute(plan("dropped-disk", {**options, "simulation.duration": 0.6})).trajectory
+    dropped = execute(Scenario.load("dropped-disk", {**options, "simulation.duration": 0.6})).trajectory
     fall, after = np.sqrt(2 * 0.6 / 9.81), dropped.time - np.sqrt(2 * 0.6 / 9.81)
     rolled = 0.25 * 12 / 3 * after  # the first landing turns two thirds of the spin into speed, and bounces by 0.6
     height = 0.25 + after * (0.6 * 9.81 * fall - 9.81 / 2 * after)
     np.testing.assert_allclose(dropped.q[after > 0][:, [0, 2]], np.column_stack([rolled, height])[after > 0], atol=2e-5)
 
-    upright = execute(plan("shaken-pendulum", {**options, "simulation.duration": 1.5})).trajectory
+    upright = execute(Scenario.load("shaken-pendulum", {**options, "simulation.duration": 1.5})).trajectory
     assert upright.q[:, 1].min() > 0.7  # cosine of the angle, from 0.3 rad
     assert np.ptp(upright.energy - upright.work) < 1e-5 * np.ptp(upright.energy)
     options["constraints"] = [{"prescribed_motion": {"output": {"joint": "shaker"}, "motion": {
         "start": [0.0], "reference": {"hold": {}}}}}]  # fmt: skip
-    fallen = execute(plan("shaken-pendulum", {**options, "simulation.duration": 0.6})).trajectory
+    fallen = execute(Scenario.load("shaken-pendulum", {**options, "simulation.duration": 0.6})).trajectory
     assert fallen.q[-1, 1] < 0.0
 
 
@@ -186,7 +189,9 @@ def test_figure_8():
 )
 def test_the_papers_own_coordinates_do_where_they_are_regular(name, coordinate):
     """Section 4.2's z1 and figure 8's theta1 in place of the forward speed."""
-    prepared = plan(name, {"variant": "paper-coordinates", "comparisons": {}, "plots": {}, "simulation.dt": 0.008})
+    prepared = Scenario.load(
+        name, {"variant": "paper-coordinates", "comparisons": {}, "plots": {}, "simulation.dt": 0.008}
+    ).build()
     assert coordinate in prepared.experiment.reduced.reducing.names
     assert not any("speed" in each for each in prepared.experiment.reduced.reducing.names)
     result = execute(prepared)

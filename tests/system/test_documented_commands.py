@@ -24,9 +24,9 @@ from documented_commands import (
     matching,
 )
 from places import ROOT
-from rnc_pin.app.cli import main
-from rnc_pin.app.usage import cli
-from rnc_pin.scenario.draft import DraftOptions, draft, scenario_candidate
+from rnc_pin.applications.command_line.cli import main
+from rnc_pin.applications.command_line.usage import cli
+from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate
 
 TABLES = "see the tables in tests/support/documented_commands.py"
 COMMANDS = {}
@@ -170,12 +170,12 @@ def beside(tmp_path_factory):
 
 def without_waiting(patch):
     """No pictures, no trial of a draft, and no wait for a browser that nobody opens."""
-    from rnc_pin.scenario.pictures import Drawn
+    from rnc_pin.applications.scenario.pictures import Drawn
 
     for command in ("run", "drive"):
-        patch.setattr(f"rnc_pin.app.commands.{command}.draw_pictures", lambda *_: Drawn())
-    patch.setattr("rnc_pin.app.commands.run.processor_count", lambda: 1)
-    patch.setattr("rnc_pin.sweeps.sweep_reports.write_distributions", lambda *_: None)
+        patch.setattr(f"rnc_pin.applications.command_line.commands.{command}.draw_pictures", lambda *_: Drawn())
+    patch.setattr("rnc_pin.applications.command_line.commands.run.processor_count", lambda: 1)
+    patch.setattr("rnc_pin.applications.sweep.reports.write_distributions", lambda *_: None)
     patch.setattr("rnc_pin.visualization.live.LiveView.wait_for_browser", lambda *_: False)
     patch.setattr(scenario_candidate, "_PATIENCE", 0.0)
 

@@ -10,7 +10,7 @@ import yaml
 
 import rnc_pin as rnc
 from places import ROOT, pages
-from rnc_pin.scenario.loading import validate
+from rnc_pin.applications.scenario.loading import validate
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 DOCUMENTS = pages()
@@ -41,7 +41,7 @@ def test_example_fits_on_a_screen(example):
 
 @pytest.mark.parametrize(
     "example",
-    # tests/control/test_split.py and tests/gym/test_learning.py run the others.
+    # tests/control/test_split.py and tests/applications/gym/test_learning.py run the others.
     [path for path in EXAMPLES if path.name not in ("two_phases.py", "learn_reaching.py")],
     ids=lambda path: path.name,
 )

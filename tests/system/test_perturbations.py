@@ -12,9 +12,9 @@ import rnc_pin as rnc
 from base_kind import BaseKind, base_kind, comments, explanation, wheel_axles
 from benchmarks import perturbations
 from places import DIRT
-from rnc_pin.scenario.draft import DraftOptions, draft, scenario_candidate
-from rnc_pin.scenario.draft.drive_evidence import named_as_driven
-from rnc_pin.scenario.draft.shapes import shapes
+from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate
+from rnc_pin.applications.init.drive_evidence import named_as_driven
+from rnc_pin.applications.init.shapes import shapes
 
 pytestmark = pytest.mark.filterwarnings("ignore::rnc_pin.ModelWarning")
 

@@ -11,7 +11,7 @@ import pytest
 
 import rnc_pin as rnc
 import systems
-from rnc_pin.scenario.execution import plan
+from rnc_pin.applications.scenario.scenario import Scenario
 
 BARE = {"comparisons": {}, "plots": {}, "simulation.duration": 0.5}
 EACH_KIND = [  # of rows and of controllers
@@ -33,7 +33,7 @@ def states(reduced, count=4):
 @pytest.mark.parametrize("name", EACH_KIND)
 def test_a_model_and_a_loop_go_on_elsewhere_to_the_bit(name):
     """A loop with its controller, its state, and what the controller has learnt."""
-    made = plan(name, BARE).experiment
+    made = Scenario.load(name, BARE).experiment
     reduced = made.reduced
     others = [again(reduced), copy.deepcopy(reduced)]
     compared = 0

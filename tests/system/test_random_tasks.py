@@ -2,10 +2,10 @@
 
 import pytest
 
+from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.applications.sweep.scenario_runs import ScenarioRuns
+from rnc_pin.applications.sweep.seeded_draws import draws_of
 from rnc_pin.errors import InfeasibleError
-from rnc_pin.scenario.execution import plan
-from rnc_pin.sweeps.scenario_runs import ScenarioRuns
-from rnc_pin.sweeps.seeded_draws import draws_of
 
 # A path next to the edge of the region counts as well as one through its middle: the largest error is what matters.
 LARGEST = {
@@ -51,8 +51,8 @@ OUT_OF_REACH = {"reference.primary.minimum_jerk.to": [2.9, 1.2], "comparisons": 
 def test_preflight_refuses_or_warns_as_it_is_told():
     """The arm of the space robot is 3 m long; a goal farther out stretches it."""
     with pytest.raises(InfeasibleError, match=r"space-robot: the reference .* singular configuration.* t = "):
-        plan("space-robot", {**OUT_OF_REACH, "preflight": "refuse"})
-    warnings = plan("space-robot", {**OUT_OF_REACH, "controller.preset": "paper"}).experiment.warnings
+        Scenario.load("space-robot", {**OUT_OF_REACH, "preflight": "refuse"}).build()
+    warnings = Scenario.load("space-robot", {**OUT_OF_REACH, "controller.preset": "paper"}).experiment.warnings
     assert warnings
     assert all("singular configuration" in each for each in warnings)
 

@@ -8,7 +8,8 @@ import pytest
 
 from benchmarks import campaign, plants, soak
 from benchmarks.faulty_runs import LARGEST, SCENARIOS, prepared
-from rnc_pin.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
 
 BOTH = ["space-robot", "mobile-manipulator"]  # without wheels and with them
 BOTH += [pytest.param(name, marks=pytest.mark.long) for name in ("wheels-uncertain", "snakeboard")]
@@ -74,7 +75,7 @@ def test_the_platform_arrives_on_a_ground_of_little_grip():
     pytest.importorskip("mujoco")
     ground = {"plant": {"type": "mujoco", "friction": [0.6, 0.0, 0.0], "step": 0.001}, "comparisons": {}, "plots": {}}
     coarse = {"simulation.dt": 0.008, "simulation.duration": 7.0}
-    run = execute(plan("mobile-manipulator-two-phase", {**ground, **coarse})).trajectory
+    run = execute(Scenario.load("mobile-manipulator-two-phase", {**ground, **coarse})).trajectory
     assert run.outcome == "completed"
     assert run.friction_used.max() < 0.6
     assert 1.0 < abs(run.T[:, 1]).max() < 30.0  # [N m], about the vertical

@@ -9,12 +9,13 @@ from scipy.special import ellipk
 
 import rnc_pin as rnc
 from rnc_pin.analysis.derivatives import state_derivatives
+from rnc_pin.applications.init import draft
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.files import read_yaml
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import Command, MomentumRegressor, UnknownMass
 from rnc_pin.model.differences import gradient
 from rnc_pin.planning import Hold, TaskReference
-from rnc_pin.scenario.draft import draft
-from rnc_pin.scenario.execution import execute, plan
-from rnc_pin.scenario.files import read_yaml
 from tolerances import FINITE_DIFFERENCE, ROUNDING
 
 pytestmark = pytest.mark.filterwarnings("error", "ignore:zmq.eventloop.ioloop is deprecated:DeprecationWarning")
@@ -326,7 +327,7 @@ def test_a_draft_finds_wheels_about_any_direction_of_their_axle(tmp_path):
     rolling = [each["rolling_wheel"] for each in content["constraints"]]
     assert {each["frame"]: each["radius"] for each in rolling} == {"left_link": RADIUS, "right_link": RADIUS}
     assert content["task"]["primary"] == ["base_speed_x", "base_yaw"]
-    trajectory = execute(plan(str(path), {"simulation.duration": 1.0})).trajectory
+    trajectory = execute(Scenario.load(str(path), {"simulation.duration": 1.0})).trajectory
     left, right = trajectory.v[-1, 3:]
     assert left > 0 > right  # forwards, and turning little
 

@@ -8,7 +8,7 @@ import pytest
 
 import rnc_pin as rnc
 from places import ROOT, docs_script
-from rnc_pin.scenario.files import built_in_names
+from rnc_pin.applications.scenario.files import built_in_names
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,9 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import (
     RedundancyController,
     UncertainRedundancyController,
@@ -18,8 +21,6 @@ from rnc_pin.control import (
 )
 from rnc_pin.planning import Harmonic, Hold
 from rnc_pin.robots.robot_files import find_urdf
-from rnc_pin.scenario.execution import execute, plan
-from rnc_pin.scenario.files import find_scenario, read_yaml, with_options
 from systems import leaning_wheel, random_states
 from tolerances import ROUNDING
 
@@ -254,7 +255,7 @@ def wheels_of(unknown, folder):
     changes = {"controller.unknown": unknown, "comparisons": {}, "plots": {}, "simulation.duration": 1.0}
     path = folder / "mine.yaml"
     path.write_text(yaml.safe_dump(with_options(read_yaml(find_scenario("wheels-uncertain")), changes)))
-    return plan(str(path)).experiment
+    return Scenario.load(str(path)).experiment
 
 
 def test_a_scenario_names_what_is_unknown(tmp_path):
@@ -292,17 +293,17 @@ def test_a_scenario_with_unknown_nonsense_is_refused(unknown, words, tmp_path):
 def test_controllers_of_other_classes_take_unknown_wheels_too():
     unknown = {"controller.unknown": {"radii": [{"wheels": ["wheel"], "initial": 0.4}]}}
     quiet = {"comparisons": {}, "plots": {}, "simulation.dt": 0.004, "simulation.duration": 4.0}
-    run = execute(plan("unicycle", {**quiet, **unknown})).trajectory
+    run = execute(Scenario.load("unicycle", {**quiet, **unknown})).trajectory
     assert run.outcome == "completed"
     assert run.estimates[-1] == pytest.approx([0.25], rel=1e-3)
     with pytest.raises(rnc.ConfigurationError, match="needs 'unknown', which is missing"):
-        plan("unicycle", {"controller.alpha": 1.0})
+        Scenario.load("unicycle", {"controller.alpha": 1.0}).build()
 
 
 def test_class_1_with_something_unknown_is_the_type_of_its_own():
     quiet = {"comparisons": {}, "plots": {}, "simulation.dt": 0.01, "simulation.duration": 1.0}
-    own = execute(plan("wheels-uncertain", quiet)).trajectory
-    same = execute(plan("wheels-uncertain", {**quiet, "controller.type": "redundancy"})).trajectory
+    own = execute(Scenario.load("wheels-uncertain", quiet)).trajectory
+    same = execute(Scenario.load("wheels-uncertain", {**quiet, "controller.type": "redundancy"})).trajectory
     assert own.estimates.size
     np.testing.assert_array_equal(own.T, same.T)
     np.testing.assert_array_equal(own.estimates, same.estimates)

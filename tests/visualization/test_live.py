@@ -20,9 +20,10 @@ import rnc_pin as rnc
 from browsing import listening
 from held_memory import holding_at_most
 from patience import PATIENCE, eventually
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import Command
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.simulation import Sample
 from rnc_pin.visualization.browser.access import is_loopback
 from rnc_pin.visualization.browser.drawing_commands import SceneWindow, in_order
@@ -35,7 +36,7 @@ SHORT = {"simulation.duration": 2.0, "simulation.dt": 0.01, "comparisons": {}}
 @pytest.fixture(scope="module")
 def prepared():
     """Two seconds of the paper's figure 4."""
-    return plan("space-robot", SHORT)
+    return Scenario.load("space-robot", SHORT).build()
 
 
 @pytest.fixture(scope="module")
@@ -233,7 +234,7 @@ def test_interruption_keeps_what_was_simulated(tmp_path):
     command = [
         sys.executable,
         "-m",
-        "rnc_pin.app.cli",
+        "rnc_pin.applications.command_line.cli",
         "run",
         "space-robot",
         "--show",

@@ -19,8 +19,10 @@ from matplotlib.text import Text
 
 import rnc_pin as rnc
 from browsing import changed, give_up
-from rnc_pin.scenario.execution import execute, plan
-from rnc_pin.visualization import capture, plot_style, plots
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.visualization import plot_style, plots
+from rnc_pin.visualization import recording as capture
 from rnc_pin.visualization.panels import learning_panels, panels, split_names
 from rnc_pin.visualization.plots import (
     draw_footprints,
@@ -40,7 +42,7 @@ from systems import mecanum
 def run():
     """One second of the paper's figure 4."""
     options = {"simulation.duration": 1.0, "simulation.dt": 0.01, "comparisons": {}}
-    return execute(plan("space-robot", options)).trajectory
+    return execute(Scenario.load("space-robot", options)).trajectory
 
 
 def ink(path):
@@ -51,7 +53,7 @@ def ink(path):
 
 def test_an_overview_cuts_no_title_of_a_scenario_off(run, tmp_path):
     """The longest, broken into lines, is within the picture."""
-    builtin = Path(rnc.__file__).parent / "scenario" / "builtin"
+    builtin = Path(rnc.__file__).parent / "applications" / "scenario" / "builtin"
     titles = [yaml.safe_load(path.read_text())["title"] for path in builtin.glob("*.yaml")]
     figure = plot_run(run, max(titles, key=len))
     path = plot_style.save(figure, tmp_path / "overview.png")
@@ -91,7 +93,7 @@ def test_any_run_plots_itself(run):
 
 def test_what_is_learnt_is_plotted():
     options = {"simulation.duration": 0.2, "simulation.dt": 0.01, "comparisons": {}}
-    learning = execute(plan("space-robot-uncertain", options)).trajectory
+    learning = execute(Scenario.load("space-robot-uncertain", options)).trajectory
     labels = [axes.get_ylabel() for axes in learning.plot().axes]
     assert any(label.startswith("estimate [") for label in labels)
     assert any(label.startswith("measured less\npredicted rate [") for label in labels)
@@ -132,8 +134,8 @@ def test_plots_are_written_by_their_ending(run, tmp_path, ending, monkeypatch):
 def drive():
     """A second and a half of three trailers that turn off, and the same with another path."""
     options = {"simulation.dt": 0.01, "simulation.duration": 1.5, "reference.path.duration": 3.0, "comparisons": {}}
-    short = execute(plan("tractor-trailers", options)).trajectory
-    return short, execute(plan("tractor-trailers", {**options, "reference.path.to": [5, 3, 0]})).trajectory
+    short = execute(Scenario.load("tractor-trailers", options)).trajectory
+    return short, execute(Scenario.load("tractor-trailers", {**options, "reference.path.to": [5, 3, 0]})).trajectory
 
 
 @pytest.fixture(scope="module")

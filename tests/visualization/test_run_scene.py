@@ -10,17 +10,17 @@ from scipy.spatial.transform import Rotation
 
 import rnc_pin as rnc
 import systems
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.scenario.execution import execute, plan
 from rnc_pin.simulation import Columns, OutputNames, output_names
 from rnc_pin.visualization.camera import ASPECT, FIELD_OF_VIEW, VIEW_DIRECTION, fitting_camera
 from rnc_pin.visualization.drawn_state import RATE, DrawnState, recorded_states, sample_configurations
 from rnc_pin.visualization.elements import _cylinder_transform
 from rnc_pin.visualization.meshcat_scene import Keyframes
-from rnc_pin.visualization.null_motion import NullMotion
 from rnc_pin.visualization.overlay import Overlay, margin_color
 from rnc_pin.visualization.recording import Recording
-from rnc_pin.visualization.scene_kinematics import SceneKinematics
+from rnc_pin.visualization.scene_kinematics import NullMotion, SceneKinematics
 from rnc_pin.visualization.view import View
 
 
@@ -32,7 +32,9 @@ def robot():
 @pytest.fixture(scope="module")
 def truck():
     """Two seconds of the fire truck: its model and the run."""
-    prepared = plan("fire-truck", {"simulation.duration": 2.0, "simulation.dt": 0.01, "comparisons": {}})
+    prepared = Scenario.load(
+        "fire-truck", {"simulation.duration": 2.0, "simulation.dt": 0.01, "comparisons": {}}
+    ).build()
     return prepared.experiment.reduced, execute(prepared).trajectory
 
 
@@ -40,7 +42,7 @@ def truck():
 def run():
     """Three seconds of the paper's figure 4."""
     options = {"simulation.duration": 3.0, "simulation.dt": 0.01, "comparisons": {}}
-    return execute(plan("space-robot", options)).trajectory
+    return execute(Scenario.load("space-robot", options)).trajectory
 
 
 # ---------------------------------------------------------------------- frames of a recording

@@ -38,12 +38,21 @@ class ControlSample:
         (0.01, 0.01)
     """
 
-    __slots__ = ("dt", "end", "start", "time")
+    __slots__ = ("_reduced", "dt", "end", "start", "time")
 
     def __init__(self, reduced: ReducedModel, time: float, q: np.ndarray, v2: np.ndarray, dt: float) -> None:
-        self.time, self.dt = time + dt, dt
+        self._reduced, self.time, self.dt = reduced, time + dt, dt
         self.start: StateEvaluation = reduced.at(q, v2, t=time)
         self.end: StateEvaluation = self.start
         if dt:
             ahead = pin.integrate(reduced.robot.model, self.start.q, dt * self.start.v)
             self.end = reduced.at(ahead, v2, t=self.time)
+
+    def along_reducing_outputs(self) -> StateEvaluation:
+        """Return the end, evaluated with each column of R as velocity; one leading axis (r,).
+
+        Rates of this evaluation are derivatives along single reducing outputs.
+        """
+        columns = self.end.R.T
+        q = np.broadcast_to(self.end.q, (len(columns), len(self.end.q)))
+        return self._reduced.at(q, v=columns, t=self.time)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any, NamedTuple
+from types import ModuleType
+from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -38,8 +39,8 @@ class LeastDistanceSolver:
     def __init__(self, name: str = "daqp") -> None:
         self.name = name
         self._identities: dict[int, Array] = {}
-        self._daqp: Any = _imported("daqp").solve if name == "daqp" else None
-        self._qpsolvers: Any = None if name == "daqp" else _qpsolvers(name)
+        self._by_name = name != "daqp"
+        self._package = _qpsolvers(name) if self._by_name else _imported("daqp")
 
     def solve(
         self, goal: Array, rows: Array, lower: Array, upper: Array, multipliers: Array | None = None
@@ -52,7 +53,7 @@ class LeastDistanceSolver:
             lower, upper: bounds, (k,) each; infinite if there are none.
             multipliers: multipliers of a similar program, (k,), to start from.
         """
-        if self._qpsolvers is not None:
+        if self._by_name:
             return self._solve_by_name(goal, rows, lower, upper)
         if multipliers is not None and multipliers.any():
             found = self._solve_directly(goal, rows, lower, upper, multipliers)
@@ -67,17 +68,19 @@ class LeastDistanceSolver:
         identity = self._identities.get(len(goal))
         if identity is None:
             identity = self._identities[len(goal)] = np.eye(len(goal))
-        x, _, status, info = self._daqp(identity, -goal, rows, upper, lower, kinds, dual_start=start, **_SETTINGS)
+        x, _, status, info = self._package.solve(
+            identity, -goal, rows, upper, lower, kinds, dual_start=start, **_SETTINGS
+        )
         return NearestPoint(x, info["lam"]) if status == _SOLVED else None
 
     def _solve_by_name(self, goal: Array, rows: Array, lower: Array, upper: Array) -> NearestPoint | None:
         above, below = np.isfinite(upper), np.isfinite(lower)
         G = np.vstack([rows[above], -rows[below]])
         h = np.concatenate([upper[above], -lower[below]])
-        problem = self._qpsolvers.Problem(np.eye(len(goal)), -goal, G, h)
+        problem = self._package.Problem(np.eye(len(goal)), -goal, G, h)
         try:
-            found = self._qpsolvers.solve_problem(problem, solver=self.name)
-        except self._qpsolvers.exceptions.SolverError:
+            found = self._package.solve_problem(problem, solver=self.name)
+        except self._package.exceptions.SolverError:
             return None
         if not found.found or found.x is None:
             return None
@@ -88,7 +91,7 @@ class LeastDistanceSolver:
         return NearestPoint(found.x, multipliers)
 
 
-def _imported(package: str) -> Any:
+def _imported(package: str) -> ModuleType:
     """Import a solver at its first use: most programs need none."""
     try:
         return import_module(package)
@@ -97,7 +100,7 @@ def _imported(package: str) -> Any:
         raise ConfigurationError(f"solver of the quadratic program: {missing}") from None
 
 
-def _qpsolvers(name: str) -> Any:
+def _qpsolvers(name: str) -> ModuleType:
     package = _imported("qpsolvers")
     available = list(package.available_solvers)
     if name not in available:

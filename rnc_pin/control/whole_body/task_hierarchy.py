@@ -7,7 +7,8 @@ directions that tasks determine, and without active limits its solution is that 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -15,20 +16,74 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin import _kernel
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Bool, Float
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
 from rnc_pin.control.whole_body.limit_stack import LimitStack, ProgramBounds, distinct
-from rnc_pin.control.whole_body.sampled_damping import SampledDamping
 from rnc_pin.control.whole_body.tasks.control_task import ControlTask
 from rnc_pin.control.whole_body.tasks.output_task import BoundOutput, OutputsTogether
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.reduced_model import ReducedModel
 
+_SAMPLED_DAMPING = 2.0  # the inverse of the largest factor per sample
+_ATTAINED = 1e-7  # residual, relative to the rate, that is rounding
 _RANK = 1e-8  # singular value, relative to the rows of the level, below which a direction is free
 _FREE_COST = 1e-3  # cost of a direction that no task determines, relative to the least determined direction
 _TOUCHING = 1e-12  # relative excess of a limit that is rounding
 _EXCEEDED = 1e-8  # excess of a limit above which it gave way
+
+
+class SampledDamping(NamedTuple):
+    """Damping of tasks that limits keep from their rates: without it, a sampled loop can oscillate between its limits.
+
+    A level minimises ``|J v - rate|^2``. If limits leave a residual rho, the gradient ``J^T rho`` turns with the
+    configuration q: its slope is ``N = sum_i rho_i d^2 x_i / dq^2``. The program decides the velocity at the end of a
+    sample, at the configuration that the velocity at the start predicts there. So in a motion n that limits leave free,
+    one sample of duration h multiplies a velocity by
+
+        -h n^T N n / |J n|^2
+
+    Near a stationary point of the residual, ``|J n|`` is small. Below -1, the velocity changes its sign at every sample
+    and grows up to a limit. Heavy joints are slower because of their efforts; light joints reverse within a sample.
+
+    A joint that rotates about an axis with the lever ``|J_i|`` has ``|N_ii| <= |rho| |J_i|``. So the cost
+    ``2 h |rho| |J_i| v_i^2`` bounds the factor of a joint by 1/2, at any distance of the goal. It is zero where tasks
+    attain their rates. Levenberg-Marquardt methods of inverse kinematics damp by the residual likewise (T. Sugihara,
+    IEEE Transactions on Robotics 27 (2011) 984-991).
+    """
+
+    dt: float
+    """Duration of the sample [s]."""
+    motion: Float[Array, "r n"]
+    """Reduced velocity at the end of the sample, per unknown of the program."""
+    rest: Float[Array, " r"]
+    """Value of ``motion`` times the unknowns at which the robot is at rest."""
+    levers: Sequence[Float[Array, " r"]]
+    """Norm of each column of the curved rows of each level on the reduced velocities, with the roots of weights."""
+    curved: Sequence[Bool[Array, " k"]]
+    """Masks of the rows of each level whose Jacobian depends on the configuration; a constant one has no slope N."""
+
+    def rows(self, level: int, residual: Array, rate: Array) -> tuple[Array, Array] | None:
+        """Return rows (r, n) of the damping and their desired values (r,); None if a level attains its rate.
+
+        Args:
+            level: index of the level.
+            residual: residual of the level (k,) that limits cause: less the one that conflicting tasks have anyway. So
+                the cost grows from zero when a limit becomes active.
+            rate: its rate (k,).
+        """
+        residual = residual[self.curved[level]]
+        size = float(np.sqrt(residual @ residual))
+        if size <= _ATTAINED * (1.0 + float(np.sqrt(rate @ rate))):
+            return None
+        root = np.sqrt(_SAMPLED_DAMPING * self.dt * size * self.levers[level])
+        return root[:, None] * self.motion, root * self.rest
+
+
+def column_norms(jacobian: Float[Array, "k r"], curved: Bool[Array, " k"]) -> Float[Array, " r"]:
+    """Return the norm of each column of the curved rows."""
+    jacobian = jacobian[curved]
+    return np.asarray(np.sqrt(np.einsum("kr,kr->r", jacobian, jacobian)))
 
 
 class TaskLevel(NamedTuple):
@@ -138,6 +193,31 @@ def solve_within(
     return RelaxedSolution(found.unknowns, bounds.spread(found.multipliers), bounds.spread(excess))
 
 
+class _FreeDirections(NamedTuple):
+    """Unknowns ``kept + Z z`` that higher levels leave free."""
+
+    kept: Array
+    """What higher levels determine (n,)."""
+    Z: Array | None
+    """Null space of the higher levels, (n, k); None for all directions."""
+
+    def rows(self, jacobian: Array) -> Array:
+        """Rows on z, from rows on the unknowns."""
+        return jacobian if self.Z is None else jacobian @ self.Z
+
+    def rest(self, jacobian: Array, rate: Array) -> Array:
+        """Part of the rates of rows that z has to attain."""
+        return rate if self.Z is None else rate - jacobian @ self.kept
+
+    def outward(self, T: Array) -> Array:
+        """Directions of the unknowns, from directions of z as columns."""
+        return T if self.Z is None else self.Z @ T
+
+
+_Nearest = Callable[[_FreeDirections, Array, Array, Array | None], tuple[Array, Array] | None]
+"""Unknowns ``kept + T y`` and multipliers, with the y nearest to a goal within the limits."""
+
+
 def solve_cascade(
     levels: Sequence[TaskLevel],
     bounds: ProgramBounds,
@@ -161,59 +241,59 @@ def solve_cascade(
     found = np.zeros((len(levels), k))
     room = _TOUCHING * (1.0 + np.abs(rows).sum(axis=1))
     low, high = bounds.lower - room, bounds.upper + room
-    kept, Z = np.zeros(r), None  # what higher levels determine, and the null space that they leave; None: all
+    free, nearest = _FreeDirections(np.zeros(r), None), partial(_nearest, bounds, solver)
     unknowns = None
     for index, (J, rate) in enumerate(levels):
-        own, rate = (J, rate) if Z is None else (J @ Z, rate - J @ kept)
+        own, rate = free.rows(J), free.rest(J, rate)
         least = _RANK * max(float(np.sqrt(np.vdot(J, J))), 1e-300)
         start = None if multipliers is None else multipliers[index]
         whole = _distance_form(own, rate, least, damping)
         if whole is not None:  # the level leaves nothing to lower ones
-            goal, T = whole if Z is None else (whole[0], Z @ whole[1])
-            ahead = kept + T @ goal
+            goal, T = whole[0], free.outward(whole[1])
+            ahead = free.kept + T @ goal
             reached = rows @ ahead
             if (reached <= high).all() and (reached >= low).all():
                 unknowns = ahead
-            elif (solved := _nearest(goal, T, kept, bounds, solver, start)) is not None:
+            elif (solved := nearest(free, goal, T, start)) is not None:
                 unknowns, found[index] = solved
                 cost = None if sampled is None else sampled.rows(index, J @ (unknowns - ahead), rate)
                 if cost is not None:
-                    solved = _solve_damped(own, rate, cost, kept, Z, least, damping, bounds, solver, found[index])
+                    solved = _solve_damped(nearest, own, rate, cost, free, least, damping, found[index])
                     unknowns, found[index] = solved or (unknowns, found[index])
             break
         left, values, right = np.linalg.svd(own, full_matrices=len(own) < own.shape[1])
         rank = len(values) if not len(values) or values[-1] > least else int((values > least).sum())
-        values, free = values[:rank], right[rank:]
+        values, unused = values[:rank], right[rank:]
         scales = np.hypot(values, damping) if damping else values
         goal = values * (rate @ left[:, :rank]) / scales
         # Directions that the level determines, in units of its rate (r, rank).
-        inward = right[:rank].T / scales if Z is None else Z @ (right[:rank].T / scales)
-        ahead = kept + inward @ goal
+        inward = free.outward(right[:rank].T / scales)
+        ahead = kept = free.kept + inward @ goal
         reached = rows @ ahead
         if (reached <= high).all() and (reached >= low).all():
-            unknowns = kept = ahead
+            unknowns = ahead
         else:
             T = inward
-            if len(free):
+            if len(unused):
                 cheap = _FREE_COST * (float(scales[-1]) if rank else 1.0)
-                T = np.hstack([inward, (free.T if Z is None else Z @ free.T) / cheap])
-                goal = np.concatenate([goal, np.zeros(len(free))])
-            offset = rows @ kept
-            nearest = solver.solve(goal, rows @ T, bounds.lower - offset, bounds.upper - offset, start)
-            if nearest is None:
+                T = np.hstack([inward, free.outward(unused.T) / cheap])
+                goal = np.concatenate([goal, np.zeros(len(unused))])
+            offset = rows @ free.kept
+            point = solver.solve(goal, rows @ T, bounds.lower - offset, bounds.upper - offset, start)
+            if point is None:
                 break  # at a lower level: rounding left no room
-            unknowns, found[index] = kept + T @ nearest.point, nearest.multipliers
-            determined = nearest.point[:rank]
+            unknowns, found[index] = free.kept + T @ point.point, point.multipliers
+            determined = point.point[:rank]
             if sampled is not None and (cost := sampled.rows(index, J @ (unknowns - ahead), rate)):
-                level = _damped_level(own, rate, cost, kept, Z, damping * right[:rank])
-                if (damped := _solve_level(level, kept, Z, bounds, solver, found[index])) is not None:
+                level = _damped_level(own, rate, cost, free, damping * right[:rank])
+                if (damped := _solve_level(nearest, level, free, found[index])) is not None:
                     unknowns, found[index] = damped
-                    z = unknowns - kept if Z is None else Z.T @ (unknowns - kept)
+                    z = unknowns - free.kept if free.Z is None else free.Z.T @ (unknowns - free.kept)
                     determined = scales * (right[:rank] @ z)
-            kept = kept + inward @ determined
-        if not len(free):
+            kept = free.kept + inward @ determined
+        if not len(unused):
             break
-        Z = free.T if Z is None else Z @ free.T
+        free = _FreeDirections(kept, free.outward(unused.T))
     return None if unknowns is None else CascadeSolution(unknowns, found)
 
 
@@ -242,53 +322,48 @@ def _distance_form(
 
 
 def _solve_damped(
+    nearest: _Nearest,
     own: Array,
     rate: Array,
     cost: tuple[Array, Array],
-    kept: Array,
-    Z: Array | None,
+    free: _FreeDirections,
     least: float,
     damping: float,
-    bounds: ProgramBounds,
-    solver: LeastDistanceSolver,
     start: Array,
 ) -> tuple[Array, Array] | None:
     """Unknowns and multipliers of a level that determines all unknowns, with further rows that damp it."""
-    jacobian, rest = cost
-    more = (jacobian, rest) if Z is None else (jacobian @ Z, rest - jacobian @ kept)
-    found = _distance_form(own, rate, least, damping, more)
+    found = _distance_form(own, rate, least, damping, (free.rows(cost[0]), free.rest(*cost)))
     if found is None:
-        level = _damped_level(own, rate, cost, kept, Z, damping * np.eye(own.shape[1]))
-        return _solve_level(level, kept, Z, bounds, solver, start)
-    goal, T = found
-    return _nearest(goal, T if Z is None else Z @ T, kept, bounds, solver, start)
+        return _solve_level(nearest, _damped_level(own, rate, cost, free, damping * np.eye(own.shape[1])), free, start)
+    return nearest(free, found[0], free.outward(found[1]), start)
 
 
 def _nearest(
-    goal: Array, T: Array, kept: Array, bounds: ProgramBounds, solver: LeastDistanceSolver, start: Array | None
+    bounds: ProgramBounds,
+    solver: LeastDistanceSolver,
+    free: _FreeDirections,
+    goal: Array,
+    T: Array,
+    start: Array | None,
 ) -> tuple[Array, Array] | None:
-    """Unknowns ``kept + T y`` and multipliers, with the y nearest to a goal within the limits."""
     lower, upper = bounds.lower, bounds.upper
-    if kept.any():
-        offset = bounds.rows @ kept
+    if free.kept.any():
+        offset = bounds.rows @ free.kept
         lower, upper = lower - offset, upper - offset
-    nearest = solver.solve(goal, bounds.rows @ T, lower, upper, start)
-    return None if nearest is None else (kept + T @ nearest.point, nearest.multipliers)
+    point = solver.solve(goal, bounds.rows @ T, lower, upper, start)
+    return None if point is None else (free.kept + T @ point.point, point.multipliers)
 
 
 def _damped_level(
-    own: Array, rate: Array, cost: tuple[Array, Array], kept: Array, Z: Array | None, damping: Array
+    own: Array, rate: Array, cost: tuple[Array, Array], free: _FreeDirections, damping: Array
 ) -> TaskLevel:
-    """Level with further rows, which damp it, in the null space Z of the levels above."""
-    jacobian, rest = cost
-    inside = jacobian if Z is None else jacobian @ Z
-    return TaskLevel(
-        np.vstack([own, damping, inside]), np.concatenate([rate, np.zeros(len(damping)), rest - jacobian @ kept])
-    )
+    """Level with further rows, which damp it, in the null space of the levels above."""
+    rows = np.vstack([own, damping, free.rows(cost[0])])
+    return TaskLevel(rows, np.concatenate([rate, np.zeros(len(damping)), free.rest(*cost)]))
 
 
 def _solve_level(
-    level: TaskLevel, kept: Array, Z: Array | None, bounds: ProgramBounds, solver: LeastDistanceSolver, start: Array
+    nearest: _Nearest, level: TaskLevel, free: _FreeDirections, start: Array
 ) -> tuple[Array, Array] | None:
     """Unknowns and multipliers that solve one level within the limits; None if rounding left no room."""
     J, rate = level
@@ -296,4 +371,4 @@ def _solve_level(
     rank = int((values > _RANK * values[0]).sum())
     T = np.hstack([right[:rank].T / values[:rank], right[rank:].T / (_FREE_COST * values[rank - 1])])
     goal = np.concatenate([rate @ left[:, :rank], np.zeros(T.shape[1] - rank)])
-    return _nearest(goal, T if Z is None else Z @ T, kept, bounds, solver, start)
+    return nearest(free, goal, free.outward(T), start)

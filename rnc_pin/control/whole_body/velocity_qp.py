@@ -15,8 +15,14 @@ from rnc_pin.control.controller import Description, VelocityTarget, elapsed_time
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.limit_stack import ProgramBounds
 from rnc_pin.control.whole_body.limits.control_limit import ControlLimit
-from rnc_pin.control.whole_body.sampled_damping import SampledDamping, column_norms
-from rnc_pin.control.whole_body.task_hierarchy import RelaxedSolution, TaskLevel, solve_cascade, solve_within
+from rnc_pin.control.whole_body.task_hierarchy import (
+    RelaxedSolution,
+    SampledDamping,
+    TaskLevel,
+    column_norms,
+    solve_cascade,
+    solve_within,
+)
 from rnc_pin.control.whole_body.tasks.control_task import ControlTask
 from rnc_pin.control.whole_body.whole_body_program import WholeBodyProgram, limit_report
 from rnc_pin.errors import ConfigurationError, InputError

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.controller import Description
-from rnc_pin.control.limited_acceleration import LimitedAcceleration
+from rnc_pin.control.controller import Description, LimitedAcceleration, State
 from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
 from rnc_pin.control.whole_body.limit_stack import LimitStack
 from rnc_pin.control.whole_body.limits.acceleration_limit import AccelerationLimit
@@ -88,7 +87,7 @@ class WholeBodyProgram(ReprMixin):
             raise InputError("a whole-body controller reads the configuration: the measurement has no q")
         return measurement.q
 
-    def _check_velocity(self, v2: Any) -> None:
+    def _check_velocity(self, v2: Array) -> None:
         if np.shape(v2) != (self._reduced.r,):
             raise InputError(
                 f"a whole-body controller takes one state: v2 has shape {np.shape(v2)}, expected ({self._reduced.r},)"
@@ -106,7 +105,7 @@ def program_of(controller: object) -> WholeBodyProgram | None:
     return controller
 
 
-def report_within(controller: object, state: Any) -> LimitReport | None:
+def report_within(controller: object, state: State) -> LimitReport | None:
     """Return the report of the program that a controller is or contains as its ``target``; None without one.
 
     Args:
@@ -152,9 +151,6 @@ def _describe_item(description: object) -> Json:
     return found
 
 
-# ------------------------------------------------------------------ desired outputs
-
-
 class DesiredOutputs:
     """Desired values of a model's outputs, as far as tasks have them.
 
@@ -165,13 +161,13 @@ class DesiredOutputs:
 
     def __init__(self, tasks: Sequence[BoundTask], reduced: ReducedModel) -> None:
         self._sizes = reduced.vertical.size, reduced.r
-        self._goals = [
-            (task.goal, own, where, place)
-            for task in tasks
-            for place, names in enumerate((reduced.vertical.names, reduced.reducing.names))
-            for own, where in [_matches(task.goal_names, names)]
-            if own
-        ]
+        self._goals = []
+        for task in tasks:
+            for place, names in enumerate((reduced.vertical.names, reduced.reducing.names)):
+                own = [index for index, name in enumerate(task.goal_names) if name in names]
+                if own:
+                    where = [names.index(task.goal_names[index]) for index in own]
+                    self._goals.append((task.goal, own, where, place))
 
     def at(self, t: float) -> tuple[Array | None, Array | None]:
         """Return x1 and x2 at a time [s], NaN for outputs without a task; None if no task has an output."""
@@ -181,9 +177,3 @@ class DesiredOutputs:
         for goal, own, where, place in self._goals:
             found[place][where] = goal(t)[own]
         return found
-
-
-def _matches(names: Sequence[str], among: Sequence[str]) -> tuple[list[int], list[int]]:
-    """Indices of common names in both sequences."""
-    own = [index for index, name in enumerate(names) if name in among]
-    return own, [list(among).index(names[index]) for index in own]

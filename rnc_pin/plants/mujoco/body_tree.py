@@ -1,18 +1,22 @@
-"""Bodies and joints of a loaded robot as a MuJoCo specification; it keeps locked joints, snapped axes and masses."""
+"""Bodies, joints and equality constraints of a loaded robot as a MuJoCo specification."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from functools import partial
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError
+from rnc_pin.model.mechanisms import FrameAnchor, JointCoupler
+from rnc_pin.model.rows import Rows
 from rnc_pin.plants.mujoco.engine import mujoco
 from rnc_pin.plants.mujoco.joint_coordinates import (
     BallJoint,
+    BaseCoordinates,
     ContinuousHinge,
     EqualCoordinates,
     FreeBase,
@@ -21,6 +25,7 @@ from rnc_pin.plants.mujoco.joint_coordinates import (
     PlanarBase,
     scalar_first,
 )
+from rnc_pin.plants.mujoco.settings import MuJoCoSettings
 from rnc_pin.robots.robot import Robot
 
 Root = Literal["as it is", "free", "level"]
@@ -39,20 +44,6 @@ class _Single(NamedTuple):
     continuous: bool
 
 
-@dataclass(frozen=True)
-class _Planned:
-    """Joint conversion whose MuJoCo indices are known after compilation."""
-
-    coordinates: type[JointCoordinates]
-    first: str
-    """Name of its first MuJoCo joint."""
-    name: str
-    q: int
-    v: int
-    nv: int
-    more: dict[str, Any]
-
-
 class BodyTree:
     """Bodies of a robot in a MuJoCo specification.
 
@@ -69,19 +60,20 @@ class BodyTree:
     def __init__(self, spec: mujoco.MjSpec, robot: Robot, root: Root, joint_limits: bool) -> None:
         self.robot = robot
         self._limits = joint_limits
-        self._planned: list[_Planned] = []
+        self._planned: list[tuple[str, Callable[[int, int], JointCoordinates]]] = []
+        """Name of the first MuJoCo joint of a joint, and its conversion as a function of the indices in MuJoCo."""
         spec.compiler.degree = False
         spec.compiler.balanceinertia = True
         spec.compiler.boundmass = spec.compiler.boundinertia = _NOTHING
         spec.option.gravity = robot.model.gravity.linear
-        self.bodies: list[Any] = [spec.worldbody]
+        self.bodies: list[mujoco.MjsBody] = [spec.worldbody]
         """One body per joint of the model; the world is first."""
         for index in range(1, robot.model.njoints):
             self.bodies.append(self._add(index, root))
 
     # ------------------------------------------------------------------ writing
 
-    def _add(self, index: int, root: Root) -> Any:
+    def _add(self, index: int, root: Root) -> mujoco.MjsBody:
         model = self.robot.model
         joint, name, parent = model.joints[index], str(model.names[index]), model.parents[index]
         kind, placement = joint.shortname(), model.jointPlacements[index]
@@ -115,20 +107,20 @@ class BodyTree:
         _weigh(body, model.inertias[index])
         return body
 
-    def _add_single(self, body: Any, single: _Single, joint: Any, number: int, name: str) -> None:
+    def _add_single(self, body: mujoco.MjsBody, single: _Single, joint: pin.JointModel, number: int, name: str) -> None:
         added = _move(body, name, single.slides, single.axis)
         q, v = joint.idx_q, joint.idx_v + number
         if number:
             q = joint.extract().joints[number].idx_q
         kind = ContinuousHinge if single.continuous else EqualCoordinates
-        self._planned.append(_Planned(kind, name, name, q, v, 1, {}))
+        self._planned.append((name, partial(kind, name, q, v, 1)))
         if self._limits and not single.continuous:
             model = self.robot.model
             low, high = model.lowerPositionLimit[q], model.upperPositionLimit[q]
             if np.isfinite([low, high]).all() and low < high:
                 added.limited, added.range = True, [low, high]
 
-    def _add_planar(self, body: Any, index: int, root: Root) -> None:
+    def _add_planar(self, body: mujoco.MjsBody, index: int, root: Root) -> None:
         name, placement = str(self.robot.model.names[index]), self.robot.model.jointPlacements[index]
         if root == "free":
             body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_FREE)
@@ -139,22 +131,17 @@ class BodyTree:
         _move(body, f"{name}/yaw", False, np.eye(3)[2])
         self._plan(PlanarBase, f"{name}/x", index, lifted=root == "level")
 
-    def _plan(self, coordinates: type[JointCoordinates], first: str, index: int, **more: Any) -> None:
+    def _plan(self, coordinates: Callable[..., JointCoordinates], first: str, index: int, **more: object) -> None:
         joint = self.robot.model.joints[index]
-        self._planned.append(
-            _Planned(coordinates, first, str(self.robot.model.names[index]), joint.idx_q, joint.idx_v, joint.nv, more)
-        )
+        name = str(self.robot.model.names[index])
+        self._planned.append((first, partial(coordinates, name, joint.idx_q, joint.idx_v, joint.nv, **more)))
 
     # ------------------------------------------------------------------ once it is compiled
 
     def coordinates(self, model: mujoco.MjModel) -> list[JointCoordinates]:
         """Return the conversions of all joints between Pinocchio and MuJoCo."""
-        found = []
-        for each in self._planned:
-            joint = model.joint(each.first)
-            place = (int(joint.qposadr[0]), int(joint.dofadr[0]))
-            found.append(each.coordinates(each.name, each.q, each.v, each.nv, *place, **each.more))
-        return found
+        joints = ((model.joint(first), make) for first, make in self._planned)
+        return [make(int(joint.qposadr[0]), int(joint.dofadr[0])) for joint, make in joints]
 
     def finish(self, model: mujoco.MjModel, data: mujoco.MjData, damping: bool) -> list[JointCoordinates]:
         """Set what a specification lacks in a compiled model: zero masses, rotor inertias, damping per axis."""
@@ -166,7 +153,7 @@ class BodyTree:
         joints = self.coordinates(model)
         for joint in joints:
             here, there = slice(joint.v, joint.v + joint.nv), slice(joint.dof, joint.dof + joint.nv)
-            if isinstance(joint, PlanarBase | FreePlanarBase | FreeBase):
+            if isinstance(joint, BaseCoordinates):
                 if own.armature[here].any() or (damping and own.damping[here].any()):
                     raise ConfigurationError(
                         f"MuJoCo: base '{joint.name}' has rotor inertia or damping, which MuJoCo bases do not support"
@@ -179,7 +166,7 @@ class BodyTree:
         return joints
 
 
-def _singles(joint: Any) -> Iterator[_Single]:
+def _singles(joint: pin.JointModel) -> Iterator[_Single]:
     """Yield the hinges and slides of a joint; nothing if it has other components."""
     if joint.shortname() == "JointModelComposite":
         whole = joint.extract()
@@ -190,7 +177,7 @@ def _singles(joint: Any) -> Iterator[_Single]:
         yield single
 
 
-def _single(joint: Any, placement: pin.SE3) -> _Single | None:
+def _single(joint: pin.JointModel, placement: pin.SE3) -> _Single | None:
     if joint.nv != 1:
         return None
     alone = pin.Model()
@@ -202,7 +189,7 @@ def _single(joint: Any, placement: pin.SE3) -> _Single | None:
     return _Single(placement, bool(slide.any()), slide if slide.any() else turn, joint.nq == 2)
 
 
-def _body(parent: Any, placement: pin.SE3, name: str) -> Any:
+def _body(parent: mujoco.MjsBody, placement: pin.SE3, name: str) -> mujoco.MjsBody:
     return parent.add_body(
         name=name,
         pos=placement.translation,
@@ -213,12 +200,12 @@ def _body(parent: Any, placement: pin.SE3, name: str) -> Any:
     )
 
 
-def _move(body: Any, name: str, slides: bool, axis: np.ndarray) -> Any:
+def _move(body: mujoco.MjsBody, name: str, slides: bool, axis: np.ndarray) -> mujoco.MjsJoint:
     kind = mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE
     return body.add_joint(name=name, type=kind, axis=axis)
 
 
-def _weigh(body: Any, inertia: pin.Inertia) -> None:
+def _weigh(body: mujoco.MjsBody, inertia: pin.Inertia) -> None:
     moments, axes = np.linalg.eigh(inertia.inertia)
     if np.linalg.det(axes) < 0:
         axes[:, 0] *= -1
@@ -228,3 +215,102 @@ def _weigh(body: Any, inertia: pin.Inertia) -> None:
 
 def _quaternion(rotation: np.ndarray) -> np.ndarray:
     return scalar_first(pin.Quaternion(rotation).coeffs())
+
+
+# ---------------------------------------------------------------------- equality constraints
+
+
+_RIGID = 0.999
+_SUPPORTED = (
+    "rolling wheels and balls, knife edges, casters, couplings of joints, Ackermann steering, loops and the "
+    "conservation of momentum"
+)
+
+
+@dataclass(frozen=True)
+class JointEquality:
+    """Coupling of two joints; the polynomial of MuJoCo is updated at the current positions.
+
+    Attributes:
+        equality: index of the equality constraint.
+        joint, driver: indices in qpos of the joint that follows and of the one that leads, if any.
+        coupler: how the joint follows.
+    """
+
+    equality: int
+    joint: int
+    driver: int | None
+    coupler: JointCoupler
+
+    def set(self, model: mujoco.MjModel, qpos: np.ndarray, fresh: bool) -> None:
+        """Write the polynomial coefficients; ``fresh`` is True at the start of a run.
+
+        The offset of a constant ratio includes the initial full turns of both joints.
+        """
+        driver = 0.0 if self.driver is None else qpos[self.driver]
+        if self.coupler.function is not None:
+            position, slope = self.coupler.function(driver)
+            period = self.coupler.period
+            position += period * np.round((qpos[self.joint] - position) / period)
+        elif fresh:
+            position, slope = qpos[self.joint], self.coupler.ratio
+        else:
+            return
+        model.eq_data[self.equality, :5] = position - slope * driver, slope, 0.0, 0.0, 0.0
+
+
+def add_equalities(
+    spec: mujoco.MjSpec, tree: BodyTree, blocks: Sequence[Rows], settings: MuJoCoSettings
+) -> list[tuple[str, JointCoupler]]:
+    """Add joint couplings and loop closures to a specification, which has the bodies of ``tree``.
+
+    Returns:
+        Names of the couplings with their laws, for ``joint_equalities``.
+
+    Raises:
+        ConfigurationError: a constraint has no equivalent in MuJoCo.
+    """
+    solver = {"solref": [2 * settings.step, 1.0], "solimp": [_RIGID, _RIGID, 0.001, 0.5, 2.0]}
+    couplers: list[tuple[str, JointCoupler]] = []
+    for block in blocks:
+        mechanisms = block.mechanisms()
+        if not mechanisms and block.conserved is None:
+            what = type(block.kind or block).__name__
+            raise ConfigurationError(f"MuJoCo: {block.names[0]} ({what}) has no equivalent; supported are {_SUPPORTED}")
+        for number, mechanism in enumerate(mechanisms):
+            name = f"{block.names[0]}/{number}" if number else block.names[0]
+            if isinstance(mechanism, JointCoupler):
+                added = spec.add_equality(name=name, type=mujoco.mjtEq.mjEQ_JOINT, name1=mechanism.joint, **solver)
+                if mechanism.driver is not None:
+                    added.name2 = mechanism.driver
+                couplers.append((name, mechanism))
+            elif isinstance(mechanism, FrameAnchor):
+                _close(spec, tree, mechanism, name, solver)
+    return couplers
+
+
+def _close(spec: mujoco.MjSpec, tree: BodyTree, anchor: FrameAnchor, name: str, solver: dict[str, list[float]]) -> None:
+    sites = [f"{name}/{side}" for side in "ab"]
+    for site, parent, offset in zip(sites, anchor.frames, anchor.placements, strict=True):
+        frame = tree.robot.model.frames[tree.robot.frame_id(parent)]
+        placement, body = frame.placement * offset, tree.bodies[frame.parentJoint]
+        body.add_site(name=site, pos=placement.translation, quat=_quaternion(placement.rotation))
+    kind = mujoco.mjtEq.mjEQ_CONNECT if anchor.point else mujoco.mjtEq.mjEQ_WELD
+    on_sites = {"objtype": mujoco.mjtObj.mjOBJ_SITE, "name1": sites[0], "name2": sites[1]}
+    closed = spec.add_equality(name=name, type=kind, **on_sites, **solver)
+    if not anchor.point:
+        closed.data[10] = 1.0  # rotation and translation have equal weights
+
+
+def joint_equalities(model: mujoco.MjModel, couplers: Sequence[tuple[str, JointCoupler]]) -> list[JointEquality]:
+    """Return the joint couplings of a compiled model."""
+
+    def place(joint: str) -> int:
+        return int(model.joint(joint).qposadr[0])
+
+    return [
+        JointEquality(
+            model.equality(name).id, place(each.joint), None if each.driver is None else place(each.driver), each
+        )
+        for name, each in couplers
+    ]

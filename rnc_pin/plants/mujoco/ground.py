@@ -9,7 +9,6 @@ unchanged load. So contacts are soft in the normal direction (low impedance) and
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -69,7 +68,9 @@ def _penetration(settings: MuJoCoSettings, gravity: np.ndarray) -> float:
     return float((1 - _IMPEDANCE[settings.cone]) * np.linalg.norm(gravity) * settings.contact_time_constant**2)
 
 
-def _shape(contact: ContactBody, radius: float, settings: MuJoCoSettings) -> tuple[Any, list[float], np.ndarray]:
+def _shape(
+    contact: ContactBody, radius: float, settings: MuJoCoSettings
+) -> tuple[mujoco.mjtGeom, list[float], np.ndarray]:
     """Return type, size and axis of a geometry. In MuJoCo the first friction direction is along a capsule."""
     shape = mujoco.mjtGeom
     if contact.axle is None:

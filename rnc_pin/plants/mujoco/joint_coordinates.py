@@ -43,15 +43,11 @@ class JointCoordinates(ABC):
 
     @abstractmethod
     def write(self, pinocchio: JointState, mujoco: JointState) -> None:
-        """Write a Pinocchio state to MuJoCo's."""
+        """Write a Pinocchio state to MuJoCo's; ``RobotCoordinates`` writes equal velocities."""
 
     @abstractmethod
     def read(self, mujoco: JointState, pinocchio: JointState) -> None:
-        """Write a MuJoCo state to Pinocchio's."""
-
-    @abstractmethod
-    def add_force(self, qpos: np.ndarray, force: np.ndarray, applied: np.ndarray) -> None:
-        """Add a generalized force of Pinocchio (nv,) to the applied force of MuJoCo."""
+        """Write a MuJoCo state to Pinocchio's; ``RobotCoordinates`` reads equal velocities."""
 
 
 @dataclass(frozen=True)
@@ -60,14 +56,9 @@ class EqualCoordinates(JointCoordinates):
 
     def write(self, pinocchio: JointState, mujoco: JointState) -> None:
         mujoco.q[self.qpos : self.qpos + self.nv] = pinocchio.q[self.q : self.q + self.nv]
-        mujoco.v[self.dof : self.dof + self.nv] = pinocchio.v[self.v : self.v + self.nv]
 
     def read(self, mujoco: JointState, pinocchio: JointState) -> None:
         pinocchio.q[self.q : self.q + self.nv] = mujoco.q[self.qpos : self.qpos + self.nv]
-        pinocchio.v[self.v : self.v + self.nv] = mujoco.v[self.dof : self.dof + self.nv]
-
-    def add_force(self, qpos: np.ndarray, force: np.ndarray, applied: np.ndarray) -> None:
-        applied[self.dof : self.dof + self.nv] += force[self.v : self.v + self.nv]
 
 
 @dataclass(frozen=True)
@@ -76,14 +67,9 @@ class ContinuousHinge(JointCoordinates):
 
     def write(self, pinocchio: JointState, mujoco: JointState) -> None:
         mujoco.q[self.qpos] = np.arctan2(pinocchio.q[self.q + 1], pinocchio.q[self.q])
-        mujoco.v[self.dof] = pinocchio.v[self.v]
 
     def read(self, mujoco: JointState, pinocchio: JointState) -> None:
         pinocchio.q[self.q], pinocchio.q[self.q + 1] = np.cos(mujoco.q[self.qpos]), np.sin(mujoco.q[self.qpos])
-        pinocchio.v[self.v] = mujoco.v[self.dof]
-
-    def add_force(self, qpos: np.ndarray, force: np.ndarray, applied: np.ndarray) -> None:
-        applied[self.dof] += force[self.v]
 
 
 @dataclass(frozen=True)
@@ -92,18 +78,21 @@ class BallJoint(JointCoordinates):
 
     def write(self, pinocchio: JointState, mujoco: JointState) -> None:
         mujoco.q[self.qpos : self.qpos + 4] = scalar_first(pinocchio.q[self.q : self.q + 4])
-        mujoco.v[self.dof : self.dof + 3] = pinocchio.v[self.v : self.v + 3]
 
     def read(self, mujoco: JointState, pinocchio: JointState) -> None:
         pinocchio.q[self.q : self.q + 4] = _scalar_last(mujoco.q[self.qpos : self.qpos + 4])
-        pinocchio.v[self.v : self.v + 3] = mujoco.v[self.dof : self.dof + 3]
 
+
+class BaseCoordinates(JointCoordinates):
+    """Conversion of a planar or free base, whose velocities differ."""
+
+    @abstractmethod
     def add_force(self, qpos: np.ndarray, force: np.ndarray, applied: np.ndarray) -> None:
-        applied[self.dof : self.dof + 3] += force[self.v : self.v + 3]
+        """Add a generalized force of Pinocchio (nv,) to the applied force of MuJoCo."""
 
 
 @dataclass(frozen=True)
-class PlanarBase(JointCoordinates):
+class PlanarBase(BaseCoordinates):
     """Planar base: two slides and a hinge in MuJoCo; ``lifted`` adds a vertical slide before the hinge."""
 
     lifted: bool = False
@@ -137,7 +126,7 @@ class PlanarBase(JointCoordinates):
 
 
 @dataclass(frozen=True)
-class FreeBase(JointCoordinates):
+class FreeBase(BaseCoordinates):
     """Free base. ``placement`` is the joint placement in the world."""
 
     placement: pin.SE3
@@ -159,7 +148,7 @@ class FreeBase(JointCoordinates):
 
 
 @dataclass(frozen=True)
-class FreePlanarBase(JointCoordinates):
+class FreePlanarBase(BaseCoordinates):
     """Planar base that has six degrees of freedom in MuJoCo; only x, y and heading are read.
 
     Writing a planar state keeps height, roll and pitch.
@@ -210,19 +199,21 @@ class RobotCoordinates:
 
     def __init__(self, joints: Sequence[JointCoordinates], nq: int, nv: int) -> None:
         self._joints, self._nq, self._nv = joints, nq, nv
-        equal = [joint for joint in joints if isinstance(joint, EqualCoordinates | ContinuousHinge | BallJoint)]
-        self._bases = [joint for joint in joints if joint not in equal]
+        self._bases = [joint for joint in joints if isinstance(joint, BaseCoordinates)]
+        equal = [joint for joint in joints if not isinstance(joint, BaseCoordinates)]
         self._v = np.array([joint.v + k for joint in equal for k in range(joint.nv)], dtype=int)
         self._dof = np.array([joint.dof + k for joint in equal for k in range(joint.nv)], dtype=int)
 
     def write(self, q: np.ndarray, v: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> None:
         """Write a Pinocchio state to MuJoCo's vectors."""
+        qvel[self._dof] = v[self._v]
         for joint in self._joints:
             joint.write(JointState(q, v), JointState(qpos, qvel))
 
     def read(self, qpos: np.ndarray, qvel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return MuJoCo's state as q (nq,) and v (nv,) of Pinocchio."""
         pinocchio = JointState(np.zeros(self._nq), np.zeros(self._nv))
+        pinocchio.v[self._v] = qvel[self._dof]
         for joint in self._joints:
             joint.read(JointState(qpos, qvel), pinocchio)
         return pinocchio

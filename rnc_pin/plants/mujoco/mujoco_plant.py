@@ -9,29 +9,15 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.errors import DivergenceError, InputError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants.mujoco.actuator_mapping import ActuatorMapping
-from rnc_pin.plants.mujoco.base_support import choose_support
-from rnc_pin.plants.mujoco.body_tree import BodyTree
-from rnc_pin.plants.mujoco.contact_bodies import common_plane, contact_bodies, on_one_plane
+from rnc_pin.plants.mujoco.body_tree import BodyTree, add_equalities, joint_equalities
+from rnc_pin.plants.mujoco.contact_bodies import choose_support, common_plane, contact_bodies, on_one_plane
 from rnc_pin.plants.mujoco.engine import mujoco
-from rnc_pin.plants.mujoco.equalities import EqualityConstraints
 from rnc_pin.plants.mujoco.ground import Ground, add_ground
 from rnc_pin.plants.mujoco.joint_coordinates import RobotCoordinates
 from rnc_pin.plants.mujoco.settings import MuJoCoSettings
 from rnc_pin.plants.mujoco.velocity_servos import VelocityServos
-from rnc_pin.robots.sources.mujoco_log import unlogged
+from rnc_pin.robots.sources.description import unlogged
 
-_INTEGRATORS = {
-    "RK4": mujoco.mjtIntegrator.mjINT_RK4,
-    "Euler": mujoco.mjtIntegrator.mjINT_EULER,
-    "implicit": mujoco.mjtIntegrator.mjINT_IMPLICIT,
-    "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
-}
-_SOLVERS = {
-    "Newton": mujoco.mjtSolver.mjSOL_NEWTON,
-    "CG": mujoco.mjtSolver.mjSOL_CG,
-    "PGS": mujoco.mjtSolver.mjSOL_PGS,
-}
-_CONES = {"elliptic": mujoco.mjtCone.mjCONE_ELLIPTIC, "pyramidal": mujoco.mjtCone.mjCONE_PYRAMIDAL}
 _SLOW = 1e-2  # speed scale of regularized friction on frames [rad/s or m/s]
 _WHOLE = 1e-9  # tolerance of the number of steps
 
@@ -98,7 +84,7 @@ class MuJoCoPlant:
         spec = mujoco.MjSpec()
         tree = BodyTree(spec, robot, support.root, self.settings.joint_limits)
         add_ground(spec, tree, [*contacts, *support.casters], self.settings, plane)
-        equalities = EqualityConstraints(spec, tree, blocks, self.settings)
+        couplers = add_equalities(spec, tree, blocks, self.settings)
         self._set_options(spec.option)
         self._inputs = ActuatorMapping(reduced, contacts, q, plane.axes[2])
         self.servos = None
@@ -108,7 +94,7 @@ class MuJoCoPlant:
         self.data = mujoco.MjData(self.model)
         joints = tree.finish(self.model, self.data, self.settings.joint_damping)
         self._joints = RobotCoordinates(joints, robot.nq, robot.nv)
-        self._equalities = equalities.compiled(self.model)
+        self._equalities = joint_equalities(self.model, couplers)
         if self.servos is not None:
             self.servos.compiled(self.model, self.data)
         self._ground = Ground(self.model, self.data, [*contacts, *support.casters], self.settings, plane)
@@ -123,8 +109,9 @@ class MuJoCoPlant:
 
     def _set_options(self, option: mujoco.MjOption) -> None:
         chosen = self.settings
-        option.integrator, option.solver = _INTEGRATORS[chosen.integrator], _SOLVERS[chosen.solver]
-        option.cone = _CONES[chosen.cone]
+        option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{chosen.integrator.upper()}")
+        option.solver = getattr(mujoco.mjtSolver, f"mjSOL_{chosen.solver.upper()}")
+        option.cone = getattr(mujoco.mjtCone, f"mjCONE_{chosen.cone.upper()}")
         option.iterations, option.tolerance, option.timestep = chosen.iterations, chosen.tolerance, chosen.step
         option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
 

@@ -19,6 +19,7 @@ import pinocchio as pin
 
 from rnc_pin.control.actuator_velocity import check_velocity_actuation, velocity_from_actuators
 from rnc_pin.errors import ConfigurationError, few
+from rnc_pin.math.linear_algebra import null_space
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants.mujoco.actuator_mapping import ActuatorMapping
@@ -117,7 +118,7 @@ class VelocityServos:
     def reset(self, q: np.ndarray) -> None:
         """Restart with zero commands; the integral action holds the robot at rest at a configuration (nq,)."""
         at, model = self._reduced.at(q), self._reduced.robot.model
-        basis, chosen = _admissible(at), [*self._joint_columns, *self._force_columns]
+        basis, chosen = null_space(at.A), [*self._joint_columns, *self._force_columns]
         weight = basis.T @ pin.computeGeneralizedGravity(model, model.createData(), q)
         holding = np.linalg.lstsq(basis.T @ at.B[:, chosen], weight, rcond=None)[0]
         count = len(self._joint_columns)
@@ -181,19 +182,14 @@ class VelocityServos:
         if not len(self._wheel_columns):
             T[rest] = np.linalg.lstsq(at.B[:, rest], generalized, rcond=None)[0]
             return T
-        basis = _admissible(at)
+        basis = null_space(at.A)
         T[rest] = np.linalg.lstsq(basis.T @ at.B[:, rest], basis.T @ generalized, rcond=None)[0]
         return T
 
 
-def _admissible(at: ConfigurationEvaluation) -> np.ndarray:
-    """Return a basis (nv, r) of the admissible velocities."""
-    return np.linalg.svd(at.A)[2][np.linalg.matrix_rank(at.A) :].T if len(at.A) else np.eye(len(at.M))
-
-
 def _inertias(at: ConfigurationEvaluation, directions: np.ndarray, names: Sequence[str]) -> np.ndarray:
     """Return the inertia of the constrained robot along directions (nv, k)."""
-    basis = _admissible(at)
+    basis = null_space(at.A)
     along = basis.T @ directions
     mobility = np.vecdot(along.T, np.linalg.solve(basis.T @ at.M @ basis, along).T)
     stuck = [name for name, each in zip(names, mobility, strict=True) if each < _SLOWEST]

@@ -1,1 +1,5 @@
 """Readers of robot descriptions: URDF, xacro and MJCF, with reports of what Pinocchio ignores."""
+
+from rnc_pin.lazy_exports import lazy_exports
+
+__getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import ModuleType
 from typing import Literal, NamedTuple
 from xml.etree import ElementTree
 
@@ -20,7 +21,6 @@ from rnc_pin.errors import ModelError, nearest
 from rnc_pin.io.safe_read import read_bytes
 from rnc_pin.io.safe_xml import parse_tree
 
-GEOMETRY = {"visual": pin.GeometryType.VISUAL, "collision": pin.GeometryType.COLLISION}
 ROOT_JOINTS: Mapping[str, Callable[[], object] | None] = {
     "fixed": None,
     "planar": pin.JointModelPlanar,
@@ -161,16 +161,6 @@ def brief(error: Exception) -> str:
 
 
 @contextmanager
-def geometry_errors(path: Path) -> Iterator[None]:
-    """Convert any exception during the loading of geometry into a ModelError of one line."""
-    try:
-        with captured_stderr():
-            yield
-    except Exception as error:  # Boost.Python raises whatever the C++ side threw
-        raise ModelError(f"{path}: geometry cannot be loaded: {brief(error)}") from None
-
-
-@contextmanager
 def captured_stderr() -> Iterator[list[str]]:
     """Collect what C++ code prints on file descriptor 2, where urdfdom reports errors."""
     lines: list[str] = []
@@ -185,3 +175,18 @@ def captured_stderr() -> Iterator[list[str]]:
             os.close(saved)
             sink.seek(0)
             lines += sink.read().decode(errors="replace").splitlines()
+
+
+@contextmanager
+def unlogged(mujoco: ModuleType) -> Iterator[None]:
+    """Prevent MuJoCo from writing MUJOCO_LOG.TXT to the working directory; important faults raise errors here."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(_ignore)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
+
+
+def _ignore(message: str) -> None:
+    """Ignore a warning: states and models are checked after every step, with own error messages."""

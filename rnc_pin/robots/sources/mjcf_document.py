@@ -1,16 +1,28 @@
-"""XML of an MJCF file as MuJoCo may see it: its own files only, checked numbers, bounded size, no plugins."""
+"""XML of an MJCF file as MuJoCo may see it, and its compilation by MuJoCo, the optional extra ``mujoco``.
+
+MuJoCo sees only files of the description, checked numbers and a bounded size, and no plugins.
+"""
 
 from __future__ import annotations
 
 import os
+import re
+import warnings
 from pathlib import Path
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
-from rnc_pin.errors import ModelError
+from rnc_pin.errors import ModelError, nearest
+from rnc_pin.extras import missing_extra
 from rnc_pin.io.safe_read import LARGEST
-from rnc_pin.robots.sources.containment import AllowedFolders
-from rnc_pin.robots.sources.description import parse_xml
+from rnc_pin.robots.sources.description import brief, captured_stderr, parse_xml, unlogged
+from rnc_pin.robots.sources.description_files import AllowedFolders
+from rnc_pin.robots.sources.mjcf_geometry import MeshAssets
+from rnc_pin.robots.sources.mjcf_model import SMALLEST
 from rnc_pin.robots.sources.numeric_checks import check_numbers
+
+if TYPE_CHECKING:
+    import mujoco
 
 _GENERATORS = ("composite", "flexcomp", "attach")
 _MOST_ELEMENTS = 20_000  # after expansion of <replicate>
@@ -77,8 +89,8 @@ def _resolve_assets(root: ElementTree.Element, path: Path, allowed: AllowedFolde
     for compiler in root.findall("compiler"):
         both = compiler.attrib.pop("assetdir", None)
         for kind in folders:
-            said = compiler.attrib.pop(f"{kind}dir", both)
-            folders[kind] = folders[kind] if said is None else said
+            folder = compiler.attrib.pop(f"{kind}dir", both)
+            folders[kind] = folders[kind] if folder is None else folder
         stripped = compiler.attrib.pop("strippath", str(stripped).lower()) == "true"
     for asset in root.findall("asset/*"):
         name = asset.get("file")
@@ -169,3 +181,61 @@ def _check_numbers(root: ElementTree.Element, path: Path) -> None:
             if key in _COUNTS:
                 where = f'<{element.tag} name="{element.get("name")}">' if element.get("name") else f"<{element.tag}>"
                 check_numbers(text, _COUNTS[key], f"{path}: {where}: {key}")
+
+
+# ---------------------------------------------------------------------- compilation
+
+
+def compile_document(root: ElementTree.Element, path: Path, assets: MeshAssets) -> mujoco.MjModel:
+    """Return the ``mujoco.MjModel`` of a file.
+
+    A moving body without mass is compiled with the smallest one, because its joint may be locked.
+
+    Args:
+        root: root element of the file, reduced to what MuJoCo may see, without meshes.
+        path: path of the file, for messages.
+        assets: meshes of the file.
+
+    Raises:
+        ModelError: MuJoCo is not installed, or refuses the file.
+    """
+    try:
+        import mujoco
+    except ImportError:
+        raise ModelError(f"{path}: MuJoCo compiles MJCF. {missing_extra('mujoco')}") from None
+    try:
+        with captured_stderr(), unlogged(mujoco), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                return _compile(root, assets)
+            except ValueError as error:
+                if "mjMINVAL" not in str(error):
+                    raise
+                bounds = {"boundmass": str(SMALLEST), "boundinertia": str(SMALLEST)}
+                root.insert(0, ElementTree.Element("compiler", bounds))
+                return _compile(root, assets)
+    except ModelError:
+        raise
+    except Exception as error:  # raised by its C code
+        raise ModelError(f"{path}: {_explained(brief(error), root)}") from None
+
+
+def _compile(root: ElementTree.Element, assets: MeshAssets) -> mujoco.MjModel:
+    import mujoco
+
+    spec = mujoco.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"))
+    assets.put_in(spec)
+    return spec.compile()
+
+
+def _explained(message: str, root: ElementTree.Element) -> str:
+    """Text of an error of MuJoCo, with the name of the file that is nearest to an unknown one."""
+    text, _, place = message.replace("XML Error:", "").replace("Error:", "").partition("Element")
+    text, named = " ".join(text.split()), re.search("'([^']+)'", place)
+    text += "" if named is None else f" (element '{named[1]}')"
+    unknown = re.search("'([^']+)'", text)
+    if unknown is not None and ("unknown" in text or "not found" in text):
+        names = {each.get("name", "") for each in root.iter()} - {""}
+        names |= {"main", *(each.get("class", "main") for each in root.iter("default"))}
+        text += nearest(unknown[1], sorted(names))
+    return text

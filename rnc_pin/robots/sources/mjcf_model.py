@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -11,13 +11,17 @@ import pinocchio as pin
 from rnc_pin.errors import ModelError, few
 from rnc_pin.printing import counted
 from rnc_pin.robots.sources.description import ROOT_JOINTS
-from rnc_pin.robots.sources.mjcf_compiler import SMALLEST
 from rnc_pin.robots.sources.numeric_checks import check_not_negative
+
+if TYPE_CHECKING:
+    import mujoco
 
 FREE, BALL, SLIDE, HINGE = range(4)
 _ALIGNED = {HINGE: (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)}
 _ALIGNED[SLIDE] = (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ)
 _SKEW = {HINGE: pin.JointModelRevoluteUnaligned, SLIDE: pin.JointModelPrismaticUnaligned}
+SMALLEST = 1e-15
+"""Smallest mass [kg] and moment of inertia [kg m^2] of a moving body in MuJoCo (mjMINVAL)."""
 _QUATERNION = 1.01  # limit of its entries, as in Pinocchio
 
 
@@ -58,7 +62,7 @@ class ModelBuilder:
         ModelError: the base cannot be replaced, or a joint has an impossible name, range or damping.
     """
 
-    def __init__(self, compiled: Any, name: str, base: str | None) -> None:
+    def __init__(self, compiled: mujoco.MjModel, name: str, base: str | None) -> None:
         self._compiled, self._base = compiled, base
         self._make_root = ROOT_JOINTS[base or "fixed"]
         self.model = pin.Model()

@@ -13,11 +13,10 @@ import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning, argument, few, nearest
 from rnc_pin.robots.sources.description import ROOT_JOINTS, Description, Mimic, captured_stderr, check_base, parse_xml
+from rnc_pin.robots.sources.description_files import Packages
 from rnc_pin.robots.sources.numeric_checks import check_not_negative, check_numbers, read_number, read_numbers
-from rnc_pin.robots.sources.packages import Packages
 from rnc_pin.robots.sources.rounding import Roundings
-from rnc_pin.robots.sources.urdf_inertias import bodies_of, give_masses
-from rnc_pin.robots.sources.urdf_meshes import Meshes
+from rnc_pin.robots.sources.urdf_links import Meshes, bodies_of, give_masses
 from rnc_pin.robots.sources.urdf_repairs import ENDLESS, repair
 from rnc_pin.robots.sources.xacro import expand, has_macros, is_xacro
 
@@ -90,7 +89,7 @@ def read_urdf(
         bodies,
         packages.found,
         packages.far,
-        packages.allowed.folders,
+        packages.folders,
     )
 
 
@@ -134,19 +133,15 @@ def _snap(root: ElementTree.Element) -> list[str]:
     it.
     """
     roundings = Roundings()
-    for link in root.findall("link"):
-        origin = link.find("inertial/origin")
-        if origin is not None and read_numbers(origin.get("rpy"), 3) is not None:
-            origin.set("rpy", roundings.angles_of(origin.get("rpy", ""), f"inertia of link '{link.get('name')}'"))
-    for joint in root.findall("joint"):
-        where = f"joint '{joint.get('name')}'"
-        for tag, key, exact in (
-            ("origin", "rpy", roundings.angles_of),
-            ("axis", "xyz", roundings.direction),
-        ):
-            element = joint.find(tag)
+    for owner, path, key, exact, where in (
+        ("link", "inertial/origin", "rpy", roundings.angles_of, "inertia of link"),
+        ("joint", "origin", "rpy", roundings.angles_of, "joint"),
+        ("joint", "axis", "xyz", roundings.direction, "joint"),
+    ):
+        for each in root.findall(owner):
+            element = each.find(path)
             if element is not None and read_numbers(element.get(key), 3) is not None:
-                element.set(key, exact(element.get(key, ""), where))
+                element.set(key, exact(element.get(key, ""), f"{where} '{each.get('name')}'"))
     words = roundings.words()
     return [words] if words else []
 

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections import defaultdict
 from pathlib import Path
+from typing import TypeAlias
 from xml.etree import ElementTree
 
 from rnc_pin.errors import ModelError, few
 from rnc_pin.robots.sources.numeric_checks import read_number, read_numbers
 from rnc_pin.robots.sources.rounding import PRECISION
+
+Notes: TypeAlias = defaultdict[str, list[str]]
+"""Change of the model to the places where it was made, in words."""
 
 ENDLESS = 1e300
 """Value for an infinite limit in the XML: urdfdom does not read ``inf``."""
@@ -32,37 +36,42 @@ def repair(root: ElementTree.Element, path: Path) -> list[str]:
     Raises:
         ModelError: numbers with a decimal comma, or a planar joint in another plane than its own x-y plane.
     """
-    notes = [*_name(root, path), *_numbers(root, path), *_inertials(root), *_geometry(root)]
-    notes += [*_limits(root), *_world(root), *_planar(root, path), *_duplicates(root)]
+    notes: Notes = defaultdict(list)
+    _name(root, path, notes)
+    _numbers(root, path, notes)
+    _inertials(root, notes)
+    _geometry(root, notes)
+    _limits(root, notes)
+    _world(root, notes)
+    _planar(root, path, notes)
+    _duplicates(root, notes)
     _drop_unused(root)
-    return notes
+    return [f"{change} {few(places)}" if places else change for change, places in notes.items()]
 
 
-def _name(root: ElementTree.Element, path: Path) -> Iterator[str]:
+def _name(root: ElementTree.Element, path: Path, notes: Notes) -> None:
     if root.get("name", "").strip():
         return
     name = path.name
     while name.endswith(_INSTALLED):
         name = name.rpartition(".")[0]
     root.set("name", name)
-    yield f"<robot> has no name and is called '{name}' after its file"
+    notes[f"<robot> has no name and is called '{name}' after its file"] = []
 
 
-def _numbers(root: ElementTree.Element, path: Path) -> Iterator[str]:
+def _numbers(root: ElementTree.Element, path: Path, notes: Notes) -> None:
     """Repair lists of numbers: commas, a single scale, colours without opacity, too many numbers, empty attributes."""
-    cut = []
     for owner in [each for tag in ("link", "joint", "material") for each in root.findall(tag)]:
         for element in owner.iter():
+            where = f"<{element.tag}> of {owner.tag} '{owner.get('name')}'"
             for key, text in list(element.attrib.items()):
                 count = _COUNTS.get(key)
                 if count is None:
                     if re.fullmatch(r"\s*[+-]?\d*,\d+\s*", text) and key not in ("name", "filename"):
-                        where = f"<{element.tag}> of {owner.tag} '{owner.get('name')}'"
                         raise ModelError(f"{path}: {where}: {key} is '{text}': write a point for its decimals")
                     continue
                 words = text.split()
                 if any("," in word.strip(",") for word in words) and len(words) == count:
-                    where = f"<{element.tag}> of {owner.tag} '{owner.get('name')}'"
                     raise ModelError(f"{path}: {where}: {key} is '{text}': write a point for the decimals")
                 words = text.replace(",", " ").split()
                 if not words:
@@ -77,10 +86,9 @@ def _numbers(root: ElementTree.Element, path: Path) -> Iterator[str]:
                 if len(words) > count and read_numbers(" ".join(words)) is not None:
                     words = words[:count]
                     if key != "scale":
-                        cut.append(f"{key} of {owner.tag} '{owner.get('name')}'")
+                        cut = f"{key} of {owner.tag} '{owner.get('name')}'"
+                        notes["has too many numbers, the last are ignored:"].append(cut)
                 element.set(key, " ".join(words))
-    if cut:
-        yield f"has too many numbers, the last are ignored: {few(cut)}"
 
 
 def _opaque(word: str) -> str:
@@ -89,29 +97,24 @@ def _opaque(word: str) -> str:
     return "1" if value is not None and 1 < value <= 1 + PRECISION else word
 
 
-def _inertials(root: ElementTree.Element) -> Iterator[str]:
+def _inertials(root: ElementTree.Element, notes: Notes) -> None:
     """Complete inertials: urdfdom requires the mass, the inertia and its six numbers."""
-    without, points = [], []
     for link in root.findall("link"):
         for inertial in link.findall("inertial"):
             if inertial.find("mass") is None:
                 link.remove(inertial)
-                without.append(str(link.get("name")))
+                notes["<inertial> without a mass is left out: link"].append(str(link.get("name")))
                 continue
             inertia = inertial.find("inertia")
             if inertia is None:
                 inertia = ElementTree.SubElement(inertial, "inertia")
-                points.append(str(link.get("name")))
+                notes["<inertial> without an <inertia> is taken as a point: link"].append(str(link.get("name")))
             for key in _PRODUCTS:
                 inertia.set(key, inertia.get(key, "0"))
-    if without:
-        yield f"<inertial> without a mass is left out: link {few(without)}"
-    if points:
-        yield f"<inertial> without an <inertia> is taken as a point: link {few(points)}"
 
 
-def _geometry(root: ElementTree.Element) -> Iterator[str]:
-    left_out = []
+def _geometry(root: ElementTree.Element, notes: Notes) -> None:
+    unknown = f"has unknown geometry, which is ignored (expected one of {', '.join(_SHAPES)}):"
     for link in root.findall("link"):
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             capsule = shape.find("geometry/capsule")
@@ -122,18 +125,15 @@ def _geometry(root: ElementTree.Element) -> Iterator[str]:
                     capsule.set("length", repr(length + 2 * radius))
             if not any(shape.find(f"geometry/{kind}") is not None for kind in _SHAPES):
                 link.remove(shape)
-                left_out.append(f"<{shape.tag}> of '{link.get('name')}'")
-    if left_out:
-        yield f"has unknown geometry, which is ignored (expected one of {', '.join(_SHAPES)}): {few(left_out)}"
+                notes[unknown].append(f"<{shape.tag}> of '{link.get('name')}'")
 
 
-def _limits(root: ElementTree.Element) -> Iterator[str]:
+def _limits(root: ElementTree.Element, notes: Notes) -> None:
     """Complete limits.
 
     Simulators take a lower limit above the upper one, and a negative effort or velocity, for no limit. A range that the
     file does not state is none either, although urdfdom takes it for 0 to 0.
     """
-    ranges, others, upside_down, negative, unstated = [], [], [], [], []
     for joint in root.findall("joint"):
         name = str(joint.get("name"))
         limit = joint.find("limit")
@@ -142,11 +142,11 @@ def _limits(root: ElementTree.Element) -> Iterator[str]:
                 continue
             limit = ElementTree.SubElement(joint, "limit")
             _open(limit)
-            ranges.append(name)
+            notes["has no <limit> and is taken as unlimited: joint"].append(name)
         elif joint.get("type") != "fixed" and any(limit.get(key) is None for key in ("effort", "velocity")):
-            others.append(name)
+            notes["has no limit of effort or velocity, which is taken as infinite: joint"].append(name)
         if any((read_number(limit.get(key)) or 0.0) < 0 for key in ("effort", "velocity")):
-            negative.append(name)
+            notes["has a negative limit of effort or velocity, which is taken as infinite: joint"].append(name)
         for key in ("effort", "velocity"):
             if limit.get(key) is None or (read_number(limit.get(key)) or 0.0) < 0:
                 limit.set(key, repr(ENDLESS))
@@ -155,20 +155,10 @@ def _limits(root: ElementTree.Element) -> Iterator[str]:
         lower, upper = (read_number(limit.get(key)) or 0.0 for key in ("lower", "upper"))
         if lower > upper:
             _open(limit)
-            upside_down.append(name)
+            notes["has a lower limit above the upper and is taken as unlimited: joint"].append(name)
         elif lower == upper and None in (limit.get("lower"), limit.get("upper")):
             _open(limit)
-            unstated.append(name)
-    if ranges:
-        yield f"has no <limit> and is taken as unlimited: joint {few(ranges)}"
-    if others:
-        yield f"has no limit of effort or velocity, which is taken as infinite: joint {few(others)}"
-    if negative:
-        yield f"has a negative limit of effort or velocity, which is taken as infinite: joint {few(negative)}"
-    if unstated:
-        yield f"has a <limit> without lower and upper and is taken as unlimited: joint {few(unstated)}"
-    if upside_down:
-        yield f"has a lower limit above the upper and is taken as unlimited: joint {few(upside_down)}"
+            notes["has a <limit> without lower and upper and is taken as unlimited: joint"].append(name)
 
 
 def _open(limit: ElementTree.Element) -> None:
@@ -176,43 +166,38 @@ def _open(limit: ElementTree.Element) -> None:
     limit.set("upper", repr(ENDLESS))
 
 
-def _world(root: ElementTree.Element) -> Iterator[str]:
+def _world(root: ElementTree.Element, notes: Notes) -> None:
     """Add the link ``world`` if it is a parent but not in the file, as in some simulators."""
     links = [link.get("name") for link in root.findall("link")]
     if "world" not in links and any(end.get("link") == "world" for end in root.findall("joint/parent")):
         root.insert(0, ElementTree.Element("link", {"name": "world"}))
-        yield "names 'world' as a parent, which is added as a link"
+        notes["names 'world' as a parent, which is added as a link"] = []
 
 
-def _planar(root: ElementTree.Element, path: Path) -> Iterator[str]:
+def _planar(root: ElementTree.Element, path: Path, notes: Notes) -> None:
     """Check planar joints: Pinocchio moves them in their own x-y plane, whatever their axis."""
-    without = []
     for joint in root.findall("joint[@type='planar']"):
         axis = joint.find("axis")
         numbers = None if axis is None else read_numbers(axis.get("xyz"))
         if numbers is None:
-            without.append(str(joint.get("name")))
+            notes["planar joint without an axis, which moves in its x-y plane:"].append(str(joint.get("name")))
         elif numbers.size == 3 and numbers[:2].any():
             raise ModelError(
                 f"{path}: planar joint '{joint.get('name')}' has axis '{axis.get('xyz')}', which is not supported: "  # type: ignore[union-attr]
                 "rotate its origin so that its axis is '0 0 1'"
             )
-    if without:
-        yield f"planar joint without an axis, which moves in its x-y plane: {few(without)}"
 
 
-def _duplicates(root: ElementTree.Element) -> Iterator[str]:
+def _duplicates(root: ElementTree.Element, notes: Notes) -> None:
     """Remove all but the first of elements that are valid only once."""
     for owner, tags in _ONCE.items():
         for tag in tags:
-            names = []
             for each in root.findall(owner):
                 others = each.findall(tag)[1:]
                 for other in others:
                     each.remove(other)
-                names += [str(each.get("name"))] if others else []
-            if names:
-                yield f"has a second <{tag}>, which is left out: {owner} {few(names)}"
+                if others:
+                    notes[f"has a second <{tag}>, which is left out: {owner}"].append(str(each.get("name")))
 
 
 def _drop_unused(root: ElementTree.Element) -> None:

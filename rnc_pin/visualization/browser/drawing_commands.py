@@ -18,8 +18,7 @@ from rnc_pin.visualization.browser.access import LOOPBACK
 from rnc_pin.visualization.browser.page import recorded_page
 
 if TYPE_CHECKING:
-    from rnc_pin.visualization.browser.command_socket import Receiver
-    from rnc_pin.visualization.browser.scene_server import SceneServer
+    from rnc_pin.visualization.browser.scene_server import Receiver, SceneServer
 
 Key = tuple[str, str]
 """Path of a node, and the kind of command: object, transform, one property, ..."""
@@ -94,17 +93,7 @@ class SceneWindow:
         path = "/".join(part for part in str(command.get("path", "")).split("/") if part)
         kind = str(command["type"])
         key = path, f"{kind} {command['property']}" if kind == "set_property" else kind
-        self._put(key, umsgpack.packb(command, force_float_precision="single" if single else "double"))
-
-    def post_packed(self, path: str, kind: str, data: bytes) -> None:
-        """Send a drawing command that is already packed.
-
-        Args:
-            path: path of the node.
-            kind: type of the command.
-            data: the command in MessagePack.
-        """
-        self._put((path, kind), data)
+        self.put(key, umsgpack.packb(command, force_float_precision="single" if single else "double"))
 
     def place(self, path: str, matrix: np.ndarray) -> None:
         """Set the transform (4, 4) of a node, at a tenth of the cost of ``post``; every frame sets all transforms."""
@@ -114,7 +103,7 @@ class SceneWindow:
             head = self._heads[path] = b"\x83" + b"".join(words) + b"\xdc\x00\x10"
         numbers = np.empty(16, _PACKED_FLOAT)
         numbers["mark"], numbers["value"] = 0xCB, matrix.T.ravel()
-        self._put((path.strip("/"), "set_transform"), head + numbers.tobytes())
+        self.put((path.strip("/"), "set_transform"), head + numbers.tobytes())
 
     @contextmanager
     def batched(self) -> Iterator[None]:
@@ -126,7 +115,8 @@ class SceneWindow:
             gathered, self._gathered = self._gathered, None
             self._pass_on(gathered)
 
-    def _put(self, key: Key, data: bytes) -> None:
+    def put(self, key: Key, data: bytes) -> None:
+        """Send a drawing command that is already packed in MessagePack."""
         if self._gathered is None:
             self._pass_on([(key, data)])
         else:

@@ -97,6 +97,11 @@
     for (const gain in given.gains) {
       slider(more, gain, given.gains[gain], (value) => ({ kind: "gain", gain, value }));
     }
+    // Meshcat's own controls would cover this panel, with the button that stops the robot.
+    const scene = make("details", panel);
+    make("summary", scene, "Scene");
+    scene.append(viewer.gui.domElement);
+    viewer.gui.open();
     show_messages();
   }
 

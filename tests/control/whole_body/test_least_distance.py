@@ -8,8 +8,7 @@ from scipy.optimize import LinearConstraint, minimize
 
 from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
 from rnc_pin.control.whole_body.limit_stack import ProgramBounds
-from rnc_pin.control.whole_body.sampled_damping import SampledDamping, column_norms
-from rnc_pin.control.whole_body.task_hierarchy import TaskLevel, solve_cascade
+from rnc_pin.control.whole_body.task_hierarchy import SampledDamping, TaskLevel, column_norms, solve_cascade
 
 
 @pytest.mark.parametrize("by_name", [False, True])
@@ -17,7 +16,7 @@ def test_nearest_points_satisfy_the_conditions_of_optimality(by_name):
     """Rows with a bound above, below, at both sides and none; the solvers of ``qpsolvers`` know one side only."""
     solver, generator, active = LeastDistanceSolver(), np.random.default_rng(2), np.zeros(2, dtype=int)
     if by_name:
-        solver._qpsolvers = qpsolvers  # whose own daqp is installed wherever the package is
+        solver._package, solver._by_name = qpsolvers, True  # whose own daqp is installed wherever the package is
     for _ in range(4):
         goal, rows = 3.0 * generator.normal(size=4), generator.normal(size=(5, 4))
         lower, upper = np.array([-np.inf, -0.5, -0.6, -np.inf, -0.2]), np.array([0.3, np.inf, 0.4, np.inf, 0.1])

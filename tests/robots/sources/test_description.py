@@ -8,8 +8,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.robots.robot_files import shipped_directory
-from rnc_pin.robots.sources.containment import package_name
-from rnc_pin.robots.sources.packages import Packages
+from rnc_pin.robots.sources.description_files import Packages, package_name
 from tolerances import ROUNDING
 
 XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'

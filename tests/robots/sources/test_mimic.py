@@ -8,9 +8,9 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
+from rnc_pin.applications.scenario.builder import build_experiment
+from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.robots.sources.description import Mimic
-from rnc_pin.scenario.builder import build_experiment
-from rnc_pin.scenario.loading import validate
 
 LINK = (
     '<link name="{0}"><inertial><origin xyz="0.2 0 0"/><mass value="1"/>'

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.robots.sources.mujoco_log import unlogged
+from rnc_pin.robots.sources.description import unlogged
 
 SHORT = """<mujoco><include file="parts/defaults.xml"/><compiler settotalmass="6" meshdir="parts" angle="degree"/>
 <asset><mesh name="wedge" file="wedge.obj" scale="1 2 0.5"/><material name="red" rgba="1 0 0 1"/></asset><worldbody>

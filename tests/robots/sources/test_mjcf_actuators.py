@@ -3,8 +3,8 @@
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.scenario.draft import scenario_candidate
-from rnc_pin.scenario.files import read_yaml
+from rnc_pin.applications.init import scenario_candidate
+from rnc_pin.applications.scenario.files import read_yaml
 
 GEOM = '<geom type="capsule" fromto="0 0 0 0 0 .4" size=".03" mass="1"/>'
 ARM = f"""<mujoco><worldbody><body><joint name="a" axis="0 1 0"/>{GEOM}

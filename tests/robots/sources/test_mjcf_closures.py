@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
+from rnc_pin.applications.scenario.files import read_yaml
 from rnc_pin.model.kinematics import Kinematics
-from rnc_pin.scenario.files import read_yaml
 from tolerances import ROUNDING
 
 TREE = """<mujoco><compiler angle="radian"/>{head}<worldbody><site name="w" pos="0.2 0.1 0" euler="0.1 0.2 0.3"/>

@@ -13,14 +13,14 @@ import pytest
 
 import rnc_pin as rnc
 from patience import ending_within
-from rnc_pin.app.commands.inspect import print_report
-from rnc_pin.app.tables import print_summary
+from rnc_pin.applications.command_line.commands.inspect import print_report
+from rnc_pin.applications.command_line.tables import print_summary
+from rnc_pin.applications.scenario.files import parse_option, read_yaml
+from rnc_pin.applications.scenario.saved_run import load_run
 from rnc_pin.control.jacobian_transpose import effective_inertia
 from rnc_pin.errors import nearest
 from rnc_pin.io.json import dump_json
 from rnc_pin.robots.robot_files import shipped_directory
-from rnc_pin.scenario.files import parse_option, read_yaml
-from rnc_pin.scenario.saved_run import load_run
 from rnc_pin.visualization.meshcat_robot import MeshVisualizer
 
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'

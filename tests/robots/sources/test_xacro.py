@@ -14,13 +14,13 @@ from xacro import substitution_args
 import rnc_pin as rnc
 from patience import ending_within
 from places import ROOT
-from rnc_pin.robots.sources.packages import Packages
+from rnc_pin.robots.sources.description_files import Packages
 from rnc_pin.robots.sources.urdf import CHILDREN
 from rnc_pin.robots.sources.xacro import expand
 from rnc_pin.robots.sources.xacro.bounded_values import admit
+from rnc_pin.robots.sources.xacro.definitions import read_macro
 from rnc_pin.robots.sources.xacro.expressions import evaluate
 from rnc_pin.robots.sources.xacro.functions import builtins
-from rnc_pin.robots.sources.xacro.macros import read_macro
 
 XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
 HERE = ROOT / "tests"

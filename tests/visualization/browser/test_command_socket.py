@@ -11,7 +11,7 @@ from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import WebSocketClosedError, websocket_connect
 
 from patience import PATIENCE
-from rnc_pin.visualization.browser import command_socket
+from rnc_pin.visualization.browser import scene_server
 from rnc_pin.visualization.browser.drawing_commands import SceneWindow
 
 
@@ -91,7 +91,7 @@ def test_a_flood_is_dropped_and_a_long_message_ends_the_connection(served, monke
         call = next(calls)
         return float((call > 250) + (call > 301))
 
-    monkeypatch.setattr(command_socket, "time", SimpleNamespace(monotonic=clock))
+    monkeypatch.setattr(scene_server, "time", SimpleNamespace(monotonic=clock))
     expected = [1] * (199 + 50) + [2]
     assert sent(host, [first, *["1"] * 300, "2"], lambda: received[-1:] == [2]) is None
     assert received == expected

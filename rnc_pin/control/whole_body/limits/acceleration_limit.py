@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from rnc_pin.control.limited_acceleration import LimitedAcceleration
+from rnc_pin.control.controller import LimitedAcceleration
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.limits.control_limit import BoundLimit, ControlLimit, LimitRows
 from rnc_pin.control.whole_body.limits.limited_joints import selection_rows
@@ -64,14 +64,14 @@ class AccelerationLimit(ControlLimit):
             )
         limits = np.broadcast_to(largest, len(names)).tolist()
         found = zip(names, columns, limits, strict=True)
-        return tuple(LimitedAcceleration(name, quantity, column, limit) for name, column, limit in found)
+        return tuple(LimitedAcceleration(name, quantity, column, -limit, limit) for name, column, limit in found)
 
 
 class _BoundAccelerations(BoundLimit):
     def __init__(self, limit: AccelerationLimit, reduced: ReducedModel) -> None:
         entries = limit.entries(reduced)
         self.names = tuple(f"{each.name} acceleration" for each in entries)
-        self._largest = np.array([each.largest for each in entries])
+        self._largest = np.array([each.upper for each in entries])
         self._indices = None if limit.joints is None else [each.column for each in entries]
         if self._indices is not None:
             self._jacobian = selection_rows(self._indices, reduced.n)

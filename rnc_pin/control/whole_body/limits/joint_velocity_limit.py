@@ -23,7 +23,7 @@ class JointVelocityLimit(ControlLimit):
     Args:
         joints: names; by default every joint with a velocity limit in the file, or every joint of one degree of freedom
             if ``limit`` is given.
-        limit: limit of all these joints [rad/s or m/s]; that of the file by default.
+        limit: limit of all these joints [rad/s or m/s]; the limits of the file by default.
         margin: share of the limit that stays unused. It covers the change of R within a sample.
 
     Example:

@@ -51,7 +51,7 @@ def limited_velocities(robot: Robot, joints: Sequence[str] | None, limit: float 
     Args:
         robot: the robot.
         joints: names; by default every joint with a limit, or every joint of one degree of freedom if one is given.
-        limit: limit of all of them; that of the robot's file by default.
+        limit: limit of all of them; the limits of the robot's file by default.
 
     Raises:
         ModelError: unknown joint.

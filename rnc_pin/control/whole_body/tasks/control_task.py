@@ -31,7 +31,7 @@ class BoundTask(ABC):
     Attributes:
         names: name of each row, (k,).
         goal_names: names of the outputs that ``goal`` describes; empty if there are none.
-        constant: True if the Jacobian on the full velocity does not depend on the configuration, as that of joints.
+        constant: True if the Jacobian on the full velocity does not depend on the configuration, as for joints.
     """
 
     names: tuple[str, ...]

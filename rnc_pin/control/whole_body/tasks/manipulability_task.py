@@ -8,7 +8,6 @@ import numpy as np
 
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.tasks.control_task import BoundTask, ControlTask, TaskRows
-from rnc_pin.control.whole_body.tasks.unit_motions import along_unit_motions
 from rnc_pin.errors import SingularityError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.rows import OutputKind
@@ -47,12 +46,12 @@ class ManipulabilityTask(ControlTask):
 
 class _BoundManipulability(BoundTask):
     def __init__(self, task: ManipulabilityTask, reduced: ReducedModel) -> None:
-        self._block, self._reduced = task.output.bind(reduced.robot), reduced
+        self._block = task.output.bind(reduced.robot)
         self.names = tuple(f"{name} manipulability" for name in reduced.reducing.names)
         self._gain = task.numbers("gain", task.gain, reduced.r)
 
     def rows(self, sample: ControlSample) -> TaskRows:
-        end, motions = sample.end, along_unit_motions(self._reduced, sample)
+        end, motions = sample.end, sample.along_reducing_outputs()
         J = self._block.jacobian(end.position)
         A = J @ end.R
         try:

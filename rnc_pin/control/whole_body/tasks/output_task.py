@@ -44,11 +44,17 @@ class OutputTask(ControlTask):
     reference: Reference
 
     def bind(self, reduced: ReducedModel) -> BoundOutput:
-        return BoundOutput(self, reduced)
+        return BoundOutput(self, self.output, self.reference, reduced)
 
 
 class BoundOutput(BoundTask):
-    """Output task of one model; ``TaskStack`` evaluates all of them together.
+    """Output that follows a reference, for one model; ``TaskStack`` evaluates all of them together.
+
+    Args:
+        task: the task, which has the gain.
+        output: the output.
+        reference: its reference.
+        reduced: the model.
 
     Attributes:
         block: rows of the output.
@@ -56,12 +62,12 @@ class BoundOutput(BoundTask):
         gain: rate of convergence of each row (k,) [1/s]; zero for a quasi-velocity.
     """
 
-    def __init__(self, task: OutputTask, reduced: ReducedModel) -> None:
-        self.block, self.reference = task.output.bind(reduced.robot), task.reference
+    def __init__(self, task: ControlTask, output: OutputKind, reference: Reference, reduced: ReducedModel) -> None:
+        self.block, self.reference = output.bind(reduced.robot), reference
         self._together = OutputsTogether([self], reduced)
         self.names = self.goal_names = self.block.names
         self.constant = isinstance(self.block, ConstantRows)
-        check_size(task.reference, len(self.names), f"'{', '.join(self.names)}'")
+        check_size(reference, len(self.names), f"'{', '.join(self.names)}'")
         self.gain = task.numbers("gain", task.gain, len(self.names)) * (not self.block.quasi)
 
     def rows(self, sample: ControlSample) -> TaskRows:

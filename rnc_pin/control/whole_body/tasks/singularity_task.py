@@ -8,7 +8,6 @@ import numpy as np
 
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.tasks.control_task import BoundTask, ControlTask, TaskRows
-from rnc_pin.control.whole_body.tasks.unit_motions import along_unit_motions
 from rnc_pin.model.reduced_model import ReducedModel
 
 
@@ -26,10 +25,9 @@ class SingularityTask(ControlTask):
 
 class _BoundSingularity(BoundTask):
     def __init__(self, task: SingularityTask, reduced: ReducedModel) -> None:
-        self._reduced = reduced
         self.names = tuple(f"{name} regularity" for name in reduced.reducing.names)
         self._gain = task.numbers("gain", task.gain, reduced.r)
 
     def rows(self, sample: ControlSample) -> TaskRows:
-        rates = along_unit_motions(self._reduced, sample).E_dot
+        rates = sample.along_reducing_outputs().E_dot
         return TaskRows(sample.end.J2, self._gain * np.einsum("ij,sji->s", sample.end.E_inverse, rates))

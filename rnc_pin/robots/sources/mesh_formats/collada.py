@@ -13,7 +13,15 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.io.safe_xml import parse_tree
-from rnc_pin.robots.sources.mesh_formats.mesh import Mesh, MeshError, check_counts, checked_mesh, fans, numbers
+from rnc_pin.robots.sources.mesh_formats.mesh import (
+    Assembly,
+    Mesh,
+    MeshError,
+    check_counts,
+    checked_mesh,
+    fans,
+    numbers,
+)
 
 _MOST_NODES = 100_000  # visited nodes; each instance counts
 _DEEPEST = 100
@@ -48,10 +56,8 @@ class _Scene:
         self._geometries: dict[str, list[Mesh]] = {}
         self._numbers: dict[int, np.ndarray] = {}
         self._read = 0  # number of points read
-        self._vertices: list[np.ndarray] = []
-        self._triangles: list[np.ndarray] = []
         self._extents: dict[ElementTree.Element, tuple[int, int]] = {}
-        self._count = self._faces = 0
+        self._assembly = Assembly()
 
     def mesh(self) -> Mesh:
         """Return all triangles."""
@@ -65,9 +71,7 @@ class _Scene:
             raise MeshError(_TOO_MANY_NODES)
         for node in nodes:
             self._add(node, np.eye(4))
-        if not self._vertices:
-            raise MeshError("has no triangles")
-        return checked_mesh(np.concatenate(self._vertices), np.concatenate(self._triangles))
+        return self._assembly.mesh()
 
     def _named(self, element: ElementTree.Element, key: str) -> ElementTree.Element:
         name = element.get(key, "")
@@ -106,16 +110,9 @@ class _Scene:
                 placement = placement @ _transform(part)
         for part in node.findall("instance_geometry"):
             for mesh in self._geometry(part.get("url", ""), self._named(part, "url")):
-                self._place(mesh, placement)
+                self._assembly.place(mesh, placement)
         for each in self._nodes_of(node):
             self._add(each, placement)
-
-    def _place(self, mesh: Mesh, placement: np.ndarray) -> None:
-        self._triangles.append(mesh.triangles + self._count)
-        self._count += len(mesh.vertices)
-        self._faces += len(mesh.triangles)
-        check_counts(self._count, self._faces)
-        self._vertices.append(mesh.vertices @ placement[:3, :3].T + placement[:3, 3])
 
     def _geometry(self, name: str, geometry: ElementTree.Element) -> list[Mesh]:
         """Return the meshes of a geometry; each is read once."""

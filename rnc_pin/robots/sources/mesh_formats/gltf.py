@@ -5,13 +5,14 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.robots.sources.mesh_formats.mesh import Mesh, MeshError, check_counts, checked_mesh, fans
+from rnc_pin.robots.sources.mesh_formats.mesh import Assembly, Mesh, MeshError, check_counts, checked_mesh, fans
 
+_Json: TypeAlias = Mapping[str, Any]
 _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC3": 3}
 _JSON, _BINARY = 0x4E4F534A, 0x004E4942  # chunk types
@@ -50,7 +51,7 @@ def read_gltf(content: bytes) -> Mesh:
     return _Scene(_document(content), None).mesh()
 
 
-def _document(content: bytes) -> Mapping[str, Any]:
+def _document(content: bytes) -> _Json:
     if sum(map(content.count, (b"[", b"{", b","))) > _MOST_PARTS:
         raise MeshError(f"JSON of more than {_MOST_PARTS:,} parts")
     return json.loads(content)
@@ -64,21 +65,18 @@ class _Scene:
         binary: first buffer of a GLB file.
     """
 
-    def __init__(self, document: Mapping[str, Any], binary: bytes | None) -> None:
+    def __init__(self, document: _Json, binary: bytes | None) -> None:
         self._document, self._binary = document, binary
         self._buffers: dict[int, bytes] = {}
         self._meshes: dict[int, list[Mesh]] = {}
-        self._vertices: list[np.ndarray] = []
-        self._triangles: list[np.ndarray] = []
-        self._nodes = self._count = self._faces = self._points = 0
+        self._assembly = Assembly()
+        self._nodes = self._points = 0
 
     def mesh(self) -> Mesh:
         """Return all triangles."""
         for node in _item(self._document["scenes"], self._document.get("scene", 0))["nodes"]:
             self._add(node, np.eye(4), 0)
-        if not self._vertices:
-            raise MeshError("has no triangles")
-        return checked_mesh(np.concatenate(self._vertices), np.concatenate(self._triangles))
+        return self._assembly.mesh()
 
     def _add(self, index: int, placement: np.ndarray, depth: int) -> None:
         self._nodes += 1
@@ -88,11 +86,7 @@ class _Scene:
         placement = placement @ _transform(node)
         if "mesh" in node:
             for mesh in self._read(node["mesh"]):
-                self._triangles.append(mesh.triangles + self._count)
-                self._count += len(mesh.vertices)
-                self._faces += len(mesh.triangles)
-                check_counts(self._count, self._faces)
-                self._vertices.append(mesh.vertices @ placement[:3, :3].T + placement[:3, 3])
+                self._assembly.place(mesh, placement)
         for child in node.get("children", ()):
             self._add(child, placement, depth + 1)
 
@@ -109,7 +103,7 @@ class _Scene:
             ]
         return self._meshes[index]
 
-    def _corners(self, primitive: Mapping[str, Any], place: int) -> np.ndarray:
+    def _corners(self, primitive: _Json, place: int) -> np.ndarray:
         """Consecutive indices of points (n,)."""
         if "indices" in primitive:
             return self._values(primitive["indices"], "SCALAR").ravel().astype(np.int64)
@@ -175,7 +169,7 @@ def _item(items: Sequence[Any], index: int) -> Any:
     return items[index]
 
 
-def _transform(node: Mapping[str, Any]) -> np.ndarray:
+def _transform(node: _Json) -> np.ndarray:
     """Transform (4, 4) of a node."""
     if "matrix" in node:
         return np.array(node["matrix"], dtype=float).reshape(4, 4).T

@@ -78,6 +78,37 @@ def check_counts(vertices: int, triangles: int) -> None:
         )
 
 
+class Assembly:
+    """Triangles of a scene, collected mesh by mesh."""
+
+    def __init__(self) -> None:
+        self._vertices: list[np.ndarray] = []
+        self._triangles: list[np.ndarray] = []
+        self._count = self._faces = 0
+
+    def place(self, mesh: Mesh, placement: np.ndarray) -> None:
+        """Add a mesh at a placement (4, 4).
+
+        Raises:
+            MeshError: the scene is too large.
+        """
+        self._triangles.append(mesh.triangles + self._count)
+        self._count += len(mesh.vertices)
+        self._faces += len(mesh.triangles)
+        check_counts(self._count, self._faces)
+        self._vertices.append(mesh.vertices @ placement[:3, :3].T + placement[:3, 3])
+
+    def mesh(self) -> Mesh:
+        """Return all triangles.
+
+        Raises:
+            MeshError: there are none.
+        """
+        if not self._vertices:
+            raise MeshError("has no triangles")
+        return checked_mesh(np.concatenate(self._vertices), np.concatenate(self._triangles))
+
+
 def merged(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the unique points (n, 3) of points (m, 3), and the indices (m,) that restore all points."""
     rows = np.ascontiguousarray(points + 0.0)  # -0 and 0 are the same coordinate

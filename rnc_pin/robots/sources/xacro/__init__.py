@@ -5,6 +5,77 @@ The format is that of ``xacro`` 2.1, and the tests compare with it. That library
 listed functions, methods and environment variables are allowed, and time and size are bounded.
 """
 
-from rnc_pin.robots.sources.xacro.expand import expand, has_macros, is_xacro
+from __future__ import annotations
 
-__all__ = ["expand", "has_macros", "is_xacro"]
+import re
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+from xml.etree.ElementTree import Element
+
+from rnc_pin.errors import ModelError, nearest
+from rnc_pin.io.safe_read import read_bytes
+
+if TYPE_CHECKING:
+    from rnc_pin.robots.sources.xacro.substitution import FileAccess
+
+_EXPRESSION = re.compile(r"\$\{|\$\((arg|find|env|optenv|eval|dirname|anon)\b")
+
+
+def is_xacro(path: Path) -> bool:
+    """True if the file name ends in ``.xacro``."""
+    return path.name.endswith(".xacro")
+
+
+def has_macros(root: Element, path: Path) -> bool:
+    """True if a file has a xacro element, or declares the prefix and has an expression of xacro, whatever its name.
+
+    Args:
+        root: root element of the file, parsed as plain XML.
+        path: path of the file.
+    """
+    if any(element.tag.startswith("xacro:") for element in root.iter()):
+        return True
+    used = any(_EXPRESSION.search(text) for element in root.iter() for text in element.attrib.values())
+    return used and b"xmlns:xacro" in read_bytes(path)
+
+
+def expand(
+    path: Path,
+    arguments: Mapping[str, object] | None,
+    access: FileAccess,
+    known: Mapping[str, Collection[str]] = MappingProxyType({}),
+) -> Element:
+    """Return the root element of an expanded xacro file.
+
+    Args:
+        path: path of the file.
+        arguments: values for its ``<xacro:arg>``.
+        access: files and packages that it may name.
+        known: element to the elements that the format knows inside. Others, with the name of a macro, are refused: they
+            are calls without the prefix.
+
+    Raises:
+        ModelError: not XML, an unknown macro, argument, property or package, or a refused expression.
+    """
+    # Most files have no macros: whoever reads one does not wait for the expander.
+    from rnc_pin.robots.sources.xacro.expander import Expander
+    from rnc_pin.robots.sources.xacro.substitution import Arguments
+
+    given = Arguments({str(name): _text(value) for name, value in (arguments or {}).items()})
+    expander = Expander(path, given, access, known)
+    try:
+        root = expander.expand()
+    except RecursionError:
+        raise ModelError(f"{path}: xacro: macros or includes are recursive or nested too deeply") from None
+    except ModelError as error:
+        raise ModelError(f"{path}: xacro: {error}{expander.fault}") from None
+    for name in given:
+        if name not in given.asked:
+            raise ModelError(f"{path}: no xacro argument '{name}'{nearest(name, given.asked)}")
+    return root
+
+
+def _text(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)

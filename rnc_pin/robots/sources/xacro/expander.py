@@ -17,9 +17,16 @@ from xml.etree.ElementTree import Element
 
 from rnc_pin.errors import ModelError, nearest
 from rnc_pin.robots.sources.xacro.bounded_values import Function, Namespace, Value
-from rnc_pin.robots.sources.xacro.documents import PlacedElement, read_document
-from rnc_pin.robots.sources.xacro.macros import Macro, Parameter, read_macro
-from rnc_pin.robots.sources.xacro.scopes import Scope, ScopeNamespace, truth
+from rnc_pin.robots.sources.xacro.definitions import (
+    Macro,
+    Parameter,
+    PlacedElement,
+    Scope,
+    ScopeNamespace,
+    read_document,
+    read_macro,
+    truth,
+)
 from rnc_pin.robots.sources.xacro.substitution import Arguments, FileAccess, Substitution
 
 _PREFIX = "xacro:"
@@ -44,6 +51,7 @@ class Expander:
     ) -> None:
         self._path, self._known = path, known
         self._substitution = Substitution(path, arguments, access)
+        self._value = self._substitution.value
         self._arguments = arguments
         self._depth = 0
         self._called: list[Macro] = []
@@ -86,9 +94,6 @@ class Expander:
             raise
         self._arguments.announce(each for each in root.iter(f"{_PREFIX}arg"))
         return root
-
-    def _value(self, text: str, scope: Scope) -> Value:
-        return self._substitution.value(text, scope)
 
     def _text(self, text: str, scope: Scope) -> str:
         value = self._value(text, scope)

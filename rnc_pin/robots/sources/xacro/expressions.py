@@ -97,24 +97,24 @@ class _Evaluation:
         self._local: dict[str, Value] = {}
 
     def value(self, node: ast.expr) -> Value:
-        """Return the value of a node."""
+        """Return the value of a node; a kind of node without a method of its name is refused."""
         self._budget.spend()
-        compute = _NODES.get(type(node))
+        compute: Callable[[ast.expr], Value] | None = getattr(self, f"visit_{type(node).__name__}", None)
         if compute is None:
             raise _Refusal
-        return compute(self, node)
+        return compute(node)
 
     def _made(self, value: Value) -> Value:
         """Return a new value after the check of its size."""
         self._budget.spend(admit(value))
         return value
 
-    def _constant(self, node: ast.Constant) -> Value:
+    def visit_Constant(self, node: ast.Constant) -> Value:
         if not (node.value is None or isinstance(node.value, bool | int | float | str)):
             raise _Refusal
         return self._made(node.value)
 
-    def _name(self, node: ast.Name) -> Value:
+    def visit_Name(self, node: ast.Name) -> Value:
         if node.id.startswith("__"):
             raise _Refusal
         if node.id in self._local:
@@ -130,22 +130,22 @@ class _Evaluation:
             else:
                 yield self.value(node)
 
-    def _list(self, node: ast.List) -> Value:
+    def visit_List(self, node: ast.List) -> Value:
         return self._made(list(self._items(node.elts)))
 
-    def _tuple(self, node: ast.Tuple) -> Value:
+    def visit_Tuple(self, node: ast.Tuple) -> Value:
         return self._made(tuple(self._items(node.elts)))
 
-    def _set(self, node: ast.Set) -> Value:
+    def visit_Set(self, node: ast.Set) -> Value:
         return self._made(set(self._items(node.elts)))
 
-    def _dict(self, node: ast.Dict) -> Value:
+    def visit_Dict(self, node: ast.Dict) -> Value:
         if any(key is None for key in node.keys):
             raise _Refusal
         pairs = zip(node.keys, node.values, strict=True)
         return self._made({self.value(key): self.value(value) for key, value in pairs if key is not None})
 
-    def _binary(self, node: ast.BinOp) -> Value:
+    def visit_BinOp(self, node: ast.BinOp) -> Value:
         compute = _BINARY.get(type(node.op))
         if compute is None:
             raise _Refusal
@@ -160,10 +160,10 @@ class _Evaluation:
             self._budget.spend(left.count("%") * admit(right))
         return self._made(compute(left, right))
 
-    def _unary(self, node: ast.UnaryOp) -> Value:
+    def visit_UnaryOp(self, node: ast.UnaryOp) -> Value:
         return self._made(_UNARY[type(node.op)](self.value(node.operand)))
 
-    def _boolean(self, node: ast.BoolOp) -> Value:
+    def visit_BoolOp(self, node: ast.BoolOp) -> Value:
         stops = isinstance(node.op, ast.Or)
         result: Value = None
         for each in node.values:
@@ -172,7 +172,7 @@ class _Evaluation:
                 break
         return result
 
-    def _compare(self, node: ast.Compare) -> Value:
+    def visit_Compare(self, node: ast.Compare) -> Value:
         left = self.value(node.left)
         for comparison, right_node in zip(node.ops, node.comparators, strict=True):
             right = self.value(right_node)
@@ -182,18 +182,19 @@ class _Evaluation:
             left = right
         return True
 
-    def _conditional(self, node: ast.IfExp) -> Value:
+    def visit_IfExp(self, node: ast.IfExp) -> Value:
         return self.value(node.body if self.value(node.test) else node.orelse)
 
-    def _subscript(self, node: ast.Subscript) -> Value:
+    def visit_Subscript(self, node: ast.Subscript) -> Value:
         owner = self.value(node.value)
         if isinstance(node.slice, ast.Slice):
-            ends = [None if end is None else self.value(end) for end in _ends(node.slice)]
+            bounds = node.slice.lower, node.slice.upper, node.slice.step
+            ends = [None if end is None else self.value(end) for end in bounds]
             return self._made(owner[slice(*ends)])
         key = self.value(node.slice)
         return owner.member(key) if isinstance(owner, Namespace) else owner[key]
 
-    def _attribute(self, node: ast.Attribute) -> Value:
+    def visit_Attribute(self, node: ast.Attribute) -> Value:
         owner = self.value(node.value)
         try:
             return attribute(owner, node.attr)
@@ -202,7 +203,7 @@ class _Evaluation:
                 raise _Refusal(str(error)) from None
             raise
 
-    def _call(self, node: ast.Call) -> Value:
+    def visit_Call(self, node: ast.Call) -> Value:
         function = self.value(node.func)
         if not isinstance(function, Function):
             raise ModelError(f"a value of type {type(function).__name__} cannot be called")
@@ -219,7 +220,7 @@ class _Evaluation:
         self._budget.spend(max((each.cost for each in called), default=1) * sum(map(admit, given)) + function.cost)
         return self._made(function(*arguments, **named))
 
-    def _comprehension(self, node: ast.ListComp) -> Value:
+    def visit_ListComp(self, node: ast.ListComp) -> Value:
         outside = dict(self._local)
         try:
             return self._made(list(self._each(node.elt, node.generators)))
@@ -246,29 +247,6 @@ class _Evaluation:
                 self._assign(part, item)
         else:
             raise _Refusal
-
-
-_NODES: Mapping[type[ast.expr], Callable[[_Evaluation, Value], Value]] = {
-    ast.Attribute: _Evaluation._attribute,
-    ast.BinOp: _Evaluation._binary,
-    ast.BoolOp: _Evaluation._boolean,
-    ast.Call: _Evaluation._call,
-    ast.Compare: _Evaluation._compare,
-    ast.Constant: _Evaluation._constant,
-    ast.Dict: _Evaluation._dict,
-    ast.IfExp: _Evaluation._conditional,
-    ast.List: _Evaluation._list,
-    ast.ListComp: _Evaluation._comprehension,
-    ast.Name: _Evaluation._name,
-    ast.Set: _Evaluation._set,
-    ast.Subscript: _Evaluation._subscript,
-    ast.Tuple: _Evaluation._tuple,
-    ast.UnaryOp: _Evaluation._unary,
-}
-
-
-def _ends(node: ast.Slice) -> tuple[ast.expr | None, ast.expr | None, ast.expr | None]:
-    return node.lower, node.upper, node.step
 
 
 def _check_power(base: Value, exponent: Value) -> None:

@@ -1,11 +1,13 @@
-"""Substitution of ``${expression}`` and ``$(command)`` in texts, as in xacro."""
+"""Substitution of ``${expression}`` and ``$(command)`` in texts as in xacro, and numbers with units in YAML files."""
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections import ChainMap
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Protocol
@@ -15,11 +17,10 @@ import yaml
 
 from rnc_pin.errors import ModelError, ModelWarning, nearest
 from rnc_pin.io.safe_read import read_bytes
-from rnc_pin.io.safe_yaml import load_yaml
+from rnc_pin.io.safe_yaml import BoundedLoader, load_yaml
 from rnc_pin.robots.sources.xacro.bounded_values import LETTERS, Budget, Function, Namespace, Value
 from rnc_pin.robots.sources.xacro.expressions import evaluate
 from rnc_pin.robots.sources.xacro.functions import builtins, mathematical, tokenize
-from rnc_pin.robots.sources.xacro.units import unit_loader
 
 ENVIRONMENT = (
     *("ROS_DISTRO", "ROS_VERSION", "*_URDF_EXTRAS", "ROBOT_*", "TURTLEBOT*", "HUSKY_*", "JACKAL_*", "RIDGEBACK_*"),
@@ -95,7 +96,7 @@ class FileAccess(Protocol):
         """Return the absolute path of a file; raise ModelError with the words ``what`` if it is not allowed."""
         ...
 
-    def allow(self, path: Path) -> None:
+    def add(self, path: Path) -> None:
         """Allow a file that the user named."""
         ...
 
@@ -175,8 +176,8 @@ class Substitution:
 
     def _command(self, text: str) -> str:
         if text.startswith("eval "):
-            known = dict(self._commands)
-            return str(evaluate(text[5:], _Either(known, self.arguments), self.budget))
+            names = ChainMap(self._commands, self.arguments)  # type: ignore[arg-type]  # both are only read
+            return str(evaluate(text[5:], names, self.budget))
         command, *words = text.split() or [""]
         if command not in _COMMANDS:
             raise ModelError(f"unknown command in '$({text[:60]})'{nearest(command, _COMMANDS)}")
@@ -214,7 +215,7 @@ class Substitution:
         """Allow the file that the user names in an argument or variable. A folder is not allowed in this way."""
         path = Path(text)
         if path.is_absolute() and os.path.isfile(path):
-            self._access.allow(path)
+            self._access.add(path)
         return text
 
     def _xacro(self) -> dict[str, Value]:
@@ -250,32 +251,12 @@ class Substitution:
         return ""
 
 
-class _Either(Mapping[str, Value]):
-    """Names available in ``$(eval ...)``: functions first, then arguments."""
-
-    def __init__(self, known: Mapping[str, Value], arguments: Arguments) -> None:
-        self._known, self._arguments = known, arguments
-
-    def __getitem__(self, name: str) -> Value:
-        return self._known[name] if name in self._known else self._arguments[name]
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._known or name in self._arguments
-
-    def __iter__(self) -> Iterator[str]:
-        yield from self._known
-        yield from self._arguments
-
-    def __len__(self) -> int:
-        return len(self._known) + len(self._arguments)
-
-
 def _no_values(names: Sequence[str]) -> str:
-    said, it, have = ("argument", "it", "has") if len(names) == 1 else ("arguments", "them", "have")
+    noun, it, have = ("argument", "it", "has") if len(names) == 1 else ("arguments", "them", "have")
     quoted = ", ".join(f"'{name}'" for name in names)
     in_python = ", ".join(f"'{name}': ..." for name in names)
     options = " ".join(f"--arg {name}=..." for name in names)
-    return f"{said} {quoted} {have} no value: give {it} with xacro_arguments={{{in_python}}} ({options})"
+    return f"{noun} {quoted} {have} no value: give {it} with xacro_arguments={{{in_python}}} ({options})"
 
 
 def _check_variable(name: str) -> None:
@@ -290,3 +271,35 @@ def _fail(*words: Value) -> Value:
 
 def _say_nothing(*_words: Value, **_options: Value) -> str:
     return ""
+
+
+_UNITS: Mapping[str, float] = {
+    "!radians": 1.0,
+    "!degrees": math.pi / 180.0,
+    "!meters": 1.0,
+    "!millimeters": 0.001,
+    "!foot": 0.3048,
+    "!inches": 0.0254,
+}
+
+
+def unit_loader(budget: Budget) -> type[BoundedLoader]:
+    """Return a safe YAML loader with support for units.
+
+    Args:
+        budget: limit on the steps of the expressions in it.
+    """
+    names = builtins()
+
+    def reading(factor: float) -> Callable[[BoundedLoader, yaml.ScalarNode], float]:
+        def read(loader: BoundedLoader, node: yaml.ScalarNode) -> float:
+            return float(evaluate(str(loader.construct_scalar(node)), names, budget)) * factor
+
+        return read
+
+    class Loader(BoundedLoader):
+        """YAML loader with the unit tags and the budget of one file."""
+
+    for tag, factor in _UNITS.items():
+        Loader.add_constructor(tag, reading(factor))
+    return Loader

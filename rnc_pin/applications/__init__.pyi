@@ -1,0 +1,4 @@
+"""Exports of ``rnc_pin.applications``, which ``__init__.py`` imports at their first use."""
+
+from . import gym as gym
+from . import sweep as sweep

@@ -1,0 +1,58 @@
+"""Entry point of ``rnc-pin``: runs a command, prints one line per error and sets the exit status.
+
+Ctrl-C during its imports prints one line, not a traceback.
+"""
+
+import time
+
+_STARTED = [time.perf_counter()]  # before anything else is imported
+
+from rnc_pin.applications.command_line.termination import endings_as_ctrl_c, interruptible_imports  # noqa: E402
+
+with interruptible_imports():
+    import sys
+    import traceback
+
+    import click
+
+    from rnc_pin.applications.command_line.messages import complain, told_warnings
+    from rnc_pin.applications.command_line.status import DONE, FAILED, USAGE
+    from rnc_pin.applications.command_line.usage import cli
+    from rnc_pin.errors import RncError
+
+
+def main() -> None:
+    """Run the command line. Exit status: 0 success, 1 failed run, 2 wrong usage or input."""
+    # At a second call in one process the imports are done already.
+    started = _STARTED.pop() if _STARTED else time.perf_counter()
+    try:
+        with endings_as_ctrl_c(), told_warnings():
+            status = cli.main(standalone_mode=False, obj=started)
+    except click.exceptions.Abort:
+        complain("interrupted")
+        sys.exit(FAILED)
+    except click.UsageError as error:
+        command = error.ctx.command_path if error.ctx else "rnc-pin"
+        complain(f"{' '.join(error.format_message().split()).rstrip('.')} (see '{command} --help')")
+        sys.exit(USAGE)
+    except click.ClickException as error:
+        complain(error.format_message())
+        sys.exit(USAGE)
+    except RncError as error:
+        if "--debug" in sys.argv:
+            traceback.print_exc()
+        complain(str(error))
+        sys.exit(USAGE)
+    except BrokenPipeError:  # the reader of the pipe has closed it
+        sys.stderr.close()
+        sys.exit(FAILED)
+    except Exception as error:
+        if "--debug" in sys.argv:
+            traceback.print_exc()
+        complain(f"unexpected {type(error).__name__}: {' '.join(str(error).split())} (--debug shows where)")
+        sys.exit(FAILED)
+    sys.exit(status if isinstance(status, int) else DONE)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,10 @@
+"""Exports of ``rnc_pin.applications.command_line.commands``, which ``__init__.py`` imports at their first use."""
+
+from .drive import drive_robot as drive_robot
+from .init import draft_scenario as draft_scenario
+from .inspect import inspect_system as inspect_system
+from .list import list_scenarios as list_scenarios
+from .replay import replay_runs as replay_runs
+from .run import run_scenario as run_scenario
+from .schema import print_schema as print_schema
+from .sweep import sweep_scenario as sweep_scenario

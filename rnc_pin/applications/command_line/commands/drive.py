@@ -1,0 +1,151 @@
+"""``rnc-pin drive``."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+
+import click
+from rich.console import Console
+
+from rnc_pin.applications.command_line.messages import announce, complain, print_json, seconds_since_start, warn
+from rnc_pin.applications.command_line.progress import ProgressBar
+from rnc_pin.applications.command_line.run_end import report_verdict
+from rnc_pin.applications.command_line.status import FAILED
+from rnc_pin.applications.command_line.tables import print_elapsed, print_files, print_summary
+from rnc_pin.applications.drive.log import CommandQueue, RecordedDrive, read_drive, write_drive
+from rnc_pin.applications.drive.page import DrivePage
+from rnc_pin.applications.drive.preparation import PreparedDrive, prepare_drive, read_source, rebuild_drive
+from rnc_pin.applications.drive.real_time import RealTimeClock
+from rnc_pin.applications.drive.run import drive, record_of
+from rnc_pin.applications.scenario.execution import Result, data_names, write
+from rnc_pin.applications.scenario.files import accept_option, find_scenario, parse_options
+from rnc_pin.applications.scenario.output_folder import OutputFolder
+from rnc_pin.applications.scenario.pictures import Drawn, draw_pictures, picture_names
+from rnc_pin.errors import ConfigurationError, RncError
+from rnc_pin.interruption import interruptible, uninterrupted
+
+_COMMANDS = "commands.json"
+_WAIT = 15.0  # [s] for a browser before the run starts
+
+
+def drive_robot(
+    source: str | None,
+    replayed: Path | None,
+    out: Path | None,
+    options: tuple[str, ...],
+    frames: tuple[str, ...],
+    duration: float | None,
+    browser: bool,
+    as_json: bool,
+    force: bool,
+    accept: tuple[str, ...] = (),
+) -> int:
+    """Drive a robot in the browser, or replay the commands of a drive; write its folder and return the exit status."""
+    if (source is None) == (replayed is None):
+        raise ConfigurationError("expected a scenario or a robot, or --replay with a commands.json")
+    record = None
+    if replayed is not None:
+        record = read_drive(replayed)
+        _check_replay(options, frames, duration)
+        record = replace(record, config={**record.config, **accept_option(record.config, {}, accept)})
+        prepared = _rebuilt(record, replayed)
+    else:
+        given = parse_options(options)
+        name, raw, folder, built_in = read_source(str(source), given)
+        raw = {**raw, **accept_option(raw, {}, accept)}
+        prepared = prepare_drive(name, raw, folder, built_in, given, frames)
+    for warning in prepared.scenario.experiment.warnings:
+        warn(warning)
+    names = [*data_names(), _COMMANDS, *picture_names(prepared.scenario)]
+    name = prepared.scenario.name.strip(".") or "scenario"
+    path = out or Path("runs") / (f"{name}-drive" if record is None else f"{name}-drive-replay")
+    with uninterrupted(), OutputFolder(path, force, names) as target:
+        result = _replayed(prepared, record) if record is not None else _driven(prepared, duration, browser)
+        try:
+            with target.writing() as fresh:
+                files = write(prepared.scenario, result, fresh)
+                write_drive(record_of(prepared, result), fresh / _COMMANDS)
+            target.keep_so_far()
+            if not as_json:
+                print_summary(result.summary)
+            with target.writing() as fresh:
+                drawn = _drawn(prepared, result, fresh, as_json)
+            target.keep()
+        except RncError as error:
+            complain(str(error))
+            return FAILED
+    return _report(prepared, result, drawn, [*files, _COMMANDS, *drawn.written], target.path, as_json)
+
+
+def _report(prepared: PreparedDrive, result: Result, drawn: Drawn, files: list[str], path: Path, as_json: bool) -> int:
+    """Print the end of the run and return the exit status."""
+    if drawn.failures:
+        warn(str(drawn))
+    result.summary["files"] = files
+    if as_json:
+        print_json({**result.summary, "elapsed_time": round(seconds_since_start(), 3)})
+    else:
+        print_files(path, files)
+        print_elapsed(seconds_since_start(), result.summary["wall_time"])
+    return report_verdict(result, drawn, path, prepared.scenario.experiment.warnings)
+
+
+def _drawn(prepared: PreparedDrive, result: Result, folder: Path, quiet: bool) -> Drawn:
+    names = picture_names(prepared.scenario)
+    text = f"{prepared.scenario.name}: drawing {len(names)} pictures"
+    with ProgressBar(Console(stderr=True), len(names), text, quiet) as bar:
+        return draw_pictures(prepared.scenario, result, folder, bar)
+
+
+def _driven(prepared: PreparedDrive, duration: float | None, browser: bool) -> Result:
+    """Serve the page and run in real time."""
+    settings, queue = prepared.scenario.experiment.simulation, CommandQueue(prepared.controls)
+    samples = None if duration is None else max(2, round(duration / settings.dt) + 1)
+    title = prepared.scenario.experiment.scenario.title or prepared.scenario.name
+    with ExitStack() as stack:
+        page = DrivePage(prepared, queue, title, browser)
+        stack.callback(page.close)
+        click.echo(f"drive on {page.url} (Ctrl-C or 'End run' ends it)", err=True)
+        if browser:
+            with interruptible():
+                page.wait_for_browser(_WAIT)
+        result = drive(prepared, queue, samples, RealTimeClock(), page)
+        page.conclude(result.trajectory.verdict)
+    if page.problem is not None:
+        warn(f"the page stopped: {type(page.problem).__name__}: {page.problem}")
+    return result
+
+
+# ------------------------------------------------------------------ replay
+
+
+def _check_replay(options: tuple[str, ...], frames: tuple[str, ...], duration: float | None) -> None:
+    if options or frames or duration is not None:
+        raise ConfigurationError(
+            "--replay: takes scenario, frames and duration from its file; remove the other options"
+        )
+
+
+def _rebuilt(record: RecordedDrive, path: Path) -> PreparedDrive:
+    """Build the run of a record, with its commands."""
+    folder = find_scenario(record.scenario).parent if record.folder is None else Path(record.folder)
+    try:
+        prepared = rebuild_drive(record.scenario, record.config, folder, record.frames)
+        prepared.log.commands[:] = record.log(prepared.controls).commands
+    except RncError as error:
+        raise error.within(path) from None
+    return prepared
+
+
+def _replayed(prepared: PreparedDrive, record: RecordedDrive) -> Result:
+    """Run the commands of a record without waiting; other versions may give other bits."""
+    result = None
+    announce(f"{record.scenario}: replaying {len(record.commands)} commands", quiet=True)
+    result = drive(prepared, samples=record.samples)
+    now = record_of(prepared, result).versions
+    other = [name for name, version in record.versions.items() if now.get(name) != version]
+    if other:
+        warn(f"the drive ran with another version of {', '.join(other)}: its replay may differ in the last digits")
+    return result

@@ -1,0 +1,92 @@
+"""``rnc-pin init``."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+
+from rnc_pin.applications.command_line.messages import announce
+from rnc_pin.applications.command_line.new_file import check_new_file
+from rnc_pin.applications.init import DraftDecision, DraftOptions, draft_with_decisions, with_choices
+from rnc_pin.applications.scenario.files import parse_options
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.io import atomic_file
+
+
+def draft_scenario(
+    robot: str,
+    out: Path | None,
+    base: str | None,
+    arguments: tuple[str, ...],
+    package_dirs: tuple[Path, ...],
+    lock: tuple[str, ...],
+    driven: tuple[str, ...],
+    passive: tuple[str, ...],
+    momentum: tuple[str, ...],
+    balance: bool | None,
+    rollers: bool | None,
+    force: bool,
+) -> None:
+    """Write a draft scenario for a robot; on a terminal, ask what the file leaves open."""
+    path = out or Path(Path(robot).name.split(".")[0] + ".yaml")
+    own = os.path.isfile(path) and path.resolve() == Path(robot).resolve()
+    check_new_file("--out", path, force or own)
+    xacro = parse_options(arguments)
+    chosen = (driven, passive, momentum, balance, rollers)
+    wishes = DraftOptions(base, xacro, package_dirs, _held(lock), *chosen, report=_report)
+    found = draft_with_decisions(robot, path.parent, wishes)
+    answered = _answered(found.questions, wishes)
+    if answered != wishes:
+        found = draft_with_decisions(robot, path.parent, answered)
+    if own:
+        raise ConfigurationError(f"--out {path}: is the robot's own file; choose another name")
+    try:
+        with atomic_file(path, force) as partial:
+            partial.write_text(found.text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigurationError(f"--out {path}: cannot be written: {error.strerror}") from None
+    quoted = shlex.quote(str(path))
+    click.echo(f"wrote {path}: read it, then try: rnc-pin inspect {quoted}; rnc-pin run {quoted}")
+
+
+def _answered(questions: Sequence[DraftDecision], wishes: DraftOptions) -> DraftOptions:
+    """Return the choices with the answers of the user; without a terminal, print the questions on stderr."""
+    for question in questions:
+        if not _on_a_terminal():
+            click.echo(f"rnc-pin: question: {question}", err=True)
+            continue
+        answers = [question.answer, *(each.answer for each in question.alternatives)]
+        listed = "; ".join(f"{number}: {answer}" for number, answer in enumerate(answers, 1))
+        click.echo(f"{question.question} ({question.evidence})", err=True)
+        kind = click.IntRange(1, len(answers))
+        chosen = click.prompt(listed, default=1, type=kind, err=True)
+        if chosen > 1:
+            wishes = with_choices(wishes, question.alternatives[chosen - 2].options)
+    return wishes
+
+
+def _report(text: str) -> None:
+    """Print what is tried, on a terminal only."""
+    announce(text, quiet=True)
+
+
+def _on_a_terminal() -> bool:
+    """True if someone can read a question and answer it."""
+    return sys.stdin.isatty() and sys.stderr.isatty()
+
+
+def _held(lock: tuple[str, ...]) -> dict[str, float]:
+    """Parse the joints to lock: ``JOINT`` at zero, or ``JOINT=VALUE``."""
+    held: dict[str, float] = {}
+    for each in lock:
+        joint, _, value = each.partition("=")
+        try:
+            held[joint] = float(value or 0.0)
+        except ValueError:
+            raise ConfigurationError(f"--lock {each}: expected JOINT or JOINT=NUMBER [rad or m]") from None
+    return held

@@ -1,0 +1,209 @@
+"""``rnc-pin inspect``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+from rich.console import Console, Group, RenderableType
+from rich.table import Table
+
+from rnc_pin.analysis import Boundedness, Redundancy, Report, analyze
+from rnc_pin.applications.command_line.limit_states import examine_limits, sentences_of
+from rnc_pin.applications.command_line.messages import print_json, warn
+from rnc_pin.applications.command_line.sentences import sentences
+from rnc_pin.applications.scenario.files import parse_options
+from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.applications.scenario.start_findings import start_findings, warnings_of
+from rnc_pin.errors import RncError
+from rnc_pin.model import ReducedModel, Task
+from rnc_pin.verdict import Finding
+
+
+def inspect_system(
+    system: str, options: tuple[str, ...], samples: int, seed: int, details: bool, as_json: bool, run: Path | None
+) -> None:
+    """Print the analysis of a system."""
+    scenario = Scenario.load(system, parse_options(options))
+    reduced, task = scenario.model.reduced, scenario.task
+    report = analyze(reduced, task.primary_names, task.redundant_names, samples, seed, task.vertical_names)
+    limits = examine_limits(scenario, run)
+    found: tuple[Finding, ...] = ()
+    with suppress(RncError):  # a start that cannot be assembled is an error of a run
+        found = start_findings(scenario.content, reduced, scenario.q0)
+    for message in warnings_of(found):
+        warn(message)
+    if not as_json:
+        print_report(system, reduced, task, report, details)
+        for line in sentences_of(limits):
+            click.echo(line)
+        return
+    content = {
+        "system": system,
+        "sentences": list(sentences(reduced, report)),
+        "robot": reduced.robot.name,
+        "joints": list(reduced.robot.joint_names),
+        "reducing": list(reduced.reducing.names),
+        "vertical": list(reduced.vertical.names),
+        "actuators": list(reduced.actuation.names),
+        "primary": list(task.primary_names),
+        "redundant": list(task.redundant_names),
+        **report.to_dict(),
+        "limit_effects": [asdict(each) for each in limits.effects],
+        "limits_not_examined": limits.problem,
+        "findings": [each.to_json() for each in found],
+    }
+    print_json(content)
+
+
+# ------------------------------------------------------------------ report
+
+
+def print_report(system: str, reduced: ReducedModel, task: Task, report: Report, details: bool = False) -> None:
+    """Print the analysis of a system: three sentences and a table.
+
+    Args:
+        system: name of the system as the user typed it.
+        reduced: reduced model of the system.
+        task: primary and redundant outputs.
+        report: result of ``analyze``.
+        details: print the quantities of the paper, too: blocks of A*, condition of E, Lemma 1.
+    """
+    console = Console(markup=False, emoji=False)
+    for sentence in sentences(reduced, report):
+        console.print(sentence, highlight=False)
+    console.print()
+    title = f"{system} ({reduced.robot.name})"
+    table = Table(show_header=False, title=title, title_justify="left", title_style="bold", show_lines=True)
+    table.add_column(style="bold", no_wrap=True)
+    table.add_column(overflow="fold")
+    n, rank, r = report.n, report.rank, report.r
+    less = f"{rank} independent constraint row{'s'[: rank != 1]}"
+    table.add_row("motion", f"{n} degrees of freedom less {less} leave {r}:\n{_list(reduced.reducing.names)}")
+    table.add_row("constraint rows", _constraint_rows(report))
+    growth = report.growth_vector
+    least = "" if report.growth_evidence.decided else "at least "
+    reach = (
+        "completely nonholonomic" if report.completely_nonholonomic else f"motion reaches {least}{growth[-1]} of {n}"
+    )
+    vector = f"({', '.join(map(str, growth))}): {reach}\n{report.growth_evidence}"
+    table.add_row("reach", vector if details or not report.growth_evidence.decided else reach)
+    table.add_row("actuators", _actuation(reduced.actuation.names, report, details))
+    table.add_row("redundancy", _redundancy(task, report.redundancy, details))
+    table.add_row("singular", _singular(report, details))
+    if details:
+        lemma = ", ".join(f"{name} {value:.1e}" for name, value in report.lemma1.items())
+        holds = "holds" if report.lemma1_holds else "DOES NOT HOLD"
+        table.add_row("Lemma 1", f"{holds}: {lemma}\n{_bounds(report.lemma1_bounds)}")
+    elif not report.lemma1_holds:
+        table.add_row("Lemma 1", "DOES NOT HOLD: --details has the residuals")
+    console.print(table, highlight=False)
+
+
+def _list(names: Sequence[str]) -> str:
+    return ", ".join(names) or "none"
+
+
+def _constraint_rows(report: Report) -> RenderableType:
+    rows = Table.grid(padding=(0, 2))
+    for name in report.kept_rows:
+        rows.add_row(name, "integrable" if name in report.integrable_rows else "nonholonomic")
+    for row in report.dropped_rows:
+        rows.add_row(row.name, f"dropped: {row.reason}", style="dim")
+    combinations = report.integrable_combinations
+    if not report.kept_rows:
+        return "none"
+    if not combinations:
+        return Group(rows, "no combination of rows is integrable")
+    count = f"{len(combinations)} integrable combination{'s'[: len(combinations) != 1]}"
+    return Group(rows, *(f"{count if k == 0 else ' ' * len(count)}  {each}" for k, each in enumerate(combinations)))
+
+
+def _actuation(actuators: Sequence[str], report: Report, details: bool) -> str:
+    rank, r = report.actuation_rank, report.r
+    verdict = "every reduced force can be realised"
+    if rank < r:
+        verdict = f"not every reduced force can be realised: {_list(report.unactuated)} not fully actuated"
+    if details:
+        verdict = f"{verdict} (rank of R^T B: {rank} of {r})"
+    spare = report.p - rank
+    return f"{_list(actuators)}\n{verdict}" + (f", with {spare} actuators to spare" if spare else "")
+
+
+def _redundancy(task: Task, found: Redundancy, details: bool) -> RenderableType:
+    parts = Table.grid(padding=(0, 2))
+    for symbol, what, names in (
+        ("x21", "primary motions", task.primary_names),
+        ("x22", "redundant motions", task.redundant_names),
+        ("x11", "outputs that the redundant motions can steer", found.tracked),
+        ("x12", "outputs that follow from the primary motions", found.driven),
+    ):
+        parts.add_row(f"{symbol} {what}" if details else what, _list(names))
+    verdict = f"class {found.redundancy_class}" if found.redundancy_class else "no redundancy class"
+    if not details:
+        return Group(verdict, parts)
+    verdict = f"{verdict}: {found.reason}"
+    if found.evidence is None:
+        return Group(verdict, parts)
+    blocks = Table(box=None, padding=(0, 1, 0, 0))
+    for heading in ("block", "size", "largest", "smallest singular value"):
+        blocks.add_column(heading, no_wrap=True)
+    for block in found.evidence.blocks:
+        if block.largest_entry is not None and block.smallest_singular_value is not None:
+            size, largest = " x ".join(map(str, block.shape)), _figure(block.largest_entry)
+            spread = asdict(block.smallest_singular_value)
+            blocks.add_row(block.name, size, largest, _spread(spread) if block.largest_entry else "0")
+    return Group(verdict, parts, blocks)
+
+
+def _spread(values: dict[str, float]) -> str:
+    return f"{_figure(values['min'])} to {_figure(values['max'])}, median {_figure(values['median'])}"
+
+
+def _figure(value: float) -> str:
+    return "0" if abs(value) < 1e-12 else f"{value:.3g}"
+
+
+def _singular(report: Report, details: bool) -> str:
+    lines = [f"{report.singular_samples} of {report.samples} samples singular"]
+    if details:
+        lines[0] = f"condition of E {_spread(report.condition)}; {lines[0]}"
+    for each in report.singularities:
+        rows, several = _list(each.rows), len(each.rows) > 1
+        if each.matrix == "E":
+            what = f"{rows} depend on each other"
+        else:
+            what = f"redundant motions cannot move {rows}" + (" independently" if several else "")
+        if each.located:
+            matrix = f"{each.matrix} is " if details else ""
+            lines.append(f"{matrix}singular where {what}{_where(each.configuration)}")
+        elif details:
+            size = _figure(each.smallest_singular_value)
+            lines.append(f"{each.matrix}: not singular in any sample; smallest singular value {size} ({rows})")
+    return "\n".join(lines)
+
+
+def _bounds(found: Boundedness) -> str:
+    """Describe the norms of H and V, and the configurations near which they are unbounded."""
+    lines = [f"|H| {_spread(asdict(found.H))}; |V| at unit rates {_spread(asdict(found.V))}"]
+    if found.everywhere:
+        lines.append("bounded in all samples")
+    for each in found.approaches:
+        if not each.bounded:
+            what = f"|H| grows as d^-{each.H_order:.1f} and |V| as d^-{each.V_order:.1f}"
+            lines.append(f"at a distance d from where {_list(each.rows)} depend on each other {what}")
+    return "\n".join(lines)
+
+
+def _where(configuration: Mapping[str, float | list[float]]) -> str:
+    """Describe a configuration in words; empty for robots with many joints."""
+    if len(configuration) > 6:
+        return ""
+    values = {
+        name: f"({', '.join(map(_figure, value))})" if isinstance(value, list) else _figure(value)
+        for name, value in configuration.items()
+    }
+    return ", e.g. at " + ", ".join(f"{name} = {value}" for name, value in values.items())

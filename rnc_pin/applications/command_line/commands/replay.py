@@ -1,0 +1,99 @@
+"""``rnc-pin replay``."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import click
+
+from rnc_pin.applications.command_line.new_file import check_new_file
+from rnc_pin.applications.command_line.run_end import report_findings
+from rnc_pin.applications.command_line.status import DONE
+from rnc_pin.applications.command_line.tables import print_summary
+from rnc_pin.applications.command_line.watching import close, live_view
+from rnc_pin.applications.scenario.saved_run import Run, animation_of, compared, load_run, view_of
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.simulation import add_verdict, judge, replay_limits, summarize
+from rnc_pin.verdict import Verdict
+from rnc_pin.visualization import recorded_states, write_frames, write_plots, write_video
+
+
+def replay_runs(
+    sources: tuple[Path, ...],
+    show: bool,
+    speed: float,
+    browser: bool,
+    host: str,
+    html: Path | None,
+    frames: Path | None,
+    video: Path | None,
+    rate: float,
+    plot: Path | None,
+    aside: bool,
+    force: bool,
+    accept: tuple[str, ...] = (),
+) -> int:
+    """Write the requested files of runs, show them, or print their summaries and verdicts. Return the exit status."""
+    judges = not show and frames is None and not any((html, video, plot))
+    if accept and not judges:
+        raise ConfigurationError("--accept: a replay judges runs only if it prints their summaries; remove the option")
+    runs = [load_run(source) for source in sources]
+    first = runs[0]
+    others = compared(runs)
+    files = {"--html": html, "--video": video, "--plot": plot}
+    for option, path in files.items():
+        if path is not None:
+            check_new_file(option, path, force)
+    if (
+        frames is not None
+        and os.path.exists(frames)
+        and (not os.path.isdir(frames) or any(frames.iterdir()))
+        and not force
+    ):
+        raise ConfigurationError(f"--frames {frames}: exists and is not empty; choose another name or add --force")
+    try:
+        if html is not None or frames is not None or video is not None:
+            recording = animation_of(runs, aside)
+        if html is not None:
+            recording.save(html, force)
+            click.echo(f"wrote {html} ({html.stat().st_size / 1e6:.1f} MB)")
+        if frames is not None:
+            click.echo(f"wrote {len(write_frames(recording, frames, rate, replace=force))} frames into {frames}")
+        if video is not None:
+            write_video(recording, video, rate, replace=force)
+            click.echo(f"wrote {video} ({video.stat().st_size / 1e6:.1f} MB)")
+        if plot is not None:
+            click.echo(f"wrote {write_plots(first.trajectory, plot, first.title, others, force)}")
+    except OSError as error:
+        raise ConfigurationError(f"{error.filename}: cannot be written: {error.strerror}") from None
+    if show:
+        _show(first, speed, browser, host)
+    return max([_judged(run, accept) for run in runs]) if judges else DONE
+
+
+def _judged(run: Run, accept: tuple[str, ...]) -> int:
+    """Print the summary and the verdict of a run, and return the exit status."""
+    summary, found = summarize(run.trajectory), _verdict(run)
+    verdict = Verdict.of(found.findings, {*found.accepted, *accept})
+    add_verdict(summary, verdict)
+    print_summary(summary, run.trajectory.info.outputs)
+    return report_findings(verdict, f"the run is in {run.source}")
+
+
+def _verdict(run: Run) -> Verdict:
+    """Verdict of the run's file; else a new one, without the goals and obstacles of its scenario."""
+    stored, reduced = run.trajectory.info.verdict, run.reduced
+    efforts = reduced.actuation.stated_limits
+    return stored or judge(run.trajectory, replay_limits(reduced.robot, run.trajectory, efforts=efforts))
+
+
+def _show(run: Run, speed: float, browser: bool, host: str) -> None:
+    live = live_view(run.drawn_model, view_of(run.scenario), run.trajectory.info, run.title, speed, browser, host)
+    try:
+        for state in recorded_states(run.reduced.robot, run.trajectory, rate=60.0):
+            live(state)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        close(live)

@@ -1,0 +1,112 @@
+"""``rnc-pin run``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.console import Console
+
+from rnc_pin.applications.command_line.messages import complain, print_json, seconds_since_start, warn
+from rnc_pin.applications.command_line.progress import ProgressBar
+from rnc_pin.applications.command_line.run_end import report_verdict
+from rnc_pin.applications.command_line.status import FAILED
+from rnc_pin.applications.command_line.tables import print_elapsed, print_files, print_summary
+from rnc_pin.applications.scenario.execution import Result, data_names, execute, write
+from rnc_pin.applications.scenario.files import accept_option, parse_options, plant_option
+from rnc_pin.applications.scenario.output_folder import OutputFolder
+from rnc_pin.applications.scenario.pictures import Artists, Drawn, draw_pictures, picture_names
+from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.applications.scenario.shared_tasks import processor_count
+from rnc_pin.errors import ConfigurationError, RncError
+from rnc_pin.interruption import uninterrupted
+from rnc_pin.simulation import Observer
+
+
+def run_scenario(
+    scenario: str,
+    out: Path | None,
+    options: tuple[str, ...],
+    plant: str | None,
+    show: bool,
+    speed: float,
+    browser: bool,
+    host: str,
+    as_json: bool,
+    force: bool,
+    accept: tuple[str, ...] = (),
+) -> int:
+    """Run a scenario, write its folder and return the exit status."""
+    given = parse_options(options)
+    chosen = {**plant_option(scenario, plant), **given, **accept_option(scenario, given, accept)}
+    prepared = Scenario.load(scenario, chosen).build()
+    if show and prepared.experiment.phases:
+        raise ConfigurationError("--show: a live view does not support phases; omit it and open animation.html")
+    for warning in prepared.experiment.warnings:
+        warn(warning)
+    name = prepared.name.strip(".") or "scenario"  # a file "...yaml" must not write into ".."
+    planned = prepared.experiment.plan is not None
+    names = [*data_names(prepared.comparisons, planned), *picture_names(prepared)]
+    processes = 1 if show else processor_count()  # a live view has threads, which forks do not have
+    with (
+        uninterrupted(),
+        OutputFolder(out or Path("runs") / name, force, names) as folder,
+        Artists(prepared, processes) as artists,
+    ):
+        if show:
+            result = _watched(prepared, speed, browser, host, quiet=as_json)
+        else:
+            result = _executed(prepared, None, quiet=as_json, processes=processes)
+        try:
+            with folder.writing() as fresh:
+                written = write(prepared, result, fresh)
+            folder.keep_so_far()
+            if not as_json:
+                print_summary(result.summary, result.trajectory.info.outputs)
+            with folder.writing() as fresh:
+                drawn = _drawn(
+                    prepared, result, fresh, artists, quiet=as_json
+                )  # last: numbers are saved and printed by now
+            folder.keep()
+        except RncError as error:  # the scenario is valid, but its results cannot be written
+            complain(str(error))
+            return FAILED
+    if drawn.failures:
+        warn(str(drawn))
+    files = result.summary["files"] = [*written, *drawn.written]
+    if as_json:
+        print_json({**result.summary, "elapsed_time": round(seconds_since_start(), 3)})
+    else:
+        print_files(folder.path, files)
+        print_elapsed(seconds_since_start(), result.summary["wall_time"])
+    return report_verdict(result, drawn, folder.path, prepared.experiment.warnings)
+
+
+def _drawn(prepared: Scenario, result: Result, folder: Path, artists: Artists, quiet: bool) -> Drawn:
+    """Draw the pictures with a progress bar."""
+    names = picture_names(prepared)
+    with ProgressBar(Console(stderr=True), len(names), f"{prepared.name}: drawing {len(names)} pictures", quiet) as bar:
+        return draw_pictures(prepared, result, folder, bar, artists)
+
+
+def _watched(prepared: Scenario, speed: float, browser: bool, host: str, quiet: bool) -> Result:
+    """Execute the run with a live view."""
+    from rnc_pin.applications.command_line.watching import close, live_view  # Meshcat takes a second to import
+    from rnc_pin.visualization import DrawnModel
+
+    experiment = prepared.experiment
+    title = prepared.content.title or prepared.name
+    drawn = DrawnModel(experiment.reduced.robot, experiment.reduced, experiment.obstacles)
+    live = live_view(drawn, prepared.content.view, experiment.provenance, title, speed, browser, host)
+    try:
+        return _executed(prepared, live, quiet)
+    finally:
+        close(live)
+
+
+def _executed(prepared: Scenario, live: Observer | None, quiet: bool, processes: int = 1) -> Result:
+    """Execute the run with a progress bar."""
+    count = len(prepared.comparisons)
+    others = f" and {count} comparison{'s'[: count != 1]}" if count else ""
+    text = f"{prepared.name}: simulating {prepared.duration:g} s{others}"
+    with ProgressBar(Console(stderr=True), prepared.total_duration, text, quiet) as advance:
+        return execute(prepared, live, advance, processes=processes)

@@ -1,0 +1,87 @@
+"""``rnc-pin sweep``."""
+
+from __future__ import annotations
+
+from itertools import islice
+from pathlib import Path
+
+import click
+from rich.console import Console
+
+from rnc_pin.applications.command_line.messages import complain, print_json
+from rnc_pin.applications.command_line.progress import ProgressBar
+from rnc_pin.applications.command_line.status import DONE, FAILED
+from rnc_pin.applications.command_line.tables import print_sweep_statistics
+from rnc_pin.applications.scenario.files import accept_option, parse_options, plant_option
+from rnc_pin.applications.sweep import SweepResults, sweep
+from rnc_pin.applications.sweep.reports import failure_lines
+from rnc_pin.applications.sweep.statistics import SweepStatistics, sweep_statistics
+from rnc_pin.applications.sweep.swept_run import SUCCESSFUL
+from rnc_pin.errors import SimulationError
+
+_SHOWN = 5  # failures on the terminal
+
+
+def sweep_scenario(
+    scenario: str,
+    runs: int,
+    jobs: int,
+    scheduler: str | None,
+    out: Path,
+    trajectories: bool,
+    options: tuple[str, ...],
+    plant: str | None,
+    as_json: bool,
+    force: bool,
+    accept: tuple[str, ...] = (),
+) -> int:
+    """Run a scenario many times with drawn values, write a data set and return the exit status."""
+    given = parse_options(options)
+    bar = ProgressBar(Console(stderr=True), runs, f"{scenario} x {runs}", quiet=as_json)
+    reached = 0
+    try:
+        with bar as advance:
+
+            def progress(done: int, total: int | None) -> None:
+                nonlocal reached
+                if done and not reached:
+                    bar.begin_at(done)
+                reached = done
+                advance(done, f"{scenario}: {done} of {runs} runs")
+
+            results = sweep(
+                scenario,
+                runs,
+                out=out,
+                jobs=jobs,
+                options={**plant_option(scenario, plant), **given, **accept_option(scenario, given, accept)},
+                scheduler=scheduler,
+                trajectories=trajectories,
+                progress=progress,
+                force=force,
+            )
+    except KeyboardInterrupt:
+        complain(f"interrupted after {reached} of {runs} runs, which are in {out}; the same command continues")
+        return FAILED
+    except SimulationError as error:
+        complain(str(error))
+        return FAILED
+    figures: SweepStatistics = sweep_statistics(results)
+    if as_json:
+        print_json({"scenario": results.specification["scenario"], **figures})
+    else:
+        print_sweep_statistics(scenario, figures, out)
+        _print_failures(results, runs - _succeeded(figures))
+    return DONE if _succeeded(figures) == runs else FAILED
+
+
+def _succeeded(figures: SweepStatistics) -> int:
+    return sum(figures["verdicts"].get(word, 0) for word in SUCCESSFUL)
+
+
+def _print_failures(results: SweepResults, count: int) -> None:
+    for row in islice(results.failures(), _SHOWN):
+        for line in failure_lines(results, row):
+            click.echo(line)
+    if count > _SHOWN:
+        click.echo(f"# and {count - _SHOWN} more in {results.path / 'failures.txt'}")

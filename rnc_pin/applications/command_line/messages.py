@@ -1,0 +1,74 @@
+"""Terminal output: JSON, progress lines, warnings and errors."""
+
+from __future__ import annotations
+
+import sys
+import time
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TextIO
+
+import click
+
+from rnc_pin.errors import ModelWarning, printable
+from rnc_pin.io import dump_json
+
+
+def print_json(content: object) -> None:
+    """Print JSON on standard output."""
+    click.echo(dump_json(content))
+
+
+def announce(text: str, quiet: bool = False) -> None:
+    """Print the current activity before a long operation: on stderr if it is a terminal, else on stdout.
+
+    Args:
+        text: the activity.
+        quiet: print nothing on stdout, because a program reads the results.
+    """
+    if sys.stderr.isatty():
+        click.echo(f"{printable(text)} ...", err=True)
+    elif not quiet:
+        click.echo(f"{printable(text)} ...")
+
+
+def seconds_since_start() -> float:
+    """Return the wall time since the start of the command [s]."""
+    return time.perf_counter() - float(click.get_current_context().find_root().obj)
+
+
+def complain(message: str) -> None:
+    """Print an error in one line."""
+    click.echo(f"rnc-pin: error: {printable(message)}", err=True)
+
+
+def warn(message: str) -> None:
+    """Print a warning in one line."""
+    click.echo(f"rnc-pin: warning: {printable(message)}", err=True)
+
+
+@contextmanager
+def told_warnings() -> Iterator[None]:
+    """Print each ``ModelWarning`` once and in one line."""
+    told: set[str] = set()
+    with warnings.catch_warnings():
+        usual = warnings.showwarning
+
+        def tell(
+            message: Warning | str,
+            category: type[Warning],
+            filename: str,
+            lineno: int,
+            file: TextIO | None = None,
+            line: str | None = None,
+        ) -> None:
+            if not issubclass(category, ModelWarning):
+                usual(message, category, filename, lineno, file, line)
+            elif str(message) not in told:
+                told.add(str(message))
+                warn(str(message))
+
+        warnings.simplefilter("always", ModelWarning)
+        warnings.showwarning = tell
+        yield

@@ -1,0 +1,253 @@
+"""Click definitions of commands, arguments, options and help.
+
+Help and shell completion need only this module, so it imports little besides Click. ``commands`` implements them.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeAlias, TypeVar
+
+import click
+from click.shell_completion import CompletionItem
+
+from rnc_pin.applications.command_line import commands
+from rnc_pin.applications.command_line.messages import announce
+from rnc_pin.applications.command_line.termination import interruptible_imports
+from rnc_pin.applications.scenario.files import built_in_names, find_scenario
+from rnc_pin.finding_kinds import FindingKind
+
+Given: TypeAlias = Any
+"""Argument from Click; the functions in ``commands`` declare the types."""
+
+
+def _files(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    return [CompletionItem(incomplete, type="file")]
+
+
+def _scenarios(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    names = [CompletionItem(name) for name in built_in_names() if name.startswith(incomplete)]
+    return [*_files(context, parameter, incomplete), *names]  # names last: bash drops entries before files
+
+
+_scenario = click.argument("scenario", shell_complete=_scenarios)
+_options = click.option("--set", "options", metavar="A.B=C", multiple=True, help="Replace a value of the scenario.")
+_Command = TypeVar("_Command", bound=Callable[..., object])
+_json = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
+_force = click.option("--force", is_flag=True, help="Write into a folder that rnc-pin did not create.")
+_debug = click.option("--debug", is_flag=True, expose_value=False, help="Show a traceback with an error.")
+
+
+_plant = click.option(
+    "--plant",
+    type=click.Choice(["reduced", "mujoco"]),
+    help="Plant: the reduced model, or the robot in MuJoCo (extra 'mujoco').",
+)
+
+
+_accept = click.option(
+    "--accept",
+    type=click.Choice([str(each) for each in FindingKind]),
+    multiple=True,
+    metavar="KIND",
+    help="Kind of finding that does not fail the run, such as lift_off or goal.",
+)
+
+
+def _command(name: str) -> Callable[..., Given]:
+    """Import and return the function of a command."""
+    with interruptible_imports():
+        function: Callable[..., Given] = getattr(commands, name)
+    return function
+
+
+def _print_version(context: click.Context, parameter: click.Parameter, asked: bool) -> None:
+    if asked and not context.resilient_parsing:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the line says it
+            from rnc_pin._kernel import kernel, outdated
+        from rnc_pin.version import __version__
+
+        why = f" ({outdated})" if outdated else ""
+        click.echo(f"rnc-pin, version {__version__}, kernel {kernel}{why}")
+        context.exit()
+
+
+def _showing(command: _Command) -> _Command:
+    """Add the options of the live view to a command."""
+    options = (
+        click.option("--show", is_flag=True, help="Show the robot in the browser, in real time."),
+        click.option(
+            "--speed", type=click.FloatRange(min=0), default=1.0, help="With --show: times real time; 0: no wait."
+        ),
+        click.option(
+            "--browser/--no-browser", default=True, help="With --show: open the browser, or print the address."
+        ),
+        click.option(
+            "--host", default="127.0.0.1", help="With --show: listen address; a public one lets others watch."
+        ),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+_HELP = {"help_option_names": ["-h", "--help"]}
+"""Settings of every command: Click keeps the first help option that it makes, with a parent or without."""
+
+
+@click.group(context_settings=_HELP, invoke_without_command=True)
+@click.option(
+    "--version", is_flag=True, expose_value=False, is_eager=True, callback=_print_version, help="Show the version."
+)
+@_debug
+@click.pass_context
+def cli(context: click.Context) -> None:
+    """Dynamics, redundancy and control of nonholonomic mechanical systems from a URDF."""
+    if context.invoked_subcommand is None:
+        raise click.UsageError(f"expected a command: {', '.join(cli.commands)}", context)
+
+
+@cli.command("list", context_settings=_HELP)
+@_json
+@_debug
+def list_scenarios(**given: Given) -> None:
+    """List the built-in scenarios."""
+    _command("list_scenarios")(**given)
+
+
+@cli.command(context_settings=_HELP)
+@_scenario
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for results; runs/SCENARIO by default.")
+@_options
+@_plant
+@_accept
+@_showing
+@_json
+@_force
+@_debug
+def run(**given: Given) -> int:
+    """Run a SCENARIO: a built-in name or a YAML file."""
+    find_scenario(given["scenario"])
+    announce(f"{given['scenario']}: reading the scenario", given["as_json"])
+    return _command("run_scenario")(**given)
+
+
+@cli.command(context_settings=_HELP)
+@click.argument("source", metavar="SCENARIO|ROBOT", required=False, shell_complete=_scenarios)
+@click.option("--replay", "replayed", type=click.Path(path_type=Path), help="Repeat a drive from its commands.json.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for results; runs/SCENARIO-drive by default.")
+@_options
+@click.option(
+    "--frame", "frames", metavar="FRAME", multiple=True, help="Frame that can have a goal; guessed by default."
+)
+@click.option("--duration", type=click.FloatRange(min=0, min_open=True), help="End after this time [s].")
+@_accept
+@click.option("--browser/--no-browser", default=True, help="Open the browser, or print the address only.")
+@_json
+@_force
+@_debug
+def drive(**given: Given) -> int:
+    """Drive a robot in real time from the browser, within its limits: a SCENARIO or a ROBOT's file or name.
+
+    Arrow keys or W A S D drive the base, a click on the ground sets a goal, and sliders move joints. Space stops.
+    """
+    announce(f"{given['source'] or given['replayed'] or ''}: preparing the drive".removeprefix(": "), quiet=True)
+    return _command("drive_robot")(**given)
+
+
+@cli.command(context_settings=_HELP)
+@click.argument("system", shell_complete=_scenarios)
+@_options
+@click.option("--samples", type=click.IntRange(min=1), default=64, help="Sampled configurations.")
+@click.option("--seed", type=int, default=0, help="Random seed of the sampled configurations.")
+@click.option("--details", is_flag=True, help="Add the numbers of the paper: blocks of A*, condition of E, Lemma 1.")
+@click.option(
+    "--run",
+    type=click.Path(path_type=Path, exists=True),
+    help="Run of the scenario: effects of its controller's limits along this run, instead of at the start.",
+)
+@_json
+@_debug
+def inspect(**given: Given) -> None:
+    """Analyze a SYSTEM: motions, constraint rows, actuation, redundancy and singularities."""
+    find_scenario(given["system"])
+    announce(f"{given['system']}: analyzing the system", quiet=True)
+    _command("inspect_system")(**given)
+
+
+@cli.command(context_settings=_HELP)
+@click.argument("robot", shell_complete=_files)
+@click.option("--out", type=click.Path(path_type=Path), help="File to write; ROBOT.yaml in this folder by default.")
+@click.option("--base", type=click.Choice(["fixed", "planar", "free"]), help="Base type; guessed by default.")
+@click.option("--arg", "arguments", metavar="A=B", multiple=True, help="Argument of a xacro file.")
+@click.option(
+    "--package-dir",
+    "package_dirs",
+    metavar="FOLDER",
+    multiple=True,
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    help="Further folder for files of the robot: a package, a folder of packages, or any other.",
+)
+@click.option("--lock", metavar="JOINT[=VALUE]", multiple=True, help="Lock a joint at zero or at a value [rad or m].")
+@click.option("--driven", metavar="JOINT", multiple=True, help="A joint with a motor.")
+@click.option("--passive", metavar="JOINT", multiple=True, help="A joint without a motor.")
+@click.option("--momentum", metavar="JOINT", multiple=True, help="A joint whose momentum is conserved.")
+@click.option("--balance/--no-balance", default=None, help="Whether a base on two wheels balances.")
+@click.option("--rollers/--no-rollers", default=None, help="Whether the wheels have rollers, such as Mecanum wheels.")
+@click.option("--force", is_flag=True, help="Replace an existing file.")
+@_debug
+def init(**given: Given) -> None:
+    """Draft a scenario for a ROBOT: a URDF, xacro or MJCF file, or the name of an example."""
+    announce(f"{given['robot']}: reading the robot and testing a scenario for it", quiet=True)
+    _command("draft_scenario")(**given)
+
+
+@cli.command(context_settings=_HELP)
+def schema() -> None:
+    """Print the JSON Schema of scenario files, for editors."""
+    _command("print_schema")()
+
+
+@cli.command(context_settings=_HELP)
+@click.argument("sources", metavar="SOURCE...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@_showing
+@click.option("--html", type=click.Path(path_type=Path), help="Write one HTML file that plays offline.")
+@click.option("--frames", type=click.Path(path_type=Path), help="Write one PNG per frame into this folder.")
+@click.option("--video", type=click.Path(path_type=Path), help="Write an .mp4 or .gif; needs ffmpeg.")
+@click.option("--rate", type=click.FloatRange(1, 60), default=25.0, help="Frames per second of frames and videos.")
+@click.option("--plot", type=click.Path(path_type=Path), help="Write plots: .png, .pdf or .svg.")
+@click.option("--aside", is_flag=True, help="Show the runs side by side, not overlaid.")
+@_accept
+@_force
+@_debug
+def replay(**given: Given) -> int:
+    """Replay runs: folders of ``run``, or their trajectory.npz. Further runs are compared with the first."""
+    announce(f"{', '.join(map(str, given['sources']))}: reading", quiet=True)
+    return _command("replay_runs")(**given)
+
+
+@cli.command(context_settings=_HELP)
+@_scenario
+@click.option("--runs", type=click.IntRange(min=1), required=True, help="Number of runs.")
+@click.option("--jobs", type=int, default=1, help="Local processes; -1 for all cores.")
+@click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler to run on.")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for results.")
+@click.option("--trajectories", is_flag=True, help="Write the trajectory of each run too.")
+@_options
+@_plant
+@_accept
+@_json
+@_force
+@_debug
+def sweep(**given: Given) -> int:
+    """Run a SCENARIO many times with values drawn from the distributions in its 'sweep'.
+
+    A task that fails preflight is drawn again; '--set preflight=warn' runs it anyway. If the command is killed, the
+    same command continues.
+    """
+    find_scenario(given["scenario"])
+    announce(f"{given['scenario']}: reading the scenario", given["as_json"])
+    return _command("sweep_scenario")(**given)

@@ -1,0 +1,244 @@
+"""Commands of a user to a driven run. They come from a web page, so each number and name is checked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, fields
+from typing import Any, TypeAlias, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from rnc_pin.applications.drive.controls import FAR, DriveControls
+from rnc_pin.errors import InputError, nearest
+from rnc_pin.io import Json
+
+_Point: TypeAlias = tuple[float, float, float]
+_Quaternion: TypeAlias = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class FrameGoal:
+    """Goal of a frame: position [m] and, if given, orientation as a quaternion (x, y, z, w), in the world."""
+
+    frame: str
+    position: _Point
+    orientation: _Quaternion | None = None
+
+
+@dataclass(frozen=True)
+class ReleaseFrame:
+    """End of the goal of a frame."""
+
+    frame: str
+
+
+@dataclass(frozen=True)
+class JointGoal:
+    """Posture of a joint [rad or m]."""
+
+    joint: str
+    position: float
+
+
+@dataclass(frozen=True)
+class BaseVelocity:
+    """Velocity of the base as shares of its speeds, -1 to 1. It ends after 0.5 s without another one."""
+
+    forward: float
+    turn: float
+    left: float = 0.0
+
+
+@dataclass(frozen=True)
+class BaseGoal:
+    """Point on the ground to which the base drives [m]."""
+
+    x: float
+    y: float
+
+
+@dataclass(frozen=True)
+class HoldBase:
+    """True if the base does not move for the goals of frames."""
+
+    on: bool
+
+
+@dataclass(frozen=True)
+class ObstacleGoal:
+    """Point to which an obstacle moves [m]."""
+
+    obstacle: str
+    position: _Point
+
+
+@dataclass(frozen=True)
+class GainSetting:
+    """Value of a gain or a speed."""
+
+    gain: str
+    value: float
+
+
+@dataclass(frozen=True)
+class StopMotion:
+    """End of all goals: the robot holds the configuration that it has."""
+
+
+@dataclass(frozen=True)
+class EndRun:
+    """End of the run."""
+
+
+DriveCommand: TypeAlias = (
+    FrameGoal
+    | ReleaseFrame
+    | JointGoal
+    | BaseVelocity
+    | BaseGoal
+    | HoldBase
+    | ObstacleGoal
+    | GainSetting
+    | StopMotion
+    | EndRun
+)
+
+KINDS: dict[str, type[DriveCommand]] = {
+    "frame_goal": FrameGoal,
+    "release_frame": ReleaseFrame,
+    "joint_goal": JointGoal,
+    "base_velocity": BaseVelocity,
+    "base_goal": BaseGoal,
+    "hold_base": HoldBase,
+    "obstacle_goal": ObstacleGoal,
+    "gain": GainSetting,
+    "stop": StopMotion,
+    "end": EndRun,
+}
+"""Name of each kind of command in messages and files, with its class."""
+_NAMES = {kind: name for name, kind in KINDS.items()}
+_MOST_NAME = 200  # characters
+
+
+def parse_command(message: object, controls: DriveControls) -> DriveCommand:
+    """Return the command of a message, such as ``{"kind": "base_goal", "x": 1.0, "y": 0.0}``.
+
+    Raises:
+        InputError: unknown kind, name or key; or a number that is missing, not finite or out of its range.
+    """
+    if not isinstance(message, Mapping):
+        raise InputError(f"a command has to be a mapping, found {type(message).__name__}")
+    kind = message.get("kind")
+    if not isinstance(kind, str) or kind not in KINDS:
+        raise InputError(f"no command {str(kind)[:_MOST_NAME]!r}{nearest(str(kind)[:_MOST_NAME], KINDS)}")
+    cls, types = KINDS[kind], get_type_hints(KINDS[kind])
+    unknown = [key for key in message if key != "kind" and key not in types]
+    if unknown:
+        raise InputError(f"{kind}: no entry {str(unknown[0])[:_MOST_NAME]!r}{nearest(str(unknown[0]), types)}")
+    given: dict[str, Any] = {}
+    for each in fields(cls):
+        if each.name in message:
+            given[each.name] = _value(f"{kind}.{each.name}", types[each.name], message[each.name])
+        elif each.default is MISSING:
+            raise InputError(f"{kind}: '{each.name}' is missing")
+    command = cls(**given)
+    check_command(command, controls)
+    return command
+
+
+def command_entry(command: DriveCommand) -> dict[str, Json]:
+    """Return a command as a mapping that ``parse_command`` reads."""
+    values = {each.name: getattr(command, each.name) for each in fields(command)}
+    entries: dict[str, Json] = {
+        name: list(value) if isinstance(value, tuple) else value for name, value in values.items() if value is not None
+    }
+    return {"kind": _NAMES[type(command)], **entries}
+
+
+def command_target(command: DriveCommand) -> tuple[str, str]:
+    """Kind and name of what a command sets: a later command with the same target replaces it."""
+    named = [value for each in fields(command) if isinstance(value := getattr(command, each.name), str)]
+    return _NAMES[type(command)], named[0] if named else ""
+
+
+def _value(where: str, kind: object, value: object) -> object:
+    """Return a value of a message in the type of its field."""
+    if kind is str:
+        if not isinstance(value, str):
+            raise InputError(f"{where}: expected a name, found {type(value).__name__}")
+        return value[: _MOST_NAME + 1]
+    if kind is bool:
+        if not isinstance(value, bool):
+            raise InputError(f"{where}: expected true or false, found {type(value).__name__}")
+        return value
+    if kind is float:
+        return _number(where, value)
+    options = [each for each in get_args(kind) if get_origin(each) is tuple]
+    if options and value is None:
+        return None
+    size = len(get_args(options[0] if options else kind))
+    if not isinstance(value, list | tuple) or len(value) != size:
+        raise InputError(f"{where}: expected {size} numbers")
+    return tuple(_number(where, each) for each in value)
+
+
+def _number(where: str, value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(f"{where}: expected a number, found {type(value).__name__}")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = np.inf
+    if not np.isfinite(number):
+        raise InputError(f"{where}: expected a finite number")
+    return number
+
+
+def check_command(command: DriveCommand, controls: DriveControls) -> None:
+    """Check names and ranges of a command.
+
+    Raises:
+        InputError: the robot has no such frame, joint, base, obstacle or gain; or a number is out of its range.
+    """
+    match command:
+        case FrameGoal(frame, position, orientation):
+            _known("frame", frame, controls.frames)
+            _within_reach("position", position)
+            if orientation is not None and not 0.5 < float(np.linalg.norm(orientation)) < 2.0:
+                raise InputError("orientation: expected a unit quaternion (x, y, z, w)")
+        case ReleaseFrame(frame):
+            _known("frame", frame, controls.frames)
+        case JointGoal(joint, position):
+            _known("joint", joint, controls.joints)
+            controls.joints[joint].check(f"joint '{joint}'", position)
+        case GainSetting(gain, value):
+            _known("gain", gain, controls.gains)
+            controls.gains[gain].check(f"'{gain}'", value)
+        case ObstacleGoal(obstacle, position):
+            _known("obstacle", obstacle, controls.obstacles)
+            _within_reach("position", position)
+        case BaseVelocity(forward, turn, left):
+            _needs_base(controls)
+            for name, share in (("forward", forward), ("turn", turn), ("left", left)):
+                if not -1.0 <= share <= 1.0:
+                    raise InputError(f"{name}: expected a share of -1 to 1, found {share:g}")
+        case BaseGoal(x, y):
+            _needs_base(controls)
+            _within_reach("goal", (x, y))
+        case HoldBase():
+            _needs_base(controls)
+
+
+def _known(what: str, name: str, valid: Mapping[str, object]) -> None:
+    if name not in valid:
+        raise InputError(f"no {what} '{name}' to drive{nearest(name, valid)}")
+
+
+def _needs_base(controls: DriveControls) -> None:
+    if controls.base is None:
+        raise InputError("the robot has no base to drive")
+
+
+def _within_reach(what: str, values: tuple[float, ...]) -> None:
+    if max(map(abs, values)) > FAR:
+        raise InputError(f"{what}: expected numbers within {FAR:g} m of the origin")

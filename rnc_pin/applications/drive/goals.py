@@ -1,0 +1,123 @@
+"""Goals of a driven run: explicit state of its controller, changed by commands only."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from rnc_pin.applications.drive import commands as dc
+from rnc_pin.applications.drive.controls import DriveControls
+
+LASTING = 0.5
+"""Time for which a velocity command of the base counts [s]: a page that is closed stops the robot."""
+
+Point = tuple[float, float, float]
+_T = TypeVar("_T")
+
+
+class PlacedGoal(NamedTuple):
+    """Goal of a frame in the world: position [m], and orientation as a quaternion (x, y, z, w) or None."""
+
+    position: Point
+    orientation: tuple[float, float, float, float] | None
+
+
+class ObstacleLeg(NamedTuple):
+    """Straight motion of an obstacle at constant speed until it reaches its goal."""
+
+    begin: float
+    start: Point
+    goal: Point
+    speed: float
+
+    def at(self, t: float) -> tuple[np.ndarray, np.ndarray]:
+        """Position and velocity (3,) at a time [s] after the begin."""
+        start, way = np.array(self.start), np.subtract(self.goal, self.start)
+        length = float(np.linalg.norm(way))
+        travelled = self.speed * max(t - self.begin, 0.0)
+        if travelled >= length:
+            return np.array(self.goal), np.zeros(3)
+        unit = way / length
+        return start + travelled * unit, self.speed * unit
+
+
+class DriveGoals(NamedTuple):
+    """Goals at one sample. Entries follow the order of the controls."""
+
+    frames: tuple[PlacedGoal | None, ...]
+    posture: tuple[float, ...]
+    """[rad or m]"""
+    gains: tuple[float, ...]
+    obstacles: tuple[tuple[ObstacleLeg, ...], ...]
+    """Legs of each obstacle since the start of the run."""
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Shares of the base's speeds: forward, left, turn."""
+    velocity_end: float = -1.0
+    """Time at which the velocity command ends [s]."""
+    base_goal: tuple[float, float] | None = None
+    hold_base: bool = False
+
+    def velocity_at(self, t: float) -> tuple[float, float, float] | None:
+        """Velocity command of the base at a time [s]; None if it has ended."""
+        return self.velocity if t < self.velocity_end else None
+
+
+def initial_goals(controls: DriveControls) -> DriveGoals:
+    """Goals before the first command: the initial posture, and obstacles at rest."""
+    return DriveGoals(
+        (None,) * len(controls.frames),
+        tuple(each.start for each in controls.joints.values()),
+        tuple(each.start for each in controls.gains.values()),
+        tuple((ObstacleLeg(0.0, place, place, 1.0),) for place in controls.obstacles.values()),
+    )
+
+
+def with_command(
+    goals: DriveGoals, command: dc.DriveCommand, t: float, controls: DriveControls, posture: Sequence[float]
+) -> DriveGoals:
+    """Return the goals after a command.
+
+    Args:
+        goals: goals before it.
+        command: a checked command.
+        t: time of its sample [s].
+        controls: controls of the run.
+        posture: present positions of the joints of the posture.
+    """
+    match command:
+        case dc.FrameGoal(frame, position, orientation):
+            return goals._replace(frames=_set(goals.frames, controls.frames, frame, PlacedGoal(position, orientation)))
+        case dc.ReleaseFrame(frame):
+            return goals._replace(frames=_set(goals.frames, controls.frames, frame, None))
+        case dc.JointGoal(joint, position):
+            return goals._replace(posture=_set(goals.posture, controls.joints, joint, position))
+        case dc.GainSetting(gain, value):
+            return goals._replace(gains=_set(goals.gains, controls.gains, gain, value))
+        case dc.BaseVelocity(forward, turn, left):
+            end = t + LASTING if (forward, left, turn) != (0.0, 0.0, 0.0) else t
+            return goals._replace(velocity=(forward, left, turn), velocity_end=end, base_goal=None)
+        case dc.BaseGoal(x, y):
+            return goals._replace(base_goal=(x, y), velocity_end=t)
+        case dc.HoldBase(on):
+            return goals._replace(hold_base=on)
+        case dc.ObstacleGoal(obstacle, position):
+            place = list(controls.obstacles).index(obstacle)
+            here = goals.obstacles[place][-1].at(t)[0].tolist()
+            speed = goals.gains[list(controls.gains).index("obstacle speed")]
+            leg = ObstacleLeg(t, (here[0], here[1], here[2]), position, speed)
+            return goals._replace(
+                obstacles=_set(goals.obstacles, controls.obstacles, obstacle, (*goals.obstacles[place], leg))
+            )
+        case dc.StopMotion():
+            return goals._replace(
+                frames=(None,) * len(goals.frames), posture=tuple(posture), velocity_end=t, base_goal=None
+            )
+        case dc.EndRun():
+            return goals
+
+
+def _set(values: tuple[_T, ...], names: Iterable[str], name: str, value: _T) -> tuple[_T, ...]:
+    place = list(names).index(name)
+    return (*values[:place], value, *values[place + 1 :])

@@ -1,0 +1,284 @@
+"""Preparation of a driven run: a scenario or a bare robot gets a velocity program."""
+
+from __future__ import annotations
+
+import copy
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rnc_pin.applications.drive.base import base_frame
+from rnc_pin.applications.drive.controller import DriveController
+from rnc_pin.applications.drive.controls import DriveControls, find_controls
+from rnc_pin.applications.drive.log import CommandLog
+from rnc_pin.applications.drive.moved_obstacles import movable
+from rnc_pin.applications.init import draft
+from rnc_pin.applications.init.output_selection import select_outputs
+from rnc_pin.applications.scenario.builder import Experiment, build_experiment, build_system
+from rnc_pin.applications.scenario.files import (
+    ROBOT_FILES,
+    apply_options,
+    built_in_names,
+    find_scenario,
+    is_built_in,
+    read_yaml,
+    robot_names,
+)
+from rnc_pin.applications.scenario.loading import validate
+from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.applications.scenario.schema import ScenarioFile
+from rnc_pin.control import ActuatorVelocityController, ComputedTorque, VelocityQP, VelocityTracker, describe
+from rnc_pin.control.whole_body.limits import CollisionAvoidance, ControlLimit
+from rnc_pin.errors import ConfigurationError, few
+from rnc_pin.io import Json, load_yaml
+from rnc_pin.model import NonholonomicSystem, ReducedModel
+from rnc_pin.robots import Robot
+
+PERIOD = 0.01
+"""Sampling period of a driven run [s], if no option gives another one."""
+_MOST_FRAMES = 4
+_ACCELERATION = 4.0  # [rad/s^2 or m/s^2]; a new goal starts without a jerk
+_CONTROLLER: dict[str, Json] = {
+    "type": "qp",
+    "tracker": "computed_torque",
+    "tasks": [{"damping": {}}],
+    "limits": {"acceleration": {"limit": _ACCELERATION}},
+}
+_REPLACED = (
+    "task",
+    "planner",
+    "reference",
+    "comparisons",
+    "sweep",
+    "plots",
+    "variants",
+    "variant",
+    "presets",
+    "grip",
+    "preflight",
+)
+_ALWAYS_REGULAR = ("frame_speed", "frame_yaw", "joint", "frame_angular_velocity")
+_MOVED = 1e-6  # smallest singular value of R^T B, in rows of unit length, at which actuators move everything
+
+
+@dataclass(frozen=True)
+class PreparedDrive:
+    """Driven run that is ready to start.
+
+    Attributes:
+        scenario: the run, as for ``rnc-pin run``.
+        controls: what a user may set.
+        log: commands of the run.
+        controller: kinematic controller of the run.
+        frames: frames that can have a goal.
+    """
+
+    scenario: Scenario
+    controls: DriveControls
+    log: CommandLog
+    controller: DriveController
+    frames: tuple[str, ...]
+
+
+def read_source(source: str, options: Mapping[str, Json]) -> tuple[str, dict[str, Json], Path, bool]:
+    """Return name, mapping, folder and origin (True: built in) of a scenario, or of a draft for a robot.
+
+    Raises:
+        RncError: neither a scenario nor a robot, or no draft of the robot runs.
+    """
+    is_file = os.path.isfile(source)
+    is_robot = source.lower().endswith(ROBOT_FILES) if is_file else source in robot_names()
+    if is_robot and source not in built_in_names():
+        raw = load_yaml(draft(source, Path()))
+        if not isinstance(raw, dict):
+            raise ConfigurationError(f"{source}: its draft is not a mapping")
+        return Path(source).name.split(".")[0], apply_options(raw, options), Path().resolve(), False
+    path = find_scenario(source).resolve()
+    return path.stem, apply_options(read_yaml(path), options), path.parent, is_built_in(path)
+
+
+def prepare_drive(
+    name: str,
+    raw: Mapping[str, Json],
+    folder: Path,
+    built_in: bool,
+    options: Mapping[str, Json],
+    frames: Sequence[str] = (),
+) -> PreparedDrive:
+    """Build a driven run from the mapping of a scenario.
+
+    Args:
+        name: name of the scenario.
+        raw: mapping of the scenario, with its options.
+        folder: base of relative paths.
+        built_in: True for a scenario of the package.
+        options: dotted keys and values that the user gave.
+        frames: frames that can have a goal; by default those of the scenario and the ends of the robot's chains.
+
+    Raises:
+        ConfigurationError: a velocity program cannot drive the robot.
+        RncError: the scenario is invalid.
+    """
+    scenario = validate(raw, name)
+    if scenario.phases:
+        raise ConfigurationError(f"{name}: phases: a driven run has none; remove them")
+    if scenario.contacts:
+        raise ConfigurationError(f"{name}: contacts: a driven run has none that open and close; use 'constraints'")
+    system = build_system(scenario, folder)
+    chosen = tuple(frames) or _default_frames(scenario, system.robot)
+    for frame in chosen:
+        system.robot.frame_id(frame)
+    config = _driven_config(raw, scenario, system, chosen, options)
+    scenario = validate(config, name)
+    experiment = build_experiment(scenario, folder)
+    _check_drivable(name, experiment)
+    made = Scenario(name, config, folder, built_in).built_with(content=scenario, experiment=experiment, comparisons={})
+    return _driven(made, chosen)
+
+
+def rebuild_drive(name: str, config: Mapping[str, Json], folder: Path, frames: Sequence[str]) -> PreparedDrive:
+    """Build a driven run from the configuration of a record.
+
+    Raises:
+        RncError: the configuration is invalid.
+    """
+    scenario = validate(config, name)
+    experiment = build_experiment(scenario, folder)
+    _check_drivable(name, experiment)
+    made = Scenario(name, dict(config), folder, name in built_in_names())
+    return _driven(made.built_with(content=scenario, experiment=experiment, comparisons={}), tuple(frames))
+
+
+def _driven(scenario: Scenario, frames: tuple[str, ...]) -> PreparedDrive:
+    experiment = scenario.experiment
+    reduced, settings = experiment.reduced, experiment.simulation
+    obstacles, motions = movable(experiment.obstacles)
+    joints = [name for name in reduced.reducing.names if name in reduced.robot.joint_names]
+    controls, log = find_controls(reduced, experiment.q0, frames, joints, obstacles), CommandLog()
+    tracker: Any = experiment.controller
+    program: VelocityQP = tracker.target
+    limits = _with_obstacles(program.limits, reduced, experiment, obstacles)
+    controller = DriveController(reduced, controls, log, limits, motions, settings.dt)
+    tracker = copy.copy(tracker)
+    tracker.target = controller
+    driven = replace(
+        experiment,
+        controller=tracker,
+        obstacles=obstacles,
+        provenance=replace(experiment.provenance, controller=describe(tracker)),
+    )
+    made = scenario.built_with(experiment=driven)
+    return PreparedDrive(made, controls, log, controller, frames)
+
+
+def _with_obstacles(
+    limits: Sequence[ControlLimit], reduced: ReducedModel, experiment: Experiment, obstacles: Sequence[Any]
+) -> list[ControlLimit]:
+    """Return the limits of the scenario, with distances to the obstacles that move."""
+    geometry = reduced.robot.collision_model
+    kept = [each for each in limits if not isinstance(each, CollisionAvoidance)]
+    given = next((each for each in limits if isinstance(each, CollisionAvoidance)), None)
+    if geometry is None or not len(geometry.geometryObjects) or (given is None and not obstacles):
+        return list(limits)
+    avoidance = given or CollisionAvoidance(q0=experiment.q0)
+    return [*kept, replace(avoidance, obstacles=tuple(obstacles))]
+
+
+# ------------------------------------------------------------------ the configuration
+
+
+def _driven_config(
+    raw: Mapping[str, Json],
+    scenario: ScenarioFile,
+    system: NonholonomicSystem,
+    frames: Sequence[str],
+    options: Mapping[str, Json],
+) -> dict[str, Json]:
+    """Return the scenario with outputs that are never dependent, and with a velocity program."""
+    config = {key: value for key, value in raw.items() if key not in _REPLACED}
+    q0 = system.robot.configuration(scenario.initial.q)
+    if system.assembly.size:
+        q0 = system.assembled(q0, list(scenario.initial.q))
+    chosen = select_outputs(_output_candidates(raw, scenario, system.robot), system, q0)
+    config["outputs"] = {
+        "reducing": [dict(entry) for entry in chosen.entries],
+        "vertical": [{"frame_position": {"frame": frame}} for frame in frames],
+    }
+    given = raw.get("controller")
+    config["controller"] = given if isinstance(given, Mapping) and given.get("type") == "qp" else _CONTROLLER
+    simulation = raw.get("simulation")
+    settings = dict(simulation) if isinstance(simulation, Mapping) else {"duration": 10.0}
+    if not any(key == "simulation" or key.startswith("simulation.dt") for key in options):
+        settings["dt"] = PERIOD
+    config["simulation"] = {**settings, "position_limits": False}
+    config["initial"] = {key: value for key, value in _mapping(raw.get("initial")).items() if key != "v2"}
+    view = _mapping(raw.get("view"))
+    base = base_frame(system.robot, [])
+    config["view"] = {**view, "trail": view.get("trail") or [*frames[:2], *([base] if base else [])]}
+    return config
+
+
+def _mapping(value: object) -> dict[str, Json]:
+    return dict(value) if isinstance(value, Mapping) else {}
+
+
+def _output_candidates(
+    raw: Mapping[str, Json], scenario: ScenarioFile, robot: Robot
+) -> Iterator[tuple[Mapping[str, Json], float]]:
+    """Yield output entries by preference: speeds and joints of the scenario, the base, joints, then all others."""
+    given = _mapping(raw.get("outputs")).get("reducing")
+    entries = [each for each in given if isinstance(each, Mapping)] if isinstance(given, list) else []
+    told = [entry for entry in entries if next(iter(entry)) in _ALWAYS_REGULAR]
+    base = base_frame(robot, [])
+    if base is not None:
+        told += [{"frame_speed": {"frame": base}}, {"frame_yaw": base}, {"frame_speed": {"frame": base, "axis": "y"}}]
+    actuated = [each for each in scenario.actuators if isinstance(each, str)]
+    rest = [name for name in robot.joint_names if name != "root_joint" and name not in actuated]
+    told += [{"joint": name} for name in (*actuated, *rest) if name in robot.joint_names]
+    seen: list[Mapping[str, Json]] = []
+    for entry in (*told, *entries):
+        if entry not in seen:
+            seen.append(entry)
+            yield entry, 0.0
+
+
+def _default_frames(scenario: ScenarioFile, robot: Robot) -> tuple[str, ...]:
+    """Frames of the scenario's position outputs and trails, then the ends of chains; none that a base carries."""
+    outputs = scenario.listed_outputs
+    named = [str(getattr(each, "frame", "")) for each in outputs if type(each).__name__ == "FramePosition"]
+    parents = {int(parent) for parent in robot.model.parents[1:]}
+    bodies = {int(each.parentJoint): str(each.name) for each in robot.model.frames if each.type.name == "BODY"}
+    ends = [bodies[joint] for joint in sorted(bodies) if joint and joint not in parents]
+    root = robot.joint_id("root_joint") if "root_joint" in robot.joint_names else 0
+    found: list[str] = []
+    for name in (*named, *scenario.view.trail, *([] if named else ends)):
+        if robot.model.existFrame(name) and robot.model.frames[robot.frame_id(name)].parentJoint not in (0, root):
+            found.append(name)
+    return tuple(dict.fromkeys(found))[:_MOST_FRAMES]
+
+
+def _check_drivable(name: str, experiment: Experiment) -> None:
+    """Refuse a robot whose motions the actuators cannot produce, or whose tracker learns a model.
+
+    Raises:
+        ConfigurationError: with the reason.
+    """
+    reduced = experiment.reduced
+    matrix = reduced.at(experiment.q0).input_matrix
+    units = matrix / np.maximum(np.linalg.norm(matrix, axis=1, keepdims=True), 1e-300)
+    rank = int(np.linalg.matrix_rank(units, _MOVED)) if matrix.size else 0
+    if rank < reduced.r:
+        idle = [
+            each for each, row in zip(reduced.reducing.names, matrix, strict=True) if not np.abs(row).max(initial=0) > 0
+        ]
+        which = f" (none moves {few(idle)})" if idle else ""
+        raise ConfigurationError(
+            f"{name}: cannot be driven by velocities: {reduced.r} independent velocities, but its actuators move only "
+            f"{rank} of them{which}; 'rnc-pin run' takes a controller for such a robot"
+        )
+    if not isinstance(experiment.controller, ComputedTorque | VelocityTracker | ActuatorVelocityController):
+        raise ConfigurationError(f"{name}: controller.unknown is not available in a driven run; remove it")

@@ -1,0 +1,149 @@
+"""Loop of a driven run: commands, a sample, a step of the plant, and the wait for the clock."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from itertools import count
+from typing import Protocol
+
+import numpy as np
+
+from rnc_pin.applications.drive.controller import drive_state_of
+from rnc_pin.applications.drive.log import CommandQueue, RecordedDrive, ends, log_entries
+from rnc_pin.applications.drive.preparation import PreparedDrive
+from rnc_pin.applications.drive.real_time import RealTimeClock
+from rnc_pin.applications.drive.status import DriveStatus, ProgressMonitor
+from rnc_pin.applications.scenario.execution import Result
+from rnc_pin.applications.scenario.run_verdict import judged_summary
+from rnc_pin.errors import RncError
+from rnc_pin.simulation import Sample, Trajectory
+from rnc_pin.simulation.ending import Progress, complete_run
+from rnc_pin.simulation.sampled_run import SampledRun
+
+_CAPACITY = 4096  # samples; the record grows
+_STATUS = 0.1  # period of the status [s]
+
+
+class DriveWatcher(Protocol):
+    """Page of a driven run."""
+
+    def show(self, sample: Sample, status: DriveStatus | None) -> None: ...
+
+
+def drive(
+    prepared: PreparedDrive,
+    queue: CommandQueue | None = None,
+    samples: int | None = None,
+    clock: RealTimeClock | None = None,
+    watcher: DriveWatcher | None = None,
+) -> Result:
+    """Run until a command, Ctrl-C or a number of samples ends it.
+
+    Args:
+        prepared: the run; its log is extended by the commands of the queue.
+        queue: commands of a user; None to replay the log.
+        samples: number of samples; None for no end.
+        clock: clock to follow; None does not wait.
+        watcher: page that shows each sample, and a status ten times per second.
+
+    Returns:
+        The result; a run that failed keeps what it reached, with ``error`` set.
+    """
+    started = time.perf_counter()
+    with np.errstate(over="ignore", invalid="ignore"):  # values of diverged runs overflow
+        trajectory, error = _driven(prepared, queue, samples, clock, watcher)
+        wall_time = time.perf_counter() - started
+        summary, limits = judged_summary(prepared.scenario.experiment, trajectory, wall_time=wall_time, goals=False)
+    return Result(trajectory, summary, error, {}, limits)
+
+
+def _driven(
+    prepared: PreparedDrive,
+    queue: CommandQueue | None,
+    samples: int | None,
+    clock: RealTimeClock | None,
+    watcher: DriveWatcher | None,
+) -> tuple[Trajectory, RncError | None]:
+    experiment, settings = prepared.scenario.experiment, prepared.scenario.experiment.simulation
+    run = SampledRun(
+        experiment.reduced,
+        experiment.controller,
+        experiment.q0,
+        settings.dt,
+        _CAPACITY if samples is None else min(samples, _CAPACITY),
+        plant=experiment.plant,
+        options=prepared.scenario.options(experiment),
+    )
+    observe = _observer(prepared, run, queue, clock, watcher)
+
+    def advance(progress: Progress) -> str | None:
+        for sample in count():
+            if clock is not None:
+                clock.wait(run.time)
+            commands = [] if queue is None else queue.take()
+            prepared.log.add(sample, commands)
+            found = run.sample(progress)
+            if observe is not None:
+                observe(found)
+            if ends(commands) or sample + 1 == samples:
+                break
+            run.advance()
+        return run.failure
+
+    try:
+        return complete_run(advance, run.finish), None
+    except RncError as error:
+        if not isinstance(error.trajectory, Trajectory):
+            raise
+        return error.trajectory, error
+
+
+def _observer(
+    prepared: PreparedDrive,
+    run: SampledRun,
+    queue: CommandQueue | None,
+    clock: RealTimeClock | None,
+    watcher: DriveWatcher | None,
+) -> Callable[[Sample], None] | None:
+    """Function that passes a sample to the page, with a status if it is due."""
+    if watcher is None:
+        return None
+    controls, reduced = prepared.controls, prepared.scenario.experiment.reduced
+    monitor, due = ProgressMonitor(controls), [0.0]
+    names = [*controls.frames, *(() if controls.base is None else (controls.base.frame,))]
+
+    def observe(sample: Sample) -> None:
+        status = None
+        if sample.time >= due[0]:
+            due[0] = sample.time + _STATUS
+            state = drive_state_of(run.loop.state.controller)
+            position = reduced.at(sample.measurement.q).position
+            points = {name: np.array(position.placement(reduced.robot.frame_id(name)).translation) for name in names}
+            status = DriveStatus(
+                sample.time,
+                1.0 if clock is None else clock.factor,
+                state.goals,
+                prepared.controller.report(state),
+                monitor.update(sample.time, state.goals, points),
+                "" if queue is None else queue.refused,
+            )
+        watcher.show(sample, status)
+
+    return observe
+
+
+def record_of(prepared: PreparedDrive, result: Result) -> RecordedDrive:
+    """Return the record of a driven run, from which it can be repeated."""
+    from rnc_pin._kernel import kernel
+
+    scenario = prepared.scenario
+    return RecordedDrive(
+        scenario.name,
+        scenario.raw,
+        None if scenario.built_in else str(scenario.folder),
+        list(prepared.frames),
+        max(2, len(result.trajectory.time)),
+        {**result.trajectory.info.versions, "kernel": kernel},
+        log_entries(prepared.log, scenario.experiment.simulation.dt),
+    )

@@ -1,0 +1,186 @@
+"""Draft of a scenario: base, wheels, actuators, outputs, a slow reference and a controller."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from rnc_pin.applications.init.balancing_base import (
+    balance_decision,
+    balancing_base,
+    bicycle_base,
+    is_bicycle,
+    refuse_one_track,
+)
+from rnc_pin.applications.init.base_assumptions import BaseAssumptions
+from rnc_pin.applications.init.base_without_wheels import (
+    fixed_base_with_locked_joints,
+    moves_over_ground,
+    without_wheels,
+)
+from rnc_pin.applications.init.decision import DraftDecision
+from rnc_pin.applications.init.drawn_axles import find_drawn_axles
+from rnc_pin.applications.init.omnidirectional_base import (
+    force_driven_base,
+    omnidirectional_base,
+    rollers_decision,
+)
+from rnc_pin.applications.init.robot_at_start import RobotAtStart
+from rnc_pin.applications.init.scenario_candidate import ScenarioCandidate
+from rnc_pin.applications.init.snake_base import find_snake, snake_base
+from rnc_pin.applications.init.source import DraftOptions, Source
+from rnc_pin.applications.init.spherical_base import find_shell, spherical_base
+from rnc_pin.applications.init.start_values import start_values
+from rnc_pin.applications.init.steered_drives import is_swerve, is_turret, swerve_base, turret_base
+from rnc_pin.applications.init.trial import Trial
+from rnc_pin.applications.init.wheel_detection import find_wheels
+from rnc_pin.applications.init.wheel_layout import WheelLayout, classify_wheels
+from rnc_pin.applications.init.wheeled_base import knife_edge_base, wheeled_base
+from rnc_pin.errors import ConfigurationError, ModelError, ModelWarning, RncError
+from rnc_pin.verdict import Severity
+
+_BaseBuilder = Callable[[], BaseAssumptions]
+
+
+@dataclass(frozen=True)
+class DraftedScenario:
+    """Draft of a scenario.
+
+    Attributes:
+        text: text of the scenario file.
+        decisions: decisions behind it, with evidence and alternatives.
+    """
+
+    text: str
+    decisions: tuple[DraftDecision, ...]
+
+    @property
+    def questions(self) -> list[DraftDecision]:
+        """Decisions whose confidence is too low to be taken without asking."""
+        return [each for each in self.decisions if each.is_open]
+
+
+def draft(source: str, folder: Path, wishes: DraftOptions | None = None) -> str:
+    """Return the text of a scenario, tested by a trial run, that ``rnc-pin inspect`` and ``rnc-pin run`` accept.
+
+    Args:
+        source: a URDF, xacro or MJCF file, the name of a URDF shipped with rnc_pin or of a robot of example-robot-data.
+        folder: folder of the scenario: paths in the scenario are relative to it.
+        wishes: user's choices that replace guesses.
+
+    Raises:
+        RncError: the robot does not exist, or no draft of it runs.
+    """
+    return draft_with_decisions(source, folder, wishes).text
+
+
+def draft_with_decisions(source: str, folder: Path, wishes: DraftOptions | None = None) -> DraftedScenario:
+    """Return a scenario as ``draft`` does, with the decisions behind it."""
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        result = _drafted(Source(source, folder, wishes or DraftOptions()), folder)
+    for message in dict.fromkeys(str(each.message) for each in said if issubclass(each.category, ModelWarning)):
+        warnings.warn(message, ModelWarning, stacklevel=3)
+    return result
+
+
+def _drafted(source: Source, folder: Path) -> DraftedScenario:
+    robot, is_rigid = source.load_for_detection()
+    source.remember_packages(robot)
+    start, drives = start_values(robot), source.drive_evidence(robot)
+    at_start = RobotAtStart(robot, start, source.names(), drives, not source.is_mjcf, is_rigid)
+    failures: list[str] = []
+    first: RncError | None = None
+    best: tuple[Trial, DraftedScenario, list[warnings.WarningMessage]] | None = None
+    for way in _candidate_bases(at_start, source):
+        mobility: BaseAssumptions | None = None
+        try:
+            mobility = way()
+            if at_start.loose:
+                mobility.lock.update(at_start.loose)
+                mobility.notes.append(f"locked, because nothing drives them: {', '.join(at_start.loose)}")
+            with warnings.catch_warnings(record=True) as heard:  # those of rejected candidates are not of interest
+                warnings.simplefilter("always")
+                attempt = ScenarioCandidate(mobility, source, at_start, folder)
+                mobility.notes += source.remarks + failures
+                text = attempt.text()
+        except RncError as error:
+            first = first or error
+            if not any(str(error) in each for each in failures):
+                failures.append(
+                    str(error) if mobility is None else f"not '{mobility.kind}', which does not run: {error}"
+                )
+            continue
+        verdict = attempt.trial.verdict
+        if best is None or attempt.trial.rank < best[0].rank:
+            best = attempt.trial, DraftedScenario(text, tuple(mobility.decisions)), heard
+        if verdict.succeeded:
+            break
+        failures.append(f"not '{mobility.kind}': {verdict.first}")
+    if best is not None:
+        trial, result, heard = best
+        for each in heard:
+            warnings.warn_explicit(each.message, each.category, each.filename, each.lineno)
+        doubts = [str(each) for each in trial.findings if each.severity is not Severity.NOTE]
+        if doubts:
+            said = f"'{robot.name or source.name}' is drafted, but {'; '.join(doubts)}"
+            warnings.warn(f"{said}: CHECK actuators and gains", ModelWarning, stacklevel=2)
+        return result
+    if source.options.base and isinstance(first, ModelError):
+        raise first  # the file cannot have the base that the user asked for
+    hint = "lock joints with --lock JOINT, or choose the base with --base"
+    raise ConfigurationError(f"no scenario can be drafted for '{robot.name or source.name}': {failures[0]}; {hint}")
+
+
+def _candidate_bases(at_start: RobotAtStart, source: Source) -> Iterator[_BaseBuilder]:
+    """Candidate bases, the most likely first; only one if the user chose the base."""
+    asked = source.options.base
+    shell = find_shell(at_start) if asked in (None, "free") else None
+    if shell is not None:
+        yield lambda: spherical_base(shell, at_start)
+    if asked in (None, "planar"):
+        wheels = find_wheels(at_start)
+        axles = [] if moves_over_ground(at_start) else find_drawn_axles(at_start)
+        segments = find_snake(wheels, [] if wheels else axles, at_start)
+        if segments:
+            yield lambda: snake_base(segments, at_start)
+        if wheels:
+            yield from _candidate_wheeled_bases(classify_wheels(wheels, at_start.drives), at_start, source)
+            return
+        if axles and not at_start.own_planar_joints:
+            yield lambda: knife_edge_base(axles, at_start)
+    yield lambda: without_wheels(at_start, asked, source.mass_of_base)
+    if asked is None:
+        yield lambda: without_wheels(
+            at_start, "fixed", source.mass_of_base, "taken to be bolted down, for lack of better"
+        )
+        yield lambda: fixed_base_with_locked_joints(at_start)
+
+
+def _candidate_wheeled_bases(found: WheelLayout, at_start: RobotAtStart, source: Source) -> Iterator[_BaseBuilder]:
+    wishes = source.options
+    if wishes.base is None and is_bicycle(found):
+        yield lambda: bicycle_base(found, at_start)
+    elif wishes.base is None and found.is_on_one_track:
+        yield lambda: refuse_one_track(found)
+        return
+    balance = balance_decision(found, at_start, wishes.balance) if wishes.base is None else None
+    rollers = rollers_decision(found, at_start, wishes.rollers)
+    if balance is not None and balance.answer == "yes":
+        yield lambda: balancing_base(found, at_start, balance)
+    elif rollers is not None and rollers.answer == "yes":
+        yield lambda: omnidirectional_base(found, at_start, rollers)
+    if is_turret(found):
+        yield lambda: turret_base(found, at_start)
+    elif is_swerve(found):
+        yield lambda: swerve_base(found, at_start)
+    elif found.fixed and found.is_straight and (rollers is None or rollers.answer == "no"):
+        yield lambda: wheeled_base(found, at_start, [each for each in (balance, rollers) if each is not None])
+    elif found.fixed and not found.steered:  # disks at right angles that do not carry the base
+        yield lambda: without_wheels(at_start, wishes.base, source.mass_of_base)
+    why = "every wheel is steered by itself" if found.steered else "all wheels are casters"
+    if found.fixed:
+        why = "these wheels cannot roll together as they are read"
+    yield lambda: force_driven_base(found, at_start, why)

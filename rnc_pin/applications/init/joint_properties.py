@@ -1,0 +1,52 @@
+"""Properties of single joints: axes, limits, efforts and body frames."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.robots import Robot
+
+
+def sliding_axis(model: pin.Model, data: pin.Data, joint: int) -> np.ndarray:
+    """Linear part (3,) of the Jacobian column, in the world axes, of a joint with one degree of freedom."""
+    return _column(model, data, joint)[:3]
+
+
+def turning_axis(model: pin.Model, data: pin.Data, joint: int) -> np.ndarray:
+    """Rotation axis in the world frame (3,) of a joint with one degree of freedom; zero for a prismatic joint."""
+    return _column(model, data, joint)[3:]
+
+
+def _column(model: pin.Model, data: pin.Data, joint: int) -> np.ndarray:
+    jacobian = pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED)
+    column: np.ndarray = jacobian.reshape(6, model.nv)[:, model.joints[joint].idx_v]  # (6,), also if nv is 1
+    return column
+
+
+def body_frame(robot: Robot, joint: int) -> str:
+    """Name of the body frame at the joint's placement, or of the joint's own frame if there is none."""
+    frames = [frame for frame in robot.model.frames if frame.parentJoint == joint]
+    for frame in frames:
+        if frame.type == pin.FrameType.BODY and np.allclose(frame.placement.translation, 0.0):
+            return str(frame.name)
+    return str(robot.model.names[joint])
+
+
+def joint_limits(robot: Robot, name: str) -> tuple[float, float]:
+    """Position limits of a joint [rad or m]; infinite if the file gives none."""
+    joint = robot.model.joints[robot.joint_id(name)]
+    if joint.nq != 1:
+        return -np.inf, np.inf
+    low, high = robot.model.lowerPositionLimit[joint.idx_q], robot.model.upperPositionLimit[joint.idx_q]
+    return (float(low), float(high)) if low < high else (-np.inf, np.inf)
+
+
+def effort_limit(robot: Robot, name: str) -> float:
+    """Effort limit of a joint with one degree of freedom [N or N m]; 0 if the file gives none."""
+    return float(robot.model.upperEffortLimit[robot.velocity_indices(name).start])
+
+
+def is_revolute(robot: Robot, name: str) -> bool:
+    """True if a joint with one degree of freedom is revolute, False if it is prismatic."""
+    return robot.velocity_units[robot.velocity_indices(name).start] == "rad/s"

@@ -1,0 +1,353 @@
+"""Complete scenario for one assumed base, tested by a trial run."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.applications.init.actuator_selection import actuator_candidates
+from rnc_pin.applications.init.base_assumptions import UNMEASURED, BaseAssumptions, Entry
+from rnc_pin.applications.init.coupled_joints import loop_closures, uncoupled_joints
+from rnc_pin.applications.init.decision import LIKELY, SURE, Alternative, DraftDecision
+from rnc_pin.applications.init.joint_properties import effort_limit
+from rnc_pin.applications.init.output_selection import SelectedOutputs, output_candidates, select_outputs
+from rnc_pin.applications.init.regular_start import with_regular_inertia
+from rnc_pin.applications.init.robot_at_start import RobotAtStart
+from rnc_pin.applications.init.shapes import GEOMETRY
+from rnc_pin.applications.init.source import Source
+from rnc_pin.applications.init.trial import FAR, MEANINGFUL, Trial, worst_output
+from rnc_pin.applications.init.trial_findings import model_findings, run_findings
+from rnc_pin.applications.init.yaml_text import Drafted, write_draft
+from rnc_pin.applications.scenario.builder import Experiment, build_experiment, build_system
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.loading import validate
+from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.applications.scenario.start_findings import start_findings
+from rnc_pin.constraints import MomentumConservation
+from rnc_pin.errors import ConfigurationError, ConstraintError, RncError, few
+from rnc_pin.io import Json, to_json_mapping
+from rnc_pin.model import NonholonomicSystem
+from rnc_pin.simulation import Outcome, Trajectory
+
+_LEAN = 0.05  # [rad]
+_SHORT, _REST = 0.1, 1  # duration of the first trial run, and of the run after the end of the reference [s]
+_PATIENCE = 20.0  # largest computing time of a trial run [s]
+_POSES, _ASIDE = 4, 0.5  # number of random poses for the gravity check, and their distance from the start [rad or m]
+_LEVER = 1e-4  # gravity loads a joint above this lever arm of the weight behind it [m]; for a slide, share of it
+_LOADED = "gravity loads the robot, and it learns this load slowly"
+_ADAPTIVE = "adaptive needs no inertias; the alternative, tracker: computed_torque, needs all"
+_INFORMED = "computed_torque knows the model; adaptive does not, and does not suit: {}"  # {}: the reason
+_TRACKERS = (
+    ("adaptive", 0.002, _ADAPTIVE),
+    ("adaptive", 0.001, _ADAPTIVE),
+    ("computed_torque", 0.002, _INFORMED),
+    ("computed_torque", 0.001, _INFORMED),
+)
+
+
+@dataclass
+class ScenarioCandidate:
+    """Scenario for one assumed base.
+
+    Args:
+        mobility: assumptions about the base.
+        source: the robot's file.
+        at_start: the robot of the file, with its initial joint values.
+        folder: folder of the scenario.
+    """
+
+    mobility: BaseAssumptions
+    source: Source
+    at_start: RobotAtStart
+    folder: Path
+
+    def __post_init__(self) -> None:
+        mobility = self.mobility
+        self.robot = self.source.load(mobility.base, mobility.lock)
+        self._undriven: list[str] = []
+        self._against: list[str] = []
+        mobility.lock = {**self.source.held, **mobility.lock}
+        self.start = {**self.at_start.start, **mobility.pose}
+        self.start = {name: value for name, value in self.start.items() if name in self.robot.joint_names}
+        mobility.passive |= {mimic.joint for mimic in self.robot.mimics}
+        self._find_momentum()
+        mobility.constraints = [_with_meshes(each, self.source) for each in mobility.constraints]
+        mobility.constraints += loop_closures(self.robot)
+        self._hold_loose_joints()
+        self.trial = Trial(0.0)
+        """Trial run of the returned text."""
+        self._motions: dict[str, float] = {}
+        self.start, moved = with_regular_inertia(self.robot, self.start)
+        mobility.notes += moved
+        self.candidates = actuator_candidates(mobility, self.robot, self.start, self._undriven)
+
+    @cached_property
+    def system(self) -> NonholonomicSystem:
+        """System with all candidate actuators."""
+        raw: dict[str, Json] = {
+            "robot": self._robot_entry(),
+            "constraints": [entry for entry, _ in self.mobility.constraints],
+            "actuators": [entry for entry, _ in self.candidates.all],
+            "outputs": {"reducing": [{"joint": "unused"}]},
+        }
+        return build_system(validate(raw, "draft"), self.folder)
+
+    @cached_property
+    def q0(self) -> np.ndarray:
+        """Initial configuration (nq,), assembled: wheels on the ground."""
+        q = self.robot.configuration({**self.start, **self.mobility.initial})
+        if self.mobility.lean is not None:
+            pitched = pin.AngleAxis(_LEAN, self.mobility.lean / np.linalg.norm(self.mobility.lean))
+            q[3:7] = (pin.Quaternion(pitched) * pin.Quaternion(q[3:7])).coeffs()
+        return self.system.assembled(q)
+
+    def text(self) -> str:
+        """Return the scenario, tested by a run, with the controller that has the smallest tracking error.
+
+        Raises:
+            RncError: no controller completes the run.
+        """
+        scenario, mobility = self._scenario(), self.mobility
+        findings = model_findings(self.system, mobility, scenario["outputs"]["reducing"], self._against)
+        failures = [_LOADED] if self._is_loaded() else []
+        best: tuple[Trial, str] | None = None
+        for controller, dt, remark in self._controllers(is_loaded=bool(failures)):
+            if best is not None and controller.get("tracker") == "adaptive":
+                continue  # a shorter period would not reduce its tracking error
+            scenario["controller"] = controller
+            scenario["simulation"] = {"duration": mobility.duration + _REST, "dt": dt}
+            base = mobility.base or "as in the file"
+            law = controller.get("tracker", controller["type"])
+            self.source.report(f"trying base {base}: {mobility.kind}; {law}, dt {dt:g} s")
+            try:
+                trial = self._try_out(scenario)
+            except RncError as error:
+                failures.append(str(error))
+                continue
+            if best is None or trial.relative_error < best[0].relative_error:
+                trial = replace(trial, findings=(*findings, *trial.findings))
+                said = remark.format(*failures[:1])
+                best = trial, write_draft(self.robot.name, scenario, said, trial, mobility)
+            if trial.relative_error < FAR:
+                break
+            failures.append(f"its run {trial.failure_text}")
+        if best is None:
+            raise ConfigurationError(failures[-1])
+        self.trial, text = best
+        return text
+
+    def _controllers(self, is_loaded: bool) -> list[tuple[Mapping[str, Json], float, str]]:
+        """Settings, period [s] and remark of each candidate controller, the preferred one first."""
+        if self.mobility.feedback is not None:
+            periods = (0.002, 0.0005)  # small robots fall fast
+            return [(self.mobility.feedback, dt, self.mobility.feedback_remark) for dt in periods]
+        return [
+            ({"type": "reducing_outputs", "tracker": tracker, "preset": "scaled"}, dt, remark)
+            for tracker, dt, remark in _TRACKERS
+            if not (is_loaded and tracker == "adaptive")
+        ]
+
+    # ------------------------------------------------------------------ trial runs
+
+    def _try_out(self, scenario: Drafted) -> Trial:
+        """Build the scenario with its preflight and run it: briefly, then as far as the computing time permits."""
+        raw = _without_remarks(scenario)
+        experiment = build_experiment(validate(raw, "draft"), self.folder)
+        begun = time.process_time()  # other work on the machine changes no draft
+        trajectory = self._run(raw, experiment, _SHORT)
+        possible = round(_SHORT * _PATIENCE / (time.process_time() - begun), 1)
+        if possible >= MEANINGFUL:
+            trajectory = self._run(raw, experiment, min(self.mobility.duration + _REST, possible))
+        trial = worst_output(trajectory, self._motions, settles=self.mobility.lean is not None)
+        limits = experiment.reduced.actuation.limits
+        found = run_findings(trial, trajectory, limits, self.mobility, self.robot)
+        wheels = start_findings(experiment.scenario, experiment.reduced, experiment.q0)
+        return replace(trial, findings=(*found, *wheels))
+
+    def _run(self, raw: dict[str, Json], experiment: Experiment, duration: float) -> Trajectory:
+        settings = experiment.simulation.model_copy(update={"duration": duration})
+        brief = replace(experiment, simulation=settings)
+        result = execute(Scenario("draft", raw, self.folder).built_with(experiment=brief, comparisons={}))
+        if result.error is not None:
+            raise result.error
+        if result.trajectory.outcome is not Outcome.COMPLETED:
+            raise ConfigurationError(f"its run ends early: {result.trajectory.outcome.value}")
+        return result.trajectory
+
+    def _is_loaded(self) -> bool:
+        """True if gravity loads a joint at the start or at poses near it: an upright arm has no load at the start."""
+        if self.mobility.weightless or not self.start:
+            return False
+        model, data = self.robot.model, self.robot.model.createData()
+        pin.computeSubtreeMasses(model, data)
+        rows = [self.robot.velocity_indices(name).start for name in self.start]
+        weights = [data.mass[self.robot.joint_id(name)] for name in self.start]
+        least = np.maximum(np.linalg.norm(model.gravity.linear) * _LEVER * np.array(weights), 1e-6)
+        generator = np.random.default_rng(0)
+        beside = [self.q0]
+        for _ in range(_POSES):
+            step = np.zeros(model.nv)
+            step[rows] = generator.uniform(-_ASIDE, _ASIDE, len(rows))
+            beside.append(pin.integrate(model, self.q0, step))
+        forces = [np.abs(pin.computeGeneralizedGravity(model, data, q))[rows] for q in beside]
+        return bool((np.max(forces, axis=0) > least).any())
+
+    # ------------------------------------------------------------------ parts of the scenario
+
+    def _find_momentum(self) -> None:
+        """Mark joints without a motor as passive, and add momentum conservation for such a joint on the ground."""
+        robot, mobility, drives = self.robot, self.mobility, self.at_start.drives
+        for name in self.source.options.momentum:
+            mobility.constraints.append(({"momentum": name}, "by an option"))
+            mobility.passive.add(name)
+        limits = {name: effort_limit(robot, name) for name in self.start}
+        weak = [name for name, limit in limits.items() if limit == 0 and name not in mobility.passive]
+        powered = any(limit for name, limit in limits.items() if name not in mobility.passive)
+        of_base = {entry for entry, _ in mobility.actuators if isinstance(entry, str)} | mobility.passive
+        listed = self.start if drives.is_complete else [name for name in self.start if name not in of_base]
+        self._undriven = drives.unlisted(listed)
+        self._decide_others([name for name in self.start if name not in of_base])
+        named = [name for name in weak if drives.says(name)]
+        if powered:
+            mobility.without_effort = set(weak) - set(named)
+            if mobility.travel:  # beside driven wheels, a loose joint without an effort is held
+                self._undriven += [name for name in weak if name not in {*named, *of_base, *self._undriven}]
+            mobility.passive |= mobility.without_effort
+            if named:
+                said = "effort 0 in the file, which names them as driven all the same: driven without a limit"
+                mobility.notes.append(f"{said}: {', '.join(named)}")
+        elif weak and not self.source.is_mjcf:
+            mobility.notes.append(
+                "the file states no effort: 0 for every joint, so that they are driven without a limit"
+            )
+        if mobility.base != "fixed" or mobility.constraints:
+            return
+        for name in weak if powered else ():
+            if robot.model.parents[robot.joint_id(name)] != 0:
+                continue
+            try:
+                MomentumConservation(name).bind(robot)
+            except ConstraintError:
+                continue
+            mobility.constraints.append(({"momentum": name}, "turns freely, and the robot starts at rest"))
+            mobility.vertical.append({"joint": name})
+
+    def _decide_others(self, others: list[str]) -> None:
+        """Decide which joints beside the base are driven."""
+        drives = self.at_start.drives
+        idle = [name for name in others if name in self._undriven]
+        if not idle:
+            return
+        sources = list(dict.fromkeys(drives.named.values()))
+        asked = all(name in drives.passive for name in idle)
+        evidence = "by an option" if asked else f"not named by {few(sources)}, which name other joints"
+        alternatives = tuple(Alternative(f"{name} is driven", ("--driven", name)) for name in idle[:2])
+        question = "Which joints beside the base have no motor?"
+        self.mobility.decisions.append(
+            DraftDecision(question, few(idle), SURE if asked or drives.is_complete else LIKELY, evidence, alternatives)
+        )
+
+    def _hold_loose_joints(self) -> None:
+        """Lock joints without an actuator in the file that no constraint couples to others."""
+        mobility = self.mobility
+        loose = uncoupled_joints(self._undriven, mobility.constraints, self.robot, self.start)
+        if loose:
+            mobility.hold(loose, self.start, "locked, because neither an actuator nor a constraint moves them")
+            self.robot = self.source.load(mobility.base, mobility.lock)
+            self.start = {name: value for name, value in self.start.items() if name in self.robot.joint_names}
+
+    def _robot_entry(self) -> dict[str, Json]:
+        """Robot entry of the scenario."""
+        mobility = self.mobility
+        return {
+            **self.source.robot_entry(mobility.base),
+            **({"lock": mobility.lock} if mobility.lock else {}),
+            **({"gravity": [0, 0, 0]} if mobility.weightless else {}),
+        }
+
+    def _scenario(self) -> Drafted:
+        """Scenario without the controller."""
+        mobility = self.mobility
+        chosen = select_outputs(output_candidates(mobility, self.robot, self.start), self.system, self.q0)
+        primary = [name for name in chosen.names if name not in mobility.untracked]
+        initial: dict[str, float | list[float]] = {name: value for name, value in self.start.items() if value}
+        if mobility.initial:
+            values = self.robot.joint_values(self.q0)
+            initial = {**initial, **{name: _rounded(values[name]) for name in mobility.initial}}
+        view: dict[str, Json] = {"trail": [mobility.frame] if mobility.base != "fixed" else []}
+        if mobility.ground is not None:
+            view["ground"] = round(mobility.ground, 4) + 0.0
+        elif mobility.weightless:
+            view["ground"] = None
+        scenario: Drafted = {
+            "robot": self._robot_entry(),
+            "constraints": mobility.constraints,
+            "actuators": self._actuators(chosen),
+            "outputs": {
+                "reducing": chosen.entries,
+                "vertical": [entry for entry in mobility.vertical if entry not in chosen.entries],
+            },
+            "task": {"primary": primary},
+            "initial": {"q": initial, "v2": mobility.v2} if mobility.v2 else {"q": initial},
+            "view": view,
+        }
+        if len(primary) < len(chosen.names):
+            redundant = [name for name in chosen.names if name not in primary]
+            scenario["task"] = {"primary": primary, "redundant": redundant}
+        if not mobility.v2:
+            self._motions = {
+                name: step for name, step in zip(chosen.names, chosen.steps, strict=True) if name in primary
+            }
+            by: list[Json] = [*self._motions.values()]
+            gentle: Mapping[str, Json] = {"minimum_jerk": {"by": by, "duration": mobility.duration}}
+            scenario["reference"] = {"primary": mobility.reference(primary) if mobility.reference else gentle}
+        return scenario
+
+    def _actuators(self, chosen: SelectedOutputs) -> list[tuple[Entry, str]]:
+        """Actuator entries; joints without effort and forces on the base only if the others are not enough."""
+        if self.mobility.feedback is not None:
+            driving = self.candidates.named
+        else:
+            driving = self.candidates.enough(self.system.reduce(chosen.kinds).at(self.q0).input_matrix)
+        self._against = [str(each[0]) for each in driving if each in self.candidates.joints]
+        without = self.mobility.without_effort
+        idle = [name for name in self.start if name in without and name not in self._against]
+        why = "no actuator in the file" if self.source.is_mjcf else "effort 0 in the file"
+        others = "the other actuators are not enough"
+        said = {
+            f"{why}, so that nothing drives them": idle,
+            f"{why}, but driven without a limit, because {others}": [each for each in self._against if each in without],
+            f"driven although usually passive, because {others}": [
+                each for each in self._against if each not in without
+            ],
+        }
+        self.mobility.notes += [f"{words}: {', '.join(joints)}" for words, joints in said.items() if joints]
+        return driving
+
+
+def _with_meshes(constraint: tuple[Entry, str], source: Source) -> tuple[Entry, str]:
+    """Add the missing meshes that could have given the radius of a wheel to the remark on it."""
+    entry, remark = constraint
+    wheel = entry.get("rolling_wheel") if isinstance(entry, Mapping) else None
+    if not isinstance(wheel, Mapping):
+        return constraint
+    kinds = GEOMETRY if UNMEASURED in remark else GEOMETRY[:1]  # collision geometry comes before visual geometry
+    names = source.missing_meshes(str(wheel["frame"]), kinds)
+    return entry, f"{remark}; missing: {few(names)}" if names else remark
+
+
+def _rounded(value: float | list[float]) -> float | list[float]:
+    if isinstance(value, list):
+        return [round(each, 9) + 0.0 for each in value]
+    return round(value, 9) + 0.0
+
+
+def _without_remarks(scenario: Drafted) -> dict[str, Json]:
+    bare = {key: [entry for entry, _ in scenario[key]] for key in ("constraints", "actuators")}
+    return to_json_mapping({**scenario, **bare}, "draft")

@@ -1,0 +1,206 @@
+"""Snake robots: a chain of bodies on passive wheels, with driven vertical joints between them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+
+from rnc_pin.applications.init.base_assumptions import BaseAssumptions, Entry, measured
+from rnc_pin.applications.init.drawn_axles import DrawnAxle
+from rnc_pin.applications.init.joint_properties import joint_limits, turning_axis
+from rnc_pin.applications.init.name_words import has_word
+from rnc_pin.applications.init.robot_at_start import RobotAtStart
+from rnc_pin.applications.init.wheel_detection import Wheel
+from rnc_pin.applications.init.wheel_layout import TOWED
+from rnc_pin.applications.init.wheeled_base import one_lateral, planar, turned
+from rnc_pin.io import Json
+
+_BODIES = 4  # smallest number of bodies with wheels; one less if the file calls it a snake
+_SNAKE = "snake.*|.*snake|serpent.*|worm|acm"
+_BEND, _SHARE = 0.5, 0.8  # largest path angle from its mean [rad], and used share of joint limits
+_DURATION, _POINTS = 12.0, 24
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Body with wheels.
+
+    Attributes:
+        chain: joints from the base to the body, the nearest to the base first.
+        center: midpoint of its wheels in the world frame (3,) [m].
+        axle: axle direction in the world frame (3,).
+        entries: constraint entries of its wheels, with a remark on each.
+        wheels: joints of its wheels.
+        ground: height of the ground below its wheels [m], or None if their radius is unknown.
+    """
+
+    chain: tuple[str, ...]
+    center: np.ndarray
+    axle: np.ndarray
+    entries: list[tuple[Entry, str]]
+    wheels: tuple[str, ...]
+    ground: float | None = None
+
+
+def find_snake(wheels: Iterable[Wheel], axles: Iterable[DrawnAxle], at_start: RobotAtStart) -> list[Segment]:
+    """Return the segments of a snake from its root on; empty if the robot is no snake.
+
+    Args:
+        wheels: wheels with joints.
+        axles: axles of wheels that are only drawn.
+        at_start: the robot.
+    """
+    segments = sorted([*_on_wheels(wheels), *_on_axles(axles, at_start)], key=lambda each: len(each.chain))
+    chain = segments[-1].chain if segments else ()
+    in_a_row = all(each.chain == chain[: len(each.chain)] for each in segments)
+    bodies = len({each.chain for each in segments})
+    enough = bodies >= (_BODIES - 1 if has_word(_SNAKE, *at_start.every_name) else _BODIES)
+    missing = bodies < len(segments) or bodies < len(chain) + 1
+    if not in_a_row or not enough or missing or segments[0].chain:
+        return []
+    if any(has_word(TOWED, joint) or not _drives(joint, at_start) for joint in chain):
+        return []
+    if any(at_start.drives.says(joint) for each in segments for joint in each.wheels):
+        return []
+    return segments if all(_crosses(one, other) for one, other in pairwise(segments)) else []
+
+
+def snake_base(segments: list[Segment], at_start: RobotAtStart) -> BaseAssumptions:
+    """Snake whose first body follows a serpenoid path and whose other bodies follow it; the start lies on this path."""
+    result = planar(at_start, f"a snake of {len(segments)} bodies on wheels that nothing drives", [])
+    for segment in segments:
+        result.constraints += segment.entries
+        result.passive |= set(segment.wheels)
+    result.ground = segments[0].ground
+    gait = _Gait.of(segments, at_start)
+    result.travel = gait.wave
+    speed, axis, sense = gait.speed(at_start)
+    yaw = f"{at_start.frame}_yaw"
+    columns: dict[str, Callable[[np.ndarray], np.ndarray]] = {speed: lambda way: sense * way, yaw: gait.heading}
+    columns |= {name: partial(gait.angle, k) for k, name in enumerate(gait.joints)}
+    result.pose = {name: round(float(gait.angle(k, np.zeros(1))[0]), 4) for k, name in enumerate(gait.joints)}
+    result.outputs += [
+        ({"frame_speed": {"frame": at_start.frame, "axis": axis}}, gait.wave),
+        ({"frame_yaw": at_start.frame}, gait.bend),
+    ]
+    result.vertical.append({"frame_position": {"frame": at_start.frame, "axes": "xy"}})
+    result.reference = lambda names: _through([columns[name] for name in names if name in columns], gait.wave)
+    result.duration = _DURATION
+    result.notes.append(
+        "nothing drives its wheels: it moves by bending, and cannot start straight; the joint angles follow from the "
+        "path of its first body, which they push"
+    )
+    return result
+
+
+@dataclass(frozen=True)
+class _Gait:
+    """Serpenoid curve, ``heading = bend sin(2 pi s / wave)`` at path length s of the first body (Hirose 1993).
+
+    Attributes:
+        joints: joints from the first body on.
+        places: distance of each joint behind the wheels of the first body (k,) [m].
+        signs: 1 if a joint axis points up, -1 if it points down (k,).
+        along: horizontal forward direction of the first body (3,).
+        spacing: distance between joints [m].
+        wave: wavelength, equal to the length of the snake [m].
+        bend: amplitude of the heading [rad].
+    """
+
+    joints: tuple[str, ...]
+    places: np.ndarray
+    signs: np.ndarray
+    along: np.ndarray
+    spacing: float
+    wave: float
+    bend: float
+
+    @classmethod
+    def of(cls, segments: list[Segment], at_start: RobotAtStart) -> _Gait:
+        """Return the gait within the joint limits."""
+        head, joints = segments[0], segments[-1].chain
+        indices = [at_start.robot.joint_id(name) for name in joints]
+        along = np.cross(head.axle, [0.0, 0.0, 1.0])
+        away = np.mean([each.center for each in segments[1:]], axis=0) - head.center
+        along *= -np.sign(along @ away) / np.linalg.norm(along)
+        places = np.array([(head.center - at_start.data.oMi[index].translation) @ along for index in indices])
+        spacing = float(np.mean(np.diff(places)))
+        signs = np.array([np.sign(turning_axis(at_start.robot.model, at_start.data, index)[2]) for index in indices])
+        wave = (len(joints) + 1) * spacing
+        room = [_SHARE * min(high, -low) for low, high in (joint_limits(at_start.robot, name) for name in joints)]
+        bend = min([_BEND, *(each / (2 * np.sin(np.pi * spacing / wave)) for each in room if each > 0)])
+        return cls(joints, places, signs, along, spacing, wave, bend)
+
+    def heading(self, s: np.ndarray) -> np.ndarray:
+        """Heading of the path at path lengths s (n,) [rad]."""
+        return np.asarray(self.bend * np.sin(2 * np.pi * s / self.wave))
+
+    def angle(self, joint: int, way: np.ndarray) -> np.ndarray:
+        """Angle of a joint at path lengths of the first body (n,) [rad]."""
+        s, half = way - self.places[joint], self.spacing / 2
+        return np.asarray(self.signs[joint] * (self.heading(s - half) - self.heading(s + half)))
+
+    def speed(self, at_start: RobotAtStart) -> tuple[str, str, float]:
+        """Return the output name of the first body's speed, its axis, and its sign: 1 along the axis, -1 against it."""
+        axis = at_start.along(self.along)
+        sense = float(np.sign(at_start.placement.rotation[:, "xyz".index(axis)] @ self.along))
+        return f"{at_start.frame}_speed_{axis}", axis, sense
+
+
+def _through(columns: Sequence[Callable[[np.ndarray], np.ndarray]], wave: float) -> Mapping[str, Json]:
+    """Via points of outputs while the first body moves one wavelength, from rest to rest."""
+    s = np.linspace(0.0, 1.0, _POINTS + 1)[1:]
+    way = wave * s**3 * (10 - 15 * s + 6 * s**2)
+    values = np.round(np.column_stack([column(way) for column in columns]), 5) + 0.0
+    times: list[Json] = [*np.round(_DURATION * s, 4).tolist()]
+    return {"via_points": {"times": times, "points": values.tolist()}}
+
+
+def _on_wheels(wheels: Iterable[Wheel]) -> list[Segment]:
+    bodies: dict[tuple[str, ...], list[Wheel]] = {}
+    for wheel in wheels:
+        if not wheel.carriers:
+            bodies.setdefault(tuple(pivot.joint for pivot in reversed(wheel.pivots)), []).append(wheel)
+    return [
+        Segment(
+            chain,
+            np.mean([each.center for each in mates], axis=0),
+            mates[0].axle,
+            [(turned(each, **more), f"not driven; {measured(each)}") for each, more in one_lateral(mates)],
+            tuple(each.joint for each in mates),
+            min(float(each.center[2] - each.radius) for each in mates),
+        )
+        for chain, mates in bodies.items()
+    ]
+
+
+def _on_axles(axles: Iterable[DrawnAxle], at_start: RobotAtStart) -> list[Segment]:
+    model, found = at_start.robot.model, []
+    for each in axles:
+        chain: list[str] = []
+        index = each.joint
+        while index > at_start.root:
+            chain.insert(0, str(model.names[index]))
+            index = int(model.parents[index])
+        edge: dict[str, Json] = {"no_side_slip": {"frame": each.frame, "axis": each.axis}}
+        found.append(
+            Segment(
+                tuple(chain), each.center, each.axle, [(edge, "knife edge")], (), float(each.center[2] - each.radius)
+            )
+        )
+    return found
+
+
+def _drives(joint: str, at_start: RobotAtStart) -> bool:
+    upright = abs(turning_axis(at_start.robot.model, at_start.data, at_start.robot.joint_id(joint))[2]) > 0.99
+    return upright and at_start.drives.drives(joint)
+
+
+def _crosses(one: Segment, other: Segment) -> bool:
+    """True if one body lies behind another along the rolling direction of its wheels."""
+    between = other.center - one.center
+    return abs(float(between @ one.axle)) < 0.3 * float(np.linalg.norm(between))

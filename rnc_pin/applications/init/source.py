@@ -1,0 +1,341 @@
+"""Robot file of a draft, with the masses and locked joints that a simulation needs."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.applications.init.drive_evidence import DriveEvidence, named_as_driven
+from rnc_pin.applications.init.joint_properties import effort_limit
+from rnc_pin.applications.init.shapes import GEOMETRY, Kind, missing_meshes, shapes
+from rnc_pin.applications.init.tolerances import PLACED
+from rnc_pin.applications.scenario.loading import admitted
+from rnc_pin.applications.scenario.schema.robot_source import RobotSource
+from rnc_pin.errors import ModelError, nearest
+from rnc_pin.io import Json
+from rnc_pin.robots import (
+    MOVES_NONE,
+    Massless,
+    Robot,
+    UselessInertia,
+    example_urdfs,
+    find_urdf,
+    mass_of_box,
+    shipped_directory,
+)
+from rnc_pin.robots.sources import Packages, parse_urdf, parse_xml, read_number
+
+Lock = Mapping[str, float | list[float]]
+
+_BASE = "root_joint"  # a massless base gets a mass; it is not locked
+
+
+@dataclass(frozen=True)
+class DraftOptions:
+    """User's choices that replace guesses of a draft.
+
+    Attributes:
+        base: "fixed", "planar" or "free".
+        xacro_arguments: values for the arguments of a xacro file.
+        package_dirs: folders of packages.
+        lock: joints to lock, with their values.
+        driven: joints with a motor.
+        passive: joints without a motor.
+        momentum: joints whose momentum is conserved.
+        balance: whether the base balances; None if the draft decides.
+        rollers: whether the wheels have rollers, as Mecanum and omni wheels do; None if the draft decides.
+        report: function that is told what is tried, before each trial run.
+    """
+
+    base: str | None = None
+    xacro_arguments: Mapping[str, Json] | None = None
+    package_dirs: Sequence[Path] = ()
+    lock: Mapping[str, float] | None = None
+    driven: Sequence[str] = ()
+    passive: Sequence[str] = ()
+    momentum: Sequence[str] = ()
+    balance: bool | None = None
+    rollers: bool | None = None
+    report: Callable[[str], None] | None = None
+
+
+def with_choices(choices: DraftOptions, options: Sequence[str]) -> DraftOptions:
+    """Return choices with those of an alternative, such as ("--driven", "front_left") or ("--no-rollers",)."""
+    changes: dict[str, Any] = {}
+    for name, value in zip_longest(options[::2], options[1::2]):
+        key = name.removeprefix("--").removeprefix("no-")
+        if value is None:
+            changes[key] = not name.startswith("--no-")
+        elif key == "base":
+            changes[key] = value
+        else:
+            known = changes.get(key, getattr(choices, key))
+            changes[key] = (*known, value)
+    return dataclasses.replace(choices, **changes)
+
+
+@dataclass(frozen=True)
+class FileNames:
+    """Names of a file that the model does not contain.
+
+    Attributes:
+        title: names of the file and of the robot.
+        plugins: names and files of its plugins.
+        meshes: files of the meshes of each link.
+    """
+
+    title: str = ""
+    plugins: str = ""
+    meshes: Mapping[str, str] = field(default_factory=dict)
+
+
+class Source:
+    """Robot file that can be loaded with different bases.
+
+    Args:
+        name: a file, the name of a URDF shipped with rnc_pin or of a robot of example-robot-data.
+        folder: folder of the scenario.
+        wishes: user's choices that replace guesses.
+
+    Attributes:
+        options: user's choices.
+        entry: robot entry of the scenario, without base and locked joints.
+        masses: mass [kg] by link, for links without a usable inertia.
+        held: joints to lock, with their values.
+        notes: changes to joints, a line each.
+
+    Raises:
+        ModelError: the robot does not exist.
+    """
+
+    def __init__(self, name: str, folder: Path, wishes: DraftOptions) -> None:
+        self.name, self._folder, self.options = Path(name).name, folder, wishes
+        self.entry = _entry(name, folder)
+        if wishes.xacro_arguments:
+            self.entry["xacro_arguments"] = dict(wishes.xacro_arguments)
+        if wishes.package_dirs:
+            self.entry["package_dirs"] = [str(each.resolve()) for each in wishes.package_dirs]
+        self.masses: dict[str, float] = {}
+        self.held = dict(wishes.lock or {})
+        self.notes: list[str] = []
+        self._detected: Robot | None = None
+
+    def load(self, base: str | None, lock: Lock | None = None) -> Robot:
+        """Return the robot; a joint that moves no mass is locked or its links get a mass, from now on."""
+        while True:
+            try:
+                robot = self.load_unchanged(base, lock)
+            except UselessInertia as error:
+                if not self._repair_inertias(error.joints):
+                    raise
+                continue
+            link = None if base in (None, "fixed") else _weightless_base(robot)
+            if link is None or link in self.masses:
+                return robot
+            self.masses[link] = mass_of_box(_volume(robot))
+
+    def load_unchanged(self, base: str | None, lock: Lock | None = None) -> Robot:
+        """Return the robot without such changes; a joint that moves no mass is an error."""
+        raw = {**self.robot_entry(base), "lock": {**self.held, **(lock or {})}}
+        return admitted(RobotSource, raw, "robot").build(self._folder)
+
+    def robot_entry(self, base: str | None) -> dict[str, Json]:
+        """Return the robot entry with a base."""
+        masses: dict[str, Json] = {"masses": dict(self.masses)} if self.masses else {}
+        return {**self.entry, **masses, **({} if base is None else {"base": base})}
+
+    def load_for_detection(self) -> tuple[Robot, bool]:
+        """Return the robot without an added base and False, or with a free base and True if it is one rigid body.
+
+        Joints whose limits leave no motion are locked from now on.
+        """
+        self._lock_motionless()
+        is_rigid = False
+        try:
+            self._detected = self.load(None if self.is_mjcf else "fixed")
+        except ModelError as error:
+            if self.is_mjcf:
+                raise
+            try:
+                self._detected = self.load_unchanged("free")
+            except ModelError:
+                raise error from None
+            if self._detected.nv > 6:
+                raise
+            is_rigid = True
+        return self._detected, is_rigid
+
+    def missing_meshes(self, frame: str, kinds: Sequence[Kind]) -> list[str]:
+        """Return kinds and names of the missing meshes of the body that carries a frame, after the detection."""
+        robot = self._detected
+        if robot is None:
+            return []
+        joint = robot.model.frames[robot.frame_id(frame)].parentJoint
+        return [f"{kind} mesh {name}" for kind in kinds for name in missing_meshes(robot, kind).get(joint, [])]
+
+    def report(self, text: str) -> None:
+        """Tell the user what is tried."""
+        if self.options.report is not None:
+            self.options.report(f"{self.name}: {text}")
+
+    @property
+    def is_mjcf(self) -> bool:
+        """True for an MJCF file, which names its actuators."""
+        return "mjcf" in self.entry
+
+    @property
+    def remarks(self) -> list[str]:
+        """Additions to the file, a line each."""
+        if not self.masses:
+            return self.notes
+        links = ", ".join(self.masses)
+        return [*self.notes, f"links without a useful inertia are given one, WEIGH them: {links}"]
+
+    def names(self) -> FileNames:
+        """Return names that the model does not contain."""
+        path = self._path()
+        try:
+            root = None if path is None else parse_xml(path)
+        except ModelError:  # a xacro file can be incomplete XML
+            root = None
+        if root is None:
+            return FileNames(self.name)
+        plugins = [value for each in root.iter("plugin") for value in each.attrib.values()]
+        meshes = {
+            str(link.get("name")): " ".join(Path(each.get("filename", "")).name for each in link.iter("mesh"))
+            for link in root.iter("link")
+        }
+        return FileNames(f"{self.name} {root.get('name', '')}", " ".join(plugins), meshes)
+
+    def drive_evidence(self, robot: Robot) -> DriveEvidence:
+        """Return which joints have a motor, as far as options and the file tell.
+
+        Raises:
+            ModelError: an option names an unknown joint.
+        """
+        options = self.options
+        for option in ("driven", "passive", "momentum"):
+            for joint in getattr(options, option):
+                if joint not in robot.joint_names:
+                    raise ModelError(f"--{option} {joint}: no joint '{joint}'{nearest(joint, robot.joint_names)}")
+        single = [name for name in robot.joint_names if robot.model.joints[robot.joint_id(name)].nv == 1]
+        efforts = {name: effort_limit(robot, name) for name in single}
+        if self._urdf is None:  # an MJCF: only joints with an actuator have an effort, without a limit an infinite one
+            named, is_list = {name: "an actuator" for name in single if efforts[name] > 0}, any(efforts.values())
+        else:
+            named, is_list = named_as_driven(self._urdf)
+        driven, passive = frozenset(options.driven), frozenset(options.passive)
+        return DriveEvidence(named, is_list, efforts, self.is_mjcf, driven, passive)
+
+    @cached_property
+    def _urdf(self) -> ElementTree.Element | None:
+        """Root element of a URDF, expanded; None for an MJCF."""
+        path, options = self._path(), self.options
+        if path is None:
+            return None
+        return parse_urdf(path, options.xacro_arguments, Packages(path.parent, options.package_dirs))
+
+    def _path(self) -> Path | None:
+        if "example" in self.entry:
+            return example_urdfs()[str(self.entry["example"])]
+        return find_urdf(str(self.entry["urdf"]), self._folder) if "urdf" in self.entry else None
+
+    def remember_packages(self, robot: Robot) -> None:
+        """Add package folders that another shell would not find to the entry."""
+        given = [each.resolve() for each in self.options.package_dirs]
+        far = [each for each in robot.far_packages.values() if not {each, *each.parents} & set(given)]
+        if given or far:
+            folder = self._folder.resolve()
+            self.entry["package_dirs"] = [os.path.relpath(each, folder) for each in dict.fromkeys([*given, *far])]
+
+    def _lock_motionless(self) -> None:
+        limited = [] if self._urdf is None else list(_stated_limits(self._urdf))
+        still = {name: (low + high) / 2 for name, low, high in limited if 0 <= high - low < PLACED}
+        movable = () if self._urdf is None else self._urdf.findall("joint")
+        if still and len(still) == sum(joint.get("type") != "fixed" for joint in movable):
+            self.notes.append("the file states no limits: lower and upper are equal for every joint")
+            return
+        new = {name: value for name, value in still.items() if name not in self.held}
+        self.held.update(new)
+        if new:
+            self.notes.append(f"locked, because the limits of the file leave no motion: {', '.join(new)}")
+
+    def mass_of_base(self) -> float:
+        """Return the mass of the first link [kg]; 0 for a ground or world link."""
+        try:
+            return float(self.load_unchanged("free").model.inertias[1].mass)
+        except ModelError:
+            return 0.0
+
+    def _repair_inertias(self, joints: Sequence[Massless]) -> bool:
+        """Give links a mass, or lock joints without any child mass or shape; return True if something changed."""
+        idle = [each.joint for each in joints if each.why == MOVES_NONE and not each.shaped and each.joint != _BASE]
+        given = {link: mass for each in joints if each.joint not in idle for link, mass in each.masses.items()}
+        new = {link: mass for link, mass in given.items() if link not in self.masses}
+        if new:  # joints that carry these links move some mass from now on
+            self.masses.update(new)
+            return True
+        held = [joint for joint in idle if joint not in self.held]
+        self.held.update(dict.fromkeys(held, 0.0))
+        if held:
+            self.notes.append(f"locked, because they move no mass: {', '.join(held)}")
+        return bool(held)
+
+
+def _stated_limits(robot: ElementTree.Element) -> Iterator[tuple[str, float, float]]:
+    """Yield name, lower and upper limit of each joint that has both, without mimic joints."""
+    for joint in robot.findall("joint"):
+        limit = joint.find("limit")
+        if limit is None or joint.get("type") not in ("revolute", "prismatic") or joint.find("mimic") is not None:
+            continue
+        low, high = (read_number(limit.get(key)) for key in ("lower", "upper"))
+        if low is not None and high is not None:
+            yield str(joint.get("name")), low, high
+
+
+def _weightless_base(robot: Robot) -> str | None:
+    """First link of a movable base that has a shape but no mass, or None."""
+    if robot.model.inertias[1].mass > 0 or not _volume(robot):
+        return None
+    frames = (frame for frame in robot.model.frames if frame.parentJoint == 1 and frame.type == pin.FrameType.BODY)
+    return next((str(frame.name) for frame in frames), None)
+
+
+def _volume(robot: Robot) -> float:
+    """Volume of the box around the shapes of the base [m^3]."""
+    q = robot.configuration()
+    everything = [[each for each in shapes(robot, kind, q) if each.joint == 1] for kind in GEOMETRY]
+    parts = next((each for each in everything if each), [])
+    if not parts:
+        return 0.0
+    low = np.min([each.points.min(axis=0) - each.margin for each in parts], axis=0)
+    high = np.max([each.points.max(axis=0) + each.margin for each in parts], axis=0)
+    return float(np.prod(high - low))
+
+
+def _entry(source: str, folder: Path) -> dict[str, Json]:
+    path = Path(source).expanduser()
+    if os.path.isfile(path):
+        relative = os.path.relpath(path.resolve(), folder.resolve())
+        if path.suffix == ".xacro" or parse_xml(path).tag != "mujoco":
+            return {"urdf": relative}
+        return {"mjcf": relative}
+    if os.path.isdir(path):
+        raise ModelError(f"'{source}' is a folder, expected a robot's file")
+    shipped = [each.name for each in shipped_directory().glob("*.urdf")]
+    if source in shipped:
+        return {"urdf": source}
+    if source in example_urdfs():
+        return {"example": source}
+    valid = [*shipped, *example_urdfs()]
+    raise ModelError(f"no robot '{source}': neither a file nor a name{nearest(source, valid)}")

@@ -1,0 +1,299 @@
+"""Detection of wheels: round shapes about a horizontal axle at the ground; names only help."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.applications.init.joint_properties import body_frame, joint_limits, turning_axis
+from rnc_pin.applications.init.name_words import has_word
+from rnc_pin.applications.init.robot_at_start import RobotAtStart
+from rnc_pin.applications.init.shapes import LEVEL, NEAR, Shape, across, fitted_disk
+from rnc_pin.applications.init.tolerances import ALIGNED, SAME, placed
+
+UPRIGHT = 1e-5  # horizontal part of a unit axis below which a pivot is vertical up to rounding
+_STEERS = 0.5  # smallest vertical part of a unit swivel axis: forks are inclined, those of choppers by 50 degrees
+_TURNS = 4 * np.pi  # a joint with a larger range can be a wheel, like a continuous joint; wrists have less [rad]
+_WIDEST = 8.0  # largest width of a wheel, in radii
+_ROLLERS = 4  # smallest number of child joints on a rim that are rollers
+_SIZES = (0.003, 1.5)  # plausible radii if no shape gives one [m]
+_ON_AXLE = 1e-4  # largest distance of a wheel's frame from its axle [m]: a wheel that is farther away is eccentric
+_WHEEL = ".*wheel|wheel.*|tire|tyre|.*caster|caster.*|.*castor|castor.*"
+_NO_WHEEL = "reaction_wheel|flywheel|momentum_wheel|steering_?wheel|rotor|propeller|prop|pulley|gear|spider"
+
+
+@dataclass(frozen=True)
+class Pivot:
+    """Joint with a nearly vertical axis that carries wheels.
+
+    Attributes:
+        joint: joint name.
+        index: joint index in the model.
+        point: point on the axis in the world frame (3,) [m].
+        axis: axis in the world frame (3,), upward.
+        is_continuous: True if it can turn through a full revolution.
+    """
+
+    joint: str
+    index: int
+    point: np.ndarray
+    axis: np.ndarray
+    is_continuous: bool
+
+    def offset(self, point: np.ndarray) -> np.ndarray:
+        """Return the horizontal vector (3,) from the axis to a point (3,)."""
+        away = point - self.point
+        away = away - away[2] / self.axis[2] * self.axis
+        return np.asarray(away)
+
+
+@dataclass(frozen=True)
+class Wheel:
+    """Wheel with a joint.
+
+    Attributes:
+        joint: joint name.
+        frame: frame fixed to the wheel, with its origin at the center.
+        radius: radius [m].
+        measured: source of the radius: "collision" or "visual" geometry, "height" of the axle or "inertia".
+        center: center in the world frame (3,) [m].
+        axle: axle direction in the world frame (3,).
+        pivots: nearly vertical joints between the wheel and the base, the nearest to the wheel first.
+        carriers: other joints between the wheel and the base that move the wheel.
+        rollers: joints of the rollers on the rim.
+        is_ball: True if the wheel is a sphere.
+    """
+
+    joint: str
+    frame: str
+    radius: float
+    measured: str
+    center: np.ndarray
+    axle: np.ndarray
+    pivots: tuple[Pivot, ...]
+    carriers: tuple[str, ...]
+    rollers: tuple[str, ...]
+    is_ball: bool
+
+    @property
+    def heading(self) -> np.ndarray:
+        """Horizontal rolling direction in the world frame (3,)."""
+        along = np.cross(self.axle, [0.0, 0.0, 1.0])
+        return np.asarray(along / np.linalg.norm(along))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of joint, frame and nearest pivot."""
+        return self.joint, self.frame, *(each.joint for each in self.pivots[:1])
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    index: int
+    frame: str
+    axle: np.ndarray
+    center: np.ndarray
+    named: bool
+    doubtful: bool
+    """True if its name means another part: it is a wheel if its shape stands on the ground of other wheels."""
+    parts: dict[str, list[Shape]]
+    rollers: tuple[int, ...]
+
+
+def find_wheels(at_start: RobotAtStart) -> list[Wheel]:
+    """Return the wheels that touch the ground."""
+    floor = _floor(at_start)
+    found: list[_Found] = []
+    unmeasured: list[_Candidate] = []
+    candidates = list(_candidates(at_start))
+    rollers = {each for candidate in candidates for each in candidate.rollers}
+    for candidate in candidates:
+        if candidate.index in rollers:
+            continue
+        size = _measured_size(at_start, candidate, floor)
+        if size is not None:
+            wheel = _wheel(at_start, candidate, size)
+            if not candidate.doubtful or size.measured in candidate.parts:
+                found.append(_Found(wheel, size.bottom, candidate.named, candidate.doubtful))
+        elif candidate.named:
+            unmeasured.append(candidate)
+    wheels = _on_the_ground(found, at_start.shapes["collision"] or at_start.shapes["visual"], at_start.root)
+    for candidate in unmeasured if wheels else ():  # their radius is their height above the common ground
+        ground = min(wheel.center[2] - wheel.radius for wheel in wheels)
+        height = float(candidate.center[2] - ground)
+        if _is_plausible(height) and height < 2 * max(wheel.radius for wheel in wheels):
+            wheels.append(_wheel(at_start, candidate, _Size(height, ground, "height")))
+    carriers = {joint for wheel in wheels for joint in wheel.carriers}
+    return [wheel for wheel in wheels if wheel.joint not in carriers]
+
+
+@dataclass(frozen=True)
+class _Size:
+    radius: float
+    bottom: float
+    measured: str
+    is_ball: bool = False
+
+
+@dataclass(frozen=True)
+class _Found:
+    wheel: Wheel
+    bottom: float
+    named: bool
+    doubtful: bool
+
+    def touches(self, ground: float) -> bool:
+        slack = 1.0 if self.wheel.measured in ("height", "inertia") else NEAR
+        return self.bottom - ground < slack * self.wheel.radius
+
+
+def _candidates(at_start: RobotAtStart) -> Iterator[_Candidate]:
+    """Yield continuous joints with a horizontal axis and no child joints except rollers."""
+    model = at_start.robot.model
+    for index in range(at_start.root + 1, model.njoints):
+        if model.joints[index].nv != 1:
+            continue
+        axle = turning_axis(model, at_start.data, index)
+        frame, center = _on_axle(at_start, index, axle)
+        doubtful = has_word(_NO_WHEEL, model.names[index], frame)
+        named = has_word(_WHEEL, model.names[index], frame) and not doubtful
+        rollers = [int(each) for each in model.children[index]]
+        if not _are_rollers(at_start, rollers, center, axle):
+            if not named:
+                continue
+            rollers = []  # a named wheel can carry gears and hubs
+        turns_on = _travel(at_start, index) > (1 + SAME) * _TURNS
+        if np.linalg.norm(axle) < 0.5 or abs(axle[2]) > LEVEL or not (turns_on or named):
+            continue
+        behind = {index, *rollers}
+        parts = {kind: [each for each in every if each.joint in behind] for kind, every in at_start.shapes.items()}
+        yield _Candidate(index, frame, axle, center, named, doubtful, parts, tuple(rollers))
+
+
+def _travel(at_start: RobotAtStart, index: int) -> float:
+    """Range of a joint [rad or m]: upper limit minus lower limit."""
+    low, high = joint_limits(at_start.robot, str(at_start.robot.model.names[index]))
+    return high - low
+
+
+def _on_axle(at_start: RobotAtStart, joint: int, axle: np.ndarray) -> tuple[str, np.ndarray]:
+    """Frame of a wheel and its position (3,): a link on the axle with a wheel's name, or the joint's body frame."""
+    origin = at_start.data.oMi[joint].translation
+    for index, frame in enumerate(at_start.robot.model.frames):
+        called = frame.parentJoint == joint and frame.type == pin.FrameType.BODY and has_word(_WHEEL, frame.name)
+        if called and np.abs(across(at_start.data.oMf[index].translation - origin, axle)).max() < _ON_AXLE:
+            return str(frame.name), at_start.data.oMf[index].translation.copy()
+    return body_frame(at_start.robot, joint), origin.copy()
+
+
+def _are_rollers(at_start: RobotAtStart, joints: list[int], center: np.ndarray, axle: np.ndarray) -> bool:
+    """True if child joints stand on a rim about the axle; side gears of a differential are on the axle itself."""
+    if not joints:
+        return True
+    model = at_start.robot.model
+    leaves = all(model.joints[each].nv == 1 and not len(model.children[each]) for each in joints)
+    away = np.array([across(at_start.data.oMi[each].translation - center, axle) for each in joints])
+    distances = np.linalg.norm(away, axis=1)
+    return len(joints) >= _ROLLERS and leaves and bool(distances.min() > 0.5 * distances.max())
+
+
+def _measured_size(at_start: RobotAtStart, candidate: _Candidate, floor: float | None) -> _Size | None:
+    """Size of a wheel, or None if the candidate is no wheel.
+
+    Sources of the radius, in order: its shapes, its height above a floor in the file, its inertia, its height above the
+    base's origin.
+    """
+    for kind, parts in candidate.parts.items():
+        disk = fitted_disk(parts, candidate.center, candidate.axle)
+        if disk is not None and disk.width < _WIDEST * disk.radius:
+            return _Size(disk.radius, disk.bottom, kind, all(len(part.points) == 1 for part in parts))
+    spun = _radius_from_inertia(at_start, candidate)
+    if not candidate.named and (spun is None or any(candidate.parts.values())):
+        return None
+    height = float(candidate.center[2]) - (0.0 if floor is None else floor)
+    if floor is not None and _is_plausible(height):
+        return _Size(height, floor, "height")
+    if spun is not None and not (_is_plausible(height) and 0.7 < height / spun < 1.4):
+        return _Size(spun, float(candidate.center[2]) - spun, "inertia")
+    return _Size(height, 0.0, "height") if _is_plausible(height) else None
+
+
+def _is_plausible(radius: float) -> bool:
+    return _SIZES[0] < radius < _SIZES[1]
+
+
+def _radius_from_inertia(at_start: RobotAtStart, candidate: _Candidate) -> float | None:
+    """Radius [m] of the solid disk with this inertia, or None if the inertia is not axisymmetric."""
+    inertia = at_start.robot.model.inertias[candidate.index]
+    if inertia.mass <= 0:
+        return None
+    axle = at_start.data.oMi[candidate.index].rotation.T @ candidate.axle
+    tensor, lever = inertia.inertia, inertia.lever
+    about = float(axle @ tensor @ axle)
+    moments = np.linalg.eigvalsh(tensor - about * np.outer(axle, axle))
+    moments = np.delete(moments, int(np.argmin(np.abs(moments))))  # moments about axes normal to the axle
+    radius = float(np.sqrt(max(2 * about / inertia.mass, 0.0)))
+    beside = np.linalg.norm(across(lever, axle))
+    is_round = moments[0] > 0 and moments[1] < 1.15 * moments[0] and beside < 0.2 * radius
+    return radius if is_round and _is_plausible(radius) else None
+
+
+def _on_the_ground(found: list[_Found], everything: list[Shape], root: int) -> list[Wheel]:
+    named = [each for each in found if each.named]
+    sure = [each for each in named if each.wheel.measured in ("collision", "visual")] or named
+    if sure:
+        ground = min(each.bottom for each in sure)
+        lowest = min((shape.bottom for shape in everything), default=ground)
+        level = sum(each.touches(ground) for each in sure)  # a fork or a skirt can be lower than two wheels
+        if level < 2 and lowest < ground - 2 * max(each.wheel.radius for each in sure):
+            return []  # named wheels, but above the ground
+    else:
+        bottoms = [shape.bottom for shape in everything if shape.joint <= root]
+        ground = min([*bottoms, *(each.bottom for each in found if not each.doubtful)], default=0.0)
+    standing = [each for each in found if each.touches(ground)]
+    return [each.wheel for each in standing] if any(not each.doubtful for each in standing) else []
+
+
+def _wheel(at_start: RobotAtStart, candidate: _Candidate, size: _Size) -> Wheel:
+    model, data = at_start.robot.model, at_start.data
+    pivots: list[Pivot] = []
+    carriers: list[str] = []
+    parent = model.parents[candidate.index]
+    while parent > at_start.root and model.joints[parent].nv == 1:
+        axis = turning_axis(model, data, parent)
+        along = candidate.center - data.oMi[parent].translation
+        parallel = axis.any() and np.abs(across(axis, candidate.axle)).max() < ALIGNED
+        if parallel and np.abs(across(along, axis)).max() < placed(size.radius):
+            pass  # a gear on the same axle rotates the wheel but does not move it
+        elif abs(axis[2]) > _STEERS:
+            free = _travel(at_start, parent) >= (1 - 10 * SAME) * 2 * np.pi  # files write 3.14
+            point = data.oMi[parent].translation.copy()
+            pivots.append(Pivot(str(model.names[parent]), int(parent), point, axis * np.sign(axis[2]), free))
+        else:
+            carriers.append(str(model.names[parent]))
+        parent = model.parents[parent]
+    return Wheel(
+        joint=str(model.names[candidate.index]),
+        frame=candidate.frame,
+        radius=size.radius,
+        measured=size.measured,
+        center=candidate.center,
+        axle=candidate.axle,
+        pivots=tuple(pivots),
+        carriers=tuple(carriers),
+        rollers=tuple(str(model.names[each]) for each in candidate.rollers),
+        is_ball=size.is_ball,
+    )
+
+
+def _floor(at_start: RobotAtStart) -> float | None:
+    """Height of the base's footprint frame [m], or None."""
+    heights = [
+        float(at_start.data.oMf[index].translation[2])
+        for index, frame in enumerate(at_start.robot.model.frames)
+        if frame.parentJoint <= at_start.root and has_word("footprint", frame.name)
+    ]
+    return min(heights, default=None)

@@ -1,0 +1,204 @@
+"""Classification of wheels: fixed, steered, caster, ball caster, or wheel of a trailer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from rnc_pin.applications.init.drive_evidence import DriveEvidence, DrivenJoints
+from rnc_pin.applications.init.name_words import has_word
+from rnc_pin.applications.init.wheel_detection import Pivot, Wheel
+
+_TRAILS = 0.2  # smallest caster trail, in radii: from the swivel axis to the wheel
+_AXLE = 1.0  # smallest such distance of several wheels on one pivot that carry a trailer, in radii
+_ONE_TRACK = 0.25  # largest lateral distance of wheels that stand in line, in radii
+_CASTER = "caster.*|.*caster|castor.*|.*castor|swivel.*"
+_GLIDES = f"{_CASTER}|ball|support"
+_STEERED = "steer|steering|steered|knuckle|articulat.*"
+TOWED = "hitch|trailer|kingpin|king_pin|coupler|coupling|drawbar|tow|towed|towbar"
+
+
+@dataclass(frozen=True)
+class WheelGroup:
+    """Wheels on one pivot."""
+
+    pivot: Pivot
+    wheels: tuple[Wheel, ...]
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Joints of the pivot and of the wheels."""
+        return self.pivot.joint, *(wheel.joint for wheel in self.wheels)
+
+    @property
+    def depth(self) -> int:
+        """Number of pivots between the wheels and the base."""
+        return len(self.wheels[0].pivots)
+
+    @property
+    def is_lone(self) -> bool:
+        """True for one wheel, or for twin wheels side by side."""
+        widest = max(np.linalg.norm(each.center - self.wheels[0].center) for each in self.wheels)
+        return bool(widest < 2.5 * self.wheels[0].radius) and len(self.wheels) <= 2
+
+    @property
+    def center(self) -> np.ndarray:
+        """Midpoint of the wheels in the world frame (3,) [m]."""
+        return np.asarray(np.mean([each.center for each in self.wheels], axis=0))
+
+    @property
+    def trail(self) -> float:
+        """Distance from the pivot's axis to the wheels along their heading [m]."""
+        return abs(float(self.wheels[0].heading @ self.pivot.offset(self.center)))
+
+    @property
+    def follows(self) -> bool:
+        """True if the trail is long enough for the wheels to follow the motion of the base."""
+        return self.trail > _TRAILS * self.wheels[0].radius
+
+
+@dataclass
+class WheelLayout:
+    """Wheels of a robot by their function.
+
+    Attributes:
+        fixed: wheels on the base with a constant heading.
+        balls: spheres on the base, which slide where they do not roll.
+        casters: wheels on swivels that align themselves with the motion of the base.
+        steered: wheels on pivots that need an actuator.
+        trailers: wheels on towed pivots.
+        straight: driven pivots of towed bodies, which are held straight.
+        driven: wheels with a motor.
+    """
+
+    fixed: list[Wheel] = field(default_factory=list)
+    balls: list[Wheel] = field(default_factory=list)
+    casters: list[WheelGroup] = field(default_factory=list)
+    steered: list[WheelGroup] = field(default_factory=list)
+    trailers: list[WheelGroup] = field(default_factory=list)
+    straight: list[Pivot] = field(default_factory=list)
+    driven: DrivenJoints = field(default_factory=lambda: DrivenJoints((), 0.0, ""))
+
+    @property
+    def wheels(self) -> list[Wheel]:
+        """All wheels."""
+        carried = [wheel for each in (*self.casters, *self.steered, *self.trailers) for wheel in each.wheels]
+        return [*self.fixed, *self.balls, *carried]
+
+    @property
+    def motorized(self) -> list[Wheel]:
+        """Wheels that may have a motor: fixed and steered ones."""
+        return [*self.fixed, *(wheel for each in self.steered for wheel in each.wheels)]
+
+    @property
+    def dollies(self) -> list[str]:
+        """Pivots that carry other pivots with wheels, but no wheels directly."""
+        own = {each.pivot.joint for each in (*self.casters, *self.steered, *self.trailers)}
+        beyond = (pivot.joint for wheel in self.wheels for pivot in wheel.pivots)
+        return [joint for joint in dict.fromkeys(beyond) if joint not in own]
+
+    @property
+    def is_straight(self) -> bool:
+        """True if all fixed wheels have the same heading."""
+        return all(are_parallel(self.fixed[0], wheel) for wheel in self.fixed)
+
+    @property
+    def axles(self) -> list[list[Wheel]]:
+        """Fixed wheels grouped by axle line."""
+        return in_line(self.fixed)
+
+    @property
+    def is_on_one_track(self) -> bool:
+        """True if all wheels stand one behind the other, so that the robot falls sideways."""
+        wheels = self.wheels
+        if len(wheels) < 2 or self.balls or not all(are_parallel(wheels[0], each) for each in wheels):
+            return False
+        beside = [float((each.center - wheels[0].center) @ wheels[0].axle) for each in wheels]
+        along = [float((each.center - wheels[0].center) @ wheels[0].heading) for each in wheels]
+        return bool(np.ptp(beside) < _ONE_TRACK * wheels[0].radius < np.ptp(along))
+
+
+def in_line(wheels: Iterable[Wheel]) -> list[list[Wheel]]:
+    """Return wheels grouped by axle line."""
+    axles: list[list[Wheel]] = []
+    for wheel in wheels:
+        for axle in axles:
+            beside = (wheel.center - axle[0].center) @ axle[0].heading
+            if are_parallel(axle[0], wheel) and abs(beside) < 0.1 * wheel.radius:
+                axle.append(wheel)
+                break
+        else:
+            axles.append([wheel])
+    return axles
+
+
+def are_parallel(one: Wheel, other: Wheel) -> bool:
+    """True if two wheels have the same heading, up to 2.5 degrees."""
+    return bool(abs(one.heading @ other.heading) > 1 - 1e-3)
+
+
+def classify_wheels(wheels: list[Wheel], drives: DriveEvidence) -> WheelLayout:
+    """Classify wheels by their function.
+
+    Args:
+        wheels: wheels that stand on the ground.
+        drives: evidence for which joints have a motor.
+    """
+    result = WheelLayout()
+    on_base = [wheel for wheel in wheels if not wheel.pivots]
+    others = any(not wheel.is_ball for wheel in on_base)  # if all are spheres, the file draws its wheels as spheres
+    for wheel in on_base:
+        glides = wheel.is_ball and (others or has_word(_GLIDES, *wheel.names)) and drives.says(wheel.joint) is not True
+        (result.balls if glides else result.fixed).append(wheel)
+    groups: dict[str, list[Wheel]] = {}
+    for wheel in wheels:
+        if wheel.pivots:
+            groups.setdefault(wheel.pivots[0].joint, []).append(wheel)
+    for group in groups.values():
+        carriage = WheelGroup(group[0].pivots[0], tuple(group))
+        _others_like(carriage, result, drives).append(carriage)
+    named = [each for each in result.casters if has_word(_CASTER, each.pivot.joint, *each.wheels[0].names)]
+    aimed = [each for each in result.casters if drives.says(each.pivot.joint) is False]
+    if not result.fixed and not result.steered and result.casters and not named and not aimed:
+        result.steered, result.casters = result.casters, []  # without other wheels
+    _straighten_towed(result)
+    usual = result.fixed or result.motorized
+    result.driven = drives.driven_of([each.joint for each in result.motorized], [each.joint for each in usual])
+    return result
+
+
+def _straighten_towed(layout: WheelLayout) -> None:
+    """Hold steered axles of towed bodies straight if the base has an axle of its own."""
+    own = [each for each in layout.steered if each.depth == 1]
+    if not (own or layout.fixed):
+        return
+    for each in [each for each in layout.steered if each.depth > 1]:
+        layout.steered.remove(each)
+        layout.straight.append(each.pivot)
+        wheels = tuple(replace(wheel, pivots=wheel.pivots[1:]) for wheel in each.wheels)
+        same = [other for other in layout.trailers if other.pivot.joint == wheels[0].pivots[0].joint]
+        if same:
+            layout.trailers[layout.trailers.index(same[0])] = replace(same[0], wheels=(*same[0].wheels, *wheels))
+        else:
+            layout.trailers.append(WheelGroup(wheels[0].pivots[0], wheels))
+
+
+def _others_like(carriage: WheelGroup, layout: WheelLayout, drives: DriveEvidence) -> list[WheelGroup]:
+    """List of the layout to which a carriage belongs: by its motor, else by its name, else by its trail."""
+    pivot, radius, names = carriage.pivot, carriage.wheels[0].radius, (carriage.pivot.joint, *carriage.wheels[0].names)
+    follows = carriage.follows and pivot.is_continuous
+    if pivot.joint in drives.passive:
+        return layout.casters if carriage.is_lone else layout.trailers
+    if drives.says(pivot.joint):
+        return layout.steered
+    if has_word(TOWED, *names):
+        return layout.trailers
+    if has_word(_STEERED, *names):
+        return layout.steered
+    if has_word(_CASTER, *names):
+        return layout.casters
+    if not carriage.is_lone:
+        return layout.trailers if carriage.trail > _AXLE * radius else layout.steered
+    return layout.casters if follows else layout.steered

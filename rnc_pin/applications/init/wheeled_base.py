@@ -1,0 +1,325 @@
+"""Bases on wheels without slip: carts, skid-steered bases, cars, tricycles, trucks with trailers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rnc_pin.applications.init.base_assumptions import BENT, DRIVEN, TURNED, BaseAssumptions, measured, rolls
+from rnc_pin.applications.init.decision import GUESSED, LIKELY, SURE, Alternative, DraftDecision
+from rnc_pin.applications.init.drawn_axles import DrawnAxle
+from rnc_pin.applications.init.name_words import has_word
+from rnc_pin.applications.init.robot_at_start import RobotAtStart
+from rnc_pin.applications.init.tolerances import first_smallest, placed
+from rnc_pin.applications.init.wheel_detection import UPRIGHT, Wheel
+from rnc_pin.applications.init.wheel_layout import WheelGroup, WheelLayout, are_parallel, in_line
+from rnc_pin.errors import few
+from rnc_pin.io import Json
+
+_TRACK, _MANY = 3, 5  # smallest number of wheels of a track: called so, or of any name
+_TRACK_WORDS = "track|crawler|idler|sprocket|bogie|road|roadwheel|caterpillar|band|belt"
+
+
+def wheeled_base(layout: WheelLayout, at_start: RobotAtStart, decided: Sequence[DraftDecision] = ()) -> BaseAssumptions:
+    """Base on one or more axles, with steered wheels, casters, trailers or tracks.
+
+    Each axle line has one lateral row, because wheels of a file are never on one line exactly: two nearly equal rows
+    would lock the base. The other wheels of the line skid within the tolerance of the file.
+
+    Args:
+        layout: wheels by their function.
+        at_start: the robot.
+        decided: decisions that led to this kind of base.
+    """
+    sides = tracks(layout)
+    result = planar_on_wheels(layout, at_start, _kind(layout, is_tracked=bool(sides)))
+    result.decisions += decided
+    towed = [pivot.joint for pivot in layout.straight]
+    result.hold(towed, at_start.start, "a steered axle of a trailer does not steer the base: locked straight")
+    if sides:
+        _crawl(result, layout, sides, at_start)
+    else:
+        _roll(result, layout, at_start)
+        add_wheel_motors(result, layout)
+    along = at_start.along(layout.fixed[0].heading)
+    result.outputs.append(({"frame_speed": {"frame": at_start.frame, "axis": along}}, DRIVEN))
+    if layout.steered:
+        _steer(result, layout, at_start)
+    else:
+        if len(layout.fixed) == 1:
+            torque: dict[str, Json] = {"torque": {"frame": at_start.frame, "axis": "z"}}
+            result.actuators.append((torque, "turns the base: one wheel cannot"))
+            result.notes.append("one wheel, held upright by assumption: if it may fall, give the robot a free base")
+        result.outputs.append(({"frame_yaw": at_start.frame}, TURNED))
+    support_by_casters(result, layout, at_start)
+    for carriage in layout.trailers:
+        _tow(result, carriage)
+    result.vertical.append({"frame_position": {"frame": at_start.frame, "axes": "xy"}})
+    if layout.steered:
+        result.vertical.append({"frame_yaw": at_start.frame})
+    return result
+
+
+def add_wheel_motors(result: BaseAssumptions, layout: WheelLayout) -> None:
+    """Add the driven wheels to the actuators; the others are passive."""
+    driven, wheels = layout.driven, [wheel.joint for wheel in layout.motorized]
+    idle = [joint for joint in wheels if joint not in driven.joints]
+    result.actuators += [(joint, "") for joint in wheels if joint in driven.joints]
+    result.passive |= set(idle)
+    result.idle += idle
+    instead = tuple(word for joint in idle for word in ("--driven", joint))
+    others = (Alternative(few(idle), instead),) if idle else ()
+    question = "Which wheels are driven?"
+    result.decisions.append(DraftDecision(question, few(driven.joints), driven.confidence, driven.evidence, others))
+
+
+def support_by_casters(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) -> None:
+    """Add casters, which follow the base; a swivel without a trail does not, so that its wheel skids."""
+    for carriage in layout.casters:
+        if not carriage.follows:
+            result.hold(
+                [carriage.pivot.joint], at_start.start, "a swivel without a trail does not turn by itself: held"
+            )
+            for wheel in carriage.wheels:
+                result.constraints.append((turned(wheel, lateral=False), f"skids sideways; {measured(wheel)}"))
+            result.passive |= {wheel.joint for wheel in carriage.wheels}
+            continue
+        for line in in_line(carriage.wheels):
+            for wheel, more in one_lateral(line):
+                result.constraints.append((turned(wheel, **more), f"a caster, not driven; {measured(wheel)}"))
+        result.passive |= set(carriage.joints)
+
+
+def one_lateral(line: Sequence[Wheel]) -> list[tuple[Wheel, dict[str, Json]]]:
+    """Return the wheels of an axle line with their keys: the first has a lateral row, for all of them."""
+    return [(wheel, {} if index == 0 else {"lateral": False}) for index, wheel in enumerate(line)]
+
+
+def planar(at_start: RobotAtStart, kind: str, wheels: list[Wheel]) -> BaseAssumptions:
+    """Planar base; it uses the file's own planar joints if there are any."""
+    result = BaseAssumptions("planar", kind, at_start.frame, travel=DRIVEN)
+    if at_start.own_planar_joints:
+        result.base = "fixed"
+        result.passive |= set(at_start.own_planar_joints)
+        result.notes.append(
+            "the file's own joints let the base move over the ground, its wheels drive it: "
+            f"{', '.join(at_start.own_planar_joints)}"
+        )
+    elif at_start.has_replaceable_free_joint:
+        result.lock.update(at_start.own_joint)
+        result.notes.append(f"a planar base replaces the file's own {', '.join(at_start.own_joint)}")
+    elif at_start.root and not at_start.is_rigid:
+        result.base = "fixed" if at_start.is_urdf else "planar"
+    result.ground = float(np.median([wheel.center[2] - wheel.radius for wheel in wheels])) if wheels else None
+    return result
+
+
+def planar_on_wheels(layout: WheelLayout, at_start: RobotAtStart, kind: str) -> BaseAssumptions:
+    """Planar base with the joints held that would lift its wheels or that only slide."""
+    result = planar(at_start, kind, layout.wheels)
+    result.lock_carriers(layout.wheels, at_start.start)
+    gliding = [wheel.joint for wheel in layout.balls]
+    result.hold(gliding, at_start.start, "ball casters slide, so that they are locked and only drawn")
+    result.passive |= {dolly for dolly in layout.dollies if not at_start.drives.says(dolly)}
+    return result
+
+
+def knife_edge_base(axles: list[DrawnAxle], at_start: RobotAtStart) -> BaseAssumptions:
+    """Base whose wheels are only drawn: one knife edge for the axles of each body."""
+    count = f"{len(axles)} axle{'s' * (len(axles) > 1)}"
+    result = planar(at_start, f"wheels are drawn on {count}, and no joint turns them", [])
+    result.notes.append("wheels are not joints of this file, so that axles are taken as knife edges: no side slip")
+    bodies = list(dict.fromkeys(each.joint for each in axles))
+    for body in bodies:
+        there = [each for each in axles if each.joint == body]
+        edge: dict[str, Json] = {"frame": there[0].frame, "axis": there[0].axis}
+        if len(there) > 1:
+            if body == at_start.root:
+                edge = _midway(at_start, there[0].axle, np.mean([each.center for each in there], axis=0))
+            result.notes.append(f"{len(there)} axles of one body cannot all roll in a turn: MEASURE where it turns")
+        result.constraints.append(({"no_side_slip": edge}, "knife edge"))
+    own = [each for each in axles if each.joint == at_start.root] or axles[:1]
+    along = at_start.along(np.cross(own[0].axle, [0.0, 0.0, 1.0]))
+    frame = at_start.frame
+    result.actuators.append(({"force": {"frame": frame, "axis": along}}, "drives the base"))
+    if len(bodies) == 1:
+        result.actuators.append(({"torque": {"frame": frame, "axis": "z"}}, "turns the base"))
+    result.outputs += [({"frame_speed": {"frame": frame, "axis": along}}, DRIVEN), ({"frame_yaw": frame}, TURNED)]
+    result.vertical.append({"frame_position": {"frame": frame, "axes": "xy"}})
+    return result
+
+
+def _midway(at_start: RobotAtStart, axle: np.ndarray, middle: np.ndarray) -> dict[str, Json]:
+    """Knife edge at the midpoint of several axles; axle direction (3,) and midpoint (3,) in the world frame."""
+    edge: dict[str, Json] = {"frame": at_start.frame, "axis": at_start.along(axle)}
+    height = float(at_start.placement.translation[2])
+    at = at_start.own_point(np.array([middle[0], middle[1], height]))
+    if any(at):
+        edge["at"] = at
+    return edge
+
+
+def _kind(layout: WheelLayout, *, is_tracked: bool) -> str:
+    count = f"{len(layout.wheels)} wheel{'s' * (len(layout.wheels) > 1)}"
+    if layout.steered:
+        what = "steered like a car"
+    elif len(layout.axles) > 1:
+        what = "on tracks, skid-steered" if is_tracked else "skid-steered"
+    else:
+        what = "differential drive" if len(layout.fixed) > 1 else "one wheel"
+    towing = f" with {len(layout.trailers)} trailer{'s' * (len(layout.trailers) > 1)}" if layout.trailers else ""
+    return f"{count}, {what}{towing}"
+
+
+def _roll(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) -> None:
+    """Add fixed wheels: one axle, or an equivalent one midway, has no side slip; the others skid in a turn."""
+    axles = layout.axles
+    middle = np.mean([np.mean([wheel.center for wheel in axle], axis=0) for axle in axles], axis=0)
+    guide = axles[0]
+    if len(axles) > 1:
+        distances = [abs(float((axle[0].center - middle) @ axle[0].heading)) for axle in axles]
+        guide = axles[first_smallest(distances, placed(guide[0].radius))]
+        nearby = min(distances) < 0.1 * guide[0].radius
+        if not layout.steered and not nearby:
+            guide = []
+            edge = _midway(at_start, layout.fixed[0].axle, middle)
+            result.constraints.append(({"no_side_slip": edge}, "the equivalent axle, midway: MEASURE where it turns"))
+        result.notes.append(
+            f"{len(axles)} axles cannot all roll in a turn: wheels skid sideways, but for "
+            + (f"the axle of {', '.join(wheel.joint for wheel in guide)}" if guide else "an equivalent axle midway")
+            + "; if these are Mecanum or omni wheels, give each its roller instead of lateral"
+        )
+    for axle in axles:
+        for wheel, more in one_lateral(axle):
+            if axle is not guide:
+                result.constraints.append((rolls(wheel, lateral=False), f"skids sideways; {measured(wheel)}"))
+            else:
+                result.constraints.append((rolls(wheel, **more), measured(wheel)))
+
+
+def tracks(layout: WheelLayout) -> list[list[Wheel]]:
+    """Return the wheels of the left and the right track; empty if they are no tracks.
+
+    Wheels of a track are called so, or are many: vehicles with more than four axles run on tracks. If the file names a
+    motor of each wheel, there is no track.
+    """
+    wheels = layout.fixed
+    sides: dict[bool, list[Wheel]] = {}
+    all_named = layout.driven.confidence >= SURE and len(layout.driven.joints) == len(wheels)
+    if layout.steered or len(wheels) < 2 * _TRACK or all_named:
+        return []
+    middle = np.mean([wheel.center for wheel in wheels], axis=0)
+    for wheel in wheels:
+        sides.setdefault(float((wheel.center - middle) @ wheels[0].axle) > 0, []).append(wheel)
+    called = all(has_word(_TRACK_WORDS, *wheel.names) for wheel in wheels)
+    each_side = sorted(sides.values(), key=lambda side: wheels.index(side[0]))
+    enough = len(sides) == 2 and min(map(len, each_side)) >= (_TRACK if called else _MANY)
+    return each_side if enough else []
+
+
+def _crawl(result: BaseAssumptions, layout: WheelLayout, sides: list[list[Wheel]], at_start: RobotAtStart) -> None:
+    """Add two tracks: a band couples the wheels of one side, and one of them drives it."""
+    middle = np.mean([wheel.center for wheel in layout.fixed], axis=0)
+    edge = _midway(at_start, layout.fixed[0].axle, middle)
+    result.constraints.append(({"no_side_slip": edge}, "the middle of the tracks: MEASURE where it turns"))
+    drivers = []
+    for side in sides:
+        named = [wheel for wheel in side if wheel.joint in layout.driven.joints and layout.driven.confidence > GUESSED]
+        called = [wheel for wheel in side if has_word("sprocket|drive|driver|driving", *wheel.names)]
+        driver = (named or called or side)[0]
+        drivers.append(driver.joint)
+        result.constraints.append((rolls(driver, lateral=False), f"drives its track; {measured(driver)}"))
+        result.actuators.append((driver.joint, "drives its track"))
+        for wheel in side:
+            if wheel is not driver:
+                ratio = round(float(np.sign(wheel.axle @ driver.axle)) * driver.radius / wheel.radius, 6)
+                coupled: dict[str, Json] = {"joint": wheel.joint, "driver": driver.joint, "ratio": ratio}
+                result.constraints.append(({"joint_coupling": coupled}, f"on the track of {driver.joint}"))
+                result.passive.add(wheel.joint)
+    everything = tuple(word for wheel in layout.fixed for word in ("--driven", wheel.joint))
+    others = (Alternative("each wheel has a motor", everything),)
+    question, evidence = "Do tracks couple the wheels of each side?", "by the names or the number of its wheels"
+    result.decisions.append(DraftDecision(question, f"yes, driven by {few(drivers)}", LIKELY, evidence, others))
+
+
+def _steer(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) -> None:
+    """Add steered axles: the one that is farthest from the fixed axle leads, the others turn about the same point."""
+    fixed = layout.axles[0]
+    steered = _steered_axles(layout, fixed[0])
+    main = steered[0]
+    leader = at_start.leader(main[0].pivot.joint)
+    result.actuators.append((leader, "steering"))
+    result.outputs.append(({"joint": leader}, BENT))
+    for number, axle in enumerate(steered):
+        for one in axle:
+            pivot = one.pivot.joint
+            same = at_start.leader(pivot) == leader
+            lateral = one is main[0]
+            ackermann: dict[str, Json] | None = None
+            if not lateral and not same and _reach(one, fixed[0]) > placed(one.wheels[0].radius):
+                ackermann = {"left": main[0].pivot.joint, "right": pivot, "axle": fixed[0].frame}
+                if number:
+                    ackermann["axis"] = _own_axis(at_start, fixed[0])
+                result.constraints.append(({"ackermann": ackermann}, "all steered wheels turn about one point"))
+            elif not lateral and same:
+                result.notes.append(f"{main[0].pivot.joint} and {pivot} have the same angle, so that a wheel skids")
+            elif not lateral:
+                result.hold([pivot], at_start.start, "on the line of the fixed axle, where no steering is needed")
+            for line in in_line(one.wheels):
+                for wheel, more in one_lateral(line):
+                    keys = more if lateral else {"lateral": False}
+                    result.constraints.append((turned(wheel, **keys), f"steered by {pivot}; {measured(wheel)}"))
+            result.passive |= {pivot} - {leader}
+    others = tuple(Alternative(f"{axle[0].pivot.joint}", ("--passive", main[0].pivot.joint)) for axle in steered[1:2])
+    evidence = "the farthest from the fixed axle" if others else "the only steered axle"
+    result.decisions.append(DraftDecision("Which axle steers?", leader, LIKELY, evidence, others))
+
+
+def _steered_axles(layout: WheelLayout, axle: Wheel) -> list[list[WheelGroup]]:
+    """Steered axles of the base, of one or two groups each, those that are farthest from the fixed axle first."""
+    found: list[list[WheelGroup]] = []
+    for each in layout.steered:
+        mates = [line for line in found if len(line) == 1 and _side_by_side(line[0], each, axle)]
+        if mates:
+            mates[0].append(each)
+        else:
+            found.append([each])
+    return sorted(found, key=lambda line: -round(_reach(line[0], axle), 2))  # stable: in the order of the file
+
+
+def _reach(group: WheelGroup, axle: Wheel) -> float:
+    """Distance of a pivot from the line of the fixed axle [m]."""
+    return abs(float((group.pivot.point - axle.center) @ axle.heading))
+
+
+def _own_axis(at_start: RobotAtStart, wheel: Wheel) -> str:
+    """Axis of a wheel's frame along its axle."""
+    frame = at_start.data.oMf[at_start.robot.frame_id(wheel.frame)]
+    return "xyz"[int(np.argmax(np.abs(frame.rotation.T @ wheel.axle)))]
+
+
+def turned(wheel: Wheel, **more: Json) -> dict[str, Json]:
+    """Entry of a wheel on a pivot; no vertical row if the pivot is inclined, because a planar base keeps its height."""
+    leans = any(float(np.hypot(*pivot.axis[:2])) > UPRIGHT for pivot in wheel.pivots)
+    return rolls(wheel, **more, **({"vertical": False} if leans else {}))
+
+
+def _side_by_side(one: WheelGroup, other: WheelGroup, axle: Wheel) -> bool:
+    across = other.pivot.point - one.pivot.point
+    single = len(one.wheels) == len(other.wheels) == 1
+    return bool(single and abs(across @ axle.heading) < 0.1 * np.linalg.norm(across)) and are_parallel(
+        one.wheels[0], axle
+    )
+
+
+def _tow(result: BaseAssumptions, carriage: WheelGroup) -> None:
+    guide = in_line(carriage.wheels)[0][0]
+    for wheel in carriage.wheels:
+        entry = turned(wheel) if wheel is guide else turned(wheel, lateral=False)
+        what = "" if wheel is guide else ", without a lateral row of its own"
+        result.constraints.append((entry, f"of a trailer{what}; {measured(wheel)}"))
+    result.notes.append(
+        f"{carriage.pivot.joint} is a hitch that nothing drives: if it is steered, add it to the actuators"
+    )
+    result.passive |= set(carriage.joints)

@@ -1,0 +1,368 @@
+"""Builder of the objects of a run from a scenario."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from rnc_pin.analysis import Grip
+from rnc_pin.applications.scenario.controllers import BuiltController, ControllerContext
+from rnc_pin.applications.scenario.controllers.context import reduced_velocity, refuse_or_warn
+from rnc_pin.applications.scenario.controllers.task_goals import TaskGoals
+from rnc_pin.applications.scenario.controllers.velocity_tracking import VelocityTrackerSettings
+from rnc_pin.applications.scenario.frame_poses import frame_poses
+from rnc_pin.applications.scenario.output_references import plan_path, task_references
+from rnc_pin.applications.scenario.planner_builder import Plans, Start, planned_path
+from rnc_pin.applications.scenario.plant_builder import build_plant
+from rnc_pin.applications.scenario.schema import ScenarioFile, SimulationSettings
+from rnc_pin.applications.scenario.schema.obstacles import build_obstacles
+from rnc_pin.applications.scenario.start_findings import start_findings, warnings_of
+from rnc_pin.collision import Obstacle, check_ignored_links
+from rnc_pin.control import Controller, ZeroInput, describe
+from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError, RncError, nearest
+from rnc_pin.io import Json
+from rnc_pin.loop import LoopOptions
+from rnc_pin.model import NonholonomicSystem, ReducedModel, Task
+from rnc_pin.optimal import MotionPlan
+from rnc_pin.planning import Reference, Slowed, continued_back, path_distances
+from rnc_pin.plants import Plant
+from rnc_pin.simulation import Outcome, Phase, Provenance, SimulationOptions, TaskNames, sample_count, simulate
+from rnc_pin.simulation.friction_demand import iterate_time_scale
+from rnc_pin.simulation.phases import PhaseStart
+from rnc_pin.simulation.run_info import provenance_of
+from rnc_pin.verdict import Finding, FindingKind, Severity
+from rnc_pin.visualization import DrawnModel
+
+_ROUNDED = 1e-4  # largest residual of holonomic rows that counts as rounding in the file
+_FOR_FEEDBACK = 0.05  # share of the friction that slowed references leave
+
+
+def build_system(scenario: ScenarioFile, folder: Path) -> NonholonomicSystem:
+    """Build the system of robot, constraints and actuators. Paths are relative to ``folder``."""
+    robot = scenario.robot.build(folder)
+    return NonholonomicSystem(robot, scenario.constraints, scenario.actuators, scenario.mimic, scenario.forces)
+
+
+def build_reduced(scenario: ScenarioFile, folder: Path) -> tuple[NonholonomicSystem, ReducedModel]:
+    """Build the system and reduce it to the outputs of the scenario."""
+    system = build_system(scenario, folder)
+    return system, scenario.reduced(system)
+
+
+def build_task(scenario: ScenarioFile, reduced: ReducedModel) -> Task:
+    """Return the task of the scenario. By default all reducing outputs are primary."""
+    names = scenario.task
+    primary = names.primary
+    if not primary and not names.redundant:
+        primary = list(reduced.reducing.names)
+    return Task.of(reduced, primary, names.redundant, names.vertical)
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Objects of a run."""
+
+    scenario: ScenarioFile
+    reduced: ReducedModel
+    controller: Controller
+    plant: Plant
+    q0: np.ndarray
+    v2_0: np.ndarray
+    simulation: SimulationSettings
+    warnings: tuple[str, ...]
+    provenance: Provenance
+    obstacles: tuple[Obstacle, ...] = ()
+    plan: MotionPlan | None = None
+    """Optimal motion of ``planner``."""
+    references: Mapping[str, Reference] = field(default_factory=dict)
+    """References of the task by role: ``primary``, ``redundant``, ``vertical``."""
+    goals: TaskGoals | None = None
+    """Goals of whole-body tasks."""
+    phases: tuple[Phase | PhaseStart, ...] = ()
+    """Phases of the run; ``reduced``, ``controller`` and ``plant`` are then those of the first."""
+    model_warnings: tuple[str, ...] = ()
+    """Warnings about the model, which building it gave."""
+    start_findings: tuple[Finding, ...] = ()
+    """Findings about the model at the start, such as radii of wheels that do not fit; ``warnings`` has the doubts."""
+
+    @property
+    def drawn_model(self) -> DrawnModel:
+        """Robot and obstacles to draw; the constraints only if they are the same throughout the run."""
+        return DrawnModel(self.reduced.robot, None if self.phases else self.reduced, self.obstacles)
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Findings that are known before the run: those of its plan and of its start, and warnings as notes."""
+        known = {str(each) for each in self.start_findings}
+        told = [each for each in (*self.model_warnings, *self.warnings) if each not in known]
+        notes = (Finding(FindingKind.MODEL, "", None, "", None, Severity.NOTE, each) for each in told)
+        return (*(() if self.plan is None else self.plan.verdict.findings), *self.start_findings, *notes)
+
+    @property
+    def loop(self) -> LoopOptions:
+        """Options of the control loop that the scenario sets."""
+        said = self.scenario.loop
+        return cast(LoopOptions, {} if said is None else {**said.given})
+
+    @property
+    def notes(self) -> dict[str, Json]:
+        """Provenance of the run, in the form of the record file."""
+        return self.provenance.to_json()
+
+
+def build_experiment(
+    scenario: ScenarioFile, folder: Path, plans: Plans | None = None, reduced: ReducedModel | None = None
+) -> Experiment:
+    """Build a run from a scenario without phases; ``build_phased`` builds the others.
+
+    Args:
+        scenario: a validated scenario.
+        folder: base of relative paths.
+        plans, reduced: optimal motions, and the model of equal systems and outputs, of other runs, to share.
+
+    Raises:
+        RncError: a part of the scenario does not fit the robot.
+    """
+    if scenario.phases:
+        raise ConfigurationError("phases: only 'rnc-pin run' and sweeps support them")
+    if scenario.simulation is None:
+        raise ConfigurationError("simulation: is missing; a run needs {duration: ..., dt: ...}")
+    if scenario.controller is None and not scenario.contacts:
+        raise ConfigurationError("controller: is missing; a run needs {type: ..., preset: ...}")
+    try:
+        sample_count(scenario.simulation.duration, scenario.simulation.dt)
+    except InputError as error:
+        raise ConfigurationError(f"simulation: {error}") from None
+    reduced = build_reduced(scenario, folder)[1] if reduced is None else reduced
+    check_plots(scenario, [reduced])
+    return experiment_at(scenario, folder, reduced, *start_of(scenario, reduced), plans)
+
+
+def start_of(scenario: ScenarioFile, reduced: ReducedModel) -> tuple[np.ndarray, np.ndarray]:
+    """Initial configuration (nq,) and initial reduced velocity (r,)."""
+    return _initial(scenario, reduced), reduced_velocity(reduced, scenario.initial.v2, "initial.v2")
+
+
+def experiment_at(
+    scenario: ScenarioFile,
+    folder: Path,
+    reduced: ReducedModel,
+    q0: np.ndarray,
+    v2_0: np.ndarray,
+    plans: Plans | None = None,
+) -> Experiment:
+    """Build a run from a given state. Without a controller, it has no inputs.
+
+    Args:
+        scenario: a validated scenario with ``simulation``.
+        folder: base of relative paths.
+        reduced: model of the scenario.
+        q0, v2_0: initial configuration (nq,) and initial reduced velocity (r,).
+        plans: optimal motions of other runs.
+    """
+    assert scenario.simulation is not None
+    task = build_task(scenario, reduced)
+    obstacles = build_obstacles(scenario.obstacles, folder)
+    check_ignored_links(obstacles, reduced.robot)
+    motion = None
+    if scenario.planner is not None:
+        motion = (Plans() if plans is None else plans).plan(scenario, reduced, Start(q0, v2_0), obstacles)
+    for frame in scenario.view.trail:
+        reduced.robot.frame_id(frame)
+    at_start = start_findings(scenario, reduced, q0)
+    doubted = warnings_of(at_start)
+    if scenario.controller is None:
+        plant = build_plant(scenario, reduced, q0, folder)
+        notes = provenance_of(None)
+        experiment = Experiment(
+            scenario, reduced, ZeroInput(reduced), plant, q0, v2_0, scenario.simulation, doubted, notes, obstacles
+        )
+        return replace(experiment, start_findings=at_start)
+    references, given = task_references(scenario, reduced, task, q0, motion)
+    path = plan_path(scenario, reduced, task, q0)
+    if path.primary is not None:
+        references["primary"] = path.primary
+    built = _build_controller(
+        scenario,
+        ControllerContext(
+            reduced=reduced,
+            task=task,
+            **references,
+            given=given,
+            q0=q0,
+            simulation=scenario.simulation,
+            preflight=scenario.preflight,
+            slithering=path.slithering,
+            monitored=path.monitored,
+            v2_0=v2_0,
+            grip=_grip(scenario, reduced),
+            obstacles=obstacles,
+            plan=motion,
+            goal_tolerance=scenario.goal_tolerance,
+        ),
+    )
+    experiment = Experiment(
+        scenario=scenario,
+        reduced=reduced,
+        controller=built.controller,
+        plant=build_plant(scenario, reduced, q0, folder),
+        q0=q0,
+        v2_0=v2_0,
+        simulation=scenario.simulation,
+        warnings=(*doubted, *built.warnings, *_unmeasured(obstacles, reduced)),
+        start_findings=at_start,
+        provenance=replace(
+            provenance_of(built.notes),
+            controller=describe(built.controller),
+            task=TaskNames(tuple(task.primary_names), tuple(task.redundant_names)),
+            path=path.planned if motion is None else planned_path(motion, reduced, _shown_frame(scenario, reduced)),
+        ),
+        obstacles=obstacles,
+        plan=motion,
+        references=references,
+        goals=built.goals,
+    )
+    if built.doubts and scenario.preflight == "refuse":
+        _check_goals(experiment, build_plant(scenario, reduced, q0, folder))
+        return experiment
+    return replace(experiment, warnings=(*experiment.warnings, *built.doubts))
+
+
+def _check_goals(experiment: Experiment, plant: Plant) -> None:
+    """Simulate a run whose goals are in doubt: only the controller that will run tells whether it reaches them.
+
+    Raises:
+        InfeasibleError: the run misses a goal of the first priority, or does not reach its end.
+    """
+    assert experiment.goals is not None
+    settings = experiment.simulation
+    options = SimulationOptions(stop=settings.stop, loop=experiment.loop)
+    try:
+        run = simulate(
+            experiment.reduced,
+            experiment.controller,
+            experiment.q0,
+            settings.duration,
+            settings.dt,
+            v2_0=experiment.v2_0,
+            plant=plant,
+            options=options,
+        )
+    except RncError as error:
+        raise InfeasibleError(f"goals cannot be reached: {error}") from None
+    if run.outcome is not Outcome.COMPLETED:
+        raise InfeasibleError(f"goals cannot be reached: the run ends early ({run.outcome.value})")
+    tolerance = experiment.scenario.goal_tolerance
+    missed = experiment.goals.misses(float(run.time[-1]), run.q[-1], run.v[-1], tolerance)
+    if missed:
+        raise InfeasibleError("; ".join(missed))
+
+
+def _shown_frame(scenario: ScenarioFile, reduced: ReducedModel) -> str:
+    """Frame whose planned path is drawn: the first trail, or the body of the first joint."""
+    if scenario.view.trail:
+        return scenario.view.trail[0]
+    frames = reduced.robot.model.frames
+    return next(str(each.name) for each in frames if each.parentJoint == 1 and "BODY" in str(each.type))
+
+
+def _unmeasured(obstacles: Sequence[Obstacle], reduced: ReducedModel) -> tuple[str, ...]:
+    """Return the warning that distances to obstacles are not known."""
+    geometry = reduced.robot.collision_model if obstacles else None
+    if not obstacles or (geometry is not None and len(geometry.geometryObjects)):
+        return ()
+    text = f"robot '{reduced.robot.name}' has no collision geometry: its distances to the obstacles are not known"
+    return (text,)
+
+
+def _grip(scenario: ScenarioFile, reduced: ReducedModel) -> Grip | None:
+    """Return the friction limits of the wheels; None if the scenario has no ``grip``."""
+    if scenario.grip is None:
+        return None
+    if not isinstance(scenario.controller, VelocityTrackerSettings):
+        raise ConfigurationError("grip: requires a controller over a velocity tracker, such as type 'redundancy'")
+    try:
+        return scenario.grip.build(reduced)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"grip: {error}") from None
+
+
+def _build_controller(scenario: ScenarioFile, context: ControllerContext) -> BuiltController:
+    """Build the controller. With ``grip.slow`` its references are slowed down until no wheel slips."""
+    assert scenario.controller is not None
+    if scenario.grip is None or not scenario.grip.slow:
+        return scenario.controller.build(context)
+    settings = scenario.controller
+    grip = scenario.grip.model_copy(update={"friction": scenario.grip.friction * (1.0 - _FOR_FEEDBACK)})
+    context = replace(context, grip=grip.build(context.reduced))
+
+    def slowed(time_scale: float) -> BuiltController:
+        return settings.build(_slowed(context, time_scale))
+
+    built, time_scale = iterate_time_scale(slowed, lambda each: each.time_scale)
+    refuse_or_warn(scenario.preflight, built.warnings)
+    if time_scale > 1.0:
+        said = f"references are slowed down by a factor of {time_scale:.4g} so that no wheel slips"
+        built = replace(built, warnings=(said, *built.warnings))
+    return built
+
+
+def _slowed(context: ControllerContext, time_scale: float) -> ControllerContext:
+    """The context with slower references. The check before the run only warns."""
+    context = replace(context, preflight="warn")
+    if time_scale == 1.0:
+        return context
+    return replace(
+        context,
+        primary=Slowed(context.primary, time_scale),
+        redundant=Slowed(context.redundant, time_scale),
+        vertical=Slowed(context.vertical, time_scale),
+        monitored=context.monitored and (context.monitored[0], Slowed(context.monitored[1], time_scale)),
+    )
+
+
+def _initial(scenario: ScenarioFile, reduced: ReducedModel) -> np.ndarray:
+    """Return the initial configuration. If constraints require assembly, joints named in the file do not move."""
+    q0 = reduced.robot.configuration(scenario.initial.q)
+    if not reduced.assembly.size or np.abs(reduced.assembly.residual(q0)).max() < _ROUNDED:
+        return q0  # the simulation corrects the rounding
+    named = list(scenario.initial.q)
+    following = {mimic.joint for mimic in reduced.robot.mimics} - set(named)
+    if scenario.mimic and following:  # first try to move only mimic joints that the file does not name
+        with suppress(ConstraintError):
+            return reduced.assembled(q0, [name for name in reduced.robot.joint_names if name not in following])
+    try:
+        return reduced.assembled(q0, named)
+    except ConstraintError as error:
+        raise ConfigurationError(f"initial.q: {error}; joints named in initial.q stay: {', '.join(named)}") from None
+
+
+def off_tracking(experiment: Experiment, configurations: np.ndarray) -> float | None:
+    """Return the largest distance [m] of a trailer's axle from the travelled path; None without a trailer.
+
+    The path is that of the frame of ``reference.path``, with a straight segment before the start.
+    """
+    settings = experiment.scenario.reference.path
+    if settings is None or settings.trailer is None or not len(configurations):
+        return None
+    robot = experiment.reduced.robot
+    some = configurations[::10]  # every tenth sample is dense enough
+    driven, axle = (
+        frame_poses(robot, frame, some).planar for frame in (settings.frame, settings.trailer.given["axle"])
+    )
+    behind = 2.0 * float(np.linalg.norm(driven[0, :2] - axle[0, :2]))
+    return float(path_distances(axle[:, :2], continued_back(driven, behind)).max())
+
+
+def check_plots(scenario: ScenarioFile, models: Sequence[ReducedModel]) -> None:
+    """Raise an error if a plot names an output that no model of the run has."""
+    valid = tuple(name for reduced in models for name in (*reduced.reducing.names, *reduced.vertical.names))
+    for plot, settings in scenario.plots.items():
+        for name in settings.outputs:
+            if name not in valid:
+                raise ConfigurationError(f"plots.{plot}.outputs: no output '{name}'{nearest(name, valid)}")

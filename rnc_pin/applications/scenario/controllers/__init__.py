@@ -1,0 +1,69 @@
+"""Controllers of a scenario: one settings class for each ``type``, which builds its controller.
+
+To add a type, write its class in a module of its kind, and add it to ``_AnyType``.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, get_args
+
+from pydantic import BeforeValidator, Field
+
+from rnc_pin.applications.scenario.controllers.base import ControllerSettings, NoControlSettings
+from rnc_pin.applications.scenario.controllers.context import BuiltController, ControllerContext
+from rnc_pin.applications.scenario.controllers.plan_feedback import PlanFeedbackSettings
+from rnc_pin.applications.scenario.controllers.position_tracking import JacobianTransposeSettings, TwoPhaseSettings
+from rnc_pin.applications.scenario.controllers.state_feedback import StateFeedbackSettings
+from rnc_pin.applications.scenario.controllers.velocity_tracking import (
+    ReducingOutputsSettings,
+    RedundancySettings,
+    SteeringSettings,
+    UncertainRedundancySettings,
+)
+from rnc_pin.applications.scenario.controllers.whole_body import InverseDynamicsSettings, VelocityProgramSettings
+from rnc_pin.applications.scenario.schema.base import wrong
+from rnc_pin.errors import nearest
+
+__all__ = ["TYPES", "BuiltController", "ControllerContext", "ControllerItem"]
+
+_AnyType = (
+    RedundancySettings
+    | ReducingOutputsSettings
+    | JacobianTransposeSettings
+    | UncertainRedundancySettings
+    | SteeringSettings
+    | StateFeedbackSettings
+    | VelocityProgramSettings
+    | InverseDynamicsSettings
+    | PlanFeedbackSettings
+    | TwoPhaseSettings
+    | NoControlSettings
+)
+
+TYPES: dict[str, type[ControllerSettings]] = {
+    get_args(each.model_fields["type"].annotation)[0]: each for each in get_args(_AnyType)
+}
+"""Name of each type to its settings class."""
+
+
+def _check_keys(raw: object) -> object:
+    """Refuse settings that belong to another type.
+
+    Such a setting is dropped if it is null. A comparison can therefore change the type alone.
+    """
+    kind = raw.get("type") if isinstance(raw, dict) else None
+    own = TYPES.get(kind) if isinstance(kind, str) else None
+    if own is None or not isinstance(raw, dict):
+        return raw
+    kept = {}
+    for key, value in raw.items():
+        others = [name for name, each in TYPES.items() if key in each.model_fields]
+        if key in own.model_fields or not others:
+            kept[key] = value
+        elif value is not None:
+            whose, hint = ", ".join(others), nearest(key, own.model_fields)
+            raise wrong(key, f"does not belong to type '{kind}' (but to {whose}){hint}")
+    return kept
+
+
+ControllerItem = Annotated[_AnyType, Field(discriminator="type"), BeforeValidator(_check_keys)]

@@ -1,0 +1,197 @@
+"""Settings that several types of controllers share, and free motion.
+
+A settings class holds and checks the values of a file. Its keys are parameters of the classes and functions that
+compute with them. ``build`` passes them on.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import fields, replace
+from typing import ClassVar, Literal, cast
+
+import numpy as np
+from pydantic import model_validator
+
+from rnc_pin.applications.scenario.controllers.context import BuiltController, ControllerContext
+from rnc_pin.applications.scenario.controllers.unknown_parameters import Unknown
+from rnc_pin.applications.scenario.schema.base import Numbers, Strict, wrong
+from rnc_pin.applications.scenario.schema.derived import Entry, T, part
+from rnc_pin.control import (
+    OUTER_GAINS,
+    OuterGains,
+    PositionGains,
+    Preset,
+    UncertainController,
+    VelocityGains,
+    ZeroInput,
+    design_velocity_gains,
+)
+from rnc_pin.errors import ConfigurationError
+
+_Gains = type[VelocityGains] | type[PositionGains]
+
+
+def sized_gain(name: str, value: float | Numbers | None, size: int) -> float | np.ndarray | None:
+    """Return a gain of the settings after a check of its length; None if it is not given.
+
+    Raises:
+        ConfigurationError: the number of values is not ``size``.
+    """
+    if isinstance(value, list) and len(value) != size:
+        raise ConfigurationError(f"controller.{name}: {len(value)} values for {size} outputs")
+    return np.array(value) if isinstance(value, list) else value
+
+
+class ControllerSettings(Strict):
+    """Settings of one type of controller."""
+
+    follows: ClassVar[frozenset[str]]
+    """References of the task that the controller reads."""
+    advice: ClassVar[str] = ""
+    """Hint for error messages: a setting that reads the other references."""
+    scaled_only: ClassVar[tuple[str, ...]] = ()
+    """Settings that only the preset ``scaled`` reads."""
+
+    type: str
+    """Type of the controller."""
+    preset: Preset = "scaled"
+    """Default gains. "paper": gains of the paper. "normalised": gains for an ``inertia_bound``. "scaled": gains scaled
+    to the reduced inertia H along the reference. Only "scaled" reads H. With unknown masses it reads H of the first
+    estimates."""
+
+    @property
+    def followed(self) -> frozenset[str]:
+        """References that the controller reads with these settings."""
+        return self.follows
+
+    def build(self, context: ControllerContext) -> BuiltController:
+        """Build the controller.
+
+        Raises:
+            ConfigurationError: the scenario gives a reference that the controller does not read.
+            RncError: the settings do not fit the robot or the task.
+        """
+        for name in context.given:
+            if name not in self.followed:
+                message = f"is not followed by a controller of type '{self.type}'{self.advice}"
+                raise ConfigurationError(f"reference.{name}: {message}")
+        return self._build(context)
+
+    @abstractmethod
+    def _build(self, context: ControllerContext) -> BuiltController: ...
+
+    def outer_gain(self, name: str, size: int = 1) -> float | np.ndarray:
+        """Gain of the settings for ``size`` outputs, or that of their preset."""
+        given = sized_gain(name, getattr(self, name), size)
+        return cast(float, getattr(OUTER_GAINS[self.preset], name)) if given is None else given
+
+    def tracker_gains(self, kind: _Gains, size: int) -> dict[str, float | np.ndarray | None]:
+        """Gains of a tracker that the settings give, by name; None for others."""
+        names = [each.name for each in fields(kind) if each.name in type(self).model_fields]
+        return {name: sized_gain(name, getattr(self, name), size) for name in names}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name_missing_setting(cls, raw: object) -> object:
+        for name, info in cls.model_fields.items():
+            if isinstance(raw, dict) and info.is_required() and name not in raw:
+                what = cls.key_descriptions()[name]
+                raise wrong(name, f"is missing; expected {what[0].lower()}{what[1:].rstrip('.')}")
+        return raw
+
+    @model_validator(mode="after")
+    def _check_preset(self) -> ControllerSettings:
+        for name in self.scaled_only:
+            if self.preset != "scaled" and getattr(self, name) is not None:
+                raise wrong(name, "belongs to the preset 'scaled'")
+        return self
+
+
+def preset_gains(kind: Callable[..., T], *names: str) -> Entry[T]:
+    """Return an entry of gains that those of a preset replace if the file does not give them."""
+    return part(kind, *names, optional=names)
+
+
+_BOUND = part(design_velocity_gains, "inertia_bound")
+_RATES = part(design_velocity_gains, "adaptation", "delay")
+_DEAD_ZONE, _ALPHA = preset_gains(VelocityGains, "dead_zone"), preset_gains(OuterGains, "alpha")
+
+
+class InertiaBoundSettings(ControllerSettings, _BOUND.model):  # type: ignore[name-defined, misc]
+    """Settings of controllers with an adaptive tracker, whose gains depend on the inertia."""
+
+    def bound(self, r: int) -> np.ndarray | None:
+        """Inertia bound of each reducing output, (r,); None without one.
+
+        Raises:
+            ConfigurationError: the number of values is not r.
+        """
+        bound = sized_gain("inertia_bound", self.inertia_bound, r)
+        return None if bound is None else np.broadcast_to(np.asarray(bound, dtype=float), (r,))
+
+    @model_validator(mode="after")
+    def _check_inertia_bound(self) -> InertiaBoundSettings:
+        if self.preset == "normalised" and self.inertia_bound is None:
+            raise wrong("inertia_bound", "is missing; the preset 'normalised' needs a bound on the reduced inertia")
+        if self.preset != "normalised" and self.inertia_bound is not None:
+            raise wrong("inertia_bound", "belongs to the preset 'normalised'")
+        if self.inertia_bound is not None and np.min(self.inertia_bound) <= 0:
+            raise wrong("inertia_bound", f"expected positive numbers, found {self.inertia_bound}")
+        return self
+
+
+class AdaptationSettings(InertiaBoundSettings, _RATES.model, _DEAD_ZONE.model, _ALPHA.model):  # type: ignore[name-defined, misc]
+    """Settings of controllers that learn disturbance forces, and unknown parameters of the kinematics."""
+
+    scaled_only: ClassVar[tuple[str, ...]] = ("adaptation", "delay")
+
+    gravity_compensation: bool | None = None
+    """True if the actuators hold the robot against gravity before the run. Trackers then start with that force."""
+    unknown: Unknown | None = None
+    """Masses, or radii and tracks of wheels, to estimate."""
+
+    def build(self, context: ControllerContext) -> BuiltController:
+        """Build the controller. With unknown parameters it uses the estimated model and never the true one."""
+        if self.unknown is None:
+            return super().build(context)
+        estimator = self.unknown.estimator(context.reduced, self.outer_gain("alpha"))
+        built, regressor = super().build(replace(context, reduced=estimator.model)), estimator.regressor
+        notes = {
+            **built.notes,
+            "estimates": dict(zip(regressor.names, regressor.units, strict=True)),
+            "predicted": dict(zip(regressor.predicted, regressor.predicted_units, strict=True)),
+        }
+        return replace(built, controller=UncertainController(estimator, built.controller), notes=notes)
+
+    def holding_force(self, context: ControllerContext) -> np.ndarray | None:
+        """Reduced force that holds the robot at rest at ``q0``, (r,); None without gravity compensation."""
+        if not self.gravity_compensation:
+            return None
+        rest = np.zeros(context.reduced.r)
+        return context.reduced.inverse_dynamics(context.q0, rest, rest)
+
+    @model_validator(mode="after")
+    def _check_alpha(self) -> AdaptationSettings:
+        if self.alpha is not None and self.unknown is None:
+            raise wrong("alpha", "needs 'unknown', which is missing")
+        return self
+
+    @model_validator(mode="after")
+    def _check_dead_zone(self) -> AdaptationSettings:
+        if self.dead_zone is not None and np.min(self.dead_zone) < 0:
+            raise wrong("dead_zone", f"expected numbers of at least 0, found {self.dead_zone}")
+        return self
+
+
+class NoControlSettings(ControllerSettings):
+    """No control: the robot moves freely."""
+
+    follows: ClassVar[frozenset[str]] = frozenset()
+
+    type: Literal["none"]
+    """Free motion: all actuator inputs are zero, and no output has a goal."""
+
+    def _build(self, context: ControllerContext) -> BuiltController:
+        return BuiltController(ZeroInput(context.reduced))

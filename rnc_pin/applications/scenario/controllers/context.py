@@ -1,0 +1,133 @@
+"""Inputs and result of building a controller, and the checks that types share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from rnc_pin.analysis import Grip
+from rnc_pin.applications.scenario.controllers.task_goals import TaskGoals
+from rnc_pin.applications.scenario.schema.simulation_settings import SimulationSettings
+from rnc_pin.collision import Obstacle
+from rnc_pin.control import Controller, SlitheringReference
+from rnc_pin.errors import ConfigurationError, InfeasibleError, nearest
+from rnc_pin.io import Json
+from rnc_pin.model import ReducedModel, Task
+from rnc_pin.optimal import MotionPlan
+from rnc_pin.planning import Reference
+
+MIN_SINGULAR_VALUE = 0.01
+"""Smallest singular value below which a warning is given."""
+
+
+@dataclass(frozen=True)
+class ControllerContext:
+    """Inputs for building a controller.
+
+    Attributes:
+        reduced: the model.
+        task: roles of the outputs.
+        primary, redundant, vertical: references of the task's outputs; constant at the start if not given.
+        given: names of the references that the scenario gives.
+        q0: initial configuration, (nq,).
+        v2_0: initial reduced velocity, (r,); None for rest.
+        grip: friction of the wheels on the ground, if the scenario gives it.
+        simulation: duration and steps.
+        preflight: action if a singular configuration is ahead.
+        slithering: reference of a trailer on the path of its tractor, which replaces ``vertical``.
+        obstacles: bodies in the world, for the check before the run.
+        plan: optimal motion of ``planner``, if the scenario has one.
+        goal_tolerance: error of a goal at the end of the run above which it is missed [m, rad].
+        monitored: indices in x1 and reference of vertical outputs that are not controlled; for the record only.
+    """
+
+    reduced: ReducedModel
+    task: Task
+    primary: Reference
+    redundant: Reference
+    vertical: Reference
+    given: tuple[str, ...]
+    q0: np.ndarray
+    simulation: SimulationSettings
+    preflight: Literal["warn", "refuse"] = "warn"
+    slithering: SlitheringReference | None = None
+    monitored: tuple[np.ndarray, Reference] | None = None
+    v2_0: np.ndarray | None = None
+    grip: Grip | None = None
+    obstacles: tuple[Obstacle, ...] = ()
+    plan: MotionPlan | None = None
+    goal_tolerance: float = 0.02
+
+    @property
+    def horizon(self) -> float:
+        """Time until all references are constant, plus 1 s, at most the duration of the simulation [s]."""
+        longest = max(reference.duration for reference in (self.primary, self.redundant, self.vertical)) + 1.0
+        return min(self.simulation.duration, longest)
+
+
+@dataclass(frozen=True)
+class BuiltController:
+    """Controller, with the warnings of the check before the run.
+
+    Attributes:
+        controller: ready to run.
+        warnings: messages for the user.
+        notes: entries for the record of the run.
+        time_scale: factor by which the references must be slowed down so that no wheel slips.
+        goals: goals of whole-body tasks.
+        doubts: goals that a coarse roll-out misses. The run itself has to confirm them before they refuse it.
+    """
+
+    controller: Controller
+    warnings: tuple[str, ...] = ()
+    notes: Mapping[str, Json] = field(default_factory=dict)
+    time_scale: float = 1.0
+    goals: TaskGoals | None = None
+    doubts: tuple[str, ...] = ()
+
+
+def refuse_or_warn(
+    preflight: Literal["warn", "refuse"], complaints: Sequence[str], further: Sequence[str] = ()
+) -> tuple[str, ...]:
+    """Return the warnings of the check before a run.
+
+    Args:
+        preflight: action.
+        complaints: reasons against the run.
+        further: warnings that are no reason against it.
+
+    Raises:
+        InfeasibleError: there are complaints, and ``preflight`` refuses such a run.
+    """
+    warnings = (*complaints, *further)
+    if complaints and preflight == "refuse":
+        raise InfeasibleError("; ".join(warnings))
+    return warnings
+
+
+def reduced_velocity(reduced: ReducedModel, rates: Mapping[str, float], key: str) -> np.ndarray:
+    """Return the reduced velocity (r,) from rates by name of the reducing outputs; other rates are zero.
+
+    Raises:
+        ConfigurationError: no reducing output has this name.
+    """
+    names = reduced.reducing.names
+    v2 = np.zeros(reduced.r)
+    for name, rate in rates.items():
+        if name not in names:
+            raise ConfigurationError(f"{key}: no reducing output '{name}'{nearest(name, names)}")
+        v2[names.index(name)] = rate
+    return v2
+
+
+@contextmanager
+def at_key(key: str) -> Iterator[None]:
+    """Prepend the key of a part of the scenario to errors."""
+    try:
+        yield
+    except ConfigurationError as error:
+        raise error.within(key) from None

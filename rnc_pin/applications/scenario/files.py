@@ -1,0 +1,211 @@
+"""Scenario files before validation: search, safe YAML, and options of the command line.
+
+This module does not import the schema, so that listing and completing names is fast.
+"""
+
+from __future__ import annotations
+
+import os.path
+import shlex
+from collections.abc import Iterable, Mapping, Sequence
+from copy import deepcopy
+from functools import lru_cache
+from pathlib import Path
+
+import yaml
+
+from rnc_pin.errors import ConfigurationError, ModelError, closest, nearest
+from rnc_pin.io import Json, load_yaml, read_bytes
+from rnc_pin.robots import example_urdfs, shipped_directory
+
+ROBOT_FILES = (".urdf", ".xacro", ".xml", ".mjcf")
+_BUILT_IN = Path(__file__).resolve().parent / "builtin"
+
+
+def built_in_names() -> list[str]:
+    """Names of the scenarios in the package."""
+    return sorted(path.stem for path in _BUILT_IN.glob("*.yaml"))
+
+
+def is_built_in(path: Path) -> bool:
+    """True if a scenario file is part of the package."""
+    return path.resolve().parent == _BUILT_IN
+
+
+def find_scenario(name: str) -> Path:
+    """Return the file of a built-in scenario, or the named file.
+
+    Raises:
+        ConfigurationError: neither exists (gives the nearest name), or it is a robot (gives the command ``init``).
+    """
+    if name in built_in_names():
+        return _BUILT_IN / f"{name}.yaml"
+    if os.path.isfile(name):  # False, not an error, for names that no file can have
+        if name.lower().endswith(ROBOT_FILES):
+            raise ConfigurationError(f"{name}: {_is_robot(name)}")
+        return Path(name)
+    if name.lower().endswith((".yaml", ".yml")):
+        folder = Path(name).parent
+        there = sorted(each.name for each in folder.glob("*.y*ml")) if os.path.isdir(folder) else []
+        raise ConfigurationError(f"no scenario file '{name}'{nearest(Path(name).name, [*there, *built_in_names()])}")
+    robots = robot_names()
+    if name in robots:
+        raise ConfigurationError(f"'{name}': {_is_robot(name)}")
+    close = closest(name, built_in_names(), spelling=False)
+    robot = None if close else closest(name, robots, spelling=False)
+    missing = f"no scenario '{name}': neither built in nor a file"
+    if robot is not None:
+        raise ConfigurationError(f"{missing}; if you mean the robot '{robot}', {_draft_it(robot)}")
+    raise ConfigurationError(f"{missing}{nearest(name, built_in_names())}")
+
+
+def robot_names() -> list[str]:
+    """Names of robots for ``rnc-pin init``: files in the package, and examples if they are installed."""
+    shipped = [path.name for path in shipped_directory().glob("*.urdf")]
+    try:
+        examples = list(example_urdfs())
+    except ModelError:
+        examples = []
+    return sorted(shipped) + sorted(examples)
+
+
+def _is_robot(name: str) -> str:
+    return f"that is a robot, not a scenario: {_draft_it(name)}"
+
+
+def _draft_it(robot: str) -> str:
+    return f"draft one with: rnc-pin init {shlex.quote(robot)}"
+
+
+@lru_cache(maxsize=8)
+def _parsed(text: str) -> Json:
+    """Content of a YAML file, which is parsed once: sweeps and variants read the same file again and again."""
+    return load_yaml(text)
+
+
+def read_yaml(path: Path) -> dict[str, Json]:
+    """Read the mapping in a YAML file.
+
+    Raises:
+        ConfigurationError: the file cannot be read, is not YAML (gives the line), or is not a mapping.
+    """
+    try:
+        text = read_bytes(path).decode()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigurationError(f"{path}: cannot be read: {error}") from None
+    try:
+        raw = deepcopy(_parsed(text))
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
+        line = f"line {mark.line + 1}" if mark else "somewhere"
+        raise ConfigurationError(f"{path}, {line}: {error.problem or error.context}") from None
+    except yaml.YAMLError as error:
+        raise ConfigurationError(f"{path}: not YAML: {str(error).splitlines()[0]}") from None
+    if not isinstance(raw, dict):
+        found = "the file is empty" if raw is None else f"found {short_text(raw)}"
+        raise ConfigurationError(f"{path}: expected a mapping with keys such as 'robot'; {found}")
+    return raw
+
+
+def parse_option(option: str) -> tuple[str, Json]:
+    """Split ``a.b=c`` into key and value, and read the value as YAML."""
+    key, equals, text = option.partition("=")
+    if not equals or not key.strip():
+        raise ConfigurationError(f"option '{option}': expected key=value, e.g. simulation.duration=5")
+    try:
+        return key.strip(), load_yaml(text)
+    except yaml.YAMLError:
+        raise ConfigurationError(f"option '{option}': '{text}' is not a value") from None
+
+
+def parse_options(options: Iterable[str]) -> dict[str, Json]:
+    """Return keys and values for ``with_options``. The last value of a repeated key counts."""
+    return dict(parse_option(option) for option in options)
+
+
+def with_options(raw: Mapping[str, Json], options: Mapping[str, Json]) -> dict[str, Json]:
+    """Return a copy of a scenario with new values at dotted keys. Numbers in a key index lists."""
+    result = deepcopy(dict(raw))
+    for key, value in options.items():
+        where: object = result
+        parts = key.split(".")
+        for depth, part in enumerate(parts):
+            last = depth == len(parts) - 1
+            if isinstance(where, list):
+                if not (part.isascii() and part.isdecimal()) or int(part) >= len(where):
+                    raise ConfigurationError(f"{key}: '{part}' is not an index into a list of {len(where)}")
+                if last:
+                    where[int(part)] = value
+                else:
+                    where = where[int(part)]
+            elif isinstance(where, dict):
+                if last:
+                    where[part] = value
+                else:
+                    where = where.setdefault(part, {})
+            else:
+                raise ConfigurationError(f"{key}: '{parts[depth - 1]}' is {short_text(where)}, not a mapping or a list")
+    return result
+
+
+def plant_option(scenario: str, plant: str | None) -> dict[str, Json]:
+    """Return the option that selects the plant of a scenario and keeps its plant settings.
+
+    Args:
+        scenario: a built-in name or a file.
+        plant: "reduced" or "mujoco"; None for no change.
+    """
+    if plant is None:
+        return {}
+    found = read_yaml(find_scenario(scenario)).get("plant")
+    return {"plant.type" if isinstance(found, Mapping) and plant == "mujoco" else "plant": plant}
+
+
+def accept_option(
+    scenario: str | Mapping[str, Json], options: Mapping[str, Json], kinds: Sequence[str]
+) -> dict[str, Json]:
+    """Return the option that accepts kinds of findings, in addition to those that a scenario or its options accept.
+
+    Args:
+        scenario: a built-in name, a file, or its mapping.
+        options: other options.
+        kinds: kinds of findings.
+    """
+    if not kinds:
+        return {}
+    raw = read_yaml(find_scenario(scenario)) if isinstance(scenario, str) else scenario
+    found = options.get("accept", raw.get("accept"))
+    return {"accept": [*(found if isinstance(found, list) else ()), *kinds]}
+
+
+def apply_options(raw: Mapping[str, Json], options: Mapping[str, Json]) -> dict[str, Json]:
+    """Return a scenario with its options, its ``variant`` and the ``presets`` of the controller's preset applied.
+
+    Options override presets, and presets override the variant. The result contains the new values, and no applied
+    ``variants`` or ``presets``.
+    """
+    applied = with_options(raw, options)
+    variant = _choice(applied.get("variants"), applied.get("variant"))
+    if variant is not None:
+        raw, options = ({key: each[key] for key in each if key != "variant"} for each in (raw, options))
+        raw = {key: value for key, value in with_options(raw, variant).items() if key != "variants"}
+        applied = with_options(raw, options)
+    controller = applied.get("controller")
+    preset = _choice(applied.get("presets"), controller.get("preset") if isinstance(controller, dict) else None)
+    if preset is None:
+        return applied
+    applied = with_options(with_options(raw, preset), options)
+    return {key: value for key, value in applied.items() if key != "presets"}
+
+
+def _choice(choices: object, name: object) -> dict[str, Json] | None:
+    found = choices.get(name) if isinstance(choices, dict) and isinstance(name, str) else None
+    return found if isinstance(found, dict) else None
+
+
+def short_text(value: object) -> str:
+    """Return a short text of a value for error messages."""
+    if isinstance(value, dict):
+        return f"a mapping with keys {', '.join(map(str, list(value)[:4]))}" if value else "an empty mapping"
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,190 @@
+"""Output folder of a run: which files a run may replace, and how its results get there."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import secrets
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import TracebackType
+
+from rnc_pin.errors import ConfigurationError, few
+from rnc_pin.io import MANIFEST, TEMPORARY_PREFIX, Manifest, digest, is_result
+
+
+class OutputFolder:
+    """Folder for results, as a context.
+
+    Results are written into a fresh folder inside, and ``keep`` moves them into place when they are complete. Earlier
+    results remain until then. Only one run at a time can use the folder.
+
+    A run may replace and delete the unchanged results of earlier runs, and nothing else. With ``force`` it may also
+    replace files and links with the names of its results.
+
+    Args:
+        path: path of the folder.
+        force: True to write into a folder that rnc_pin did not make, and to replace files of the same names.
+        names: names of all files that the run can write.
+
+    Attributes:
+        path: path of the folder.
+        fresh: folder for the results until they are in place; ``writing`` makes it again if it is gone.
+
+    Raises:
+        ConfigurationError: the path is a file, cannot be created, is a foreign folder, or contains a file that the run
+            would write but may not replace; or another run writes there.
+    """
+
+    def __init__(self, path: str | Path, force: bool = False, names: Sequence[str] = ()) -> None:
+        self.path, self._force = Path(path), force
+        self._kept: dict[str, list[str]] = {}
+        self._lock: int | None = None
+        self._made_manifest = False
+        self.fresh = self.path / f"{TEMPORARY_PREFIX}{secrets.token_hex(4)}"
+        try:
+            with self._one_line_errors():
+                self._created = not self.path.exists()
+                if not self._created and not self.path.is_dir():
+                    raise ConfigurationError(f"--out {self.path}: is a file, expected a folder")
+                self.path.mkdir(parents=True, exist_ok=True)
+                self._lock = lock_folder(self.path)
+                earlier = self._admit(names)
+                self._had_results = any(os.path.lexists(self.path / name) for name in (*earlier.digests, *names))
+                self.fresh.mkdir()
+                if not os.path.lexists(self.path / MANIFEST):
+                    earlier.write(self.fresh)
+                    self._made_manifest = True
+        except BaseException:
+            self.close()
+            raise
+
+    def _admit(self, names: Sequence[str]) -> Manifest:
+        """Check the content of the folder before the run, and delete the fresh folders of killed runs."""
+        manifest = Manifest.read(self.path)
+        if manifest is None:
+            if os.path.lexists(self.path / MANIFEST):
+                raise ConfigurationError(
+                    f"--out {self.path}: its {MANIFEST} is not a regular file; choose another folder"
+                )
+            if not self._force and any(self.path.iterdir()):
+                raise ConfigurationError(
+                    f"--out {self.path}: exists and was not made by rnc-pin; choose another folder or add --force"
+                )
+            manifest = Manifest(self.path)
+        foreign = [name for name in names if not self._may_write(name, manifest)]
+        if foreign:
+            raise ConfigurationError(
+                f"--out {self.path}: {few(foreign)} {'was' if len(foreign) == 1 else 'were'} changed or not written by "
+                "rnc-pin; choose another folder or add --force"
+            )
+        for leftover in filter(_is_folder, self.path.glob(f"{TEMPORARY_PREFIX}*")):
+            shutil.rmtree(leftover)
+        return manifest
+
+    def _may_write(self, name: str, manifest: Manifest) -> bool:
+        """True if a run may write this file: there is none, or it may be replaced."""
+        path = self.path / name
+        return not os.path.lexists(path) or manifest.owns(name) or (self._force and not _is_folder(path))
+
+    @contextmanager
+    def writing(self) -> Iterator[Path]:
+        """Yield the fresh folder for results.
+
+        Raises:
+            ConfigurationError: instead of an OSError inside.
+        """
+        with self._one_line_errors():
+            self.fresh.mkdir(parents=True, exist_ok=True)  # again if somebody removed it meanwhile
+            yield self.fresh
+
+    @contextmanager
+    def _one_line_errors(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise ConfigurationError(f"--out {self.path}: cannot be written: {error.strerror}") from None
+
+    # ------------------------------------------------------------------ putting into place
+
+    def keep_so_far(self) -> None:
+        """Move the results into place if the folder had no earlier ones; otherwise do nothing."""
+        if not self._had_results:
+            self._move()
+
+    def keep(self) -> None:
+        """Move the complete results into place, and delete other results of earlier runs.
+
+        Raises:
+            ConfigurationError: during the run, something that may not be replaced took the name of a result, or the
+                disk is full. The folder is unchanged.
+        """
+        earlier = self._move()
+        with self.writing() as fresh:
+            for name in earlier.digests.keys() - self._kept:
+                earlier.remove(name)
+            Manifest(self.path, self._kept).write(fresh)
+
+    def _move(self) -> Manifest:
+        """Move the results into place. Return the manifest from before."""
+        with self.writing() as fresh:
+            staged = {path.name: path for path in sorted(fresh.iterdir())}
+            new = {name: [digest(path)] for name, path in staged.items() if is_result(name)}
+            earlier = Manifest.read(self.path) or Manifest(self.path)
+            foreign = [name for name in new if not self._may_write(name, earlier)]
+            if foreign:
+                aside = self.path / f"results_{fresh.name.removeprefix(TEMPORARY_PREFIX)}"
+                fresh.rename(aside)
+                raise ConfigurationError(
+                    f"--out {self.path}: {few(foreign)} {'was' if len(foreign) == 1 else 'were'} changed during the "
+                    f"run; the results are in {aside}"
+                )
+            (earlier | new).write(fresh)  # holds whether or not a kill interrupts the moves
+            for name in new:
+                os.replace(staged[name], self.path / name)
+            self._kept |= new
+            return earlier
+
+    # ------------------------------------------------------------------ the end
+
+    def close(self) -> None:
+        """Delete results that were not kept, and unlock the folder."""
+        if self._lock is None:
+            return
+        shutil.rmtree(self.fresh, ignore_errors=True)
+        if self._made_manifest and not self._kept:
+            (self.path / MANIFEST).unlink(missing_ok=True)
+        if self._created:
+            with suppress(OSError):  # not empty
+                self.path.rmdir()
+        os.close(self._lock)
+        self._lock = None
+
+    def __enter__(self) -> OutputFolder:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _is_folder(path: Path) -> bool:
+    return path.is_dir() and not path.is_symlink()
+
+
+def lock_folder(folder: Path) -> int:
+    """Open and lock a folder until it is closed. The operating system releases the lock when the process ends."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(descriptor)
+        raise ConfigurationError(
+            f"--out {folder}: another run is writing there; wait for it or choose another folder"
+        ) from None
+    except OSError:
+        pass  # some network file systems cannot lock folders
+    return descriptor

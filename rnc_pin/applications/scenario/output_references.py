@@ -1,0 +1,125 @@
+"""References that a scenario gives to its outputs, and the planned path of a vehicle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from rnc_pin.applications.scenario.frame_poses import frame_poses
+from rnc_pin.applications.scenario.schema import ScenarioFile
+from rnc_pin.control import SlitheringReference
+from rnc_pin.errors import ConfigurationError, InputError
+from rnc_pin.math import Coordinates
+from rnc_pin.model import ReducedModel, Task
+from rnc_pin.optimal import MotionPlan
+from rnc_pin.planning import Hold, Reference
+from rnc_pin.simulation import PlannedPath
+
+
+class OutputReference(NamedTuple):
+    """Reference of some outputs of a model.
+
+    Attributes:
+        is_vertical: True for vertical outputs, False for reducing ones.
+        places: indices (j,) among these outputs.
+        reference: their desired motion.
+    """
+
+    is_vertical: bool
+    places: np.ndarray
+    reference: Reference
+
+
+def output_references(
+    scenario: ScenarioFile, reduced: ReducedModel, task: Task, q0: np.ndarray
+) -> tuple[OutputReference, ...]:
+    """References that a scenario itself gives, from an initial configuration (nq,); none of a planner."""
+    references, given = task_references(scenario, reduced, task, q0, None)
+    found = [OutputReference(name == "vertical", getattr(task, name), references[name]) for name in given]
+    path = plan_path(scenario, reduced, task, q0)
+    if path.primary is not None:
+        found.append(OutputReference(False, task.primary, path.primary))
+    if path.monitored is not None:
+        found.append(OutputReference(True, *path.monitored))
+    return tuple(found)
+
+
+def task_references(
+    scenario: ScenarioFile, reduced: ReducedModel, task: Task, q0: np.ndarray, motion: MotionPlan | None
+) -> tuple[dict[str, Reference], tuple[str, ...]]:
+    """References of the task's outputs, and the names of those that the scenario or its plan gives."""
+    if motion is not None and scenario.reference.path is not None:
+        raise ConfigurationError("reference.path: 'planner' plans the motion; remove one of them")
+    x1, x2 = reduced.at(q0).outputs()
+    starts = {"primary": x2[task.primary], "redundant": x2[task.redundant], "vertical": x1[task.vertical]}
+    references: dict[str, Reference] = {}
+    given = []
+    for name, start in starts.items():
+        settings, outputs = getattr(scenario.reference, name), getattr(task, f"{name}_names")
+        try:
+            coordinates: Coordinates = getattr(task, f"{name}_coordinates")
+            if settings is not None:
+                references[name] = settings.from_start(start, coordinates)
+            elif motion is not None and outputs and name in getattr(scenario.controller, "followed", ()):
+                references[name] = motion.reference(outputs)
+            else:
+                references[name] = Hold(start)
+                continue
+            given.append(name)
+        except (ConfigurationError, InputError) as error:
+            raise ConfigurationError(f"reference.{name}: {error}") from None
+    return references, tuple(given)
+
+
+@dataclass(frozen=True)
+class PathPlan:
+    """Planned path of a vehicle and its references; all None without a planned path."""
+
+    primary: Reference | None = None
+    """Travelled distance and steering angle."""
+    slithering: SlitheringReference | None = None
+    """Reference of the trailer's heading."""
+    monitored: tuple[np.ndarray, Reference] | None = None
+    """Indices in x1 and reference of the x and y of the frame, for the record."""
+    planned: PlannedPath | None = None
+    """For plots: the frame, its trailer, and the poses of the path."""
+
+
+def plan_path(scenario: ScenarioFile, reduced: ReducedModel, task: Task, q0: np.ndarray) -> PathPlan:
+    """Plan the path of ``reference.path``."""
+    settings = scenario.reference.path
+    if settings is None:
+        return PathPlan()
+    if scenario.reference.primary is not None or (settings.trailer and scenario.reference.vertical is not None):
+        raise ConfigurationError("reference.path: replaces 'primary' and, with a trailer, 'vertical'; remove those")
+    if len(task.primary) != 2 or reduced.reducing.quasi[task.primary].tolist() != [True, False]:
+        raise ConfigurationError(
+            "reference.path: primary outputs must be forward speed and steering angle, in this order"
+        )
+    speed, steering = (int(index) for index in task.primary)
+    start = frame_poses(reduced.robot, settings.frame, q0[None]).planar[0]
+    trailer, slithering = settings.trailer, None
+    try:
+        path = settings.path(
+            reduced,
+            q0,
+            start,
+            settings.duration,
+            speed=speed,
+            steering=steering,
+            forward_only=trailer is not None or bool(settings.forward_only),
+        )
+        if trailer is not None:
+            slithering = trailer.build(reduced=reduced, task=task, tractor=settings.frame)
+    except ConfigurationError as error:
+        raise error.within("reference.path") from None
+    poses = np.round(path.poses[:: max(1, len(path.poses) // 400)], 5).tolist()
+    trailing = None if trailer is None else str(trailer.given["axle"])
+    names = [f"{settings.frame}_{axis}" for axis in "xy"]
+    monitored = None
+    if all(name in reduced.vertical.names for name in names):
+        monitored = (np.array([reduced.vertical.names.index(name) for name in names]), path.position)
+    planned = PlannedPath(settings.frame, trailing, tuple((x, y, heading) for x, y, heading in poses))
+    return PathPlan(path.reference, slithering, monitored, planned)

@@ -1,0 +1,224 @@
+"""Optimal motion of a scenario: its problem from the settings, and the plan."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+
+from rnc_pin.applications.scenario.controllers.plan_feedback import PlanFeedbackSettings
+from rnc_pin.applications.scenario.frame_poses import frame_poses
+from rnc_pin.applications.scenario.schema import ScenarioFile
+from rnc_pin.applications.scenario.schema.planner_settings import Limits, OptimalPlanner
+from rnc_pin.applications.scenario.schema.reference_settings import VehiclePath
+from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
+from rnc_pin.errors import ConfigurationError, RncError, nearest
+from rnc_pin.model import ReducedModel
+from rnc_pin.optimal import (
+    AccelerationCost,
+    BoundKind,
+    CostKind,
+    DistanceBound,
+    EffortCost,
+    InputBound,
+    MotionPlan,
+    Nodes,
+    OutputBound,
+    PostureCost,
+    RunFeedback,
+    VelocityBound,
+    VelocityCost,
+    Weight,
+    action_model,
+    driven_configurations,
+    goal_configuration,
+    tvlqr,
+)
+from rnc_pin.planning import Reference
+from rnc_pin.robots import Robot
+from rnc_pin.simulation import PlannedPath
+
+_POINTS = 400  # of a planned path
+
+
+class Start(NamedTuple):
+    """Initial state of a run: configuration (nq,) and reduced velocity (r,)."""
+
+    q: np.ndarray
+    v2: np.ndarray
+
+
+class Plans:
+    """Optimal motions of a scenario and its comparisons: equal problems are solved once."""
+
+    def __init__(self) -> None:
+        self._found: dict[str, MotionPlan] = {}
+
+    def plan(
+        self, scenario: ScenarioFile, reduced: ReducedModel, start: Start, obstacles: Sequence[Obstacle]
+    ) -> MotionPlan:
+        """Return the optimal motion of a scenario, like ``build_plan``."""
+        system = (scenario.robot, scenario.constraints, scenario.mimic, scenario.actuators, scenario.forces)
+        problem = (scenario.outputs, scenario.obstacles, scenario.initial, scenario.planner, scenario.seed)
+        key = repr((system, problem, _regulator(scenario)))
+        if key not in self._found:
+            self._found[key] = build_plan(scenario, reduced, start, obstacles)
+        return self._found[key]
+
+
+def build_plan(
+    scenario: ScenarioFile, reduced: ReducedModel, start: Start, obstacles: Sequence[Obstacle]
+) -> MotionPlan:
+    """Plan the motion of ``planner``.
+
+    Raises:
+        RncError: the settings do not fit the model, or no plan is found.
+    """
+    settings = scenario.planner
+    assert settings is not None
+    names = (*reduced.reducing.names, *reduced.vertical.names)
+    kinematic = settings.form == "kinematic"
+    try:
+        if kinematic and start.v2.any():
+            raise ConfigurationError("form 'kinematic' starts with any velocity; remove 'initial.v2'")
+        goal = _goal(scenario, reduced, names) or None
+        return settings.build(
+            reduced,
+            q0=start.q,
+            goal=goal,
+            costs=list(_costs(settings, start, names)),
+            bounds=list(_bounds(settings, reduced, obstacles, names)),
+            guess=None if settings.guess is None else _guess(settings, reduced, start, goal),
+            seed=scenario.seed,
+            v2_0=None if kinematic else start.v2,
+            feedback=_feedback(scenario, reduced),
+        )
+    except RncError as error:
+        raise error.within("planner") from None
+
+
+def _regulator(scenario: ScenarioFile) -> tuple[str, Weight, Weight]:
+    """Gains, weights of states and of inputs of the feedback of the run.
+
+    Trackers of outputs have another feedback; the usual regulator stands for it.
+    """
+    chosen = scenario.controller
+    if isinstance(chosen, PlanFeedbackSettings):
+        return chosen.gains, chosen.state_cost, chosen.input_cost
+    return "tvlqr", 1.0, 1.0
+
+
+def _feedback(scenario: ScenarioFile, reduced: ReducedModel) -> RunFeedback:
+    gains, state_cost, input_cost = _regulator(scenario)
+    if gains == "plan":
+        return "plan"
+    return lambda found: tvlqr(reduced, found, state_cost, input_cost).K
+
+
+def planned_path(found: MotionPlan, reduced: ReducedModel, frame: str) -> PlannedPath:
+    """Path of a frame along a plan."""
+    model = action_model(reduced, found.info.form)
+    parts, h = max(1, round(_POINTS / len(found.u))), np.diff(found.time)
+    start = Nodes(found.q[:-1], found.w[:-1])
+    pieces = [model.step(start, found.u, h * part / parts).q for part in range(parts)]
+    q = np.concatenate([np.stack(pieces, axis=1).reshape(-1, found.q.shape[1]), found.q[-1:]])
+    poses, heights = frame_poses(reduced.robot, frame, q)
+    rows = np.round(poses, 5).tolist()
+    on_ground = reduced.robot.model.joints[1].shortname() == "JointModelPlanar"
+    kept = () if on_ground else tuple(np.round(heights, 5).tolist())
+    return PlannedPath(frame, None, tuple((x, y, heading) for x, y, heading in rows), kept)
+
+
+def _goal(scenario: ScenarioFile, reduced: ReducedModel, names: Sequence[str]) -> dict[Any, Any]:
+    """Goal by output: rows of one output together, so that orientations are whole."""
+    assert scenario.planner is not None
+    given = scenario.planner.goal
+    for name in given:
+        if name not in names:
+            raise ConfigurationError(f"goal: no output '{name}'{nearest(name, names)}")
+    goal: dict[Any, Any] = {}
+    rest, rows = dict(given), iter(names)
+    for output in scenario.listed_outputs:
+        own = [next(rows) for _ in output.bind(reduced.robot).names]
+        if len(own) > 1 and all(name in rest for name in own):
+            goal[output] = [rest.pop(name) for name in own]
+    return goal | rest
+
+
+def _costs(settings: OptimalPlanner, start: Start, names: Sequence[str]) -> Iterator[CostKind]:
+    costs = settings.costs
+    if costs.effort is not None:
+        yield EffortCost(costs.effort)
+    if costs.velocity is not None:
+        yield VelocityCost(costs.velocity)
+    if costs.acceleration is not None:
+        yield AccelerationCost(costs.acceleration)
+    if costs.posture is not None:
+        yield PostureCost(start.q, costs.posture)
+    for each in costs.outputs:
+        _check_names("costs.outputs", cast(list[str], each.output), names)
+        yield each
+
+
+def _bounds(
+    settings: OptimalPlanner, reduced: ReducedModel, obstacles: Sequence[Obstacle], names: Sequence[str]
+) -> Iterator[BoundKind]:
+    bounds = settings.bounds
+    if bounds.input:
+        yield InputBound(*_limits(bounds.input))
+    if bounds.velocity:
+        yield VelocityBound(*_limits(bounds.velocity))
+    if bounds.output:
+        _check_names("bounds.output", bounds.output, names)
+        yield OutputBound(list(bounds.output), *_limits(bounds.output))
+    if settings.clearance is not None and (obstacles or settings.links):
+        distances = CollisionDistances(reduced.robot, obstacles, PairSelection(links=settings.links))
+        if distances.pairs:
+            yield DistanceBound(distances, settings.clearance)
+
+
+def _check_names(key: str, given: Sequence[str] | Mapping[str, Any], names: Sequence[str]) -> None:
+    for name in given:
+        if name not in names:
+            raise ConfigurationError(f"{key}: no output '{name}'{nearest(name, names)}")
+
+
+def _limits(given: Mapping[str, Limits]) -> tuple[dict[str, float], dict[str, float]]:
+    """Lower and upper limits by name; null is no limit, not that of the robot's file."""
+    lower = {name: -np.inf if low is None else float(low) for name, (low, _) in given.items()}
+    return lower, {name: np.inf if high is None else float(high) for name, (_, high) in given.items()}
+
+
+def _guess(settings: OptimalPlanner, reduced: ReducedModel, start: Start, goal: Any) -> np.ndarray:
+    """Configurations (n, nq) of the first guess."""
+    guess = settings.guess
+    assert guess is not None
+    duration = float(np.mean(settings.duration))
+    if guess.path is not None:
+        reference = _path(guess.path, reduced, start.q, duration)
+        return driven_configurations(reduced, start.q, reference, duration)
+    if guess.reducing is not None:
+        _, x2 = reduced.at(start.q).outputs()
+        motion = guess.reducing.from_start(x2, reduced.reducing.coordinates)
+        return driven_configurations(reduced, start.q, motion, duration)
+    assert guess.through is not None
+    end = goal_configuration(reduced, start.q, goal)
+    return np.array([start.q, *(_with_joints(reduced.robot, start.q, each) for each in guess.through), end])
+
+
+def _with_joints(robot: Robot, q: np.ndarray, joints: Mapping[str, float | list[float]]) -> np.ndarray:
+    """Configuration with other positions of some joints."""
+    moved, given = q.copy(), robot.configuration(joints)
+    for joint in joints:
+        place = robot.model.joints[robot.model.getJointId(joint)]
+        rows = slice(place.idx_q, place.idx_q + place.nq)
+        moved[rows] = given[rows]
+    return moved
+
+
+def _path(settings: VehiclePath, reduced: ReducedModel, q0: np.ndarray, duration: float) -> Reference:
+    if reduced.reducing.quasi.tolist() != [True, False]:
+        raise ConfigurationError("guess.path: reducing outputs must be forward speed and steering angle, in this order")
+    poses, _ = frame_poses(reduced.robot, settings.frame, q0[None])
+    return settings.path(reduced, q0, poses[0], duration).reference

@@ -1,0 +1,119 @@
+"""Builder of the plant of a scenario, with its faults."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from operator import attrgetter
+from pathlib import Path
+
+import numpy as np
+
+from rnc_pin.applications.scenario.schema import ScenarioFile
+from rnc_pin.errors import ConfigurationError, RncError
+from rnc_pin.model import NonholonomicSystem, ReducedModel
+from rnc_pin.plants import (
+    ChangingPlant,
+    ContactPlant,
+    FaultyPlant,
+    MassErrors,
+    Plant,
+    ReducedPlant,
+    TimedChange,
+    VelocityPlant,
+    mujoco,
+)
+
+
+def build_plant(scenario: ScenarioFile, reduced: ReducedModel, q0: np.ndarray, folder: Path) -> Plant:
+    """Build the plant of a scenario.
+
+    Args:
+        scenario: a validated scenario.
+        reduced: model of the controller.
+        q0: initial configuration, (nq,).
+        folder: base of relative paths.
+
+    Raises:
+        RncError: the plant cannot be built from this robot, or a fault names an unknown frame or joint.
+    """
+    plant, faults, settings = scenario.plant, scenario.faults, scenario.simulation
+    assert settings is not None
+    in_mujoco = plant is not None and plant.type == "mujoco"
+    if in_mujoco and (settings.joint_damping or settings.joint_friction or settings.substeps > 1):
+        raise ConfigurationError(
+            "simulation: joint_damping, joint_friction and substeps require plant 'reduced'; "
+            "set the options of MuJoCo in 'plant'"
+        )
+
+    servo_time = None if plant is None else plant.settings.servo_time
+    _check_servos(scenario, servo_time)
+    if scenario.contacts:
+        _check_contacts(scenario)
+        args = scenario.constraints, scenario.actuators, scenario.mimic, scenario.forces
+        system = NonholonomicSystem(reduced.robot, *args)
+        return ContactPlant(system, scenario.contacts, **settings.plant_options)
+
+    def plant_of(model: ReducedModel) -> Plant:
+        if in_mujoco:
+            assert plant is not None
+            return mujoco.MuJoCoPlant(model, plant.settings, q0)
+        if servo_time is not None:
+            return VelocityPlant(model, servo_time, settings.substeps)
+        return ReducedPlant(model, **settings.plant_options)
+
+    if faults is None:
+        return plant_of(reduced)
+    changes: list[MassErrors | TimedChange] = [MassErrors(faults.masses, scenario.seed)] if faults.masses else []
+    timed = [each for each in (faults.payload, faults.stuck) if each is not None]
+    try:
+        true_plant = plant_of(_true_model(scenario, folder, changes) if changes or faults.forces else reduced)
+        for each in sorted(timed, key=attrgetter("time")):
+            changes.append(each)
+            true_plant = ChangingPlant(true_plant, plant_of(_true_model(scenario, folder, changes)), each.time)
+    except RncError as error:
+        raise ConfigurationError(f"faults: {error}") from None
+    return FaultyPlant(true_plant, faults.faults, reduced, settings.dt, scenario.seed)
+
+
+def _check_contacts(scenario: ScenarioFile) -> None:
+    """Raise an error for settings that do not support contacts that open and close."""
+    plant = scenario.plant
+    if plant is not None and plant.type == "mujoco":
+        raise ConfigurationError(
+            "plant: 'mujoco' does not support 'contacts', because it takes the bodies on the ground from "
+            "'constraints'; use 'reduced'"
+        )
+    if plant is not None and plant.settings.servo_time is not None:
+        raise ConfigurationError("plant.servo_time: velocity servos do not support 'contacts'")
+    if scenario.faults is not None:
+        raise ConfigurationError("faults: do not support 'contacts'")
+    assert scenario.simulation is not None
+    if scenario.simulation.on_lift_off != "ignore":
+        raise ConfigurationError("simulation.on_lift_off: 'contacts' lift off by themselves; remove it")
+
+
+def _check_servos(scenario: ScenarioFile, servo_time: float | None) -> None:
+    """Raise an error unless controller and plant agree about inputs: forces or velocities."""
+    settings = scenario.simulation
+    assert settings is not None
+    velocities = getattr(scenario.controller, "tracker", None) == "velocity"
+    if velocities and servo_time is None:
+        raise ConfigurationError("controller.tracker: 'velocity' requires velocity servos: set plant.servo_time")
+    if servo_time is not None and not velocities:
+        raise ConfigurationError("plant.servo_time: requires controller.tracker 'velocity'")
+    unused = [name for name in ("joint_damping", "joint_friction", "actuator_limits") if getattr(settings, name)]
+    if velocities and unused and scenario.plant is not None and scenario.plant.type == "reduced":
+        raise ConfigurationError(f"simulation.{unused[0]}: has no effect on ideal velocity servos; remove it")
+    faults = None if scenario.faults is None else scenario.faults.faults
+    if velocities and faults is not None and (np.isfinite(faults.effort) or faults.dead_zone):
+        raise ConfigurationError("faults: effort and dead_zone are those of forces, and the plant takes velocities")
+
+
+def _true_model(scenario: ScenarioFile, folder: Path, changes: Sequence[MassErrors | TimedChange]) -> ReducedModel:
+    """Build the true model: the system with further forces, and with changes to a separate copy of the robot."""
+    robot = scenario.robot.build(folder)
+    rows = [row for change in changes for row in change.change(robot)]
+    constraints, forces = [*scenario.constraints, *rows], list(scenario.forces)
+    if scenario.faults is not None:
+        forces += scenario.faults.forces
+    return NonholonomicSystem(robot, constraints, scenario.actuators, scenario.mimic, forces).reduce()

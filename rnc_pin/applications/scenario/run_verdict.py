@@ -1,0 +1,150 @@
+"""Summary and verdict of a run of a scenario: errors, goals, limits, distances, and what they mean together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from contextlib import suppress
+
+from rnc_pin.analysis import Grip
+from rnc_pin.applications.scenario.builder import Experiment, off_tracking
+from rnc_pin.control import limited_accelerations
+from rnc_pin.control.whole_body import InverseDynamicsQP, program_of
+from rnc_pin.control.whole_body.limits import CollisionAvoidance
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.simulation import (
+    SHORTFALL,
+    LimitReplay,
+    Outcome,
+    Summary,
+    Trajectory,
+    add_limits,
+    add_verdict,
+    distance_findings,
+    judge,
+    replay_limits,
+    summarize,
+)
+
+REPLAY_DISTANCE = 0.2
+"""Distance up to which the replay of a run computes exact distances [m]."""
+_REPLAY_STEP, _REPLAYED = 0.02, 500  # smallest step between distances [s], and largest number of them
+
+
+def judged_summary(
+    experiment: Experiment,
+    run: Trajectory,
+    gave_way: Mapping[str, float] | None = None,
+    wall_time: float | None = None,
+    *,
+    goals: bool = True,
+) -> tuple[Summary, LimitReplay | None]:
+    """Judge a run of a scenario. The run has its verdict afterwards, and the summary has it too.
+
+    Args:
+        experiment: objects of the run.
+        run: the run.
+        gave_way: largest amounts by which limits of a whole-body program gave way, by name.
+        wall_time: computing time [s].
+        goals: False for a run whose end is not in the scenario, such as one that a user drives.
+
+    Returns:
+        The summary, and the replay of limits and distances; None for a run without samples.
+    """
+    scenario = experiment.scenario
+    summary = run_summary(experiment, run, wall_time)
+    asked = _asked(experiment)
+    replay = _replay(experiment, run, asked) if len(run.time) else None
+    errors = _goal_errors(experiment, run, summary) if goals and run.outcome is Outcome.COMPLETED else {}
+    tolerance = SHORTFALL if scenario.planner is None else scenario.planner.accuracy
+    more = [*experiment.findings, *(() if replay is None else distance_findings(replay, asked, tolerance))]
+    verdict = judge(
+        run,
+        replay,
+        goal_errors=errors,
+        goal_tolerance=scenario.goal_tolerance,
+        gave_way=gave_way,
+        grip=_grip(experiment, run),
+        more=more,
+        accepted=scenario.accept,
+    )
+    run.keep_verdict(verdict)
+    add_verdict(summary, verdict)
+    if replay is not None:
+        add_limits(summary, replay)
+    if gave_way:
+        summary["limits_gave_way"] = dict(gave_way)
+    if goals:
+        summary["goal_tolerance"] = scenario.goal_tolerance
+        missed = {name: error for name, error in errors.items() if not error <= scenario.goal_tolerance}
+        if missed:
+            summary["goals_missed"] = missed
+    return summary, replay
+
+
+def run_summary(experiment: Experiment, run: Trajectory, wall_time: float | None = None) -> Summary:
+    """Errors and invariants of a run, with those that only its scenario knows.
+
+    Args:
+        experiment: objects of the run.
+        run: the run.
+        wall_time: computing time [s].
+    """
+    summary = summarize(run, wall_time)
+    strayed = off_tracking(experiment, run.q)
+    if strayed is not None:
+        summary["off_tracking_max"] = strayed
+    return summary
+
+
+def _goal_errors(experiment: Experiment, run: Trajectory, summary: Summary) -> dict[str, float]:
+    """Errors of the goals at the end by name; whole-body tasks know their goals."""
+    if experiment.goals is None:
+        return dict(summary["final_error"])
+    errors: dict[str, float] = {}
+    for goal in experiment.goals.errors(float(run.time[-1]), run.q[-1], run.v[-1]):
+        for name, error in goal.errors.items():
+            errors[name] = max(error, errors.get(name, 0.0))
+    return errors
+
+
+def _replay(experiment: Experiment, run: Trajectory, asked: float | None) -> LimitReplay:
+    step = max(_REPLAY_STEP, float(run.time[-1]) / _REPLAYED)
+    reduced, near = experiment.reduced, asked or 0.0
+    within = max(REPLAY_DISTANCE, near)
+    # The controller is that of the first phase.
+    end = run.info.phases[1].start if experiment.phases and len(run.info.phases) > 1 else math.inf
+    return replay_limits(
+        reduced.robot,
+        run,
+        experiment.obstacles,
+        step=step,
+        within=within,
+        exact=near,
+        accelerations=[
+            each._replace(until=end) for each in limited_accelerations(experiment.controller)
+        ],  # first phase
+        efforts=reduced.actuation.stated_limits,
+    )
+
+
+def _grip(experiment: Experiment, run: Trajectory) -> Grip | None:
+    """Stated friction of the ground; None without one, or if contacts appear and vanish."""
+    stated, program, reduced = experiment.scenario.grip, program_of(experiment.controller), experiment.reduced
+    grip = None if stated is None else stated.build(reduced)
+    if grip is None and isinstance(program, InverseDynamicsQP) and program.friction is not None:
+        with suppress(ConfigurationError):  # nothing grips
+            grip = Grip(reduced, program.friction)
+    names = run.info.outputs
+    same = grip is not None and names.normal_forces == grip.normal.names
+    return grip if same and names.contact_forces == reduced.all_constraints.names and not experiment.phases else None
+
+
+def _asked(experiment: Experiment) -> float | None:
+    """Distance from obstacles that the planner or the controller has to keep [m]; None if none is asked for."""
+    planner, program = experiment.scenario.planner, program_of(experiment.controller)
+    limits = () if program is None else program.limits
+    asked = [each.clearance for each in limits if isinstance(each, CollisionAvoidance) and each.obstacles]
+    if planner is not None and planner.clearance is not None and experiment.obstacles:
+        asked.append(planner.clearance)
+    return max(asked, default=None)

@@ -1,0 +1,102 @@
+"""Finished runs, loaded from files with their robot and model."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rnc_pin.applications.scenario.builder import build_reduced
+from rnc_pin.applications.scenario.drawn_run import drawn_run
+from rnc_pin.applications.scenario.files import built_in_names, find_scenario
+from rnc_pin.applications.scenario.loading import validate
+from rnc_pin.applications.scenario.schema import ScenarioFile
+from rnc_pin.applications.scenario.schema.obstacles import build_obstacles
+from rnc_pin.collision import Obstacle
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.model import ReducedModel
+from rnc_pin.simulation import Provenance, Trajectory
+from rnc_pin.visualization import DrawnModel, Recording, View
+
+
+@dataclass(frozen=True)
+class Run:
+    """Finished run with its scenario and model."""
+
+    source: Path
+    trajectory: Trajectory
+    scenario: ScenarioFile
+    reduced: ReducedModel
+    obstacles: tuple[Obstacle, ...] = ()
+
+    @property
+    def drawn_model(self) -> DrawnModel:
+        """Robot with its model and the obstacles, to draw."""
+        drawn = DrawnModel(self.reduced.robot, None if self.scenario.phases else self.reduced, self.obstacles)
+        return drawn_run(drawn, self.scenario, self.trajectory)
+
+    @property
+    def title(self) -> str:
+        """Title of the scenario, or its name."""
+        return self.scenario.title or str(self.trajectory.info.provenance.scenario)
+
+
+def load_run(source: Path) -> Run:
+    """Load a folder of ``rnc-pin run``, or its ``trajectory.npz``.
+
+    Raises:
+        RncError: the source is not a run, or has fewer than two samples.
+    """
+    trajectory = Trajectory.load(source / "trajectory.npz" if os.path.isdir(source) else source)
+    origin = trajectory.info.provenance
+    if origin.config is None:
+        raise ConfigurationError(f"{source}: contains no scenario, so the robot is unknown")
+    scenario = validate(origin.config, str(source))
+    folder = _folder(origin)
+    _, reduced = build_reduced(scenario, folder)
+    if trajectory.q.shape[1] != reduced.robot.nq:
+        raise ConfigurationError(
+            f"{source}: configurations have {trajectory.q.shape[1]} entries, but its robot has nq = {reduced.robot.nq}"
+        )
+    if len(trajectory.time) < 2:
+        raise ConfigurationError(f"{source}: contains {len(trajectory.time)} samples, at least 2 are required")
+    return Run(source, trajectory, scenario, reduced, build_obstacles(scenario.obstacles, folder))
+
+
+def _folder(origin: Provenance) -> Path:
+    """Base folder of relative paths in a run's scenario. Runs of built-in scenarios do not record a folder."""
+    if origin.folder is not None:
+        return Path(origin.folder)
+    return find_scenario(origin.scenario).parent if origin.scenario in built_in_names() else Path()
+
+
+def compared(runs: Sequence[Run]) -> dict[str, Trajectory]:
+    """Return the runs after the first, by unique names.
+
+    Raises:
+        ConfigurationError: the runs have different robots.
+    """
+    first = runs[0]
+    for other in runs[1:]:
+        if other.reduced.robot.nq != first.reduced.robot.nq or other.reduced.robot.name != first.reduced.robot.name:
+            raise ConfigurationError(
+                f"{other.source}: is of robot '{other.reduced.robot.name}', "
+                f"{first.source} of '{first.reduced.robot.name}': one scene shows one robot"
+            )
+    names = [
+        each.source.stem.removeprefix("trajectory_") if each.source.is_file() else each.source.name for each in runs
+    ]
+    shown = [name if names.count(name) == 1 else str(run.source) for name, run in zip(names, runs, strict=True)]
+    return {name.replace("_", " "): run.trajectory for name, run in zip(shown[1:], runs[1:], strict=True)}
+
+
+def animation_of(runs: Sequence[Run], aside: bool = False) -> Recording:
+    """Return the animation of a run, with other runs as pale robots in it or beside it."""
+    run = runs[0]
+    return Recording(run.drawn_model, run.trajectory, view_of(run.scenario), run.title, compared(runs), aside)
+
+
+def view_of(scenario: ScenarioFile) -> View:
+    """Return the view settings of the scenario."""
+    return scenario.view

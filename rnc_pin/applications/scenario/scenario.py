@@ -1,0 +1,381 @@
+"""Scenario: one object between a scenario file and Python."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import yaml
+
+from rnc_pin.applications.scenario.builder import (
+    Experiment,
+    build_experiment,
+    build_reduced,
+    build_task,
+    start_of,
+)
+from rnc_pin.applications.scenario.files import (
+    apply_options,
+    built_in_names,
+    find_scenario,
+    is_built_in,
+    read_yaml,
+    with_options,
+)
+from rnc_pin.applications.scenario.loading import validate
+from rnc_pin.applications.scenario.model_warnings import collected_model_warnings
+from rnc_pin.applications.scenario.phase_builder import build_phased
+from rnc_pin.applications.scenario.planner_builder import Plans
+from rnc_pin.applications.scenario.run_verdict import judged_summary
+from rnc_pin.applications.scenario.schema import ScenarioFile
+from rnc_pin.applications.scenario.schema.obstacles import build_obstacles
+from rnc_pin.collision import Obstacle
+from rnc_pin.control import Controller, State
+from rnc_pin.control.whole_body import report_within
+from rnc_pin.errors import ConfigurationError, RncError
+from rnc_pin.io import Json
+from rnc_pin.model import NonholonomicSystem, ReducedModel, Task
+from rnc_pin.planning import Reference
+from rnc_pin.plants import Plant
+from rnc_pin.printing import ObjectSummary, SummaryMixin, items
+from rnc_pin.robots import Robot
+from rnc_pin.simulation import Observer, Sample, SimulationOptions, Trajectory, simulate, simulate_phases
+
+
+class Simulated(NamedTuple):
+    """Motion of a run, the error that ended it early, and the largest amounts by which limits gave way, by name."""
+
+    trajectory: Trajectory
+    error: RncError | None
+    gave_way: dict[str, float]
+
+
+class BuiltModel(NamedTuple):
+    """System of a scenario, its reduced model, and the warnings about them."""
+
+    system: NonholonomicSystem
+    reduced: ReducedModel
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Scenario(SummaryMixin):
+    """Scenario: robot, constraints, outputs, controller and simulation, and the objects that they make.
+
+    ``load`` reads and checks the file. Each object is built when it is first asked for, and then kept. A file without
+    outputs gets those that ``NonholonomicSystem.reduce`` chooses. A run needs ``controller`` and ``simulation``.
+
+    >>> scenario = rnc.Scenario.load("space-robot", {"simulation.duration": 0.1})
+    >>> scenario.reduced.reducing.names
+    ('tip_x', 'tip_y', 'joint_1')
+    >>> run = scenario.run()
+    >>> len(run.time)
+    51
+
+    Attributes:
+        name: name of the scenario.
+        raw: mapping of the scenario file, with options.
+        folder: base of relative paths in the scenario.
+        built_in: True for a scenario of the package; its record contains no folder of this computer.
+        source: name of the scenario in errors.
+        show_warnings: True to show warnings about the model, beside keeping them.
+    """
+
+    name: str
+    raw: dict[str, Json]
+    folder: Path
+    built_in: bool = False
+    source: str = ""
+    show_warnings: bool = True
+
+    @classmethod
+    def load(cls, scenario: str | PathLike[str], options: Mapping[str, Json] | None = None) -> Scenario:
+        """Read a scenario and check it.
+
+        Args:
+            scenario: a built-in name or a file.
+            options: dotted keys and values to replace, such as ``{"simulation.duration": 5.0}``.
+
+        Raises:
+            ConfigurationError: the scenario is invalid; the first error with file, key, and what is expected.
+        """
+        said = str(scenario)
+        path = find_scenario(said).resolve()
+        raw = apply_options(read_yaml(path), options or {})
+        built_in = is_built_in(path)
+        made = cls(path.stem, raw, path.parent, built_in, said if said in built_in_names() else path.name)
+        return made.built_with(content=validate(raw, made.source))
+
+    def built_with(
+        self,
+        content: ScenarioFile | None = None,
+        model: BuiltModel | None = None,
+        experiment: Experiment | None = None,
+        comparisons: dict[str, Experiment] | None = None,
+    ) -> Scenario:
+        """Return this scenario with objects that exist already. Objects that are built later use them.
+
+        Args:
+            content, model, experiment, comparisons: values of these properties; None for those that are built later.
+        """
+        made = copy.copy(self)
+        given = {"content": content, "model": model, "experiment": experiment, "comparisons": comparisons}
+        made.__dict__.update({name: value for name, value in given.items() if value is not None})
+        return made
+
+    def build(self) -> Scenario:
+        """Build all objects of the run and of its comparisons now, and return the scenario.
+
+        Raises:
+            RncError: a part of the scenario does not fit the robot.
+        """
+        _ = self.experiment, self.comparisons
+        return self
+
+    # ------------------------------------------------------------------ objects
+
+    @cached_property
+    def content(self) -> ScenarioFile:
+        """Checked content of the file."""
+        return validate(self.raw, self.source or self.name)
+
+    @cached_property
+    def model(self) -> BuiltModel:
+        """System and reduced model of a scenario without phases, with the warnings about them."""
+        with self._located(), collected_model_warnings(self.show_warnings) as told:
+            built = build_reduced(self.content, self.folder)
+        return BuiltModel(*built, tuple(told))
+
+    @cached_property
+    def experiment(self) -> Experiment:
+        """Objects of the run."""
+        if self.content.phases:
+            return self._experiment(self.content, None)
+        made = self._experiment(self.content, self.model.reduced)
+        return replace(made, model_warnings=tuple(dict.fromkeys((*self.model.warnings, *made.model_warnings))))
+
+    @cached_property
+    def comparisons(self) -> dict[str, Experiment]:
+        """Objects of the runs that the scenario compares with its own, by label.
+
+        Comparisons may fail on purpose, to show the difference. Their preflight therefore only warns.
+        """
+        found: dict[str, Experiment] = {}
+        slugs: dict[str, str] = {}
+        for label, changes in self.content.comparisons.items():
+            where = f"comparisons.{label}"
+            other = validate(
+                with_options(self.raw, {"preflight": "warn", **changes}), f"{self.source or self.name}: {where}"
+            )
+            if slugs.setdefault(slug(label), label) != label:
+                names = f"'{label}' and '{slugs[slug(label)]}'"
+                raise ConfigurationError(f"comparisons: {names} give one file name").within(self.source or self.name)
+            found[label] = self._experiment(other, None, where)
+        return found
+
+    @property
+    def system(self) -> NonholonomicSystem:
+        """System of robot, constraints and actuators."""
+        return self.model.system
+
+    @property
+    def robot(self) -> Robot:
+        """The robot."""
+        return self.reduced.robot
+
+    @property
+    def reduced(self) -> ReducedModel:
+        """Reduced model; in a scenario with phases that of the first."""
+        return self.experiment.reduced if self.content.phases else self.model.reduced
+
+    @property
+    def task(self) -> Task:
+        """Task; by default all reducing outputs are primary."""
+        return build_task(self.content, self.reduced)
+
+    @property
+    def controller(self) -> Controller:
+        """Controller."""
+        return self.experiment.controller
+
+    @property
+    def plant(self) -> Plant:
+        """Simulated plant, with its faults."""
+        return self.experiment.plant
+
+    @property
+    def references(self) -> Mapping[str, Reference]:
+        """References of the task by role: ``primary``, ``redundant``, ``vertical``; empty without a controller."""
+        return self.experiment.references
+
+    @cached_property
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """Bodies in the world."""
+        with self._located():
+            return build_obstacles(self.content.obstacles, self.folder)
+
+    @property
+    def q0(self) -> np.ndarray:
+        """Initial configuration (nq,)."""
+        return self._start[0]
+
+    @property
+    def v2_0(self) -> np.ndarray:
+        """Initial reduced velocity (r,)."""
+        return self._start[1]
+
+    @property
+    def duration(self) -> float:
+        """Simulated time of the run [s]."""
+        return self.experiment.simulation.duration
+
+    @property
+    def dt(self) -> float:
+        """Sampling period [s]."""
+        return self.experiment.simulation.dt
+
+    @property
+    def total_duration(self) -> float:
+        """Simulated time of the run and its comparisons [s]."""
+        return self.duration + sum(each.simulation.duration for each in self.comparisons.values())
+
+    @cached_property
+    def _start(self) -> tuple[np.ndarray, np.ndarray]:
+        if self.content.phases:
+            return self.experiment.q0, self.experiment.v2_0
+        with self._located():
+            return start_of(self.content, self.reduced)
+
+    @cached_property
+    def _plans(self) -> Plans:
+        return Plans()
+
+    def _experiment(self, content: ScenarioFile, reduced: ReducedModel | None, where: str = "") -> Experiment:
+        with self._located(where):
+            with collected_model_warnings(self.show_warnings) as told:
+                if content.phases:
+                    experiment = build_phased(content, self.folder)
+                else:
+                    experiment = build_experiment(content, self.folder, self._plans, reduced)
+            return replace(experiment, model_warnings=tuple(told))
+
+    @contextmanager
+    def _located(self, where: str = "") -> Iterator[None]:
+        """Errors with the file, and a place in it, before their texts."""
+        try:
+            yield
+        except RncError as error:
+            said = self.source or self.name
+            raise error.within(f"{said}: {where}" if where else said) from None
+
+    # ------------------------------------------------------------------ runs
+
+    def run(self, observer: Observer | None = None) -> Trajectory:
+        """Simulate the run, without its comparisons. ``verdict`` of the trajectory tells whether it succeeded.
+
+        Args:
+            observer: called with every ``Sample``.
+
+        Raises:
+            RncError: the scenario cannot be built, or the run failed; ``trajectory`` of the error has what it reached.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):  # diverged values
+            run = self.simulated(self.experiment, observer)
+            judged_summary(self.experiment, run.trajectory, run.gave_way)
+        if run.error is not None:
+            raise run.error
+        return run.trajectory
+
+    def simulated(self, experiment: Experiment, observer: Observer | None = None) -> Simulated:
+        """Simulate the run or one of its comparisons. An error that ends it early is part of the result.
+
+        Args:
+            experiment: objects of the run.
+            observer: called with every ``Sample``.
+        """
+        state: State = None
+
+        def watch(sample: Sample) -> None:
+            nonlocal state
+            state = sample.state
+            if observer is not None:
+                observer(sample)
+
+        error: RncError | None = None
+        try:
+            trajectory = self._simulated(experiment, self.options(experiment, watch))
+        except RncError as failure:
+            if not isinstance(failure.trajectory, Trajectory):
+                raise
+            trajectory, error = failure.trajectory, failure
+        report = report_within(experiment.controller, state)
+        return Simulated(trajectory, error, {} if report is None else dict(report.worst))
+
+    def _simulated(self, experiment: Experiment, options: SimulationOptions) -> Trajectory:
+        settings, v2_0 = experiment.simulation, experiment.v2_0
+        if experiment.phases:
+            return simulate_phases(experiment.phases, experiment.q0, settings.dt, v2_0=v2_0, options=options)
+        controlled = experiment.reduced, experiment.controller, experiment.q0
+        plant = experiment.plant
+        return simulate(*controlled, settings.duration, settings.dt, v2_0=v2_0, plant=plant, options=options)
+
+    def options(self, experiment: Experiment, observer: Observer | None = None) -> SimulationOptions:
+        """Options of the run or one of its comparisons, with its provenance.
+
+        Args:
+            experiment: objects of the run.
+            observer: called with every ``Sample``.
+        """
+        provenance = replace(
+            experiment.provenance,
+            scenario=self.name,
+            seed=experiment.scenario.seed,
+            config=self.raw,
+            folder=None if self.built_in else str(self.folder),
+        )
+        stop = experiment.simulation.stop
+        return SimulationOptions(stop=stop, loop=experiment.loop, observer=observer, meta=provenance)
+
+    # ------------------------------------------------------------------ files
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the scenario with its options as a file, which runs from any folder of this computer.
+
+        Args:
+            path: path of the file.
+
+        Raises:
+            OSError: the file cannot be written.
+        """
+        Path(path).write_text(yaml.safe_dump(self._portable(), sort_keys=False), encoding="utf-8")
+
+    def _portable(self) -> dict[str, Json]:
+        source = self.raw.get("robot")
+        if not isinstance(source, Mapping):
+            return self.raw
+        beside = self.folder / str(source.get("urdf"))
+        if not beside.is_file():
+            return self.raw
+        return {**self.raw, "robot": {**source, "urdf": str(beside.resolve())}}
+
+    def _summary(self) -> ObjectSummary:
+        content = self.content
+        controller = "none" if content.controller is None else content.controller.type
+        settings = content.simulation
+        time = "none" if settings is None else f"{settings.duration:g} s, dt {settings.dt:g} s"
+        title = f"Scenario '{self.name}'" + (f": {content.title}" if content.title else "")
+        said = content.robot.urdf or content.robot.mjcf or content.robot.example
+        lines = [("robot", items([str(said)])), ("controller", items([controller])), ("simulation", items([time]))]
+        return ObjectSummary(title, [*lines, ("keys", items(list(self.raw)))])
+
+
+def slug(label: str) -> str:
+    """Return a label in the form of a part of a file name."""
+    return "".join(letter if letter.isalnum() else "_" for letter in label)

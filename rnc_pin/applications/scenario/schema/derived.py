@@ -1,0 +1,344 @@
+"""Entries of scenario files, derived from the classes that they build.
+
+The class alone defines names, types, defaults and descriptions: a dataclass by its fields, another class or a function
+by the parameters of its call. The docstring gives the descriptions. An ``Entry`` lists the differences between the file
+and the class.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, dataclass, field
+from functools import cached_property, reduce
+from operator import attrgetter, or_
+from types import GenericAlias, UnionType
+from typing import Annotated, Any, Generic, NamedTuple, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+
+import numpy as np
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    Discriminator,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    Tag,
+    create_model,
+)
+from pydantic.fields import FieldInfo
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, core_schema
+
+from rnc_pin.applications.scenario.schema.base import BY_KIND, NAME, PLAIN, Numbers, Strict, attribute_texts
+from rnc_pin.errors import RncError, nearest
+
+T = TypeVar("T")
+
+
+class _Parameter(NamedTuple):
+    name: str
+    kind: object
+    default: object
+    """Default value; ``MISSING`` for none."""
+
+    @property
+    def may_be_none(self) -> bool:
+        """True if None is a value. Otherwise null in a file leaves the parameter out."""
+        return self.kind is Any or type(None) in get_args(self.kind)
+
+    @property
+    def unlimited(self) -> bool:
+        """True if the default is infinite. Files write null for it."""
+        return isinstance(self.default, float) and math.isinf(self.default)
+
+
+@dataclass(frozen=True)
+class PartialCall(Generic[T]):
+    """Call of a class with the arguments that a file gives. A builder gives the others.
+
+    Attributes:
+        kind: the class.
+        given: arguments of the file by name.
+    """
+
+    kind: Callable[..., T]
+    given: Mapping[str, Any]
+
+    def build(self, **others: object) -> T:
+        """Make the call. The arguments here go before those of the file."""
+        return self.kind(**{**self.given, **others})
+
+
+@dataclass(frozen=True, eq=False)  # hashable by identity: a union hashes its parts
+class Entry(Generic[T]):
+    """Reader of a class from a file: ``Annotated[View, Entry(View)]`` validates to a ``View``.
+
+    With ``late`` parameters or ``incomplete`` it validates to a ``PartialCall``. A mapping with further keys inherits
+    from ``model`` and calls ``build``.
+
+    Attributes:
+        kind: dataclass, other class, or function.
+        short: a parameter whose value may replace the mapping.
+        only: a parameter whose value always replaces the mapping.
+        keys: parameter to key in the file, where the two differ.
+        required: parameters that a file must give although the class has a default.
+        forms: parameter to its type in the file, where the two differ. ``Field(description=...)`` in the annotation
+            replaces the text of the class.
+        late: parameters that a builder gives, and no file.
+        optional: parameters that may be null in a file, which is their default there. The builder then chooses.
+        defaults: parameter to its default in the file, in the form of the file, where the class has another or none.
+        incomplete: True if only a builder can make some arguments from their values in the file.
+    """
+
+    kind: Callable[..., T]
+    short: str | None = None
+    only: str | None = None
+    keys: Mapping[str, str] = field(default_factory=dict)
+    required: tuple[str, ...] = ()
+    forms: Mapping[str, object] = field(default_factory=dict)
+    late: tuple[str, ...] = ()
+    optional: tuple[str, ...] = ()
+    defaults: Mapping[str, object] = field(default_factory=dict)
+    incomplete: bool = False
+
+    def build(self, said: object, **others: object) -> T:
+        """Call the class with the values of a file, which are attributes of ``said``, and with further arguments.
+
+        Missing values take the defaults of the class.
+        """
+        return PartialCall(self.kind, self.given(said)).build(**others)
+
+    def given(self, said: object) -> dict[str, Any]:
+        """Arguments that a file gives, by name."""
+        if not isinstance(said, BaseModel):
+            return {str(self.only): said}
+        found = {}
+        for each in self._parameters:
+            key = self._key(each.name)
+            if key in said.model_fields_set or each.name in self.defaults:
+                value = getattr(said, key)
+                if value is not None or each.may_be_none:
+                    found[each.name] = value
+        return found
+
+    def read(self, said: object) -> object:
+        """Value of the entry: the built object, or a partial call of it.
+
+        Raises:
+            ValueError: the class refuses the values.
+        """
+        if self.late or self.incomplete:
+            return PartialCall(self.kind, self.given(said))
+        try:
+            return self.build(said)
+        except RncError as error:  # pydantic adds the place in the file
+            raise ValueError(str(error)) from None
+
+    @property
+    def title(self) -> str:
+        """Name of the class."""
+        return self.kind.__name__
+
+    @cached_property
+    def _parameters(self) -> list[_Parameter]:
+        return [each for each in _parameters(self.kind) if each.name not in self.late]
+
+    def _key(self, name: str) -> str:
+        return self.keys.get(name, name)
+
+    @cached_property
+    def model(self) -> type[Strict]:
+        """Pydantic model of the mapping in a file."""
+        fields = {self._key(each.name): self._field(each) for each in self._parameters}
+        made = _mapping(self.title, summary(self.kind), fields)
+        made.texts_of_class = self._texts
+        return made
+
+    def _texts(self) -> dict[str, str]:
+        texts = descriptions(self.kind)
+        return {self._key(each.name): texts[each.name] for each in self._parameters if each.name in texts}
+
+    def _field(self, each: _Parameter) -> tuple[object, object]:
+        """Type and default of a field of the mapping."""
+        kind = self.forms.get(each.name, each.kind)
+        parts = get_args(kind) if get_origin(kind) is Annotated else ()
+        text = next((part.description for part in parts if isinstance(part, FieldInfo) and part.description), None)
+        default = self.defaults.get(each.name, each.default)
+        default = list(default) if isinstance(default, tuple) else default
+        if each.unlimited or each.name in self.optional:
+            kind, default = _either([kind, None]), None
+        if default is MISSING or each.name in self.required:
+            default = ...
+        if each.name in self.defaults:
+            return _in_files(kind), Field(default, description=text, validate_default=True)
+        return _in_files(kind), Field(default, description=text)
+
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        if self.only is None:
+            form = handler.generate_schema(self.model)
+        else:
+            (kind,) = (each.kind for each in self._parameters if each.name == self.only)
+            form = handler.generate_schema(kind)
+        if self.short is not None:
+            form = core_schema.no_info_before_validator_function(self._spelled_out, form)
+        return core_schema.no_info_after_validator_function(self.read, form)
+
+    def _spelled_out(self, raw: object) -> object:
+        assert self.short is not None
+        if isinstance(raw, str):
+            return {self._key(self.short): raw}
+        if not isinstance(raw, Mapping):
+            keys = [self._key(each.name) for each in self._parameters]
+            raise ValueError(f"expected a {self.short}'s name or a mapping with {' and '.join(keys)}, found {raw!r}")
+        return raw
+
+    def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        form, texts = handler(core), descriptions(self.kind)
+        if self.only is not None:
+            return {**form, "description": texts.get(self.only, "")}
+        if self.short is not None:
+            return {"anyOf": [{"type": "string", "description": texts.get(self.short, "")}, form]}
+        return form
+
+
+def part(kind: Callable[..., T], *names: str, **options: Any) -> Entry[T]:
+    """Return an entry of some parameters of a class. A builder gives the others.
+
+    Args:
+        kind: the class.
+        *names: the parameters.
+        **options: further attributes of the entry.
+    """
+    return Entry(kind, late=tuple(each.name for each in _parameters(kind) if each.name not in names), **options)
+
+
+def _parameters(kind: Callable[..., object]) -> list[_Parameter]:
+    """Parameters of a class or function."""
+    if dataclasses.is_dataclass(kind):
+        types = get_type_hints(kind, include_extras=True)
+        found = [
+            (each.name, each.default if each.default_factory is MISSING else each.default_factory())
+            for each in dataclasses.fields(kind)
+            if each.init
+        ]
+    else:
+        call: object = vars(kind).get("__init__", kind) if isinstance(kind, type) else kind  # a named tuple has none
+        types = get_type_hints(call, include_extras=True)
+        signature = inspect.signature(kind).parameters.values()
+        found = [(each.name, MISSING if each.default is each.empty else each.default) for each in signature]
+    return [_Parameter(name, types[name], default) for name, default in found]
+
+
+def one_of(names: bool = False, /, **entries: type | Entry[Any]) -> object:
+    """Return a reader of one of several classes, each a mapping with one key: ``{key: {field: value, ...}}``.
+
+    Args:
+        names: True to accept a bare name too; it is returned unchanged.
+        **entries: the class of each key, or an ``Entry`` where the file differs from the class. A mapping of a file is
+            read as it is.
+    """
+    items = [_keyed(key, each) for key, each in entries.items()]
+    return _ReadAs(Annotated[_either([Annotated[str, Tag(NAME)]] * names + items), BY_KIND])
+
+
+def plain_or(plain: type, /, **entries: type | Entry[Any]) -> object:
+    """Return a reader of a dataclass ``{field: value, ...}``, or of another one as a mapping with its key."""
+
+    def tag(raw: object) -> str:
+        key = next(iter(raw)) if isinstance(raw, Mapping) and len(raw) == 1 else None
+        return key if key in entries else PLAIN
+
+    def known(raw: object) -> object:
+        names = [*Entry(plain).model.model_fields, *entries]  # the reader of one kind does not know the other kinds
+        mapping = raw if isinstance(raw, Mapping) else {}
+        for key in mapping:
+            if key in entries and len(mapping) > 1:
+                raise ValueError(f"'{key}' has no other key beside it, found {', '.join(map(str, mapping))}")
+            if key not in names:
+                raise ValueError(f"'{key}' is not known{nearest(str(key), names)}")
+        return raw
+
+    items = [Annotated[plain, Entry(plain), Tag(PLAIN)], *(_keyed(key, each) for key, each in entries.items())]
+    return _ReadAs(Annotated[_either(items), Discriminator(tag), BeforeValidator(known)])
+
+
+@dataclass(frozen=True)
+class _ReadAs:
+    """Annotation of a value that a file writes in another form than its type."""
+
+    form: object
+
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return handler.generate_schema(self.form)
+
+
+def _keyed(key: str, kind: type | Entry[Any]) -> object:
+    """Mapping with one key that contains an entry, or another mapping of a file."""
+    if isinstance(kind, type) and issubclass(kind, Strict):
+        title, text, content = kind.__name__, summary(kind), cast(object, kind)
+    else:
+        entry = kind if isinstance(kind, Entry) else Entry(kind)
+        title, text, content = entry.title, summary(entry.kind), Annotated[object, entry]
+    around = _mapping(f"{title}Entry", text, {key: (content, ...)})
+    return Annotated[around, AfterValidator(attrgetter(key)), Tag(key)]
+
+
+def _mapping(name: str, text: str, fields: Mapping[str, tuple[object, object]]) -> type[Strict]:
+    settings: dict[str, Any] = dict(fields)  # a type checker does not accept types made at run time
+    return create_model(name, __base__=Strict, __doc__=text, **settings)
+
+
+def _in_files(kind: object) -> object:
+    """Form of a type in files: lists in place of sequences and arrays."""
+    origin, parts = get_origin(kind), get_args(kind)
+    if origin is Annotated:
+        return Annotated[_in_files(parts[0]), *parts[1:]]
+    if kind is np.ndarray:
+        return Numbers
+    if origin in (Union, UnionType):
+        lists = any(get_origin(_bare(part)) is Sequence for part in parts)  # the same numbers as those of an array
+        return _either([_in_files(part) for part in parts if part is not np.ndarray or not lists])
+    return GenericAlias(list, tuple(map(_in_files, parts))) if origin is Sequence else kind
+
+
+def _bare(kind: object) -> object:
+    return get_args(kind)[0] if get_origin(kind) is Annotated else kind
+
+
+def _either(kinds: Sequence[object]) -> object:
+    return reduce(or_, kinds)
+
+
+def summary(kind: Callable[..., object]) -> str:
+    """First paragraph of the docstring of a class."""
+    return " ".join((inspect.getdoc(kind) or "").split("\n\n")[0].split())
+
+
+def descriptions(kind: Callable[..., object]) -> dict[str, str]:
+    """Descriptions of the parameters of a class or function.
+
+    They are in ``Args`` or ``Attributes`` of its docstring, or below the fields of a dataclass, also of its bases.
+    """
+    family = [kind]
+    if dataclasses.is_dataclass(kind):
+        family = [each for each in reversed(inspect.getmro(cast(type, kind))) if dataclasses.is_dataclass(each)]
+    found: dict[str, str] = {}
+    for each in family:
+        for section in re.findall(
+            r"^(?:Args|Attributes):\n((?:    .*\n?|\n)*)", inspect.getdoc(each) or "", re.MULTILINE
+        ):
+            for names, text in re.findall(r"^    (\w+(?:, \w+)*): (.*\n?(?:     .*\n?)*)", section, re.MULTILINE):
+                found |= dict.fromkeys(names.split(", "), text)
+        if isinstance(each, type):
+            found |= attribute_texts(each)
+    return {name: _sentence(text) for name, text in found.items()}
+
+
+def _sentence(text: str) -> str:
+    text = re.sub(r"\bNone\b", "null", " ".join(text.split()))
+    return text[0].upper() + text[1:]

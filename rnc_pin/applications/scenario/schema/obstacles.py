@@ -1,0 +1,129 @@
+"""Obstacles in a scenario file."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import coal
+import numpy as np
+from pydantic import Field
+
+from rnc_pin.applications.scenario.schema.base import Positive
+from rnc_pin.applications.scenario.schema.derived import Entry, one_of
+from rnc_pin.applications.scenario.schema.reference_settings import ReferenceItem
+from rnc_pin.collision import Obstacle, ground_shape, load_mesh_shape
+from rnc_pin.errors import ConfigurationError, RncError
+from rnc_pin.math import Coordinates
+
+_Three = Annotated[list[float], Field(min_length=3, max_length=3)]
+_Sides = Annotated[list[Positive], Field(min_length=3, max_length=3)]
+_OBSTACLE = Entry(Obstacle, late=("shape", "name", "motion"), forms={"position": _Three})
+_MESH = Entry(load_mesh_shape, late=("path",), forms={"scale": float | _Three})
+
+
+class _Placed(_OBSTACLE.model):  # type: ignore[name-defined, misc]
+    name: str | None = None
+    """Unique name; by default the shape and its number, such as ``box 1``."""
+    motion: ReferenceItem | None = None
+    """Motion of x, y, z [m] and yaw [rad], from ``position`` and ``yaw``; at rest by default."""
+
+    @abstractmethod
+    def shape(self, folder: Path) -> coal.CollisionGeometry: ...
+
+    def build(self, folder: Path, default_name: str) -> Obstacle:
+        name = self.name or default_name
+        start, places = np.array([*self.position, self.yaw]), Coordinates([False, False, False, True])
+        try:
+            motion = None if self.motion is None else self.motion.from_start(start, places)
+            return _OBSTACLE.build(self, shape=self.shape(folder), name=name, motion=motion)
+        except RncError as error:
+            raise ConfigurationError(f"obstacle '{name}': {error}") from None
+
+
+class BoxObstacle(_Placed):
+    """Box."""
+
+    size: _Sides
+    """Length of the sides along x, y and z [m]."""
+
+    def shape(self, folder: Path) -> coal.CollisionGeometry:
+        return coal.Box(*self.size)
+
+
+class SphereObstacle(_Placed):
+    """Sphere."""
+
+    radius: Positive
+    """Radius [m]."""
+
+    def shape(self, folder: Path) -> coal.CollisionGeometry:
+        return coal.Sphere(self.radius)
+
+
+class CylinderObstacle(SphereObstacle):
+    """Cylinder along z."""
+
+    length: Positive
+    """Length along z [m]."""
+
+    def shape(self, folder: Path) -> coal.CollisionGeometry:
+        return coal.Cylinder(self.radius, self.length)
+
+
+class CapsuleObstacle(SphereObstacle):
+    """Capsule along z: a cylinder with a half sphere at each end."""
+
+    length: Positive
+    """Length of the cylindrical part along z [m]."""
+
+    def shape(self, folder: Path) -> coal.CollisionGeometry:
+        return coal.Capsule(self.radius, self.length)
+
+
+class MeshObstacle(_Placed, _MESH.model):  # type: ignore[name-defined, misc]
+    """Convex hull of a mesh."""
+
+    file: str
+    """Mesh file, relative to the scenario file; its convex hull is the obstacle."""
+
+    def shape(self, folder: Path) -> coal.CollisionGeometry:
+        return _MESH.build(self, path=folder / self.file)
+
+
+class GroundObstacle(_Placed):
+    """Floor: the half space below the plane through ``position``, horizontal without ``roll`` and ``pitch``."""
+
+    def shape(self, folder: Path) -> coal.CollisionGeometry:
+        return ground_shape()
+
+
+ObstacleItem = Annotated[
+    _Placed,
+    one_of(
+        box=BoxObstacle,
+        sphere=SphereObstacle,
+        cylinder=CylinderObstacle,
+        capsule=CapsuleObstacle,
+        mesh=MeshObstacle,
+        ground=GroundObstacle,
+    ),
+]
+
+
+def build_obstacles(items: Sequence[_Placed], folder: Path) -> tuple[Obstacle, ...]:
+    """Build the obstacles of a scenario. Paths are relative to ``folder``.
+
+    Raises:
+        ConfigurationError: a mesh or a motion cannot be used, or two obstacles share a name.
+    """
+    found: list[Obstacle] = []
+    for number, item in enumerate(items, start=1):
+        kind = type(item).__name__.removesuffix("Obstacle").lower()
+        obstacle = item.build(folder, f"{kind} {number}")
+        if any(obstacle.name == each.name for each in found):
+            raise ConfigurationError(f"obstacles: two are named '{obstacle.name}'")
+        found.append(obstacle)
+    return tuple(found)

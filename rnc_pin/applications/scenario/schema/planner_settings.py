@@ -1,0 +1,135 @@
+"""Optimal planner in a scenario file."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, Field, model_validator
+
+from rnc_pin.applications.scenario.schema.base import Numbers, Positive, Strict
+from rnc_pin.applications.scenario.schema.derived import Entry
+from rnc_pin.applications.scenario.schema.reference_settings import ReferenceItem, VehiclePath
+from rnc_pin.model import ReducedModel
+from rnc_pin.optimal import FileLimits, MotionPlan, OutputCost, SolverSettings, plan
+
+WeightSetting = float | Numbers | dict[str, float]
+"""One number, one for each row, or a mapping by name (zero for the others)."""
+Limits = Annotated[list[float | None], Field(min_length=2, max_length=2)]
+"""Smallest and largest value; null for no limit."""
+
+
+OutputCostItem = Annotated[
+    OutputCost,
+    Entry(
+        OutputCost,
+        keys={"output": "outputs"},
+        forms={
+            "output": Annotated[list[str], Field(min_length=1, description="Names of outputs that have a value.")],
+            "target": Annotated[Numbers, Field(description="Target; one number for each output.")],
+            "weight": WeightSetting,
+        },
+    ),
+]
+
+
+class CostSettings(Strict):
+    """Costs of a motion: weighted squares, integrated over time."""
+
+    effort: WeightSetting | None = 1.0
+    """Weight of the inputs of the form: one number, one for each, or a mapping by name."""
+    velocity: WeightSetting | None = None
+    """Weight of the reduced velocities."""
+    acceleration: WeightSetting | None = None
+    """Weight of the reduced accelerations, in the forms "acceleration" and "dynamic"."""
+    posture: dict[str, float] | None = None
+    """Weights of the distance from the initial configuration, by names of entries of v."""
+    outputs: list[OutputCostItem] = []
+    """Costs of outputs."""
+
+
+class BoundSettings(Strict):
+    """Hard bounds, by name: [smallest, largest], with null for no limit."""
+
+    input: dict[str, Limits] = {}
+    """Inputs of the form. Those of the form "acceleration" end in ``_dot``."""
+    velocity: dict[str, Limits] = {}
+    """Rates of reducing outputs."""
+    output: dict[str, Limits] = {}
+    """Outputs that have a value, such as joint angles."""
+
+
+_Kept = Annotated[Literal["file"] | None, AfterValidator(lambda said: said is not None)]
+_KINDS = [each.name for each in fields(FileLimits)]
+LimitItem = Annotated[
+    FileLimits, Entry(FileLimits, forms=dict.fromkeys(_KINDS, _Kept), defaults=dict.fromkeys(_KINDS, "file"))
+]
+"""Limits of the robot's file that a plan keeps; null removes a kind."""
+
+
+class GuessSettings(Strict):
+    """First guess of the motion: configurations to pass, a vehicle's path, or a motion of the reducing outputs."""
+
+    through: list[dict[str, float | list[float]]] | None = None
+    """Configurations between start and goal at equal times, each with joints to positions; other joints keep their
+    initial position."""
+    path: VehiclePath | None = None
+    """Path of a steered vehicle."""
+    reducing: ReferenceItem | None = None
+    """Motion of all reducing outputs from their initial values; the constraints give the rest."""
+
+    @model_validator(mode="after")
+    def _one_guess(self) -> GuessSettings:
+        if sum(each is not None for each in (self.through, self.path, self.reducing)) != 1:
+            raise ValueError("expected one of 'through', 'path' and 'reducing'")
+        return self
+
+
+_SOLVER = Entry(SolverSettings, late=("tolerance", "cost_tolerance", "penalty", "substeps"))
+_LATE = (
+    "reduced",
+    "q0",
+    "goal",
+    "duration",
+    "costs",
+    "bounds",
+    "limits",
+    "settings",
+    "guess",
+    "seed",
+    "v2_0",
+    "feedback",
+)
+_PLAN = Entry(plan, late=_LATE)
+
+
+class OptimalPlanner(_PLAN.model, _SOLVER.model):  # type: ignore[name-defined, misc]
+    """Optimal motion, planned before the run. It gives the references of the task that the file does not give, and the
+    plan of a controller of type "plan_feedback".
+    """
+
+    type: Literal["optimal"]
+    """Optimal control with exact derivatives."""
+    goal: dict[str, float] = {}
+    """Values at the end by names of outputs. An orientation needs all its rows. Empty leaves the end to costs."""
+    duration: Positive | Annotated[list[Positive], Field(min_length=2, max_length=2)]
+    """Duration [s], or its shortest and longest value for a free duration."""
+    costs: CostSettings = CostSettings()
+    """Costs."""
+    bounds: BoundSettings = BoundSettings()
+    """Hard bounds. They replace limits of the robot's file for the same rows; [null, null] leaves a row without any."""
+    limits: LimitItem | None = Field({}, validate_default=True)
+    """Limits of the robot's file; null for none."""
+    clearance: Annotated[float, Field(ge=0)] | None = 0.05
+    """Distance from the obstacles of the scenario during the whole motion [m]; null to ignore them."""
+    links: bool = False
+    """True for that distance between links of the robot too."""
+    guess: GuessSettings | None = None
+    """First guess; the straight line by default."""
+
+    def build(self, reduced: ReducedModel, **others: Any) -> MotionPlan:
+        """Plan a motion; the arguments are those of ``plan`` that the file does not give."""
+        duration = tuple(self.duration) if isinstance(self.duration, list) else self.duration
+        return _PLAN.build(
+            self, reduced=reduced, duration=duration, limits=self.limits, settings=_SOLVER.build(self), **others
+        )

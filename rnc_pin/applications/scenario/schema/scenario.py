@@ -1,0 +1,165 @@
+"""Complete scenario: the run and its plots."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Annotated, Any, Literal, cast
+
+from pydantic import Field, model_validator
+
+from rnc_pin.applications.scenario.controllers import ControllerItem
+from rnc_pin.applications.scenario.schema.actuators import ActuatorItem
+from rnc_pin.applications.scenario.schema.base import FileName, Strict
+from rnc_pin.applications.scenario.schema.constraints import ConstraintItem, ContactItem, GroundItem, with_ground
+from rnc_pin.applications.scenario.schema.derived import Entry
+from rnc_pin.applications.scenario.schema.forces import ForceItem
+from rnc_pin.applications.scenario.schema.obstacles import ObstacleItem
+from rnc_pin.applications.scenario.schema.outputs import Outputs, TaskOutputs
+from rnc_pin.applications.scenario.schema.phase_settings import PhaseSettings
+from rnc_pin.applications.scenario.schema.planner_settings import OptimalPlanner
+from rnc_pin.applications.scenario.schema.plant_settings import FaultSettings, LoopItem, PlantSettings
+from rnc_pin.applications.scenario.schema.reference_settings import References
+from rnc_pin.applications.scenario.schema.robot_source import RobotSource
+from rnc_pin.applications.scenario.schema.simulation_settings import GripSettings, SimulationSettings
+from rnc_pin.applications.scenario.schema.sweep_settings import Distribution
+from rnc_pin.constraints import GroundPlane
+from rnc_pin.errors import nearest
+from rnc_pin.model import NonholonomicSystem, OutputKind, Positive, ReducedModel
+from rnc_pin.verdict import FindingKind
+from rnc_pin.visualization import View
+
+
+class Initial(Strict):
+    """Initial configuration and initial velocity."""
+
+    q: dict[str, float | list[float]] = {}
+    """Joint to position: angle [rad] or displacement [m]. Planar base: (x, y, yaw). Free base: (x, y, z, quaternion x,
+    y, z, w). If position constraints do not hold there, only the joints that are not listed move to satisfy them."""
+    v2: dict[str, float] = {}
+    """Reducing output to initial rate; zero for outputs that are not listed."""
+
+
+class PlotSettings(Strict):
+    """Plot of quantities over time."""
+
+    outputs: list[str] = []
+    """Names of outputs, such as ``tip_x``."""
+    quantity: Literal["outputs", "estimates", "prediction_error"] = "outputs"
+    """Plotted quantity: the named outputs, all estimated parameters, or all prediction errors of the estimator."""
+    title: str | None = None
+    """Title of the plot."""
+    comparisons: list[str] | None = None
+    """Labels of the comparisons in the plot; all by default."""
+
+    @model_validator(mode="after")
+    def _something_to_show(self) -> PlotSettings:
+        if bool(self.outputs) != (self.quantity == "outputs"):
+            raise ValueError("expected 'outputs', or a 'quantity' other than outputs")
+        return self
+
+
+class ScenarioFile(Strict):
+    """Complete scenario: robot, constraints, outputs, task, controller and simulation."""
+
+    title: str | None = None
+    """Title in ``rnc-pin list`` and in plots."""
+    robot: RobotSource
+    """The robot."""
+    obstacles: list[ObstacleItem] = []
+    """Bodies in the world, at rest or with a motion: drawn, and compared with the robot in preflight and summary."""
+    ground: GroundItem = None
+    """Ground of all constraints that have none of their own; the plane z = 0 at rest by default."""
+    constraints: list[ConstraintItem] = []
+    """Constraints on the motion of the robot."""
+    contacts: list[ContactItem] = []
+    """Contacts with the ground that close when the robot lands and open when it lifts off; the model of the controller
+    does not contain them."""
+    mimic: bool = True
+    """True to keep the mimic joints of the robot's file coupled to their drivers."""
+    actuators: list[ActuatorItem] = []
+    """Actuators: names of joints, or forces and torques on frames."""
+    forces: list[ForceItem] = []
+    """Springs, dampers, friction and wrenches, which plant and controller model both have."""
+    outputs: Outputs | None = None
+    """Reducing and vertical outputs. Without them, the reducing outputs are entries of ``v`` that are never
+    dependent."""
+    task: TaskOutputs = TaskOutputs()
+    """Roles of the outputs; by default all reducing outputs are primary."""
+    initial: Initial = Initial()
+    """Initial configuration and velocity."""
+    reference: References = References()
+    """Reference trajectories of the outputs."""
+    planner: OptimalPlanner | None = None
+    """Planner of a motion before the run: ``{type: optimal, goal: ..., duration: ...}``."""
+    controller: ControllerItem | None = None
+    """Type and gains of the controller; a run requires it."""
+    simulation: SimulationSettings | None = None
+    """Duration and steps; a run requires it."""
+    phases: list[PhaseSettings] = []
+    """Phases of a run whose constraints appear and vanish, in order; their keys replace those of the scenario."""
+    plant: PlantSettings | None = None
+    """Simulated plant: "reduced" (default, the reduced model of rnc_pin) or "mujoco", or a mapping with settings."""
+    faults: FaultSettings | None = None
+    """Differences between the simulated plant and the model of the controller."""
+    loop: LoopItem | None = None
+    """Velocity estimation, supervision and safe commands of the control loop."""
+    grip: GripSettings | None = None
+    """Friction of the ground; references before the run, and the forces of the run, are compared with it."""
+    preflight: Literal["warn", "refuse"] = "warn"
+    """Action if the check before the run finds a singular configuration on the reference, or a goal out of reach."""
+    goal_tolerance: Positive = 0.02
+    """Error at the end of a run above which a goal is missed [m, rad]: preflight, warning and summary name it."""
+    accept: list[FindingKind] = []
+    """Kinds of findings that do not fail a run, such as ``lift_off``. Say in a comment why they are acceptable."""
+    seed: Annotated[int, Field(ge=0)] = 0
+    """Seed of all random numbers."""
+    comparisons: dict[str, dict[str, Any]] = {}
+    """Additional runs for comparison: label to dotted keys and their values."""
+    presets: dict[Literal["paper", "normalised", "scaled"], dict[str, Any]] = {}
+    """Values for each preset of the controller: preset to dotted keys and their values. Options of the command line
+    take precedence."""
+    variant: str | None = None
+    """Name of the entry of ``variants`` to run; none by default."""
+    variants: dict[str, dict[str, Any]] = {}
+    """Variants of the scenario, such as other coordinates or another task: name to dotted keys and their values."""
+    sweep: dict[str, Distribution] = {}
+    """Values that ``rnc-pin sweep`` draws for each run: dotted key to [minimum, maximum] of a uniform distribution, or
+    to another distribution."""
+    plots: dict[FileName, PlotSettings] = {}
+    """Plots to write: file name without extension to plot."""
+    view: Annotated[View, Entry(View)] = View()
+    """Camera and layers of the animation."""
+
+    @property
+    def listed_outputs(self) -> tuple[OutputKind, ...]:
+        """Outputs of the file: the reducing ones, then the vertical ones."""
+        return () if self.outputs is None else (*self.outputs.reducing, *self.outputs.vertical)
+
+    def reduced(self, system: NonholonomicSystem) -> ReducedModel:
+        """System, reduced to the outputs of the file."""
+        return system.reduce() if self.outputs is None else system.reduce(self.outputs.reducing, self.outputs.vertical)
+
+    @model_validator(mode="after")
+    def _constraints_have_ground(self) -> ScenarioFile:
+        if self.ground is None:
+            return self
+        plane, contacts = cast(GroundPlane, self.ground), [each.constraint for each in self.contacts]
+        grounded = with_ground([*self.constraints, *contacts], plane)
+        count = len(self.constraints)
+        landing = [replace(each, constraint=kind) for each, kind in zip(self.contacts, grounded[count:], strict=True)]
+        return self.model_copy(update={"constraints": grounded[:count], "contacts": landing})
+
+    @model_validator(mode="after")
+    def _variant_exists(self) -> ScenarioFile:
+        if self.variant is not None and self.variant not in self.variants:
+            raise ValueError(f"no variant '{self.variant}'{nearest(self.variant, self.variants)}")
+        return self
+
+    @model_validator(mode="after")
+    def _labels_exist(self) -> ScenarioFile:
+        for name, plot in self.plots.items():
+            for label in plot.comparisons or []:
+                if label not in self.comparisons:
+                    hint = nearest(label, self.comparisons)
+                    raise ValueError(f"plots.{name}.comparisons: no comparison '{label}'{hint}")
+        return self

@@ -1,0 +1,176 @@
+"""Distributions of the values that a sweep draws."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Discriminator, Field, RootModel, Tag, model_validator
+
+from rnc_pin.applications.scenario.schema.base import LIST, NAME, Positive, Strict
+
+Ends = Annotated[list[float], Field(min_length=2, max_length=2)]
+_MOST_DEVIATIONS = 6.0  # distance from the mean, in standard deviations, that a bound may leave out
+
+
+def _check_order(low: float, high: float) -> None:
+    if low > high:
+        raise ValueError(f"minimum {low:g} is greater than maximum {high:g}")
+
+
+class UniformRange(RootModel[Ends]):
+    """Uniform distribution: [minimum, maximum]."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> UniformRange:
+        _check_order(*self.root)
+        return self
+
+    def draw(self, generator: np.random.Generator) -> float:
+        return float(generator.uniform(self.root[0], self.root[1]))
+
+    def examples(self) -> Sequence[float]:
+        return self.root
+
+
+class UniformDistribution(Strict):
+    """Uniform distribution, like a list of two numbers."""
+
+    uniform: UniformRange
+    """Minimum and maximum."""
+
+    def draw(self, generator: np.random.Generator) -> float:
+        return self.uniform.draw(generator)
+
+    def examples(self) -> Sequence[float]:
+        return self.uniform.root
+
+
+class LogUniformDistribution(Strict):
+    """Uniform distribution of the logarithm."""
+
+    log_uniform: Ends
+    """Minimum, greater than zero, and maximum."""
+
+    @model_validator(mode="after")
+    def _positive(self) -> LogUniformDistribution:
+        low, high = self.log_uniform
+        if low <= 0.0:
+            raise ValueError(f"expected a minimum greater than 0, found {low:g}")
+        _check_order(low, high)
+        return self
+
+    def draw(self, generator: np.random.Generator) -> float:
+        low, high = self.log_uniform
+        return float(np.clip(math.exp(generator.uniform(math.log(low), math.log(high))), low, high))
+
+    def examples(self) -> Sequence[float]:
+        return self.log_uniform
+
+
+class NormalSettings(Strict):
+    """Normal distribution, without the parts beyond its bounds."""
+
+    mean: float
+    """Mean, before bounds cut the distribution."""
+    std: Positive
+    """Standard deviation, before bounds cut the distribution."""
+    min: float | None = None
+    """Lower bound; none by default."""
+    max: float | None = None
+    """Upper bound; none by default."""
+
+    @model_validator(mode="after")
+    def _near(self) -> NormalSettings:
+        low, high = self.deviations
+        if low > high:
+            _check_order(self.min or 0.0, self.max or 0.0)
+        if low > _MOST_DEVIATIONS or high < -_MOST_DEVIATIONS:
+            raise ValueError(f"bounds are farther than {_MOST_DEVIATIONS:g} standard deviations from the mean")
+        return self
+
+    @property
+    def deviations(self) -> tuple[float, float]:
+        """Bounds as distances from the mean in standard deviations."""
+        low, high = (-math.inf if self.min is None else self.min), (math.inf if self.max is None else self.max)
+        return (low - self.mean) / self.std, (high - self.mean) / self.std
+
+
+class NormalDistribution(Strict):
+    """Normal distribution, optionally within bounds."""
+
+    normal: NormalSettings
+
+    def draw(self, generator: np.random.Generator) -> float:
+        from scipy.special import ndtr, ndtri  # runs without draws do not need them
+
+        settings, uniform = self.normal, generator.uniform()
+        low, high = settings.deviations
+        sign = 1.0
+        if low > 0.0:  # the distribution function loses its digits near one: use its mirror image
+            low, high, sign = -high, -low, -1.0
+        within = ndtri(ndtr(low) + uniform * (ndtr(high) - ndtr(low)))
+        return float(settings.mean + settings.std * sign * np.clip(within, max(low, -40.0), min(high, 40.0)))
+
+    def examples(self) -> Sequence[float]:
+        bounds = (each for each in (self.normal.min, self.normal.max) if each is not None)
+        return [*bounds] or [self.normal.mean]
+
+
+class IntegerDistribution(Strict):
+    """Uniform distribution over integers."""
+
+    integers: Annotated[list[int], Field(min_length=2, max_length=2)]
+    """Minimum and maximum; both can be drawn."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> IntegerDistribution:
+        _check_order(*self.integers)
+        return self
+
+    def draw(self, generator: np.random.Generator) -> int:
+        low, high = self.integers
+        return int(generator.integers(low, high, endpoint=True))
+
+    def examples(self) -> Sequence[int]:
+        return self.integers
+
+
+class ChoiceDistribution(Strict):
+    """Choice among values, all equally probable."""
+
+    choice: Annotated[list[Any], Field(min_length=1)]
+    """Values: numbers, texts, lists or mappings."""
+
+    def draw(self, generator: np.random.Generator) -> Any:
+        return self.choice[int(generator.integers(len(self.choice)))]
+
+    def examples(self) -> Sequence[Any]:
+        return self.choice
+
+
+def _kind(raw: object) -> str:
+    """Tag of a distribution: its key, or ``LIST``."""
+    if isinstance(raw, UniformRange | list):
+        return LIST
+    if isinstance(raw, Strict):
+        return next(iter(type(raw).model_fields))
+    return str(next(iter(raw))) if isinstance(raw, dict) and len(raw) == 1 else NAME
+
+
+Distribution = Annotated[
+    Annotated[UniformRange, Tag(LIST)]
+    | Annotated[UniformDistribution, Tag("uniform")]
+    | Annotated[NormalDistribution, Tag("normal")]
+    | Annotated[LogUniformDistribution, Tag("log_uniform")]
+    | Annotated[IntegerDistribution, Tag("integers")]
+    | Annotated[ChoiceDistribution, Tag("choice")],
+    Discriminator(_kind),
+]
+"""Distribution of a drawn value."""
+
+
+class Distributions(RootModel[dict[str, Distribution]]):
+    """Distributions by name."""

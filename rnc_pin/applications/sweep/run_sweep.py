@@ -1,0 +1,237 @@
+"""Sweep: many runs with drawn values."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rnc_pin.applications.scenario.files import apply_options, find_scenario, read_yaml
+from rnc_pin.applications.scenario.loading import validate
+from rnc_pin.applications.sweep.function_runs import Build, FunctionRuns, canonical, check_names
+from rnc_pin.applications.sweep.reports import write_reports
+from rnc_pin.applications.sweep.results import SweepResults
+from rnc_pin.applications.sweep.row_tables import Kinds, common_kind, kind_of, kind_of_all
+from rnc_pin.applications.sweep.run_store import BLOCK, RunStore, block_rows
+from rnc_pin.applications.sweep.scenario_runs import ScenarioRuns
+from rnc_pin.applications.sweep.seeded_draws import Draw, SeededDraws, draws_of
+from rnc_pin.applications.sweep.specification import (
+    RUNS,
+    describe_function,
+    describe_scenario,
+    specification_of,
+    sweep_folder,
+)
+from rnc_pin.applications.sweep.swept_run import Numbered, Runs
+from rnc_pin.applications.sweep.worker_pool import finished_runs
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.extras import check_extra
+from rnc_pin.interruption import uninterrupted
+from rnc_pin.io import Json, to_json_mapping
+
+SweepProgress = Callable[[int, int | None], object]
+"""Callback that takes the number of finished runs, and that of all runs if it is known."""
+
+
+class _Sweep(NamedTuple):
+    """Source of the runs of a sweep, its description, and its draws: seeded or given."""
+
+    runs: Runs
+    description: dict[str, Json]
+    seeded: SeededDraws | None
+    given: Iterable[Draw] | None
+    runs_known: int | None
+
+
+def sweep(
+    build: Build | str | Path,
+    draws: int | Iterable[Draw],
+    *,
+    out: str | Path,
+    jobs: int = 1,
+    distributions: Mapping[str, object] | None = None,
+    seed: int | None = None,
+    options: Mapping[str, Any] | None = None,
+    scheduler: str | None = None,
+    trajectories: bool = False,
+    progress: SweepProgress | None = None,
+    force: bool = False,
+) -> SweepResults:
+    """Simulate many runs with drawn values, and write a data set with one row a run.
+
+    Memory does not grow with the number of runs. If the process or a worker is killed, the same call continues: no
+    recorded run is lost or repeated. Rows are equal to the bit on any number of processes, except ``wall_time``.
+
+    Args:
+        build: function that takes the drawn values as a dict and returns the arguments of ``simulate`` by name, or a
+            Trajectory; or a scenario: a built-in name or a YAML file. Several processes need a function that can be
+            pickled; functions in notebooks can.
+        draws: number of runs with seeded draws; or the values of each run, as an iterable of dicts. Values for a
+            scenario are options by dotted key.
+        out: folder of the results.
+        jobs: processes; -1 for all cores.
+        distributions: distribution by name, in the form of ``sweep`` in scenario files, such as ``[minimum, maximum]``
+            or ``{"normal": {"mean": 0.0, "std": 0.1}}``. A scenario has its own by default.
+        seed: seed of the draws; by default 0, or that of the scenario.
+        options: options of a scenario that all runs share, by dotted key.
+        scheduler: address of a Dask scheduler to run on instead.
+        trajectories: write the trajectory of each run too.
+        progress: called with the number of finished runs, and the number of all runs or None.
+        force: replace another sweep in the folder, and write beside other files.
+
+    Returns:
+        The results, like ``load_sweep``.
+
+    Raises:
+        ConfigurationError: the folder holds a different sweep or other files, the draws are invalid, or a package of
+            the extra ``sweep`` or ``dask`` is not installed.
+        SimulationError: workers ended again and again while the same runs were under way.
+
+    Example:
+        >>> import tempfile
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
+        >>> def build(draw):
+        ...     return rnc.free_motion(reduced, robot.configuration(), [draw["speed"], 0.5], duration=0.1)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     results = rnc.sweep(build, 20, distributions={"speed": [0.5, 1.5]}, out=folder)
+        ...     print(len(results), results.outcomes, bool(results["speed"].max() < 1.5))
+        20 {'completed': 20} True
+    """
+    if jobs == 0 or jobs < -1:
+        raise ConfigurationError(f"--jobs {jobs}: expected a number of processes, or -1 for all cores")
+    if scheduler is not None:
+        check_extra("dask", f"--scheduler {scheduler}")  # it contains the packages of the extra sweep
+    check_extra("sweep", "sweep")
+    path = Path(out)
+    folder = os.path.abspath(path) if trajectories else None
+    if isinstance(build, str | Path):
+        whole = _scenario_sweep(str(build), draws, distributions, seed, options, folder)
+    else:
+        whole = _function_sweep(build, draws, distributions, seed, options, folder)
+    kinds = _kinds(whole.seeded)
+    described = {} if whole.seeded is None else whole.seeded.describe()
+    specification = specification_of(whole.description, described, whole.runs_known, trajectories, kinds)
+    with uninterrupted(), sweep_folder(path, specification, force):
+        store = RunStore(path / RUNS, kinds)
+        if progress is not None:
+            progress(len(store), whole.runs_known)
+        for rows in finished_runs(whole.runs, _missing(whole, store, path / RUNS), jobs, scheduler):
+            store.add(rows)
+            if progress is not None:
+                progress(len(store), whole.runs_known)
+        store.finish()
+        results = SweepResults(path)
+        write_reports(results)
+    return results
+
+
+def _scenario_sweep(
+    scenario: str,
+    draws: int | Iterable[Draw],
+    distributions: Mapping[str, object] | None,
+    seed: int | None,
+    options: Mapping[str, Any] | None,
+    folder: str | None,
+) -> _Sweep:
+    shared = to_json_mapping(options or {}, "options")
+    if distributions is not None:
+        shared["sweep"] = to_json_mapping(distributions, "distributions")
+    if seed is not None:
+        shared["seed"] = seed
+    description = describe_scenario(scenario, shared)
+    if isinstance(draws, int):
+        seeded = draws_of(scenario, shared)
+        return _Sweep(ScenarioRuns(scenario, shared, seeded, seeded.seed, folder), description, seeded, None, draws)
+    _refuse(distributions, "distributions")
+    path = find_scenario(scenario)
+    own = validate(apply_options(read_yaml(path), shared), path.name).seed
+    return _Sweep(ScenarioRuns(scenario, shared, None, own, folder), description, None, draws, _length(draws))
+
+
+def _function_sweep(
+    build: Build,
+    draws: int | Iterable[Draw],
+    distributions: Mapping[str, object] | None,
+    seed: int | None,
+    options: Mapping[str, Any] | None,
+    folder: str | None,
+) -> _Sweep:
+    if options:
+        raise ConfigurationError("options: those of a scenario; a function takes values from its draws")
+    description = describe_function(build)
+    if isinstance(draws, int):
+        if not distributions:
+            raise ConfigurationError(f"draws: {draws} runs of a function need distributions, e.g. {{'mass': [1, 2]}}")
+        seeded = SeededDraws.of(distributions, seed or 0)
+        check_names(seeded.distributions)
+        return _Sweep(FunctionRuns(build, seeded, folder), description, seeded, None, draws)
+    _refuse(distributions, "distributions")
+    _refuse(seed, "seed")
+    return _Sweep(FunctionRuns(build, None, folder), description, None, draws, _length(draws))
+
+
+def _refuse(argument: object, name: str) -> None:
+    if argument is not None:
+        raise ConfigurationError(f"{name}: has no effect on given draws; remove it, or give a number of runs")
+
+
+def _length(draws: Iterable[Draw]) -> int | None:
+    try:
+        return len(draws)  # type: ignore[arg-type]
+    except TypeError:
+        return None
+
+
+def _kinds(seeded: SeededDraws | None) -> Kinds:
+    """Kinds of seeded values."""
+    found = {} if seeded is None else {name: kind_of_all(seeded.examples(name)) for name in seeded.distributions}
+    return {name: kind for name, kind in found.items() if kind is not None}
+
+
+def _missing(whole: _Sweep, store: RunStore, folder: Path) -> Iterator[Numbered]:
+    """Numbers of the runs that are not finished, with their given values."""
+    if whole.given is None:
+        assert whole.runs_known is not None
+        if store.last() >= whole.runs_known:
+            raise ConfigurationError(f"{folder}: holds run {store.last()}, more than {whole.runs_known} runs")
+        yield from ((run, None) for run in range(whole.runs_known) if run not in store)
+        return
+    recorded: dict[int, Mapping[str, Any]] = {}
+    run = -1
+    for run, draw in enumerate(whole.given):
+        if not isinstance(draw, Mapping):
+            raise ConfigurationError(f"draws: run {run} has {type(draw).__name__}, expected a dict of values")
+        check_names(draw)
+        values = to_json_mapping(canonical(draw), f"draws: run {run}")
+        _note_kinds(run, values, store.kinds)
+        if run % BLOCK == 0:
+            recorded = {row["run"]: row for row in block_rows(folder, run // BLOCK)}
+        if run in store:
+            _check_recorded(run, values, recorded[run], folder)
+        else:
+            yield run, values if "scenario" in whole.description else draw
+    if store.last() > run:
+        raise ConfigurationError(f"{folder}: holds run {store.last()}, and the draws end at run {run}")
+
+
+def _note_kinds(run: int, values: Mapping[str, Json], kinds: Kinds) -> None:
+    """Raise an error if a value is of another kind than in earlier runs."""
+    for name, value in values.items():
+        kind = kind_of(value)
+        common = common_kind(kinds.get(name), kind)
+        if common == "json" and "json" not in (kinds.get(name), kind):
+            raise ConfigurationError(f"draws: run {run}: '{name}' is of kind {kind}, in earlier runs {kinds[name]}")
+        if common is not None:
+            kinds[name] = common
+
+
+def _check_recorded(run: int, values: Mapping[str, Json], row: Mapping[str, Any], folder: Path) -> None:
+    """Raise an error if a finished run had other values."""
+    for name, value in values.items():
+        if row.get(name) != value and repr(row.get(name)) != repr(value):
+            raise ConfigurationError(
+                f"{folder}: holds another sweep: '{name}' of run {run} is {row.get(name)!r}, not {value!r}; choose "
+                "another folder or force"
+            )

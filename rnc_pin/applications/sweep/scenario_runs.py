@@ -1,0 +1,229 @@
+"""Runs of a scenario with drawn options. What draws do not change is built once in each process."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from itertools import islice
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rnc_pin.applications.scenario.execution import Result, execute
+from rnc_pin.applications.scenario.files import apply_options, find_scenario, is_built_in, read_yaml
+from rnc_pin.applications.scenario.run_verdict import judged_summary
+from rnc_pin.applications.scenario.scenario import BuiltModel, Scenario
+from rnc_pin.applications.sweep.seeded_draws import Draw, SeededDraws
+from rnc_pin.applications.sweep.swept_run import (
+    Numbered,
+    Row,
+    refused,
+    results_of,
+    save_trajectory,
+    with_options_of_sweeps,
+)
+from rnc_pin.control.whole_body import program_of
+from rnc_pin.errors import InfeasibleError, RncError, SingularityError
+from rnc_pin.io import Json
+from rnc_pin.simulation import sample_count
+from rnc_pin.simulation.many_runs import RunArguments, simulate_many
+
+MOST_DRAWS = 20
+"""Largest number of draws for one run; then its outcome is "infeasible"."""
+_STRUCTURE = ("robot", "constraints", "ground", "mimic", "actuators", "forces", "outputs")
+_MOST_SAMPLES = 100_000  # of runs that advance together; they are in memory at the same time
+_MOST_MODELS = 8  # models that a process keeps
+
+
+class ScenarioRuns:
+    """Runs of a scenario with drawn options.
+
+    A draw is repeated if preflight refuses it, no gains fit, or it has no plan; ``redrawn`` counts.
+
+    Args:
+        scenario: a built-in name or a file.
+        options: dotted keys and values that all runs share.
+        draws: seeded draws; None if every run gets its values.
+        seed: seed of the scenario. A run with faults has its own seed, which follows from this one and its number.
+        trajectories: folder of the sweep, for trajectories; None writes none.
+    """
+
+    advance_together = True
+
+    def __init__(
+        self,
+        scenario: str,
+        options: Mapping[str, Json],
+        draws: SeededDraws | None,
+        seed: int,
+        trajectories: str | None = None,
+    ) -> None:
+        path = find_scenario(scenario).resolve()
+        self._folder, self._name, self._built_in = path.parent, path.stem, is_built_in(path)
+        self._source = path.name if scenario != path.stem else scenario
+        self._options, self._draws, self._seed, self._trajectories = dict(options), draws, seed, trajectories
+        self._raw = read_yaml(path)
+        self._models: dict[str, BuiltModel] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_models": {}}
+
+    def row(self, run: int, draw: Draw | None = None) -> Row:
+        """Simulate a run and return its row."""
+        return self.rows([(run, draw)])[0]
+
+    def rows(self, batch: Sequence[Numbered]) -> list[Row]:
+        """Simulate a batch of runs and return their rows. Runs that fit together advance in lock-step."""
+        rows: dict[int, Row] = {}
+        waiting: dict[Hashable, list[_Prepared]] = {}
+        for place, (run, draw) in enumerate(batch):
+            start = time.perf_counter()
+            found, scenario = self._prepared(run, draw)
+            row = {"run": run, **found}
+            if scenario is None:
+                rows[place] = {**row, "wall_time": time.perf_counter() - start}
+                continue
+            key = batch_key(scenario) or place
+            waiting.setdefault(key, []).append(_Prepared(place, row, scenario, time.perf_counter() - start))
+        for some in waiting.values():
+            size = max(1, _MOST_SAMPLES // _samples(some[0].scenario))
+            for begin in range(0, len(some), size):
+                rows |= self._finished(some[begin : begin + size])
+        return [rows[place] for place in range(len(batch))]
+
+    def options_of(self, run: int, drawn: Draw) -> dict[str, Json]:
+        """Options of a run with drawn values, which ``rnc-pin run`` takes too."""
+        options: dict[str, Json] = {**with_options_of_sweeps(self._options), "seed": self._seed, **drawn}
+        if "seed" not in drawn and ("faults" in self._raw or any(key.split(".")[0] == "faults" for key in options)):
+            options["seed"] = int(np.random.SeedSequence([self._seed, run]).generate_state(1)[0])
+        return options
+
+    def _prepared(self, run: int, draw: Draw | None) -> tuple[Row, Scenario | None]:
+        """Drawn values of a run and its scenario; without one also the results of a run that cannot start."""
+        draws: Iterable[Draw]
+        if draw is None:
+            assert self._draws is not None
+            draws = islice(self._draws.of_run(run), MOST_DRAWS)
+        else:
+            draws = (draw,)
+        for redrawn, drawn in enumerate(draws):
+            options = self.options_of(run, drawn)
+            row = {"redrawn": redrawn, **drawn, "seed": options["seed"]}
+            try:
+                scenario = self._scenario(options)
+                told = (*scenario.experiment.model_warnings, *scenario.experiment.warnings)
+                return {**row, "warnings": "; ".join(told)}, scenario
+            except (InfeasibleError, SingularityError) as error:
+                failure: RncError = error
+            except RncError as error:
+                return {**row, **refused("refused", error)}, None
+        return {**row, **refused("infeasible", failure)}, None
+
+    def _finished(self, some: Sequence[_Prepared]) -> dict[int, Row]:
+        """Rows of runs that fit together, by their places."""
+        start = time.perf_counter()
+        scenarios = [each.scenario for each in some]
+        found = _executed_alone(scenarios[0]) if len(scenarios) == 1 else execute_together(scenarios)
+        rows = {}
+        for each, result in zip(some, found, strict=True):
+            if isinstance(result, RncError):
+                results = refused("refused", result)
+            elif result.interrupted:
+                raise KeyboardInterrupt
+            else:
+                save_trajectory(result.trajectory, self._trajectories, each.row["run"])
+                results = results_of(result.summary)
+            rows[each.place] = {**each.row, **results}
+        share = (time.perf_counter() - start) / len(some)
+        return {each.place: {**rows[each.place], "wall_time": each.time + share} for each in some}
+
+    def _scenario(self, options: Mapping[str, Json]) -> Scenario:
+        """Build the objects of a run. Runs of this process with the same system and outputs share their model."""
+        raw = apply_options(self._raw, options)
+        made = Scenario(self._name, raw, self._folder, self._built_in, self._source, show_warnings=False)
+        model = None if made.content.phases else self._model(made)
+        made = made.built_with(content=made.content, model=model, comparisons={})
+        return made.build()
+
+    def _model(self, scenario: Scenario) -> BuiltModel:
+        key = json.dumps([scenario.raw.get(each) for each in _STRUCTURE], default=repr)
+        if key not in self._models:
+            if len(self._models) >= _MOST_MODELS:
+                self._models.pop(next(iter(self._models)))
+            self._models[key] = scenario.model
+        return self._models[key]
+
+
+class _Prepared(NamedTuple):
+    """Run that is ready to be simulated."""
+
+    place: int
+    """Index in its batch."""
+    row: Row
+    scenario: Scenario
+    time: float
+    """Time of the preparation [s]."""
+
+
+def _samples(scenario: Scenario) -> int:
+    settings = scenario.experiment.simulation
+    return max(1, round(settings.duration / settings.dt))
+
+
+def _executed_alone(scenario: Scenario) -> list[Result | RncError]:
+    try:
+        return [execute(scenario)]
+    except RncError as error:
+        return [error]
+
+
+# ------------------------------------------------------------------ runs in lock-step
+
+
+def batch_key(scenario: Scenario) -> Hashable | None:
+    """Key that scenarios have in common if ``execute_together`` takes them; None for one that has to be alone."""
+    experiment = scenario.experiment
+    if scenario.comparisons or experiment.phases or program_of(experiment.controller) is not None:
+        return None
+    return _arguments(scenario).lock_step_key
+
+
+def execute_together(scenarios: Sequence[Scenario]) -> list[Result | RncError]:
+    """Run scenarios with the same ``batch_key`` in lock-step; return their results or errors.
+
+    Args:
+        scenarios: what to run; each on objects of its own, except for the model.
+    """
+    start = time.perf_counter()
+    with np.errstate(over="ignore", invalid="ignore"):  # diverged values
+        found: list[Result | RncError] = []
+        runs = simulate_many([_arguments(each) for each in scenarios])
+        for scenario, run in zip(scenarios, runs, strict=True):
+            if run.started:
+                trajectory, wall_time = run.trajectory, (time.perf_counter() - start) / len(scenarios)
+                summary, limits = judged_summary(scenario.experiment, trajectory, {}, wall_time)
+                found.append(Result(trajectory, summary, _reported(run.error), limits=limits))
+            else:
+                assert isinstance(run.error, RncError)
+                found.append(run.error)
+    return found
+
+
+def _reported(error: Exception | None) -> RncError | None:
+    assert error is None or isinstance(error, RncError)
+    return error
+
+
+def _arguments(scenario: Scenario) -> RunArguments:
+    experiment, settings = scenario.experiment, scenario.experiment.simulation
+    return RunArguments(
+        reduced=experiment.reduced,
+        controller=experiment.controller,
+        q0=experiment.q0,
+        samples=sample_count(settings.duration, settings.dt),
+        dt=settings.dt,
+        v2_0=experiment.v2_0,
+        plant=experiment.plant,
+        options=scenario.options(experiment),
+    )

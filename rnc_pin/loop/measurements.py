@@ -1,0 +1,171 @@
+"""Measurements of a control loop: velocity estimates from configurations, and validity checks."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from math import isfinite
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy import ndarray as Array
+from numpy.typing import ArrayLike
+
+from rnc_pin.array_shapes import Float
+from rnc_pin.loop.loop_state import LoopState, VelocityEstimate
+from rnc_pin.robots.robot import Robot
+
+_UNIT = 0.1  # largest deviation of a (cos, sin) pair or quaternion from unit length
+
+
+class VelocityEstimator(ABC):
+    """Estimator of velocities from configurations.
+
+    Args:
+        model: Pinocchio model of the configurations.
+        cutoff: cutoff frequency [rad/s].
+    """
+
+    def __init__(self, model: pin.Model, cutoff: float) -> None:
+        self._model, self.cutoff = model, cutoff
+
+    def start(self, q: Float[Array, " nq"]) -> VelocityEstimate:
+        """Return the initial estimate at q: zero velocity."""
+        nothing = np.zeros(self._model.nv)
+        return VelocityEstimate(q, nothing, nothing)
+
+    @abstractmethod
+    def step(self, motion: VelocityEstimate, q: Float[Array, " nq"], elapsed: float) -> VelocityEstimate:
+        """Return the estimate after a new measurement q.
+
+        Args:
+            motion: last estimate.
+            q: measured configuration (nq,).
+            elapsed: time since the last measurement [s].
+        """
+
+
+class FilteredVelocity(VelocityEstimator):
+    """Finite differences through two first-order low-pass filters, each exact over the step. The lag is 2 / cutoff."""
+
+    def step(self, motion: VelocityEstimate, q: np.ndarray, elapsed: float) -> VelocityEstimate:
+        share = -np.expm1(-self.cutoff * elapsed)
+        inner = motion.other + share * (pin.difference(self._model, motion.q, q) / elapsed - motion.other)
+        return VelocityEstimate(q, motion.v + share * (inner - motion.v), inner)
+
+
+class VelocityObserver(VelocityEstimator):
+    """Observer of position, velocity and acceleration, without lag at constant acceleration.
+
+    The fading-memory filter of second order (Morrison, "Introduction to Sequential Smoothing and Prediction", 1969): a
+    parabola fitted to the past by least squares, with weights that decay by ``theta = exp(-cutoff dt)`` per sample.
+    The observer does not use the inertia. Controllers get the measured position, not the estimated one.
+    """
+
+    def step(self, motion: VelocityEstimate, q: np.ndarray, elapsed: float) -> VelocityEstimate:
+        theta = np.exp(-self.cutoff * elapsed)
+        ahead = motion.v * elapsed + motion.other * (0.5 * elapsed**2)
+        expected = pin.integrate(self._model, motion.q, ahead)
+        miss = pin.difference(self._model, expected, q)
+        v = motion.v + motion.other * elapsed + 1.5 * (1.0 - theta) ** 2 * (1.0 + theta) / elapsed * miss
+        other = motion.other + (1.0 - theta) ** 3 / elapsed**2 * miss
+        return VelocityEstimate(pin.integrate(self._model, expected, (1.0 - theta**3) * miss), v, other)
+
+
+# ------------------------------------------------------------------ validity
+
+
+class InvalidMeasurementError(Exception):
+    """Invalid measurement; the message has the reason."""
+
+
+class ValidMeasurement(NamedTuple):
+    """Valid measurement, with the velocity estimate."""
+
+    q: Float[Array, " nq"]
+    """Configuration, with (cos, sin) pairs and quaternions normalized."""
+    v: Float[Array, " nv"]
+    """Measured or estimated velocity."""
+    motion: VelocityEstimate | None
+    """State of the velocity estimate; None if velocity is measured."""
+
+
+class Guard:
+    """Validity check of measurements. Its cost does not depend on their values.
+
+    Args:
+        robot: robot that is measured.
+        max_speed: largest valid speed, of v and of the difference of two configurations over time [rad/s, m/s].
+        estimator: velocity estimator; None if velocity is measured.
+    """
+
+    def __init__(self, robot: Robot, max_speed: float, estimator: VelocityEstimator | None) -> None:
+        self._robot, self._max_speed, self._estimator = robot, max_speed, estimator
+
+    def check(self, before: LoopState, t: float, q: ArrayLike, v: ArrayLike | None) -> ValidMeasurement:
+        """Check a measurement and return it normalized.
+
+        Args:
+            before: state of the loop after the last step.
+            t: time [s].
+            q, v: raw measurement; v is ignored if the loop estimates velocity.
+
+        Raises:
+            InvalidMeasurementError: the measurement is invalid.
+        """
+        if not is_time(t):
+            raise InvalidMeasurementError(f"time is {t!r}, expected a finite number")
+        elapsed = None if before.time is None else t - before.time
+        if elapsed is not None and elapsed <= 0:
+            raise InvalidMeasurementError(f"time stands still or runs backwards: {t:g} s after {before.time:g} s")
+        q = self._unit(_numbers("q", q, self._robot.nq))
+        if elapsed is not None and before.q is not None:
+            speed = np.abs(pin.difference(self._robot.model, before.q, q)).max(initial=0.0) / elapsed
+            if not speed < self._max_speed:
+                raise InvalidMeasurementError(
+                    f"q jumped: {speed:.3g} rad/s or m/s from the last one, expected less than {self._max_speed:g}"
+                )
+        if self._estimator is None:
+            return ValidMeasurement(q, self._velocity(v), None)
+        if before.motion is None or elapsed is None:
+            motion = self._estimator.start(q)
+        else:
+            motion = self._estimator.step(before.motion, q, elapsed)
+        return ValidMeasurement(q, motion.v, motion)
+
+    def _unit(self, q: Array) -> Array:
+        unit: Array = pin.normalize(self._robot.model, q)
+        if not np.abs(unit - q).max(initial=0.0) < _UNIT:
+            raise InvalidMeasurementError("q holds a (cos, sin) pair or a quaternion that is not of unit length")
+        return unit
+
+    def _velocity(self, v: ArrayLike | None) -> Array:
+        if v is None:
+            raise InvalidMeasurementError("v is missing: measure it, or use velocity='filtered' or 'observer'")
+        v = _numbers("v", v, self._robot.nv)
+        speed = np.abs(v).max(initial=0.0)
+        if not speed < self._max_speed:
+            raise InvalidMeasurementError(f"v reaches {speed:.3g} rad/s or m/s, expected less than {self._max_speed:g}")
+        return v
+
+
+def is_time(t: float) -> bool:
+    """True if t is a finite number."""
+    try:
+        return isfinite(t)
+    except (TypeError, ValueError, OverflowError):
+        return False
+
+
+def _numbers(name: str, value: ArrayLike, size: int) -> Array:
+    try:
+        numbers = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InvalidMeasurementError(f"{name} is not made of numbers") from None
+    if numbers.shape != (size,):
+        raise InvalidMeasurementError(f"{name} has shape {numbers.shape}, expected ({size},)")
+    if not isfinite(sum(numbers.tolist())):  # the sum of finite numbers may be too large
+        wrong = np.flatnonzero(~np.isfinite(numbers))
+        if len(wrong):
+            raise InvalidMeasurementError(f"{name}[{int(wrong[0])}] is not finite")
+    return numbers

@@ -1,0 +1,23 @@
+"""Exports of ``rnc_pin.model``, which ``__init__.py`` imports at their first use."""
+
+from .actuation import Actuator as Actuator
+from .actuation import FrameForce as FrameForce
+from .actuation import FrameTorque as FrameTorque
+from .actuation import OutputForce as OutputForce
+from .configuration_evaluation import ConfigurationEvaluation as ConfigurationEvaluation
+from .configuration_evaluation import scaled_rows as scaled_rows
+from .frame_velocity import axis_index as axis_index
+from .kinematics import Kinematics as Kinematics
+from .measurement import Measurement as Measurement
+from .mechanisms import Phrases as Phrases
+from .offset_frame import OffsetFrame as OffsetFrame
+from .parameter_types import NotNegative as NotNegative
+from .parameter_types import Positive as Positive
+from .passive_forces import ForceKind as ForceKind
+from .reduced_model import ReducedModel as ReducedModel
+from .row_stack import OutputStack as OutputStack
+from .rows import ConstraintKind as ConstraintKind
+from .rows import OutputKind as OutputKind
+from .state_evaluation import StateEvaluation as StateEvaluation
+from .system import NonholonomicSystem as NonholonomicSystem
+from .task import Task as Task

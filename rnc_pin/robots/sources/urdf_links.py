@@ -1,0 +1,339 @@
+"""Links of a URDF: their meshes, boxes in place of missing meshes, and inertias, in the file or from a given mass.
+
+A robot can be simulated without meshes, so missing meshes cause one warning and no error.
+"""
+
+from __future__ import annotations
+
+import itertools
+import warnings
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from copy import deepcopy
+from pathlib import Path
+from xml.etree import ElementTree
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.errors import ModelError, ModelWarning, few, nearest
+from rnc_pin.robots.sources.description import Body, brief, captured_stderr
+from rnc_pin.robots.sources.description_files import Packages, package_uri
+from rnc_pin.robots.sources.mesh_formats import MeshError, read_mesh
+from rnc_pin.robots.sources.mesh_shapes import LoadedMesh, MeshShapes, put_in
+from rnc_pin.robots.sources.numeric_checks import read_number, read_numbers
+
+STAND_IN = "_stand_in"
+"""Suffix of the names of boxes that replace meshes; Pinocchio's own names of shapes end in a number."""
+
+_GEOMETRY = {"visual": pin.GeometryType.VISUAL, "collision": pin.GeometryType.COLLISION}
+_LIGHTEST = 30.0  # [kg/m^3] least density of a box: many files give small links far too large inertias
+_THINNEST = 0.05  # shortest side, relative to the longest side
+_COLOR = np.array([0.55, 0.6, 0.66, 0.75])
+
+
+class Meshes:
+    """Geometry of a URDF, without missing meshes.
+
+    Args:
+        root: root element; names of files that are found become absolute paths.
+        path: path of the file, for messages.
+        packages: locations of packages, and folders whose files may be named.
+    """
+
+    def __init__(self, root: ElementTree.Element, path: Path, packages: Packages) -> None:
+        self._root, self._path = root, path
+        self._missing: dict[str, str] = {}  # file name to its expected package or folder
+        self._lost: dict[str, dict[str, tuple[str, ...]]] = {kind: {} for kind in _GEOMETRY}
+        self._warned = False
+        for element in root.iter():
+            if element.tag not in ("mesh", "texture") or "filename" not in element.attrib:
+                continue
+            name = package_uri(element.attrib["filename"])
+            element.set("filename", name)
+            try:
+                found = packages.file(name)
+            except ModelError as error:
+                raise ModelError(f"{path}: {error}") from None
+            if found is not None:
+                element.set("filename", str(found))
+            elif element.tag == "mesh":
+                self._missing[name] = self._home(name)
+
+    def geometry(self, model: pin.Model, kind: str) -> pin.GeometryModel:
+        """Return the geometry of a kind, "visual" or "collision". Visual boxes replace links that lose all meshes.
+
+        Raises:
+            ModelError: a shape other than a mesh cannot be built.
+        """
+        root = deepcopy(self._root)
+        missing, faults = dict[str, str](), dict[str, str]()
+        shapes, bare = MeshShapes(), dict[str, ElementTree.Element]()
+        loaded: dict[str, LoadedMesh] = {}
+        gone: dict[str, tuple[str, ...]] = {}
+        for link in root.findall("link"):
+            name, kept = str(link.get("name")), 0
+            for shape in link.findall(kind):
+                mesh = _mesh_of(shape)
+                found = None if mesh is None else self._load(mesh, shapes, missing, faults)
+                if mesh is not None and found is None:
+                    link.remove(shape)
+                    gone[name] = (*gone.get(name, ()), Path(mesh.get("filename", "")).name)
+                    continue
+                if found is not None:
+                    loaded[f"{name}_{kept}"] = found  # Pinocchio's name
+                kept += 1
+            if name in gone and not kept:
+                bare[name] = link
+        self._lost[kind] = gone
+        geometry = self._build(model, root, kind)
+        put_in(geometry, loaded)
+        if kind == "visual":
+            for name, link in bare.items():
+                _stand_in(geometry, model, name, link)
+        if (missing or faults) and not self._warned:
+            self._warned = True
+            self._warn(missing, faults)
+        return geometry
+
+    def lost(self, kind: str) -> Mapping[str, tuple[str, ...]]:
+        """Names of the meshes that ``geometry`` of a kind left out, by link."""
+        return self._lost[kind]
+
+    def _load(
+        self, mesh: ElementTree.Element, shapes: MeshShapes, missing: dict[str, str], faults: dict[str, str]
+    ) -> LoadedMesh | None:
+        """Return the shape of a ``<mesh>``, or None if it is missing or cannot be used."""
+        name = mesh.get("filename", "")
+        if name in self._missing:
+            missing[name] = self._missing[name]
+            return None
+        try:
+            return shapes.load(Path(name), mesh.get("scale"))
+        except MeshError as error:
+            faults[name] = str(error)
+        return None
+
+    def _build(self, model: pin.Model, root: ElementTree.Element, kind: str) -> pin.GeometryModel:
+        """Build the geometry by Pinocchio, with a box in place of each mesh; Pinocchio's mesh loader is not used."""
+        for parent in root.iter():
+            for place, mesh in enumerate(parent):
+                if mesh.tag == "mesh":
+                    parent[place] = ElementTree.Element("box", size="1 1 1")
+        text = ElementTree.tostring(root, encoding="unicode")
+        try:
+            with captured_stderr():
+                return pin.buildGeomFromUrdfString(model, text, _GEOMETRY[kind], None, [])  # file names are absolute
+        except Exception as error:  # Boost.Python raises any type of C++ exception
+            raise ModelError(f"{self._path}: geometry cannot be loaded: {brief(error)}") from None
+
+    def _warn(self, missing: Mapping[str, str], faults: Mapping[str, str]) -> None:
+        parts = []
+        if missing:
+            homes = [f"{home} ({count})" for home, count in Counter(missing.values()).most_common()]
+            remedy = (
+                "give the folder of packages with package_dirs (--package-dir, ROS_PACKAGE_PATH)"
+                if any(home.startswith("package") for home in missing.values())
+                else "put them there"
+            )
+            parts.append(f"{_meshes(len(missing))} not found: {few(homes, 6)}; {remedy}")
+        if faults:
+            why = [f"{Path(name).name} ({fault})" for name, fault in faults.items()]
+            parts.append(f"{_meshes(len(faults))} not readable: {few(why)}")
+        text = f"{self._path}: {'; '.join(parts)}; boxes of the inertia's size stand in"
+        warnings.warn(text, ModelWarning, stacklevel=6)
+
+    def _home(self, name: str) -> str:
+        """Package or folder where a file is expected, in words."""
+        scheme, separator, rest = name.partition("://")
+        if separator and scheme in ("package", "model"):
+            return f"package '{rest.partition('/')[0]}'"
+        return f"folder '{(self._path.parent / (rest if separator else name)).parent}'"
+
+
+def _meshes(count: int) -> str:
+    return "1 mesh was" if count == 1 else f"{count} meshes were"
+
+
+def _mesh_of(shape: ElementTree.Element) -> ElementTree.Element | None:
+    """Return the ``<mesh>`` of a shape, or None. Urdfdom uses the first element of the geometry."""
+    geometry = shape.find("geometry")
+    first = None if geometry is None else next(iter(geometry), None)
+    return first if first is not None and first.tag == "mesh" else None
+
+
+# ---------------------------------------------------------------------- stand-ins
+
+
+def _stand_in(geometry: pin.GeometryModel, model: pin.Model, name: str, link: ElementTree.Element) -> None:
+    box = equivalent_box(link)
+    if box is None or not model.existFrame(name, pin.FrameType.BODY):
+        return
+    sides, placement = box
+    index = model.getFrameId(name, pin.FrameType.BODY)
+    frame = model.frames[index]
+    shape = pin.GeometryObject(name + STAND_IN, frame.parentJoint, index, frame.placement * placement, coal.Box(*sides))
+    shape.meshColor = _COLOR
+    geometry.addGeometryObject(shape)
+
+
+def equivalent_box(link: ElementTree.Element) -> tuple[np.ndarray, pin.SE3] | None:
+    """Return the solid box with the inertia of a ``<link>``: sides (3,) [m] and its pose in the link frame.
+
+    None if the link has no mass. A box of very low density is reduced, and a flat box gets a minimum thickness.
+    """
+    mass, inertia = _inertia(link)
+    placement = _pose(link.find("inertial/origin"))
+    if mass <= 0 or placement is None:
+        return None
+    moments, axes = np.linalg.eigh(inertia)
+    if np.linalg.det(axes) < 0:
+        axes[:, 0] *= -1.0
+    squares = 6.0 * (moments.sum() - 2.0 * moments) / mass
+    longest = float(np.sqrt(max(squares.max(), 1e-6)))
+    sides = np.maximum(np.sqrt(np.maximum(squares, 0.0)), _THINNEST * longest)
+    sides *= min(1.0, float(np.cbrt(mass / _LIGHTEST / sides.prod())))
+    return sides, placement * pin.SE3(axes, np.zeros(3))
+
+
+# ---------------------------------------------------------------------- inertias
+
+
+BALL = 0.05  # radius [m] of the ball that represents a link without geometry
+_FLAT = 1e-2  # shortest edge of a box, relative to its longest edge
+
+
+def give_masses(root: ElementTree.Element, masses: Mapping[str, float], path: Path) -> None:
+    """Give masses to links without a valid inertia, with uniform density in the box around their geometry.
+
+    The box encloses the collision geometry, or the visual geometry if there is none. Without readable geometry, the
+    link is a ball of radius ``BALL``.
+
+    Args:
+        root: XML of the robot, with absolute paths of meshes.
+        masses: link to mass [kg].
+        path: path of the file, for messages.
+
+    Raises:
+        ModelError: unknown link, a link with a valid inertia, or a mass that is not positive.
+    """
+    links = {str(link.get("name")): link for link in root.findall("link")}
+    for name, mass in masses.items():
+        if name not in links:
+            raise ModelError(f"{path}: masses: no link '{name}'{nearest(str(name), links)}")
+        if isinstance(mass, bool) or not isinstance(mass, int | float) or not 0 < mass < np.inf:
+            raise ModelError(f"{path}: mass of link '{name}' has to be positive [kg], found {mass!r}")
+        link = links[name]
+        body = _body(link)
+        if body.mass > 0 and np.linalg.eigvalsh(body.inertia)[0] > 0:
+            raise ModelError(
+                f"{path}: masses: link '{name}' has an inertia of its own ({body.mass:g} kg), and masses= is for links "
+                f"without a useful one: robot.with_masses({{'{name}': {mass!r}}}) gives it another mass"
+            )
+        for inertial in link.findall("inertial"):
+            link.remove(inertial)
+        link.append(_inertial(float(mass), *_box(link)))
+
+
+def bodies_of(root: ElementTree.Element) -> dict[str, Body]:
+    """Link name to its mass, inertia and geometry in the file."""
+    return {str(link.get("name")): _body(link) for link in root.findall("link")}
+
+
+def _body(link: ElementTree.Element) -> Body:
+    mass, inertia = _inertia(link)
+    return Body(mass, inertia, bool(_shapes(link)), lambda: float(np.prod(_box(link)[1])))
+
+
+def _inertia(link: ElementTree.Element) -> tuple[float, np.ndarray]:
+    mass, tensor = link.find("inertial/mass"), link.find("inertial/inertia")
+    if mass is None or tensor is None:
+        return 0.0, np.zeros((3, 3))
+    words = [mass.get("value", "")] + [tensor.get(key, "") for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")]
+    numbers = read_numbers(" ".join(words), 7)
+    if numbers is None:
+        return 0.0, np.zeros((3, 3))
+    kg, xx, xy, xz, yy, yz, zz = numbers
+    return float(kg), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def _inertial(mass: float, center: np.ndarray, edges: np.ndarray) -> ElementTree.Element:
+    inertial = ElementTree.Element("inertial")
+    ElementTree.SubElement(inertial, "origin", {"xyz": " ".join(map(repr, center.tolist()))})
+    ElementTree.SubElement(inertial, "mass", {"value": repr(mass)})
+    moments = mass / 12 * (np.sum(edges**2) - edges**2)
+    tensor = dict.fromkeys(("ixy", "ixz", "iyz"), "0")
+    tensor |= {key: repr(float(moment)) for key, moment in zip(("ixx", "iyy", "izz"), moments, strict=True)}
+    ElementTree.SubElement(inertial, "inertia", tensor)
+    return inertial
+
+
+def _box(link: ElementTree.Element) -> tuple[np.ndarray, np.ndarray]:
+    """Centre and edges (3,) [m] of the axis-aligned box around a link's geometry, in the link frame."""
+    corners = [points for shape in _shapes(link) for points in _corners(shape)]
+    if corners:
+        points = np.concatenate(corners)
+        low, high = points.min(axis=0), points.max(axis=0)
+        edges = high - low
+        if edges.max() > 0:
+            return (low + high) / 2, np.maximum(edges, _FLAT * edges.max())
+    # The cube with the inertia of a ball: edge^2 / 6 = 2 / 5 radius^2.
+    return np.zeros(3), np.full(3, BALL * np.sqrt(12 / 5))
+
+
+def _shapes(link: ElementTree.Element) -> list[ElementTree.Element]:
+    return link.findall("collision") or link.findall("visual")
+
+
+def _corners(shape: ElementTree.Element) -> Iterator[np.ndarray]:
+    """Corners (8, 3) [m] of the box around one geometry, in the link frame."""
+    geometry = next((kind for kind in shape.findall("geometry/*")), None)
+    bounds = None if geometry is None else _bounds(geometry)
+    if bounds is None:
+        return
+    place = _pose(shape.find("origin"))
+    if place is not None:
+        corners = np.array(list(itertools.product(*zip(*bounds, strict=True))))
+        yield corners @ place.rotation.T + place.translation
+
+
+def _pose(origin: ElementTree.Element | None) -> pin.SE3 | None:
+    """Pose of an ``<origin>``, the identity if there is none; None if it cannot be read."""
+    xyz, rpy = (_vector(None if origin is None else origin.get(key)) for key in ("xyz", "rpy"))
+    return None if xyz is None or rpy is None else pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
+
+
+def _bounds(geometry: ElementTree.Element) -> tuple[np.ndarray, np.ndarray] | None:
+    """Lowest and highest coordinates (3,) of a geometry in its own frame, or None if it cannot be read."""
+    if geometry.tag == "mesh":
+        scale = _vector(geometry.get("scale"), 1.0)
+        vertices = _vertices(geometry.get("filename", ""))
+        if scale is None or vertices is None:
+            return None
+        scaled = vertices * scale
+        return scaled.min(axis=0), scaled.max(axis=0)
+    half: np.ndarray | None = None
+    if geometry.tag == "box":
+        size = _vector(geometry.get("size"))
+        half = None if size is None else size / 2
+    if geometry.tag in ("sphere", "cylinder"):
+        radius, length = (read_number(geometry.get(key)) for key in ("radius", "length"))
+        if radius is not None and geometry.tag == "sphere":
+            half = np.full(3, radius)
+        elif radius is not None and length is not None:
+            half = np.array([radius, radius, length / 2])
+    return None if half is None else (-half, half)
+
+
+def _vertices(file: str) -> np.ndarray | None:
+    if not Path(file).is_absolute():  # a relative path means that the file was not found
+        return None
+    try:
+        return read_mesh(Path(file)).vertices
+    except MeshError:
+        return None
+
+
+def _vector(text: str | None, default: float = 0.0) -> np.ndarray | None:
+    return np.full(3, default) if text is None else read_numbers(text, 3)

@@ -1,7 +1,0 @@
-"""Draft of a first scenario from a robot's file, with a remark on each assumption."""
-
-from rnc_pin.scenario.draft.decision import DraftDecision
-from rnc_pin.scenario.draft.draft import DraftedScenario, draft, draft_with_decisions
-from rnc_pin.scenario.draft.source import DraftOptions, with_choices
-
-__all__ = ["DraftDecision", "DraftOptions", "DraftedScenario", "draft", "draft_with_decisions", "with_choices"]

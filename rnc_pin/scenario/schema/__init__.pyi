@@ -1,4 +1,0 @@
-"""Exports of ``rnc_pin.scenario.schema``, which ``__init__.py`` imports at their first use."""
-
-from .scenario import Scenario as Scenario
-from .simulation_settings import SimulationSettings as SimulationSettings

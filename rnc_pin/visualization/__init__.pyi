@@ -1,0 +1,22 @@
+"""Exports of ``rnc_pin.visualization``, which ``__init__.py`` imports at their first use."""
+
+from .drawn_model import DrawnModel as DrawnModel
+from .drawn_state import DrawnState as DrawnState
+from .drawn_state import recorded_states as recorded_states
+from .live import LiveView as LiveView
+from .live import MeshcatViewer as MeshcatViewer
+from .meshcat_library import mg as mg
+from .plot_style import save as save
+from .plots import plot_learning as plot_learning
+from .plots import plot_limits as plot_limits
+from .plots import plot_outputs as plot_outputs
+from .plots import plot_run as plot_run
+from .plots import plot_top_view as plot_top_view
+from .plots import write_plots as write_plots
+from .recording import Recording as Recording
+from .recording import write_frames as write_frames
+from .recording import write_video as write_video
+from .sweep_plots import Histogram as Histogram
+from .sweep_plots import plot_distributions as plot_distributions
+from .top_view import ground_paths as ground_paths
+from .view import View as View

@@ -1,0 +1,215 @@
+"""Ground and obstacles in pages, and outlines of obstacles for the top view."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.collision import Obstacle
+from rnc_pin.model.mechanisms import GroundSurface, carrier_of
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.robots.robot import Robot
+from rnc_pin.robots.sources.mesh_formats import convex_hull
+from rnc_pin.visualization.drawn_state import DrawnState
+from rnc_pin.visualization.elements import GREEN, GREY, Element, LayerEntry
+from rnc_pin.visualization.meshcat_library import mg
+from rnc_pin.visualization.meshcat_scene import MeshcatScene
+from rnc_pin.visualization.scene_kinematics import SceneKinematics, box_corners
+
+_ROUND = 32  # points of a circle
+_OPACITY = 0.75
+_PATCH, _SLAB = 10.0, 0.01  # half side and thickness of the drawn part of a half space [m]
+_PALE = 0.3  # opacity of that part
+
+
+def surface_points(shape: coal.CollisionGeometry) -> np.ndarray:
+    """Points (n, 3) [m] on a convex shape, in its own frame; their hull is the shape, apart from roundness.
+
+    Of a half space, the hull is a square slab below its surface.
+    """
+    if isinstance(shape, coal.Halfspace):
+        normal = np.ravel(shape.n)
+        across = _PATCH * np.linalg.svd(normal[None])[2][1:]
+        corners = [a * across[0] + b * across[1] for a in (-1.0, 1.0) for b in (-1.0, 1.0)]
+        return np.array([(shape.d - depth) * normal + corner for depth in (0.0, _SLAB) for corner in corners])
+    if isinstance(shape, coal.Convex):
+        return np.array(shape.points())
+    if isinstance(shape, coal.Sphere):
+        return _ball(shape.radius)
+    if isinstance(shape, coal.Capsule):
+        ball, middle = _ball(shape.radius), np.array([0.0, 0.0, shape.halfLength])
+        return np.concatenate([ball - middle, ball + middle])
+    if isinstance(shape, coal.Cylinder):
+        around = np.linspace(0.0, 2 * np.pi, _ROUND, endpoint=False)
+        ring = np.column_stack([shape.radius * np.cos(around), shape.radius * np.sin(around), np.zeros(_ROUND)])
+        middle = np.array([0.0, 0.0, shape.halfLength])
+        return np.concatenate([ring - middle, ring + middle])
+    return box_corners(shape)  # exact for a box, and around other shapes
+
+
+def _ball(radius: float) -> np.ndarray:
+    around, up = np.meshgrid(
+        np.linspace(0.0, 2 * np.pi, _ROUND, endpoint=False), np.linspace(0.0, np.pi, _ROUND // 2 + 1)
+    )
+    points = [np.cos(around) * np.sin(up), np.sin(around) * np.sin(up), np.cos(up)]
+    return radius * np.unique(np.stack(points, axis=-1).reshape(-1, 3).round(12), axis=0)
+
+
+def points_at(obstacle: Obstacle, t: float) -> np.ndarray:
+    """Points (n, 3) on an obstacle in the world [m] at time t [s]."""
+    pose = obstacle.placement(t)
+    return surface_points(obstacle.shape) @ pose.rotation.T + pose.translation
+
+
+def outline(obstacle: Obstacle, t: float) -> np.ndarray:
+    """Outline (n, 2) of an obstacle from above [m] at time t [s], counterclockwise."""
+    return hull_from_above(points_at(obstacle, t))
+
+
+def hull_from_above(points: np.ndarray) -> np.ndarray:
+    """Outline (n, 2) of points (N, 3) from above, counterclockwise."""
+    from scipy.spatial import ConvexHull  # the import takes 0.1 s and is seldom needed
+
+    flat = points[:, :2]
+    return np.asarray(flat[ConvexHull(flat).vertices])
+
+
+@dataclass(eq=False)
+class ObstacleElement(Element):
+    """Obstacle in the scene, at rest or in motion."""
+
+    obstacle: Obstacle
+
+    def __post_init__(self) -> None:
+        self._drawn = False
+
+    def build(self, scene: MeshcatScene) -> None:
+        opacity = _PALE if self.obstacle.unbounded else _OPACITY
+        scene.mesh(self.node, _drawable(self.obstacle.shape), GREY, opacity)
+
+    def update(self, scene: MeshcatScene, state: DrawnState) -> None:
+        if self.obstacle.motion is None and self._drawn:
+            return
+        self._drawn = True
+        scene.place(self.node, self.obstacle.placement(state.time).homogeneous)
+
+
+def obstacle_elements(obstacles: Iterable[Obstacle]) -> list[Element]:
+    """Elements of obstacles."""
+    entry = LayerEntry("obstacles", "obstacles", GREY, "dot")
+    return [ObstacleElement(entry, each.name, each) for each in obstacles]
+
+
+def _drawable(shape: coal.CollisionGeometry) -> mg.Geometry:
+    if isinstance(shape, coal.Box):
+        return mg.Box((2.0 * np.ravel(shape.halfSide)).tolist())
+    if isinstance(shape, coal.Sphere):
+        return mg.Sphere(float(shape.radius))
+    hull = convex_hull(surface_points(shape))
+    return mg.TriangularMeshGeometry(hull.vertices, hull.triangles)
+
+
+def corners_over_time(obstacles: Sequence[Obstacle], times: Sequence[float]) -> np.ndarray:
+    """Points (n, 3) [m] on all bounded obstacles at some times [s], for the camera."""
+    points = [points_at(obstacle, t) for obstacle in obstacles if not obstacle.unbounded for t in times]
+    return np.concatenate(points) if points else np.zeros((0, 3))
+
+
+# ---------------------------------------------------------------------- ground
+
+
+GROUND = LayerEntry("ground", "surface", GREEN, "dot")
+_GROUND_OPACITY = 0.35
+_AROUND, _AROUND_CARRIER = 2.0, 0.3  # drawn half width of ground in the world, or on a body, over the size of the robot
+_WIDER = 1.3  # drawn half width over the largest distance of the robot from the middle
+
+
+def seen_from(ground: GroundSurface, kinematics: SceneKinematics, q: np.ndarray) -> np.ndarray:
+    """Centre of mass of the robot (3,) [m], in the axes of the body that carries a ground, or of the world."""
+    center, carrier = kinematics.center_of_mass(q), carrier_of(ground)
+    return center if carrier is None else np.asarray(kinematics.placement(carrier, q).actInv(center))
+
+
+def grounds_of(reduced: ReducedModel | None) -> list[GroundSurface]:
+    """Surfaces of all constraints of a system, each once."""
+    found: list[GroundSurface] = []
+    for place in () if reduced is None else reduced.all_constraints.places:
+        if place.block.ground is not None and not any(place.block.ground is each for each in found):
+            found.append(place.block.ground)
+    return found
+
+
+def carrier_placement(ground: GroundSurface, kinematics: SceneKinematics) -> Callable[[DrawnState], pin.SE3] | None:
+    """Placement of the frame that carries a ground, as a function of the state; None for ground in the world."""
+    carrier = carrier_of(ground)
+    return None if carrier is None else kinematics.frame(carrier)
+
+
+def is_drawn(ground: GroundSurface, robot: Robot) -> bool:
+    """True if a page draws the surface itself: it is in the world, or the body that carries it has no shapes."""
+    carrier = carrier_of(ground)
+    if carrier is None or robot.visual_model is None:
+        return True
+    joint = robot.model.frames[robot.frame_id(carrier)].parentJoint
+    return all(shape.parentJoint != joint for shape in robot.visual_model.geometryObjects)
+
+
+def ground_patch(ground: GroundSurface, places: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (n, 3) and triangles (m, 3), seen from both sides, of the part of a surface under a motion.
+
+    Each side has its own vertices: a vertex of both would have no normal, and shades at random.
+
+    Args:
+        ground: the surface.
+        places: centres of mass of the robot over the motion (N, 3) [m]; for ground on a body, in the body's axes.
+        size: size of the robot [m].
+    """
+    middle = (places.min(axis=0) + places.max(axis=0)) / 2
+    around = _AROUND if carrier_of(ground) is None else _AROUND_CARRIER
+    half = _WIDER * float(np.linalg.norm(places - middle, axis=1).max()) + around * size
+    vertices, triangles = ground.mesh(middle, half)
+    return np.concatenate([vertices, vertices]), np.concatenate([triangles, triangles[:, ::-1] + len(vertices)])
+
+
+@dataclass(eq=False)
+class GroundElement(Element):
+    """Surface in the scene, at rest or on a body.
+
+    Attributes:
+        patch: vertices (n, 3) and triangles (m, 3).
+        placement: placement of the body that carries it, as a function of the state.
+    """
+
+    patch: tuple[np.ndarray, np.ndarray]
+    placement: Callable[[DrawnState], pin.SE3] | None = None
+
+    def build(self, scene: MeshcatScene) -> None:
+        scene.mesh(self.node, mg.TriangularMeshGeometry(*self.patch), GREEN, _GROUND_OPACITY)
+
+    def update(self, scene: MeshcatScene, state: DrawnState) -> None:
+        if self.placement is not None:
+            scene.place(self.node, self.placement(state).homogeneous)
+
+
+def ground_elements(
+    reduced: ReducedModel | None, kinematics: SceneKinematics, configurations: Iterable[np.ndarray], size: float
+) -> list[Element]:
+    """Elements of the surfaces of a system, each as large as a motion and the robot need.
+
+    Args:
+        reduced: the system, if any.
+        kinematics: kinematics of the drawn robot.
+        configurations: configurations (nq,) of the motion.
+        size: size of the robot [m].
+    """
+    moments, found = list(configurations), list[Element]()
+    drawn = [each for each in grounds_of(reduced) if is_drawn(each, kinematics.robot)]
+    for k, ground in enumerate(drawn):
+        places = np.stack([seen_from(ground, kinematics, q) for q in moments])
+        patch, placement = ground_patch(ground, places, size), carrier_placement(ground, kinematics)
+        found.append(GroundElement(GROUND, str(k), patch, placement))
+    return found

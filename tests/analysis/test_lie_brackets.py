@@ -1,0 +1,188 @@
+"""Jets of iterated brackets: closed forms, moving axes, and which brackets a flow shows."""
+
+from itertools import product
+from math import factorial
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.analysis import lie_brackets
+from rnc_pin.analysis.lie_brackets import PIECES, BracketJets, ComplexRows, has_complex_rows
+from systems import ALL, random_states, rolling_base
+from textbook_systems import sliders_with_rows, unicycle_with_trailers
+
+MOEBIUS = {1: 1, 2: -1, 3: -1, 4: 0, 5: -1, 6: 1, 7: -1, 8: 0}
+
+
+def commutator(x, y):
+    """Of tensors, in the free associative algebra."""
+    return np.multiply.outer(x, y) - np.multiply.outer(y, x)
+
+
+@pytest.mark.parametrize(("generators", "degree"), [(2, 4), (2, 5), (2, 6), (2, 7), (2, 8), (3, 4), (3, 5), (4, 4)])
+def test_the_fields_of_a_flow_show_every_bracket(generators, degree):
+    """``ad_Y1^a ad_Y2^b ad_Y3^c [X, X']`` of random fields span what Witt's formula counts in a free Lie algebra."""
+    divisors = [d for d in range(1, degree + 1) if degree % d == 0]
+    dimension = sum(MOEBIUS[d] * generators ** (degree // d) for d in divisors) // degree
+    generator, found = np.random.default_rng(0), []
+    while len(found) < dimension + 10:
+        fields = generator.normal(size=(PIECES, generators))
+        for powers in product(range(degree - 1), repeat=PIECES):
+            if sum(powers) == degree - 2:
+                value = commutator(*generator.normal(size=(2, generators)))
+                for field, power in reversed(list(zip(fields, powers, strict=True))):
+                    for _ in range(power):
+                        value = commutator(field, value)
+                found.append(value.ravel() / np.linalg.norm(value))
+    assert np.linalg.matrix_rank(np.array(found), tol=1e-8) == dimension
+
+
+@pytest.mark.parametrize("degree", [1, 2, 5])
+def test_a_polynomial_is_fitted_to_its_own_coefficients(degree):
+    nodes = np.cos((2 * np.arange(degree + 3) + 1) * np.pi / (2 * (degree + 3)))
+    coefficients = np.arange(1.0, 1 + 3 * (degree + 1)).reshape(degree + 1, 3)
+    values = nodes[:, None] ** np.arange(degree + 1) @ coefficients
+    np.testing.assert_allclose(lie_brackets._fit(nodes, values, degree), coefficients, rtol=1e-12)
+
+
+def test_rates_in_a_chart_are_those_of_the_exponential():
+    """``xi'`` in ``exp(xi)`` for the velocity v of a planar body, by differences of logarithms."""
+    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+    jets = BracketJets(rnc.NonholonomicSystem(robot).reduce(), robot.configuration())
+    xi, v, h = np.array([0.3, -0.2, 0.4]), np.array([0.7, 0.5, -0.3]), 1e-4
+    there = pin.integrate(robot.model, pin.neutral(robot.model), xi)
+    ahead, behind = (
+        pin.difference(robot.model, pin.neutral(robot.model), pin.integrate(robot.model, there, sign * h * v))
+        for sign in (1, -1)
+    )
+    np.testing.assert_allclose(jets._in_chart(xi[None], v[None], 12)[0], (ahead - behind) / (2 * h), atol=1e-7)
+
+
+def test_coefficients_are_those_of_a_closed_form():
+    """``x2' = sin(x0) x1'``: a bracket pulled back from ``x0 + s t`` is ``c cos(x0 + s t)`` along x2."""
+    reduced = sliders_with_rows(lambda q: [[0.0, np.sin(q[0])]], lambda q, v: [[0.0, np.cos(q[0]) * v[0]]])
+    x, time, order = 0.4, 0.5, 7
+    jets = BracketJets(reduced, np.array([x, 0.3, -0.2]))
+    drawn = jets.draw(order, time, np.random.default_rng(4))
+    np.testing.assert_allclose(drawn.coefficients[:, :2], 0.0, atol=1e-9)
+    derivatives = np.array([np.cos(x + k * np.pi / 2) / factorial(k) for k in range(order + 1)])
+    for function in drawn.coefficients[:, 2].T:
+        c = function[0] / derivatives[0]
+        s = function[1] / (c * derivatives[1])
+        assert 1e-3 < abs(s) < 1.0
+        np.testing.assert_allclose(function, c * derivatives * s ** np.arange(order + 1), atol=1e-10)
+
+
+def in_plain_coordinates(count):
+    """The same trailers with x, y and yaw as joints of their own."""
+    moving = unicycle_with_trailers(count).robot.model
+    model = pin.Model()
+    for name, joint in (("x", pin.JointModelPX()), ("y", pin.JointModelPY()), ("yaw", pin.JointModelRZ())):
+        model.addJoint(model.njoints - 1, joint, pin.SE3.Identity(), name)
+    model.appendBodyToJoint(3, moving.inertias[1], pin.SE3.Identity())
+    for k in range(2, moving.njoints):
+        joint = model.addJoint(k + 1, pin.JointModelRZ(), moving.jointPlacements[k], moving.names[k])
+        model.appendBodyToJoint(joint, moving.inertias[k], pin.SE3.Identity())
+    frames = ["body", *(f"axle_{k}" for k in range(1, count + 1))]
+    for name in frames:
+        frame = moving.frames[moving.getFrameId(name)]
+        model.addFrame(pin.Frame(name, frame.parentJoint + 2, 0, frame.placement, pin.FrameType.OP_FRAME))
+    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip(name) for name in frames])
+    return system.reduce([rnc.FrameSpeed("body"), rnc.FrameYaw("body")])
+
+
+def test_axes_that_turn_along_make_no_difference(monkeypatch):
+    """At zero yaw a planar joint's axes are those of x, y and yaw, and so are brackets of any depth."""
+    monkeypatch.setattr(lie_brackets, "has_complex_rows", lambda reduced: False)
+    hitches = {"hitch_1": 0.5, "hitch_2": -0.3}
+    found = []
+    for reduced in (unicycle_with_trailers(2), in_plain_coordinates(2)):
+        jets = BracketJets(reduced, reduced.robot.configuration(hitches))
+        found.append(jets.draw(5, 0.5, np.random.default_rng(7)).coefficients)
+        assert np.abs(found[-1][5]).max() > 1e-5
+    np.testing.assert_allclose(found[0], found[1], atol=1e-10)
+
+
+def test_levels_from_complex_times_do_not_depend_on_axes():
+    """Fields differ away from q, but not the space of their first and second brackets, of dimension four of five."""
+    hitches = {"hitch_1": 0.5, "hitch_2": -0.3}
+    spaces = []
+    for reduced in (unicycle_with_trailers(2), in_plain_coordinates(2)):
+        jets = BracketJets(reduced, reduced.robot.configuration(hitches))
+        first, second = jets.draw(5, 1.0, np.random.default_rng(7)).coefficients[:2]
+        left, values, _ = np.linalg.svd(np.column_stack([jets.generators, first, second]))
+        assert values[3] > 1e-3
+        assert values[4] < 1e-13
+        spaces.append(left[:, :4] @ left[:, :4].T)
+    np.testing.assert_allclose(spaces[0], spaces[1], atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["fire_truck", "leaning_wheel", "free_flying_panda"])
+def test_the_first_coefficient_is_the_bracket_of_generators(name):
+    """However far the flow leads; and the fit knows its error."""
+    reduced = ALL[name]()
+    q, _ = random_states(reduced, 1, seed=4)[0]
+    jets = BracketJets(reduced, q)
+    pairs = jets.pairs()
+    there = np.linalg.norm(pairs, axis=0) > 1e-6
+    drawn = jets.draw(2, 0.05, np.random.default_rng(1))
+    values = drawn.coefficients[0].reshape(reduced.n, PIECES, -1)
+    for piece in range(PIECES):
+        found, expected = values[:, piece, there], pairs[:, there]
+        scale = np.sum(found * expected, axis=0) / np.sum(expected * expected, axis=0)
+        np.testing.assert_allclose(found, scale * expected, atol=1e-9)
+    assert np.abs(drawn.coefficients - drawn.coarser).max() < 1e-6
+
+
+def ball_with_rudder():
+    """A rolling ball whose hub carries a knife edge on a hinge, and a slider that is locked."""
+    model = rolling_base({}, 0.2, "free")
+    base = model.getJointId("root_joint")
+    hinge = model.addJoint(base, pin.JointModelRevoluteUnaligned(np.array([0.0, 0.6, 0.8])), pin.SE3.Random(), "hinge")
+    slide = model.addJoint(hinge, pin.JointModelPX(), pin.SE3.Random(), "slide")
+    turn = model.addJoint(slide, pin.JointModelRUBY(), pin.SE3.Random(), "turn")
+    for joint in (hinge, slide, turn):
+        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    for name, joint in (("hub", base), ("rudder", turn)):
+        model.addFrame(pin.Frame(name, joint, 0, pin.SE3.Random(), pin.FrameType.OP_FRAME))
+    kinds = [rnc.RollingBall("hub", 0.2), rnc.NoSideSlip("rudder", at=(0.1, 0.2, -0.3))]
+    return rnc.NonholonomicSystem(rnc.Robot(model), kinds).reduce()
+
+
+@pytest.fixture(scope="module")
+def rows():
+    pin.seed(3)
+    reduced = ball_with_rudder()
+    q = reduced.assembled(pin.integrate(reduced.robot.model, reduced.robot.configuration(), 0.3 * np.arange(9) - 1.0))
+    assert has_complex_rows(reduced)
+    return reduced, q, ComplexRows(reduced, q, np.linalg.qr(reduced.at(q).R)[0])
+
+
+def test_rows_and_fields_are_those_of_the_model(rows):
+    reduced, q, found = rows
+    step = np.linspace(-0.5, 0.7, reduced.n)
+    states = reduced.at(np.tile(pin.integrate(reduced.robot.model, q, step), (9, 1)), v=np.eye(9))
+    A, gradient = found._matrix(found.moved(found.start[None], step[None]))
+    np.testing.assert_allclose(A[0], states.A[0], atol=1e-13)
+    np.testing.assert_allclose(np.moveaxis(gradient[0], -1, 0), states.A_dot, atol=1e-13)
+    fields, _ = found.fields(found.moved(found.start[None], step[None]))
+    np.testing.assert_allclose(states.A[0] @ fields[0], 0.0, atol=1e-13)
+
+
+def test_derivatives_are_those_of_an_analytic_function(rows):
+    """A step of 1e-20 along the imaginary axis gives the derivative to all digits, if conjugation occurs nowhere."""
+    reduced, _, found = rows
+    at = found.moved(found.start[None], np.linspace(-0.4, 0.6, reduced.n)[None])
+    fields, gradient = found.fields(at)
+    for k, e in enumerate(np.eye(reduced.n)):
+        stepped = found.generators(found.moved(at, 1e-20j * e[None]))
+        np.testing.assert_allclose(stepped.imag / 1e-20, gradient[..., k], atol=1e-12)
+        np.testing.assert_allclose(stepped.real, fields, atol=1e-13)
+
+
+def test_other_rows_have_none():
+    robot = unicycle_with_trailers(1).robot
+    own = rnc.Pfaffian(lambda q: np.eye(4)[:1], lambda q, v: np.zeros((1, 4)), names=["own"])
+    assert not has_complex_rows(rnc.NonholonomicSystem(robot, [own]).reduce())

@@ -1,0 +1,658 @@
+"""Broken files and arguments through the command line: one line on stderr, status 2, nothing written.
+
+Here are the files themselves, what a robot's description leaves out, other formats than URDF, and mistakes that only
+show where parts of a scenario meet. Elsewhere: keys of scenarios (``applications/scenario/test_files.py``), elements of
+a URDF (``robots/test_robot.py``), wrong usage (``test_cli.py``).
+"""
+
+import os
+import sys
+
+import numpy as np
+import pytest
+import yaml
+
+import rnc_pin as rnc
+from rnc_pin.applications.command_line.cli import main
+from rnc_pin.applications.command_line.tables import print_summary
+from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
+from terminal import results
+
+SPACE_ROBOT = with_options(
+    read_yaml(find_scenario("space-robot")), {"comparisons": {}, "simulation.duration": 0.1, "sweep": {}}
+)
+CART = {  # a cart on two wheels, whose file is written by the case
+    "robot": {"urdf": "robot.urdf", "base": "planar"},
+    "constraints": [
+        {"rolling_wheel": {"frame": "wheel_left", "radius": 0.1}},
+        {"rolling_wheel": {"frame": "wheel_right", "radius": 0.1}},
+    ],
+    "actuators": ["wheel_left_joint", "wheel_right_joint"],
+    "outputs": {"reducing": [{"frame_speed": {"frame": "base"}}, {"frame_yaw": "base"}]},
+    "reference": {"primary": {"minimum_jerk": {"by": [0.1, 0.1], "duration": 1}}},
+    "controller": {"type": "reducing_outputs", "tracker": "computed_torque"},
+    "simulation": {"duration": 0.1},
+}
+XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+
+
+def inertial(mass=1, moments=(1, 1, 1), more=""):
+    xx, yy, zz = moments
+    tensor = f'<inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="0" ixz="0" iyz="0"/>'
+    return f'<inertial><mass value="{mass}"/>{tensor}{more}</inertial>'
+
+
+def wheel(side, y, body=None, kind="continuous", axis="0 1 0", mimic="", parent="base", name=None):
+    name = name or f"wheel_{side}_joint"
+    return (
+        f'<link name="wheel_{side}">{inertial(0.5, (0.01, 0.01, 0.01)) if body is None else body}</link>'
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="wheel_{side}"/>'
+        f'<origin xyz="0 {y} 0.1"/><axis xyz="{axis}"/>{mimic}</joint>'
+    )
+
+
+LEFT, RIGHT = wheel("left", 0.2), wheel("right", -0.2)
+BASE = f'<link name="base">{inertial(10)}</link>'
+
+
+def urdf(*parts, base=BASE, attributes=""):
+    return f'<robot name="cart" {attributes}>{base}{"".join(parts)}</robot>'
+
+
+GOOD = urdf(LEFT, RIGHT)
+
+
+def mjcf(body="", more="", head="", base='<freejoint name="float"/>'):
+    wheels = "".join(
+        f'<body name="wheel_{side}" pos="0 {y} 0"><joint name="wheel_{side}_joint" axis="0 1 0"/>'
+        '<geom type="cylinder" size=".1 .02" mass="1" euler="90 0 0"/></body>'
+        for side, y in (("left", 0.15), ("right", -0.15))
+    )
+    return (
+        f'<mujoco model="cart">{head}<worldbody><body name="base" pos="0 0 0.1">{base}'
+        f'<geom type="box" size=".2 .1 .05" mass="5"/>{wheels}{body}</body></worldbody>{more}</mujoco>'
+    )
+
+
+# ---------------------------------------------------------------------- how a case is told
+
+
+def scenario(changes=None, of=CART, command="run"):
+    """A command on a scenario with values at dotted keys replaced."""
+    return command, yaml.safe_dump(with_options(of, changes or {}), sort_keys=False).encode()
+
+
+def text(content, command="run"):
+    """A command on a file with this content."""
+    return command, content if isinstance(content, bytes) else content.encode()
+
+
+def on_mjcf(**changes):
+    return scenario({"robot": {"mjcf": "robot.xml", "base": "planar", **changes}})
+
+
+def on_xacro(**changes):
+    return scenario({"robot": {"urdf": "robot.urdf.xacro", "base": "planar", **changes}})
+
+
+def xacro(head="", radius="0.1"):
+    return urdf(head, LEFT, RIGHT.replace('xyz="0 -0.2 0.1"', f'xyz="0 -0.2 {radius}"'), attributes=XACRO)
+
+
+def laughs(levels=12):
+    """YAML that is a few hundred bytes and would be gigabytes of values."""
+    lines = ["a0: &a0 [lol, lol, lol, lol, lol, lol, lol, lol, lol]"]
+    lines += [f"a{k}: &a{k} [{', '.join(9 * [f'*a{k - 1}'])}]" for k in range(1, levels)]
+    return "\n".join(lines) + "\n"
+
+
+ENTITIES = (
+    '<!DOCTYPE robot [<!ENTITY a "aaaaaaaaaa">'
+    + "".join(f'<!ENTITY {chr(98 + k)} "{10 * f"&{chr(97 + k)};"}">' for k in range(10))
+    + "]><robot name='&k;'/>"
+)
+
+# name: (content of the file, words of the message besides the file's name)
+TEXTS = {  # mine.yaml
+    "empty scenario": ("", "expected a mapping"),
+    "binary scenario": (bytes(range(256)), "cannot be read"),
+    "URDF for a scenario": (GOOD,),
+    "JSON list for a scenario": ('[{"robot": 1}]', "expected a mapping"),
+    "only a robot": ("robot: {urdf: space_robot.urdf}", "mine.yaml: outputs: is missing"),
+    "key that is a number": ("3: 4\n", "'3' is not known"),
+    "key that is a list": ("[1, 2]: 4\n", "line 1"),
+    "key of nothing": ("? \n: 3\n", "'None' is not known"),
+    "merge of a number": ("robot:\n  <<: 3\n", "line 2"),
+    "billion laughs": (laughs(),),
+    "unknown tag": ("robot: !degrees 30\n", "line 1"),
+    "number too long": ("seed: " + 5000 * "9" + "\n",),
+}
+URDFS = {  # robot.urdf
+    "URDF that is empty": ("", "not well-formed XML"),
+    "URDF cut off": (GOOD[:200], "not well-formed XML", "line 1"),
+    "URDF of an unknown encoding": ('<?xml version="1.0" encoding="klingon"?>' + GOOD, "klingon"),
+    "URDF that is SDF": ("<sdf version='1.9'/>", "<sdf>", "expected <robot>"),
+    "URDF that is MJCF": (mjcf(), "<mujoco>", "expected <robot>"),
+    "entities without end": (ENTITIES, "not well-formed XML"),
+    "disconnected tree": (urdf(LEFT, RIGHT, f'<link name="island">{inertial()}</link>'), "[base]", "[island]"),
+    "nothing but a ring": (
+        urdf(wheel("left", 1, parent="wheel_right"), wheel("right", 1, parent="wheel_left"), base=""),
+        "root",
+    ),
+    "link with two parents": (urdf(LEFT, RIGHT, RIGHT[RIGHT.index("<joint") :].replace("wheel_right_joint", "other")),),
+    "joint twice": (urdf(LEFT, wheel("right", -0.2, name="wheel_left_joint")), "wheel_left_joint", "unique"),
+    "joint without a type": (GOOD.replace(' type="continuous"', "", 1), "wheel_left_joint", "type"),
+    "joint without a child": (GOOD.replace('<child link="wheel_left"/>', ""), "wheel_left_joint"),
+    "axis of no length": (urdf(LEFT, wheel("right", -0.2, axis="0 0 0")), "axis of joint 'wheel_right_joint' is zero"),
+    "axis in words": (urdf(LEFT, wheel("right", -0.2, axis="y")), "wheel_right_joint"),
+    "negative mass on a fixed link": (
+        urdf(LEFT, RIGHT, wheel("spare", 0, inertial(-1), "fixed")),
+        "mass of link 'wheel_spare' is negative: -1 kg",
+    ),
+    "infinite mass": (urdf(LEFT, wheel("right", -0.2, inertial("inf"))), "wheel_right"),
+    "mass with a unit": (urdf(LEFT, wheel("right", -0.2, inertial("1kg"))), "1kg"),
+    "mass with a comma": (urdf(LEFT, wheel("right", -0.2, inertial("0,5"))), "0,5"),
+    "mimic in words": (
+        urdf(LEFT, wheel("right", -0.2, mimic='<mimic joint="wheel_left_joint" multiplier="twice"/>')),
+        "multiplier of joint 'wheel_right_joint'",
+        "'twice'",
+    ),
+}
+XACROS = {  # robot.urdf.xacro
+    "xacro that is empty": ("",),
+    "xacro that is no XML": ("<robot", "xacro", "line 1"),
+    "xacro that is no robot": ("<html/>", "expected <robot>"),
+    "unknown macro": (xacro("<xacro:wheeel/>"), "unknown macro name", "wheeel"),
+    "unknown property": (xacro(radius="${size}"), "'size'"),
+    "argument without a value": (xacro(radius="$(arg size)"), "argument 'size' has no value", "xacro_arguments"),
+    "macro without its parameter": (xacro('<xacro:macro name="w" params="side"/><xacro:w/>'), "side"),
+    "macro that calls itself": (xacro('<xacro:macro name="w"><xacro:w/></xacro:macro><xacro:w/>'), "recursive"),
+    "xacro that includes itself": (xacro('<xacro:include filename="robot.urdf.xacro"/>'), "recursive"),
+    "include of a missing file": (xacro('<xacro:include filename="wheels.xacro"/>'), "cannot read", "wheels.xacro"),
+    "find of a missing package": (
+        xacro('<xacro:include filename="$(find nopkg)/a.xacro"/>'),
+        "no package 'nopkg'",
+        "package_dirs",
+    ),
+    "properties in a circle": (
+        xacro('<xacro:property name="a" value="${b}"/><xacro:property name="b" value="${a}"/>', "${a}"),
+        "circular",
+    ),
+    "division by zero": (xacro(radius="${1/0}"), "division"),
+    "condition in words": (xacro('<xacro:if value="maybe"/>'), "maybe", "boolean"),
+    "xacro that runs a program": (
+        xacro(radius="${(lambda: ().__class__.__base__.__subclasses__())()}"),
+        "refuses to evaluate",
+    ),
+    "xacro that evaluates a program": (xacro(radius="$(eval map.mro)"), "refuses to evaluate", "'mro'"),
+    "xacro that would never end": (xacro(radius="${9**9**9**9}"), "refuses to evaluate"),
+}
+MJCFS = {  # robot.xml
+    "MJCF that is empty": ("", "not well-formed XML"),
+    "MJCF that is a URDF": (GOOD, "<robot>", "expected <mujoco>"),
+    "MJCF of nothing": ("<mujoco/>", "no <body>"),
+    "MJCF that includes": (mjcf(head='<include file="other.xml"/>'), "other.xml"),
+    "MJCF joint twice": (
+        mjcf('<body name="c"><joint name="wheel_left_joint"/><geom size=".1" mass="1"/></body>'),
+        "repeated name 'wheel_left_joint' in joint",
+    ),
+    "MJCF joint of an unknown type": (
+        mjcf('<body name="c"><joint name="c" type="hingee"/><geom size=".1" mass="1"/></body>'),
+        "hingee",
+    ),
+    "MJCF mass in words": (
+        mjcf('<body name="c"><joint name="c"/><geom size=".1" mass="heavy"/></body>'),
+        "<geom>: mass",
+        "'heavy'",
+    ),
+    "MJCF mass NaN": (
+        mjcf('<body name="c"><joint name="c"/><geom size=".1" mass="nan"/></body>'),
+        "<geom>: mass",
+        "'nan'",
+    ),
+    "MJCF position on a plane": (
+        mjcf('<body name="c" pos="1 2"><joint name="c"/><geom size=".1" mass="1"/></body>'),
+        '<body name="c">: pos takes 3',
+        "'1 2'",
+    ),
+    "MJCF body of no mass": (mjcf('<body name="c"><joint name="c"/></body>'), "joint 'c' moves no mass"),
+    "MJCF missing mesh": (mjcf(head='<asset><mesh name="m" file="no.stl"/></asset>'), "no mesh", "no.stl"),
+    "MJCF gravity in words": (mjcf(head='<option gravity="down"/>'), "<option>: gravity", "'down'"),
+}
+# name: (command and content of mine.yaml, other files, words of the message)
+FILES = {
+    "inspect an empty scenario": (text("", "inspect"), {}, ["mine.yaml", "expected a mapping"]),
+    "no robot": (scenario({"robot": None}), {}, ["mine.yaml: robot: expected a mapping"]),
+    "no such URDF": (scenario(), {}, ["mine.yaml", "robot.urdf", "no URDF file"]),
+    "URDF that is a folder": (scenario({"robot.urdf": "meshes"}), {"meshes/a": ""}, ["no URDF file 'meshes'"]),
+    "URDF with a zero byte in its name": (scenario({"robot.urdf": "a\0b"}), {}, ["no URDF file"]),
+    "one link": (scenario({"robot.base": "fixed"}), {"robot.urdf": urdf()}, ["no moving joint"]),
+    "package_dirs without a URDF": (
+        scenario({"robot": {"example": "panda", "package_dirs": ["."]}}),
+        {},
+        ["robot: 'package_dirs' belongs to 'urdf'"],
+    ),
+    "unknown argument of a xacro": (
+        on_xacro(xacro_arguments={"sizze": 3}),
+        {"robot.urdf.xacro": xacro('<xacro:arg name="size" default="1"/>')},
+        ["robot.urdf.xacro", "no xacro argument 'sizze'", "did you mean 'size'?"],
+    ),
+    "argument of no kind": (
+        on_xacro(xacro_arguments={"size": [1, 2]}),
+        {"robot.urdf.xacro": xacro()},
+        ["robot.xacro_arguments.size", "[1, 2]"],
+    ),
+    "arguments for a URDF": (
+        scenario({"robot.xacro_arguments": {"size": 3}}),
+        {"robot.urdf": GOOD},
+        ["robot.urdf", "whose name ends in .xacro"],
+    ),
+    "no such MJCF": (on_mjcf(), {"robt.xml": mjcf()}, ["no MJCF file", "did you mean 'robt.xml'?"]),
+    "MJCF of an unknown frame": (
+        scenario({"robot": {"mjcf": "robot.xml", "base": "planar"}, "outputs.reducing.1.frame_yaw": "bas"}),
+        {"robot.xml": mjcf()},
+        ["mine.yaml", "frame 'bas'", "did you mean 'base'?"],
+    ),
+    "URDF and MJCF": (
+        scenario({"robot.mjcf": "robot.xml"}),
+        {"robot.urdf": GOOD, "robot.xml": mjcf()},
+        ["robot: expected one of 'urdf', 'mjcf' and 'example'"],
+    ),
+    **{name: (text(content), {}, ["mine.yaml", *words]) for name, (content, *words) in TEXTS.items()},
+    **{name: (scenario(), {"robot.urdf": it}, ["robot.urdf", *words]) for name, (it, *words) in URDFS.items()},
+    **{
+        name: (on_xacro(), {"robot.urdf.xacro": it}, ["robot.urdf.xacro", *words])
+        for name, (it, *words) in XACROS.items()
+    },
+    **{name: (on_mjcf(), {"robot.xml": it}, ["robot.xml", *words]) for name, (it, *words) in MJCFS.items()},
+}
+
+# name: (changes of the cart's scenario, words)
+MEETINGS = {
+    "misspelt wheel": (
+        {"constraints.0.rolling_wheel.frame": "wheel_lef"},
+        ["mine.yaml", "frame 'wheel_lef'", "did you mean 'wheel_left'?"],
+    ),
+    "frame for a joint": ({"actuators.0": "base"}, ["joint 'base'", "wheel_left_joint"]),
+    "actuator of the whole base": ({"actuators.0": "root_joint"}, ["'root_joint'", "several degrees of freedom"]),
+    "force without an axis": ({"actuators.0": {"force": {"frame": "base"}}}, ["actuators[0].force.axis: is missing"]),
+    "force of no limit": (
+        {"actuators.0": {"force": {"frame": "base", "axis": "x", "limit": 0}}},
+        ["actuators[0].force.limit", "greater than 0"],
+    ),
+    "actuator that is a number": ({"actuators.0": 3}, ["actuators[0]", "found 3"]),
+    "fixed base under wheels": ({"robot.base": "fixed"}, ["mine.yaml"]),
+    "wheel on a base without an axle": (
+        {"constraints.0": {"rolling_wheel": {"frame": "base", "radius": 0.1}}},
+        ["'base'", "root_joint", "axis="],
+    ),
+    "radius with a unit": ({"constraints.0.rolling_wheel.radius": "10 cm"}, ["radius: expected", "number", "'10 cm'"]),
+    "radius that is true": (
+        {"constraints.0.rolling_wheel.radius": True},
+        ["constraints[0].rolling_wheel", "'radius'", "True"],
+    ),
+    "two kinds in one constraint": (
+        {"constraints.0": {"rolling_wheel": {}, "no_side_slip": {}}},
+        ["constraints[0]: expected a mapping with one key"],
+    ),
+    "constraint of nothing": ({"constraints.0": None}, ["constraints[0]", "None"]),
+    "momentum under driven wheels": (
+        {"constraints": [{"momentum": "wheel_left_joint"}]},
+        ["'wheel_left_joint' drives momentum(wheel_left_joint)"],
+    ),
+    "constraints that leave no motion": (
+        {
+            "constraints": [
+                {"no_side_slip": {"frame": "base", "axis": "x"}},
+                {"no_side_slip": {"frame": "base", "axis": "y"}},
+                {"no_side_slip": {"frame": "wheel_left", "axis": "x"}},
+                {"rolling_wheel": {"frame": "wheel_left", "radius": 0.1}},
+                {"rolling_wheel": {"frame": "wheel_right", "radius": 0.1}},
+            ]
+        },
+        ["mine.yaml"],
+    ),
+    "outputs that contradict": (
+        {"outputs.reducing": [{"joint": "wheel_left_joint"}, {"frame_speed": {"frame": "wheel_left", "axis": "y"}}]},
+        ["do not parametrise the motion"],
+    ),
+    "outputs that are blocked": (
+        {"outputs.reducing.0.frame_speed.axis": "y"},
+        ["do not parametrise the motion", "base_speed_y"],
+    ),
+    "distance to itself": (
+        {"outputs.vertical": [{"distance": {"frame_a": "base", "frame_b": "base"}}]},
+        ["mine.yaml", "base"],
+    ),
+    "position on no axis": (
+        {"outputs.vertical": [{"frame_position": {"frame": "base", "axes": ""}}]},
+        ["mine.yaml", "axes"],
+    ),
+    "output of a joint of several": ({"outputs.vertical": [{"joint": "root_joint"}]}, ["mine.yaml", "'root_joint'"]),
+    "reference of nothing": (
+        {"reference.primary.minimum_jerk.by": []},
+        ["reference.primary.minimum_jerk.by", "at least 1"],
+    ),
+    "two references in one": (
+        {"reference.primary": {"minimum_jerk": {}, "hold": {}}},
+        ["reference.primary: expected a mapping with one key"],
+    ),
+    "points and times of different length": (
+        {"reference.primary": {"via_points": {"times": [1, 2], "points": [[1, 1]]}}},
+        ["reference.primary", "2 times for 1 points"],
+    ),
+    "point at time zero": (
+        {"reference.primary": {"via_points": {"times": [0, 2], "points": [[1, 1], [2, 2]]}}},
+        ["reference.primary", "via_points.times", "greater than 0; found 0"],
+    ),
+    "points of different length": (
+        {"reference.primary": {"via_points": {"times": [1, 2], "points": [[1, 1], [1]]}}},
+        ["reference.primary", "1 values for 2"],
+    ),
+    "reference for what is not there": (
+        {"reference.vertical": {"hold": {"value": [1]}}},
+        ["reference.vertical", "1 values for 0"],
+    ),
+    "active actuator of another type": (
+        {"controller.active": ["wheel_left_joint"]},
+        ["controller.active", "'reducing_outputs'"],
+    ),
+    "controller of no type": ({"controller": {"preset": "paper"}}, ["controller.type: is missing"]),
+    "redundancy without vertical outputs": ({"controller": {"type": "redundancy"}}, ["mine.yaml"]),
+    "steering without a steering wheel": ({"controller": {"type": "steering"}}, ["mine.yaml"]),
+    "two phases without a platform": ({"controller": {"type": "two_phase"}}, ["controller.platform: is missing"]),
+    "unknown masses without a word": (
+        {"controller": {"type": "uncertain_redundancy"}},
+        ["controller.unknown: is missing"],
+    ),
+    "transpose without actuators": ({"controller": {"type": "jacobian_transpose"}}, ["controller.active: is missing"]),
+    "transpose of an unknown actuator": (
+        {"controller": {"type": "jacobian_transpose", "active": ["wheel_lef"]}},
+        ["'wheel_lef'", "did you mean"],
+    ),
+    "path of a frame that is not there": (
+        {"reference": {"path": {"frame": "bas", "to": [1, 0, 0], "duration": 3, "wheelbase": 1}}},
+        ["mine.yaml"],
+    ),
+    "step longer than the run": ({"simulation.dt": 5}, ["mine.yaml", "dt"]),
+    "run beyond memory": ({"simulation.duration": 1e12, "simulation.dt": 1e-6}, ["mine.yaml", "simulation"]),
+    "locked wheel": ({"robot.lock": {"wheel_left_joint": 0}}, ["mine.yaml"]),
+    "title that is a list": ({"title": ["a", "b"]}, ["title", "['a', 'b']"]),
+    "ground in words": ({"view.ground": "floor"}, ["view.ground", "'floor'"]),
+    "comparison that is a word": ({"comparisons": {"other": "paper"}}, ["comparisons.other"]),
+    "comparison by an unknown path": (
+        {"comparisons": {"other": {"actuators.7": "base"}}},
+        ["actuators.7", "not an index into a list of 2"],
+    ),
+    "comparisons of one name": (
+        {"comparisons": {"a b": {"seed": 1}, "a-b": {"seed": 2}}},
+        ["comparisons", "give one file name"],
+    ),
+}
+
+
+@pytest.fixture
+def call(monkeypatch, capfd):
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["rnc-pin", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            main()
+        return end.value.code, *capfd.readouterr()
+
+    return run
+
+
+def check_refusal(call, folder, arguments, words):
+    """The command ends with status 2, one line that holds the words, and the folder as it was."""
+    before = sorted(folder.rglob("*"))
+    status, out, error = call(*arguments)
+    assert error.endswith("\n"), error
+    assert len(error.splitlines()) == 1, error
+    assert error.startswith("rnc-pin: error: "), error
+    assert "unexpected" not in error
+    assert len(error) < 600
+    assert (status, results(out)) == (2, ""), error
+    for word in words:
+        assert word in error, error
+    assert sorted(folder.rglob("*")) == before
+
+
+def write(folder, files):
+    for name, content in files.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+
+
+@pytest.mark.parametrize(("case", "files", "words"), FILES.values(), ids=FILES)
+def test_a_broken_file_is_refused_in_one_line(case, files, words, call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    command, content = case
+    write(tmp_path, {"mine.yaml": content, **files})
+    arguments = [command, "mine.yaml", *(["--out", "out"] if command == "run" else [])]
+    check_refusal(call, tmp_path, arguments, words)
+
+
+@pytest.mark.parametrize(("changes", "words"), MEETINGS.values(), ids=MEETINGS)
+def test_parts_that_do_not_fit_are_refused_in_one_line(changes, words, call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    _, content = scenario(changes)
+    write(tmp_path, {"mine.yaml": content, "robot.urdf": GOOD})
+    check_refusal(call, tmp_path, ["run", "mine.yaml", "--out", "out"], words)
+
+
+# name: (arguments, files, words)
+DRAFTS = {
+    "no such robot": (["robt.urdf"], {"robot.urdf": GOOD}, ["no robot 'robt.urdf'"]),
+    "misspelt example": (["tiago_no_hnd"], {}, ["did you mean 'tiago_no_hand'?"]),
+    "misspelt shipped": (["space_robt.urdf"], {}, ["did you mean 'space_robot.urdf'?"]),
+    "folder": (["."], {"robot.urdf": GOOD}, ["'.'", "folder"]),
+    "empty": (["robot.urdf"], {"robot.urdf": ""}, ["robot.urdf", "not well-formed XML"]),
+    "binary": (["robot.urdf"], {"robot.urdf": bytes(range(256))}, ["robot.urdf", "not well-formed XML"]),
+    "scenario": (["mine.yaml"], {"mine.yaml": "robot: {}"}, ["mine.yaml", "not well-formed XML"]),
+    "HTML": (["robot.urdf"], {"robot.urdf": "<html/>"}, ["<html>", "expected <robot>"]),
+    "unknown base": (["robot.urdf", "--base", "flying"], {"robot.urdf": GOOD}, ["'--base'", "'flying'"]),
+    "out exists": (["robot.urdf", "--out", "a.yaml"], {"robot.urdf": GOOD, "a.yaml": "mine"}, ["a.yaml", "--force"]),
+    "out is a folder": (["robot.urdf", "--out", "d"], {"robot.urdf": GOOD, "d/x": ""}, ["--out d", "is a folder"]),
+    "out in no folder": (
+        ["robot.urdf", "--out", "no/a.yaml"],
+        {"robot.urdf": GOOD},
+        ["--out no/a.yaml", "does not exist"],
+    ),
+    "argument of a URDF": (["robot.urdf", "--arg", "a=1"], {"robot.urdf": GOOD}, ["whose name ends in .xacro"]),
+    "argument of no value": (["robot.urdf", "--arg", "a"], {"robot.urdf": GOOD}, ["'a'", "expected key=value"]),
+    "argument of an MJCF": (["robot.xml", "--arg", "a=1"], {"robot.xml": mjcf()}, ["'xacro_arguments' belongs to"]),
+    "MJCF of nothing": (["robot.xml"], {"robot.xml": "<mujoco/>"}, ["robot.xml", "no <body>"]),
+    "broken xacro": (["r.xacro"], {"r.xacro": "<robot"}, ["r.xacro"]),
+}
+
+
+@pytest.mark.parametrize(("arguments", "files", "words"), DRAFTS.values(), ids=DRAFTS)
+def test_a_draft_of_rubbish_is_refused_in_one_line(arguments, files, words, call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, files)
+    check_refusal(call, tmp_path, ["init", *arguments], words)
+
+
+def test_a_wheel_about_the_wrong_axle_lies_flat(call, tmp_path, monkeypatch):
+    """Its rows are nearly dependent besides, which is said before."""
+    monkeypatch.chdir(tmp_path)
+    files = scenario({"constraints.0": {"rolling_wheel": {"frame": "wheel_left", "radius": 0.1, "axis": "z"}}})
+    write(tmp_path, {"mine.yaml": files[1], "robot.urdf": GOOD})
+    status, _, error = call("run", "mine.yaml", "--out", "out")
+    assert status == 2
+    assert "a wheel lies flat on the ground" in error.splitlines()[-1]
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read and write everything")
+@pytest.mark.parametrize("name", ["mine.yaml", "robot.urdf"])
+def test_a_file_that_may_not_be_read_is_refused(name, call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, {"mine.yaml": scenario()[1], "robot.urdf": GOOD})
+    (tmp_path / name).chmod(0)
+    check_refusal(call, tmp_path, ["run", "mine.yaml", "--out", "out"], [name, "cannot be read"])
+
+
+@pytest.mark.parametrize("name", ["mine.yaml", "robot.urdf"])
+def test_a_file_that_fails_while_it_is_read_is_refused(name, call, tmp_path, monkeypatch):
+    """As a disk or a network share does: /proc/self/mem opens, and cannot be read at its beginning."""
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, {"mine.yaml": scenario()[1], "robot.urdf": GOOD})
+    (tmp_path / name).unlink()
+    (tmp_path / name).symlink_to("/proc/self/mem")
+    check_refusal(call, tmp_path, ["run", "mine.yaml", "--out", "out"], ["cannot be read"])
+
+
+@pytest.mark.parametrize("command", ["run", "sweep"])
+def test_an_output_folder_below_a_file_is_refused(command, call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, {"file": "mine"})
+    more = ["--runs", 1] if command == "sweep" else []
+    check_refusal(call, tmp_path, [command, "space-robot", "--out", "file/out", *more], ["--out file/out"])
+
+
+@pytest.mark.parametrize(
+    ("key", "words"),
+    [
+        ("simulation.nothing", ["sweep.simulation.nothing", "'nothing' is not known"]),
+        ("actuators.5", ["actuators.5", "not an index into a list of 3"]),
+        ("title", ["sweep.title", "string"]),
+    ],
+)
+def test_a_sweep_over_what_is_not_there_is_refused(key, words, call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, {"mine.yaml": scenario({"sweep": {key: [0, 1]}}, SPACE_ROBOT)[1]})
+    check_refusal(call, tmp_path, ["sweep", "mine.yaml", "--runs", 1, "--out", "out"], words)
+
+
+def test_what_the_cases_break_is_whole(call, tmp_path, monkeypatch):
+    """Each case changes one thing in something that runs."""
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, {"robot.urdf": GOOD, "robot.xml": mjcf(), "robot.urdf.xacro": xacro(radius="${0.05 * 2}")})
+    for _, content in (scenario(), on_mjcf(), on_xacro(), scenario(of=SPACE_ROBOT)):
+        write(tmp_path, {"mine.yaml": content})
+        status, _, error = call("inspect", "mine.yaml", "--samples", 2)
+        assert (status, error) == (0, "")
+
+
+# ---------------------------------------------------------------------- arguments of Python
+
+
+def small():
+    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+    actuators = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
+    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators)
+    reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+    target = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold([1.0, 0.0]))
+    return system, reduced, target
+
+
+WRONG_ARGUMENTS = {
+    "no controller": ({"controller": None}, "expected a controller with initial_state and step"),
+    "a class": (
+        {"controller": rnc.control.VelocityTracker},
+        "the controller is the class VelocityTracker: pass an instance of it",
+    ),
+    "no model": ({"reduced": None}, "expected a ReducedModel, found None"),
+    "words for q0": ({"q0": "here"}, "q0 is not an array of numbers: 'here'"),
+    "no q0": ({"q0": None}, r"q has shape \(\), expected"),
+    "words for v2_0": ({"v2_0": "fast"}, "v2 is not an array of numbers: 'fast'"),
+    "a time in words": ({"duration": "1"}, "duration '1' and dt 0.01 have to be positive numbers"),
+    "a plant": ({"plant": object()}, "plant: expected methods reset, read, apply, advance, found a object"),
+    "meta": ({"options": rnc.SimulationOptions(meta=3)}, "meta: expected a Provenance or a mapping, found int"),
+    "options": ({"options": {"meta": 3}}, "options: expected SimulationOptions, found a dict"),
+}
+WRONG_OPTIONS = {
+    "stop": ("now", "stop: expected a Stop, found a str"),
+    "loop": (3, "loop: expected a mapping of options of ControlLoop, found a int"),
+    "observer": (3, "observer: expected a function of a Sample"),
+}
+
+
+@pytest.mark.parametrize("what", WRONG_ARGUMENTS)
+def test_arguments_of_simulate_are_refused_before_anything_runs(what):
+    changed, words = WRONG_ARGUMENTS[what]
+    _, reduced, target = small()
+    tracker = rnc.control.VelocityTracker(target)
+    given = {
+        "reduced": reduced,
+        "controller": tracker,
+        "q0": reduced.robot.configuration(),
+        "duration": 0.1,
+        "dt": 0.01,
+    }
+    with pytest.raises(rnc.RncError, match=words):
+        rnc.simulate(**{**given, **changed})
+
+
+@pytest.mark.parametrize("option", WRONG_OPTIONS)
+def test_options_of_a_simulation_are_refused(option):
+    value, words = WRONG_OPTIONS[option]
+    with pytest.raises(rnc.ConfigurationError, match=words):
+        rnc.SimulationOptions(**{option: value})
+
+
+def test_an_unknown_option_of_the_loop_and_substeps_in_words_are_refused():
+    with pytest.raises(rnc.ConfigurationError, match="loop: no option 'limit'; did you mean 'limits'"):
+        rnc.SimulationOptions(loop={"limit": True})
+    _, reduced, _ = small()
+    with pytest.raises(rnc.InputError, match="substeps of a ReducedPlant have to be a positive integer, found '2'"):
+        rnc.ReducedPlant(reduced, substeps="2")
+
+
+def test_a_kinematic_controller_and_a_step_of_another_kind_are_named():
+    system, reduced, target = small()
+    q0 = reduced.robot.configuration()
+    with pytest.raises(rnc.RncError, match=r"decides velocities, not forces: .*VelocityTracker\(it\)"):
+        rnc.simulate(reduced, target, q0, 0.1)
+
+    class Lazy:
+        def initial_state(self, measurement):
+            return None
+
+        def step(self, t, measurement, state):
+            return rnc.control.Command(T=np.zeros(2))
+
+    with pytest.raises(rnc.RncError, match="has to return a Command and its state, found a Command"):
+        rnc.simulate(reduced, Lazy(), q0, 0.1)
+    with pytest.raises(rnc.ConfigurationError, match="found a NonholonomicSystem: call reduce"):
+        rnc.simulate(system, Lazy(), q0, 0.1)
+
+
+def test_rows_without_names_are_numbered_through():
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    rows = np.eye(4)
+
+    def held(*which, names=None):
+        chosen = rows[list(which)]
+        return rnc.Pfaffian(lambda q: chosen, lambda q, v: 0 * chosen, names)
+
+    system = rnc.NonholonomicSystem(robot, [held(1), held(0, names=["mine"]), held(2, 3)][:2])
+    assert system.constraints.names == ("row[0]", "mine")
+    system = rnc.NonholonomicSystem(robot, [held(1), held(2, 3)])
+    assert system.constraints.names == ("row[0]", "row[1]", "row[2]")
+    again = held(1)
+    for kinds in ([again], [held(2), again]):  # a kind is a description: binding one leaves the others as they are
+        assert rnc.NonholonomicSystem(robot, kinds).constraints.names[-1] == f"row[{len(kinds) - 1}]"
+
+
+def test_a_plant_that_tells_no_work_has_no_drift(capsys):
+    _, reduced, target = small()
+
+    class Silent:
+        def __init__(self):
+            self.plant = rnc.ReducedPlant(reduced)
+
+        def __getattr__(self, name):
+            if name in ("reset", "read", "apply", "advance"):
+                return getattr(self.plant, name)
+            raise AttributeError(name)
+
+    tracker = rnc.control.VelocityTracker(target)
+    run = rnc.simulate(reduced, tracker, reduced.robot.configuration(), 0.1, 0.01, plant=Silent())
+    summary = rnc.summarize(run)
+    assert summary["energy_drift"] is None
+    print_summary(summary)
+    out = capsys.readouterr().out
+    assert "nan" not in out
+    assert "drift" not in out

@@ -1,0 +1,649 @@
+"""The command line as its users meet it: what it prints, what it writes, and its exit status."""
+
+import io
+import json
+import shlex
+import subprocess
+import sys
+import sysconfig
+from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+import yaml
+
+import rnc_pin as rnc
+from patience import PATIENCE
+from rnc_pin.applications.command_line.cli import main
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.files import built_in_names, find_scenario
+from rnc_pin.applications.scenario.pictures import draw_pictures, picture_names
+from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.robots.robot_files import shipped_directory
+from terminal import results
+
+COMMAND = Path(sysconfig.get_path("scripts")) / "rnc-pin"
+SHORT = ["--set", "simulation.duration=0.2"]
+ALONE = ["--set", "comparisons={}"]
+BARE = [*SHORT, *ALONE, "--set", "plots={}"]
+
+ARRAYS = {  # sizes of one sample: nq = nv = 4, r = p = 3, m = 1
+    "time": (), "q": (4,), "v": (4,), "v2": (3,), "v2_desired": (3,), "x1": (1,), "x1_desired": (1,), "x2": (3,),
+    "x2_desired": (3,), "F": (3,), "T": (3,), "multipliers": (1,), "energy": (), "constraint_residual": (),
+}  # fmt: skip
+
+
+def shell(*arguments, cwd=None):
+    """Run rnc-pin in a process of its own."""
+    return subprocess.run([COMMAND, *arguments], cwd=cwd, capture_output=True, text=True, timeout=PATIENCE)
+
+
+class Ended(NamedTuple):
+    """Exit status and outputs of a command."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+@pytest.fixture(scope="module")
+def first_run(tmp_path_factory):
+    """A run of the paper's figure 4, cut short: (its end, its folder). Look at it, do not write into it."""
+    folder, out, error = tmp_path_factory.mktemp("first") / "out", io.StringIO(), io.StringIO()
+    with pytest.MonkeyPatch.context() as patched, redirect_stdout(out), redirect_stderr(error):
+        patched.setattr(sys, "argv", ["rnc-pin", "run", "space-robot", *SHORT, "--out", str(folder)])
+        with pytest.raises(SystemExit) as end:
+            main()
+    return Ended(end.value.code, out.getvalue(), error.getvalue()), folder
+
+
+def parsed(text):
+    """JSON as the standard has it, which knows neither NaN nor Infinity."""
+
+    def refuse(constant):
+        raise AssertionError(f"{constant} is not JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+def arrays(path):
+    with np.load(path) as file:
+        return {name: file[name] for name in file.files}
+
+
+def the_line(error):
+    """The message of an error that is exactly one line, as every error has to be."""
+    assert error.endswith("\n")
+    assert len(error.splitlines()) == 1, error
+    assert error.startswith("rnc-pin: error: ")
+    assert "unexpected" not in error
+    return error.removeprefix("rnc-pin: error: ").strip()
+
+
+def test_list_names_every_scenario(call):
+    status, out, error = call("list")
+    assert (status, error) == (0, "")
+    assert all(name in out for name in built_in_names())
+    status, out, error = call("list", "--json")
+    assert sorted(parsed(out)) == built_in_names()
+    assert all(parsed(out).values())
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["-h"], ["--version"], ["run", "--help"], ["sweep", "-h"]])
+def test_help_is_no_error(arguments, call):
+    status, out, error = call(*arguments)
+    assert (status, error) == (0, "")
+    assert "rnc-pin" in out
+
+
+# ---------------------------------------------------------------------- run
+
+
+def test_run_writes_what_the_manual_says(first_run):
+    process, folder = first_run
+    assert (process.returncode, process.stderr) == (0, "")
+    written = {path.name for path in folder.iterdir()} - {".rnc_pin"}
+    assert written == {
+        "trajectory.npz", "trajectory_platform_uncontrolled.npz", "summary.json", "scenario.yaml",
+        "figure_4a.png", "figure_4b.png", "overview.png", "limits.png", "top_view.png", "animation.html",
+    }  # fmt: skip
+    assert all(name in process.stdout for name in written)
+    for picture in folder.glob("*.png"):
+        assert picture.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
+    assert "<html" in (folder / "animation.html").read_text()[:200]
+
+
+def test_the_trajectory_holds_finite_arrays_of_the_right_sizes(first_run):
+    trajectory = arrays(first_run[1] / "trajectory.npz")
+    meta = parsed(str(trajectory.pop("meta")))
+    assert trajectory["time"].tolist() == pytest.approx(np.arange(101) * 0.002)
+    for name, size in ARRAYS.items():
+        assert trajectory[name].shape == (101, *size)
+        assert trajectory[name].dtype == np.float64
+        assert np.isfinite(trajectory[name]).all(), name
+    assert meta["names"]["x2"] == ["tip_x", "tip_y", "joint_1"]
+    assert meta["units"]["x2"] == ["m", "m", "rad"]
+    assert {"scenario", "versions", "seed"} <= set(meta)
+
+
+def test_the_summary_fits_the_trajectory(first_run):
+    _, folder = first_run
+    summary, trajectory = parsed((folder / "summary.json").read_text()), arrays(folder / "trajectory.npz")
+    assert summary["scenario"] == "space-robot"
+    assert summary["outcome"] == "completed"
+    assert summary["duration"] == trajectory["time"][-1]
+    error = np.abs(trajectory["x2_desired"][:, 0] - trajectory["x2"][:, 0])
+    assert summary["final_error"]["tip_x"] == error[-1]
+    assert summary["max_error"]["tip_x"] == error.max()
+    assert summary["rms_error"]["tip_x"] == pytest.approx(np.sqrt(np.mean(error**2)))
+    assert set(summary["final_error"]) == {"tip_x", "tip_y", "platform"}
+    assert summary["constraint_residual_max"] == trajectory["constraint_residual"].max() < 1e-12
+    assert 0 < summary["min_singular_value"] < 1
+    assert 0 <= summary["energy_drift"] < 1e-9
+    assert summary["wall_time"] > 0
+    assert summary["realtime_factor"] == pytest.approx(summary["duration"] / summary["wall_time"])
+
+
+def test_the_scenario_written_down_is_the_one_that_ran(first_run):
+    scenario = yaml.safe_load((first_run[1] / "scenario.yaml").read_text())
+    assert scenario["simulation"]["duration"] == 0.2
+    assert scenario["constraints"] == [{"momentum": "platform"}]
+
+
+def test_the_same_seed_gives_the_same_bits(first_run, call, tmp_path, no_pictures):
+    status, *_ = call("run", "space-robot", *SHORT, "--out", tmp_path)
+    assert status == 0
+    for name in ("trajectory.npz", "trajectory_platform_uncontrolled.npz"):
+        one, other = arrays(first_run[1] / name), arrays(tmp_path / name)
+        assert list(one) == list(other)
+        for array in one:
+            np.testing.assert_array_equal(one[array], other[array], err_msg=array)
+
+
+def test_json_is_all_that_is_printed_of_a_run_into_its_default_folder(call, tmp_path, monkeypatch, no_pictures):
+    monkeypatch.chdir(tmp_path)
+    status, out, error = call("run", "space-robot", *BARE, "--json")
+    assert (status, error) == (0, "")
+    folder, printed = tmp_path / "runs" / "space-robot", parsed(out)
+    files, elapsed = printed.pop("files"), printed.pop("elapsed_time")
+    assert elapsed > printed["wall_time"]  # reading, building and drawing are in it
+    assert printed == parsed((folder / "summary.json").read_text())
+    assert set(files) == {path.name for path in folder.iterdir()} - {".rnc_pin"}
+
+
+def test_a_run_says_what_it_is_doing_and_how_long_it_took(first_run):
+    """Of simulation, comparison and pictures, before each; at the end the whole time, of which the run is a part."""
+    process, folder = first_run
+    lines = process.stdout.splitlines()
+    assert [line for line in lines if line.endswith(" ...")] == [
+        "space-robot: reading the scenario ...",
+        "space-robot: simulating 0.2 s and 1 comparison ...",
+        "space-robot: drawing 6 pictures ...",
+    ]
+    assert lines[0] == "space-robot: reading the scenario ..."
+    elapsed = float(lines[-1].removeprefix("done in ").split(" s,")[0])
+    assert elapsed > parsed((folder / "summary.json").read_text())["wall_time"]
+
+
+def test_printed_figures_have_units(first_run):
+    """Those of the arrays in the file."""
+    process, folder = first_run
+    meta = parsed(str(arrays(folder / "trajectory.npz")["meta"]))
+    text = process.stdout
+    for name, unit in zip(meta["names"]["x2"], meta["units"]["x2"], strict=True):
+        assert f"{name} [{unit}]" in text or name not in parsed((folder / "summary.json").read_text())["final_error"]
+    for line in text.splitlines():
+        if line.startswith("input "):
+            assert line.endswith(" N m")
+        if line.startswith("constraint residual"):
+            assert line.endswith(" m/s or rad/s")
+    assert "tip_x [m]" in text
+    assert "input joint_1, largest" in text
+
+
+def test_progress_tells_runs_and_pictures_apart(tmp_path, monkeypatch):
+    # Drawing takes long, and its progress comes before it.
+    monkeypatch.setattr("rnc_pin.applications.scenario.pictures._writer", lambda name: lambda *_: True)
+    prepared = Scenario.load("space-robot", {"simulation.duration": 0.05, "plots": {}}).build()
+    runs, pictures = [], []
+    result = execute(prepared, progress=lambda done, what: runs.append((done, what)))
+    assert list(dict.fromkeys(what for _, what in runs)) == ["space-robot", "space-robot: platform uncontrolled"]
+    assert [done for done, _ in runs] == sorted(done for done, _ in runs)
+    assert runs[-1][0] == pytest.approx(prepared.total_duration)
+    draw_pictures(prepared, result, tmp_path, lambda done, what: pictures.append((done, what)))
+    assert pictures == list(enumerate(picture_names(prepared)))
+
+
+def test_a_failed_run_has_status_1_and_keeps_its_results(call, tmp_path):
+    # The paper's gains, towards a point beyond the reach of three links of a metre: through the stretched arm.
+    far = "reference.primary={minimum_jerk: {to: [4, 0], duration: 1}}"
+    options = ["--set", "controller.preset=paper", "--set", far, "--set", "simulation.duration=2", "--set", "plots={}"]
+    status, out, error = call("run", "space-robot", *options, *ALONE, "--json", "--out", tmp_path)
+    assert status == 1
+    message = the_line(error)
+    assert " at t = 0." in message
+    assert str(tmp_path) in message
+    summary, trajectory = parsed((tmp_path / "summary.json").read_text()), arrays(tmp_path / "trajectory.npz")
+    assert parsed(out)["outcome"] == summary["outcome"] in ("diverged", "singular")
+    assert summary["message"] in message
+    assert 0 < summary["duration"] == trajectory["time"][-1] < 1
+    assert summary["samples"] == len(trajectory["time"])
+    assert all(np.isfinite(trajectory[name]).all() for name in ARRAYS)
+    assert parsed(str(trajectory["meta"]))["outcome"] == summary["outcome"]
+    assert (tmp_path / "overview.png").is_file()
+
+
+def test_a_run_that_misses_a_goal_says_so(call, tmp_path, no_pictures):
+    stuck = ["--set", "faults.stuck={joint: joint_1, time: 0.1}", "--set", "simulation.duration=1"]
+    status, out, error = call("run", "space-robot", *BARE, *stuck, "--json", "--out", tmp_path)
+    assert status == 1
+    summary = parsed(out)
+    missed = {name: value for name, value in summary["final_error"].items() if value > 0.02}
+    assert missed
+    assert summary["goals_missed"] == missed == parsed((tmp_path / "summary.json").read_text())["goals_missed"]
+    assert summary["verdict"] == "failed"
+    assert [each["where"] for each in summary["findings"] if each["kind"] == "goal"] == list(missed)
+    first = next(iter(missed))
+    assert f"rnc-pin: error: the goal of {first} is missed by " in error.splitlines()[-1]
+    status, out, error = call("replay", tmp_path)
+    assert (status, "space-robot: failed" in out) == (1, True)
+    assert f"rnc-pin: error: the goal of {first} is missed by " in error.splitlines()[-1]
+    assert f"the run is in {tmp_path}" in error.splitlines()[-1]
+    status, out, error = call("replay", tmp_path, "--accept", "goal")
+    assert (status, "space-robot: degraded" in out) == (0, True)
+    assert f"rnc-pin: warning: the goal of {first} is missed by " in error
+    status, _, error = call("replay", tmp_path, "--accept", "goal", "--html", tmp_path / "page.html")
+    assert (status, "--accept: a replay judges" in the_line(error)) == (2, True)
+    status, out, error = call("run", "space-robot", *BARE, *stuck, "--json", "--out", tmp_path, "--accept", "goal")
+    assert (status, parsed(out)["verdict"]) == (0, "degraded")
+    assert f"rnc-pin: warning: the goal of {first} is missed by " in error
+
+
+@pytest.mark.parametrize(
+    ("options", "outcome"),
+    [
+        (["simulation.position_limits=true", "initial.q.joint_1=69.8", "controller.preset=paper"], "limit"),
+        (["actuators=[]"], "failed"),
+    ],
+)
+def test_a_run_that_fails_at_once_still_gives_json(options, outcome, call, tmp_path, no_pictures):
+    settings = [word for option in options for word in ("--set", option)]
+    status, out, error = call("run", "space-robot", *BARE, *settings, "--json", "--out", tmp_path)
+    assert status == 1
+    the_line(error)
+    assert parsed(out)["outcome"] == parsed((tmp_path / "summary.json").read_text())["outcome"] == outcome
+
+
+# ---------------------------------------------------------------------- the folder
+
+
+def test_a_folder_of_somebody_elses_is_refused_without_force(call, tmp_path, no_pictures):
+    (tmp_path / "thesis.txt").write_text("mine")
+    (tmp_path / "summary.json").write_text("mine")
+    arguments = ["run", "space-robot", *BARE, "--out", tmp_path]
+    status, out, error = call(*arguments)
+    assert (status, results(out)) == (2, "")
+    assert "--force" in the_line(error)
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {
+        "thesis.txt": "mine",
+        "summary.json": "mine",
+    }
+    assert call(*arguments, "--force")[0] == 0
+    assert (tmp_path / "thesis.txt").read_text() == "mine"
+    assert parsed((tmp_path / "summary.json").read_text())["outcome"] == "completed"
+
+
+# ---------------------------------------------------------------------- inspect
+
+
+def told(page):
+    """A page as one line, without the frame of its table."""
+    return " ".join(page.replace("│", " ").split())
+
+
+def test_inspect_begins_with_three_sentences(call):
+    """The kind of robot, its motions, and what it cannot do; then the table."""
+    status, out, _ = call("inspect", "snakeboard", "--samples", 16)
+    assert status == 0
+    assert told(out).startswith(
+        "'snakeboard' is a vehicle on 2 knife edges: its base moves in the plane, and it has 3 joints and 3 actuators. "
+        "It has 4 independent motions (rotor, front_steering, back_steering and board_speed_x) in 6 degrees of "
+        "freedom, and together they still lead to every configuration nearby. "
+        "It cannot slide sideways at front_truck and back_truck; no actuator drives board_speed_x, "
+        "and no singular configuration was found between 16 samples. snakeboard (snakeboard)"
+    )
+
+
+def test_parts_that_no_joint_connects_have_no_base(call):
+    status, out, _ = call("inspect", "ball-on-plate", "--samples", 4)
+    assert status == 0
+    assert told(out).startswith(
+        "'ball_on_plate' is a mechanism whose bodies roll on each other: no joint connects its 2 parts, and it has 2 "
+        "joints and 2 actuators. It has 5 independent motions"
+    )
+
+
+def test_joints_that_a_file_couples_are_not_free(call, tmp_path):
+    """The fingers of a Panda: no constraint of the scenario says it, the robot's file does."""
+    file = tmp_path / "hand.yaml"
+    locked = ", ".join(f"panda_joint{k}: 0" for k in range(1, 8))
+    reducing = "outputs: {reducing: [{joint: panda_finger_joint1}]}"
+    file.write_text(f"robot: {{example: panda, lock: {{{locked}}}}}\nactuators: [panda_finger_joint1]\n{reducing}\n")
+    status, out, _ = call("inspect", file, "--samples", 4)
+    assert status == 0
+    assert "It cannot move coupled joints by themselves;" in told(out)
+
+
+def test_inspect_answers_every_question_on_one_page_and_has_the_papers_numbers_for_who_asks(call):
+    """Space robot: what is constrained and how, what is driven, which class, where it is singular."""
+    inspect = ("inspect", "space-robot", "--samples", 16)
+    status, out, _ = call(*inspect)
+    assert status == 0
+    for words in (
+        "It cannot change its momentum about platform; it becomes singular where its constraints leave no free choice",
+        "4 degrees of freedom less 1 independent constraint row leave 3: tip_x, tip_y, joint_1",
+        "momentum(platform) nonholonomic",
+        "no combination of rows is integrable",
+        "reach completely nonholonomic",
+        "every reduced force can be realised",
+        "redundancy class 1",
+        "singular where momentum(platform), tip_x, tip_y",
+        "singular where redundant motions cannot move platform, e.g. at platform =",
+    ):
+        assert words in told(out)
+    for words in ("Lemma 1", "R^T B", "A4", "|V|", "condition of E", "x22"):
+        assert words not in out
+    assert len(out.splitlines()) <= 50
+    _, out, _ = call(*inspect, "--details")
+    for words in (
+        "(3, 4): completely nonholonomic",
+        "(rank of R^T B: 3 of 3)",
+        "class 1: A4 has full row rank",
+        "A4 1 x 1",
+        "E is singular where momentum(platform), tip_x, tip_y",
+        "A4 is singular where redundant motions cannot move platform",
+        "Lemma 1 holds",
+        "|V| at unit rates",
+    ):
+        assert words in told(out)
+    status, out, error = call(*inspect, "--json")
+    assert (status, error) == (0, "")
+    report = parsed(out)
+    assert (report["n"], report["r"], report["p"], report["rank"]) == (4, 3, 3, 1)
+    assert (report["kept_rows"], report["dropped_rows"]) == (["momentum(platform)"], [])
+    assert (report["growth_vector"], report["completely_nonholonomic"]) == ([3, 4], True)
+    assert (report["redundancy_class"], report["actuation_rank"]) == ("1", 3)
+    assert 1 <= report["condition"]["min"] <= report["condition"]["median"] <= report["condition"]["max"]
+    assert report["lemma1_holds"] is True
+    assert report["lemma1"]["A R"] < 1e-12
+    assert (report["primary"], report["redundant"]) == (["tip_x", "tip_y"], ["joint_1"])
+
+
+BARE_SYSTEM = """
+robot: {example: tiago_no_hand, base: planar, lock: {%s}}
+constraints:
+  - rolling_wheel: {frame: wheel_left_link, radius: 0.0985}
+  - rolling_wheel: {frame: wheel_right_link, radius: 0.0985}
+outputs:
+  reducing: [{frame_speed: {frame: base_link, axis: x}}, {frame_yaw: base_link}]
+"""
+
+
+def test_inspect_takes_a_system_without_actuators_task_controller_or_simulation(call, tmp_path):
+    joints = ["torso_lift_joint", *(f"arm_{k}_joint" for k in range(1, 8)), "head_1_joint", "head_2_joint"]
+    file = tmp_path / "bare.yaml"
+    file.write_text(BARE_SYSTEM % ", ".join(f"{joint}: 0.1" for joint in joints))
+    status, out, error = call("inspect", file, "--samples", 4, "--json")
+    assert (status, error) == (0, "")
+    report = parsed(out)
+    assert (report["p"], report["actuation_rank"]) == (0, 0)
+    assert report["unactuated"] == ["base_link_speed_x", "base_link_yaw"]
+    assert report["growth_vector"] == [2, 3, 4]
+    assert report["integrable_combinations"] == ["rolling(wheel_left_link) - rolling(wheel_right_link)"]
+    assert len(report["dropped_rows"]) == 3
+    status, out, _ = call("inspect", file, "--samples", 4)
+    assert status == 0
+    assert "not every reduced force can be realised" in told(out)
+    assert "no actuator drives base_link_speed_x and base_link_yaw" in told(out)
+    assert "1 integrable combination" in out
+
+
+def test_inspect_looks_at_the_vertical_outputs_that_the_task_names(call):
+    _, out, _ = call("inspect", "fire-truck", "--samples", 4, "--json")
+    report = parsed(out)
+    assert report["redundancy_class"] == "2s"
+    assert (report["redundancy"]["tracked"], report["redundancy"]["driven"]) == (["trailer_yaw"], [])
+
+
+# ---------------------------------------------------------------------- replay
+
+
+@pytest.mark.parametrize("source", ["", "trajectory.npz"], ids=["folder", "file"])
+def test_replay_shows_the_summary_or_writes_a_page(source, first_run, call, tmp_path):
+    source, page = first_run[1] / source, tmp_path / "page.html"
+    status, out, error = call("replay", source)
+    assert (status, error) == (0, "")
+    assert "space-robot: succeeded" in out
+    assert call("replay", source, "--html", page)[0] == 0
+    assert page.stat().st_size > 500_000  # the viewer is in it
+    written = page.read_bytes()
+    status, _, error = call("replay", source, "--html", page)
+    assert status == 2
+    assert "page.html" in the_line(error)
+    assert page.read_bytes() == written
+    assert call("replay", source, "--html", page, "--force")[0] == 0
+
+
+def test_replay_finds_the_robot_from_anywhere(call, tmp_path, monkeypatch, no_pictures):
+    """The run was started beside a scenario and a URDF of one's own; the replay is not."""
+    raw = yaml.safe_load(find_scenario("space-robot").read_text())
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump({**raw, "robot": {"urdf": "mine.urdf"}}))
+    (tmp_path / "mine.urdf").write_bytes((shipped_directory() / "space_robot.urdf").read_bytes())
+    monkeypatch.chdir(tmp_path)
+    assert call("run", "mine.yaml", *BARE, "--out", "out")[0] == 0
+    monkeypatch.chdir("/")
+    status, _, error = call("replay", tmp_path / "out", "--html", tmp_path / "page.html")
+    assert (status, error) == (0, "")
+
+
+def packed(content):
+    buffer = io.BytesIO()
+    np.savez(buffer, **content)
+    return buffer.getvalue()
+
+
+def with_meta(good, text):
+    return packed({**good, "meta": np.array(text)})
+
+
+RUBBISH = {
+    "text": lambda good: b"hello",
+    "another archive": lambda good: packed({"a": np.zeros(3)}),
+    "no scenario": lambda good: with_meta(good, "{}"),
+    "scenario that is a number": lambda good: with_meta(good, '{"config": 3}'),
+    "another robot": lambda good: packed({**good, "q": good["q"][:, :2]}),
+    "NaN": lambda good: packed({**good, "q": np.full_like(good["q"], np.nan)}),
+}
+
+
+@pytest.mark.parametrize("content", RUBBISH.values(), ids=RUBBISH)
+def test_replay_of_rubbish_is_refused(content, first_run, call, tmp_path):
+    path = tmp_path / "rubbish.npz"
+    path.write_bytes(content(arrays(first_run[1] / "trajectory.npz")))
+    status, out, error = call("replay", path, "--html", tmp_path / "page.html")
+    assert (status, results(out)) == (2, "")
+    message = the_line(error)
+    assert "rubbish.npz" in message
+    assert "pickle" not in message  # what NumPy proposes would run what is in the file
+    assert [each.name for each in tmp_path.iterdir()] == ["rubbish.npz"]
+
+
+def test_a_trajectory_that_does_not_name_its_outputs_has_no_summary(first_run, call, tmp_path):
+    good = arrays(first_run[1] / "trajectory.npz")
+    scenario = parsed(str(good["meta"]))["config"]
+    (tmp_path / "rubbish.npz").write_bytes(with_meta(good, json.dumps({"config": scenario})))
+    status, _, error = call("replay", tmp_path / "rubbish.npz")
+    assert status == 2
+    assert "rubbish.npz" in the_line(error)
+
+
+# ---------------------------------------------------------------------- sweep
+
+
+def test_a_sweep_has_the_same_results_on_any_number_of_processes(call, tmp_path):
+    arguments = ["sweep", "space-robot", "--set", "simulation.duration=0.02", "--runs", "3", "--trajectories"]
+    one, two = tmp_path / "one", tmp_path / "two"
+    assert call(*arguments, "--jobs", 1, "--out", one)[0] == 0
+    status, out, error = call(*arguments, "--jobs", "2", "--json", "--out", two)
+    assert (status, error) == (0, "")
+    assert parsed(out) == parsed((two / "sweep.json").read_text())
+    assert parsed(out)["outcomes"] == {"completed": 3}
+    assert (one / "sweep.json").read_text() == (two / "sweep.json").read_text()
+    first, second = (rnc.load_sweep(folder) for folder in (one, two))
+    for here, there in zip(first.rows(), second.rows(), strict=True):
+        assert {**here, "wall_time": 0} == {**there, "wall_time": 0}
+    assert len(set(first["initial.q.joint_2"])) == 3
+    for run in range(3):
+        here, there = (arrays(folder / "trajectories" / f"run_{run:07d}.npz") for folder in (one, two))
+        assert all((here[name] == there[name]).all() for name in here)
+        assert here["q"][0, 2] == first["initial.q.joint_2"][run]
+
+
+def test_a_sweep_accepts_kinds_of_findings(call, tmp_path):
+    """A stuck joint keeps the arm from its goal in one of two runs."""
+    stuck = ["--set", "faults.stuck={joint: joint_1, time: 0.1}", "--set", "simulation.duration=1"]
+    short = ["sweep", "space-robot", *stuck, "--runs", "2", "--json"]
+    for more, status, verdict in (([], 1, "goal"), (["--accept", "goal"], 0, "degraded")):
+        found, out, _ = call(*short, *more, "--out", tmp_path / verdict)
+        assert (found, parsed(out)["verdicts"]) == (status, {"succeeded": 1, verdict: 1})
+
+
+def test_a_sweep_with_runs_that_fail_says_so(call, tmp_path):
+    # The stretched arm is drawn with certainty.
+    ranges = "sweep={initial.q.joint_2: [0, 0], initial.q.joint_3: [0, 0]}"
+    twice = ["--runs", 2, "--jobs", 1]
+    status, out, _ = call("sweep", "space-robot", "--set", ranges, *twice, "--json", "--out", tmp_path)
+    assert status == 1
+    assert parsed(out)["outcomes"] == {"infeasible": 2}
+    first, command, *_ = (tmp_path / "failures.txt").read_text().splitlines()
+    assert first.startswith("# run 0: infeasible: ")
+    assert "singular configuration" in first
+    status, _, error = call(*shlex.split(command)[1:], "--out", tmp_path / "again")
+    assert status == 2
+    assert "singular configuration" in error
+
+
+def test_the_command_of_a_failed_run_repeats_it(call, no_pictures, tmp_path):
+    """To the bit: drawn values, the seed of its faults, and its failure."""
+    draws = {
+        "sweep": "{initial.q.joint_2: [1.6, 2.0], faults.position_noise: {log_uniform: [1.0e-5, 1.0e-4]},"
+        " faults.velocity_noise: {choice: [30, 40]}}",
+        "simulation.duration": 0.05,
+    }
+    options = [each for key, value in draws.items() for each in ("--set", f"{key}={value}")]
+    assert call("sweep", "space-robot", *options, "--runs", 4, "--trajectories", "--out", tmp_path / "all")[0] == 1
+    results = rnc.load_sweep(tmp_path / "all")
+    row = next(results.failures())
+    assert call(*shlex.split(results.command(row))[1:], "--out", tmp_path / "one")[0] == 1
+    here, there = results.trajectory(row["run"]), rnc.Trajectory.load(tmp_path / "one" / "trajectory.npz")
+    assert here.info.message == there.info.message == row["message"]
+    assert len(here.time) > 1
+    assert (here.q == there.q).all()
+    assert (here.T == there.T).all()
+    assert len(set(results["seed"])) == 4  # each run has its own noise
+
+
+# ---------------------------------------------------------------------- wrong usage
+
+USAGE = {
+    "no command": ([], "command"),
+    "unknown command": (["rnu"], "No such command 'rnu'"),
+    "unknown option": (["run", "space-robot", "--ot", "x"], "No such option '--ot'"),
+    "no scenario": (["run"], "Missing argument 'SCENARIO'"),
+    "no system": (["inspect"], "Missing argument 'SYSTEM'"),
+    "nothing to replay": (["replay"], "Missing argument 'SOURCE...'"),
+    "two scenarios": (["run", "space-robot", "other"], "unexpected extra argument"),
+    "misspelt scenario": (["run", "space-robt"], "did you mean 'space-robot'?"),
+    "misspelt system": (["inspect", "space-robt"], "did you mean 'space-robot'?"),
+    "option without value": (["run", "space-robot", "--set", "seed"], "option 'seed': expected key=value"),
+    "option of an unknown key": (["run", "space-robot", "--set", "sede=1"], "did you mean 'seed'?"),
+    "file as folder": (["run", "space-robot", "--out", "/dev/null"], "--out /dev/null: is a file"),
+    "no such trajectory": (["replay", "nowhere.npz"], "no file 'nowhere.npz'"),
+    "page in no folder": (["replay", "RUN", "--html", "nowhere/page.html"], "does not exist"),
+    "page that is a folder": (["replay", "RUN", "--html", ".", "--force"], "--html .:"),
+    "sweep of no runs": (["sweep", "space-robot", "--runs", "0", "--out", "x"], "'--runs'"),
+    "sweep of some runs": (["sweep", "space-robot", "--runs", "some", "--out", "x"], "'--runs'"),
+    "sweep without count": (["sweep", "space-robot", "--out", "x"], "Missing option '--runs'"),
+    "sweep without folder": (["sweep", "space-robot", "--runs", "2"], "Missing option '--out'"),
+    "sweep on no process": (["sweep", "space-robot", "--runs", "2", "--jobs", "0", "--out", "x"], "--jobs 0"),
+    "inspect without samples": (["inspect", "space-robot", "--samples", "0"], "'--samples'"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "words"), USAGE.values(), ids=USAGE)
+def test_wrong_usage_is_one_line_and_status_2(arguments, words, call, tmp_path, monkeypatch, request):
+    if "RUN" in arguments:
+        arguments = [request.getfixturevalue("first_run")[1] if each == "RUN" else each for each in arguments]
+    monkeypatch.chdir(tmp_path)
+    status, out, error = call(*arguments)
+    assert (status, results(out)) == (2, "")
+    assert error.startswith("rnc-pin: error: ")
+    assert len(error.splitlines()) == 1
+    assert words in error
+    assert len(error) < 300
+    assert list(tmp_path.iterdir()) == []  # nothing is written before everything is checked
+
+
+def test_wrong_usage_in_a_shell():
+    process = shell("run", "space-robt")
+    assert (process.returncode, process.stdout) == (2, "")
+    assert "did you mean 'space-robot'?" in the_line(process.stderr)
+
+
+@pytest.mark.parametrize("arguments", [["--debug", "run", "nowhere"], ["run", "nowhere", "--debug"]])
+def test_debug_shows_where(arguments, call):
+    status, _, error = call(*arguments)
+    assert status == 2
+    assert "Traceback" in error
+    assert "find_scenario" in error
+    assert error.splitlines()[-1].startswith("rnc-pin: error: no scenario 'nowhere'")
+
+
+def test_the_module_is_the_command_too(tmp_path):
+    command = [sys.executable, "-m", "rnc_pin", "list", "--json"]
+    process = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE)
+    assert sorted(parsed(process.stdout)) == built_in_names()
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        ("duration=-1", "'duration' is not known; did you mean 'planner.duration' or 'simulation.duration'?"),
+        ("dt=0", "'dt' is not known; did you mean 'simulation.dt'?"),
+        ("reducing=[]", "'reducing' is not known; did you mean 'outputs.reducing'?"),
+        ("simulation.duration=-1", "simulation.duration: expected greater than 0, found -1"),
+        ("durations=1", "'durations' is not known"),
+    ],
+)
+def test_a_key_of_a_level_below_is_named_with_its_level(option, words, call):
+    status, _, error = call("run", "space-robot", "--set", option)
+    assert status == 2
+    assert words in error
+
+
+def test_a_singular_start_of_a_regulator_is_one_line_with_its_place(tmp_path, call):
+    """A straight arm, which the outputs of the regulator do not determine."""
+    file = tmp_path / "straight.yaml"
+    file.write_text(
+        "robot: {urdf: space_robot.urdf, base: fixed}\n"
+        "constraints: [{momentum: platform}]\n"
+        "actuators: [joint_1, joint_2, joint_3]\n"
+        "outputs: {reducing: [{frame_position: {frame: tip, axes: xy}}, {joint: joint_1}]}\n"
+        "controller: {type: state_feedback, coordinates: [joint_1], rates: [joint_1], state_cost: 1, input_cost: 1}\n"
+        "simulation: {duration: 1, dt: 0.01}\n"
+    )
+    status, _, error = call("run", file, "--out", tmp_path / "out")
+    assert status == 2
+    assert "straight.yaml: controller: singular configuration: rows tip_x are dependent" in error.splitlines()[-1]

@@ -1,0 +1,199 @@
+"""``rnc-pin drive``: from the command line, and from a real browser."""
+
+import json
+import os
+import re
+import signal
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+from browsing import listening, opened, place, visit
+from drives import in_real_time, prepared
+from patience import PATIENCE, eventually
+from rnc_pin.applications.drive.log import CommandQueue
+from rnc_pin.applications.drive.page import DrivePage
+from rnc_pin.applications.drive.real_time import RealTimeClock
+from rnc_pin.applications.drive.run import drive
+from rnc_pin.applications.scenario.pictures import Drawn
+
+NO_PICTURES = "rnc_pin.applications.command_line.commands.drive.draw_pictures"
+DT = {"simulation__dt": 0.02}
+QUICK = ["--no-browser", "--set", "simulation.dt=0.02"]
+
+
+def test_a_drive_is_a_normal_run_and_replays_bit_for_bit(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("rnc_pin.applications.scenario.plot_files.write_plot", lambda *_: False)
+    status, out, said = call("drive", "mobile-manipulator", *QUICK, "--duration", 0.4, "--out", "one", "--json")
+    assert status == 0, said
+    assert "http://127.0.0.1:" in said
+    summary = json.loads(out)
+    assert {"trajectory.npz", "summary.json", "scenario.yaml", "commands.json", "animation.html"} <= {*summary["files"]}
+    assert all((tmp_path / "one" / name).is_file() for name in summary["files"])
+    # Commands are put into the record by hand: a replay has no browser.
+    path = tmp_path / "one" / "commands.json"
+    record = json.loads(path.read_text())
+    record["commands"] = [{"sample": 3, "kind": "base_velocity", "forward": 0.5, "turn": 0.3}]
+    (tmp_path / "script.json").write_text(json.dumps(record))
+    monkeypatch.setattr(NO_PICTURES, lambda *_: Drawn())
+    status, _, said = call("drive", "--replay", "script.json", "--out", "accepting", "--accept", "effort")
+    assert status == 0, said
+    assert json.loads((tmp_path / "accepting" / "summary.json").read_text())["accepted"] == ["effort"]
+    status, _, said = call("drive", "--replay", "script.json", "--out", "two")
+    assert status == 0, said
+    two = rnc.Trajectory.load(tmp_path / "two" / "trajectory.npz")
+    here = prepared("mobile-manipulator", [(3, {"kind": "base_velocity", "forward": 0.5, "turn": 0.3})], **DT)
+    same = drive(here, samples=21).trajectory
+    assert np.array_equal(two.q, same.q)
+    assert np.array_equal(two.T, same.T)
+    assert two.q[-1, 0] > 0.01
+    record["commands"][0] |= {"left": 0.0, "time": 0.06}
+    assert json.loads((tmp_path / "two" / "commands.json").read_text()) == record
+
+
+def test_ctrl_c_keeps_the_folder(call, tmp_path, monkeypatch):
+    def interrupted(clock, t, wait=RealTimeClock.wait):
+        if t > 0.2:
+            signal.raise_signal(signal.SIGINT)
+        wait(clock, t)
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(RealTimeClock, "wait", interrupted)
+    monkeypatch.setattr(NO_PICTURES, lambda *_: Drawn())
+    status, _, said = call("drive", "mobile-manipulator", *QUICK, "--out", "kept")
+    assert status == 1
+    assert re.search(r"error: interrupted at t = [\d.]+ s; results so far are in kept", said)
+    kept = rnc.Trajectory.load(tmp_path / "kept" / "trajectory.npz")
+    assert kept.outcome is rnc.Outcome.INTERRUPTED
+    assert len(kept.time) > 5
+    assert json.loads((tmp_path / "kept" / "commands.json").read_text())["samples"] == len(kept.time)
+
+
+REFUSED = {
+    "nothing": ([], "expected a scenario or a robot, or --replay"),
+    "both": (["space-robot", "--replay", "x.json"], "expected a scenario or a robot, or --replay"),
+    "no such file": (["--replay", "x.json"], "x.json: cannot be read"),
+    "an unknown name": (["space-robott"], "did you mean 'space-robot'"),
+    "an unknown frame": (["mobile-manipulator", "--frame", "tipp"], "did you mean 'tip'"),
+    "underactuated": (["snakeboard"], "snakeboard: cannot be driven by velocities"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "words"), REFUSED.values(), ids=REFUSED)
+def test_what_cannot_be_driven_is_refused_in_one_line(arguments, words, call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status, _, complaint = call("drive", *arguments, "--no-browser")
+    assert status == 2
+    assert words in complaint.splitlines()[-1]
+    assert "Traceback" not in complaint
+    assert os.listdir(tmp_path) == []
+
+
+ORANGE = 0xD55E00
+BODY_COLOR = """(() => { let found = null;
+  viewer.scene_tree.find(['meshcat', 'robot', 'visuals', 'link_1_0']).object.traverse(
+    (mesh) => { if (mesh.isMesh && mesh.material.color) found = mesh.material.color.getHex(); });
+  return found; })()"""
+SLOW = {
+    "type": "qp", "tracker": "computed_torque", "tasks": [{"damping": {}}],
+    "limits": {"joint_velocity": {"joints": ["joint_1"], "limit": 0.2}},
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with opened() as launched:
+        yield launched
+
+
+def test_a_user_drives_from_a_real_browser(browser):
+    """Keys, a click on the ground, a slider, a limit in colour, and the end of the run."""
+    drive_ = prepared("mobile-manipulator", controller=SLOW, **DT)
+    queue, before = CommandQueue(drive_.controls), listening()
+    page_ = DrivePage(drive_, queue, "Drive", open_browser=False)
+    with in_real_time(drive_, queue, page_) as results:
+        assert {address for address, _ in listening() - before} == {"0100007F"}
+        page, problems = visit(browser, page_.url)
+        page.set_viewport_size({"width": 1000, "height": 640})
+        page.wait_for_selector("#drive button.stop", timeout=1000 * PATIENCE)
+        page.wait_for_function("viewer.scene_tree.find(['meshcat', 'robot', 'visuals']).object.children.length > 0")
+
+        def base():
+            return np.array(place(page, "robot", "visuals", "base_0"))
+
+        start = base()
+        page.keyboard.down("w")
+        assert eventually(lambda: base()[0] > start[0] + 0.2)
+        page.keyboard.up("w")
+        assert eventually(lambda: kinds(drive_)[-1] == ("base_velocity", 0.0))
+        # A click on the ground: the page computes the point, the run says where it went.
+        page.mouse.click(420, 430)
+        assert eventually(lambda: kinds(drive_)[-1][0] == "base_goal")
+        wanted = drive_.log.commands[-1].command
+        eye = "[viewer.camera.position.x, -viewer.camera.position.z, viewer.camera.position.y]"
+        assert np.linalg.norm(np.array([wanted.x, wanted.y]) - page.evaluate(eye)[:2]) < 20.0
+        page.keyboard.press("Space")
+        assert eventually(lambda: kinds(drive_)[-1][0] == "stop")
+        # A slider asks for more than the velocity limit: the joint's body turns orange, and a list names the limit.
+        assert page.evaluate(BODY_COLOR) != ORANGE
+        page.evaluate(
+            "const s = document.querySelectorAll('#drive .slider input')[0]; s.value = s.max;"
+            "s.dispatchEvent(new Event('input'))"
+        )
+        assert eventually(lambda: kinds(drive_)[-1][0] == "joint_goal")
+        page.wait_for_function(
+            "[...document.querySelectorAll('#limits li')].some(each => each.textContent === 'joint_1 velocity')",
+            timeout=1000 * PATIENCE,
+        )
+        assert eventually(lambda: page.evaluate(BODY_COLOR) == ORANGE)
+        # Meshcat's own controls do not cover the button that stops the robot, open or not.
+        page.click("#drive summary:has-text('Scene')")
+        assert page.is_visible("#drive .dg.main li.title:has-text('Lights')")
+        page.click("#drive button.stop", timeout=1000 * PATIENCE)
+        assert eventually(lambda: page.evaluate(BODY_COLOR) != ORANGE)
+        # Whatever a page sends, the run checks: the refusal is shown, and nothing moves by it.
+        count = len(drive_.log.commands)
+        page.evaluate("drive_command({kind: 'base_goal', x: 1e9, y: 0})")
+        page.wait_for_function(
+            "[...document.querySelectorAll('#messages li')].some(each => each.textContent.startsWith('refused: goal'))",
+            timeout=1000 * PATIENCE,
+        )
+        assert len(drive_.log.commands) == count
+        assert page.evaluate("document.querySelector('#drive .factor').textContent").endswith(" x")
+        page.click("text=End run")
+        assert eventually(lambda: results)
+        page_.conclude(results[0].trajectory.verdict)
+        words = "headline => [...document.querySelectorAll('#messages li')].some(each => each.textContent === headline)"
+        headline = f"The run has ended. Verdict: {results[0].trajectory.verdict.word}"
+        page.wait_for_function(words, arg=headline, timeout=1000 * PATIENCE)
+        assert problems == []
+        page.context.close()
+    assert page_.problem is None
+    assert results[0].trajectory.outcome is rnc.Outcome.COMPLETED
+    kinds_seen = {kind for kind, _ in kinds(drive_)}
+    assert {"base_velocity", "base_goal", "stop", "joint_goal", "end"} <= kinds_seen
+
+
+def kinds(run_):
+    """Kind and first number of the logged commands."""
+    from rnc_pin.applications.drive.commands import command_entry
+
+    entries = [command_entry(each.command) for each in run_.log.commands]
+    return [(entry["kind"], next((v for v in entry.values() if isinstance(v, float)), None)) for entry in entries]
+
+
+def test_a_page_without_the_secret_may_watch_but_not_drive(browser):
+    drive_ = prepared("mobile-manipulator", **DT)
+    queue = CommandQueue(drive_.controls)
+    page_ = DrivePage(drive_, queue, "Drive", open_browser=False)
+    try:
+        page, _ = visit(browser, page_.url.partition("#")[0])
+        page.wait_for_selector("#messages li", state="attached", timeout=1000 * PATIENCE)
+        assert "may only watch" in page.text_content("#messages")
+        page.evaluate("drive_command({kind: 'stop'})")
+        assert queue.take() == []
+        page.context.close()
+    finally:
+        page_.close()

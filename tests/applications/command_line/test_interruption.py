@@ -1,0 +1,270 @@
+"""Whatever ends a run or a sweep early: what it has reached is kept, and nothing goes on behind its back."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+from benchmarks.processes import alive, children
+from patience import PATIENCE, eventually
+from rnc_pin.applications.scenario import plot_files
+from rnc_pin.control import Command
+from rnc_pin.interruption import interruptible, uninterrupted
+from rnc_pin.simulation.record import Record
+from systems import sleigh
+
+RUN = ["run", "space-robot", "--set", "comparisons={}", "--set", "plots={}"]
+LONG = ["--set", "simulation.duration=100"]
+
+
+class Pushing:
+    """A controller that pushes until a time, and then does something else."""
+
+    def __init__(self, then, until=0.1):
+        self.then, self.until = then, until
+
+    def initial_state(self, measurement):
+        return None
+
+    def step(self, t, measurement, state):
+        return (self.then() if t > self.until else Command(T=np.array([1.0, 0.5]))), state
+
+
+def fault():
+    raise ZeroDivisionError("division\nby zero")
+
+
+def out_of_memory():
+    raise MemoryError
+
+
+THEN = {
+    "raises": (fault, ZeroDivisionError, "the controller raised ZeroDivisionError at t = 0.110 s: division by zero"),
+    "without a word": (out_of_memory, MemoryError, "the controller raised MemoryError at t = 0.110 s"),
+    "one input of two": (lambda: Command(T=np.ones(1)), None, "T of a command has shape (1,), expected (2,)"),
+    "inputs as a matrix": (lambda: Command(T=np.ones((2, 1))), None, "T of a command has shape (2, 1), expected (2,)"),
+    "text": (lambda: Command(T="full ahead"), ValueError, "the allocation of its command raised ValueError"),
+    "nothing": (lambda: None, None, "step of a controller has to return a Command and its state, found None"),
+    "one aim of two": (
+        lambda: Command(T=np.ones(2), v2_desired=np.ones(1)), None, "v2_desired of a command has shape (1,)"
+    ),
+    "three forces": (lambda: Command(F=np.ones(3)), None, "expected (..., 2)"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("then", "cause", "words"), THEN.values(), ids=THEN)
+def test_whatever_a_controller_does_the_run_so_far_is_kept(then, cause, words):
+    reduced = sleigh()
+    with pytest.raises(rnc.RncError) as caught:
+        rnc.simulate(reduced, Pushing(then), reduced.robot.configuration(), 1.0, dt=0.01)
+    error = caught.value
+    assert words in str(error)
+    assert len(str(error).splitlines()) == 1
+    assert (cause is None and error.__cause__ is None) or isinstance(error.__cause__, cause)
+    run = error.trajectory
+    assert run.outcome is rnc.Outcome.FAILED
+    assert run.info.message == str(error)
+    assert len(run.time) == 11
+    assert np.isfinite(run.energy).all()
+
+
+def test_an_observer_that_raises_does_not_lose_the_run():
+    reduced = sleigh()
+
+    def look(sample):
+        if sample.time > 0.1:
+            raise KeyError("figure")
+
+    with pytest.raises(rnc.SimulationError, match=r"the observer raised KeyError at t = 0\.110 s: 'figure'") as caught:
+        rnc.simulate(
+            reduced,
+            Pushing(fault, np.inf),
+            reduced.robot.configuration(),
+            1.0,
+            dt=0.01,
+            options=rnc.SimulationOptions(observer=look),
+        )
+    assert isinstance(caught.value.__cause__, KeyError)
+    assert len(caught.value.trajectory.time) == 12
+
+
+def test_a_feedback_that_raises_does_not_lose_the_motion():
+    reduced = sleigh()
+
+    def push(t, q, v2):
+        if t > 0.5:
+            raise KeyError("figure")
+        return np.ones(2)
+
+    with pytest.raises(rnc.SimulationError, match="the feedback raised KeyError") as caught:
+        rnc.free_motion(reduced, reduced.robot.configuration(), [1.0, 0.5], 1.0, 0.01, push)
+    assert caught.value.trajectory.time[-1] > 0.3
+
+
+def test_a_target_that_raises_does_not_lose_the_roll_out():
+    reduced = sleigh()
+
+    hold = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold([0.0, 0.0]))
+
+    class Target:
+        def initial_state(self, measurement):
+            return hold.initial_state(measurement)
+
+        def step(self, t, measurement, state):
+            if t > 0.5:
+                raise KeyError("figure")
+            return hold.step(t, measurement, state)
+
+    with pytest.raises(rnc.SimulationError, match="the target raised KeyError") as caught:
+        rnc.kinematic_rollout(reduced, Target(), reduced.robot.configuration(), 1.0)
+    assert caught.value.trajectory.time[-1] > 0.4
+
+
+def test_a_controller_that_raises_keeps_its_results_on_the_command_line(tmp_path, call, monkeypatch, no_pictures):
+    from rnc_pin.control import ComputedTorque, VelocityTracker
+
+    for kind in (ComputedTorque, VelocityTracker):
+        step = kind.step
+
+        def failing(self, t, measurement, state, step=step):
+            return fault() if t > 0.1 else step(self, t, measurement, state)
+
+        monkeypatch.setattr(kind, "step", failing)
+    status, _, error = call(*RUN, "--out", tmp_path)
+    assert status == 1
+    (line,) = [line for line in error.splitlines() if line.startswith("rnc-pin: error")]
+    assert "ZeroDivisionError" in line
+    assert f"results so far are in {tmp_path}" in line
+    run = rnc.Trajectory.load(tmp_path / "trajectory.npz")
+    assert run.outcome is rnc.Outcome.FAILED
+    assert run.time[-1] > 0.09
+
+
+# ---------------------------------------------------------------------- signals
+
+
+def test_interruptions_wait_until_nothing_is_lost_by_them():
+    order = []
+
+    def interrupted():
+        with uninterrupted():
+            signal.raise_signal(signal.SIGINT)
+            order.append("not yet")
+            with interruptible():
+                order.append("never")
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert order == ["not yet"]
+    with uninterrupted():
+        with pytest.raises(KeyboardInterrupt), interruptible():
+            signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+        order.append("kept")
+    assert order == ["not yet", "kept"]
+    with pytest.raises(KeyboardInterrupt), uninterrupted():  # nobody took it
+        signal.raise_signal(signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_three_interruptions_keep_the_run_in_a_program_of_ones_own(monkeypatch):
+    reduced, finish = sleigh(), Record.finish
+
+    def impatient(*arguments):
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+        return finish(*arguments)
+
+    monkeypatch.setattr(Record, "finish", impatient)
+    then = Pushing(lambda: signal.raise_signal(signal.SIGINT))
+    run = rnc.simulate(reduced, then, reduced.robot.configuration(), 1.0, dt=0.01)
+    assert run.outcome is rnc.Outcome.INTERRUPTED
+    assert len(run.time) == 11
+
+
+def processor_time(pid):
+    """Seconds that a process has computed; a busy machine gives it less of them than the clock shows."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return int(fields[11]) / os.sysconf("SC_CLK_TCK")
+
+
+def started(*arguments, **options):
+    command = [sys.executable, "-m", "rnc_pin", *map(str, arguments)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
+
+
+def test_a_run_that_is_asked_to_end_keeps_its_results(tmp_path):
+    """By Ctrl-C, and by an impatient user; SIGTERM ends the sweep below by the same handler."""
+    out = tmp_path / "out"
+    with started(*RUN, *LONG, "--out", out) as process:
+        assert any("simulating" in line for line in process.stdout)
+        begun = processor_time(process.pid)
+        assert eventually(lambda: processor_time(process.pid) > begun + 0.3)
+        for _ in range(3):
+            process.send_signal(signal.SIGINT)
+            time.sleep(0.02)
+        _, error = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 1
+    assert error.splitlines()[-1].startswith("rnc-pin: error: interrupted at t = ")
+    assert error.splitlines()[-1].endswith(f" s; results so far are in {out}")
+    assert "Traceback" not in error
+    run = rnc.Trajectory.load(out / "trajectory.npz")
+    assert run.outcome is rnc.Outcome.INTERRUPTED
+    assert len(run.time) > 10
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["outcome"] == "interrupted"
+    assert 0 < summary["duration"] == run.time[-1] < 100
+    assert summary["samples"] == len(run.time)
+    assert not [path for path in out.iterdir() if path.name.startswith(".rnc_pin_")]
+
+
+def test_ctrl_c_while_pictures_are_drawn_costs_pictures_alone(tmp_path, call, monkeypatch):
+    monkeypatch.setattr(plot_files, "plot_run", lambda *arguments: signal.raise_signal(signal.SIGINT))
+    # With one processor, so the overview is the first picture.
+    monkeypatch.setattr("rnc_pin.applications.command_line.commands.run.processor_count", lambda: 1)
+    arguments = [*RUN, "--set", "simulation.duration=0.02", "--out", tmp_path]
+    for _ in range(2):  # the second time there is something to replace
+        status, _, error = call(*arguments)
+        assert status == 1
+        assert error.splitlines()[-1] == f"rnc-pin: error: interrupted; results so far are in {tmp_path}"
+        names = {path.name for path in tmp_path.iterdir()}
+        assert names == {".rnc_pin", "trajectory.npz", "summary.json", "scenario.yaml"}
+
+
+# ---------------------------------------------------------------------- sweeps
+
+
+def rows(out):
+    try:
+        return list(rnc.load_sweep(out).rows())
+    except rnc.ConfigurationError:  # not yet
+        return []
+
+
+@pytest.mark.parametrize("end", [signal.SIGTERM, pytest.param(signal.SIGKILL, marks=pytest.mark.long)], ids=str)
+def test_a_sweep_that_is_ended_keeps_its_runs_and_its_workers_end(end, tmp_path):
+    """The same command then computes the others, and no run again."""
+    out = tmp_path / "out"
+    command = ["sweep", "space-robot", "--set", "simulation.duration=0.2", "--jobs", 2, "--out", out, "--runs"]
+    with started(*command, 2000) as process:
+        assert eventually(lambda: len(rows(out)) >= 3)
+        workers = children(process.pid)
+        assert workers
+        process.send_signal(end)
+        _, error = process.communicate(timeout=PATIENCE)
+    assert eventually(lambda: not any(map(alive, workers)))
+    table = rows(out)
+    assert len(table) >= 3
+    assert all(row["outcome"] == "completed" for row in table)
+    if end == signal.SIGTERM:
+        assert process.returncode == 1
+        assert error.splitlines()[-1].startswith(f"rnc-pin: error: interrupted after {len(table)} of 2000 runs")
+        assert {path.name for path in out.iterdir()} == {"specification.json", "runs"}

@@ -1,0 +1,25 @@
+"""Printed tables: distances to obstacles apart from those between links."""
+
+import numpy as np
+
+import rnc_pin as rnc
+from rnc_pin.applications.command_line.tables import print_summary
+from rnc_pin.simulation import Clearance, LimitReplay, add_limits
+
+
+def test_distances_to_obstacles_are_printed_apart(capsys):
+    robot = rnc.Robot.from_urdf("unicycle.urdf", base="planar")
+    reduced = rnc.NonholonomicSystem(robot, []).reduce()
+    run = rnc.free_motion(reduced, robot.configuration(), np.zeros(reduced.r), duration=0.1)
+    pairs = (
+        Clearance(("elbow", "hand"), 0.001, 0.5, False, constant=True),
+        Clearance(("arm", "tool"), 0.0043, 2.0, False),
+        Clearance(("base", "rack"), 0.0512, 3.14, True),
+    )
+    summary = rnc.summarize(run)
+    add_limits(summary, LimitReplay((), pairs, (), run.time, run.q[:, :0], 0.2))
+    print_summary(summary)
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "distance to obstacles, smallest 0.0512 m, base / rack at t = 3.14 s" in printed
+    assert "distance between links, smallest 0.0043 m, arm / tool at t = 2.00 s" in printed
+    assert "elbow" not in printed

@@ -1,0 +1,129 @@
+"""The queue of a page, and commands.json."""
+
+import json
+
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.applications.drive.commands import EndRun, JointGoal, StopMotion
+from rnc_pin.applications.drive.controls import DriveControls, Range
+from rnc_pin.applications.drive.log import (
+    CommandLog,
+    CommandQueue,
+    LoggedCommand,
+    RecordedDrive,
+    ends,
+    log_entries,
+    read_drive,
+    write_drive,
+)
+
+CONTROLS = DriveControls(frames={}, joints={f"j{k}": Range(-1.0, 1.0, 0.0) for k in range(300)})
+
+
+def moved(joint, position):
+    return {"kind": "joint_goal", "joint": joint, "position": position}
+
+
+def test_only_the_latest_command_for_a_target_waits():
+    queue = CommandQueue(CONTROLS)
+    for k in range(1000):
+        assert queue.put(moved("j1", k / 1000))
+    assert queue.put({"kind": "stop"})
+    assert queue.put(moved("j1", 0.5))
+    assert queue.take() == [StopMotion(), JointGoal("j1", 0.5)]  # in the order of the last messages
+    assert queue.take() == []
+
+
+def test_the_queue_is_bounded_and_says_what_it_refuses():
+    queue = CommandQueue(CONTROLS)
+    accepted = [queue.put(moved(f"j{k}", 0.0)) for k in range(300)]
+    assert sum(accepted) == 200 == len(queue.take())
+    assert queue.refused == "too many commands in one sample"
+    assert not queue.put(moved("j1", 7.0))
+    assert queue.refused.startswith("joint 'j1': expected -1 to 1")
+    assert queue.put(moved("j1", 0.7))
+    assert queue.refused == ""
+
+
+def test_commands_are_due_once_at_their_sample():
+    log = CommandLog([LoggedCommand(3, StopMotion()), LoggedCommand(5, JointGoal("j0", 0.1))])
+    assert log.due(0, 2) == []
+    assert log.due(0, 4) == [StopMotion()]
+    assert log.due(1, 5) == [JointGoal("j0", 0.1)]
+    assert log.due(2, 9) == []
+    assert ends([StopMotion(), EndRun()])
+    assert not ends([StopMotion()])
+
+
+def record(**changed):
+    log = CommandLog([LoggedCommand(3, JointGoal("j1", 0.1 + 0.2)), LoggedCommand(7, EndRun())])
+    content = {
+        "scenario": "s", "config": {"robot": {}}, "folder": None, "frames": ["tip"], "samples": 10,
+        "versions": {"numpy": "2"}, "commands": log_entries(log, 0.01),
+    }  # fmt: skip
+    return RecordedDrive(**{**content, **changed}), log
+
+
+def test_a_record_is_read_back_with_all_digits(tmp_path):
+    written, log = record()
+    write_drive(written, tmp_path / "commands.json")
+    found = read_drive(tmp_path / "commands.json")
+    assert found == written
+    assert found.log(CONTROLS).commands == log.commands
+    assert found.commands[0]["time"] == 0.03
+
+
+BROKEN = {
+    "not JSON": ("{", "not JSON"),
+    "another file": ('{"format": "other"}', "expected the commands.json"),
+    "a list": ("[]", "expected the commands.json"),
+    "deep": ("[" * 100_000, "not JSON"),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_other_files_are_refused(tmp_path, case):
+    text, words = BROKEN[case]
+    (tmp_path / "c.json").write_text(text)
+    with pytest.raises(rnc.ConfigurationError, match=words):
+        read_drive(tmp_path / "c.json")
+
+
+def test_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(rnc.ConfigurationError, match="cannot be read"):
+        read_drive(tmp_path / "none.json")
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [("samples", "10", "samples"), ("samples", 1, "2 to"), ("frames", [1], "frames"), ("config", [], "config")],
+)
+def test_wrong_entries_are_refused(tmp_path, key, value, words):
+    write_drive(record()[0], tmp_path / "c.json")
+    content = json.loads((tmp_path / "c.json").read_text())
+    (tmp_path / "c.json").write_text(json.dumps({**content, key: value}))
+    with pytest.raises(rnc.ConfigurationError, match=words):
+        read_drive(tmp_path / "c.json")
+
+
+@pytest.mark.parametrize(
+    ("entry", "words"),
+    [
+        ({"kind": "stop"}, "sample"),
+        ({"sample": True, "kind": "stop"}, "sample"),
+        ({"sample": -1, "kind": "stop"}, "sample"),
+        ({"sample": 1, **moved("j1", 3.0)}, "expected -1 to 1"),
+        ("stop", "sample"),
+    ],
+)
+def test_an_invalid_command_of_a_file_is_named_by_its_number(entry, words):
+    broken, _ = record(commands=[entry])
+    with pytest.raises(rnc.ConfigurationError, match=rf"commands\[0\]: .*{words}"):
+        broken.log(CONTROLS)
+
+
+def test_samples_do_not_run_backwards():
+    broken, _ = record(commands=[{"sample": 5, "kind": "stop"}, {"sample": 4, "kind": "stop"}])
+    with pytest.raises(rnc.ConfigurationError, match="at least 5"):
+        broken.log(CONTROLS)

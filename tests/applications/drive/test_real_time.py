@@ -1,0 +1,45 @@
+"""The clock waits if samples are early, and never catches up if they are late."""
+
+import pytest
+
+from rnc_pin.applications.drive.real_time import RealTimeClock
+
+
+class Hours:
+    """Time that passes only by sleeping and working."""
+
+    def __init__(self):
+        self.now, self.slept = 100.0, 0.0
+
+    def sleep(self, duration):
+        self.now += duration
+        self.slept += duration
+
+
+def test_early_samples_wait_for_real_time():
+    hours = Hours()
+    clock = RealTimeClock(lambda: hours.now, hours.sleep)
+    for k in range(101):
+        clock.wait(0.01 * k)
+        hours.now += 0.004  # work
+    assert hours.now == pytest.approx(101.004)
+    assert hours.slept == pytest.approx(0.6)
+    assert clock.factor == pytest.approx(1.0)
+    assert clock.lost == 0.0
+
+
+def test_late_samples_slow_the_run_down_and_are_not_made_up_for():
+    hours = Hours()
+    clock = RealTimeClock(lambda: hours.now, hours.sleep)
+    for k in range(101):
+        clock.wait(0.01 * k)
+        hours.now += 0.02
+    assert hours.slept == 0.0
+    assert clock.factor == pytest.approx(0.5)
+    assert clock.lost == pytest.approx(1.0)
+    before = hours.now
+    for k in range(101, 301):
+        clock.wait(0.01 * k)
+        hours.now += 0.001
+    assert hours.now - before >= 1.98  # real time again, not faster
+    assert clock.factor == pytest.approx(1.0, abs=0.02)

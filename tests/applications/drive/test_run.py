@@ -1,0 +1,309 @@
+"""Driven runs with scripted commands: goals, limits, obstacles, replay and refusals."""
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from drives import point_of, prepared, reduced_of, script
+from rnc_pin.applications.drive.log import CommandQueue
+from rnc_pin.applications.drive.run import drive, record_of
+from rnc_pin.applications.init import scenario_candidate
+from rnc_pin.simulation import Outcome
+
+DT = 0.02
+BALL = {"sphere": {"name": "ball", "radius": 0.1, "position": [3.0, 2.0, 0.48]}}
+
+
+def manipulator(commands=(), **options):
+    return prepared("mobile-manipulator", commands, simulation__dt=DT, **options)
+
+
+def goal(x, y, z=0.48):
+    return {"kind": "frame_goal", "frame": "tip", "position": [x, y, z]}
+
+
+def test_a_frame_reaches_its_goal_and_the_record_has_it():
+    run = manipulator([(5, goal(2.0, 0.6))])
+    result = drive(run, samples=400)
+    found = point_of(run, result.trajectory.q[-1], "tip")
+    np.testing.assert_allclose(found[:2], [2.0, 0.6], atol=2e-3)
+    np.testing.assert_allclose(result.trajectory.x1_desired[-1, :2], [2.0, 0.6])
+    np.testing.assert_array_equal(result.trajectory.x1_desired[:5], result.trajectory.x1[:5])  # no goal before
+    assert result.trajectory.outcome is Outcome.COMPLETED
+    assert result.trajectory.constraint_residual.max() < 1e-9
+
+
+def test_the_speed_of_a_frame_stays_at_its_setting():
+    run = manipulator([(0, {"kind": "gain", "gain": "frame speed", "value": 0.1}), (0, goal(3.0, 0.6))])
+    trajectory = drive(run, samples=150).trajectory
+    points = np.array([point_of(run, q, "tip")[:2] for q in trajectory.q])
+    speeds = np.linalg.norm(np.diff(points, axis=0), axis=1) / DT
+    assert speeds[60:].max() == pytest.approx(0.1, rel=0.02)
+
+
+def test_the_base_drives_to_a_point():
+    target = (-0.8, 0.5)
+    run = manipulator([(2, {"kind": "base_goal", "x": target[0], "y": target[1]})])
+    trajectory = drive(run, samples=600).trajectory
+    np.testing.assert_allclose(trajectory.q[-1, :2], target, atol=0.04)
+    assert np.abs(trajectory.v2[-1]).max() < 1e-2
+    # The arm keeps its posture meanwhile.
+    assert np.abs(trajectory.q[:, 4:] - trajectory.q[0, 4:]).max() < 0.02
+
+
+def test_a_steered_car_drives_to_a_point_and_keeps_its_wheel_angle_within_its_range():
+    run = prepared("car", [(0, {"kind": "base_goal", "x": 3.0, "y": 1.5})], simulation__dt=DT)
+    base = run.controls.base
+    assert (base.steering, base.turns, base.slides) == ("front_steering", False, False)
+    trajectory = drive(run, samples=600).trajectory
+    np.testing.assert_allclose(point_of(run, trajectory.q[-1], base.frame)[:2], [3.0, 1.5], atol=0.05)
+    model = reduced_of(run).robot.model
+    joint = model.joints[model.getJointId("front_steering")]
+    angle = trajectory.q[:, joint.idx_q]
+    low, high = (limit[joint.idx_q] for limit in (model.lowerPositionLimit, model.upperPositionLimit))
+    assert low - 1e-6 <= angle.min()
+    assert angle.max() <= high + 1e-6
+    assert np.ptp(angle) > 0.1
+
+
+def test_a_key_moves_the_base_until_half_a_second_after_the_last_command():
+    run = manipulator([(10, {"kind": "base_velocity", "forward": 1.0, "turn": 0.0})])
+    trajectory = drive(run, samples=150).trajectory
+    speed = trajectory.v2[:, 0]
+    assert speed[10] == pytest.approx(0.0, abs=1e-9)
+    assert speed[34] == pytest.approx(0.5, rel=0.02)  # "base speed", before 0.2 s + 0.5 s
+    assert np.abs(speed[60:]).max() < 1e-2
+    distance = trajectory.q[-1, 0]
+    assert 0.15 < distance < 0.3
+
+
+def test_stop_holds_the_configuration():
+    run = manipulator([(5, goal(4.0, 1.0)), (100, {"kind": "stop"})])
+    trajectory = drive(run, samples=250).trajectory
+    assert np.abs(trajectory.v2[95]).max() > 0.1
+    assert np.abs(trajectory.v2[-50:]).max() < 1e-3
+    assert np.abs(trajectory.q[-1] - trajectory.q[-50]).max() < 1e-3
+
+
+def test_hold_base_keeps_the_base_and_the_unreachable_goal_is_reported():
+    seen = []
+
+    class Watcher:
+        def show(self, sample, status):
+            if status is not None:
+                seen.append(status)
+
+    run = manipulator([(0, {"kind": "hold_base", "on": True}), (1, goal(4.0, 0.0))])
+    trajectory = drive(run, samples=400, watcher=Watcher()).trajectory
+    np.testing.assert_allclose(trajectory.q[:, :4], np.tile(trajectory.q[0, :4], (400, 1)), atol=1e-3)
+    stretched = point_of(run, trajectory.q[-1], "tip")
+    reach = np.linalg.norm(stretched[:2] - [4.0, 0.0])
+    assert seen[0].stuck == {}
+    assert seen[-1].stuck["tip"] == pytest.approx(reach, abs=0.01)
+    assert f"tip: goal not reachable, {reach:.2f} m away" in seen[-1].messages
+
+
+def test_limits_of_the_file_hold_and_are_named():
+    """A slider asks for more than the velocity limit; the file's numbers are read by Pinocchio alone."""
+    seen = set()
+
+    class Watcher:
+        def show(self, sample, status):
+            if status is not None:
+                seen.update(status.report.active)
+
+    run = prepared(
+        "tiago",
+        [
+            (0, {"kind": "gain", "gain": "joint speed", "value": 3.0}),
+            (0, {"kind": "gain", "gain": "posture gain", "value": 5.0}),
+            (5, {"kind": "joint_goal", "joint": "torso_lift_joint", "position": 0.34}),
+            (5, {"kind": "joint_goal", "joint": "arm_1_joint", "position": 2.6}),
+        ],
+        simulation__dt=DT,
+    )
+    trajectory = drive(run, samples=150, watcher=Watcher()).trajectory
+    model = reduced_of(run).robot.model
+    joint = model.joints[model.getJointId("torso_lift_joint")]
+    speed, limit = np.abs(trajectory.v[:, joint.idx_v]), model.upperVelocityLimit[joint.idx_v]
+    assert 0.95 * limit < speed.max() < 1.02 * limit
+    assert "torso_lift_joint velocity" in seen
+    bounded = [each for each in model.joints[2:] if each.nq == 1]
+    q = trajectory.q[:, [each.idx_q for each in bounded]]
+    assert (q <= model.upperPositionLimit[[each.idx_q for each in bounded]] + 1e-6).all()
+
+
+ARM = """<robot name="arm"><link name="ground"/>{}<link name="tip"><inertial><mass value="0.1"/>
+<inertia ixx="0.001" ixy="0" ixz="0" iyy="0.001" iyz="0" izz="0.001"/></inertial></link>
+<joint name="hand" type="fixed"><parent link="link_3"/><child link="tip"/><origin xyz="0.5 0 0"/></joint></robot>"""
+LINK = """<link name="link_{0}"><inertial><origin xyz="0.25 0 0"/><mass value="1"/>
+<inertia ixx="0.01" ixy="0" ixz="0" iyy="0.03" iyz="0" izz="0.03"/></inertial>
+<collision><origin xyz="0.25 0 0"/><geometry><box size="0.4 0.06 0.06"/></geometry></collision></link>
+<joint name="joint_{0}" type="revolute"><parent link="{1}"/><child link="link_{0}"/><origin xyz="{2} 0 0"/>
+<axis xyz="0 0 1"/><limit lower="-2.5" upper="2.5" effort="100" velocity="2"/></joint>"""
+
+
+@pytest.fixture
+def arm(tmp_path):
+    """Planar arm of three links with collision shapes, and a ball beside it."""
+    links = [LINK.format(k, "ground" if k == 1 else f"link_{k - 1}", 0.0 if k == 1 else 0.5) for k in (1, 2, 3)]
+    (tmp_path / "arm.urdf").write_text(ARM.format("".join(links)))
+    (tmp_path / "arm.yaml").write_text(SCENARIO)
+    return str(tmp_path / "arm.yaml")
+
+
+SCENARIO = """
+robot: {urdf: arm.urdf}
+obstacles: [{sphere: {name: ball, radius: 0.1, position: [0.9, 0.7, 0]}}]
+actuators: [joint_1, joint_2, joint_3]
+outputs: {reducing: [{joint: joint_1}, {joint: joint_2}, {joint: joint_3}], vertical: [{frame_position: {frame: tip}}]}
+controller: {type: reducing_outputs}
+simulation: {duration: 1, dt: 0.02}
+"""
+
+
+def test_an_obstacle_that_moves_into_the_arm_is_avoided(arm):
+    """The distance is measured by coal on the recorded motion; an arm at rest would be hit."""
+    approach = [
+        (0, {"kind": "gain", "gain": "obstacle speed", "value": 0.3}),
+        (5, {"kind": "obstacle_goal", "obstacle": "ball", "position": [0.9, 0.05, 0.0]}),
+    ]
+    seen = set()
+
+    class Watcher:
+        def show(self, sample, status):
+            if status is not None:
+                seen.update(status.report.active)
+
+    run = prepared(arm, approach, simulation__dt=DT)
+    trajectory = drive(run, samples=250, watcher=Watcher()).trajectory
+    (obstacle,) = run.scenario.experiment.obstacles
+    np.testing.assert_allclose(obstacle.placement(0.1).translation, [0.9, 0.7, 0.0])
+    np.testing.assert_allclose(obstacle.placement(0.1 + 1.0).translation, [0.9, 0.4, 0.0])
+    np.testing.assert_allclose(obstacle.placement(6.0).translation, [0.9, 0.05, 0.0])
+    still = distance_to(run, np.tile(trajectory.q[0], (250, 1)), obstacle, trajectory.time)
+    moved = distance_to(run, trajectory.q, obstacle, trajectory.time)
+    assert still.min() < -0.02
+    assert moved.min() > 0.01  # of the clearance, 0.02 m
+    assert {"link_2 / ball distance"} <= seen
+
+
+def distance_to(run, configurations, obstacle, times):
+    model, geometry = reduced_of(run).robot.model, reduced_of(run).robot.collision_model
+    data, placed = model.createData(), geometry.createData()
+    found = []
+    for q, t in list(zip(configurations, times, strict=True))[::5]:
+        pin.updateGeometryPlacements(model, data, geometry, placed, q)
+        pose = obstacle.placement(float(t))
+        ball = coal.Transform3s(pose.rotation, pose.translation)
+        for shape, place in zip(geometry.geometryObjects, placed.oMg, strict=True):
+            own = coal.Transform3s(place.rotation, place.translation)
+            result = coal.DistanceResult()
+            found.append(coal.distance(shape.geometry, own, obstacle.shape, ball, coal.DistanceRequest(), result))
+    return np.array(found)
+
+
+def test_the_same_commands_give_the_same_bits():
+    commands = [
+        (3, {"kind": "base_velocity", "forward": 0.7, "turn": -0.4}),
+        (20, goal(1.7, -0.3)),
+        (33, {"kind": "obstacle_goal", "obstacle": "ball", "position": [2.0, 0.5, 0.48]}),
+        (50, {"kind": "gain", "gain": "frame gain", "value": 4.3}),
+        (60, {"kind": "joint_goal", "joint": "joint_1", "position": 0.1}),
+    ]
+    runs = [drive(manipulator(commands, obstacles=[BALL]), samples=90).trajectory for _ in range(2)]
+    for name in ("q", "v", "v2", "T", "x1_desired", "multipliers"):
+        assert np.array_equal(getattr(runs[0], name), getattr(runs[1], name), equal_nan=True), name
+    other = drive(manipulator(commands[:-1], obstacles=[BALL]), samples=70).trajectory
+    assert np.array_equal(runs[0].q[:60], other.q[:60])
+    assert not np.array_equal(runs[0].q[:70], other.q)
+
+
+def test_commands_of_a_queue_are_logged_at_their_sample_and_replay_from_the_record():
+    live = manipulator()
+    queue = CommandQueue(live.controls)
+
+    class User:
+        def show(self, sample, status):
+            if sample.time == pytest.approx(10 * DT):
+                assert queue.put({"kind": "base_goal", "x": 0.5, "y": 0.2})
+            if sample.time == pytest.approx(90 * DT):
+                assert queue.put({"kind": "end"})
+
+    result = drive(live, queue, watcher=User())
+    assert [each.sample for each in live.log.commands] == [11, 91]
+    assert result.trajectory.outcome is Outcome.COMPLETED
+    assert len(result.trajectory.time) == 92
+    record = record_of(live, result)
+    again = manipulator()
+    again.log.commands[:] = record.log(again.controls).commands
+    repeated = drive(again, samples=record.samples).trajectory
+    assert np.array_equal(result.trajectory.q, repeated.q)
+    assert np.array_equal(result.trajectory.T, repeated.T)
+
+
+def test_a_run_without_end_grows_its_record(monkeypatch):
+    monkeypatch.setattr("rnc_pin.applications.drive.run._CAPACITY", 8)
+    run = manipulator([(2, goal(2.0, 0.6))])
+    queue, count = CommandQueue(run.controls), [0]
+
+    class User:
+        def show(self, sample, status):
+            count[0] += 1
+            if count[0] == 50:
+                queue.put({"kind": "end"})
+
+    grown = drive(run, queue, watcher=User()).trajectory
+    monkeypatch.undo()
+    whole = drive(manipulator([(2, goal(2.0, 0.6))]), samples=51).trajectory
+    assert len(grown.time) == 51
+    assert np.array_equal(grown.q, whole.q)
+    assert np.array_equal(grown.v2, whole.v2)
+
+
+def test_ctrl_c_keeps_the_record():
+    run = manipulator([(2, goal(2.0, 0.6))])
+
+    class Impatient:
+        def show(self, sample, status):
+            if sample.time > 0.5:
+                raise KeyboardInterrupt
+
+    result = drive(run, watcher=Impatient())
+    assert result.trajectory.outcome is Outcome.INTERRUPTED
+    assert result.trajectory.time[-1] == pytest.approx(0.52)
+
+
+REFUSED = {
+    "mobile-manipulator": (["joint_1", "joint_2"], "move only 2 of them (none moves base_speed_x, base_yaw)"),
+    "snakeboard": (
+        ["rotor", "front_steering", "back_steering"],
+        "4 independent velocities, but its actuators move only 3",
+    ),
+}
+
+
+@pytest.mark.parametrize("source", REFUSED)
+def test_a_robot_whose_actuators_move_less_is_refused_in_one_line(source):
+    actuators, words = REFUSED[source]
+    with pytest.raises(rnc.ConfigurationError, match=f"{source}: cannot be driven by velocities") as refusal:
+        prepared(source, actuators=actuators)
+    assert "\n" not in str(refusal.value)
+    assert words in str(refusal.value)
+
+
+def test_a_bare_robot_is_drafted_and_driven(monkeypatch):
+    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)  # its draft is tried out for a moment
+    run = prepared("differential_drive.urdf", [(0, {"kind": "base_goal", "x": 0.5, "y": 0.3})])
+    assert run.controls.base is not None
+    assert (run.controls.base.turns, run.controls.base.slides) == (True, False)
+    assert run.scenario.experiment.simulation.dt == 0.01
+    trajectory = drive(run, samples=500).trajectory
+    np.testing.assert_allclose(point_of(run, trajectory.q[-1], run.controls.base.frame)[:2], [0.5, 0.3], atol=0.03)
+
+
+def test_a_script_with_an_unknown_name_is_refused():
+    with pytest.raises(rnc.InputError, match="did you mean 'tip'"):
+        script(manipulator(), [(0, {"kind": "release_frame", "frame": "tipp"})])

@@ -1,0 +1,331 @@
+"""Drafted scenarios: what they guess, and that they run as they are."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from places import ROOT
+from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.files import read_yaml
+from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.errors import ModelError
+from rnc_pin.robots.robot_files import find_urdf
+
+pytestmark = pytest.mark.filterwarnings(
+    "error",
+    "ignore:zmq.eventloop.ioloop is deprecated:DeprecationWarning",
+    "ignore:.* rounded in the file:rnc_pin.errors.ModelWarning",
+    "ignore:centauro.* has a <limit> without lower and upper:rnc_pin.errors.ModelWarning",
+)
+
+
+@pytest.fixture(autouse=True)
+def brief(monkeypatch):
+    """Drafts are tried out for a moment here; the runs of these tests are longer."""
+    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
+
+
+def drafted(source, folder, **options):
+    """(the scenario's content, its path)."""
+    path = folder / "draft.yaml"
+    path.write_text(draft(str(source), folder, DraftOptions(**options)))
+    return read_yaml(path), path
+
+
+def test_a_draft_names_no_folder_of_the_computer(tmp_path):
+    """People commit drafts: a file beside it is named relative to it, and nothing else by a path."""
+    (tmp_path / "robots").mkdir()
+    (tmp_path / "mine").mkdir()
+    robot = tmp_path / "robots" / "car.urdf"
+    robot.write_text(find_urdf("car.urdf", tmp_path).read_text())
+    content, path = drafted(robot, tmp_path / "mine")
+    assert content["robot"]["urdf"] == "../robots/car.urdf"
+    text = path.read_text()
+    assert not [folder for folder in (tmp_path, ROOT, Path.home()) if str(folder) in text]
+    assert re.findall(r"[\s'\"=:]/\w\S*", text) == []
+
+
+def outcome_of(path, duration, warnings=()):
+    prepared = Scenario.load(
+        str(path), {"simulation.duration": duration, **({"simulation.dt": 0.01} if duration > 1 else {})}
+    ).build()
+    assert [each.split(":")[0] for each in prepared.experiment.warnings] == list(warnings)
+    return execute(prepared).summary
+
+
+def radii(content):
+    wheels = [each["rolling_wheel"] for each in content["constraints"] if "rolling_wheel" in each]
+    return {wheel["frame"]: wheel["radius"] for wheel in wheels}
+
+
+# ---------------------------------------------------------------------- robots that others made
+
+BASES = {  # wheels and their radii, how many outputs, the base's
+    "tiago_no_hand": (
+        {"wheel_left_link": 0.0985, "wheel_right_link": 0.0985},
+        12,
+        ["base_link_speed_x", "base_link_yaw"],
+    ),
+    "tiago_pro": (
+        {f"wheel_{end}_{side}_link": 0.0762 for end in ("front", "rear") for side in ("left", "right")},
+        22,
+        ["base_link_x", "base_link_y", "base_link_yaw"],
+    ),
+    "centauro": ({}, 18, ["pelvis_x", "pelvis_y", "pelvis_yaw"]),
+}
+
+
+@pytest.mark.parametrize(("name", "expected"), BASES.items(), ids=BASES)
+def test_a_draft_for_a_wheeled_robot_runs_as_it_is(name, expected, tmp_path):
+    wheels, size, base = expected
+    content, path = drafted(name, tmp_path)
+    assert content["robot"]["base"] == "planar"
+    assert radii(content) == pytest.approx(wheels)
+    assert len(content["task"]["primary"]) == size
+    assert content["task"]["primary"][: len(base)] == base
+    summary = outcome_of(path, 0.2 if name == "tiago_no_hand" else 0.05)
+    assert summary["outcome"] == "completed"
+    assert max(summary["max_error"].values()) < 5e-3
+    assert summary["constraint_residual_max"] < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("name", "constraints", "primary"),
+    [
+        ("space_robot.urdf", [{"momentum": "platform"}], ["joint_1", "joint_2", "joint_3"]),
+        (
+            "mobile_manipulator.urdf",
+            [{"no_side_slip": {"frame": "axle", "axis": "y"}}],
+            ["base_speed_x", "base_yaw", "joint_1", "joint_2"],
+        ),
+        (
+            "fire_truck.urdf",
+            [{"no_side_slip": {"frame": f"{each}_axle", "axis": "y"}} for each in ("tractor", "front", "rear")],
+            ["tractor_speed_x", "front_steering", "rear_steering"],
+        ),
+        ("panda", [], [*(f"panda_joint{k}" for k in range(1, 8)), "panda_finger_joint1"]),
+    ],
+)
+def test_a_draft_for_a_robot_without_wheels_runs_as_it_is(name, constraints, primary, tmp_path):
+    content, path = drafted(name, tmp_path)
+    assert content.get("constraints", []) == constraints
+    assert content["task"]["primary"] == primary
+    if "no_side_slip" in str(constraints):
+        assert "# Assumed: wheels are not joints of this file" in path.read_text()
+    summary = outcome_of(path, 0.5)
+    assert summary["outcome"] == "completed"
+    assert max(summary["max_error"].values()) < 1e-2
+
+
+def test_a_floating_base_keeps_its_momentum(tmp_path):
+    content, path = drafted("panda", tmp_path, base="free")
+    assert content["constraints"] == [{"momentum": "root_joint"}]
+    assert content["robot"]["gravity"] == [0, 0, 0]
+    assert outcome_of(path, 0.2)["outcome"] == "completed"
+
+
+# ---------------------------------------------------------------------- robots made for this
+
+BODY = '<inertial><mass value="{m}"/><inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/></inertial>'
+
+
+def link(name, geometry="", mass=1.0, roll="0"):
+    shape = (
+        f'<collision><origin rpy="{roll} 0 0" xyz="0 0 0"/><geometry>{geometry}</geometry></collision>'
+        if geometry
+        else ""
+    )
+    return f'<link name="{name}">{BODY.format(m=mass, i=0.01 * mass)}{shape}</link>'
+
+
+def joint(name, parent, child, at, axis="0 1 0", kind="continuous"):
+    limit = '<limit lower="-1" upper="1" effort="5" velocity="5"/>' if kind == "revolute" else ""
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{at}"/><axis xyz="{axis}"/>{limit}</joint>'
+    )
+
+
+def wheel(name, at, radius=0.1, parent="base", shape="cylinder"):
+    geometry = f'<cylinder radius="{radius}" length="0.04"/>' if shape == "cylinder" else shape
+    return link(f"{name}_link", geometry, roll="1.5707963") + joint(name, parent, f"{name}_link", at)
+
+
+def robot_of(*parts):
+    body = link("base", '<box size="0.5 0.3 0.1"/>', 10)
+    return f'<robot name="cart">{body}{"".join(parts)}</robot>'
+
+
+PAIR = wheel("left", "0 0.2 0") + wheel("right", "0 -0.2 0")
+
+
+def write(folder, text, name="cart.urdf"):
+    (folder / name).write_text(text)
+    return folder / name
+
+
+def test_two_wheels_make_a_cart(tmp_path):
+    content, path = drafted(write(tmp_path, robot_of(PAIR)), tmp_path)
+    assert content["robot"] == {"urdf": "cart.urdf", "base": "planar"}
+    assert radii(content) == {"left_link": 0.1, "right_link": 0.1}
+    assert content["actuators"] == ["left", "right"]
+    assert content["task"]["primary"] == ["base_speed_x", "base_yaw"]
+    assert content["view"]["ground"] == -0.1
+    summary = outcome_of(path, 2.0)
+    assert summary["outcome"] == "completed"
+    # Two fifths of a minimum-jerk way of half a metre.
+    assert summary["final_output"]["base_speed_x"] == pytest.approx(0.5 * 0.31744, abs=1e-2)
+
+
+def test_a_caster_follows(tmp_path):
+    """A swivel with trail and a small wheel, neither called a caster."""
+    swivel = link("fork") + joint("swivel", "base", "fork", "0.2 0 -0.05", "0 0 1")
+    content, path = drafted(
+        write(tmp_path, robot_of(PAIR, swivel, wheel("small", "-0.03 0 0", 0.05, "fork"))), tmp_path
+    )
+    assert radii(content) == {"left_link": 0.1, "right_link": 0.1, "small_link": 0.05}
+    assert content["actuators"] == ["left", "right"]
+    assert content["task"]["primary"] == ["base_speed_x", "base_yaw"]
+    assert outcome_of(path, 0.1)["outcome"] == "completed"
+
+
+def test_a_car_is_steered(tmp_path):
+    front = ""
+    for side, y in (("l", 0.2), ("r", -0.2)):
+        front += link(f"knuckle_{side}") + joint(
+            f"steer_{side}", "base", f"knuckle_{side}", f"0.4 {y} 0", "0 0 1", "revolute"
+        )
+        front += wheel(f"front_{side}", "0 0 0", parent=f"knuckle_{side}")
+    content, path = drafted(write(tmp_path, robot_of(PAIR, front)), tmp_path)
+    assert set(radii(content)) == {"left_link", "right_link", "front_l_link", "front_r_link"}
+    assert {"left": "steer_l", "right": "steer_r", "axle": "left_link"} in [
+        each.get("ackermann") for each in content["constraints"]
+    ]
+    assert "lock" not in content["robot"]
+    assert content["actuators"] == ["left", "right", "steer_l"]
+    assert content["task"]["primary"] == ["base_speed_x", "steer_l"]
+    summary = outcome_of(path, 2.0)
+    assert summary["outcome"] == "completed"
+    assert abs(summary["final_output"]["base_yaw"]) > 0.005
+
+
+def test_wheels_in_two_axles_skid(tmp_path):
+    """The equivalent axle of a skid-steered base lies midway, where no frame is."""
+    other = wheel("back_left", "-0.3 0.2 0") + wheel("back_right", "-0.3 -0.2 0")
+    content, path = drafted(write(tmp_path, robot_of(PAIR, other)), tmp_path)
+    assert len(radii(content)) == 4
+    assert {"no_side_slip": {"frame": "base", "axis": "y", "at": [-0.15, 0, 0]}} in content["constraints"]
+    assert all(not each["rolling_wheel"]["lateral"] for each in content["constraints"] if "rolling_wheel" in each)
+    assert content["task"]["primary"] == ["base_speed_x", "base_yaw"]
+    assert "skid sideways" in path.read_text()
+    summary = outcome_of(path, 2.0)
+    assert summary["outcome"] == "completed"
+    assert abs(summary["final_output"]["base_y"]) < 0.05
+
+
+def test_the_radius_of_a_mesh(tmp_path):
+    """A wheel that is a mesh: sixteen corners on a circle about its own y axis."""
+    angles = np.linspace(0, 2 * np.pi, 16, endpoint=False)
+    corners = [(0.123 * np.cos(a), y, 0.123 * np.sin(a)) for a in angles for y in (-0.02, 0.02)]
+    faces = [(i, (i + 2) % 32, i + 1 if i % 2 == 0 else (i + 1) % 32) for i in range(32)]
+    lines = [f"v {x:.9f} {y:.9f} {z:.9f}" for x, y, z in corners] + [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces]
+    (tmp_path / "wheel.obj").write_text("\n".join(lines) + "\n")
+    mesh = '<mesh filename="wheel.obj"/>'
+    parts = [
+        link(f"{name}_link", mesh) + joint(name, "base", f"{name}_link", at)
+        for name, at in (("left", "0 0.2 0"), ("right", "0 -0.2 0"))
+    ]
+    content, _ = drafted(write(tmp_path, robot_of(*parts)), tmp_path)
+    assert radii(content) == pytest.approx({"left_link": 0.123, "right_link": 0.123}, abs=1e-5)
+
+
+def test_wheels_without_a_shape_are_measured_by_their_height(tmp_path):
+    text = '<robot name="cart"><link name="footprint"/>' + link("base", mass=10)
+    text += joint("lift", "footprint", "base", "0 0 0.08", kind="fixed")
+    for side, y in (("left", 0.2), ("right", -0.2)):
+        text += link(f"{side}_wheel") + joint(f"{side}_wheel_joint", "base", f"{side}_wheel", f"0 {y} 0")
+    content, path = drafted(write(tmp_path, text + "</robot>"), tmp_path)
+    assert radii(content) == {"left_wheel": 0.08, "right_wheel": 0.08}
+    assert "MEASURE the radius" in path.read_text()
+
+
+def test_arms_that_turn_on_and_on_are_no_wheels(tmp_path):
+    arm = link("upper", '<cylinder radius="0.05" length="0.1"/>') + joint("elbow", "base", "upper", "0 0 0.6")
+    content, _ = drafted(write(tmp_path, robot_of(PAIR, arm)), tmp_path)
+    assert set(radii(content)) == {"left_link", "right_link"}
+    assert content["actuators"] == ["left", "right", "elbow"]
+
+
+def test_a_file_is_named_from_where_the_draft_is(tmp_path):
+    robot, place = tmp_path / "robots", tmp_path / "scenarios"
+    robot.mkdir()
+    place.mkdir()
+    content, path = drafted(write(robot, robot_of(PAIR)), place)
+    assert content["robot"]["urdf"] == "../robots/cart.urdf"
+    assert outcome_of(path, 0.1)["outcome"] == "completed"
+
+
+# ---------------------------------------------------------------------- the command
+
+
+def test_init_writes_what_inspect_and_run_accept(call, tmp_path, monkeypatch, no_pictures):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path, robot_of(PAIR))
+    status, out, error = call("init", "cart.urdf")
+    assert (status, error) == (0, "")
+    assert "wrote cart.yaml" in out
+    status, out, error = call("inspect", "cart.yaml", "--samples", 4, "--json")
+    assert (status, error) == (0, "")
+    assert yaml.safe_load(out)["actuation_rank"] == 2
+    assert call("run", "cart.yaml", "--set", "simulation.duration=0.1")[0] == 0
+    before = (tmp_path / "cart.yaml").read_bytes()
+    status, out, error = call("init", "cart.urdf", "--base", "free")
+    assert (status, out) == (2, "")
+    assert "add --force" in error
+    assert (tmp_path / "cart.yaml").read_bytes() == before
+    assert call("init", "cart.urdf", "--base", "free", "--force")[0] == 0
+    assert (tmp_path / "cart.yaml").read_bytes() != before
+
+
+def test_init_of_a_xacro_file_takes_its_arguments(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = robot_of(PAIR).replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ')
+    text = text.replace('radius="0.1"', "radius=\"${xacro.arg('size')}\"").replace(
+        '<link name="base">', '<xacro:arg name="size" default="0.1"/><link name="base">'
+    )
+    write(tmp_path, text, "cart.urdf.xacro")
+    assert call("init", "cart.urdf.xacro", "--arg", "size=0.15")[0] == 0
+    content = read_yaml(tmp_path / "cart.yaml")
+    assert radii(content) == {"left_link": 0.15, "right_link": 0.15}
+    assert content["robot"]["xacro_arguments"] == {"size": 0.15}
+
+
+def test_two_axles_that_are_only_drawn_leave_the_base_its_turn(tmp_path):
+    wheels = "".join(
+        f'<link name="w{k}"><visual><geometry><cylinder radius="0.1" length="0.04"/></geometry></visual></link>'
+        f'<joint name="j{k}" type="fixed"><parent link="base"/><child link="w{k}"/>'
+        f'<origin xyz="{x} {y} 0.1" rpy="1.570796 0 0"/></joint>'
+        for k, (x, y) in enumerate([(0.3, 0.2), (0.3, -0.2), (-0.1, 0.2), (-0.1, -0.2)])
+    )
+    mass = '<mass value="9"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+    arm = '<joint name="a" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/></joint>'
+    links = "".join(f'<link name="{name}"><inertial>{mass}</inertial></link>' for name in ("base", "arm"))
+    urdf = tmp_path / "cart.urdf"
+    urdf.write_text(f'<robot name="cart">{links}{wheels}{arm}</robot>')
+    content, path = drafted(urdf, tmp_path)
+    assert content["constraints"] == [{"no_side_slip": {"frame": "base", "axis": "y", "at": [0.1, 0.0, 0.0]}}]
+    assert content["task"]["primary"] == ["base_speed_x", "base_yaw", "a"]
+    assert "2 axles of one body cannot all roll in a turn" in path.read_text()
+    assert outcome_of(path, 0.5)["outcome"] == "completed"
+
+
+def test_a_base_that_a_file_cannot_have_is_refused_in_the_files_words(tmp_path):
+    body = '<body name="{}"><joint/><geom size="1"/></body>'
+    (tmp_path / "two.xml").write_text(f"<mujoco><worldbody>{body.format('a')}{body.format('b')}</worldbody></mujoco>")
+    words = r"^\S*two.xml: base='free' moves one body, and in <worldbody> there are 2: a, b"
+    with pytest.raises(ModelError, match=words):
+        draft(str(tmp_path / "two.xml"), tmp_path, DraftOptions(base="free"))

@@ -1,0 +1,101 @@
+"""Radii of wheels from the evidence that is left where meshes are missing."""
+
+import warnings
+
+import pytest
+import yaml
+
+import rnc_pin as rnc
+from rnc_pin.applications.init import draft, scenario_candidate
+from rnc_pin.applications.init.drive_evidence import DriveEvidence
+from rnc_pin.applications.init.robot_at_start import RobotAtStart
+from rnc_pin.applications.init.source import FileNames
+
+BASE = """<link name="{root}"/><joint name="stand" type="fixed"><parent link="{root}"/><child link="base_link"/>
+  <origin xyz="0 0 {height}"/></joint><link name="base_link"><inertial><origin xyz="0 0 0.15"/><mass value="10"/>
+  <inertia ixx="0.1" iyy="0.2" izz="0.3" ixy="0" ixz="0" iyz="0"/></inertial>
+  <collision><origin xyz="0 0 0.15"/><geometry><box size="0.5 0.3 0.15"/></geometry></collision>
+  <collision><geometry><mesh filename="bumper.stl"/></geometry></collision></link>"""
+
+WHEEL = """<link name="{side}_wheel"><inertial><mass value="0.5"/><inertia ixx="0.0022" iyy="0.0042" izz="0.0022"
+  ixy="0" ixz="0" iyz="0"/></inertial>{shapes}</link><joint name="{side}_joint" type="continuous">
+  <origin xyz="0 {y} 0"/>
+  <parent link="base_link"/><child link="{side}_wheel"/><axis xyz="0 1 0"/><limit effort="9" velocity="9"/></joint>"""
+
+HUB_LINK = """<link name="{side}_hub"><collision><origin rpy="1.5708 0 0"/><geometry><cylinder radius="0.03"
+  length="0.05"/></geometry></collision></link><joint name="{side}_hub_joint" type="fixed"><parent link="{side}_wheel"/>
+  <child link="{side}_hub"/></joint>"""
+
+MESH = '<{kind}><geometry><mesh filename="package://nowhere/meshes/tyre.stl"/></geometry></{kind}>'
+DISK = '<{kind}><origin rpy="1.5708 0 0"/><geometry><cylinder radius="{radius}" length="0.05"/></geometry></{kind}>'
+
+TYRE, SKIN = (MESH.format(kind=kind) for kind in ("collision", "visual"))
+HUB = DISK.format(kind="collision", radius=0.03)
+GUESS = "MEASURE the radius: no round shape of the wheel was read, the value"
+DISK_130 = pytest.approx(0.13, abs=1e-3)  # sqrt(2 * 0.0042 / 0.5)
+
+
+@pytest.fixture(autouse=True)
+def brief(monkeypatch):
+    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
+
+
+def cart(folder, shapes, links="", root="anchor", height=0):
+    wheels = "".join(
+        (WHEEL + links).format(side=side, y=y, shapes=shapes) for side, y in (("left", 0.2), ("right", -0.2))
+    )
+    path = folder / "cart.urdf"
+    path.write_text(f'<robot name="cart">{BASE.format(root=root, height=height)}{wheels}</robot>')
+    return path
+
+
+@pytest.mark.parametrize(
+    ("shapes", "options", "radius", "remark"),
+    [
+        (TYRE + DISK.format(kind="visual", radius=0.14), {}, 0.14, "radius from the visual geometry"),
+        (HUB + TYRE + DISK.format(kind="visual", radius=0.14), {}, 0.14, "radius from the visual geometry"),
+        (HUB + TYRE, {"root": "base_footprint", "height": 0.145}, 0.145, f"{GUESS} is the axle's height"),
+        (HUB + TYRE, {}, DISK_130, f"{GUESS} fits its inertia as a solid disk"),
+        (TYRE, {"links": HUB_LINK}, DISK_130, f"{GUESS} fits its inertia as a solid disk"),
+    ],
+    ids=["visual", "visual and hub", "height", "inertia", "link of a hub"],
+)
+def test_a_wheel_without_its_mesh_is_not_measured_by_its_hub(shapes, options, radius, remark, tmp_path):
+    with pytest.warns(rnc.ModelWarning, match="not found") as said:
+        text = draft(str(cart(tmp_path, shapes, **options)), tmp_path)
+    assert len(said) == 1, "the radius is not compared with the hub"
+    wheels = [each["rolling_wheel"] for each in yaml.safe_load(text)["constraints"] if "rolling_wheel" in each]
+    assert [each["radius"] for each in wheels] == [radius, radius]
+    assert text.count(f"# {remark}; missing: collision mesh tyre.stl\n") == 2
+
+
+def test_meshes_of_both_geometries_are_named(tmp_path):
+    with pytest.warns(rnc.ModelWarning, match="not found"):
+        text = draft(str(cart(tmp_path, TYRE + SKIN)), tmp_path)
+    assert text.count("; missing: collision mesh tyre.stl, visual mesh tyre.stl\n") == 2
+
+
+@pytest.mark.parametrize(
+    ("shapes", "remark"),
+    [(HUB, "radius from the collision geometry"), (HUB + SKIN, "radius from the collision geometry"), ("", GUESS)],
+)
+def test_a_wheel_that_lacks_no_mesh_for_its_radius_is_measured_as_it_is(shapes, remark, tmp_path):
+    with pytest.warns(rnc.ModelWarning, match="not found"):  # that of the base
+        text = draft(str(cart(tmp_path, shapes)), tmp_path)
+    assert text.count(f"# {remark}") == 2
+    assert "missing:" not in text
+
+
+def test_a_body_keeps_no_part_of_the_geometry_that_lacks_a_mesh_and_the_base_does(tmp_path):
+    robot = rnc.Robot.from_urdf(cart(tmp_path, HUB + TYRE + DISK.format(kind="visual", radius=0.14)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", rnc.ModelWarning)
+        shapes = RobotAtStart(robot, {}, FileNames(), DriveEvidence({}, False, {})).shapes
+    assert [each.name for each in shapes["collision"]] == ["base_link_0"]
+    assert [each.name for each in shapes["visual"]] == ["left_wheel_0", "right_wheel_0"]
+    assert robot.missing_meshes("collision") == {
+        "base_link": ("bumper.stl",),
+        "left_wheel": ("tyre.stl",),
+        "right_wheel": ("tyre.stl",),
+    }
+    assert robot.missing_meshes("visual") == {}

@@ -1,0 +1,552 @@
+"""Structure decides what a robot is: axle lines, motors, what carries what; names only help, and options overrule."""
+
+import numpy as np
+import pytest
+import yaml
+
+from rnc_pin.applications.init import DraftOptions, draft_with_decisions, scenario_candidate, with_choices
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.errors import ConfigurationError, ModelError
+from rnc_pin.visualization.top_view import ground_paths
+from urdf_parts import BOX, caster, joint, link, pivot, plugin, robot, transmissions, wheel
+
+pytestmark = pytest.mark.filterwarnings("ignore::rnc_pin.ModelWarning")
+
+
+@pytest.fixture(autouse=True)
+def brief(monkeypatch):
+    """Drafts are tried out for a moment here."""
+    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
+
+
+@pytest.fixture
+def drafted(tmp_path):
+    """Function from a URDF and choices to (words of the kind, content, decisions by question)."""
+
+    def make(text, **wishes):
+        file = tmp_path / "unit.urdf"
+        file.write_text(text)
+        found = draft_with_decisions(str(file), tmp_path, DraftOptions(**wishes))
+        (tmp_path / "unit.yaml").write_text(found.text)
+        kind = next(line for line in found.text.splitlines() if line.startswith("# base"))
+        return (
+            kind.removeprefix("# base "),
+            yaml.safe_load(found.text),
+            {each.question: each for each in found.decisions},
+        )
+
+    return make
+
+
+def moved(folder, **options):
+    """Distance that the base moves in 2 s of the drafted run [m]."""
+    trajectory = execute(
+        Scenario.load(str(folder / "unit.yaml"), {"simulation.duration": 2, "simulation.dt": 0.01, **options})
+    )
+    assert trajectory.error is None
+    q = trajectory.trajectory.q
+    return float(np.linalg.norm(q[-1, :2] - q[0, :2]))
+
+
+def of(content, kind):
+    return [each[kind] for each in content["constraints"] if kind in each]
+
+
+# ---------------------------------------------------------------------- exactness of CAD
+
+
+def car(offset=0.0, toe=0.0, lean=0.0, extra="", effort=10.0, front_effort=10.0):
+    """A car of 0.55 m: offset of one wheel along the car [m], toe-in and lean of the kingpins [rad]."""
+    parts = [link("base", 10.0, BOX)]
+    for name, y, side in (("l", 0.2, 1), ("r", -0.2, -1)):
+        parts.append(wheel(f"rear_{name}", "base", (-0.275 + (offset if side > 0 else 0.0), y, 0), effort=effort))
+        parts.append(pivot(f"knuckle_{name}", "base", (0.275, y, 0), lean=side * lean))
+        parts.append(wheel(f"front_{name}", f"knuckle_{name}", (0, 0, 0), toe=-side * toe, effort=front_effort))
+    return robot(*parts, extra)
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e-4, 1e-3])
+@pytest.mark.parametrize("toe", [0.0, 1e-4, 1e-3, 0.01])
+@pytest.mark.parametrize("lean", [0.0, 5e-4, 2e-3, 0.03])
+def test_workmanship_changes_no_car(offset, toe, lean, drafted, tmp_path):
+    """Errors of a workshop: every combination used to be another robot, e.g. one whose base never moves."""
+    kind, content, _ = drafted(car(offset, toe, lean))
+    assert kind == "planar: 4 wheels, steered like a car"
+    assert content["task"]["primary"] == ["base_speed_x", "knuckle_l_joint"]
+    assert len(of(content, "rolling_wheel")) == 4
+    if (offset, toe, lean) == (1e-3, 0.01, 0.03):
+        text = (tmp_path / "unit.yaml").read_text()
+        assert "nearly dependent" not in text
+        options = {"reference.primary.minimum_jerk.duration": 1.5, "controller.tracker": "computed_torque"}
+        assert moved(tmp_path, **options) == pytest.approx(0.5, rel=0.05)
+
+
+# ---------------------------------------------------------------------- what drives
+
+
+def truck(steered_effort=10.0, load_effort=10.0, extra="", names=("load_l", "load_r", "drive")):
+    """A reach truck: two wheels under the load, and one steered wheel behind."""
+    left, right, behind = names
+    return robot(
+        link("base", 50.0, BOX),
+        wheel(left, "base", (0.5, 0.3, 0), effort=load_effort),
+        wheel(right, "base", (0.5, -0.3, 0), effort=load_effort),
+        pivot("steer", "base", (-0.5, 0, 0)),
+        wheel(behind, "steer", (0, 0, 0), effort=steered_effort),
+        extra,
+    )
+
+
+@pytest.mark.parametrize(
+    ("given", "confidence"),
+    [
+        ({"extra": transmissions("drive_joint", "steer_joint")}, 0.95),
+        ({"extra": plugin("libtricycle.so", "drive_joint", "steer_joint")}, 0.95),
+        ({"load_effort": 0.0}, 0.8),
+        ({}, 0.5),
+    ],
+    ids=["transmissions", "plugin", "effort", "name"],
+)
+def test_the_driven_wheel_may_be_the_steered_one(given, confidence, drafted, tmp_path):
+    kind, content, decided = drafted(truck(**given))
+    assert kind == "planar: 3 wheels, steered like a car"
+    assert content["actuators"] == ["drive_joint", "steer_joint"]
+    found = decided["Which wheels are driven?"]
+    assert (found.answer, found.confidence) == ("drive_joint", confidence)
+    assert found.is_open == (confidence < 0.6)
+    assert moved(tmp_path) > 0.05
+
+
+def test_without_any_evidence_the_fixed_wheels_drive_and_init_asks(drafted):
+    _, content, decided = drafted(truck(names=("a", "b", "c")))
+    question = decided["Which wheels are driven?"]
+    assert content["actuators"] == ["a_joint", "b_joint", "steer_joint"]
+    assert question.is_open
+    (other,) = question.alternatives
+    assert other.command == "--driven c_joint"
+    _, content, decided = drafted(truck(names=("a", "b", "c")), driven=("c_joint",))
+    assert content["actuators"] == ["c_joint", "steer_joint"]
+    assert decided["Which wheels are driven?"].evidence == "named by an option"
+
+
+def test_an_unlisted_joint_has_no_motor(drafted):
+    parts = (
+        link("base", 10.0, BOX),
+        wheel("l", "base", (0, 0.2, 0)),
+        wheel("r", "base", (0, -0.2, 0)),
+        link("flap", 1.0),
+        joint("flap_joint", "base", "flap", (0.3, 0, 0.1), kind="revolute", limits=(-1, 1), effort=100.0),
+    )
+    _, content, decided = drafted(robot(*parts, transmissions("l_joint", "r_joint")))
+    assert content["actuators"] == ["l_joint", "r_joint"]
+    assert content["robot"]["lock"] == {"flap_joint": 0.0}
+    assert decided["Which joints beside the base have no motor?"].answer == "flap_joint"
+    for text, wishes in (
+        (robot(*parts), {}),
+        (robot(*parts, transmissions("l_joint", "r_joint")), {"driven": ["flap_joint"]}),
+    ):
+        _, content, _ = drafted(text, **wishes)
+        assert content["actuators"] == ["l_joint", "r_joint", "flap_joint"]
+    _, content, _ = drafted(robot(*parts), passive=["flap_joint"])
+    assert content["actuators"] == ["l_joint", "r_joint"]
+
+
+def test_options_name_joints_of_the_file(drafted):
+    with pytest.raises(ModelError, match="--driven drive_join: no joint 'drive_join'; did you mean 'drive_joint'"):
+        drafted(truck(), driven=("drive_join",))
+
+
+def test_options_of_an_alternative_are_choices():
+    choices = with_choices(DraftOptions(driven=("a",)), ("--driven", "b", "--driven", "c"))
+    assert choices.driven == ("a", "b", "c")
+    assert with_choices(choices, ("--no-balance",)).balance is False
+    assert with_choices(choices, ("--rollers",)).rollers is True
+    assert with_choices(choices, ("--base", "planar")).base == "planar"
+
+
+# ---------------------------------------------------------------------- what carries what
+
+
+def turret(beside=0.0, arm=False):
+    """A body on three casters; a pivot below it carries two driven wheels, on a suspension arm if asked."""
+    parts = [link("body", 20.0, '<box size="0.5 0.5 0.2"/>', at="0 0 0.2")]
+    for k, angle in enumerate((0.5, 2.6, 4.7)):
+        parts.append(caster(f"c{k}", "body", (0.3 * np.cos(angle), 0.3 * np.sin(angle), 0.05)))
+    parts.append(pivot("turn", "body", (0, 0, 0.1), turns_round=True))
+    holder = "turn"
+    if arm:
+        parts += [
+            link("arm", 0.4),
+            joint("arm_joint", "turn", "arm", (0.08, 0, 0), kind="revolute", limits=(-0.1, 0.1)),
+        ]
+        holder = "arm"
+    back = -beside - (0.08 if arm else 0.0)
+    parts += [wheel(f"drive_{side}", holder, (back, y, 0)) for side, y in (("l", 0.15), ("r", -0.15))]
+    driven = ["turn_joint", "drive_l_joint", "drive_r_joint"]
+    return robot(*parts, transmissions(*driven))
+
+
+@pytest.mark.parametrize("arm", [False, True], ids=["rigid", "on a suspension arm"])
+@pytest.mark.parametrize("beside", [0.0, 0.1], ids=["below its pivot", "beside its pivot"])
+def test_a_driven_turret_carries_the_body(beside, arm, drafted, tmp_path):
+    kind, content, _ = drafted(turret(beside, arm))
+    assert kind == "planar: 5 wheels, driven by a turret with 2 wheels"
+    assert content["actuators"] == ["drive_l_joint", "drive_r_joint", "turn_joint"]
+    assert len(content["outputs"]["reducing"]) == (2 if beside else 3)
+    if beside:  # the body moves in any direction
+        assert content["outputs"]["reducing"][0] == {"frame_position": {"frame": "body", "axes": "xy"}}
+    assert ("lock" in content["robot"]) == arm
+    assert moved(tmp_path, **{"controller.tracker": "computed_torque"}) > 0.1
+
+
+def test_a_body_on_casters_may_turn_above_its_drive(drafted, tmp_path):
+    """The driven wheels belong to the root, and the pivot above them carries the body with its casters."""
+    parts = [link("drive", 10.0, BOX), wheel("l", "drive", (0, 0.2, 0)), wheel("r", "drive", (0, -0.2, 0))]
+    parts.append(pivot("body", "drive", (0, 0, 0.1), turns_round=True))
+    parts += [caster(f"c{k}", "body", (x, y, -0.15)) for k, (x, y) in enumerate(((0.4, 0), (-0.3, 0.3), (-0.3, -0.3)))]
+    kind, content, _ = drafted(robot(*parts, transmissions("l_joint", "r_joint", "body_joint")))
+    assert kind == "planar: 5 wheels, differential drive"
+    assert content["actuators"] == ["l_joint", "r_joint", "body_joint"]
+    assert len(of(content, "rolling_wheel")) == 5
+    assert moved(tmp_path) > 0.05
+
+
+@pytest.mark.parametrize("listed", [True, False], ids=["transmissions", "efforts"])
+def test_the_differential_of_a_rover_is_no_motor(listed, drafted, tmp_path):
+    """Rockers and bogies carry six driven wheels; a bar across the body couples the rockers, and nothing drives it."""
+    parts = [link("base", 20.0, BOX, at="0 0 0.2"), link("bar", 0.5)]
+    parts.append(joint("bar_joint", "base", "bar", (0, 0, 0.4), "0 0 1", "revolute", 0.0, (-0.3, 0.3)))
+    wheels, steering = [], []
+    for side, y in (("l", 0.3), ("r", -0.3)):
+        parts += [link(f"rocker_{side}"), link(f"bogie_{side}")]
+        parts += [
+            joint(f"rocker_{side}_joint", "base", f"rocker_{side}", (0, y, 0.2), "0 1 0", "revolute", 0.0, (-1, 1))
+        ]
+        parts += [
+            joint(
+                f"bogie_{side}_joint",
+                f"rocker_{side}",
+                f"bogie_{side}",
+                (-0.2, 0, 0),
+                "0 1 0",
+                "revolute",
+                0.0,
+                (-1, 1),
+            )
+        ]
+        for end, carrier, x in (
+            ("f", f"rocker_{side}", 0.4),
+            ("m", f"bogie_{side}", 0.2),
+            ("b", f"bogie_{side}", -0.2),
+        ):
+            name = f"{end}{side}"
+            if end == "m":
+                parts.append(wheel(f"w_{name}", carrier, (x, 0, -0.2)))
+            else:
+                parts += [pivot(f"s_{name}", carrier, (x, 0, -0.2)), wheel(f"w_{name}", f"s_{name}", (0, 0, 0))]
+                steering.append(f"s_{name}_joint")
+            wheels.append(f"w_{name}_joint")
+    kind, content, _ = drafted(robot(*parts, transmissions(*wheels, *steering) if listed else ""))
+    assert kind == "planar: 6 wheels, steered like a car"
+    assert "bar_joint" not in content["actuators"]
+    assert len(of(content, "ackermann")) == 3
+    driven = {*content["actuators"]} & {*wheels}
+    assert driven == ({*wheels} if listed else {"w_ml_joint", "w_mr_joint"})
+    assert moved(tmp_path) > 0.05
+
+
+def trailer_car(steered_trailer_first=True):
+    """A car whose trailer has a steered axle, which the file describes first."""
+    trailer = [
+        link("trailer", 5.0, at="-0.5 0 0"),
+        joint("tongue", "base", "trailer", (-0.5, 0, 0), "0 0 1", "revolute", 0.0, (-1, 1)),
+        pivot("axle_l", "trailer", (-0.6, 0.2, 0)),
+        pivot("axle_r", "trailer", (-0.6, -0.2, 0)),
+        wheel("tw_l", "axle_l", (0, 0, 0)),
+        wheel("tw_r", "axle_r", (0, 0, 0)),
+    ]
+    front = [
+        pivot("k_l", "base", (0.3, 0.2, 0)),
+        pivot("k_r", "base", (0.3, -0.2, 0)),
+        wheel("f_l", "k_l", (0, 0, 0)),
+        wheel("f_r", "k_r", (0, 0, 0)),
+        wheel("b_l", "base", (-0.3, 0.2, 0)),
+        wheel("b_r", "base", (-0.3, -0.2, 0)),
+    ]
+    return robot(link("base", 10.0, BOX), *(trailer + front if steered_trailer_first else front + trailer))
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_a_steered_axle_of_a_trailer_does_not_steer_the_car(first, drafted, tmp_path):
+    kind, content, _ = drafted(trailer_car(first))
+    assert kind == "planar: 6 wheels, steered like a car with 1 trailer"
+    assert content["actuators"][-1] == "k_l_joint"
+    assert {*content["robot"]["lock"]} == {"axle_l_joint", "axle_r_joint"}
+    assert moved(tmp_path) > 0.05
+
+
+def rover(shuffled=False):
+    """Six wheels; the four at the corners are steered, and all are driven."""
+    parts = []
+    for x, end in ((0.5, "f"), (0.0, "m"), (-0.4, "b")):
+        for y, side in ((0.3, "l"), (-0.3, "r")):
+            if x:
+                parts += [
+                    pivot(f"s_{end}{side}", "base", (x, y, 0)),
+                    wheel(f"w_{end}{side}", f"s_{end}{side}", (0, 0, 0)),
+                ]
+            else:
+                parts.append(wheel(f"w_{end}{side}", "base", (x, y, 0)))
+    if shuffled:
+        parts.reverse()
+    wheels = [f"w_{end}{side}_joint" for end in "fmb" for side in "lr"]
+    return robot(
+        link("base", 20.0, BOX), *parts, transmissions(*wheels, *(f"s_{e}{s}_joint" for e in "fb" for s in "lr"))
+    )
+
+
+@pytest.mark.parametrize("shuffled", [False, True])
+def test_all_steered_axles_turn_about_one_point(shuffled, drafted, tmp_path):
+    """The rear wheels steer the other way, with cot(l) L_l - cot(r) L_r equal to the distance across."""
+    kind, content, _ = drafted(rover(shuffled))
+    assert kind == "planar: 6 wheels, steered like a car"
+    assert len(of(content, "ackermann")) == 3
+    assert len(content["actuators"]) == 7
+    assert len(content["outputs"]["reducing"]) == 2
+    result = execute(Scenario.load(str(tmp_path / "unit.yaml"), {"simulation.duration": 3, "simulation.dt": 0.01}))
+    run = result.trajectory
+    model = Scenario.load(str(tmp_path / "unit.yaml")).experiment.reduced.robot
+    angle = {name: model.joint_values(run.q[-1])[f"s_{name}_joint"] for name in ("fl", "fr", "bl", "br")}
+    assert abs(angle["fl"]) > 0.05
+    places = {"fl": (0.5, 0.3), "fr": (0.5, -0.3), "bl": (-0.4, 0.3), "br": (-0.4, -0.3)}
+    centers = [y + x / np.tan(angle[name]) for name, (x, y) in places.items()]
+    np.testing.assert_allclose(centers, centers[0], rtol=1e-6)
+
+
+@pytest.mark.parametrize("places", [[(0.3, 0.2), (-0.3, -0.2)], [(0.0, 0.3), (0.0, -0.3)],
+                                    [(0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2)]],
+                         ids=["two", "two side by side", "four"])  # fmt: skip
+def test_a_swerve_drive_has_driven_and_steered_wheels(places, drafted, tmp_path):
+    parts = [link("base", 20.0, BOX)]
+    for k, (x, y) in enumerate(places):
+        parts += [pivot(f"turn{k}", "base", (x, y, 0), turns_round=True), wheel(f"w{k}", f"turn{k}", (0, 0, 0))]
+    names = [f"{part}{k}_joint" for part in ("w", "turn") for k in range(len(places))]
+    kind, content, _ = drafted(robot(*parts, transmissions(*names)))
+    assert kind == f"planar: {len(places)} wheels, {len(places)} of them steered drives"
+    assert content["actuators"] == names
+    assert moved(tmp_path, **{"controller.tracker": "computed_torque"}) > 0.05
+
+
+@pytest.mark.parametrize("called", ["idler", "w"])
+def test_a_track_has_one_motor(called, drafted, tmp_path):
+    """Wheels of a track are called so, or they are many."""
+    parts = [link("base", 20.0, BOX)]
+    for side, y in (("l", 0.25), ("r", -0.25)):
+        parts += [wheel(f"sprocket_{side}" if called == "idler" else f"w{side}", "base", (-0.5, y, 0))]
+        parts += [wheel(f"{called}_{side}{k}", "base", (-0.3 + 0.2 * k, y, 0)) for k in range(4)]
+    kind, content, _ = drafted(robot(*parts))
+    assert "on tracks" in kind
+    assert len(content["actuators"]) == 2
+    assert len(of(content, "joint_coupling")) == 8
+    assert moved(tmp_path) > 0.05
+
+
+def test_motors_that_the_file_names_make_no_track(drafted):
+    parts = [wheel(f"w{side}{k}", "base", (0.2 * k, y, 0)) for side, y in (("l", 0.25), ("r", -0.25)) for k in range(5)]
+    names = [f"w{side}{k}_joint" for side in "lr" for k in range(5)]
+    body = link("base", 20.0, BOX)
+    kind, content, _ = drafted(robot(body, *parts, transmissions(*names)))
+    assert kind == "planar: 10 wheels, skid-steered"
+    assert len(content["actuators"]) == 10
+    kind, content, _ = drafted(robot(body, *parts, transmissions("wl2_joint", "wr3_joint")))
+    assert kind == "planar: 10 wheels, on tracks, skid-steered"
+    assert content["actuators"] == ["wl2_joint", "wr3_joint"]
+    assert drafted(robot(body, *parts), driven=names)[0] == "planar: 10 wheels, skid-steered"
+
+
+def test_an_option_says_that_an_axle_does_not_steer(drafted):
+    """Of two steered axles the farther one leads; a swivel without motor and trail is held, and its wheel skids."""
+    parts = [wheel(f"m_{side}", "base", (0, y, 0)) for side, y in (("l", 0.3), ("r", -0.3))]
+    parts += [pivot("front", "base", (0.6, 0, 0)), wheel("f", "front", (0, 0, 0))]
+    parts += [pivot("back", "base", (-0.4, 0, 0)), wheel("b", "back", (0, 0, 0))]
+    _, content, decided = drafted(robot(link("base", 20.0, BOX), *parts))
+    assert content["actuators"][-1] == "front_joint"
+    (other,) = decided["Which axle steers?"].alternatives
+    assert other.command == "--passive front_joint"
+    _, content, _ = drafted(robot(link("base", 20.0, BOX), *parts), passive=["front_joint"])
+    assert content["actuators"][-1] == "back_joint"
+    assert content["robot"]["lock"] == {"front_joint": 0.0}
+
+
+# ---------------------------------------------------------------------- names
+
+
+def two_wheels(*more, tall=0.5, name="unit_7"):
+    body = link("base_footprint", 10.0, '<box size="0.2 0.2 0.6"/>', at=f"0 0 {tall}")
+    return robot(
+        body,
+        wheel("l", "base_footprint", (0, 0.2, 0.1)),
+        wheel("r", "base_footprint", (0, -0.2, 0.1)),
+        *more,
+        name=name,
+    )
+
+
+def test_parts_of_words_support_nothing(drafted):
+    """Neither the foot in footprint nor the roller in controller."""
+    box = link("controller_box", 0.2) + joint(
+        "controller_mount", "base_footprint", "controller_box", (0, 0, 0.3), kind="fixed", effort=None
+    )
+    kind, content, decided = drafted(two_wheels(box))
+    assert kind == "free: 2 wheels under a body that balances"
+    assert len(of(content, "rolling_wheel")) == 2
+    assert "Does the base balance on its two wheels?" in decided
+    assert drafted(two_wheels(box), balance=False)[0] == "planar: 2 wheels, differential drive"
+
+
+def test_a_support_without_a_shape_counts_if_it_is_low(drafted):
+    def support(height):
+        return link("caster_dummy", 0.2) + joint(
+            "c", "base_footprint", "caster_dummy", (0.1, 0, height), kind="fixed", effort=None
+        )
+
+    assert drafted(two_wheels(support(0.02)))[0] == "planar: 2 wheels, differential drive"
+    assert drafted(two_wheels(support(0.4)))[0] == "free: 2 wheels under a body that balances"
+    assert drafted(two_wheels(support(0.02)), balance=True)[0] == "free: 2 wheels under a body that balances"
+
+
+def four_wheels(*more, name="unit_7", wheels="w"):
+    parts = [
+        wheel(f"{wheels}_{k}", "base", (x, y, 0))
+        for k, (x, y) in enumerate(((0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2)))
+    ]
+    return robot(link("base", 10.0, BOX), *parts, *more, name=name)
+
+
+def test_a_camera_gives_no_wheel_rollers(drafted):
+    camera = link("omni_camera", 0.2) + joint(
+        "omni_camera_joint", "base", "omni_camera", (0, 0, 0.3), kind="fixed", effort=None
+    )
+    assert drafted(four_wheels(camera))[0] == "planar: 4 wheels, skid-steered"
+    assert drafted(four_wheels(camera), rollers=True)[0] == "planar: 4 Mecanum wheels"
+    assert drafted(four_wheels(wheels="mecanum_wheel"))[0] == "planar: 4 Mecanum wheels"
+    assert drafted(four_wheels(name="OmniRover"))[0] == "planar: 4 Mecanum wheels"
+    assert drafted(four_wheels(name="OmniRover"), rollers=False)[0] == "planar: 4 wheels, skid-steered"
+
+
+def bicycle(front="front_hub", lean=0.3):
+    """Two wheels in line; the fork leans back."""
+    return robot(
+        link("frame", 10.0, '<box size="0.8 0.1 0.4"/>', at="0 0 0.3"),
+        wheel("rear_hub", "frame", (-0.5, 0, 0), 0.3),
+        link("fork", 1.0),
+        joint("fork_joint", "frame", "fork", (0.4, 0, 0.3), "0 0 1", "revolute", 10.0, (-1, 1), rpy=f"0 {-lean} 0"),
+        link(front, 1.0, '<cylinder radius="0.3" length="0.04"/>', turn="1.570796326794897 0 0"),
+        joint(f"{front}_joint", "fork", front, _in_fork(lean), rpy=f"0 {lean} 0"),
+    )
+
+
+def _in_fork(lean):
+    x, z = 0.1, -0.3
+    return (np.cos(-lean) * x - np.sin(-lean) * z, 0.0, np.sin(-lean) * x + np.cos(-lean) * z)
+
+
+@pytest.mark.parametrize("front", ["front_hub", "steering_wheel", "gear_hub"])
+@pytest.mark.parametrize("lean", [0.3, 0.9])
+def test_a_name_makes_no_front_wheel_of_a_bicycle_vanish(front, lean, drafted):
+    kind, content, _ = drafted(bicycle(front, lean))
+    assert kind == "free: 2 wheels in line: a bicycle, which leans"
+    assert content["actuators"] == ["rear_hub_joint", "fork_joint"]
+
+
+def test_wheels_in_line_do_not_skid_steer(drafted):
+    parts = [link("base", 10.0, BOX), wheel("a", "base", (0.3, 0, 0)), wheel("b", "base", (-0.3, 0.003, 0))]
+    with pytest.raises(ConfigurationError, match=r"a_joint, b_joint stand in line: .* with --base planar"):
+        drafted(robot(*parts))
+    assert drafted(robot(*parts), base="planar")[0].startswith("planar")
+
+
+def test_the_rear_axle_of_a_car_may_be_called_a_ring(drafted):
+    parts = [link("base", 10.0, BOX)]
+    parts += [wheel("diff_ring", "base", (-0.3, 0, 0), shape='<cylinder radius="0.1" length="0.4"/>')]
+    for side, y in (("l", 0.2), ("r", -0.2)):
+        parts += [pivot(f"k_{side}", "base", (0.3, y, 0)), wheel(f"f_{side}", f"k_{side}", (0, 0, 0))]
+    kind, content, _ = drafted(robot(*parts))
+    assert kind == "planar: 3 wheels, steered like a car"
+    assert content["actuators"] == ["diff_ring_joint", "k_l_joint"]
+
+
+def test_side_gears_of_a_differential_are_no_rollers(drafted):
+    """The ring of a live axle carries gears; two of them, on the axle, carry the rear wheels."""
+    parts = [link("base", 10.0, BOX), link("ring", 0.3), joint("ring_joint", "base", "ring", (-0.3, 0, 0))]
+    for side, y in (("l", 0.2), ("r", -0.2)):
+        parts += [wheel(f"rear_{side}", "ring", (0, y, 0))]
+        parts += [
+            link(f"spider_{side}", 0.1),
+            joint(f"spider_{side}_joint", "ring", f"spider_{side}", (y / 20, 0, 0), "1 0 0"),
+        ]
+        parts += [pivot(f"k_{side}", "base", (0.3, y, 0)), wheel(f"f_{side}", f"k_{side}", (0, 0, 0))]
+    kind, content, _ = drafted(robot(*parts))
+    assert kind == "planar: 4 wheels, steered like a car"
+    assert {each["frame"] for each in of(content, "rolling_wheel")} == {"rear_l", "rear_r", "f_l", "f_r"}
+
+
+# ---------------------------------------------------------------------- land or space
+
+
+def test_one_body_on_fixed_wheels_stays_on_the_ground(drafted):
+    """With a planar-move plugin it moves in any direction; else its drawn wheels are knife edges."""
+    parts = [link("base", 10.0, BOX)]
+    for k, (x, y) in enumerate(((0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2))):
+        parts += [link(f"w{k}", 0.5, '<cylinder radius="0.1" length="0.04"/>', turn="1.570796326794897 0 0")]
+        parts += [joint(f"w{k}_joint", "base", f"w{k}", (x, y, 0), kind="fixed", effort=None)]
+    mover = '<gazebo><plugin name="mover" filename="libgazebo_ros_planar_move.so"/></gazebo>'
+    kind, content, _ = drafted(robot(*parts, mover))
+    assert kind == "planar: a plugin of the file moves it over the ground in any direction"
+    assert content["robot"].get("gravity") is None
+    kind, content, _ = drafted(robot(*parts))
+    assert kind.startswith("planar: wheels are drawn")
+    assert of(content, "no_side_slip")
+
+
+def test_a_body_with_links_called_wheels_stays_on_the_ground_and_init_asks(drafted):
+    """A body with many limbs on casters that no joint turns; a reaction wheel is no sign of ground."""
+
+    def body(name):
+        parts = [link("base", 30.0, '<box size="0.6 0.6 0.3"/>')]
+        for k, (x, y) in enumerate(((0.2, 0.2), (0.2, -0.2), (-0.2, 0.2))):
+            parts += [
+                link(f"{name}_{k}", 0.3),
+                joint(f"m{k}", "base", f"{name}_{k}", (x, y, 0), "0 0 1", "revolute", 5.0, (-1, 1)),
+            ]
+        return robot(*parts)
+
+    kind, _, decided = drafted(body("caster"))
+    assert kind.startswith("planar: links are called wheels")
+    assert [each.is_open for each in decided.values()] == [True]
+    assert drafted(body("reaction_wheel"))[0].startswith("free")
+
+
+def test_a_boat_is_no_spacecraft_and_an_unknown_body_is_a_question(drafted):
+    hull = link("link_1", 50.0, '<box size="2 0.6 0.4"/>')
+    kind, content, _ = drafted(robot(hull, name="survey_boat"))
+    assert kind == "planar: a name of something that swims on the surface"
+    assert len(content["actuators"]) == 3
+    kind, _, decided = drafted(robot(hull))
+    (question,) = decided.values()
+    assert kind == "free: one rigid body"
+    assert question.is_open
+    assert [each.command for each in question.alternatives] == ["--base planar"]
+    assert not any(each.is_open for each in drafted(robot(hull, name="cube_satellite"))[2].values())
+
+
+def test_the_desired_path_belongs_to_the_point_that_is_drawn(drafted, tmp_path):
+    """The base's origin is 0.1 m beside the middle of its Mecanum wheels, which the top view used to draw."""
+    places = ((0.3, 0.3), (0.3, -0.1), (-0.3, 0.3), (-0.3, -0.1))
+    wheels = [wheel(f"mecanum_{k}", "base", (x, y, 0)) for k, (x, y) in enumerate(places)]
+    drafted(robot(link("base", 10.0, BOX), *wheels))
+    result = execute(Scenario.load(str(tmp_path / "unit.yaml"), {"simulation.duration": 5.5, "simulation.dt": 0.01}))
+    (path,) = [each for each in ground_paths(result.trajectory) if each.desired is not None]
+    np.testing.assert_allclose(path.points, path.desired, atol=0.01)
+    assert np.linalg.norm(path.points[-1] - path.points[0]) == pytest.approx(0.5, abs=0.02)

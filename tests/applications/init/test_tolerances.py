@@ -1,0 +1,180 @@
+"""Drafts of files whose numbers are rounded, or noisy by a millionth: they are those of the exact files."""
+
+import re
+
+import numpy as np
+import pytest
+import yaml
+
+from noisy import with_noise
+from places import DIRT
+from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate
+from rnc_pin.applications.init.tolerances import first_smallest
+from rnc_pin.applications.init.trial import Trial
+from rnc_pin.applications.scenario.builder import build_experiment
+from rnc_pin.applications.scenario.loading import validate
+from rnc_pin.errors import ModelError
+from rnc_pin.robots.robot_files import example_urdfs, find_urdf, shipped_directory
+
+BODIES = {"drifting_body.urdf"}  # parts of other robots; alone, nothing can drive them
+SHIPPED = sorted({path.name for path in shipped_directory().glob("*.urdf")} - BODIES)
+STRANGE = sorted(path.name for path in DIRT.glob("*.urdf"))
+SOME = ("double_pendulum", "iris")
+pytestmark = pytest.mark.filterwarnings("ignore::rnc_pin.ModelWarning")
+
+
+@pytest.fixture(autouse=True)
+def built_only(monkeypatch):
+    """Drafts are built with their preflight here, and not run."""
+
+    def build(self, scenario):
+        content = scenario_candidate._without_remarks(scenario)
+        content["simulation"]["duration"] = 0.1  # so that the roll-out is short
+        build_experiment(validate(content, "draft"), self.folder)
+        return Trial(0.0)
+
+    monkeypatch.setattr(scenario_candidate.ScenarioCandidate, "_try_out", build)
+
+
+def drafted(path, original, folder, base=None):
+    """(what the base was taken for, the scenario), or of a file that is refused the kind of error."""
+    folders = (original.parent, *original.parents[1:4])
+    try:
+        text = draft(str(path), folder, DraftOptions(base=base, package_dirs=folders))
+    except ModelError as error:
+        return type(error).__name__, {}
+    kind = next(line for line in text.splitlines() if line.startswith("# base"))
+    return re.sub(r"\d+ %", "", kind), yaml.safe_load(text)
+
+
+def leaves(content, place=""):
+    """Every value of a scenario, by where it stands."""
+    if isinstance(content, dict):
+        pairs = content.items()
+    elif isinstance(content, list):
+        pairs = enumerate(content)
+    else:
+        return {place: content}
+    return {key: leaf for name, each in pairs for key, leaf in leaves(each, f"{place}.{name}").items()}
+
+
+def assert_same_with_noise(path, folder, base=None):
+    noisy = folder / path.name
+    text = path.read_text(encoding="utf-8", errors="surrogateescape")
+    noisy.write_text(with_noise(text, seed=0), encoding="utf-8", errors="surrogateescape")
+    (kind, exact), (other, found) = drafted(path, path, folder, base), drafted(noisy, path, folder, base)
+    assert other == kind
+    exact.pop("robot", None), found.pop("robot", None)
+    expected = leaves(exact)
+    assert leaves(found) == {
+        key: pytest.approx(leaf, rel=1e-3, abs=1e-3) if isinstance(leaf, float) else leaf
+        for key, leaf in expected.items()
+    }
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_noise_changes_no_draft_of_a_shipped_robot(name, tmp_path):
+    assert_same_with_noise(find_urdf(name, tmp_path), tmp_path)
+
+
+@pytest.mark.parametrize("name", STRANGE)
+def test_noise_changes_no_draft_of_a_strangers_file(name, tmp_path):
+    assert_same_with_noise(DIRT / name, tmp_path)
+
+
+@pytest.mark.parametrize("name", SOME)
+def test_noise_changes_no_draft_of_a_published_robot(name, tmp_path):
+    assert_same_with_noise(example_urdfs()[name], tmp_path)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", sorted({*example_urdfs()} - {*SOME}))
+def test_noise_changes_no_draft_of_the_zoo(name, tmp_path):
+    assert_same_with_noise(example_urdfs()[name], tmp_path)
+
+
+# ---------------------------------------------------------------------- a scooter
+
+WHEEL = '<cylinder radius="0.1" length="0.03"/>'
+
+
+def scooter(turned="0 0 0", of="rear", higher=0.0):
+    """A deck, a fork that leans back by 0.3 rad, and two wheels, the front one a little higher.
+
+    Args:
+        turned: angles of the frame in which the inertia of one link is written.
+        of: that link.
+        higher: height of the front wheel above the ground [m].
+    """
+
+    def link(name, center, mass, moments, shape="", turn="0 0 0"):
+        rpy = turned if name == of else "0 0 0"
+        tensor = " ".join(f'{key}="{value}"' for key, value in zip(("ixx", "iyy", "izz"), moments, strict=True))
+        geometry = f'<collision><origin rpy="{turn}"/><geometry>{shape}</geometry></collision>' if shape else ""
+        return (
+            f'<link name="{name}"><inertial><origin xyz="{center}" rpy="{rpy}"/><mass value="{mass}"/>'
+            f'<inertia {tensor} ixy="0" ixz="0" iyz="0"/></inertial>{geometry}</link>'
+        )
+
+    def joint(name, parent, child, at, axis, rpy="0 0 0", kind="continuous", limit=""):
+        return (
+            f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+            f'<origin xyz="{at}" rpy="{rpy}"/><axis xyz="{axis}"/>{limit}</joint>'
+        )
+
+    x, z = 0.05, higher - 0.2  # of the front wheel from the fork
+    c, s = np.cos(0.3), np.sin(0.3)
+    at = f"{c * x + s * z:.9f} 0 {c * z - s * x:.9f}"
+    ends = '<limit lower="-1" upper="1" effort="10" velocity="5"/>'
+    parts = [
+        link("deck", "0.4 0 0.3", 10, (0.5, 1.0, 0.9)),
+        link("rear", "0 0 0", 1, (0.003, 0.005, 0.003), WHEEL, "1.5707963 0 0"),
+        link("fork", "0 0 0.3", 2, (0.05, 0.05, 0.02)),
+        link("front", "0 0 0", 1, (0.003, 0.005, 0.003), WHEEL, "1.5707963 0 0"),
+        joint("rear_joint", "deck", "rear", "0 0 0.1", "0 1 0"),
+        joint("steering", "deck", "fork", "0.8 0 0.3", "0 0 1", "0 -0.3 0", "revolute", ends),
+        joint("front_joint", "fork", "front", at, "0 1 0"),
+    ]
+    return f'<robot name="scooter">{"".join(parts)}</robot>'
+
+
+@pytest.mark.parametrize(
+    ("turned", "of"),
+    [("1.5708 0 0", "deck"), ("1.570796326 0 0", "rear"), ("1.57 0 0", "fork"), ("0 0 1.5708", "front")],
+)
+def test_the_frame_of_an_inertia_may_be_rounded(turned, of, tmp_path):
+    path = tmp_path / "scooter.urdf"
+    path.write_text(scooter(turned, of))
+    assert drafted(path, path, tmp_path)[0] == "# base free: 2 wheels in line: a bicycle, which leans"
+
+
+@pytest.mark.parametrize(
+    ("base", "kind", "higher"),
+    [
+        (None, "free: 2 wheels in line: a bicycle, which leans", -8e-6),
+        (None, "free: 2 wheels in line: a bicycle, which leans", 1e-4),
+        ("planar", "planar: 2 wheels, steered like a car", 8e-6),
+    ],
+)
+def test_a_wheel_may_be_off_the_ground_by_rounding(base, kind, higher, tmp_path):
+    path = tmp_path / "scooter.urdf"
+    path.write_text(scooter(higher=higher))
+    found, content = drafted(path, path, tmp_path, base)
+    assert found == f"# base {kind}"
+    if base == "planar":  # a fork that leans would lift the base, which a planar one cannot do
+        front = content["constraints"][1]["rolling_wheel"]
+        assert front == {"frame": "front", "radius": 0.1, "vertical": False}
+
+
+def test_noise_changes_no_draft_of_a_scooter(tmp_path):
+    original = tmp_path / "original"
+    original.mkdir()
+    path = original / "scooter.urdf"
+    path.write_text(scooter())
+    assert_same_with_noise(path, tmp_path)
+    assert_same_with_noise(path, tmp_path, "planar")
+
+
+def test_the_first_of_equal_values_is_chosen():
+    assert first_smallest([0.3000002, 0.3, 0.5], 1e-3) == 0
+    assert first_smallest([0.4, 0.3, 0.3000002], 1e-3) == 1

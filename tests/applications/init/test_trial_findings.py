@@ -1,0 +1,186 @@
+"""Findings of trials: what a robot of its kind must be able to do, and efforts that a file does not give."""
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate
+from rnc_pin.applications.init.base_assumptions import BaseAssumptions
+from rnc_pin.applications.init.trial import Trial
+from rnc_pin.applications.init.trial_findings import model_findings, run_findings
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.files import read_yaml
+from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.errors import ModelWarning
+from rnc_pin.verdict import FindingKind, Severity
+
+
+def car(toe=0.0, rear=100.0, steering=10.0, rear_right=None):
+    """A car with rear drive and two steered wheels.
+
+    Args:
+        toe: angle of each front wheel towards the middle [rad].
+        rear, steering: efforts of the rear wheels and of the steering joints [N m].
+        rear_right: effort of the right rear wheel; that of ``rear`` by default [N m].
+    """
+    parts = []
+
+    def link(name, mass, shape="", turn="1.5707963267948966 0 0"):
+        geometry = f'<collision><origin rpy="{turn}"/><geometry>{shape}</geometry></collision>' if shape else ""
+        tensor = '<inertia ixx="0.02" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/>'
+        parts.append(f'<link name="{name}"><inertial><mass value="{mass}"/>{tensor}</inertial>{geometry}</link>')
+
+    def joint(name, parent, child, at, axis="0 1 0", limit="", kind="continuous"):
+        parts.append(
+            f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+            f'<origin xyz="{at}"/><axis xyz="{axis}"/>{limit}</joint>'
+        )
+
+    wheel = '<cylinder radius="0.1" length="0.04"/>'
+    link("base", 20, '<box size="0.9 0.3 0.1"/>', "0 0 0")
+    for side, sign in (("left", 1), ("right", -1)):
+        effort = rear if rear_right is None or side == "left" else rear_right
+        link(f"rear_{side}", 1, wheel)
+        limit = f'<limit effort="{effort}" velocity="50"/>'
+        joint(f"rear_{side}_joint", "base", f"rear_{side}", f"-0.3 {0.25 * sign} 0", limit=limit)
+        link(f"knuckle_{side}", 0.5)
+        limit = f'<limit lower="-0.6" upper="0.6" effort="{steering}" velocity="5"/>'
+        joint(f"steer_{side}_joint", "base", f"knuckle_{side}", f"0.3 {0.25 * sign} 0", "0 0 1", limit, kind="revolute")
+        link(f"front_{side}", 1, wheel)
+        axle = f"{sign * np.sin(toe):.9f} {np.cos(toe):.9f} 0"
+        joint(f"front_{side}_joint", f"knuckle_{side}", f"front_{side}", "0 0 0", axle)
+    return f'<robot name="car">{"".join(parts)}</robot>'
+
+
+def drafted(text, folder):
+    (folder / "robot.urdf").write_text(text)
+    path = folder / "robot.yaml"
+    path.write_text(draft(str(folder / "robot.urdf"), folder, DraftOptions()))
+    return path.read_text(), read_yaml(path), path
+
+
+@pytest.fixture
+def brief(monkeypatch):
+    """Drafts are tried out for a moment."""
+    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
+
+
+# ---------------------------------------------------------------------- abilities
+
+
+@pytest.mark.filterwarnings("error", "ignore:zmq:DeprecationWarning")
+@pytest.mark.parametrize("toe", [3e-4, 1e-3, 3e-3])
+def test_a_car_with_toe_in_moves(toe, tmp_path, brief):
+    """Both front wheels and the Ackermann row would lock it: it would steer on the spot, without a tracking error."""
+    text, content, path = drafted(car(toe), tmp_path)
+    assert "# base planar: 4 wheels, steered like a car" in text
+    assert content["actuators"] == ["rear_left_joint", "rear_right_joint", "steer_left_joint"]
+    assert content["task"]["primary"] == ["base_speed_x", "steer_left_joint"]
+    assert "nearly dependent" not in text
+    if toe == 1e-3:
+        q = execute(
+            Scenario.load(str(path), {"simulation.dt": 0.01, "controller.tracker": "computed_torque"})
+        ).trajectory.q
+        assert np.linalg.norm(q[-1, :2] - q[0, :2]) == pytest.approx(0.5, rel=0.05)
+
+
+def test_each_axle_line_of_a_car_has_one_lateral_row(tmp_path, brief):
+    """Two would lock it: wheels of a file are never on one line exactly."""
+    text, content, _ = drafted(car(), tmp_path)
+    wheels = [each["rolling_wheel"] for each in content["constraints"] if "rolling_wheel" in each]
+    assert [each.get("lateral", True) for each in wheels] == [True, False, True, False]
+    assert "# Assumed" not in text
+    assert "# CHECK" not in text
+
+
+def cart():
+    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+    wheels = [rnc.RollingWheel("left_wheel", 0.2), rnc.RollingWheel("right_wheel", 0.2)]
+    return rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"])
+
+
+SPEED = {"frame_speed": {"frame": "base", "axis": "x"}}
+
+
+def rolling(**more):
+    return BaseAssumptions("planar", "a cart", "base", outputs=[(SPEED, 0.5)], travel=0.5, **more)
+
+
+def test_a_base_whose_speed_is_no_motion_is_locked():
+    system = cart()
+    assert model_findings(system, rolling(), [SPEED], ()) == []
+    (found,) = model_findings(system, rolling(), [{"joint": "left_wheel_joint"}], ())
+    assert (found.kind, found.severity, found.amount) == (FindingKind.GOAL, Severity.FAILS, 0.5)
+    assert "lock the base" in found.message
+
+
+def test_a_passive_joint_that_is_driven_fails():
+    system, driven = cart(), ["left_wheel_joint"]
+    (found,) = model_findings(system, rolling(passive={*driven}), [SPEED], driven)
+    assert (found.kind, found.severity, found.where) == (FindingKind.MODEL, Severity.FAILS, "left_wheel_joint")
+    weak = rolling(passive={*driven}, without_effort={*driven})
+    assert model_findings(system, weak, [SPEED], driven) == []  # a note and a remark say it
+
+
+def test_the_base_has_to_move():
+    system = cart()
+    reduced = system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
+    start = system.robot.configuration()
+    rest = rnc.free_motion(reduced, start, [0.0, 0.0], duration=2.0)
+    rolls = rnc.free_motion(reduced, start, [0.09, 0.0], duration=2.0)
+    limits = reduced.actuation.limits
+    asked = 0.5 * (10 * 0.4**3 - 15 * 0.4**4 + 6 * 0.4**5)  # minimum jerk, after 2 of 5 s
+    (found,) = run_findings(Trial(2.0), rest, limits, rolling(), system.robot)
+    assert (found.kind, found.severity) == (FindingKind.GOAL, Severity.FAILS)
+    assert found.amount == pytest.approx(asked)
+    assert run_findings(Trial(2.0), rolls, limits, rolling(), system.robot) == []
+    assert Trial(2.0, findings=(found,)).rank > Trial(2.0, "yaw", 0.4, 1.0).rank
+
+
+def test_an_error_of_half_the_motion_fails():
+    system = cart()
+    reduced = system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
+    run = rnc.free_motion(reduced, system.robot.configuration(), [0.1, 0.0], duration=2.0)
+
+    def severities(error):
+        found = run_findings(Trial(2.0, "yaw", error, 1.0), run, reduced.actuation.limits, rolling(), system.robot)
+        return [each.severity for each in found]
+
+    assert severities(0.1) == []
+    assert severities(0.3) == [Severity.DEGRADES]
+    assert severities(0.6) == [Severity.FAILS]
+
+
+# ---------------------------------------------------------------------- efforts
+
+
+def test_efforts_beyond_the_file_are_said(tmp_path, brief):
+    with pytest.warns(ModelWarning, match="'car' is drafted, but rear_left_joint gives .* the file allows 1e-06 N m"):
+        text, _, path = drafted(car(rear=1e-6), tmp_path)
+    said = next(line for line in text.splitlines() if line.startswith("# CHECK: rear_left_joint gives"))
+    largest = np.abs(execute(Scenario.load(str(path), {"simulation.duration": 0.1})).trajectory.T[:, 0]).max()
+    assert float(said.split("gives ")[1].split()[0]) == pytest.approx(largest, rel=0.01)
+
+
+def test_actuators_with_effort_0_are_not_driven_silently(tmp_path, brief):
+    text, content, _ = drafted(car(rear=0), tmp_path)
+    joined = text.replace("\n# ", " ")
+    assert set(content["actuators"]) == {"rear_left_joint", "rear_right_joint", "steer_left_joint"}
+    assert "- rear_left_joint  # effort 0 in the file, driven without a limit: CHECK" in text
+    assert "effort 0 in the file, but driven without a limit, because the other actuators are not enough" in joined
+    assert "not enough: rear_left_joint, rear_right_joint" in joined
+
+
+def test_a_wheel_with_effort_0_is_left_idle_if_another_drives(tmp_path, brief):
+    text, content, _ = drafted(car(rear_right=0), tmp_path)
+    assert content["actuators"] == ["rear_left_joint", "steer_left_joint"]
+    assert "Which wheels are driven? rear_left_joint (80 % sure: effort 0 of rear_right_joint)" in text.replace(
+        "\n# ", " "
+    )
+
+
+def test_a_file_with_effort_0_for_all_joints_states_none(tmp_path, brief):
+    text, content, _ = drafted(car(rear=0, steering=0), tmp_path)
+    assert content["actuators"] == ["rear_left_joint", "rear_right_joint", "steer_left_joint"]
+    assert "the file states no effort: 0 for every joint" in text.replace("\n# ", " ")
+    assert "nothing drives" not in text

@@ -1,0 +1,163 @@
+"""Each type of controller has settings of its own, and the schema knows whose they are."""
+
+import dataclasses
+import json
+from functools import cache
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+from places import SCHEMA
+from rnc_pin.applications.scenario.builder import build_reduced, build_task
+from rnc_pin.applications.scenario.controllers import TYPES, ControllerContext
+from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
+from rnc_pin.applications.scenario.loading import validate
+from rnc_pin.planning import Hold
+
+jsonschema = pytest.importorskip("jsonschema", reason="reads schemas; comes with the test extra")
+
+NEEDED = {
+    "redundancy": {},
+    "reducing_outputs": {},
+    "steering": {},
+    "jacobian_transpose": {"active": ["joint_2", "joint_3"]},
+    "uncertain_redundancy": {"unknown": {"base": "platform", "initial": {"joint_1": 1.0}}},
+    "two_phase": {"platform": {"position": ["base_x", "base_y"], "to": [0, 0, 0], "begin": 1}},
+    "state_feedback": {"state_cost": 1.0},
+    "plan_feedback": {},
+    "qp": {"tasks": [{"damping": {"weight": 0.1}}, {"output": {"output": {"frame_position": {"frame": "tip"}}}}]},
+    "inverse_dynamics": {"tasks": [{"damping": {"weight": 0.1}}]},
+    "none": {},
+}
+VALUES = {  # of every setting that some type has
+    "preset": "scaled",
+    "end": "continue",
+    "gains": "plan",
+    "tracker": "computed_torque",
+    "gravity_compensation": False,
+    "adaptation": 3.0,
+    "bandwidth": 20.0,
+    "inertia_bound": 90.0,
+    "delay": 0.01,
+    "dead_zone": [0.1, 0.0, 0.2],
+    "secondary": {"posture": {}},
+    "coordinates": ["joint_1", {"joint": "joint_2"}],
+    "rates": ["joint_1"],
+    "input_cost": {"joint_1": 2.0},
+    "v2": {"joint_1": 0.1},
+    "hold": ["joint_1"],
+    "cyclic": ["joint_1"],
+    "limits": {
+        "joint_velocity": {"limit": 2.0},
+        "joint_position": None,
+        "regions": [{"frame": "tip", "box": {"x": [0, 1]}}],
+    },
+    "damping": 0.1,
+    "velocity_gain": 10.0,
+    "friction": 0.6,
+    "solver": "daqp",
+    **{name: values[name] for values in NEEDED.values() for name in values},
+    **dict.fromkeys(("k", "k1", "k2", "k3", "k4", "k21", "beta", "gamma", "sigma", "alpha"), 2.0),
+}
+
+
+def scenario(controller):
+    return with_options(read_yaml(find_scenario("space-robot")), {"controller": controller, "comparisons": {}})
+
+
+@cache
+def validator():
+    return jsonschema.Draft202012Validator(json.loads(SCHEMA.read_text()))
+
+
+def test_every_setting_is_tried():
+    assert set(TYPES) == set(NEEDED)
+    assert set(VALUES) == {name for each in TYPES.values() for name in each.model_fields} - {"type"}
+
+
+@pytest.mark.parametrize("kind", TYPES)
+@pytest.mark.parametrize("name", VALUES)
+def test_a_type_takes_its_own_settings_and_no_other(kind, name):
+    # What some mean nothing without.
+    beside = {"inertia_bound": {"preset": "normalised"}, "alpha": {"unknown": VALUES["unknown"]}}
+    needed = {key: value for key, value in beside.get(name, {}).items() if key in TYPES[kind].model_fields}
+    raw = scenario({"type": kind, **NEEDED[kind], **needed, name: VALUES[name]})
+    own = name in TYPES[kind].model_fields
+    assert validator().is_valid(raw) == own
+    if own:
+        assert getattr(validate(raw, "mine").controller, name) is not None
+        return
+    with pytest.raises(rnc.ConfigurationError) as caught:
+        validate(raw, "mine")
+    message = str(caught.value)
+    assert message.startswith(f"mine: controller.{name}: does not belong to type '{kind}' (but to ")
+    assert "did you mean" in message or "expected one of" in message
+    assert "\n" not in message
+
+
+def test_null_takes_a_setting_away_so_that_a_comparison_may_change_the_type():
+    raw = scenario({"type": "redundancy", "secondary": {"posture": {}}, "k3": 3.0})
+    changed = with_options(raw, {"controller.type": "reducing_outputs", "controller.secondary": None})
+    with pytest.raises(rnc.ConfigurationError, match=r"controller.k3: does not belong to type 'reducing_outputs'"):
+        validate(changed, "mine")
+    settings = validate(with_options(changed, {"controller.k3": None}), "mine").controller
+    assert isinstance(settings, TYPES["reducing_outputs"])
+
+
+@pytest.mark.parametrize(
+    ("controller", "words"),
+    [
+        ({"type": "jacobian_transpose"}, "controller.active: is missing; expected actuators that are on"),
+        ({"type": "two_phase"}, "controller.platform: is missing; expected goal pose and start time"),
+        ({"type": "uncertain_redundancy"}, "controller.unknown: is missing; expected masses, or radii and tracks"),
+        ({"type": "steering", "k3": "x"}, "controller.k3: expected a valid number"),
+        ({"type": "two_phase", "preset": "paper", **NEEDED["two_phase"], "adaptation": 2}, "belongs to the preset"),
+        ({"type": "redundancy", "inertia_bound": 9}, "controller.inertia_bound: belongs to the preset 'normalised'"),
+        ({"type": "redundancy", "preset": "normalised"}, "controller.inertia_bound: is missing; the preset 'normal"),
+        (
+            {"type": "redundancy", "preset": "normalised", "inertia_bound": [9, 0, 9]},
+            "inertia_bound: expected positive numbers, found",
+        ),
+        ({"type": ["steering"]}, r"controller.type: expected 'redundancy', .* or 'none', found \['steering'\]"),
+        ("steering", "controller: expected a mapping, found 'steering'"),
+    ],
+)
+def test_what_is_wrong_is_told_without_words_of_the_union(controller, words):
+    with pytest.raises(rnc.ConfigurationError, match=words):
+        validate(scenario(controller), "mine")
+
+
+def test_settings_of_every_type_are_shown_in_words_by_editors():
+    content = json.loads(SCHEMA.read_text())
+    branches = next(each for each in content["properties"]["controller"]["anyOf"] if "discriminator" in each)
+    assert set(branches["discriminator"]["mapping"]) == set(TYPES)
+    for reference in branches["discriminator"]["mapping"].values():
+        part = content["$defs"][reference.rpartition("/")[2]]
+        assert part["description"]
+        assert all("description" in value or "$ref" in json.dumps(value) for value in part["properties"].values())
+
+
+def test_what_a_controller_is_built_from_cannot_be_changed():
+    given = validate(read_yaml(find_scenario("space-robot")), "space-robot")
+    _, reduced = build_reduced(given, find_scenario("space-robot").parent)
+    task = build_task(given, reduced)
+    q0 = reduced.robot.configuration(given.initial.q)
+    x1, x2 = reduced.at(q0).outputs()
+    starts = {"primary": x2[task.primary], "redundant": x2[task.redundant], "vertical": x1[task.vertical]}
+    context = ControllerContext(
+        reduced=reduced,
+        task=task,
+        **{name: Hold(start) for name, start in starts.items()},
+        given=("primary",),
+        q0=q0,
+        simulation=given.simulation,
+    )
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        context.given = ()
+    first, second = given.controller.build(context), given.controller.build(context)
+    assert first.controller is not second.controller
+    np.testing.assert_array_equal(first.controller.gains.k, second.controller.gains.k)
+    assert first.warnings == second.warnings == ()
+    with pytest.raises(rnc.ConfigurationError, match=r"reference.redundant: is not followed by .* 'redundancy'; contr"):
+        given.controller.build(dataclasses.replace(context, given=("redundant",)))

@@ -1,0 +1,265 @@
+"""Whole-body control from a scenario file: references start at the initial values, limits of the file apply."""
+
+import numpy as np
+import pytest
+import yaml
+
+import rnc_pin as rnc
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
+
+SCENARIO = """
+robot: {urdf: mobile_manipulator.urdf, base: planar}
+constraints: [{no_side_slip: {frame: axle}}]
+actuators: [{force: {frame: base, axis: x}}, {torque: {frame: base, axis: z}}, joint_1, joint_2]
+outputs:
+  reducing: [{frame_speed: {frame: base, axis: x}}, {frame_yaw: base}, {joint: joint_1}, {joint: joint_2}]
+  vertical: [{frame_position: {frame: tip, axes: xy}}]
+initial:
+  q: {joint_1: 0.5, joint_2: -1.2}
+controller:
+  type: qp
+  tracker: computed_torque
+  k: 40
+  tasks:
+    - output:
+        output: {frame_position: {frame: tip, axes: xy}}
+        reference: {minimum_jerk: {by: [0.4, 0.2], duration: 0.6}}
+        gain: 5
+    - posture: {joints: {joint_1: 0.5, joint_2: -1.2}, weight: 0.1, priority: 1}
+    - damping: {weight: 0.01, priority: 1}
+  limits:
+    joint_velocity: {joints: [joint_1, joint_2], limit: 0.25, margin: 0.02}
+    acceleration: {limit: 10}
+    regions: [{frame: base, box: {x: [-1, 0.25]}}]
+simulation: {duration: 1.6, dt: 0.008}
+"""
+
+
+def written(folder, **controller):
+    raw = yaml.safe_load(SCENARIO)
+    raw["controller"] |= controller
+    path = folder / "reach.yaml"
+    path.write_text(yaml.safe_dump(raw))
+    return str(path)
+
+
+def test_the_hand_follows_its_reference_within_the_limits(tmp_path):
+    run = execute(Scenario.load(written(tmp_path)))
+    trajectory = run.trajectory
+    assert run.error is None
+    start, goals = trajectory.x1[0], trajectory.x1_desired
+    np.testing.assert_allclose(goals[0], start, atol=1e-12)
+    np.testing.assert_allclose(goals[-1], start + np.array([0.4, 0.2]), atol=1e-12)
+    assert np.abs(trajectory.x1[-1] - goals[-1]).max() < 0.01
+    assert np.abs(trajectory.v[:, 3:]).max() <= 0.25
+    assert trajectory.q[:, 0].max() <= 0.25 + 1e-3
+
+
+def test_every_task_and_limit_is_built(tmp_path):
+    items = [
+        {"posture": {"joints": {"joint_1": 0.1}}},
+        {"base_pose": {"frame": "base", "gain": [1, 1, 2], "lateral_gain": 3, "priority": 2}},
+        {"center_of_mass": {"axes": "xy", "reference": {"minimum_jerk": {"by": [0.1, 0.0], "duration": 1}}}},
+        {"look_at": {"frame": "tip", "target": [3.0, 1.0, 0.0]}},
+        {"damping": {}},
+        {"manipulability": {"output": {"frame_position": {"frame": "tip", "axes": "xy"}}, "priority": 3}},
+        {"singularity": {"gain": 0.1, "priority": 3}},
+    ]
+    built = Scenario.load(written(tmp_path, tasks=items, limits={"joint_position": None})).experiment.controller
+    described = built.describe()["target"]
+    names = [each["type"] for each in described["tasks"]]
+    assert names == [
+        "PostureTask",
+        "BasePoseTask",
+        "CenterOfMassTask",
+        "LookAtTask",
+        "DampingTask",
+        "ManipulabilityTask",
+        "SingularityTask",
+    ]
+    assert [each["type"] for each in described["limits"]] == ["JointVelocityLimit"]
+    assert described["tasks"][1]["gain"] == [1, 1, 2]
+
+
+@pytest.mark.parametrize(
+    ("controller", "words"),
+    [
+        ({"tasks": []}, "controller.tasks"),
+        ({"tasks": [{"damping": {"joints": ["joint_9"]}}]}, r"controller.tasks.0: no joint 'joint_9'"),
+        ({"tasks": [{"posture": {"joints": {"joint_1": 0.1}, "gian": 2}}]}, "'gian' is not known; did you mean 'gain'"),
+        ({"limits": {"wheel_speed": {"limit": 1.0}}}, "controller.limits: a wheel speed limit needs RollingWheel"),
+        ({"limits": {"speed": {}}}, "'speed' is not known"),
+        ({"solver": "dapq"}, "no installed solver 'dapq'"),
+    ],
+)
+def test_mistakes_are_one_line_with_their_place(tmp_path, controller, words):
+    with pytest.raises(rnc.RncError, match=words) as caught:
+        Scenario.load(written(tmp_path, **controller)).build()
+    assert "\n" not in str(caught.value)
+
+
+POINT_URDF = """<robot name="point">
+  <link name="world"/>
+  <link name="slide"><inertial><mass value="1"/>
+    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="ball"><inertial><mass value="2"/>
+    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><geometry><sphere radius="0.1"/></geometry></collision></link>
+  <joint name="x" type="prismatic"><parent link="world"/><child link="slide"/><axis xyz="1 0 0"/>
+    <limit lower="-3" upper="3" effort="60" velocity="1.5"/></joint>
+  <joint name="y" type="prismatic"><parent link="slide"/><child link="ball"/><axis xyz="0 1 0"/>
+    <limit lower="-3" upper="3" effort="60" velocity="1.5"/></joint>
+</robot>"""
+# A ball drives 1 m ahead. One obstacle stands beside its way; another crosses the way from the side.
+POINT = """
+robot: {urdf: point.urdf}
+actuators: [x, y]
+outputs: {reducing: [{joint: x}, {joint: y}]}
+obstacles:
+  - sphere: {name: post, radius: 0.2, position: [0.5, 0.12, 0]}
+  - sphere:
+      {name: walker, radius: 0.2, position: [1.15, -1.5, 0], motion: {minimum_jerk: {by: [0, 3, 0, 0], duration: 6}}}
+controller:
+  tasks:
+    - output:
+        {output: {frame_position: {frame: ball, axes: x}}, reference: {minimum_jerk: {by: [1.0], duration: 2}}, gain: 3}
+    - posture: {joints: {y: 0}, gain: 2}
+simulation: {duration: 7, dt: 0.02}
+"""
+PROGRAMS = [{"type": "qp", "tracker": "computed_torque", "k": 60}, {"type": "inverse_dynamics"}]
+
+
+def point(folder, **changes):
+    (folder / "point.urdf").write_text(POINT_URDF)
+    raw = yaml.safe_load(POINT)
+    raw["controller"] |= changes.pop("controller", {})
+    path = folder / "point.yaml"
+    path.write_text(yaml.safe_dump(raw | changes))
+    return str(path)
+
+
+def gaps(trajectory):
+    """Distances (N,) of the ball to the post and to the walker, by their motion in closed form."""
+    s = np.clip(trajectory.time / 6, 0, 1)
+    walker = np.stack([np.full_like(s, 1.15), -1.5 + 3 * (10 * s**3 - 15 * s**4 + 6 * s**5)], axis=1)
+    return np.linalg.norm(trajectory.q - [0.5, 0.12], axis=1) - 0.3, np.linalg.norm(trajectory.q - walker, axis=1) - 0.3
+
+
+@pytest.mark.parametrize("program", PROGRAMS, ids=["qp", "inverse_dynamics"])
+def test_obstacles_of_the_scenario_are_avoided_at_rest_and_in_motion(tmp_path, program):
+    run = execute(Scenario.load(point(tmp_path, controller=program)))
+    assert run.error is None
+    post, walker = gaps(run.trajectory)
+    assert 0.015 < post.min() < 0.05
+    assert 0.015 < walker.min() < 0.15
+    np.testing.assert_allclose(run.trajectory.q[-1], [1.0, 0.0], atol=0.01)
+    run.trajectory.save(tmp_path / "run.npz")
+    kept = rnc.Trajectory.load(tmp_path / "run.npz").meta["controller"]
+    assert kept.get("target", kept)["limits"][-1]["obstacles"] == ["post", "walker"]
+    blind = point(
+        tmp_path, controller={**program, "limits": {"collision": None}}, simulation={"duration": 2, "dt": 0.02}
+    )
+    hit = execute(Scenario.load(blind)).trajectory
+    assert gaps(hit)[0].min() < -0.1
+
+
+def test_preflight_names_a_goal_that_the_limits_exclude(tmp_path):
+    program = PROGRAMS[0]
+    behind = {"controller": {**program, "limits": {"regions": [{"frame": "ball", "box": {"x": [-1, 0.7]}}]}}}
+    behind["obstacles"] = []
+    with pytest.raises(rnc.InfeasibleError, match=r"task 0 \(ball_x\) misses its goal .*: error 0.3 at t = 7.00 s"):
+        Scenario.load(point(tmp_path, preflight="refuse", **behind)).build()
+    (warning,) = Scenario.load(point(tmp_path, **behind)).experiment.warnings
+    assert "task 0 (ball_x) may miss its goal within the limits: a coarse roll-out ends 0.3 from it" in warning
+    assert Scenario.load(point(tmp_path, controller=program, preflight="refuse")).experiment.warnings == ()
+    assert Scenario.load(point(tmp_path, preflight="refuse", goal_tolerance=0.31, **behind)).experiment.warnings == ()
+
+
+def test_preflight_warns_of_a_lower_goal_that_is_given_up(tmp_path):
+    behind = {"type": "inverse_dynamics", "limits": {"regions": [{"frame": "ball", "box": {"x": [-1, 0.7]}}]}}
+    (first, *others) = yaml.safe_load(POINT)["controller"]["tasks"]
+    behind["tasks"] = [{"output": {**first["output"], "priority": 1}}, *others]
+    (warning,) = Scenario.load(point(tmp_path, controller=behind, obstacles=[], preflight="refuse")).experiment.warnings
+    assert "task 0 (ball_x) of priority 1 may give its goal up: a coarse roll-out ends 0.3 from it" in warning
+
+
+def three_posts(folder, **changes):
+    """A ball that drives 2 m ahead. Three posts stand in its way: it passes beside the first, or stops at it."""
+    places = [[0.80337107, 0.20863103, 0], [0.38310569, -0.04254964, 0], [0.81481822, -0.0183408, 0]]
+    posts = [{"sphere": {"name": f"post {k}", "radius": 0.15, "position": each}} for k, each in enumerate(places)]
+    (first, *others) = yaml.safe_load(POINT)["controller"]["tasks"]
+    first["output"]["reference"]["minimum_jerk"]["by"] = [2.0]
+    return point(folder, controller={"type": "inverse_dynamics", "tasks": [first, *others]}, obstacles=posts, **changes)
+
+
+def test_a_run_that_reaches_its_goal_is_not_said_to_miss_it(tmp_path):
+    """The coarse roll-out stops at the first post, 1.5 m from the goal; the program in inputs passes it."""
+    prepared = Scenario.load(three_posts(tmp_path)).build()
+    (warning,) = prepared.experiment.warnings
+    assert "may miss its goal within the limits: a coarse roll-out ends 1.5 from it" in warning
+    run = execute(prepared)
+    assert "goals_missed" not in run.summary
+    assert abs(run.trajectory.q[-1][0] - 2.0) < 1e-4
+    sure = Scenario.load(three_posts(tmp_path, preflight="refuse")).build()
+    assert sure.experiment.warnings == ()
+    np.testing.assert_array_equal(execute(sure).trajectory.q, run.trajectory.q)
+
+
+@pytest.mark.parametrize("program", PROGRAMS, ids=["qp", "inverse_dynamics"])
+def test_limits_that_gave_way_are_in_the_summary(tmp_path, program):
+    """An obstacle of up to 7 m/s reaches a ball that may move at 1.5 m/s."""
+    thrown = {"name": "stone", "radius": 0.2, "position": [1.5, 0, 0]}
+    thrown["motion"] = {"minimum_jerk": {"by": [-3, 0, 0, 0], "duration": 0.8}}
+    changes = {"obstacles": [{"sphere": thrown}], "simulation": {"duration": 0.8, "dt": 0.02}}
+    prepared = Scenario.load(point(tmp_path, controller=program, **changes)).build()
+    assert "passes through obstacle 'stone'" in prepared.experiment.warnings[0]
+    stands_in = program["type"] == "inverse_dynamics"
+    assert prepared.experiment.warnings[0].endswith("the run may differ)") == stands_in
+    gave_way = execute(prepared).summary["limits_gave_way"]
+    assert [name for name in gave_way if name.endswith("stone distance") and gave_way[name] > 1.0]
+    calm = execute(Scenario.load(point(tmp_path, controller=program, **{**changes, "obstacles": []})))
+    assert "limits_gave_way" not in calm.summary
+
+
+@pytest.mark.parametrize("program", PROGRAMS, ids=["qp", "inverse_dynamics"])
+def test_goals_that_a_run_misses_are_in_the_summary(tmp_path, program):
+    """The joint locks at 0.5 s, which preflight cannot know."""
+    changes = {"obstacles": [], "simulation": {"duration": 2.5, "dt": 0.02}, "preflight": "refuse"}
+    stuck = {**changes, "faults": {"stuck": {"joint": "x", "time": 0.5}}}
+    run = execute(Scenario.load(point(tmp_path, controller=program, **stuck)))
+    missed = 1.0 - float(run.trajectory.q[-1, 0])
+    assert missed > 0.5
+    assert run.summary["goals_missed"] == {"ball_x": pytest.approx(missed, abs=1e-12)}
+    assert run.summary["goal_tolerance"] == 0.02
+    generous = execute(Scenario.load(point(tmp_path, controller=program, **stuck, goal_tolerance=missed + 1e-9)))
+    assert "goals_missed" not in generous.summary
+    assert "goals_missed" not in execute(Scenario.load(point(tmp_path, controller=program, **changes))).summary
+
+
+def test_the_goal_of_a_speed_is_its_rate(tmp_path):
+    """At half of the duration, a minimum-jerk motion has 15/8 of its mean speed; the joint may move at 1.5 m/s."""
+    ahead = {"minimum_jerk": {"by": [2.0], "duration": 2}}
+    speed = {"output": {"output": {"frame_speed": {"frame": "ball", "axis": "x"}}, "reference": ahead}}
+    program = {**PROGRAMS[0], "tasks": [speed], "limits": {"joint_velocity": {"margin": 0.0}}}
+    short = {"obstacles": [], "simulation": {"duration": 1.0, "dt": 0.02}}
+    (error,) = execute(Scenario.load(point(tmp_path, controller=program, **short))).summary["goals_missed"].values()
+    assert error == pytest.approx(15 / 8 - 1.5, abs=1e-9)
+
+
+def test_inputs_stay_within_the_efforts_of_the_file(tmp_path):
+    fast = {"type": "inverse_dynamics", "velocity_gain": 40.0}
+    steps = [
+        {"output": {"output": {"joint": name}, "reference": {"hold": {"value": [1.0]}}, "gain": 4}} for name in "xy"
+    ]
+    run = execute(Scenario.load(point(tmp_path, controller={**fast, "tasks": steps}, obstacles=[]))).trajectory
+    assert np.abs(run.T).max() == pytest.approx(60.0, abs=1e-8)
+    np.testing.assert_allclose(run.q[-1], [1.0, 1.0], atol=1e-3)
+    assert np.abs(run.v).max() <= 1.5
+
+
+def test_a_robot_with_fewer_actuators_than_motions_needs_no_roll_out(tmp_path):
+    program = {"type": "inverse_dynamics", "tasks": [{"posture": {"joints": {"x": 0.5}, "gain": 2}}]}
+    prepared = Scenario.load(point(tmp_path, controller=program, actuators=["x"], obstacles=[])).build()
+    assert prepared.experiment.warnings == ()
+    assert execute(prepared).trajectory.q[-1, 0] == pytest.approx(0.5, abs=1e-3)

@@ -1,0 +1,215 @@
+"""Entries of scenario files are derived from dataclasses: what those have, files have, and it is described."""
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+import pytest
+from annotated_types import Gt, Len
+from pydantic import TypeAdapter, ValidationError
+
+import rnc_pin as rnc
+from places import SCHEMA
+from rnc_pin import constraints, outputs
+from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
+from rnc_pin.applications.scenario.loading import validate
+from rnc_pin.applications.scenario.saved_run import view_of
+from rnc_pin.applications.scenario.schema.actuators import ActuatorItem
+from rnc_pin.applications.scenario.schema.constraints import ConstraintItem
+from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, descriptions, one_of
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.visualization.view import View
+
+KINDS = [getattr(package, name) for package in (constraints, outputs) for name in package.__all__]
+KINDS = [kind for kind in KINDS if dataclasses.is_dataclass(kind)]
+TAKE_FUNCTIONS = {rnc.HeightField, rnc.Pfaffian, rnc.Output}  # which no file can say
+PARTS_OF_KINDS = {rnc.GroundPlane}  # which stand under a key of another kind
+KINDS = [kind for kind in KINDS if kind not in TAKE_FUNCTIONS | PARTS_OF_KINDS] + [rnc.FrameForce, rnc.FrameTorque]
+ALONE = {rnc.JointPosition: "joint", rnc.FrameOrientation: "frame", rnc.FrameYaw: "frame"}  # {frame_yaw: base}
+KEYS = {(rnc.MomentumConservation, "momentum"): "value"}
+REQUIRED = {(rnc.FrameAngularVelocity, "axis"), (rnc.FrameTilt, "axis")}
+PARTS = json.loads(SCHEMA.read_text())["$defs"]
+
+
+def said_default(value):
+    """A default as JSON has it: null for what is infinite, lists for tuples."""
+    if isinstance(value, float) and np.isinf(value):
+        return None
+    return list(value) if isinstance(value, tuple) else value
+
+
+def check_fields(kind, part):
+    assert list(part["properties"]) == [KEYS.get((kind, each.name), each.name) for each in dataclasses.fields(kind)]
+    for each, (name, field) in zip(dataclasses.fields(kind), part["properties"].items(), strict=True):
+        assert field["description"], name
+        optional = each.default is not dataclasses.MISSING and (kind, each.name) not in REQUIRED
+        assert (name in part.get("required", [])) is not optional
+        if optional:
+            assert field["default"] == said_default(each.default)
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+def test_every_dataclass_that_files_know_has_an_entry_with_its_fields(kind):
+    entry = PARTS[f"{kind.__name__}Entry"]
+    assert entry["description"] == " ".join(kind.__doc__.split("\n\n")[0].split())
+    (value,) = entry["properties"].values()
+    if kind in ALONE:
+        assert (value["type"], value["description"]) == ("string", descriptions(kind)[ALONE[kind]])
+    else:
+        assert f"#/$defs/{kind.__name__}" in str(value)
+        check_fields(kind, PARTS[kind.__name__])
+
+
+def test_the_ground_is_declared_once():
+    check_fields(rnc.GroundPlane, PARTS["GroundPlane"])
+
+
+def test_the_view_is_declared_once():
+    check_fields(View, PARTS["View"])
+    raw = with_options(read_yaml(find_scenario("space-robot")), {"view": {"camera": [1, 2, 3], "ground": None}})
+    view = view_of(validate(raw, "mine.yaml"))
+    assert view == View(camera=[1.0, 2.0, 3.0], ground=None)
+
+
+@dataclass(frozen=True)
+class Spring:
+    """A spring between two frames.
+
+    It was not there when entries were written.
+
+    Args:
+        frame_a, frame_b: where it is
+            fixed.
+        stiffness: of the spring [N/m].
+        kind: what it is made of.
+        ends: where it stops [m]; None for nowhere.
+        limit: largest force [N].
+
+    Example:
+        >>> Spring("a", "b", 2.0)
+    """
+
+    frame_a: str
+    frame_b: str
+    stiffness: Annotated[float, Gt(0)]
+    kind: Literal["steel", "rubber"] = "steel"
+    ends: Annotated[Sequence[float], Len(2, 2)] | np.ndarray | None = None
+    limit: float = np.inf
+
+    def __post_init__(self):
+        if self.frame_a == self.frame_b:
+            raise ConfigurationError(f"spring from '{self.frame_a}' to itself")
+
+
+ITEM = TypeAdapter(Annotated[object, one_of(True, spring=Spring)])
+SPRING = {"frame_a": "a", "frame_b": "b", "stiffness": 2}
+
+
+def test_a_new_dataclass_takes_one_line():
+    assert ITEM.validate_python({"spring": SPRING}) == Spring("a", "b", 2.0)
+    assert ITEM.validate_python("a name") == "a name"
+    told = {**SPRING, "kind": "rubber", "ends": [0, 1], "limit": 3}
+    assert ITEM.validate_python({"spring": told}) == Spring("a", "b", 2.0, "rubber", [0.0, 1.0], 3.0)
+    assert ITEM.validate_python({"spring": {**SPRING, "limit": None}}).limit == np.inf
+    part = ITEM.json_schema()["$defs"]["Spring"]
+    assert part["description"] == "A spring between two frames."
+    check_fields(Spring, part)
+    texts = {name: field["description"] for name, field in part["properties"].items()}
+    assert texts["frame_b"] == "Where it is fixed."
+    assert texts["ends"] == "Where it stops [m]; null for nowhere."
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"stiffness": 0}, "greater than 0"),
+        ({"stiffness": True}, "'stiffness' takes no boolean"),
+        ({"kind": "wood"}, "'steel' or 'rubber'"),
+        ({"ends": [1]}, "at least 2 items"),
+        ({"limit": np.inf}, "finite"),
+        ({"stifness": 2}, "did you mean 'stiffness'?"),
+        ({"frame_b": "a"}, "spring from 'a' to itself"),
+    ],
+)
+def test_its_values_are_held_to_its_annotations(changes, words):
+    with pytest.raises(ValidationError, match=words.replace("?", r"\?")):
+        ITEM.validate_python({"spring": {**SPRING, **changes}})
+
+
+def test_an_entry_tells_what_a_file_says_otherwise():
+    entry = Entry(Spring, keys={"stiffness": "k"}, required=("kind",))
+    reader = TypeAdapter(Annotated[object, entry])
+    assert reader.validate_python({"frame_a": "a", "frame_b": "b", "k": 2, "kind": "steel"}) == Spring("a", "b", 2.0)
+    with pytest.raises(ValidationError, match="kind"):
+        reader.validate_python({"frame_a": "a", "frame_b": "b", "k": 2})
+    momentum = TypeAdapter(Annotated[object, Entry(rnc.MomentumConservation, short="joint")])
+    assert momentum.validate_python("platform") == momentum.validate_python({"joint": "platform"})
+    with pytest.raises(ValidationError, match="expected a joint's name or a mapping with joint and momentum, found 3"):
+        momentum.validate_python(3)
+
+
+class Motor:
+    """A motor on a spring.
+
+    Args:
+        spring: what it pulls.
+        power: largest power [W].
+        gear: ratio; that of the catalogue by default.
+    """
+
+    def __init__(self, spring: Spring, power: float = np.inf, gear: Annotated[float, Gt(0)] | np.ndarray = 1.0) -> None:
+        self.spring, self.power, self.gear = spring, power, gear
+
+
+def test_a_class_is_read_by_its_constructor_and_built_once_the_rest_is_known():
+    entry = Entry(Motor, late=("spring",), optional=("gear",))
+    reader = TypeAdapter(Annotated[object, entry])
+    call = reader.validate_python({"power": None, "gear": [2, 3]})
+    assert call == PartialCall(Motor, {"gear": [2.0, 3.0]})
+    motor = call.build(spring=Spring("a", "b", 2.0))
+    assert (motor.spring.frame_b, motor.power, motor.gear) == ("b", np.inf, [2.0, 3.0])
+    fields = reader.json_schema()["properties"]
+    assert (list(fields), fields["gear"]["default"]) == (["power", "gear"], None)
+    assert fields["gear"]["description"] == "Ratio; that of the catalogue by default."
+    with pytest.raises(ValidationError, match="'spring' is not known"):
+        reader.validate_python({"spring": SPRING})
+
+
+def test_a_field_may_have_another_form_in_files():
+    """The output of an actuator is written like any output."""
+    reader = TypeAdapter(ActuatorItem)
+    said = {"output_force": {"output": {"distance": {"frame_a": "boom", "frame_b": "foot"}}, "limit": 20}}
+    assert reader.validate_python(said) == rnc.OutputForce(rnc.Distance("boom", "foot"), 20.0)
+    with pytest.raises(ValidationError, match=r"output_force.*output"):
+        reader.validate_python({"output_force": {"output": "boom"}})
+
+
+def test_a_rolling_body_is_written_with_its_shape_and_ground():
+    reader = TypeAdapter(ConstraintItem)
+    said = {"frame": "egg", "shape": {"ellipsoid": {"semi_axes": [0.2, 0.2, 0.3]}}, "ground": {"spin": 2}}
+    expected = rnc.RollingBody("egg", rnc.Ellipsoid([0.2, 0.2, 0.3]), ground=rnc.GroundPlane(spin=2.0))
+    assert reader.validate_python({"rolling_body": said}) == expected
+    with pytest.raises(ValidationError, match="normal of the ground has no length"):
+        reader.validate_python({"rolling_body": {**said, "ground": {"normal": [0, 0, 0]}}})
+    refused = {"shere": "did you mean 'sphere'", "spinn": "did you mean 'spin'", "wall": "normal, point, .*, cylinder"}
+    for key, reason in refused.items():  # a plain ground knows the keys of the others
+        with pytest.raises(ValidationError, match=f"'{key}' is not known.*{reason}"):
+            reader.validate_python({"rolling_body": {**said, "ground": {key: 1.0}}})
+    with pytest.raises(ValidationError, match="'sphere' has no other key beside it, found spin, sphere"):
+        reader.validate_python({"rolling_body": {**said, "ground": {"spin": 1.0, "sphere": {"radius": 2.0}}}})
+
+
+def test_a_prescribed_motion_is_written_with_an_output_a_start_and_a_reference():
+    reader = TypeAdapter(ConstraintItem)
+    said = {"start": [0.1], "reference": {"harmonic": {"amplitude": [0.02], "frequency": 30}}}
+    kind = reader.validate_python({"prescribed_motion": {"output": {"joint": "pivot"}, "motion": said}})
+    assert kind.output == rnc.JointPosition("pivot")
+    expected = rnc.planning.Harmonic([0.1], [0.02], 30.0)
+    np.testing.assert_array_equal(kind.motion.at(0.77).position, expected.at(0.77).position)
+    with pytest.raises(ValidationError, match=r"motion.*start"):
+        reader.validate_python(
+            {"prescribed_motion": {"output": {"joint": "pivot"}, "motion": {"reference": {"hold": {}}}}}
+        )

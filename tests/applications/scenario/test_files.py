@@ -1,0 +1,491 @@
+"""Scenario files: what they build, what options change, and one line for whatever is wrong in them."""
+
+import math
+import warnings
+
+import numpy as np
+import pytest
+import yaml
+
+import rnc_pin as rnc
+from places import DIRT
+from rnc_pin.applications.scenario.files import built_in_names, find_scenario, parse_option, read_yaml, with_options
+from rnc_pin.applications.scenario.loading import validate
+from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.applications.sweep.seeded_draws import draws_of
+from rnc_pin.robots.robot_files import shipped_directory
+
+# Comparisons would build everything twice; a roll-out of one second is enough for gains.
+SPACE_ROBOT = with_options(
+    read_yaml(find_scenario("space-robot")), {"comparisons": {}, "simulation.duration": 1.0, "sweep": {}}
+)
+
+
+def plan_of(changes, folder):
+    """The plan of the space robot's scenario with values at dotted keys replaced."""
+    path = folder / "mine.yaml"
+    path.write_text(yaml.safe_dump(with_options(SPACE_ROBOT, changes)))
+    return Scenario.load(str(path)).build()
+
+
+def refusal(call):
+    with pytest.raises(rnc.RncError) as caught:
+        call()
+    message = str(caught.value)
+    assert len(message.splitlines()) == 1
+    # The user wrote YAML and need not know what reads it.
+    assert not any(word in message for word in ("pydantic", "after validation", "Input should"))
+    return message
+
+
+# ---------------------------------------------------------------------- what is right
+
+
+CUT_SHORT = ("space-robot-uncertain", "wheels-uncertain")
+
+
+# test_built_in_runs builds these.
+PLANNED = [name for name in built_in_names() if "\nplanner:" in find_scenario(name).read_text()]
+
+
+@pytest.mark.parametrize("name", sorted(set(built_in_names()) - set(PLANNED)))
+def test_built_in_scenarios_can_run(name):
+    """With their comparisons. Their whole length is planned here or in test_built_in_runs."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", rnc.ModelWarning)
+        prepared = Scenario.load(name, {} if name in CUT_SHORT else {"simulation.duration": 1.0}).build()
+    scenario = prepared.experiment.scenario
+    assert prepared.name == name
+    assert scenario.title
+    assert scenario.plots
+    assert prepared.experiment.warnings == ()
+    assert set(prepared.comparisons) == set(scenario.comparisons)
+
+
+def test_what_the_file_says_is_what_is_built(tmp_path):
+    experiment = plan_of({}, tmp_path).experiment
+    assert experiment.reduced.robot.name == "space_robot"
+    assert experiment.reduced.constraints.names == ("momentum(platform)",)
+    assert experiment.reduced.reducing.names == ("tip_x", "tip_y", "joint_1")
+    assert experiment.reduced.vertical.names == ("platform",)
+    assert experiment.reduced.actuation.names == ("joint_1", "joint_2", "joint_3")
+    np.testing.assert_array_equal(experiment.q0, [0.0, -0.4, 1.8, -1.1])
+    assert (experiment.simulation.duration, experiment.simulation.dt) == (1.0, 0.002)
+
+
+@pytest.mark.filterwarnings("ignore::rnc_pin.ModelWarning")  # its hinges are rounded
+def test_loops_can_be_asked_for_and_are_closed_at_the_start(tmp_path):
+    motors = ["right_motor_joint", "left_motor_joint"]
+    ends = {"offset_a": [0, 0.005, 0.2], "offset_b": [0, 0.01, 0.2]}
+    start = dict.fromkeys(motors, 1.4)
+    changes = {
+        "robot": {"urdf": str(DIRT / "five_bar.urdf")},
+        "constraints": [{"loop_closure": {"frame_a": "right_shin", "frame_b": "left_shin", "kind": "point", **ends}}],
+        "actuators": motors,
+        "outputs": {"reducing": [{"joint": motor} for motor in motors], "vertical": []},
+        "task": {},
+        "initial": {"q": {**start, "right_knee": -2.0, "left_knee": -1.0}},
+        "controller": {"type": "reducing_outputs", "preset": "paper"},
+        "reference": {},
+        "plots": {},
+        "view": {},
+    }
+    stay = "; joints named in initial.q stay: .*right_knee"
+    with pytest.raises(rnc.ConfigurationError, match=r"initial.q: .* has residual .*" + stay):
+        plan_of(changes, tmp_path)  # all four cannot stay where they are
+    experiment = plan_of({**changes, "initial": {"q": start}}, tmp_path).experiment
+    reduced = experiment.reduced
+    values = reduced.robot.joint_values(experiment.q0)
+    assert [values[motor] for motor in motors] == pytest.approx([1.4, 1.4])
+    assert np.abs(reduced.assembly.residual(experiment.q0)).max() < 1e-6  # of rounded hinges
+
+
+def test_momentum_can_have_a_value(tmp_path):
+    reduced = plan_of({"constraints.0": {"momentum": {"joint": "platform", "value": 2.5}}}, tmp_path).experiment.reduced
+    assert reduced.affine
+    v = reduced.at(reduced.robot.configuration({"joint_2": 1.8, "joint_3": -1.1}), np.zeros(3)).v
+    np.testing.assert_allclose(
+        reduced.at(reduced.robot.configuration({"joint_2": 1.8, "joint_3": -1.1}), v=v).residual, 0, atol=1e-12
+    )
+    assert np.abs(v).max() > 0.01
+
+
+def test_outputs_without_a_task_are_all_primary(tmp_path):
+    changes = {"task": {}, "controller.type": "reducing_outputs", "reference": {}}
+    experiment = plan_of(changes, tmp_path).experiment
+    reduced = experiment.reduced
+    v2 = np.zeros(reduced.r)
+    measurement = reduced.at(experiment.q0, v2).measure(v2)
+    command, _ = experiment.controller.step(0.0, measurement, experiment.controller.initial_state(measurement))
+    # Without a reference every one of them stays where it is.
+    np.testing.assert_array_equal(command.x2_desired, reduced.at(experiment.q0).outputs()[1])
+
+
+def test_a_robot_is_found_beside_its_scenario_from_anywhere(tmp_path, monkeypatch):
+    urdf = (shipped_directory() / "space_robot.urdf").read_text().replace('name="space_robot"', 'name="mine"')
+    (tmp_path / "mine.urdf").write_text(urdf)
+    monkeypatch.chdir("/")
+    assert plan_of({"robot.urdf": "mine.urdf"}, tmp_path).experiment.reduced.robot.name == "mine"
+
+
+def test_gains_by_hand_replace_those_of_the_preset(tmp_path):
+    changes = {"controller.preset": "paper", "controller.k": [1.0, 2.0, 3.0], "controller.sigma": 0.5}
+    gains = plan_of(changes, tmp_path).experiment.notes["controller"]["gains"]
+    assert gains == {"k": [1.0, 2.0, 3.0], "beta": 10.0, "sigma": 0.5}
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"reference.redundant": {"hold": {}}}, "is not followed by a controller of type 'redundancy'; controller.sec"),
+        (
+            {"controller": {"type": "jacobian_transpose", "active": ["joint_2", "joint_3"]}},
+            "reference.vertical: is not",
+        ),
+    ],
+)
+def test_a_reference_that_nothing_follows_is_refused(changes, words, tmp_path):
+    with pytest.raises(rnc.ConfigurationError) as caught:
+        plan_of(changes, tmp_path)
+    assert words in str(caught.value)
+
+
+def test_a_sweep_draws_within_its_ranges_and_the_same_every_time():
+    ranges = {"initial.q.joint_2": [1.6, 2.0], "reference.primary.minimum_jerk.to.0": [1.0, 1.3]}
+    drawn, again, other = (
+        [next(draws_of("space-robot", {"sweep": ranges, "seed": seed}).of_run(run)) for run in range(8)]
+        for seed in (0, 0, 1)
+    )
+    assert drawn == again
+    assert drawn != other
+    for key, (low, high) in ranges.items():
+        values = [each[key] for each in drawn]
+        assert low <= min(values) < max(values) <= high
+
+
+# ---------------------------------------------------------------------- options
+
+
+@pytest.mark.parametrize(
+    ("option", "expected"),
+    [
+        ("simulation.duration=5", ("simulation.duration", 5)),
+        ("a.b=[1, 2.5]", ("a.b", [1, 2.5])),
+        ("a={b: c}", ("a", {"b": "c"})),
+        ("a=true", ("a", True)),
+        ("a=", ("a", None)),
+        ("a=b=c", ("a", "b=c")),
+        (" a = b ", ("a", "b")),
+    ],
+)
+def test_an_option_is_a_key_and_a_yaml_value(option, expected):
+    assert parse_option(option) == expected
+
+
+@pytest.mark.parametrize(
+    "option",
+    ["", "simulation.duration", "=5", "a={b", "a=2020-13-45", "a={b: 1, b: 2}", "a=" + 1000 * "["],
+    ids=["empty", "no value", "no key", "cut off", "no such day", "key twice", "deep"],
+)
+def test_an_option_that_is_none_is_refused(option):
+    assert "option '" in refusal(lambda: parse_option(option))
+
+
+def test_options_replace_values_in_a_copy():
+    raw = {"a": {"b": 1, "c": [1, {"d": 2}]}}
+    changed = with_options(raw, {"a.b": 5, "a.c.0": 6, "a.c.1.d": 7, "new.key": 8})
+    assert changed == {"a": {"b": 5, "c": [6, {"d": 7}]}, "new": {"key": 8}}
+    assert raw == {"a": {"b": 1, "c": [1, {"d": 2}]}}
+
+
+@pytest.mark.parametrize(
+    ("key", "words"),
+    [
+        ("a.b.c", "'b' is 1, not a mapping"),
+        ("a.list.2", "'2' is not an index into a list of 2"),
+        ("a.list.-1", "'-1' is not an index"),
+        ("a.list.x", "'x' is not an index"),
+        ("a.list.²", "'²' is not an index"),
+    ],
+)
+def test_an_option_that_leads_nowhere_is_refused(key, words):
+    assert words in refusal(lambda: with_options({"a": {"b": 1, "list": [1, 2]}}, {key: 3}))
+
+
+# ---------------------------------------------------------------------- what is wrong
+
+
+PRIMARY = "reference.primary"
+FIRST = "outputs.reducing.0"
+TIP = {"frame_position": {"frame": "tip", "axes": "xy"}}
+
+BROKEN = {
+    "unknown key": ({"contoller": {}}, ["mine.yaml", "'contoller'", "did you mean 'controller'?"]),
+    "unknown key inside": ({"simulation.stpes": 2}, ["mine.yaml", "simulation: 'stpes'"]),
+    "outputs are a name": ({"outputs": "tip"}, ["mine.yaml: outputs: expected a mapping"]),
+    "robot is a name": ({"robot": "space_robot.urdf"}, ["robot: expected a mapping", "'space_robot.urdf'"]),
+    "no robot": ({"robot": {"base": "fixed"}}, ["robot: expected one of 'urdf', 'mjcf' and 'example'"]),
+    "two robots": ({"robot.example": "panda"}, ["robot: expected one of 'urdf', 'mjcf' and 'example'"]),
+    "misspelt URDF": ({"robot.urdf": "space_robt.urdf"}, ["did you mean 'space_robot.urdf'?"]),
+    "misspelt example": ({"robot": {"example": "pandaa"}}, ["did you mean 'panda'?"]),
+    "unknown base": ({"robot.base": "plannar"}, ["robot.base: expected 'fixed', 'planar' or 'free'", "'plannar'"]),
+    "short gravity": ({"robot.gravity": [0, 0]}, ["robot.gravity", "[0, 0]"]),
+    "unknown locked joint": ({"robot.lock": {"platfrom": 0}}, ["'platfrom'", "did you mean 'platform'?"]),
+    "unknown constraint": ({"constraints.0": {"momentom": "platform"}}, ["constraints[0]", "mean 'momentum'?"]),
+    "constraint of no joint": ({"constraints.0": {"momentum": "platfrom"}}, ["mean 'platform'?"]),
+    "constraint that is a word": ({"constraints.0": "momentum"}, ["constraints[0]", "'momentum'"]),
+    "constraint that is a number": ({"constraints.0": {"momentum": 3}}, ["constraints[0].momentum", "found 3"]),
+    "constraints that are a word": ({"constraints": "momentum"}, ["constraints: expected", "list"]),
+    "constraint twice": ({"constraints": 2 * [{"momentum": "platform"}]}, ["momentum(platform)", "duplicate"]),
+    "momentum without a joint": (
+        {"constraints.0": {"momentum": {"value": 3}}},
+        ["constraints[0].momentum.joint: is missing"],
+    ),
+    "momentum of two values": (
+        {"constraints.0": {"momentum": {"joint": "platform", "value": [1, 2]}}},
+        ["momentum of joint 'platform' takes 1 finite number, found"],
+    ),
+    "loop of unknown kind": (
+        {"constraints.0": {"loop_closure": {"frame_a": "tip", "frame_b": "base", "kind": "pint"}}},
+        ["constraints[0].loop_closure.kind: expected 'frame' or 'point', found 'pint'"],
+    ),
+    "coupling to itself": (
+        {"constraints.0": {"joint_coupling": {"joint": "joint_1", "driver": "joint_1"}}},
+        ["joint 'joint_1' cannot be coupled to itself"],
+    ),
+    "ball of no radius": (
+        {"constraints.0": {"rolling_ball": {"frame": "tip"}}},
+        ["constraints[0].rolling_ball.radius: is missing"],
+    ),
+    "wheel of no radius": (
+        {"constraints.0": {"rolling_wheel": {"frame": "tip"}}},
+        ["constraints[0].rolling_wheel.radius: is missing"],
+    ),
+    "wheel of radius zero": (
+        {"constraints.0": {"rolling_wheel": {"frame": "tip", "radius": 0}}},
+        ["constraints[0].rolling_wheel.radius: expected greater than 0", "found 0"],
+    ),
+    "unknown axis": (
+        {"constraints.0": {"no_side_slip": {"frame": "tip", "axis": "w"}}},
+        ["constraints[0].no_side_slip.axis: expected 'x', 'y' or 'z'", "'w'"],
+    ),
+    "unknown actuator": ({"actuators.2": "jiont_3"}, ["'jiont_3'", "did you mean 'joint_3'?"]),
+    "unknown kind of actuator": ({"actuators.2": {"froce": {}}}, ["actuators[2]: 'froce'", "mean 'force'?"]),
+    "actuator twice": ({"actuators.2": "joint_1"}, ["actuator 'joint_1'", "duplicate"]),
+    "actuator of the platform": ({"actuators.2": "platform"}, ["'platform' drives momentum(platform)", "conserved"]),
+    "force from outside": (
+        {"actuators.2": {"force": {"frame": "tip", "axis": "x"}}},
+        ["force(tip.x)", "drives momentum(platform)"],
+    ),
+    "unknown frame": ({f"{FIRST}.frame_position.frame": "tpi"}, ["frame 'tpi'", "did you mean 'tip'?"]),
+    "unknown kind of output": ({FIRST: {"frame_positon": {}}}, ["outputs.reducing[0]", "mean 'frame_position'?"]),
+    "unknown axes": ({f"{FIRST}.frame_position.axes": "xw"}, ["'w'", "x, y, z"]),
+    "axis twice": ({f"{FIRST}.frame_position.axes": "xx"}, ["axes 'xx'", "'tip'", "at most once"]),
+    "no reducing outputs": ({"outputs.reducing": []}, ["mine.yaml: outputs.reducing:"]),
+    "too few outputs": ({"outputs.reducing": [TIP]}, ["2 reducing outputs (tip_x, tip_y)", "expected 3"]),
+    "too many outputs": ({f"{FIRST}.frame_position.axes": "xyz"}, ["4 reducing outputs", "expected 3"]),
+    "output twice": ({"outputs.vertical.0.joint": "joint_1"}, ["output 'joint_1'", "duplicate"]),
+    "outputs that cannot move": ({f"{FIRST}.frame_position.axes": "xz"}, ["do not parametrise", "tip_z"]),
+    "task of an unknown output": ({"task.primary": ["tip_x", "tip_z"]}, ["'tip_z'", "did you mean"]),
+    "task leaves an output out": ({"task.primary": ["tip_x"]}, ["'tip_y' is neither primary nor redundant"]),
+    "task names an output twice": ({"task.redundant": ["tip_x"]}, ["duplicate output in primary and redundant"]),
+    "task of an unknown vertical": ({"task.vertical": ["platfrom"]}, ["'platfrom'", "mean 'platform'?"]),
+    "task that is a word": ({"task.primary": "tip_x"}, ["task.primary: expected", "list", "'tip_x'"]),
+    "unknown initial joint": ({"initial.q": {"jiont_1": 1}}, ["'jiont_1'", "did you mean 'joint_1'?"]),
+    "initial value in words": ({"initial.q.joint_1": "up"}, ["initial.q.joint_1: expected", "number", "'up'"]),
+    "initial value of two": ({"initial.q.joint_1": [1, 2]}, ["'joint_1'", "found 2"]),
+    "initial NaN": ({"initial.q.joint_1": math.nan}, ["initial.q.joint_1: expected a finite number", "nan"]),
+    "initial values in a list": ({"initial.q": [1, 2]}, ["initial.q: expected", "[1, 2]"]),
+    "singular start": ({"initial.q": {}}, ["singular configuration", "tip_x", "q = [0, 0, 0, 0]"]),
+    "unknown reference": ({PRIMARY: {"minimum_jrek": {}}}, [f"{PRIMARY}: 'minimum_jrek'", "mean 'minimum_jerk'?"]),
+    "reference of an unknown part": ({"reference.primray": {}}, ["reference: 'primray'", "mean 'primary'?"]),
+    "reference that is a word": ({PRIMARY: "tip"}, [f"{PRIMARY}: expected a mapping", "found 'tip'"]),
+    "goal too short": ({f"{PRIMARY}.minimum_jerk.to": [1.0]}, [f"{PRIMARY}:", "1 value"]),
+    "step too short": ({PRIMARY: {"minimum_jerk": {"by": [1.0], "duration": 1}}}, [f"{PRIMARY}:", "1 value"]),
+    "constant too long": (
+        {"reference.vertical": {"hold": {"value": [1, 2]}}},
+        ["reference.vertical:", "2 values for 1"],
+    ),
+    "goal and step": (
+        {f"{PRIMARY}.minimum_jerk.by": [1, 1]},
+        [f"{PRIMARY}.minimum_jerk: expected one of 'to' and 'by'"],
+    ),
+    "infinite goal": (
+        {f"{PRIMARY}.minimum_jerk.to": [1, math.inf]},
+        [f"{PRIMARY}.minimum_jerk.to[1]", "finite", "inf"],
+    ),
+    "motion of no time": ({f"{PRIMARY}.minimum_jerk.duration": 0}, [f"{PRIMARY}.minimum_jerk.duration", "found 0"]),
+    "times run backwards": (
+        {PRIMARY: {"via_points": {"times": [2, 1], "points": [[1, 1], [1, 1]]}}},
+        [PRIMARY, "increasing times"],
+    ),
+    "frequencies too many": (
+        {PRIMARY: {"harmonic": {"amplitude": [1, 1], "frequency": [1, 2, 3]}}},
+        [PRIMARY, "frequency"],
+    ),
+    "unknown controller": ({"controller.type": "redundency"}, ["controller.type: expected 'redundancy', 'red"]),
+    "unknown preset": (
+        {"controller.preset": "papr"},
+        ["controller.preset: expected 'paper', 'normalised' or 'scaled'"],
+    ),
+    "gain in words": ({"controller.k": "high"}, ["controller.k: expected", "number", "'high'"]),
+    "too few velocity gains": ({"controller.k": [1, 2]}, ["controller.k"]),
+    "too few adaptation gains": ({"controller.beta": [1]}, ["controller.beta"]),
+    "too many primary gains": ({"controller.k21": [1, 2, 3]}, ["controller.k21"]),
+    "too many vertical gains": ({"controller.k3": [1, 2]}, ["controller.k3"]),
+    "negative leak": ({"controller.sigma": -1}, ["controller.sigma: expected greater than or equal to 0"]),
+    "bandwidth too large": ({"controller.bandwidth": 1e6}, ["controller:", "1e+06 rad/s", "outside the window"]),
+    "bandwidth too small": ({"controller.bandwidth": 1e-3}, ["controller:", "0.001 rad/s", "outside the window"]),
+    "bandwidth of the paper": (
+        {"controller": {"type": "redundancy", "preset": "paper", "bandwidth": 5}},
+        ["controller.bandwidth", "'scaled'"],
+    ),
+    "nothing redundant": (
+        {"task": {"primary": ["tip_x", "tip_y", "joint_1"]}, "reference": {}},
+        ["as many redundant as vertical outputs", "0 (none)", "1 (platform)"],
+    ),
+    "no simulation": ({"simulation": None}, ["simulation: is missing"]),
+    "no controller": ({"controller": None}, ["controller: is missing"]),
+    "negative duration": ({"simulation.duration": -1}, ["simulation.duration: expected greater than 0", "-1"]),
+    "duration in words": ({"simulation.duration": "long"}, ["simulation.duration: expected", "'long'"]),
+    "dt of zero": ({"simulation.dt": 0}, ["simulation.dt: expected greater than 0", "found 0"]),
+    "dt that is NaN": ({"simulation.dt": math.nan}, ["simulation.dt: expected a finite number", "nan"]),
+    "dt too long for the inertia": ({"simulation.dt": 0.5}, ["controller:", "every 0.5 s", "sample faster"]),
+    "half a substep": ({"simulation.substeps": 1.5}, ["simulation.substeps: expected", "1.5"]),
+    "negative seed": ({"seed": -1}, ["seed:", "-1"]),
+    "plot of an unknown output": ({"plots.figure_4a.outputs": ["tipx"]}, ["plots.figure_4a.outputs", "mean 'tip_x'?"]),
+    "plot of nothing": ({"plots.figure_4a.outputs": []}, ["plots.figure_4a", "expected 'outputs'"]),
+    "plot outside of the folder": ({"plots": {"../stray": {"outputs": ["tip_x"]}}}, ["plots", "../stray"]),
+    "unknown frame in view": ({"view.trail": ["tpi"]}, ["frame 'tpi'", "did you mean 'tip'?"]),
+    "camera on a plane": ({"view.camera": [1, 2]}, ["view.camera", "[1, 2]"]),
+    "comparison of an unknown key": (
+        {"comparisons": {"other": {"controller.typ": "x"}}},
+        ["comparisons.other", "controller: 'typ'", "mean 'type'?"],
+    ),
+    "range of one value": ({"sweep": {"initial.q.joint_1": [1]}}, ["sweep.initial.q.joint_1", "[1]"]),
+}
+
+
+@pytest.mark.parametrize(("changes", "words"), BROKEN.values(), ids=BROKEN)
+def test_a_mistake_is_named_in_one_line(changes, words, tmp_path):
+    message = refusal(lambda: plan_of(changes, tmp_path))
+    assert all(word in message for word in words), message
+
+
+TEXTS = {
+    "empty": ("", ["expected a mapping", "the file is empty"]),
+    "list": ("- robot\n- task\n", ["expected a mapping", "['robot', 'task']"]),
+    "word": ("robot\n", ["expected a mapping", "'robot'"]),
+    "bracket left open": ("seed: 1\nrobot: {urdf: a\ntask: b\n", ["line 3"]),
+    "tab": ("robot:\n\turdf: a\n", ["line 2", "'\\t'"]),
+    "key twice": ("seed: 1\nrobot: {}\nseed: 2\n", ["line 3", "duplicate key 'seed'"]),
+    "key twice inside": ("simulation:\n  dt: 1\n  dt: 2\n", ["line 3", "duplicate key 'dt'"]),
+    "contains itself": ("robot: &robot\n  urdf: *robot\n", ["line 1", "recursive"]),
+    "unknown alias": ("robot: *nobody\n", ["line 1", "'nobody'"]),
+    "Python object": ("robot: !!python/object/apply:os.getcwd []\n", ["line 1", "tag"]),
+    "two documents": ("seed: 1\n---\nseed: 2\n", ["line 2", "document"]),
+    "no such day": ("title: 2020-13-45\n", ["not YAML"]),
+    "zero byte": ("title: \0\n", ["not YAML"]),
+}
+
+
+@pytest.mark.parametrize(("text", "words"), TEXTS.values(), ids=TEXTS)
+def test_a_file_that_is_no_mapping_is_refused_with_its_line(text, words, tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text(text)
+    message = refusal(lambda: Scenario.load(str(path)).build())
+    assert all(word in message for word in ["mine.yaml", *words]), message
+
+
+def test_a_file_that_is_no_text_is_refused(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_bytes(b"title: \xff\n")
+    assert "mine.yaml: cannot be read" in refusal(lambda: Scenario.load(str(path)).build())
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("space-robt", "did you mean 'space-robot'?"),
+        ("nowhere/mine.yaml", "'nowhere/mine.yaml'"),
+        ("space-robot.yaml", "no scenario file 'space-robot.yaml'; did you mean 'space-robot'?"),
+        ("no\0where/mine.yaml", "no scenario file"),
+        ("", "neither built in nor a file"),
+        ("/", "neither built in nor a file"),
+    ],
+)
+def test_a_scenario_that_is_not_there_is_refused(name, words):
+    assert words in refusal(lambda: find_scenario(name))
+
+
+def test_a_scenario_file_that_is_not_there_is_sought_beside(tmp_path):
+    (tmp_path / "mine.yaml").write_text("title: mine\n")
+    words = refusal(lambda: find_scenario(str(tmp_path / "mien.yaml")))
+    assert words == f"no scenario file '{tmp_path}/mien.yaml'; did you mean 'mine.yaml'?"
+
+
+def test_a_key_that_is_not_known_is_named_without_a_place():
+    raw = with_options(read_yaml(find_scenario("space-robot")), {"controler.type": "x"})
+    words = refusal(lambda: validate(raw, "mine.yaml"))
+    assert words == "mine.yaml: 'controler' is not known; did you mean 'controller'?"
+
+
+@pytest.mark.parametrize(
+    ("ranges", "words"),
+    [
+        ({}, "sweep: is missing"),
+        ({"initial.q.joint_2": [2.0, 1.0]}, "sweep.initial.q.joint_2: minimum 2 is greater than maximum 1"),
+    ],
+)
+def test_a_sweep_of_nothing_is_refused(ranges, words):
+    assert words in refusal(lambda: draws_of("space-robot", {"sweep": ranges}))
+
+
+def test_every_part_of_a_scenario_says_what_it_does_not_know():
+    """An unknown key is refused wherever it stands, not silently dropped."""
+    unheard = 0
+    for key, value in SPACE_ROBOT.items():
+        if isinstance(value, dict) and key not in ("comparisons", "sweep", "plots"):
+            message = refusal(
+                lambda key=key: validate(with_options(SPACE_ROBOT, {f"{key}.unheard_of": 1}), "mine.yaml")
+            )
+            assert f"mine.yaml: {key}: 'unheard_of' is not known" in message
+            unheard += 1
+    assert unheard >= 7
+
+
+def test_what_goes_with_a_preset_is_brought_by_it_and_options_count_more(tmp_path):
+    raw = with_options(read_yaml(find_scenario("space-robot")), {"comparisons": {}, "plots": {}})
+    raw["presets"] = {"paper": {"simulation.duration": 3.0, "reference.vertical.minimum_jerk.to": [0.1]}}
+    path = tmp_path / "mine.yaml"
+    path.write_text(yaml.safe_dump(raw))
+    assert Scenario.load(str(path)).build().duration == raw["simulation"]["duration"]
+    slow = Scenario.load(str(path), {"controller.preset": "paper"}).build()
+    assert slow.duration == 3.0
+    assert slow.raw["reference"]["vertical"]["minimum_jerk"]["to"] == [0.1]
+    assert "presets" not in slow.raw  # a record says what was run, and runs again as it was
+    shorter = Scenario.load(str(path), {"controller.preset": "paper", "simulation.duration": 2.0}).build()
+    assert shorter.duration == 2.0
+    path.write_text(yaml.safe_dump(shorter.raw))
+    assert Scenario.load(str(path)).build().duration == 2.0
+    path.write_text(yaml.safe_dump({**raw, "presets": {"papr": {}}}))
+    with pytest.raises(rnc.ConfigurationError, match=r"presets\.papr"):
+        Scenario.load(str(path)).build()
+
+
+def test_a_variant_is_the_scenario_with_what_it_says(tmp_path):
+    raw = with_options(read_yaml(find_scenario("space-robot")), {"comparisons": {}, "plots": {}})
+    raw["variants"] = {"slow": {"simulation.duration": 3.0, "controller.preset": "paper"}, "other": {}}
+    raw["presets"] = {"paper": {"simulation.dt": 0.004}}
+    path = tmp_path / "mine.yaml"
+    path.write_text(yaml.safe_dump(raw))
+    assert Scenario.load(str(path)).build().duration == raw["simulation"]["duration"]
+    slow = Scenario.load(str(path), {"variant": "slow"}).build()
+    assert (slow.duration, slow.raw["simulation"]["dt"]) == (3.0, 0.004)  # its preset brings what goes with it
+    assert not {"variant", "variants", "presets"} & slow.raw.keys()
+    assert Scenario.load(str(path), {"variant": "slow", "simulation.duration": 2.0}).build().duration == 2.0
+    path.write_text(yaml.safe_dump({**raw, "variant": "slow"}))
+    assert Scenario.load(str(path)).build().duration == 3.0
+    path.write_text(yaml.safe_dump({**raw, "variant": "slwo"}))
+    with pytest.raises(rnc.ConfigurationError, match=r"no variant 'slwo'; did you mean 'slow'"):
+        Scenario.load(str(path)).build()

@@ -1,0 +1,65 @@
+"""The JSON Schema that editors read: current, told in words, and of one mind with the models."""
+
+import json
+import sys
+
+import pytest
+
+from places import SCHEMA
+from rnc_pin.applications.command_line.cli import main
+from rnc_pin.applications.scenario.files import built_in_names, find_scenario, read_yaml
+from rnc_pin.applications.scenario.json_schema import schema_text
+
+WRITTEN = json.loads(SCHEMA.read_text())
+jsonschema = pytest.importorskip("jsonschema", reason="reads schemas; comes with the test extra")
+
+
+def test_the_file_in_the_package_is_current():
+    assert json.loads(schema_text()) == WRITTEN, (
+        "make it again: rnc-pin schema > rnc_pin/applications/scenario/scenario.schema.json"
+    )
+
+
+def test_rnc_pin_prints_it(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["rnc-pin", "schema"])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 0
+    assert json.loads(capsys.readouterr().out) == WRITTEN
+
+
+def test_it_is_a_schema_and_accepts_every_built_in_scenario():
+    checker = jsonschema.Draft202012Validator
+    checker.check_schema(WRITTEN)
+    whole = checker(WRITTEN)
+    for name in built_in_names():
+        whole.validate(read_yaml(find_scenario(name)))
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("contoller", {}),
+        ("robot", "space_robot.urdf"),
+        ("constraints", [{"momentom": "x"}]),
+        ("seed", -1),
+        ("outputs", "tip"),
+    ],
+)
+def test_it_refuses_what_the_models_refuse(key, value):
+    raw = {**read_yaml(find_scenario("space-robot")), key: value}
+    assert not jsonschema.Draft202012Validator(WRITTEN).is_valid(raw)
+
+
+def test_every_part_is_described():
+    content = WRITTEN
+    for name, part in content["$defs"].items():
+        assert part.get("description") or name.startswith("_") or name.endswith("Arguments"), name
+    undescribed = [
+        f"{name}.{key}"
+        for name, part in {**content["$defs"], "Scenario": content}.items()
+        if not name.endswith("Arguments") and len(part.get("properties", {})) > 1
+        for key, value in part["properties"].items()
+        if "description" not in value and "$ref" not in json.dumps(value)  # what is referred to says it
+    ]
+    assert undescribed == []

@@ -1,0 +1,412 @@
+"""The folder of results: it replaces and deletes what runs left there, and touches nothing else."""
+
+import hashlib
+import json
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+
+import rnc_pin as rnc
+from patience import PATIENCE
+from rnc_pin.applications.scenario.output_folder import OutputFolder
+from rnc_pin.io.manifest import MANIFEST
+from terminal import results
+
+
+def contents(folder):
+    """Every file under a folder and its content, without the manifest."""
+    return {
+        str(path.relative_to(folder)): path.read_text()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path.name != MANIFEST
+    }
+
+
+def refusal(call):
+    with pytest.raises(rnc.ConfigurationError) as caught:
+        call()
+    message = str(caught.value)
+    assert len(message.splitlines()) == 1
+    return message
+
+
+def run(folder, force=False, **files):
+    """A run: writes files, then keeps them."""
+    write(folder, {name.replace("_", "."): text for name, text in files.items()}, force)
+
+
+def write(folder, files, force=False):
+    with OutputFolder(folder, force, list(files)) as out:
+        for name, text in files.items():
+            (out.fresh / name).write_text(text)
+        out.keep()
+
+
+def digest(text):
+    return [hashlib.sha256(text.encode()).hexdigest()]
+
+
+def forge(folder, files):
+    (folder / MANIFEST).write_text(json.dumps({"files": files}))
+
+
+# ---------------------------------------------------------------------- what a run does
+
+
+def test_a_new_folder_is_made_with_its_parents_and_a_manifest(tmp_path):
+    place = tmp_path / "runs" / "first"
+    files = {"a.png": "a", "summary.json": "b"}
+    write(place, files)
+    manifest = json.loads((place / MANIFEST).read_text())
+    assert manifest["files"] == {name: digest(text) for name, text in files.items()}
+    assert contents(place) == files
+    assert sorted(path.name for path in place.iterdir()) == [MANIFEST, "a.png", "summary.json"]
+
+
+def test_a_run_that_keeps_nothing_leaves_nothing(tmp_path):
+    with OutputFolder(tmp_path / "out") as folder:
+        (folder.fresh / "a.png").write_text("a")
+    assert not list(tmp_path.iterdir())
+
+
+def test_only_files_with_names_of_results_are_kept(tmp_path):
+    with OutputFolder(tmp_path) as folder:
+        (folder.fresh / "a.png").write_text("a")
+        (folder.fresh / "notes.txt").write_text("b")
+        (folder.fresh / "run_0000").mkdir()
+        (folder.fresh / "run_0000" / "summary.json").write_text("c")
+        folder.keep()
+    assert contents(tmp_path) == {"a.png": "a"}
+
+
+def test_a_second_run_removes_what_the_first_wrote_and_nothing_else(tmp_path):
+    run(tmp_path, old_png="old", summary_json="old")
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "robot.txt").write_text("mine")
+    run(tmp_path, new_png="new")
+    assert contents(tmp_path) == {"new.png": "new", "notes.txt": "mine", "photos/robot.txt": "mine"}
+
+
+def test_what_was_there_before_stays_until_the_new_results_are_complete(tmp_path):
+    run(tmp_path, summary_json="old", overview_png="old")
+    with OutputFolder(tmp_path) as folder:
+        (folder.fresh / "summary.json").write_text("new")
+        folder.keep_so_far()
+        assert (tmp_path / "summary.json").read_text() == "old"
+        assert (tmp_path / "overview.png").read_text() == "old"
+        folder.keep()
+    assert contents(tmp_path) == {"summary.json": "new"}
+
+
+def test_where_nothing_was_before_results_stand_as_they_come(tmp_path):
+    with OutputFolder(tmp_path) as folder:
+        (folder.fresh / "summary.json").write_text("new")
+        folder.keep_so_far()
+        assert (tmp_path / "summary.json").read_text() == "new"
+        (folder.fresh / "overview.png").write_text("new")
+    assert contents(tmp_path) == {"summary.json": "new"}
+    run(tmp_path)  # it is known as ours
+    assert contents(tmp_path) == {}
+
+
+KILLED = """
+import os, signal, sys
+from rnc_pin.applications.scenario.output_folder import OutputFolder
+folder, fatal = sys.argv[1], int(sys.argv[2])
+moved = []
+def move(source, target, move=os.replace):
+    if len(moved) == fatal:
+        os.kill(os.getpid(), signal.SIGKILL)
+    moved.append(target)
+    move(source, target)
+os.replace = move
+with OutputFolder(folder) as out:
+    for name in ("summary.json", "scenario.yaml", "trajectory.npz"):
+        (out.fresh / name).write_text("new")
+    out.keep()
+"""
+
+
+@pytest.mark.parametrize("fatal", [0, 2, 4])  # of the manifest, three results, the manifest
+def test_a_run_killed_while_it_puts_results_into_place_locks_nobody_out(fatal, tmp_path):
+    run(tmp_path, summary_json="old", scenario_yaml="old", overview_png="old")
+    process = subprocess.run([sys.executable, "-c", KILLED, tmp_path, str(fatal)], timeout=PATIENCE)
+    assert process.returncode == -signal.SIGKILL
+    run(tmp_path, summary_json="newer")
+    assert contents(tmp_path) == {"summary.json": "newer"}
+    assert {path.name for path in tmp_path.iterdir()} == {MANIFEST, "summary.json"}
+
+
+def test_results_are_kept_if_somebody_removes_the_folder_meanwhile(tmp_path):
+    out = tmp_path / "out"
+    with OutputFolder(out) as folder:
+        shutil.rmtree(out)
+        with folder.writing() as fresh:
+            (fresh / "summary.json").write_text("new")
+        folder.keep()
+    assert contents(out) == {"summary.json": "new"}
+    with OutputFolder(out) as folder:
+        shutil.rmtree(out)
+        out.mkdir()
+        (out / "summary.json").write_text("mine")
+        with folder.writing() as fresh:
+            (fresh / "summary.json").write_text("newer")
+        message = refusal(folder.keep)
+    assert contents(out)["summary.json"] == "mine"
+    assert (Path(message.split("are in ")[1]) / "summary.json").read_text() == "newer"
+    with OutputFolder(out, force=True):
+        shutil.rmtree(out)
+    assert not out.exists()
+
+
+# ---------------------------------------------------------------------- what is somebody else's
+
+
+def test_somebody_elses_folder_is_refused_and_left_alone(tmp_path):
+    (tmp_path / "thesis.txt").write_text("mine")
+    message = refusal(lambda: OutputFolder(tmp_path))
+    assert f"--out {tmp_path}: exists and was not made by rnc-pin" in message
+    assert "--force" in message
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
+    assert contents(tmp_path) == {"thesis.txt": "mine"}
+
+
+def test_force_replaces_only_files_of_the_same_names(tmp_path):
+    (tmp_path / "thesis.txt").write_text("mine")
+    (tmp_path / "summary.json").write_text("mine")
+    run(tmp_path, force=True, summary_json="{}")
+    assert contents(tmp_path) == {"summary.json": "{}", "thesis.txt": "mine"}
+    # The folder has a manifest now. It still lists only the results.
+    run(tmp_path)
+    assert contents(tmp_path) == {"thesis.txt": "mine"}
+
+
+def test_a_result_that_was_edited_is_not_replaced_without_force(tmp_path):
+    run(tmp_path, summary_json="old", overview_png="old")
+    (tmp_path / "summary.json").write_text("edited")
+    message = refusal(lambda: run(tmp_path, summary_json="new"))
+    assert "summary.json was changed or not written by rnc-pin" in message
+    assert contents(tmp_path) == {"summary.json": "edited", "overview.png": "old"}
+    run(tmp_path, force=True, overview_png="new")  # not of the same name
+    assert contents(tmp_path) == {"summary.json": "edited", "overview.png": "new"}
+    run(tmp_path, force=True, summary_json="new")
+    assert contents(tmp_path) == {"summary.json": "new"}
+
+
+def test_a_file_that_comes_while_a_run_goes_on_stays_and_so_do_the_results(tmp_path):
+    run(tmp_path, overview_png="old")
+    with OutputFolder(tmp_path) as folder:
+        (folder.fresh / "summary.json").write_text("new")
+        (tmp_path / "summary.json").write_text("mine")
+        message = refusal(folder.keep)
+    aside = Path(message.split("are in ")[1])
+    assert contents(tmp_path)["summary.json"] == "mine"
+    assert (aside / "summary.json").read_text() == "new"
+
+
+FORGED = {
+    "parent": "../precious.txt",
+    "parent folder": "..",
+    "folder itself": ".",
+    "nothing": "",
+    "through a subfolder": "sub/../../precious.txt",
+    "folder beside": "../beside",
+    "link to a folder": "link",
+    "inside a link": "link/summary.json",
+    "zero byte": "\0",
+    "other names": "data.csv",
+    "a repository": ".git",
+    "sources": "src",
+    "inside a folder": "src/summary.json",
+    "a link": "overview.png",
+}
+
+
+@pytest.mark.parametrize("shape", ["digests", "names"])
+@pytest.mark.parametrize("name", FORGED.values(), ids=FORGED)
+def test_a_forged_manifest_leads_nowhere(name, shape, tmp_path):
+    (tmp_path / "precious.txt").write_text("mine")
+    (tmp_path / "beside").mkdir()
+    (tmp_path / "beside" / "summary.json").write_text("mine")
+    forge(tmp_path / "beside", {"summary.json": digest("mine")})
+    target = tmp_path / "out"
+    for folder in (".git", "src"):
+        (target / folder).mkdir(parents=True)
+        (target / folder / "summary.json").write_text("mine")
+    (target / "data.csv").write_text("mine")
+    (target / "link").symlink_to(tmp_path / "beside", target_is_directory=True)
+    (target / "overview.png").symlink_to(tmp_path / "precious.txt")
+    forge(target, {name: digest("mine")} if shape == "digests" else [name])
+    before = contents(tmp_path)
+    run(target, force=True, top_png="new")
+    assert contents(tmp_path) == {**before, "out/top.png": "new"}
+    assert (target / "link").is_symlink()
+
+
+@pytest.mark.parametrize(
+    "manifest",
+    [b"", b"rubbish", b"[]", b"3", b"\xff\xfe", b'{"files"', b"[" * 100_000, b'{"files": 3}', b'{"files": {"a": [1]}}'],
+)
+def test_an_invalid_manifest_removes_nothing(manifest, tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / MANIFEST).write_bytes(manifest)
+    run(tmp_path, new_png="new")
+    assert contents(tmp_path) == {"new.png": "new", "notes.txt": "mine"}
+
+
+KINDS = {
+    "link": lambda path, other: path.symlink_to(other),
+    "pipe": lambda path, other: os.mkfifo(path),
+    "folder": lambda path, other: path.mkdir(),
+    "broken link": lambda path, other: path.symlink_to(other.with_name("none")),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", ["summary.json", MANIFEST])
+def test_what_is_no_plain_file_is_neither_written_through_nor_waited_for(name, kind, tmp_path):
+    other, out = tmp_path / "other.txt", tmp_path / "out"
+    other.write_text("mine")
+    run(out, summary_json="old")
+    (out / name).unlink()
+    KINDS[kind](out / name, other)
+    refusal(lambda: run(out, summary_json="new"))
+    if kind == "folder" or name == MANIFEST:
+        refusal(lambda: run(out, force=True, summary_json="new"))
+    else:
+        run(out, force=True, summary_json="new")
+        assert (out / "summary.json").read_text() == "new"
+        assert not (out / "summary.json").is_symlink()
+    assert other.read_text() == "mine"
+    assert not other.with_name("none").exists()
+
+
+def test_a_file_in_the_way_is_refused_and_left_alone(tmp_path):
+    path, pipe = tmp_path / "results", tmp_path / "pipe"
+    path.write_text("mine")
+    os.mkfifo(pipe)
+    for each in (path, pipe):
+        assert f"--out {each}: is a file, expected a folder" in refusal(
+            lambda each=each: OutputFolder(each, force=True)
+        )
+    assert path.read_text() == "mine"
+
+
+@pytest.mark.parametrize("below", ["file/out", "x" * 300], ids=["below a file", "name too long"])
+def test_a_folder_that_cannot_be_made_is_refused(below, tmp_path):
+    (tmp_path / "file").write_text("mine")
+    assert "cannot be written" in refusal(lambda: OutputFolder(tmp_path / below))
+
+
+def test_a_folder_that_cannot_be_written_is_refused():
+    # Not even the administrator, as whom tests may run, can write there.
+    assert "--out /proc/rnc_pin: cannot be written" in refusal(lambda: OutputFolder("/proc/rnc_pin"))
+
+
+# ---------------------------------------------------------------------- commands
+
+SHORT = ["run", "space-robot", "--set", "simulation.duration=0.02", "--set", "comparisons={}", "--set", "plots={}"]
+
+
+@pytest.mark.parametrize("name", ["..yaml", "...yaml"])
+def test_a_scenario_with_a_strange_name_writes_into_no_folder_above(name, tmp_path, monkeypatch, call, no_pictures):
+    call(*SHORT, "--out", tmp_path / "first")
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    (tmp_path / "here" / name).write_text((tmp_path / "first" / "scenario.yaml").read_text())
+    assert call("run", name)[0] == 0
+    assert {path.name for path in (tmp_path / "here").iterdir()} == {name, "runs"}
+    assert [path.name for path in (tmp_path / "here" / "runs").iterdir()] == ["scenario"]
+
+
+def test_a_pipe_for_a_trajectory_is_refused(tmp_path, call):
+    os.mkfifo(tmp_path / "trajectory.npz")
+    status, _, error = call("replay", tmp_path)
+    assert status == 2
+    assert "not a regular file" in error
+
+
+FULL = """
+import resource, signal, sys
+sys.dont_write_bytecode = True  # with a limit, Python leaves half of a file where the next import reads it
+from rnc_pin.applications.command_line.cli import main
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv.pop(1)),) * 2)
+main()
+"""
+
+
+@pytest.mark.parametrize("room", [100, pytest.param(30_000, marks=pytest.mark.long)])
+def test_a_full_disk_leaves_what_was_there_and_nothing_half_written(room, tmp_path, call, no_pictures):
+    out = tmp_path / "out"
+    assert call(*SHORT, "--out", out)[0] == 0
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    arguments = [str(room), *SHORT, "--out", str(out)]
+    process = subprocess.run([sys.executable, "-c", FULL, *arguments], capture_output=True, text=True, timeout=PATIENCE)
+    assert "Traceback" not in process.stderr
+    if room < 30_000:
+        (line,) = process.stderr.splitlines()
+        assert line.startswith(f"rnc-pin: error: --out {out}: cannot be written: File too large")
+        assert process.returncode == 1
+        assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+    assert not [path for path in out.rglob("*") if "partial" in path.name or path.name.startswith(".rnc_pin_")]
+
+
+def test_a_trajectory_that_cannot_be_written_leaves_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
+    motion = rnc.free_motion(reduced, robot.configuration(), [1.0, 0.5], duration=1.0)
+    usual, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, usual[1]))
+    try:
+        with pytest.raises(OSError, match="too large"):
+            motion.save(tmp_path / "run.npz")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "other").write_text("mine")
+    (tmp_path / "run.npz.partial").symlink_to(tmp_path / "other")
+    motion.save(tmp_path / "run.npz")
+    assert (tmp_path / "other").read_text() == "mine"
+
+
+# ---------------------------------------------------------------------- one run at a time
+
+HOLDING = """
+import sys
+from rnc_pin.applications.scenario.output_folder import OutputFolder
+with OutputFolder(sys.argv[1]):
+    print("mine", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_a_second_run_into_a_folder_is_refused_until_the_first_is_over(tmp_path):
+    out = tmp_path / "out"
+    command = [sys.executable, "-c", textwrap.dedent(HOLDING), out]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "mine\n"
+        for force in (False, True):
+            message = refusal(lambda force=force: OutputFolder(out, force))
+            assert message.startswith(f"--out {out}: another run is writing there")
+        process.kill()
+    run(out, summary_json="new")  # whoever is killed holds nothing
+    assert {path.name for path in out.iterdir()} == {MANIFEST, "summary.json"}
+
+
+def test_a_second_command_into_a_folder_is_refused(tmp_path, call):
+    with OutputFolder(tmp_path / "out"):
+        status, out, error = call(*SHORT, "--out", tmp_path / "out")
+    assert (status, results(out)) == (2, "")
+    assert "another run is writing there" in error
+    assert len(error.splitlines()) == 1

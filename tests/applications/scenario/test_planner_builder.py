@@ -1,0 +1,159 @@
+"""Optimal plans from a scenario file: the run plans and tracks, and mistakes are refused."""
+
+import numpy as np
+import pytest
+import yaml
+
+import forklifts
+import rnc_pin as rnc
+from rnc_pin.applications.scenario.execution import execute, write
+from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.io.manifest import is_result
+
+SCENARIO = """
+robot: {urdf: chaplygin_sleigh.urdf, base: planar}
+constraints: [{no_side_slip: {frame: sleigh}}]
+actuators: [{force: {frame: sleigh, axis: x}}, {torque: {frame: sleigh, axis: z}}]
+outputs:
+  reducing: [{frame_speed: {frame: sleigh, axis: x}}, {frame_yaw: sleigh}]
+  vertical: [{frame_position: {frame: sleigh, axes: xy}}]
+planner:
+  type: optimal
+  goal: {sleigh_x: 1, sleigh_y: 0, sleigh_yaw: 0}
+  duration: 2
+  bounds: {velocity: {sleigh_speed_x: [null, 0.7]}}
+  nodes: 20
+controller: {type: plan_feedback, state_cost: 10}
+simulation: {duration: 2.2, dt: 0.01}
+"""
+
+
+def written(folder, text=SCENARIO, **changes):
+    raw = yaml.safe_load(text)
+    for key, value in changes.items():
+        raw[key] = {**raw.get(key, {}), **value} if isinstance(value, dict) else value
+    path = folder / "plan.yaml"
+    path.write_text(yaml.safe_dump(raw))
+    return str(path)
+
+
+def test_a_run_plans_and_tracks_its_plan(tmp_path):
+    prepared = Scenario.load(written(tmp_path)).build()
+    run = execute(prepared)
+    assert run.error is None
+    np.testing.assert_allclose(run.trajectory.q[-1, :2], [1.0, 0.0], atol=1e-3)
+    assert run.trajectory.v2[:, 0].max() == pytest.approx(0.7, abs=5e-3)  # at its bound, but not beyond
+    # Bang-free optimum under a bound of the speed v: d = v (t - 2 t_r / 3), with a parabola of the speed for t_r.
+    ramp = 3 / 2 * (2.0 - 1.0 / 0.7)
+    assert run.trajectory.v2[np.searchsorted(run.trajectory.time, ramp + 0.1), 0] == pytest.approx(0.7, abs=1e-2)
+    assert max(run.summary["final_error"].values()) < 1e-3
+    path = prepared.experiment.provenance.path
+    assert path.frame == "sleigh"
+    np.testing.assert_allclose(path.poses[-1], [1.0, 0.0, 0.0], atol=1e-3)
+    names = write(prepared, run, tmp_path)
+    assert "plan.npz" in names
+    assert all(map(is_result, names))  # only these leave the fresh folder of a run
+    again = rnc.optimal.MotionPlan.load(tmp_path / "plan.npz")
+    assert again.info.bounds == (
+        ("velocity", "sleigh_speed_x", -np.inf, 0.7),
+        ("velocity", "sleigh_yaw", -np.inf, np.inf),
+    )
+
+
+def test_existing_trackers_follow_the_outputs_of_the_plan_and_equal_plans_are_shared(tmp_path):
+    tracker = {"type": "reducing_outputs", "tracker": "computed_torque", "state_cost": None}
+    damper = {"damper": {"output": {"frame_yaw": "sleigh"}, "damping": 1.0}}
+    others = {"plan": {"controller": {"type": "plan_feedback"}}, "damped": {"forces": [damper]}}
+    path = written(tmp_path, controller=tracker, comparisons=others)
+    prepared = Scenario.load(path).build()
+    assert prepared.comparisons["plan"].plan is prepared.experiment.plan
+    assert prepared.comparisons["damped"].plan is not prepared.experiment.plan
+    run = execute(prepared)
+    np.testing.assert_allclose(run.trajectory.q[-1, :2], [1.0, 0.0], atol=1e-2)
+    np.testing.assert_allclose(run.comparisons["plan"].q[-1, :2], [1.0, 0.0], atol=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"planner": {"goal": {"sleigh_z": 1.0}}}, "planner: goal: no output 'sleigh_z'; did you mean 'sleigh_[xy]'"),
+        ({"planner": {"bounds": {"input": {"T": [0, 1]}}}}, "planner: bound: no 'T'"),
+        ({"planner": {"goal": {"sleigh_x": 9.0}, "seeds": 0, "iterations": 20}}, "planner: no plan in 2 s"),
+        ({"planner": {"guess": {"path": {}, "reducing": {}}}}, "planner.guess.path"),
+        ({"planner": {"goal": {"sleigh_speed_x": 1.0}}}, "is a speed: it has no value"),
+        ({"controller": {"gains": "plan"}}, "controller.state_cost: belongs to gains 'tvlqr'"),
+        ({"planner": None}, "controller.type: 'plan_feedback' requires a plan: set 'planner'"),
+    ],
+)
+def test_mistakes_are_refused(tmp_path, changes, message):
+    with pytest.raises(rnc.RncError, match=message):
+        Scenario.load(written(tmp_path, **changes)).build()
+
+
+FORKLIFT = """
+robot: {urdf: forklift.urdf, base: planar}
+constraints: [{no_side_slip: {frame: base}}]
+actuators: [{force: {frame: base, axis: x}}, {torque: {frame: base, axis: z}}, lift_joint]
+outputs:
+  reducing: [{frame_speed: {frame: base, axis: x}}, {frame_yaw: base}, {joint: lift_joint}]
+  vertical: [{frame_position: {frame: base, axes: xy}}]
+planner:
+  type: optimal
+  goal: {base_x: 1, base_y: 0, base_yaw: 0, lift_joint: 2.6}
+  duration: 8
+  nodes: 20
+  seeds: 0
+controller: {type: plan_feedback, state_cost: 10}
+simulation: {duration: 8, dt: 0.01}
+"""
+
+
+@pytest.fixture
+def warehouse(tmp_path):
+    forklifts.forklift(tmp_path)  # writes its file
+    return tmp_path
+
+
+def test_a_goal_beyond_a_limit_of_the_file_is_refused(warehouse, call):
+    status, _, error = call("run", written(warehouse, FORKLIFT), "--out", warehouse / "out")
+    assert status == 2
+    assert "planner: goal: value of lift_joint = 2.6 is above the limit 1.4 of the robot's file" in error
+    assert "limits: {position: null}" in error
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"limits": None},
+        {"limits": {"position": None}},
+        {"bounds": {"output": {"lift_joint": [0, 3]}}},
+        {"bounds": {"output": {"lift_joint": [None, None]}}},
+    ],
+)
+def test_limits_of_the_file_are_removed_or_replaced(warehouse, settings):
+    found = Scenario.load(written(warehouse, FORKLIFT, planner=settings)).experiment.plan
+    assert found.q[-1, 4] == pytest.approx(2.6, abs=1e-4)
+    assert found.verdict.succeeded
+
+
+def test_velocities_of_the_file_hold_unless_the_file_says_otherwise(warehouse):
+    high = {"lift_joint": 1.2, "base_x": 1.0, "base_y": 0.0, "base_yaw": 0.0}
+    quick = {"goal": high, "duration": 3.0}
+    slow, fast = (
+        Scenario.load(written(warehouse, FORKLIFT, planner={**quick, **each})).experiment.plan
+        for each in ({}, {"limits": {"velocity": None}})
+    )
+    assert slow.w[:, 2].max() == pytest.approx(0.5, abs=1e-3)
+    assert fast.w[:, 2].max() == pytest.approx(0.6, rel=0.02)
+
+
+def test_plans_are_judged_with_the_gains_of_the_run(warehouse):
+    """Without gains the motion with feedback is that of the inputs alone."""
+    near = {"goal": {"lift_joint": 0.5, "base_x": 1.0, "base_y": 0.3, "base_yaw": 0.3}, "seeds": 6}
+    zero = {"state_cost": 0.0, "input_cost": 1.0}
+    idle = Scenario.load(written(warehouse, FORKLIFT, planner=near, controller=zero)).experiment.plan.info.verification
+    stiff = {"state_cost": 1000.0}
+    firm = Scenario.load(written(warehouse, FORKLIFT, planner=near, controller=stiff)).experiment.plan.info.verification
+    assert idle.feedback.violation == pytest.approx(idle.inputs.violation, rel=1e-6)
+    assert firm.feedback.violation < 0.8 * firm.inputs.violation
+    assert firm.inputs == idle.inputs

@@ -1,0 +1,117 @@
+"""Scenarios in Python: their objects, runs, and files."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+import yaml
+
+import rnc_pin as rnc
+from rnc_pin.applications.scenario.execution import execute
+
+SHORT = {"simulation.duration": 0.2, "comparisons": {}, "plots": {}}
+SLEIGH = {
+    "robot": {"urdf": "chaplygin_sleigh.urdf", "base": "planar"},
+    "constraints": [{"no_side_slip": {"frame": "sleigh"}}],
+    "actuators": [{"force": {"frame": "sleigh", "axis": "x"}}],
+}
+
+
+def written(folder, **more):
+    path = folder / "mine.yaml"
+    path.write_text(yaml.safe_dump({**SLEIGH, **more}))
+    return path
+
+
+def test_a_run_has_the_bits_and_the_verdict_of_the_command():
+    scenario = rnc.Scenario.load("mobile-manipulator", SHORT)
+    ours, theirs = scenario.run(), execute(rnc.Scenario.load("mobile-manipulator", SHORT)).trajectory
+    for name in ("q", "v", "T", "energy"):
+        np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
+    assert [str(each) for each in ours.verdict.findings] == [str(each) for each in theirs.verdict.findings]
+    assert ours.info.provenance.scenario == "mobile-manipulator"
+
+
+def test_its_controller_runs_in_a_loop_of_ones_own():
+    """The first inputs of the loop are those of the run: same model, controller and period."""
+    scenario = rnc.Scenario.load("space-robot", SHORT)
+    run = scenario.run()
+    loop = rnc.ControlLoop(scenario.reduced, scenario.controller, scenario.dt)
+    for k in range(3):
+        np.testing.assert_allclose(loop.step(run.time[k], run.q[k], run.v[k]), run.T[k], rtol=0, atol=1e-9)
+
+
+def test_objects_are_built_once_and_fit_together():
+    scenario = rnc.Scenario.load("unicycle", SHORT)
+    assert scenario.reduced is scenario.model.reduced is scenario.experiment.reduced
+    assert scenario.robot is scenario.system.robot
+    assert set(scenario.references) == {"primary", "redundant", "vertical"}
+    assert scenario.duration == 0.2
+    np.testing.assert_array_equal(scenario.q0, scenario.experiment.q0)
+
+
+def test_a_file_of_the_dynamics_alone_has_a_model(tmp_path):
+    """Reducing velocities are chosen as by ``reduce()``, and a run says what it lacks."""
+    scenario = rnc.Scenario.load(written(tmp_path))
+    assert scenario.reduced.r == 2
+    assert scenario.reduced.reducing.names == scenario.system.reduce().reducing.names
+    with pytest.raises(rnc.ConfigurationError, match=r"^mine.yaml: simulation: is missing"):
+        scenario.run()
+
+
+def test_a_run_needs_no_outputs(tmp_path):
+    free = {"controller": {"type": "none"}, "simulation": {"duration": 0.5, "dt": 0.01}}
+    path = written(tmp_path, **free, initial={"q": {"root_joint": [0.0, 0.0, 0.3]}})
+    run = rnc.Scenario.load(path).run()
+    np.testing.assert_allclose(run.q[-1], run.q[0])
+    assert len(run.time) == 51
+
+
+def test_what_is_saved_is_the_same_scenario(tmp_path):
+    scenario = rnc.Scenario.load("mobile-manipulator", {**SHORT, "controller.preset": "scaled", "seed": 3})
+    scenario.save(tmp_path / "saved.yaml")
+    again = rnc.Scenario.load(tmp_path / "saved.yaml")
+    assert again.content.seed == 3
+    np.testing.assert_array_equal(again.run().q, scenario.run().q)
+
+
+def test_a_robot_beside_the_file_is_found_from_elsewhere(tmp_path):
+    (tmp_path / "cart.urdf").write_text(
+        '<robot name="cart"><link name="cart"><inertial><mass value="2"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>'
+    )
+    scenario = rnc.Scenario.load(
+        written(tmp_path, robot={"urdf": "cart.urdf", "base": "planar"}, constraints=[], actuators=[])
+    )
+    (tmp_path / "elsewhere").mkdir()
+    scenario.save(tmp_path / "elsewhere" / "saved.yaml")
+    assert rnc.Scenario.load(tmp_path / "elsewhere" / "saved.yaml").robot.name == "cart"
+
+
+def test_a_run_that_fails_raises_and_keeps_its_samples():
+    scenario = rnc.Scenario.load("space-robot", {**SHORT, "simulation.duration": 3.0, "initial.v2": {"joint_1": 2e3}})
+    with pytest.raises(rnc.RncError) as caught:
+        scenario.run()
+    assert isinstance(caught.value.trajectory, rnc.Trajectory)
+    assert len(caught.value.trajectory.time) < 1500
+
+
+def test_a_mistake_is_named_when_it_is_loaded(tmp_path):
+    with pytest.raises(
+        rnc.ConfigurationError, match=r"^mine.yaml: 'constrants' is not known; did you mean 'constraints'"
+    ):
+        rnc.Scenario.load(written(tmp_path, constrants=[]))
+
+
+@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda each: pickle.loads(pickle.dumps(each))])
+def test_copies_run_alike(duplicate):
+    scenario = rnc.Scenario.load("unicycle", SHORT)
+    expected = scenario.run()
+    np.testing.assert_array_equal(duplicate(scenario).run().q, expected.q)
+
+
+def test_it_prints_its_parts():
+    shown = repr(rnc.Scenario.load("unicycle"))
+    for part in ("unicycle.urdf", "controller", "22 s"):
+        assert part in shown

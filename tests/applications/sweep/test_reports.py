@@ -1,0 +1,29 @@
+"""Panels of the picture of a sweep: results in words, and shares of findings over what was drawn."""
+
+import numpy as np
+
+import rnc_pin as rnc
+from rnc_pin import visualization
+from rnc_pin.applications.sweep.reports import write_distributions
+
+
+def test_shares_have_bins_of_many_runs_and_no_seeds(tmp_path, monkeypatch):
+    """Short runs with a tolerance of almost zero: all of them miss their goals."""
+    options = {"simulation.duration": 0.02, "simulation.dt": 0.01, "goal_tolerance": 1e-12}
+    draws = {"initial.q.joint_2": [1.5, 2.0], "faults.position_bias": [0.0, 1e-3]}
+    results = rnc.sweep("space-robot", 12, out=tmp_path / "out", options=options, distributions=draws)
+    assert "seed" in results.drawn
+    drawn = []
+    draw = visualization.plot_distributions
+    monkeypatch.setattr(
+        visualization, "plot_distributions", lambda panels, title: (drawn.extend(panels), draw(panels, title))[1]
+    )
+    write_distributions(results, tmp_path / "picture.png")
+    panels = {panel.name: panel for panel in drawn}
+    assert {"final error of tip_x [m or rad]", "smallest singular value of E", *draws} <= set(panels)
+    assert {name for name, panel in panels.items() if panel.shares} == set(draws)
+    for name in draws:
+        assert len(panels[name].edges) == 5  # twelve runs are too few for more bins
+        assert list(panels[name].counts) == ["failed: goal"]
+        assert np.sum(panels[name].counts["failed: goal"]) == 12
+    assert (tmp_path / "picture.png").stat().st_size > 10_000

@@ -1,0 +1,232 @@
+"""Sweeps have the same rows on every path: by hand, on any number of processes, after a kill, in any order."""
+
+import itertools
+import json
+import os
+import signal
+import subprocess
+import sys
+
+import joblib
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+from patience import PATIENCE, eventually
+from rnc_pin.applications.sweep import run_store
+from systems import sleigh
+
+LAWS = {"speed": [0.5, 1.5], "spin": {"normal": {"mean": 0.5, "std": 0.1}}, "kind": {"choice": ["a", "b"]}}
+
+
+class Sleighs:
+    """Free motion of a sleigh, which counts its calls in this process."""
+
+    def __init__(self, calls=None, ends_at=None):
+        self.calls, self.ends_at = calls, ends_at
+        self.reduced = sleigh()
+
+    def __call__(self, draw):
+        if self.calls is not None:
+            self.calls.append(draw)
+            if len(self.calls) == self.ends_at:
+                raise KeyboardInterrupt
+        return rnc.free_motion(
+            self.reduced, self.reduced.robot.configuration(), [draw["speed"], draw["spin"]], duration=0.05, dt=0.01
+        )
+
+
+def rows_of(results):
+    return [{**row, "wall_time": None} for row in results.rows()]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    return rnc.sweep(Sleighs(), 12, distributions=LAWS, seed=4, out=tmp_path_factory.mktemp("whole") / "out")
+
+
+def test_a_row_is_the_run_of_its_draw(whole):
+    assert len(whole) == 12
+    assert whole.complete
+    assert whole.outcomes == {"completed": 12}
+    for run in (0, 11):
+        draw = whole.draw(run)
+        assert set(draw) == {"speed", "spin", "kind"}
+        figures = rnc.summarize(Sleighs()(draw))
+        row = whole.row(run)
+        assert row["constraint_residual_max"] == figures["constraint_residual_max"]
+        assert row["energy_drift"] == figures["energy_drift"]
+    np.testing.assert_array_equal(whole["run"], np.arange(12))
+
+
+def test_an_interrupted_sweep_continues_where_it_was(whole, tmp_path):
+    calls = []
+    with pytest.raises(KeyboardInterrupt):
+        rnc.sweep(Sleighs(calls, ends_at=6), 12, distributions=LAWS, seed=4, out=tmp_path / "out")
+    part = rnc.load_sweep(tmp_path / "out")
+    assert (len(part), part.complete) == (5, False)
+    assert rows_of(part) == rows_of(whole)[:5]
+    again = []
+    results = rnc.sweep(Sleighs(again), 12, distributions=LAWS, seed=4, out=tmp_path / "out")
+    assert len(again) == 7
+    assert rows_of(results) == rows_of(whole)
+    rnc.sweep(Sleighs(again), 12, distributions=LAWS, seed=4, out=tmp_path / "out")
+    assert len(again) == 7  # nothing is left to do
+
+
+def test_small_blocks_and_a_line_that_was_cut_off(whole, tmp_path, monkeypatch):
+    monkeypatch.setattr(run_store, "BLOCK", 5)
+    monkeypatch.setattr("rnc_pin.applications.sweep.run_sweep.BLOCK", 5)
+    monkeypatch.setattr("rnc_pin.applications.sweep.results.BLOCK", 5)
+    out = tmp_path / "out"
+    with pytest.raises(KeyboardInterrupt):
+        rnc.sweep(Sleighs([], ends_at=9), 12, distributions=LAWS, seed=4, out=out)
+    names = {path.name for path in (out / "runs").iterdir()}
+    assert names == {"part_0000000.parquet", "journal_0000001.jsonl"}
+    with (out / "runs" / "journal_0000001.jsonl").open("a") as file:
+        file.write('{"run": 8, "spe')
+    calls = []
+    results = rnc.sweep(Sleighs(calls), 12, distributions=LAWS, seed=4, out=out)
+    assert len(calls) == 4
+    assert rows_of(results) == rows_of(whole)
+    more = rnc.sweep(Sleighs(calls), 14, distributions=LAWS, seed=4, out=out)
+    assert len(calls) == 6  # two more than before
+    assert rows_of(more)[:12] == rows_of(whole)
+    assert more.row(13)["run"] == 13
+
+
+class Deadly(Sleighs):
+    """The same motion in a process that is killed at its first run of a given number."""
+
+    def __init__(self, marker):
+        super().__init__()
+        self.marker, self.parent = marker, os.getpid()
+
+    def __call__(self, draw):
+        assert os.getpid() != self.parent
+        if draw["speed"] > 1.2 and not self.marker.exists():
+            self.marker.write_text("")
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().__call__(draw)
+
+
+@pytest.mark.long  # workers take seconds to start; test_worker_pool.py has the same with one that only seems to break
+def test_two_processes_have_the_rows_of_one_even_if_one_is_killed(whole, tmp_path):
+    results = rnc.sweep(Deadly(tmp_path / "killed"), 12, distributions=LAWS, seed=4, jobs=2, out=tmp_path / "out")
+    assert (tmp_path / "killed").exists()
+    assert rows_of(results) == rows_of(whole)
+    beside = joblib.Parallel(2)(map(joblib.delayed(abs), (-1, 2)))  # processes of the user
+    assert beside == [1, 2]
+
+
+def test_given_draws_are_read_as_they_are_needed_and_checked_when_it_continues(tmp_path):
+    read = []
+
+    def draws(spin=0.5):
+        for k in itertools.count():
+            read.append(k)
+            if k == 9:
+                return
+            yield {"speed": 1.0 + 0.01 * k, "spin": spin, "start": np.array([0.0, k]), "n": k, "note": {"a": k}}
+
+    def build(draw):
+        assert isinstance(draw["start"], np.ndarray)
+        assert max(read) == draw["n"]  # nothing is read ahead
+        return Sleighs()(draw)
+
+    results = rnc.sweep(build, draws(), out=tmp_path)
+    assert results["n"].tolist() == list(range(9))
+    assert results.draw(3) == {"speed": 1.03, "spin": 0.5, "start": [0.0, 3.0], "n": 3, "note": {"a": 3}}
+    with pytest.raises(rnc.ConfigurationError, match=r"'spin' of run 0 is 0\.5, not 0\.6"):
+        rnc.sweep(build, draws(0.6), out=tmp_path)
+    with pytest.raises(rnc.ConfigurationError, match="the draws end at run 1"):
+        rnc.sweep(build, itertools.islice(draws(), 2), out=tmp_path)
+
+
+def test_another_sweep_in_the_folder_is_refused(whole, tmp_path):
+    def refusal(**changes):
+        arguments = {"distributions": LAWS, "seed": 4, "out": whole.path, **changes}
+        with pytest.raises(rnc.ConfigurationError) as caught:
+            rnc.sweep(changes.pop("build", Sleighs()), arguments.pop("draws", 12), **arguments)
+        return str(caught.value)
+
+    before = {path: path.read_bytes() for path in whole.path.rglob("*") if path.is_file()}
+    assert "its draws.seed is 4, not 5" in refusal(seed=5)
+    assert "its draws.distributions.speed is [0.5, 1.5], not [0.5, 1.6]" in refusal(
+        distributions={**LAWS, "speed": [0.5, 1.6]}
+    )
+    assert "holds a sweep of 12 runs, more than 11" in refusal(draws=11)
+    assert "its trajectories is False, not True" in refusal(trajectories=True)
+    (tmp_path / "notes.txt").write_text("mine")
+    assert "exists and holds no sweep" in refusal(out=tmp_path)
+    assert before == {path: path.read_bytes() for path in whole.path.rglob("*") if path.is_file()}
+    results = rnc.sweep(Sleighs(), 2, distributions=LAWS, out=tmp_path, force=True)
+    assert len(results) == 2
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+REFUSED = {
+    "runs without distributions": ({"draws": 3}, "need distributions"),
+    "distributions of given draws": ({"draws": [{}], "distributions": LAWS}, "no effect on given draws"),
+    "name of a result": ({"draws": [{"outcome": 1}]}, "'outcome' is the name of a result"),
+    "no dict": ({"draws": [3]}, "run 0 has int, expected a dict"),
+    "object": ({"draws": [{"speed": object()}]}, "is of type object"),
+    "kinds": (
+        {"draws": [{"speed": 1.0, "spin": 1.0}, {"speed": "fast", "spin": 1.0}]},
+        "run 1: 'speed' is of kind text",
+    ),
+    "no processes": ({"draws": [{}], "jobs": 0}, "--jobs 0"),
+    "options": ({"draws": [{}], "options": {"a": 1}}, "options: those of a scenario"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "words"), REFUSED.values(), ids=REFUSED)
+def test_wrong_arguments_are_refused(arguments, words, tmp_path):
+    with pytest.raises(rnc.RncError) as caught:
+        rnc.sweep(Sleighs(), **arguments, out=tmp_path / "out")
+    assert words in str(caught.value)
+
+
+def test_runs_that_fail_have_rows_too(tmp_path):
+    reduced = sleigh()
+
+    def build(draw):
+        if draw["n"] == 0:
+            raise rnc.ModelError("no such robot")
+        stop = rnc.Stop(speed=0.1 if draw["n"] == 1 else 50.0)
+        q0, options = reduced.robot.configuration(), rnc.SimulationOptions(stop=stop)
+        return {
+            "reduced": reduced, "controller": rnc.control.ZeroInput(reduced), "q0": q0, "v2_0": [1.0, 0.5],
+            "duration": 0.1, "dt": 0.01, "options": options,
+        }  # fmt: skip
+
+    results = rnc.sweep(build, [{"n": n} for n in range(3)], out=tmp_path, trajectories=True)
+    assert [row["outcome"] for row in results.rows()] == ["refused", "diverged", "completed"]
+    assert results.row(0)["message"] == "no such robot"
+    assert "test_run_sweep" in (tmp_path / "failures.txt").read_text()
+    assert results.trajectory(2).outcome is rnc.Outcome.COMPLETED
+    table = json.loads((tmp_path / "sweep.json").read_text())
+    assert (table["runs"], table["outcomes"]) == (3, {"completed": 1, "diverged": 1, "refused": 1})
+
+
+@pytest.mark.long
+def test_a_sweep_that_is_killed_again_and_again_has_all_runs_once(tmp_path):
+    call = "rnc.sweep('space-robot', 400, jobs=2, options={'simulation.duration': 0.02}, out=sys.argv[1])"
+    script = f"import sys, rnc_pin as rnc; {call}"
+    out, counts = tmp_path / "out", [0]
+    while counts[-1] < 400:
+        process = subprocess.Popen([sys.executable, "-c", script, str(out)])
+
+        def further(process=process):
+            return process.poll() is not None or (
+                (out / "specification.json").exists() and len(rnc.load_sweep(out)) > counts[-1] + 50
+            )
+
+        assert eventually(further, PATIENCE)
+        process.kill()
+        process.wait()
+        counts.append(len(rnc.load_sweep(out)))
+    assert counts == sorted(counts)
+    here = rnc.load_sweep(out)
+    there = rnc.sweep("space-robot", 400, options={"simulation.duration": 0.02}, out=tmp_path / "there")
+    assert rows_of(here) == rows_of(there)

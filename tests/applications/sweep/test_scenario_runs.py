@@ -1,0 +1,91 @@
+"""A run of a scenario has the same bits whether its model served other runs before or not."""
+
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.applications.sweep import scenario_runs
+from rnc_pin.applications.sweep.scenario_runs import ScenarioRuns
+from rnc_pin.applications.sweep.scenario_runs import execute_together as together
+from rnc_pin.applications.sweep.seeded_draws import SeededDraws
+from same_runs import check_same
+
+QUICK = {"simulation.duration": 0.06, "simulation.dt": 0.01}
+CASES = {
+    "space-robot": {"initial.q.joint_2": [1.6, 2.0], "faults.masses": [0.0, 0.1], "faults.position_noise": [0, 1e-4]},
+    "mobile-manipulator": {"initial.q.joint_1": [0.3, 0.7], "controller.preset": {"choice": ["scaled", "paper"]}},
+    "unicycle": {"initial.v2": {"choice": [{}]}, "faults.delay": {"integers": [0, 2]}},
+}
+
+
+def runs(scenario, folder=None, **options):
+    draws = SeededDraws.of(CASES[scenario], seed=2)
+    shared = {"preflight": "warn", **QUICK, **options}
+    return ScenarioRuns(scenario, shared, draws, 2, None if folder is None else str(folder))
+
+
+@pytest.mark.parametrize("scenario", CASES)
+def test_a_shared_model_does_not_change_a_run(scenario, tmp_path):
+    together, alone = runs(scenario, tmp_path / "together"), [runs(scenario, tmp_path / "alone") for _ in range(3)]
+    for run in range(3):
+        here, there = together.row(run), alone[run].row(run)
+        assert {**here, "wall_time": 0} == {**there, "wall_time": 0}
+        assert here["outcome"] == "completed", here["message"]
+        first, second = (
+            rnc.Trajectory.load(tmp_path / kind / "trajectories" / f"run_{run:07d}.npz")
+            for kind in ("together", "alone")
+        )
+        assert (first.q == second.q).all()
+        assert (first.T == second.T).all()
+
+
+TOGETHER = {
+    "space-robot": ({"initial.q.joint_2": [1.6, 2.0], "reference.vertical.minimum_jerk.to.0": [0.1, 0.4]}, {}),
+    "mobile-manipulator": (
+        {"simulation.actuator_limits": {"choice": [True, False]}, "initial.q.joint_1": [0.3, 0.7]},
+        {"simulation.substeps": 2},
+    ),
+}
+
+
+@pytest.mark.parametrize("scenario", TOGETHER)
+def test_runs_of_a_batch_have_the_bits_of_runs_alone(scenario, tmp_path, monkeypatch):
+    """One cannot be built."""
+    drawn, options = TOGETHER[scenario]
+    draws = [next(SeededDraws.of(drawn, seed=3).of_run(run)) for run in range(4)]
+    draws += [{**draws[0], "initial.q.nothing": 1.0}]
+    sources = {
+        kind: ScenarioRuns(scenario, {"preflight": "warn", **QUICK, **options}, None, 0, str(tmp_path / kind))
+        for kind in ("together", "alone")
+    }
+    count = []
+    monkeypatch.setattr(scenario_runs, "execute_together", lambda plans: count.append(len(plans)) or together(plans))
+    rows = sources["together"].rows(list(enumerate(draws)))
+    assert max(count) >= 2
+    for run, row in enumerate(rows):
+        alone = sources["alone"].row(run, draws[run])
+        assert {**row, "wall_time": 0} == {**alone, "wall_time": 0}
+        files = [tmp_path / kind / "trajectories" / f"run_{run:07d}.npz" for kind in sources]
+        assert files[0].exists() == files[1].exists()
+        if files[0].exists():
+            check_same(*map(rnc.Trajectory.load, files))
+    assert [row["outcome"] for row in rows] == ["completed"] * 4 + ["refused"]
+
+
+def test_a_drawn_part_of_the_system_has_a_model_of_its_own():
+    """Gains follow the inertia, so errors differ; the same runs in the other order agree."""
+    draws = [{"robot.masses": {"link_2": mass}} for mass in (5.0, 20.0)]
+    source = ScenarioRuns("space-robot", {**QUICK, "preflight": "warn"}, None, 0)
+    forward = [source.row(run, draw)["rms_error.tip_x"] for run, draw in enumerate(draws)]
+    other = ScenarioRuns("space-robot", {**QUICK, "preflight": "warn"}, None, 0)
+    backward = [other.row(run, draws[run])["rms_error.tip_x"] for run in (1, 0)]
+    assert forward == backward[::-1]
+    assert forward[0] != forward[1]
+
+
+def test_seeds_of_runs_with_faults_differ_and_others_have_that_of_the_scenario():
+    with_faults, without = runs("space-robot"), ScenarioRuns("space-robot", {}, None, 5)
+    seeds = [with_faults.options_of(run, {"faults.masses": 0.1})["seed"] for run in range(50)]
+    assert len(set(seeds)) == 50
+    assert with_faults.options_of(3, {"faults.masses": 0.1})["seed"] == seeds[3]
+    assert without.options_of(3, {"initial.q.joint_2": 1.7})["seed"] == 5
+    assert with_faults.options_of(3, {"faults.masses": 0.1, "seed": 9})["seed"] == 9

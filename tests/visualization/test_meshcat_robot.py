@@ -1,0 +1,554 @@
+"""Published descriptions as they come: meshes that are missing, broken or mirrored, and what fails in drawing."""
+
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import warnings
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from browsing import opened, place, visit
+from patience import PATIENCE, eventually
+from places import DIRT
+from rnc_pin.applications.command_line.cli import main
+from rnc_pin.applications.scenario import animation_file, plot_files
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.errors import nearest
+from rnc_pin.visualization.camera import Follower
+from rnc_pin.visualization.drawn_state import DrawnState
+from rnc_pin.visualization.live import LiveView
+from rnc_pin.visualization.meshcat_robot import drawn_scale, drawn_triangles
+from rnc_pin.visualization.meshcat_scene import MeshcatScene
+from rnc_pin.visualization.plots import plot_outputs, plot_run
+from rnc_pin.visualization.recording import Recording
+from rnc_pin.visualization.view import View
+
+SINGLE_PRECISION = 1e-6  # [m]; meshes are kept in it
+
+INERTIAL = """<inertial><origin xyz="0 0 0.1" rpy="0 0 0.3"/><mass value="12"/>
+    <inertia ixx="0.13" iyy="0.1" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial>"""
+BOX = '<geometry><box size="1 1 1"/></geometry>'
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with opened() as launched:
+        yield launched
+
+
+def mesh(name, kind="visual"):
+    return f'<{kind}><geometry><mesh filename="{name}"/></geometry></{kind}>'
+
+
+def chain(**links):
+    """A URDF of links, each on a hinge after the one before it."""
+    names = list(links)
+    parts = [f'<link name="{name}">{content}</link>' for name, content in links.items()]
+    parts += [
+        f'<joint name="{child}_joint" type="continuous"><parent link="{parent}"/><child link="{child}"/>'
+        '<origin xyz="0.3 0 0"/><axis xyz="0 0 1"/></joint>'
+        for parent, child in pairwise(names)
+    ]
+    return f'<robot name="gaps">{"".join(parts)}</robot>'
+
+
+@pytest.fixture
+def gaps(tmp_path):
+    """A file whose meshes are missing and broken in every way."""
+    path = tmp_path / "gaps.urdf"
+    shutil.copy(DIRT / "wedge.stl", tmp_path)
+    (tmp_path / "broken.stl").write_text("rubbish")
+    (tmp_path / "odd.step").write_text("rubbish")
+    (tmp_path / "pointer.stl").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:1\nsize 3\n")
+    path.write_text(
+        chain(
+            base=INERTIAL + mesh("package://nowhere/base.stl") + mesh("package://nowhere/base.stl", "collision"),
+            arm=INERTIAL + mesh("absent.dae") + f"<visual>{BOX}</visual><collision>{BOX}</collision>",
+            broken=INERTIAL + mesh("broken.stl"),
+            pointer=INERTIAL + mesh("pointer.stl"),
+            odd=INERTIAL + mesh("odd.step"),
+            whole=INERTIAL + mesh("wedge.stl"),
+            massless=mesh("package://nowhere/small.stl"),
+            far=INERTIAL,
+        )
+    )
+    return path
+
+
+def warned(call):
+    """Result of a call, and the messages of its ModelWarnings."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        value = call()
+    return value, [str(each.message) for each in caught if issubclass(each.category, rnc.ModelWarning)]
+
+
+def recorded(robot, view=None):
+    """A page of a robot that turns a little."""
+    run = rnc.free_motion(
+        rnc.NonholonomicSystem(robot).reduce(), robot.configuration(), np.full(robot.nv, 0.5), duration=0.2
+    )
+    return Recording(robot, run, view)
+
+
+# ---------------------------------------------------------------------- missing meshes
+
+
+def test_meshes_that_cannot_be_had_cost_one_warning_that_names_the_remedy(gaps):
+    robot, told = warned(lambda: rnc.Robot.from_urdf(gaps))
+    assert told == []  # who does not draw is told nothing
+    (visual, told) = warned(lambda: robot.visual_model)
+    (line,) = told
+    assert line.startswith(f"{gaps}: 3 meshes were not found: package 'nowhere' (2), folder '{gaps.parent}' (1)")
+    assert "package_dirs (--package-dir, ROS_PACKAGE_PATH)" in line
+    assert "3 meshes were not readable: broken.stl (STL of 7 bytes: room for 0 triangles, declared 0)" in line
+    assert "pointer.stl (a git-lfs pointer: git lfs pull)" in line
+    assert "odd.step (format '.step', expected one of .dae, .glb, .gltf, .msh, .obj, .ply, .stl)" in line
+    assert line.endswith("boxes of the inertia's size stand in")
+    names = {shape.name for shape in visual.geometryObjects}
+    stand_ins = {f"{link}_stand_in" for link in ("base", "broken", "pointer", "odd")}
+    assert names == {"arm_0", "whole_0", *stand_ins}  # nothing for what has no mass
+    assert robot.stand_ins == stand_ins
+    collision, told = warned(lambda: robot.collision_model)
+    assert told == []
+    assert [shape.name for shape in collision.geometryObjects] == ["arm_0"]
+
+
+def test_a_stand_in_has_the_inertia_of_its_link(gaps):
+    robot = rnc.Robot.from_urdf(gaps)
+    warned(lambda: robot.visual_model)
+    shape = robot.visual_model.geometryObjects[robot.visual_model.getGeometryId("broken_stand_in")]
+    sides = 2 * np.asarray(shape.geometry.halfSide)
+    moments = 12.0 / 12 * ((sides**2).sum() - sides**2)
+    turned = shape.placement.rotation @ np.diag(moments) @ shape.placement.rotation.T
+    expected = pin.rpy.rpyToMatrix(0, 0, 0.3) @ np.diag([0.13, 0.1, 0.05]) @ pin.rpy.rpyToMatrix(0, 0, 0.3).T
+    np.testing.assert_allclose(turned, expected, atol=1e-12)
+    np.testing.assert_allclose(shape.placement.translation, [0, 0, 0.1], atol=1e-12)
+    assert robot.model.names[shape.parentJoint] == "broken_joint"
+
+
+def test_a_stand_in_of_an_absurd_inertia_stays_small(tmp_path):
+    path = tmp_path / "absurd.urdf"
+    absurd = '<inertial><mass value="0.1"/><inertia ixx="1" iyy="1" izz="2" ixy="0" ixz="0" iyz="0"/></inertial>'
+    path.write_text(chain(base=INERTIAL, arm=absurd + mesh("package://nowhere/arm.stl")))
+    visual, _ = warned(lambda: rnc.Robot.from_urdf(path).visual_model)
+    sides = 2 * np.asarray(visual.geometryObjects[0].geometry.halfSide)
+    assert (sides > 0).all()
+    assert sides.prod() <= 0.1 / 30.0 * (1 + 1e-9)
+
+
+def test_stand_ins_survive_locked_joints_and_mounting(gaps):
+    locked, _ = warned(lambda: rnc.Robot.from_urdf(gaps, lock={"arm_joint": 0.2}))
+    carrier = rnc.Robot.from_urdf("space_robot.urdf")
+    assert carrier.stand_ins == frozenset()
+    with warnings.catch_warnings(action="ignore", category=rnc.ModelWarning):
+        assert len(locked.stand_ins) == 4
+        assert len(carrier.attach(locked, "tip").stand_ins) == 4
+
+
+# ---------------------------------------------------------------------- mirrored meshes
+
+
+def volume(triangles):
+    """Of the body within a closed surface whose triangles are counterclockwise from outside [m^3]."""
+    first, second, third = np.moveaxis(triangles, 1, 0)
+    return float(np.einsum("ij,ij->", first, np.cross(second, third)) / 6)
+
+
+@pytest.fixture(scope="module")
+def mirrored():
+    return rnc.Robot.from_urdf(DIRT / "mirrored.urdf", gravity=(0, 0, 0))
+
+
+PAIRS = [("left_0", "right_0", 1.0), ("upper_left_0", "upper_right_0", 1.0), ("top_left_0", "top_right_0", 2.0)]
+
+
+@pytest.mark.parametrize(("name", "other", "factor"), PAIRS)
+def test_a_mirrored_mesh_is_drawn_mirrored_with_its_faces_outward(name, other, factor, mirrored):
+    visual = mirrored.visual_model
+    left, right = (visual.geometryObjects[visual.getGeometryId(each)] for each in (name, other))
+    assert (drawn_scale(right) > 0).all()
+    straight, turned = (drawn_triangles(each) * drawn_scale(each) for each in (left, right))
+    assert volume(straight) > 0
+    assert volume(turned) == pytest.approx(factor**3 * volume(straight), rel=1e-5)
+    mirror = factor * np.array([1.0, -1.0, 1.0])
+    corners, expected = turned.reshape(-1, 3), straight.reshape(-1, 3) * mirror
+    np.testing.assert_allclose(corners.min(axis=0), expected.min(axis=0), atol=SINGLE_PRECISION)
+    np.testing.assert_allclose(corners.max(axis=0), expected.max(axis=0), atol=SINGLE_PRECISION)
+
+
+# Volume and bounding box of a part in the world, as WebGL gets them: faces whose world is mirrored are turned by it.
+MEASURE = """name => {
+  const root = viewer.scene_tree.find(['meshcat', 'robot', 'visuals', name]).object;
+  root.updateWorldMatrix(true, true);  // its parents too: no frame may have been drawn yet
+  let volume = 0, low = [1e9, 1e9, 1e9], high = [-1e9, -1e9, -1e9];
+  root.traverse(part => {
+    if (!part.isMesh) return;
+    const position = part.geometry.attributes.position, index = part.geometry.index;
+    const count = index ? index.count : position.count, e = part.matrixWorld.elements;
+    const corner = k => {
+      const i = index ? index.getX(k) : k, [x, y, z] = [position.getX(i), position.getY(i), position.getZ(i)];
+      const w = [0, 1, 2].map(r => e[r] * x + e[4 + r] * y + e[8 + r] * z + e[12 + r]);
+      low = low.map((value, r) => Math.min(value, w[r])); high = high.map((value, r) => Math.max(value, w[r]));
+      return w;
+    };
+    const facing = part.matrixWorld.determinant() < 0 ? -1 : 1;
+    for (let k = 0; k < count; k += 3) {
+      const [a, b, c] = [corner(k), corner(k + 1), corner(k + 2)];
+      volume += facing * (a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2])
+        + a[2] * (b[0] * c[1] - b[1] * c[0])) / 6;
+    }
+  });
+  return { volume, size: high.map((value, r) => value - low[r]), determinant: root.matrix.determinant() };
+}"""
+
+
+def test_the_page_shows_mirrored_meshes_from_outside(mirrored, browser, tmp_path):
+    path = recorded(mirrored).save(tmp_path / "page.html")
+    visual, data = mirrored.visual_model, mirrored.model.createData()
+    shapes = visual.createData()
+    pin.updateGeometryPlacements(mirrored.model, data, visual, shapes, mirrored.configuration())
+    page, problems = visit(browser, path.as_uri(), offline=True)
+    page.wait_for_function("window.ready === true", timeout=1000 * PATIENCE)
+    page.evaluate("viewer.animator.pause(); viewer.animator.seek(0)")
+    for shape, placement in zip(visual.geometryObjects, shapes.oMg, strict=True):
+        if not hasattr(shape.geometry, "num_tris"):
+            continue
+        triangles = drawn_triangles(shape) * drawn_scale(shape)
+        seen = page.evaluate(MEASURE, shape.name)
+        assert seen["determinant"] > 0
+        assert seen["volume"] == pytest.approx(volume(triangles), rel=1e-4)
+        assert seen["volume"] > 0
+        corners = triangles.reshape(-1, 3) @ placement.rotation.T
+        x, y, z = np.ptp(corners, axis=0)
+        np.testing.assert_allclose(seen["size"], [x, z, y], rtol=1e-4)  # the viewer has y up
+        assert place(page, "robot", "visuals", shape.name) == pytest.approx(placement.translation, abs=1e-5)
+    assert not problems
+    page.context.close()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["centauro", "talos_reduced"])
+def test_robots_with_mirrored_meshes_have_a_page(name):
+    robot, _ = warned(lambda: rnc.Robot.from_example(name, gravity=(0, 0, 0)))
+    assert any((np.asarray(shape.meshScale) < 0).any() for shape in robot.visual_model.geometryObjects)
+    page, _ = warned(lambda: recorded(robot).html())
+    assert "</html>" in page
+
+
+# ---------------------------------------------------------------------- what fails in drawing
+
+SHORT = ["--set", "simulation.duration=0.2"]
+RUN = ["run", "space-robot", *SHORT, "--set", "comparisons={}", "--out"]
+
+
+def called(monkeypatch, capfd, *arguments):
+    """Exit status, output and errors of the command in this process."""
+    monkeypatch.setattr(sys, "argv", ["rnc-pin", *map(str, arguments)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return ended.value.code, *capfd.readouterr()
+
+
+def test_what_fails_in_drawing_costs_the_drawing_alone(tmp_path, monkeypatch, capfd):
+    printed = []
+
+    def fail(*arguments):
+        saved = sorted(path.name for path in (tmp_path / "out").iterdir())
+        printed.append((saved, capfd.readouterr().out))
+        raise ValueError("found a\nleft-handed frame")
+
+    # With one processor, what is printed is read in one process.
+    monkeypatch.setattr("rnc_pin.applications.command_line.commands.run.processor_count", lambda: 1)
+    monkeypatch.setattr(plot_files, "plot_run", fail)
+    monkeypatch.setattr(animation_file, "Recording", fail)
+    status, out, err = called(monkeypatch, capfd, *RUN, tmp_path / "out")
+    assert status == 0
+    saved, table = printed[0]
+    assert {"trajectory.npz", "summary.json", "scenario.yaml"} <= set(saved)
+    assert "final error" in table  # the table was there before anything was drawn
+    (line,) = [line for line in err.splitlines() if line.startswith("rnc-pin: ")]
+    cause = "ValueError: found a left-handed frame"
+    assert line == f"rnc-pin: warning: overview.png, animation.html could not be drawn: {cause}"
+    (files,) = [line for line in out.splitlines() if line.startswith("in ")]
+    written = files.split(": ")[-1].split()
+    assert not {"overview.png", "animation.html"} & {path.name for path in (tmp_path / "out").iterdir()}
+    names = {path.name for path in (tmp_path / "out").iterdir()} - {".rnc_pin"}
+    assert {name.rstrip(",") for name in written} == names
+    assert any(name.endswith(".png") for name in names)  # the other pictures are there
+
+
+def test_a_run_without_drawing_reads_no_meshes_for_pictures(tmp_path, monkeypatch):
+    def fail(robot):
+        raise AssertionError("geometry was asked for")
+
+    monkeypatch.setattr(rnc.Robot, "visual_model", property(fail))  # the verdict needs collision shapes
+    execute(Scenario.load("space-robot", {"simulation.duration": 0.02, "comparisons": {}}))
+
+
+def test_a_robot_without_its_meshes_runs(tmp_path, monkeypatch, capfd):
+    path = tmp_path / "arm.urdf"
+    far = mesh("package://nowhere/meshes/arm.stl")
+    shutil.copy(DIRT / "wedge.stl", tmp_path)
+    path.write_text(chain(base=INERTIAL + far, arm=INERTIAL + far, hand=INERTIAL + mesh("wedge.stl")))
+    scenario = tmp_path / "arm.yaml"
+    called(monkeypatch, capfd, "init", path, "--out", scenario)
+    monkeypatch.setattr("rnc_pin.applications.command_line.commands.run.processor_count", lambda: 1)
+    monkeypatch.setattr(plot_files, "write_plot", lambda *_: False)
+    status, _, err = called(monkeypatch, capfd, "run", scenario, *SHORT, "--out", tmp_path / "out")
+    assert status == 0
+    (line,) = [line for line in err.splitlines() if "warning" in line]
+    assert "1 mesh was not found: package 'nowhere' (1)" in line
+    assert (tmp_path / "out" / "animation.html").is_file()
+
+
+# ---------------------------------------------------------------------- messages of the command
+
+HOOK = """
+import importlib.abc, os, signal, sys, time
+class Interrupting(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        if name == {module!r}:
+            {interrupt}
+sys.meta_path.insert(0, Interrupting())
+"""
+AS_EXCEPTION = "raise KeyboardInterrupt"
+AS_SIGNAL = "os.kill(os.getpid(), signal.SIGINT); time.sleep(5)"
+
+
+@pytest.mark.parametrize(
+    ("module", "interrupt"),
+    [
+        pytest.param(module, interrupt, id=f"{module}-{'signal' if interrupt == AS_SIGNAL else 'exception'}")
+        for module, interrupt in (
+            ("click", AS_EXCEPTION),
+            ("pinocchio", AS_EXCEPTION),
+            ("rnc_pin.applications.command_line.commands.run", AS_SIGNAL),
+        )
+    ],
+)
+def test_an_interrupted_import_is_one_line(module, interrupt, tmp_path):
+    process = run_interrupted_at(module, interrupt, tmp_path)
+    assert process.stderr == "rnc-pin: error: interrupted\n"
+    # Something is said before anything that takes long is imported.
+    said = "" if module == "click" else "space-robot: reading the scenario ...\n"
+    assert (process.returncode, process.stdout) == (1, said)
+
+
+def test_an_interrupted_import_for_pictures_keeps_the_run(tmp_path):
+    process = run_interrupted_at("matplotlib", AS_SIGNAL, tmp_path)
+    assert process.stderr == f"rnc-pin: error: interrupted; results so far are in {tmp_path / 'out'}\n"
+    assert process.returncode == 1
+    assert rnc.Trajectory.load(tmp_path / "out" / "trajectory.npz").outcome is rnc.Outcome.COMPLETED
+
+
+def run_interrupted_at(module, interrupt, tmp_path):
+    (tmp_path / "sitecustomize.py").write_text(HOOK.format(module=module, interrupt=interrupt))
+    paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    return subprocess.run(
+        [sys.executable, "-m", "rnc_pin", *RUN, tmp_path / "out"],
+        env={**os.environ, "PYTHONPATH": paths}, capture_output=True, text=True, timeout=PATIENCE,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [("run", "my robot.urdf"), ("inspect", "robot.urdf.xacro"), ("sweep", "robot.xml"), ("run", "talos_reduced")],
+)
+def test_a_robot_is_no_scenario_but_can_become_one(command, name, call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    if "." in name:
+        (tmp_path / name).write_text(chain(base=INERTIAL, arm=INERTIAL))
+    more = ["--runs", "2", "--out", "x"] if command == "sweep" else []
+    status, _, error = call(command, name, *more)
+    assert status == 2
+    assert "that is a robot, not a scenario: draft one with: rnc-pin init " in error
+    assert shlex.split(error)[-1] == name
+    assert len(error.splitlines()) == 1
+
+
+def test_what_a_draft_says_to_do_next_can_be_pasted(call, tmp_path):
+    robot = tmp_path / "my robot.urdf"
+    robot.write_text(chain(base=INERTIAL, arm=INERTIAL))
+    status, out, _ = call("init", robot, "--out", tmp_path / "my first.yaml")
+    assert status == 0
+    tried = out.split("then try: ")[1].split(";")
+    assert [shlex.split(each)[-1] for each in tried] == [str(tmp_path / "my first.yaml")] * 2
+
+
+@pytest.mark.parametrize(
+    ("name", "valid", "meant"),
+    [
+        ("talos", ["tiago", "talos_reduced", "talos_full_v2_box"], "talos_reduced"),
+        ("wheel_l", ["wheel", "wheels", "front_wheel_left", "wheel_left_joint"], "wheel_left_joint"),
+        ("left", ["lift", "wheel_left_joint"], "wheel_left_joint"),
+        ("plotz", ["matplotlib", "plots"], "plots"),
+        ("pandaa", ["tiago", "panda", "panda_hand"], "panda"),
+        ("tpi", ["base", "tip"], "tip"),
+    ],
+)
+def test_the_nearest_name_begins_like_the_one_given(name, valid, meant):
+    assert nearest(name, valid) == f"; did you mean '{meant}'?"
+
+
+def test_a_part_of_a_robots_name_is_no_misspelt_scenario(call):
+    _, _, error = call("run", "talos")
+    assert "tiago" not in error
+    assert "if you mean the robot 'talos_reduced'" in error
+
+
+# ---------------------------------------------------------------------- many lines in a plot
+
+
+def test_lines_of_many_joints_look_different_and_have_room_beside_their_legends(tmp_path):
+    """An arm of twenty joints whose goals are all different."""
+    path = tmp_path / "arm.urdf"
+    path.write_text(chain(**{f"upper_link_{k}": INERTIAL for k in range(21)}))
+    robot = rnc.Robot.from_urdf(path, gravity=(0, 0, 0))
+    outputs = [rnc.JointPosition(name) for name in robot.joint_names]
+    reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce(outputs)
+    reference = rnc.planning.MinimumJerk(np.zeros(20), np.linspace(-0.4, 0.5, 20), 0.3)
+    controller = rnc.control.ComputedTorque(reduced, rnc.control.ReducingOutputController(reduced, reference))
+    run = rnc.simulate(reduced, controller, robot.configuration(), duration=0.4, dt=0.01)
+    for figure in (plot_outputs(run, list(run.info.outputs.x2.names)), plot_run(run)):
+        figure.draw_without_rendering()
+        whole = figure.get_window_extent()
+        for axes in figure.axes:
+            solid = [line for line in axes.lines if line.get_linestyle() == "-"]
+            assert len(solid) <= 6
+            looks = [(line.get_color(), line.get_marker()) for line in solid]
+            assert len(set(looks)) == len(looks)
+            box = axes.get_window_extent()
+            columns = axes.get_subplotspec().get_gridspec().ncols
+            assert box.width > 0.5 * whole.width / columns
+            if legend := axes.get_legend():
+                shown = legend.get_window_extent()
+                assert not box.overlaps(shown)
+                assert (shown.min >= whole.min - 1.0).all()  # [pixels]
+                assert (shown.max <= whole.max + 1.0).all()
+
+
+# ---------------------------------------------------------------------- camera and floor
+
+FAR = 20.0  # [m]
+
+
+@pytest.fixture(scope="module")
+def cart(tmp_path_factory):
+    path = tmp_path_factory.mktemp("cart") / "cart.urdf"
+    body = f'{INERTIAL}<visual><geometry><box size="0.4 0.3 0.2"/></geometry></visual>'
+    path.write_text(chain(base=body, mast=body))
+    return rnc.Robot.from_urdf(path, base="planar")
+
+
+def at(robot, time, x):
+    none = np.empty(0)
+    q = robot.configuration({"root_joint": [x, 0.0, 0.0]})
+    return DrawnState(time, q, none, none, none, none, none, none, float("nan"))
+
+
+EYES = "[viewer.camera.position.toArray(), viewer.controls.target.toArray()]"
+
+
+def eyes(page):
+    """Places of the camera and of its target, in the world's axes; the viewer's have y up."""
+    return [np.array([x, -z, y]) for x, y, z in page.evaluate(EYES)]
+
+
+def test_a_camera_follows_what_leaves_the_middle_of_the_picture():
+    camera, target = np.array([0.0, -3.0, 1.0]), np.zeros(3)
+    follower = Follower(camera, target, np.zeros(3))
+    assert not follower.follow(np.array([0.3, 0.0, 0.0])).any()  # what moves a little is not followed about
+    for x in np.linspace(0.0, FAR, 50):
+        point = np.array([x, 0.2 * x, 0.0])
+        assert np.linalg.norm(point - target - follower.follow(point)) < 0.31 * np.linalg.norm(camera)
+    before = follower.offset
+    close = Follower(camera, target, np.zeros(3), close=True)
+    assert np.linalg.norm(before - close.follow(point)) == pytest.approx(0.2 * np.linalg.norm(camera))
+    np.testing.assert_array_equal(follower.follow(np.full(3, np.nan)), before)
+
+
+@pytest.mark.parametrize(
+    "view", [View(), View(camera=(0.0, -2.5, 1.5), target=(0.1, 0.0, 0.1))], ids=["fitted", "given"]
+)
+def test_a_recorded_page_keeps_a_robot_in_sight_that_drives_away(view, cart, browser, tmp_path):
+    start = np.r_[FAR / 10.0, np.zeros(cart.nv - 1)]
+    run = rnc.free_motion(rnc.NonholonomicSystem(cart).reduce(), cart.configuration(), start, duration=10.0)
+    assert run.q[-1, 0] == pytest.approx(FAR, rel=1e-6)
+    path = Recording(cart, run, view).save(tmp_path / "page.html")
+    page, problems = visit(browser, path.as_uri(), offline=True)
+    page.wait_for_function("window.ready === true", timeout=1000 * PATIENCE)
+    page.evaluate("viewer.animator.pause()")
+    for time in (0.0, 5.0, 10.0, 2.0):
+        seen(page, time)
+        camera, target = eyes(page)
+        size = np.linalg.norm(camera - target)
+        assert size < 5.0  # near enough to see it
+        assert np.linalg.norm(np.array(place(page, "robot", "visuals", "base_0")) - target) < 0.5 * size
+    # A user who comes nearer and looks from elsewhere keeps that.
+    page.evaluate("viewer.camera.position.y += 0.7")
+    before = np.subtract(*eyes(page))
+    seen(page, 9.0)
+    np.testing.assert_allclose(np.subtract(*eyes(page)), before, atol=1e-5)
+    assert not problems
+    page.context.close()
+
+
+def seen(page, time):
+    page.evaluate(f"viewer.animator.seek({time})")
+    page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+
+def in_sight(camera, target):
+    return np.linalg.norm(np.array([FAR, 0.0, 0.0]) - target) < 0.5 * np.linalg.norm(camera - target)
+
+
+def test_the_live_page_keeps_a_robot_in_sight_that_drives_away(cart, browser):
+    live = LiveView(cart, speed=0, open_browser=False)
+    try:
+        live(at(cart, 0.0, 0.0))
+        page, problems = visit(browser, live.url)
+        for k in range(1, 41):
+            live(at(cart, 0.2 * k, FAR * k / 40))
+        assert eventually(lambda: place(page, "robot", "visuals", "base_0")[0] > FAR - 0.1)
+        assert eventually(lambda: in_sight(*eyes(page)))
+        late, _ = visit(browser, live.url)  # who comes late sees the same
+        assert eventually(lambda: in_sight(*eyes(late)) and np.allclose(eyes(late), eyes(page), atol=1e-5))
+        assert eventually(lambda: abs(place(page, "ground")[0] - eyes(page)[1][0]) <= 1.0)
+        assert not problems
+        late.context.close()
+        page.context.close()
+    finally:
+        live.close()
+
+
+@pytest.mark.parametrize(
+    ("base", "gravity", "view", "floor"),
+    [
+        ("free", (0, 0, 0), View(), False),
+        ("free", (0, 0, 0), View(ground=0.0), True),
+        ("free", (0, 0, -9.81), View(), True),
+        ("planar", (0, 0, 0), View(), True),
+        ("fixed", (0, 0, 0), View(), True),
+        ("fixed", (0, 0, 0), View(ground=None), False),
+    ],
+)
+def test_there_is_no_floor_under_what_floats(base, gravity, view, floor, tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(MeshcatScene, "grid", lambda scene, height, center, half: drawn.append(height))
+    path = tmp_path / "satellite.urdf"
+    body = f'{INERTIAL}<visual><geometry><box size="0.4 0.3 0.2"/></geometry></visual>'
+    path.write_text(chain(hub=body, arm=body))
+    robot = rnc.Robot.from_urdf(path, base=base, gravity=gravity)
+    constraints = [rnc.MomentumConservation("root_joint")] if base == "free" and not any(gravity) else []
+    reduced = rnc.NonholonomicSystem(robot, constraints).reduce()
+    run = rnc.free_motion(reduced, robot.configuration(), np.full(reduced.r, 0.1), duration=0.1)
+    Recording(reduced, run, view)
+    assert bool(drawn) is floor

@@ -1,0 +1,49 @@
+"""Forces of constraints that act during a part of a run, as pages draw them."""
+
+import numpy as np
+
+from rnc_pin.applications.scenario.drawn_run import drawn_run
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.visualization.browser.drawing_commands import SceneWindow
+from rnc_pin.visualization.drawn_state import RATE, recorded_states
+from rnc_pin.visualization.meshcat_scene import MeshcatScene
+from rnc_pin.visualization.run_scene import RunScene, ShownRun
+from rnc_pin.visualization.scene_kinematics import SwitchingForces
+from rnc_pin.visualization.view import View
+
+DROP = """
+robot: {urdf: rolling_ball.urdf, base: free}
+contacts:
+  - {constraint: {rolling_ball: {frame: ball, radius: 0.2}}}
+outputs:
+  reducing:
+    - frame_speed: {frame: ball, axis: x}
+    - frame_speed: {frame: ball, axis: y}
+    - frame_speed: {frame: ball, axis: z}
+    - frame_angular_velocity: {frame: ball, axis: x}
+    - frame_angular_velocity: {frame: ball, axis: y}
+    - frame_angular_velocity: {frame: ball, axis: z}
+initial: {q: {root_joint: [0.5, 0, 0.3, 0, 0, 0, 1]}}
+simulation: {duration: 0.4, dt: 0.02}
+"""
+
+
+def test_ground_carries_a_ball_after_its_landing(tmp_path):
+    """No force in flight; then the weight of 1 kg, upwards at the contact point. The scene has a layer for it."""
+    file = tmp_path / "drop.yaml"
+    file.write_text(DROP)
+    prepared = Scenario.load(str(file)).build()
+    run = execute(prepared).trajectory
+    drawn = drawn_run(prepared.experiment.drawn_model, prepared.experiment.scenario, run)
+    forces = SwitchingForces(drawn.robot, drawn.switching, run.info.outputs.multipliers)
+    states = list(recorded_states(drawn.robot, run))
+    total = [sum(forces.force(k, state)[1] for k in range(len(forces.columns))) for state in (states[0], states[-1])]
+    np.testing.assert_allclose(total, [[0, 0, 0], [0, 0, 9.81]], atol=1e-9)
+    up = forces.columns.index(run.info.outputs.multipliers.index("vertical(ball)"))
+    np.testing.assert_allclose(forces.force(up, states[-1])[0], [0.5, 0, 0], atol=1e-9)
+    for model, layers in ((drawn, 1), (prepared.experiment.drawn_model, 0)):
+        shown = ShownRun(model, run.info, run.info.goals, run)
+        scene = RunScene(shown, View(), MeshcatScene(SceneWindow("drop"), RATE), states[0])
+        assert [line["label"] for line in scene.legend()].count("constraint force") == layers
+        scene.update(states[-1])
