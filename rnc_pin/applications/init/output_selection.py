@@ -22,7 +22,7 @@ _SLID = 0.05  # displacement of the reference of a prismatic joint [m]
 
 
 @dataclass
-class SelectedOutputs:
+class ChosenOutputs:
     """Chosen reducing outputs.
 
     Attributes:
@@ -49,13 +49,13 @@ def output_candidates(
 
 def select_outputs(
     wanted: Iterable[tuple[Mapping[str, Json], float]], system: NonholonomicSystem, q: np.ndarray
-) -> SelectedOutputs:
+) -> ChosenOutputs:
     """Return the candidates, in order, whose Jacobian rows at ``q`` (nq,) are independent of the rows before them.
 
     Raises:
         ConfigurationError: fewer than r independent rows.
     """
-    chosen = SelectedOutputs()
+    chosen = ChosenOutputs()
     position = Kinematics(system.robot).position(q)
     rows = unit_rows(system.constraints.jacobian(position)) if system.m else np.zeros((0, system.n))
     for entry, step in wanted:

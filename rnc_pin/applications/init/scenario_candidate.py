@@ -16,7 +16,7 @@ from rnc_pin.applications.init.base_assumptions import UNMEASURED, BaseAssumptio
 from rnc_pin.applications.init.coupled_joints import loop_closures, uncoupled_joints
 from rnc_pin.applications.init.decision import LIKELY, SURE, Alternative, DraftDecision
 from rnc_pin.applications.init.joint_properties import effort_limit
-from rnc_pin.applications.init.output_selection import SelectedOutputs, output_candidates, select_outputs
+from rnc_pin.applications.init.output_selection import ChosenOutputs, output_candidates, select_outputs
 from rnc_pin.applications.init.regular_start import with_regular_inertia
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.shapes import GEOMETRY
@@ -309,7 +309,7 @@ class ScenarioCandidate:
             scenario["reference"] = {"primary": mobility.reference(primary) if mobility.reference else gentle}
         return scenario
 
-    def _actuators(self, chosen: SelectedOutputs) -> list[tuple[Entry, str]]:
+    def _actuators(self, chosen: ChosenOutputs) -> list[tuple[Entry, str]]:
         """Actuator entries; joints without effort and forces on the base only if the others are not enough."""
         if self.mobility.feedback is not None:
             driving = self.candidates.named

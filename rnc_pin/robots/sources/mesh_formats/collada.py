@@ -14,8 +14,8 @@ import pinocchio as pin
 
 from rnc_pin.io.safe_xml import parse_tree
 from rnc_pin.robots.sources.mesh_formats.mesh import (
-    Assembly,
     Mesh,
+    MeshAssembly,
     MeshError,
     check_counts,
     checked_mesh,
@@ -57,7 +57,7 @@ class _Scene:
         self._numbers: dict[int, np.ndarray] = {}
         self._read = 0  # number of points read
         self._extents: dict[ElementTree.Element, tuple[int, int]] = {}
-        self._assembly = Assembly()
+        self._assembly = MeshAssembly()
 
     def mesh(self) -> Mesh:
         """Return all triangles."""

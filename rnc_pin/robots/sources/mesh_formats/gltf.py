@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.robots.sources.mesh_formats.mesh import Assembly, Mesh, MeshError, check_counts, checked_mesh, fans
+from rnc_pin.robots.sources.mesh_formats.mesh import Mesh, MeshAssembly, MeshError, check_counts, checked_mesh, fans
 
 _Json: TypeAlias = Mapping[str, Any]
 _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -69,7 +69,7 @@ class _Scene:
         self._document, self._binary = document, binary
         self._buffers: dict[int, bytes] = {}
         self._meshes: dict[int, list[Mesh]] = {}
-        self._assembly = Assembly()
+        self._assembly = MeshAssembly()
         self._nodes = self._points = 0
 
     def mesh(self) -> Mesh:

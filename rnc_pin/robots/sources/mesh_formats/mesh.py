@@ -78,7 +78,7 @@ def check_counts(vertices: int, triangles: int) -> None:
         )
 
 
-class Assembly:
+class MeshAssembly:
     """Triangles of a scene, collected mesh by mesh."""
 
     def __init__(self) -> None:
