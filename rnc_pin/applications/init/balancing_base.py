@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from statistics import median
 from typing import NoReturn
 
 import numpy as np
@@ -176,7 +177,7 @@ def _ahead(fork: WheelGroup, rear: Wheel) -> np.ndarray:
 
 def _lie_down(result: BaseAssumptions, wheels: list[Wheel], at_start: RobotAtStart) -> None:
     """Put the base at the height where the wheels touch the ground, and lock all other joints."""
-    height = float(np.median([wheel.radius - wheel.center[2] for wheel in wheels]))
+    height = median(float(wheel.radius - wheel.center[2]) for wheel in wheels)
     result.initial["root_joint"] = [0.0, 0.0, round(height, 6), 0.0, 0.0, 0.0, 1.0]
     result.ground = 0.0
     pivots = {pivot.joint for wheel in wheels for pivot in wheel.pivots}

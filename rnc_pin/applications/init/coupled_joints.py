@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 import numpy as np
-from pydantic import TypeAdapter
 
 from rnc_pin.applications.init.base_assumptions import Entry
-from rnc_pin.applications.scenario.schema.constraints import ConstraintItem
+from rnc_pin.applications.scenario.loading import constraint_of
 from rnc_pin.io import Json
-from rnc_pin.model import ConstraintKind, Kinematics
+from rnc_pin.model import Kinematics
 from rnc_pin.robots import Robot
 
 _COUPLED = 1e-9  # smallest entry of a constraint row that couples a joint
@@ -46,6 +45,5 @@ def uncoupled_joints(
         if isinstance(entry, Mapping) and "momentum" in entry:
             kept.add(entry["momentum"])
             continue
-        kind: ConstraintKind = TypeAdapter(ConstraintItem).validate_python(entry)
-        coupled |= np.abs(kind.bind(robot).jacobian(position)).max(axis=0, initial=0.0) > _COUPLED
+        coupled |= np.abs(constraint_of(entry).bind(robot).jacobian(position)).max(axis=0, initial=0.0) > _COUPLED
     return [name for name in joints if name not in kept and not coupled[robot.velocity_indices(name)].any()]

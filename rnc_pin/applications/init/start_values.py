@@ -6,11 +6,10 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 
 import numpy as np
-from pydantic import TypeAdapter
 
 from rnc_pin.applications.init.coupled_joints import loop_closures, uncoupled_joints
 from rnc_pin.applications.init.joint_properties import joint_limits
-from rnc_pin.applications.scenario.schema.constraints import ConstraintItem
+from rnc_pin.applications.scenario.loading import constraint_of
 from rnc_pin.errors import RncError
 from rnc_pin.model import NonholonomicSystem
 from rnc_pin.outputs import JointPosition
@@ -70,7 +69,7 @@ def _closed(robot: Robot, start: dict[str, float]) -> dict[str, float]:
         return start
     loose = uncoupled_joints(start, loops, robot, start)
     coupled = [name for name in start if name not in loose]
-    system = NonholonomicSystem(robot, [TypeAdapter(ConstraintItem).validate_python(entry) for entry, _ in loops])
+    system = NonholonomicSystem(robot, [constraint_of(entry) for entry, _ in loops])
     for values in _guesses(robot, start, coupled):
         inside = all(low <= values[name] <= high for name in coupled for low, high in [joint_limits(robot, name)])
         if inside and np.abs(system.assembly.residual(robot.configuration(values))).max() < _CLOSED:

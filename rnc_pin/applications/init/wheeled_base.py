@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from statistics import median
 
 import numpy as np
 
@@ -111,7 +112,7 @@ def planar(at_start: RobotAtStart, kind: str, wheels: list[Wheel]) -> BaseAssump
         result.notes.append(f"a planar base replaces the file's own {', '.join(at_start.own_joint)}")
     elif at_start.root and not at_start.is_rigid:
         result.base = "fixed" if at_start.is_urdf else "planar"
-    result.ground = float(np.median([wheel.center[2] - wheel.radius for wheel in wheels])) if wheels else None
+    result.ground = median(float(wheel.center[2] - wheel.radius) for wheel in wheels) if wheels else None
     return result
 
 
