@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rnc_pin.applications.init.base_assumptions import BENT, BaseAssumptions
-from rnc_pin.applications.init.joint_properties import is_revolute, joint_limits
+from rnc_pin.applications.init.joint_properties import is_revolute, joint_range
 from rnc_pin.applications.init.tolerances import DRIVEN, SAME
 from rnc_pin.applications.scenario.loading import output_of
 from rnc_pin.errors import ConfigurationError
@@ -86,7 +86,7 @@ def _independent(rows: np.ndarray, added: np.ndarray) -> bool:
 
 def _step(robot: Robot, name: str, value: float) -> float:
     """Displacement of a joint's reference [rad or m]: small, toward the farther limit."""
-    low, high = joint_limits(robot, name)
+    low, high = joint_range(robot, name)
     above, below = high - value, value - low  # both infinite without limits
-    length = min(BENT if is_revolute(robot, name) else _SLID, 0.3 * max(above, below))
+    length = max(min(BENT if is_revolute(robot, name) else _SLID, 0.3 * max(above, below)), 0.0)
     return round(length if above >= (1 - SAME) * below else -length, 4)

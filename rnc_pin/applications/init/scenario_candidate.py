@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -17,25 +18,25 @@ from rnc_pin.applications.init.coupled_joints import loop_closures, uncoupled_jo
 from rnc_pin.applications.init.decision import LIKELY, SURE, Alternative, DraftDecision
 from rnc_pin.applications.init.joint_properties import effort_limit
 from rnc_pin.applications.init.output_selection import ChosenOutputs, output_candidates, select_outputs
-from rnc_pin.applications.init.regular_start import with_regular_inertia
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.shapes import GEOMETRY
 from rnc_pin.applications.init.source import Source
+from rnc_pin.applications.init.start_values import with_bearable_loads, with_regular_inertia
 from rnc_pin.applications.init.trial import FAR, MEANINGFUL, Trial, worst_output
-from rnc_pin.applications.init.trial_findings import model_findings, run_findings
-from rnc_pin.applications.init.yaml_text import Drafted, write_draft
+from rnc_pin.applications.init.trial_findings import kept_share, model_findings, run_findings
+from rnc_pin.applications.init.yaml_text import Drafted, DraftedStart, write_draft
 from rnc_pin.applications.scenario.builder import Experiment, build_experiment, build_system
-from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.execution import Result, execute
 from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.applications.scenario.start_findings import start_findings
 from rnc_pin.constraints import MomentumConservation
 from rnc_pin.errors import ConfigurationError, ConstraintError, RncError, few
 from rnc_pin.io import Json, to_json_mapping
 from rnc_pin.model import NonholonomicSystem
-from rnc_pin.simulation import Outcome, Trajectory
+from rnc_pin.simulation import Outcome
 
 _LEAN = 0.05  # [rad]
+_REDUCTIONS, _LEAST_SHARE = 3, 0.05  # largest number of smaller motions that are tried, and the smallest share
 _SHORT, _REST = 0.1, 1  # duration of the first trial run, and of the run after the end of the reference [s]
 _PATIENCE = 20.0  # largest computing time of a trial run [s]
 _POSES, _ASIDE = 4, 0.5  # number of random poses for the gravity check, and their distance from the start [rad or m]
@@ -69,6 +70,7 @@ class ScenarioCandidate:
 
     def __post_init__(self) -> None:
         mobility = self.mobility
+        self._share = 1.0
         self.robot = self.source.load(mobility.base, mobility.lock)
         self._undriven: list[str] = []
         self._against: list[str] = []
@@ -85,7 +87,9 @@ class ScenarioCandidate:
         self._motions: dict[str, float] = {}
         self.start, moved = with_regular_inertia(self.robot, self.start)
         mobility.notes += moved
+        self._bear_weight()
         self.candidates = actuator_candidates(mobility, self.robot, self.start, self._undriven)
+        self.q0 = self._assembled_start()
 
     @cached_property
     def system(self) -> NonholonomicSystem:
@@ -98,12 +102,11 @@ class ScenarioCandidate:
         }
         return build_system(validate(raw, "draft"), self.folder)
 
-    @cached_property
-    def q0(self) -> np.ndarray:
+    def _assembled_start(self) -> np.ndarray:
         """Initial configuration (nq,), assembled: wheels on the ground."""
         q = self.robot.configuration({**self.start, **self.mobility.initial})
         if self.mobility.lean is not None:
-            pitched = pin.AngleAxis(_LEAN, self.mobility.lean / np.linalg.norm(self.mobility.lean))
+            pitched = pin.AngleAxis(_LEAN * self._share, self.mobility.lean / np.linalg.norm(self.mobility.lean))
             q[3:7] = (pin.Quaternion(pitched) * pin.Quaternion(q[3:7])).coeffs()
         return self.system.assembled(q)
 
@@ -121,12 +124,12 @@ class ScenarioCandidate:
             if best is not None and controller.get("tracker") == "adaptive":
                 continue  # a shorter period would not reduce its tracking error
             scenario["controller"] = controller
-            scenario["simulation"] = {"duration": mobility.duration + _REST, "dt": dt}
+            scenario["simulation"] = {"duration": self._duration + _REST, "dt": dt}
             base = mobility.base or "as in the file"
             law = controller.get("tracker", controller["type"])
             self.source.report(f"trying base {base}: {mobility.kind}; {law}, dt {dt:g} s")
             try:
-                trial = self._try_out(scenario)
+                trial = self._try_within_limits(scenario)
             except RncError as error:
                 failures.append(str(error))
                 continue
@@ -155,22 +158,56 @@ class ScenarioCandidate:
 
     # ------------------------------------------------------------------ trial runs
 
+    def _try_within_limits(self, scenario: Drafted) -> Trial:
+        """Try a scenario; if it exceeds velocities or efforts of the file, reduce its motion until it keeps them.
+
+        If no motion keeps them, the usual one stays.
+        """
+        usual, share = self._try_out(scenario), self._share
+        trial = usual
+        for _ in range(_REDUCTIONS):
+            if trial.kept_share == 1.0 or self._share * trial.kept_share < _LEAST_SHARE:
+                break
+            self._reduce_motion(scenario, self._share * trial.kept_share)
+            try:
+                trial = self._try_out(scenario)
+            except RncError:
+                break
+        if trial.kept_share == 1.0:
+            return replace(trial, share=self._share)
+        self._reduce_motion(scenario, share)
+        return usual
+
+    def _reduce_motion(self, scenario: Drafted, share: float) -> None:
+        """Give a scenario a share of the usual motion."""
+        self._share = math.floor(100 * share) / 100
+        self.q0 = self._assembled_start()
+        scenario["initial"] = self._initial()
+        if "reference" in scenario:
+            scenario["reference"] = {"primary": self._reference()}
+        if "simulation" in scenario:
+            scenario["simulation"] = {**scenario["simulation"], "duration": self._duration + _REST}
+
     def _try_out(self, scenario: Drafted) -> Trial:
         """Build the scenario with its preflight and run it: briefly, then as far as the computing time permits."""
         raw = _without_remarks(scenario)
         experiment = build_experiment(validate(raw, "draft"), self.folder)
         begun = time.process_time()  # other work on the machine changes no draft
-        trajectory = self._run(raw, experiment, _SHORT)
+        result = self._run(raw, experiment, _SHORT)
         possible = round(_SHORT * _PATIENCE / (time.process_time() - begun), 1)
         if possible >= MEANINGFUL:
-            trajectory = self._run(raw, experiment, min(self.mobility.duration + _REST, possible))
-        trial = worst_output(trajectory, self._motions, settles=self.mobility.lean is not None)
-        limits = experiment.reduced.actuation.limits
-        found = run_findings(trial, trajectory, limits, self.mobility, self.robot)
-        wheels = start_findings(experiment.scenario, experiment.reduced, experiment.q0)
-        return replace(trial, findings=(*found, *wheels))
+            result = self._run(raw, experiment, min(self._duration + _REST, possible))
+        trajectory, mobility = result.trajectory, self.mobility
+        steps_share = self._share if mobility.path is None and not mobility.v2 else 1.0
+        motions = {name: step * steps_share for name, step in self._motions.items()}
+        trial = worst_output(trajectory, motions, settles=mobility.lean is not None)
+        asked = replace(mobility, travel=mobility.travel * steps_share, duration=self._duration)
+        found = run_findings(trial, trajectory, asked, self.robot)
+        at_rest = mobility.lean is None and not mobility.v2
+        kept = 1.0 if result.limits is None else kept_share(trajectory, result.limits, at_rest=at_rest)
+        return replace(trial, findings=(*found, *experiment.start_findings), kept_share=kept)
 
-    def _run(self, raw: dict[str, Json], experiment: Experiment, duration: float) -> Trajectory:
+    def _run(self, raw: dict[str, Json], experiment: Experiment, duration: float) -> Result:
         settings = experiment.simulation.model_copy(update={"duration": duration})
         brief = replace(experiment, simulation=settings)
         result = execute(Scenario("draft", raw, self.folder).built_with(experiment=brief, comparisons={}))
@@ -178,7 +215,7 @@ class ScenarioCandidate:
             raise result.error
         if result.trajectory.outcome is not Outcome.COMPLETED:
             raise ConfigurationError(f"its run ends early: {result.trajectory.outcome.value}")
-        return result.trajectory
+        return result
 
     def _is_loaded(self) -> bool:
         """True if gravity loads a joint at the start or at poses near it: an upright arm has no load at the start."""
@@ -262,6 +299,19 @@ class ScenarioCandidate:
             self.robot = self.source.load(mobility.base, mobility.lock)
             self.start = {name: value for name, value in self.start.items() if name in self.robot.joint_names}
 
+    def _bear_weight(self) -> None:
+        """Move the start of joints whose weight needs more than the efforts of the file."""
+        mobility = self.mobility
+        held = [name for name in self.start if name not in {*mobility.passive, *self._undriven, *mobility.pose}]
+        if mobility.weightless or mobility.feedback is not None:
+            return
+        coupled = {name for mimic in self.robot.mimics for name in (mimic.joint, mimic.of)}
+        held = [
+            name for name in uncoupled_joints(held, mobility.constraints, self.robot, self.start) if name not in coupled
+        ]
+        self.start, moved = with_bearable_loads(self.robot, self.start, held)
+        mobility.notes += moved
+
     def _robot_entry(self) -> dict[str, Json]:
         """Robot entry of the scenario."""
         mobility = self.mobility
@@ -276,10 +326,6 @@ class ScenarioCandidate:
         mobility = self.mobility
         chosen = select_outputs(output_candidates(mobility, self.robot, self.start), self.system, self.q0)
         primary = [name for name in chosen.names if name not in mobility.untracked]
-        initial: dict[str, float | list[float]] = {name: value for name, value in self.start.items() if value}
-        if mobility.initial:
-            values = self.robot.joint_values(self.q0)
-            initial = {**initial, **{name: _rounded(values[name]) for name in mobility.initial}}
         view: dict[str, Json] = {"trail": [mobility.frame] if mobility.base != "fixed" else []}
         if mobility.ground is not None:
             view["ground"] = round(mobility.ground, 4) + 0.0
@@ -294,20 +340,41 @@ class ScenarioCandidate:
                 "vertical": [entry for entry in mobility.vertical if entry not in chosen.entries],
             },
             "task": {"primary": primary},
-            "initial": {"q": initial, "v2": mobility.v2} if mobility.v2 else {"q": initial},
+            "initial": self._initial(),
             "view": view,
         }
         if len(primary) < len(chosen.names):
             redundant = [name for name in chosen.names if name not in primary]
             scenario["task"] = {"primary": primary, "redundant": redundant}
         if not mobility.v2:
-            self._motions = {
-                name: step for name, step in zip(chosen.names, chosen.steps, strict=True) if name in primary
-            }
-            by: list[Json] = [*self._motions.values()]
-            gentle: Mapping[str, Json] = {"minimum_jerk": {"by": by, "duration": mobility.duration}}
-            scenario["reference"] = {"primary": mobility.reference(primary) if mobility.reference else gentle}
+            steps = zip(chosen.names, chosen.steps, strict=True)
+            self._motions = {name: step for name, step in steps if name in primary}
+            scenario["reference"] = {"primary": self._reference()}
         return scenario
+
+    def _initial(self) -> DraftedStart:
+        """Joint values at the start, and rates of a robot that starts in motion: a steady speed, and a push."""
+        mobility = self.mobility
+        values = self.robot.joint_values(self.q0)
+        q: dict[str, float | list[float]] = {name: value for name, value in self.start.items() if value}
+        q |= {name: _rounded(values[name]) for name in mobility.initial}
+        kept = (mobility.feedback or {}).get("v2")
+        steady = kept if isinstance(kept, Mapping) else {}
+        v2 = {name: rate if name in steady else rate * self._share for name, rate in mobility.v2.items()}
+        return {"q": q, "v2": v2} if v2 else {"q": q}
+
+    def _reference(self) -> Mapping[str, Json]:
+        """Reference of the primary outputs: the share of the motion takes smaller steps, or more time for a path."""
+        if self.mobility.path is not None:
+            return self.mobility.path([*self._motions], self._duration)
+        by: list[Json] = [round(step * self._share, 4) for step in self._motions.values()]
+        return {"minimum_jerk": {"by": by, "duration": self._duration}}
+
+    @property
+    def _duration(self) -> float:
+        """Duration of the reference [s]."""
+        usual = self.mobility.duration
+        return usual if self.mobility.path is None else round(usual / self._share, 1)
 
     def _actuators(self, chosen: ChosenOutputs) -> list[tuple[Entry, str]]:
         """Actuator entries; joints without effort and forces on the base only if the others are not enough."""
