@@ -17,6 +17,7 @@ from rnc_pin.applications.init.base_assumptions import UNMEASURED, BaseAssumptio
 from rnc_pin.applications.init.coupled_joints import loop_closures, uncoupled_joints
 from rnc_pin.applications.init.decision import LIKELY, SURE, Alternative, DraftDecision
 from rnc_pin.applications.init.joint_properties import effort_limit
+from rnc_pin.applications.init.loop_motion import keep_within_loops, off_dead_centre
 from rnc_pin.applications.init.output_selection import ChosenOutputs, output_candidates, select_outputs
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.shapes import GEOMETRY
@@ -324,7 +325,7 @@ class ScenarioCandidate:
     def _scenario(self) -> Drafted:
         """Scenario without the controller."""
         mobility = self.mobility
-        chosen = select_outputs(output_candidates(mobility, self.robot, self.start), self.system, self.q0)
+        chosen = self._chosen_outputs()
         primary = [name for name in chosen.names if name not in mobility.untracked]
         view: dict[str, Json] = {"trail": [mobility.frame] if mobility.base != "fixed" else []}
         if mobility.ground is not None:
@@ -351,6 +352,26 @@ class ScenarioCandidate:
             self._motions = {name: step for name, step in steps if name in primary}
             scenario["reference"] = {"primary": self._reference()}
         return scenario
+
+    def _chosen_outputs(self) -> SelectedOutputs:
+        """Reducing outputs; their motion stays within the loops, which do not start where motors cannot move them."""
+        mobility = self.mobility
+        chosen = select_outputs(output_candidates(mobility, self.robot, self.start), self.system, self.q0)
+        if mobility.feedback is not None:
+            return chosen
+        loose = uncoupled_joints(self.start, mobility.constraints, self.robot, self.start)
+        coupled = {name for name in self.start if name not in loose}
+        idle = {*mobility.passive, *self._undriven}
+        waiting = [name for name in coupled - idle if name not in chosen.names]
+        led = [name for name in chosen.names if name in coupled & idle]
+        if waiting and led:
+            self.q0 = off_dead_centre(chosen, self.system, self.q0, led[0])
+            values = self.robot.joint_values(self.q0)
+            self.start |= {name: float(np.ravel(_rounded(values[name]))[0]) for name in coupled}
+            mobility.notes.append(f"loops start where {few(waiting)} can move them: the file draws a dead centre")
+            chosen = select_outputs(output_candidates(mobility, self.robot, self.start), self.system, self.q0)
+        mobility.notes += keep_within_loops(chosen, self.system, self.q0, coupled)
+        return chosen
 
     def _initial(self) -> DraftedStart:
         """Joint values at the start, and rates of a robot that starts in motion: a steady speed, and a push."""
