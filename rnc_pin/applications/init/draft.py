@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rnc_pin.applications.init.balancing_base import (
@@ -49,12 +49,22 @@ class DraftedScenario:
     """Draft of a scenario.
 
     Attributes:
-        text: text of the scenario file.
+        write: function from the decisions to the text of the scenario file.
         decisions: decisions behind it, with evidence and alternatives.
     """
 
-    text: str
+    write: Callable[[Iterable[DraftDecision]], str]
     decisions: tuple[DraftDecision, ...]
+
+    @property
+    def text(self) -> str:
+        """Text of the scenario file."""
+        return self.write(self.decisions)
+
+    def with_answers(self, questions: Collection[str]) -> DraftedScenario:
+        """Return the draft with decisions that the user has made, by their questions."""
+        asked = (replace(each, is_answered=each.question in questions) for each in self.decisions)
+        return replace(self, decisions=tuple(asked))
 
     @property
     def questions(self) -> list[DraftDecision]:
@@ -105,7 +115,7 @@ def _drafted(source: Source, folder: Path) -> DraftedScenario:
                 warnings.simplefilter("always")
                 attempt = ScenarioCandidate(mobility, source, at_start, folder)
                 mobility.notes += [*source.remarks, *mimic_doubts(robot), *failures]
-                text = attempt.text()
+                written = attempt.written()
         except RncError as error:
             first = first or error
             if not any(str(error) in each for each in failures):
@@ -115,7 +125,7 @@ def _drafted(source: Source, folder: Path) -> DraftedScenario:
             continue
         verdict = attempt.trial.verdict
         if best is None or attempt.trial.rank < best[0].rank:
-            best = attempt.trial, DraftedScenario(text, tuple(mobility.decisions)), heard
+            best = attempt.trial, DraftedScenario(written, tuple(mobility.decisions)), heard
         if verdict.succeeded:
             break
         failures.append(f"not '{mobility.kind}': {verdict.first}")

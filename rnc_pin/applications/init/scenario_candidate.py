@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
+from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.applications.init.actuator_selection import actuator_candidates
+from rnc_pin.applications.init.actuator_selection import (
+    actuator_candidates,
+    assume_motors,
+    conserve_momentum_of_free_joints,
+)
 from rnc_pin.applications.init.base_assumptions import UNMEASURED, BaseAssumptions, Entry
 from rnc_pin.applications.init.coupled_joints import loop_closures, uncoupled_joints
-from rnc_pin.applications.init.decision import LIKELY, SURE, Alternative, DraftDecision
-from rnc_pin.applications.init.joint_properties import effort_limit
+from rnc_pin.applications.init.decision import DraftDecision
 from rnc_pin.applications.init.loop_motion import keep_within_loops, off_dead_centre
 from rnc_pin.applications.init.output_selection import ChosenOutputs, output_candidates, select_outputs
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
@@ -30,8 +34,7 @@ from rnc_pin.applications.scenario.builder import Experiment, build_experiment, 
 from rnc_pin.applications.scenario.execution import Result, execute
 from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.constraints import MomentumConservation
-from rnc_pin.errors import ConfigurationError, ConstraintError, RncError, few
+from rnc_pin.errors import ConfigurationError, RncError, few
 from rnc_pin.io import Json, to_json_mapping
 from rnc_pin.model import NonholonomicSystem
 from rnc_pin.simulation import Outcome
@@ -73,13 +76,17 @@ class ScenarioCandidate:
         mobility = self.mobility
         self._share = 1.0
         self.robot = self.source.load(mobility.base, mobility.lock)
-        self._undriven: list[str] = []
         self._against: list[str] = []
         mobility.lock = {**self.source.held, **mobility.lock}
         self.start = {**self.at_start.start, **mobility.pose}
         self.start = {name: value for name, value in self.start.items() if name in self.robot.joint_names}
         mobility.passive |= {mimic.joint for mimic in self.robot.mimics}
-        self._find_momentum()
+        for name in self.source.options.momentum:
+            mobility.constraints.append(({"momentum": name}, "by an option"))
+            mobility.passive.add(name)
+        drives, is_mjcf = self.at_start.drives, self.source.is_mjcf
+        self._undriven = assume_motors(mobility, self.robot, self.start, drives, is_mjcf=is_mjcf)
+        conserve_momentum_of_free_joints(mobility, self.robot)
         mobility.constraints = [_with_meshes(each, self.source) for each in mobility.constraints]
         mobility.constraints += loop_closures(self.robot)
         self._hold_loose_joints()
@@ -111,8 +118,11 @@ class ScenarioCandidate:
             q[3:7] = (pin.Quaternion(pitched) * pin.Quaternion(q[3:7])).coeffs()
         return self.system.assembled(q)
 
-    def text(self) -> str:
+    def written(self) -> Callable[[Iterable[DraftDecision]], str]:
         """Return the scenario, tested by a run, with the controller that has the smallest tracking error.
+
+        Returns:
+            Function from the decisions of the draft to its text.
 
         Raises:
             RncError: no controller completes the run.
@@ -120,7 +130,7 @@ class ScenarioCandidate:
         scenario, mobility = self._scenario(), self.mobility
         findings = model_findings(self.system, mobility, scenario["outputs"]["reducing"], self._against)
         failures = [_LOADED] if self._is_loaded() else []
-        best: tuple[Trial, str] | None = None
+        best: tuple[Trial, Callable[[Iterable[DraftDecision]], str]] | None = None
         for controller, dt, remark in self._controllers(is_loaded=bool(failures)):
             if best is not None and controller.get("tracker") == "adaptive":
                 continue  # a shorter period would not reduce its tracking error
@@ -137,14 +147,14 @@ class ScenarioCandidate:
             if best is None or trial.relative_error < best[0].relative_error:
                 trial = replace(trial, findings=(*findings, *trial.findings))
                 said = remark.format(*failures[:1])
-                best = trial, write_draft(self.robot.name, scenario, said, trial, mobility)
+                best = trial, partial(write_draft, self.robot.name, copy(scenario), said, trial, mobility)
             if trial.relative_error < FAR:
                 break
             failures.append(f"its run {trial.failure_text}")
         if best is None:
             raise ConfigurationError(failures[-1])
-        self.trial, text = best
-        return text
+        self.trial, written = best
+        return written
 
     def _controllers(self, is_loaded: bool) -> list[tuple[Mapping[str, Json], float, str]]:
         """Settings, period [s] and remark of each candidate controller, the preferred one first."""
@@ -237,59 +247,6 @@ class ScenarioCandidate:
         return bool((np.max(forces, axis=0) > least).any())
 
     # ------------------------------------------------------------------ parts of the scenario
-
-    def _find_momentum(self) -> None:
-        """Mark joints without a motor as passive, and add momentum conservation for such a joint on the ground."""
-        robot, mobility, drives = self.robot, self.mobility, self.at_start.drives
-        for name in self.source.options.momentum:
-            mobility.constraints.append(({"momentum": name}, "by an option"))
-            mobility.passive.add(name)
-        limits = {name: effort_limit(robot, name) for name in self.start}
-        weak = [name for name, limit in limits.items() if limit == 0 and name not in mobility.passive]
-        powered = any(limit for name, limit in limits.items() if name not in mobility.passive)
-        of_base = {entry for entry, _ in mobility.actuators if isinstance(entry, str)} | mobility.passive
-        listed = self.start if drives.is_complete else [name for name in self.start if name not in of_base]
-        self._undriven = drives.unlisted(listed)
-        self._decide_others([name for name in self.start if name not in of_base])
-        named = [name for name in weak if drives.says(name)]
-        if powered:
-            mobility.without_effort = set(weak) - set(named)
-            if mobility.travel:  # beside driven wheels, a loose joint without an effort is held
-                self._undriven += [name for name in weak if name not in {*named, *of_base, *self._undriven}]
-            mobility.passive |= mobility.without_effort
-            if named:
-                said = "effort 0 in the file, which names them as driven all the same: driven without a limit"
-                mobility.notes.append(f"{said}: {', '.join(named)}")
-        elif weak and not self.source.is_mjcf:
-            mobility.notes.append(
-                "the file states no effort: 0 for every joint, so that they are driven without a limit"
-            )
-        if mobility.base != "fixed" or mobility.constraints:
-            return
-        for name in weak if powered else ():
-            if robot.model.parents[robot.joint_id(name)] != 0:
-                continue
-            try:
-                MomentumConservation(name).bind(robot)
-            except ConstraintError:
-                continue
-            mobility.constraints.append(({"momentum": name}, "turns freely, and the robot starts at rest"))
-            mobility.vertical.append({"joint": name})
-
-    def _decide_others(self, others: list[str]) -> None:
-        """Decide which joints beside the base are driven."""
-        drives = self.at_start.drives
-        idle = [name for name in others if name in self._undriven]
-        if not idle:
-            return
-        sources = list(dict.fromkeys(drives.named.values()))
-        asked = all(name in drives.passive for name in idle)
-        evidence = "by an option" if asked else f"not named by {few(sources)}, which name other joints"
-        alternatives = tuple(Alternative(f"{name} is driven", ("--driven", name)) for name in idle[:2])
-        question = "Which joints beside the base have no motor?"
-        self.mobility.decisions.append(
-            DraftDecision(question, few(idle), SURE if asked or drives.is_complete else LIKELY, evidence, alternatives)
-        )
 
     def _hold_loose_joints(self) -> None:
         """Lock joints without an actuator in the file that no constraint couples to others."""
