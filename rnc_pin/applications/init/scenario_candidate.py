@@ -203,11 +203,10 @@ class ScenarioCandidate:
         """Build the scenario with its preflight and run it: briefly, then as far as the computing time permits."""
         raw = _without_remarks(scenario)
         experiment = build_experiment(validate(raw, "draft"), self.folder)
-        begun = time.process_time()  # other work on the machine changes no draft
-        result = self._run(raw, experiment, _SHORT)
-        possible = round(_SHORT * _PATIENCE / (time.process_time() - begun), 1)
+        result, taken = self._run(raw, experiment, _SHORT)
+        possible = round(_SHORT * _PATIENCE / max(taken, 1e-6), 1)
         if possible >= MEANINGFUL:
-            result = self._run(raw, experiment, min(self._duration + _REST, possible))
+            result, _ = self._run(raw, experiment, min(self._duration + _REST, possible))
         trajectory, mobility = result.trajectory, self.mobility
         steps_share = self._share if mobility.path is None and not mobility.v2 else 1.0
         motions = {name: step * steps_share for name, step in self._motions.items()}
@@ -218,15 +217,18 @@ class ScenarioCandidate:
         kept = 1.0 if result.limits is None else kept_share(trajectory, result.limits, at_rest=at_rest)
         return replace(trial, findings=(*found, *experiment.start_findings), kept_share=kept)
 
-    def _run(self, raw: dict[str, Json], experiment: Experiment, duration: float) -> Result:
+    def _run(self, raw: dict[str, Json], experiment: Experiment, duration: float) -> tuple[Result, float]:
+        """Run a part of an experiment; return the result and the processor time of its samples [s]."""
+        clock: list[float] = []  # of this process: other work on the machine changes no draft
         settings = experiment.simulation.model_copy(update={"duration": duration})
         brief = replace(experiment, simulation=settings)
-        result = execute(Scenario("draft", raw, self.folder).built_with(experiment=brief, comparisons={}))
+        made = Scenario("draft", raw, self.folder).built_with(experiment=brief, comparisons={})
+        result = execute(made, lambda _: clock.append(time.process_time()))
         if result.error is not None:
             raise result.error
         if result.trajectory.outcome is not Outcome.COMPLETED:
             raise ConfigurationError(f"its run ends early: {result.trajectory.outcome.value}")
-        return result
+        return result, clock[-1] - clock[0]
 
     def _is_loaded(self) -> bool:
         """True if gravity loads a joint at the start or at poses near it: an upright arm has no load at the start."""

@@ -13,6 +13,7 @@ from rnc_pin.applications.scenario.files import read_yaml
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ModelWarning
 from rnc_pin.verdict import FindingKind, Severity
+from urdf_parts import link, pivot, robot, wheel
 
 
 def car(toe=0.0, rear=100.0, steering=10.0, rear_right=None):
@@ -23,33 +24,13 @@ def car(toe=0.0, rear=100.0, steering=10.0, rear_right=None):
         rear, steering: efforts of the rear wheels and of the steering joints [N m].
         rear_right: effort of the right rear wheel; that of ``rear`` by default [N m].
     """
-    parts = []
-
-    def link(name, mass, shape="", turn="1.5707963267948966 0 0"):
-        geometry = f'<collision><origin rpy="{turn}"/><geometry>{shape}</geometry></collision>' if shape else ""
-        tensor = '<inertia ixx="0.02" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/>'
-        parts.append(f'<link name="{name}"><inertial><mass value="{mass}"/>{tensor}</inertial>{geometry}</link>')
-
-    def joint(name, parent, child, at, axis="0 1 0", limit="", kind="continuous"):
-        parts.append(
-            f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-            f'<origin xyz="{at}"/><axis xyz="{axis}"/>{limit}</joint>'
-        )
-
-    wheel = '<cylinder radius="0.1" length="0.04"/>'
-    link("base", 20, '<box size="0.9 0.3 0.1"/>', "0 0 0")
+    parts = [link("base", 20, '<box size="0.9 0.3 0.1"/>')]
     for side, sign in (("left", 1), ("right", -1)):
         effort = rear if rear_right is None or side == "left" else rear_right
-        link(f"rear_{side}", 1, wheel)
-        limit = f'<limit effort="{effort}" velocity="50"/>'
-        joint(f"rear_{side}_joint", "base", f"rear_{side}", f"-0.3 {0.25 * sign} 0", limit=limit)
-        link(f"knuckle_{side}", 0.5)
-        limit = f'<limit lower="-0.6" upper="0.6" effort="{steering}" velocity="5"/>'
-        joint(f"steer_{side}_joint", "base", f"knuckle_{side}", f"0.3 {0.25 * sign} 0", "0 0 1", limit, kind="revolute")
-        link(f"front_{side}", 1, wheel)
-        axle = f"{sign * np.sin(toe):.9f} {np.cos(toe):.9f} 0"
-        joint(f"front_{side}_joint", f"knuckle_{side}", f"front_{side}", "0 0 0", axle)
-    return f'<robot name="car">{"".join(parts)}</robot>'
+        parts.append(wheel(f"rear_{side}", "base", (-0.3, 0.25 * sign, 0), effort=effort))
+        parts.append(pivot(f"steer_{side}", "base", (0.3, 0.25 * sign, 0), steering))
+        parts.append(wheel(f"front_{side}", f"steer_{side}", (0, 0, 0), effort=None, toe=-sign * toe))
+    return robot(*parts, name="car")
 
 
 def drafted(text, folder):
