@@ -32,9 +32,14 @@ def moves_over_ground(at_start: RobotAtStart) -> str:
     """Return why a robot without rolling wheels moves over the ground in any direction, or an empty string."""
     if has_word(_MOVES_OVER_GROUND, at_start.names.plugins):
         return "a plugin of the file moves it over the ground in any direction"
-    if at_start.is_rigid and has_word(_AT_SEA, *at_start.every_name):
+    if has_word(_AT_SEA, *at_start.title):
         return "a name of something that swims on the surface"
     return ""
+
+
+def is_called_afloat(at_start: RobotAtStart) -> bool:
+    """True if the name of the robot means that it swims, dives or flies: bodies that turn are propellers then."""
+    return has_word(f"{_AFLOAT}|{_AT_SEA}", *at_start.title)
 
 
 def without_wheels(
@@ -73,7 +78,7 @@ def without_wheels(
         return _doubting_wheels(result, at_start)
     result = _afloat(at_start, None if own and asked is None else "free", why)
     if asked is None:
-        named = own or has_word(_AFLOAT, *at_start.every_name)
+        named = own or has_word(_AFLOAT, *at_start.title)
         sure = SURE if own else LIKELY if named or not at_start.is_rigid else GUESSED
         _decide(result, "free", why if not at_start.is_rigid or not named else f"{why}, with a name", sure, at_start)
     return _doubting_wheels(result, at_start)
@@ -124,7 +129,7 @@ def _floats(at_start: RobotAtStart, mass_of_base: Callable[[], float]) -> str:
     limbs = len(at_start.robot.model.children[0])
     if limbs >= _LIMBS:
         return f"no wheels, and {limbs} limbs on one body"
-    if has_word(_AFLOAT, *at_start.every_name):
+    if has_word(_AFLOAT, *at_start.title):
         return "no wheels, and a name of something that floats"
     total = mass + sum(inertia.mass for inertia in at_start.robot.model.inertias[1:])
     if mass > _HEAVY * total and not has_word(_BOLTED, *at_start.title, *at_start.names_on("universe")):

@@ -17,6 +17,7 @@ from rnc_pin.applications.init.balancing_base import (
 from rnc_pin.applications.init.base_assumptions import BaseAssumptions
 from rnc_pin.applications.init.base_without_wheels import (
     fixed_base_with_locked_joints,
+    is_called_afloat,
     moves_over_ground,
     without_wheels,
 )
@@ -29,13 +30,14 @@ from rnc_pin.applications.init.omnidirectional_base import (
 )
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.scenario_candidate import ScenarioCandidate
+from rnc_pin.applications.init.shapes import GEOMETRY
 from rnc_pin.applications.init.snake_base import find_snake, snake_base
 from rnc_pin.applications.init.source import DraftOptions, Source
 from rnc_pin.applications.init.spherical_base import find_shell, spherical_base
 from rnc_pin.applications.init.start_values import mimic_doubts, start_values
 from rnc_pin.applications.init.steered_drives import is_swerve, is_turret, swerve_base, turret_base
 from rnc_pin.applications.init.trial import Trial
-from rnc_pin.applications.init.wheel_detection import find_wheels
+from rnc_pin.applications.init.wheel_detection import find_raised_wheels, find_wheels
 from rnc_pin.applications.init.wheel_layout import WheelLayout, classify_wheels
 from rnc_pin.applications.init.wheeled_base import knife_edge_base, wheeled_base
 from rnc_pin.errors import ConfigurationError, ModelError, ModelWarning, RncError
@@ -152,12 +154,15 @@ def _candidate_bases(at_start: RobotAtStart, source: Source) -> Iterator[_BaseBu
         yield lambda: spherical_base(shell, at_start)
     if asked in (None, "planar"):
         wheels = find_wheels(at_start)
+        if is_called_afloat(at_start) and not any(wheel.measured in GEOMETRY for wheel in wheels):
+            wheels = []
         axles = [] if moves_over_ground(at_start) else find_drawn_axles(at_start)
         segments = find_snake(wheels, [] if wheels else axles, at_start)
         if segments:
             yield lambda: snake_base(segments, at_start)
         if wheels:
-            yield from _candidate_wheeled_bases(classify_wheels(wheels, at_start.drives), at_start, source)
+            layout = classify_wheels(wheels, at_start.drives, find_raised_wheels(at_start, wheels))
+            yield from _candidate_wheeled_bases(layout, at_start, source)
             return
         if axles and not at_start.own_planar_joints:
             yield lambda: knife_edge_base(axles, at_start)

@@ -58,7 +58,7 @@ def find_snake(wheels: Iterable[Wheel], axles: Iterable[DrawnAxle], at_start: Ro
     chain = segments[-1].chain if segments else ()
     in_a_row = all(each.chain == chain[: len(each.chain)] for each in segments)
     bodies = len({each.chain for each in segments})
-    enough = bodies >= (_BODIES - 1 if has_word(_SNAKE, *at_start.every_name) else _BODIES)
+    enough = bodies >= (_BODIES - 1 if has_word(_SNAKE, *at_start.title) else _BODIES)
     missing = bodies < len(segments) or bodies < len(chain) + 1
     if not in_a_row or not enough or missing or segments[0].chain:
         return []

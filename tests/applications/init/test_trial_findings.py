@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate
+from rnc_pin.applications.init import DraftOptions, draft
 from rnc_pin.applications.init.base_assumptions import BaseAssumptions
 from rnc_pin.applications.init.trial import Trial
 from rnc_pin.applications.init.trial_findings import model_findings, run_findings
@@ -38,12 +38,6 @@ def drafted(text, folder):
     path = folder / "robot.yaml"
     path.write_text(draft(str(folder / "robot.urdf"), folder, DraftOptions()))
     return path.read_text(), read_yaml(path), path
-
-
-@pytest.fixture
-def brief(monkeypatch):
-    """Drafts are tried out for a moment."""
-    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
 
 
 # ---------------------------------------------------------------------- abilities
