@@ -19,14 +19,13 @@ from rnc_pin.applications.init.actuator_selection import (
     conserve_momentum_of_free_joints,
 )
 from rnc_pin.applications.init.base_assumptions import UNMEASURED, BaseAssumptions, Entry
-from rnc_pin.applications.init.coupled_joints import loop_closures, uncoupled_joints
 from rnc_pin.applications.init.decision import DraftDecision
-from rnc_pin.applications.init.loop_motion import keep_within_loops, off_dead_centre
+from rnc_pin.applications.init.loops import keep_within_loops, loop_closures, off_dead_centre, uncoupled_joints
 from rnc_pin.applications.init.output_selection import ChosenOutputs, output_candidates, select_outputs
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.shapes import GEOMETRY
 from rnc_pin.applications.init.source import Source
-from rnc_pin.applications.init.start_values import with_bearable_loads, with_regular_inertia
+from rnc_pin.applications.init.start_values import is_loaded, with_bearable_loads, with_regular_inertia
 from rnc_pin.applications.init.trial import FAR, MEANINGFUL, Trial, worst_output
 from rnc_pin.applications.init.trial_findings import kept_share, model_findings, run_findings
 from rnc_pin.applications.init.yaml_text import Drafted, DraftedStart, write_draft
@@ -43,8 +42,6 @@ _LEAN = 0.05  # [rad]
 _REDUCTIONS, _LEAST_SHARE = 3, 0.05  # largest number of smaller motions that are tried, and the smallest share
 _SHORT, _REST = 0.1, 1  # duration of the first trial run, and of the run after the end of the reference [s]
 _PATIENCE = 20.0  # largest computing time of a trial run [s]
-_POSES, _ASIDE = 4, 0.5  # number of random poses for the gravity check, and their distance from the start [rad or m]
-_LEVER = 1e-4  # gravity loads a joint above this lever arm of the weight behind it [m]; for a slide, share of it
 _LOADED = "gravity loads the robot, and it learns this load slowly"
 _ADAPTIVE = "adaptive needs no inertias; the alternative, tracker: computed_torque, needs all"
 _INFORMED = "computed_torque knows the model; adaptive does not, and does not suit: {}"  # {}: the reason
@@ -231,22 +228,8 @@ class ScenarioCandidate:
         return result, clock[-1] - clock[0]
 
     def _is_loaded(self) -> bool:
-        """True if gravity loads a joint at the start or at poses near it: an upright arm has no load at the start."""
-        if self.mobility.weightless or not self.start:
-            return False
-        model, data = self.robot.model, self.robot.model.createData()
-        pin.computeSubtreeMasses(model, data)
-        rows = [self.robot.velocity_indices(name).start for name in self.start]
-        weights = [data.mass[self.robot.joint_id(name)] for name in self.start]
-        least = np.maximum(np.linalg.norm(model.gravity.linear) * _LEVER * np.array(weights), 1e-6)
-        generator = np.random.default_rng(0)
-        beside = [self.q0]
-        for _ in range(_POSES):
-            step = np.zeros(model.nv)
-            step[rows] = generator.uniform(-_ASIDE, _ASIDE, len(rows))
-            beside.append(pin.integrate(model, self.q0, step))
-        forces = [np.abs(pin.computeGeneralizedGravity(model, data, q))[rows] for q in beside]
-        return bool((np.max(forces, axis=0) > least).any())
+        """True if gravity loads a joint at the start or at poses near it."""
+        return not self.mobility.weightless and bool(self.start) and is_loaded(self.robot, self.q0, self.start)
 
     # ------------------------------------------------------------------ parts of the scenario
 

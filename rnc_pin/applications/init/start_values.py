@@ -8,8 +8,8 @@ from contextlib import suppress
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.applications.init.coupled_joints import loop_closures, uncoupled_joints
 from rnc_pin.applications.init.joint_properties import effort_limit, is_revolute, joint_limits, joint_range
+from rnc_pin.applications.init.loops import loop_closures, uncoupled_joints
 from rnc_pin.applications.scenario.loading import constraint_of
 from rnc_pin.errors import RncError, few
 from rnc_pin.math import unit_diagonal
@@ -25,6 +25,8 @@ _SINGULAR = 1e-9  # smallest eigenvalue of an inertia matrix with ones on its di
 _PULLED, _TURNED_ASIDE = 0.1, 0.6  # [m], [rad]
 _MOVES = 3  # largest number of joints to move for a regular inertia matrix
 _BEARABLE = 0.8  # largest share of an effort limit that the weight takes at the start: the rest is for the motion
+_POSES, _ASIDE = 4, 0.5  # number of random poses for the gravity check, and their distance from the start [rad or m]
+_LEVER = 1e-4  # gravity loads a joint above this lever arm of the weight behind it [m]; for a slide, share of it
 _TRIED = 25  # number of values of a joint that are tried
 
 _Values = dict[str, float]
@@ -179,6 +181,29 @@ def with_bearable_loads(robot: Robot, start: Mapping[str, float], joints: Collec
             why = "because their weight needs more than the efforts of the file at the usual values"
             return values, [f"start where motors can hold the weight: {', '.join(moved)}, {why}"]
     return dict(start), []
+
+
+def is_loaded(robot: Robot, q: np.ndarray, joints: Collection[str]) -> bool:
+    """Return whether gravity loads a joint at q (nq,) or at poses near it: an upright arm has no load at the start.
+
+    Args:
+        robot: the robot.
+        q: start.
+        joints: joints with one degree of freedom.
+    """
+    model, data = robot.model, robot.model.createData()
+    pin.computeSubtreeMasses(model, data)
+    rows = [robot.velocity_indices(name).start for name in joints]
+    weights = [data.mass[robot.joint_id(name)] for name in joints]
+    least = np.maximum(np.linalg.norm(model.gravity.linear) * _LEVER * np.array(weights), 1e-6)
+    generator = np.random.default_rng(0)
+    beside = [q]
+    for _ in range(_POSES):
+        step = np.zeros(model.nv)
+        step[rows] = generator.uniform(-_ASIDE, _ASIDE, len(rows))
+        beside.append(pin.integrate(model, q, step))
+    forces = [np.abs(pin.computeGeneralizedGravity(model, data, each))[rows] for each in beside]
+    return bool((np.max(forces, axis=0) > least).any())
 
 
 def _loads(robot: Robot, start: Mapping[str, float], limits: Mapping[str, float]) -> np.ndarray:
