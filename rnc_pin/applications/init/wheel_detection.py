@@ -208,8 +208,9 @@ def _candidates(at_start: RobotAtStart) -> Iterator[_Candidate]:
             continue
         axle = turning_axis(model, at_start.data, index)
         frame, center = _on_axle(at_start, index, axle)
-        doubtful = has_word(_NO_WHEEL, model.names[index], frame)
-        named = has_word(_WHEEL, model.names[index], frame) and not doubtful
+        links = [each.name for each in model.frames if each.parentJoint == index and each.type == pin.FrameType.BODY]
+        named = any(has_word(_WHEEL, name) and not has_word(_NO_WHEEL, name) for name in (model.names[index], *links))
+        doubtful = not named and has_word(_NO_WHEEL, model.names[index], frame)
         rollers = [int(each) for each in model.children[index]]
         if not _are_rollers(at_start, rollers, center, axle):
             if not named:

@@ -63,6 +63,19 @@ def test_parts_of_an_arm_do_not_make_it_float(name, drafted):
     assert drafted(robot(*parts, name="free_flyer"))[0].startswith("free: no wheels, and a name")
 
 
+@pytest.mark.parametrize("joints", ["left_wheel right_wheel", "left right"])
+def test_the_rotor_of_a_motor_may_carry_a_wheel(joints, drafted):
+    """One of the names tells of a wheel: that of the joint, or of a tyre beside the axle."""
+    parts = [link("base", 10.0, BOX, at="0.02 0 0.05"), fixed("skid", (0.2, 0, -0.07), '<sphere radius="0.03"/>')]
+    tyre = '<cylinder radius="0.1" length="0.04"/>'
+    for name, y in zip(joints.split(), (0.2, -0.2), strict=True):
+        parts += [link(f"{name}_rotor", 0.5), joint(name, "base", f"{name}_rotor", (0, y, 0))]
+        own = f"{name}_wheel_tyre" if joints == "left right" else f"{name}_ring"
+        parts += [link(own, 0.3, tyre, turn=UPRIGHT)]
+        parts += [joint(f"{own}_mount", f"{name}_rotor", own, (0.001, 0, 0), kind="fixed", effort=None)]
+    assert drafted(robot(*parts))[0] == "planar: 2 wheels, differential drive"
+
+
 def test_a_spare_wheel_is_not_the_ground(drafted):
     """It has the only name of a wheel, and its axis is along the cart."""
     shape = '<cylinder radius="0.1" length="0.04"/>'
