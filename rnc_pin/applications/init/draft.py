@@ -27,17 +27,17 @@ from rnc_pin.applications.init.omnidirectional_base import (
     force_driven_base,
     omnidirectional_base,
     rollers_decision,
+    wheels_called_omni,
 )
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.scenario_candidate import ScenarioCandidate
-from rnc_pin.applications.init.shapes import GEOMETRY
 from rnc_pin.applications.init.snake_base import find_snake, snake_base
 from rnc_pin.applications.init.source import DraftOptions, Source
 from rnc_pin.applications.init.spherical_base import find_shell, spherical_base
 from rnc_pin.applications.init.start_values import mimic_doubts, start_values
 from rnc_pin.applications.init.steered_drives import is_swerve, is_turret, swerve_base, turret_base
 from rnc_pin.applications.init.trial import Trial
-from rnc_pin.applications.init.wheel_detection import find_raised_wheels, find_wheels
+from rnc_pin.applications.init.wheel_detection import find_raised_wheels, find_wheels, stand_below_body
 from rnc_pin.applications.init.wheel_layout import WheelLayout, classify_wheels
 from rnc_pin.applications.init.wheeled_base import knife_edge_base, wheeled_base
 from rnc_pin.errors import ConfigurationError, ModelError, ModelWarning, RncError
@@ -154,14 +154,16 @@ def _candidate_bases(at_start: RobotAtStart, source: Source) -> Iterator[_BaseBu
         yield lambda: spherical_base(shell, at_start)
     if asked in (None, "planar"):
         wheels = find_wheels(at_start)
-        if is_called_afloat(at_start) and not any(wheel.measured in GEOMETRY for wheel in wheels):
+        if is_called_afloat(at_start) and not stand_below_body(wheels, at_start):
             wheels = []
         axles = [] if moves_over_ground(at_start) else find_drawn_axles(at_start)
         segments = find_snake(wheels, [] if wheels else axles, at_start)
         if segments:
             yield lambda: snake_base(segments, at_start)
         if wheels:
-            layout = classify_wheels(wheels, at_start.drives, find_raised_wheels(at_start, wheels))
+            called = wheels_called_omni(wheels, at_start) if source.options.rollers is None else []
+            sliding = called if len(called) < len(wheels) else []
+            layout = classify_wheels(wheels, at_start.drives, find_raised_wheels(at_start, wheels), sliding)
             yield from _candidate_wheeled_bases(layout, at_start, source)
             return
         if axles and not at_start.own_planar_joints:
@@ -191,7 +193,7 @@ def _candidate_wheeled_bases(found: WheelLayout, at_start: RobotAtStart, source:
         yield lambda: turret_base(found, at_start)
     elif is_swerve(found):
         yield lambda: swerve_base(found, at_start)
-    elif found.fixed and found.is_straight and (rollers is None or rollers.answer == "no"):
+    elif found.fixed and found.is_straight and (rollers is None or rollers.answer != "yes"):
         yield lambda: wheeled_base(found, at_start, [each for each in (balance, rollers) if each is not None])
     elif found.fixed and not found.steered:  # disks at right angles that do not carry the base
         yield lambda: without_wheels(at_start, wishes.base, source.mass_of_base)

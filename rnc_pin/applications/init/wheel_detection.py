@@ -135,6 +135,17 @@ def find_raised_wheels(at_start: RobotAtStart, wheels: Sequence[Wheel]) -> list[
     ]
 
 
+def stand_below_body(wheels: Sequence[Wheel], at_start: RobotAtStart) -> bool:
+    """Return whether wheels have shapes that reach below all other parts, as propellers and thrusters do not."""
+    own = {at_start.robot.joint_id(wheel.joint) for wheel in wheels}
+    others = [shape.bottom for every in at_start.shapes.values() for shape in every if shape.joint not in own]
+    lowest = min(others, default=np.inf)
+    return any(
+        wheel.measured in GEOMETRY and wheel.center[2] - wheel.radius < lowest - ALIGNED * wheel.radius
+        for wheel in wheels
+    )
+
+
 def _are_in_plane(one: Wheel, other: Wheel) -> bool:
     """True if two wheels on the base have parallel axles and the same place along them."""
     carried = (one.pivots, one.carriers, other.pivots, other.carriers)

@@ -14,6 +14,7 @@ from rnc_pin.applications.init.wheel_detection import Pivot, Wheel
 
 _TRAILS = 0.2  # smallest caster trail, in radii: from the swivel axis to the wheel
 _AXLE = 1.0  # smallest such distance of several wheels on one pivot that carry a trailer, in radii
+_SAME_LINE = 0.25  # largest distance of wheels of one axle line along their heading, in radii: at ends of legs too
 _ONE_TRACK = 0.25  # largest lateral distance of wheels that stand in line, in radii
 _CASTER = "caster.*|.*caster|castor.*|.*castor|swivel.*"
 _GLIDES = f"{_CASTER}|ball|support"
@@ -71,6 +72,7 @@ class WheelLayout:
         steered: wheels on pivots that need an actuator.
         trailers: wheels on towed pivots.
         straight: driven pivots of towed bodies, which are held straight.
+        sliding: fixed wheels with rollers beside others without, so that they slide sideways.
         raised: round bodies above the ground in the planes of the fixed wheels, as sprockets of tracks.
         driven: wheels with a motor.
     """
@@ -81,6 +83,7 @@ class WheelLayout:
     steered: list[WheelGroup] = field(default_factory=list)
     trailers: list[WheelGroup] = field(default_factory=list)
     straight: list[Pivot] = field(default_factory=list)
+    sliding: list[Wheel] = field(default_factory=list)
     raised: list[Wheel] = field(default_factory=list)
     driven: DrivenJoints = field(default_factory=lambda: DrivenJoints((), 0.0, ""))
 
@@ -109,8 +112,8 @@ class WheelLayout:
 
     @property
     def axles(self) -> list[list[Wheel]]:
-        """Fixed wheels grouped by axle line."""
-        return in_line(self.fixed)
+        """Fixed wheels without rollers grouped by axle line."""
+        return in_line(wheel for wheel in self.fixed if wheel.joint not in {each.joint for each in self.sliding})
 
     @property
     def middle(self) -> np.ndarray:
@@ -141,7 +144,7 @@ def in_line(wheels: Iterable[Wheel]) -> list[list[Wheel]]:
     for wheel in wheels:
         for axle in axles:
             beside = (wheel.center - axle[0].center) @ axle[0].heading
-            if are_parallel(axle[0], wheel) and abs(beside) < 0.1 * wheel.radius:
+            if are_parallel(axle[0], wheel) and abs(beside) < _SAME_LINE * wheel.radius:
                 axle.append(wheel)
                 break
         else:
@@ -154,13 +157,16 @@ def are_parallel(one: Wheel, other: Wheel) -> bool:
     return bool(abs(one.heading @ other.heading) > 1 - 1e-3)
 
 
-def classify_wheels(wheels: list[Wheel], drives: DriveEvidence, raised: Iterable[Wheel] = ()) -> WheelLayout:
+def classify_wheels(
+    wheels: list[Wheel], drives: DriveEvidence, raised: Iterable[Wheel] = (), sliding: Iterable[Wheel] = ()
+) -> WheelLayout:
     """Classify wheels by their function.
 
     Args:
         wheels: wheels that stand on the ground.
         drives: evidence for which joints have a motor.
         raised: round bodies above the ground in the planes of several wheels.
+        sliding: wheels with rollers beside others without.
     """
     result = WheelLayout()
     on_base = [wheel for wheel in wheels if not wheel.pivots]
@@ -182,7 +188,10 @@ def classify_wheels(wheels: list[Wheel], drives: DriveEvidence, raised: Iterable
         result.steered, result.casters = result.casters, []  # without other wheels
     _straighten_towed(result)
     result.raised = [] if result.steered else [*raised]
-    usual = result.fixed or result.motorized
+    rollers = {wheel.joint for wheel in sliding}
+    if any(wheel.joint not in rollers for wheel in result.fixed):
+        result.sliding = [wheel for wheel in result.fixed if wheel.joint in rollers]
+    usual = [wheel for axle in result.axles for wheel in axle] or result.motorized
     result.driven = drives.driven_of([each.joint for each in result.motorized], [each.joint for each in usual])
     return result
 

@@ -14,7 +14,7 @@ from rnc_pin.applications.init.name_words import has_word
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.tolerances import placed
 from rnc_pin.applications.init.wheel_detection import UPRIGHT, Wheel
-from rnc_pin.applications.init.wheel_layout import WheelGroup, WheelLayout, are_parallel, in_line
+from rnc_pin.applications.init.wheel_layout import TOWED, WheelGroup, WheelLayout, are_parallel, in_line
 from rnc_pin.errors import few
 from rnc_pin.io import Json
 
@@ -55,7 +55,7 @@ def wheeled_base(layout: WheelLayout, at_start: RobotAtStart, decided: Sequence[
         result.outputs.append(({"frame_yaw": at_start.frame}, TURNED))
     support_by_casters(result, layout, at_start)
     for carriage in layout.trailers:
-        _tow(result, carriage)
+        _tow(result, carriage, at_start)
     result.vertical.append({"frame_position": {"frame": at_start.frame, "axes": "xy"}})
     if layout.steered:
         result.vertical.append({"frame_yaw": at_start.frame})
@@ -193,6 +193,8 @@ def _roll(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) 
                 result.constraints.append((rolls(wheel, **more), measured(wheel)))
             else:
                 result.constraints.append((rolls(wheel, lateral=False), f"skids sideways; {measured(wheel)}"))
+    for wheel in layout.sliding:
+        result.constraints.append((rolls(wheel, lateral=False), f"slides on its rollers; {measured(wheel)}"))
 
 
 def tracks(layout: WheelLayout) -> list[list[Wheel]]:
@@ -324,13 +326,20 @@ def _side_by_side(one: WheelGroup, other: WheelGroup, axle: Wheel) -> bool:
     )
 
 
-def _tow(result: BaseAssumptions, carriage: WheelGroup) -> None:
+def _tow(result: BaseAssumptions, carriage: WheelGroup, at_start: RobotAtStart) -> None:
+    """Add the wheels of a trailer on its hitch; a pivot with an effort may be the joint of an articulated vehicle."""
     guide = in_line(carriage.wheels)[0][0]
     for wheel in carriage.wheels:
         entry = turned(wheel) if wheel is guide else turned(wheel, lateral=False)
         what = "" if wheel is guide else ", without a lateral row of its own"
         result.constraints.append((entry, f"of a trailer{what}; {measured(wheel)}"))
-    result.notes.append(
-        f"{carriage.pivot.joint} is a hitch that nothing drives: if it is steered, add it to the actuators"
-    )
+    joint, drives = carriage.pivot.joint, at_start.drives
+    if drives.says(joint) is False or not drives.efforts.get(joint):
+        sure, evidence = LIKELY, "nothing drives it"
+    elif has_word(TOWED, joint, *carriage.wheels[0].names):
+        sure, evidence = LIKELY, "by its name"
+    else:
+        sure, evidence = GUESSED, "its wheels are far behind it, but the file gives it an effort"
+    steers = Alternative("no, it is driven and steers", ("--driven", joint))
+    result.decisions.append(DraftDecision(f"Is {joint} a free hitch?", "yes", sure, evidence, (steers,)))
     result.passive |= set(carriage.joints)

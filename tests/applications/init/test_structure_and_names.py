@@ -86,7 +86,56 @@ def test_a_spare_wheel_is_not_the_ground(drafted):
     assert content["actuators"] == ["l_joint", "r_joint"]
 
 
-# ---------------------------------------------------------------------- water
+def test_omni_wheels_beside_others_slide(drafted):
+    """A differential drive on two omni wheels in front; an option says that all wheels have rollers, or none."""
+    places = {"drive_l": (-0.2, 0.2, 0), "drive_r": (-0.2, -0.2, 0), "omni_l": (0.3, 0.2, 0), "omni_r": (0.3, -0.2, 0)}
+    text = robot(link("base", 10.0, BOX), *(wheel(name, "base", place) for name, place in places.items()))
+    kind, content, decided = drafted(text)
+    assert kind == "planar: 4 wheels, differential drive"
+    assert content["actuators"] == ["drive_l_joint", "drive_r_joint"]
+    assert decided["Do the wheels have rollers?"].answer == "only omni_l_joint, omni_r_joint, which slide"
+    rows = {
+        each["rolling_wheel"]["frame"]: each["rolling_wheel"].get("lateral", True) for each in content["constraints"]
+    }
+    assert rows == {"drive_l": True, "drive_r": False, "omni_l": False, "omni_r": False}
+    assert drafted(text, rollers=True)[0] == "planar: 4 Mecanum wheels"
+    assert drafted(text, rollers=False)[0] == "planar: 4 wheels, skid-steered"
+    rear = [wheel(f"omni_{side}", "base", (0, y, 0)) for side, y in (("l", 0.2), ("r", -0.2))]
+    front = pivot("turn", "base", (0.4, 0, 0)) + wheel("front", "turn", (0, 0, 0))
+    assert drafted(robot(link("base", 10.0, BOX), *rear, front))[0] == "planar: 3 wheels, steered like a car"
+
+
+# ---------------------------------------------------------------------- hitches
+
+
+@pytest.mark.parametrize(
+    ("effort", "lists", "kind", "is_open"),
+    [
+        (0.0, "", "planar: 4 wheels, differential drive with 1 trailer", False),
+        (200.0, "", "planar: 4 wheels, differential drive with 1 trailer", True),
+        (200.0, transmissions("fl_joint", "fr_joint"), "planar: 4 wheels, differential drive with 1 trailer", False),
+        (200.0, transmissions("fl_joint", "fr_joint", "waist"), "planar: 4 wheels, steered like a car", None),
+    ],
+    ids=["no effort", "effort", "not listed", "listed"],
+)
+def test_a_pivot_with_an_effort_may_be_that_of_an_articulated_loader(effort, lists, kind, is_open, drafted):
+    """Two bodies with an axle each; what drives the joint between them decides, and init asks if nothing tells."""
+    parts = [link("front", 20.0, BOX), wheel("fl", "front", (0.3, 0.3, 0)), wheel("fr", "front", (0.3, -0.3, 0))]
+    parts += [link("rear", 20.0, BOX, at="-0.4 0 0")]
+    parts += [joint("waist", "front", "rear", (-0.1, 0, 0), "0 0 1", "revolute", effort, (-0.6, 0.6))]
+    parts += [wheel("rl", "rear", (-0.5, 0.3, 0)), wheel("rr", "rear", (-0.5, -0.3, 0))]
+    found, content, decided = drafted(robot(*parts, lists))
+    assert found == kind
+    question = decided.get("Is waist a free hitch?")
+    assert (question.is_open if question else None) == is_open
+    assert ("waist" in content["actuators"]) == (is_open is None)
+    if is_open:
+        (other,) = question.alternatives
+        assert other.command == "--driven waist"
+        assert drafted(robot(*parts), driven=["waist"])[0] == "planar: 4 wheels, steered like a car"
+
+
+# ---------------------------------------------------------------------- water and space
 
 
 @pytest.mark.parametrize("turned", [False, True], ids=["propellers", "azimuth thrusters"])
@@ -102,6 +151,37 @@ def test_a_boat_with_propellers_stays_on_the_water(turned, drafted):
     assert kind == "planar: a name of something that swims on the surface"
     assert content["robot"].get("gravity") is None
     assert [next(iter(each)) for each in content["actuators"][:3]] == ["force", "force", "torque"]
+
+
+@pytest.mark.parametrize(("name", "kind"), [("mini_rov", "free"), ("unit_7", "planar")])
+def test_thrusters_beside_a_hull_are_no_wheels_of_a_diver(name, kind, drafted):
+    """Cylinders about the long axis, not below the hull; without a telling name they could be wheels."""
+    parts = [link("base", 10.0, '<box size="0.6 0.4 0.3"/>')]
+    for k, (x, y) in enumerate(((0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2))):
+        parts.append(link(f"t{k}", 0.2, '<cylinder radius="0.05" length="0.1"/>', turn="0 1.5707963267948966 0"))
+        parts.append(joint(f"t{k}_joint", "base", f"t{k}", (x, y, -0.1), "1 0 0"))
+    assert drafted(robot(*parts, name=name))[0].startswith(kind)
+    gear = [wheel(f"g{k}", "base", (0.2 - 0.4 * (k > 0), 0.1 * (k - 1), -0.15)) for k in range(3)]
+    assert drafted(robot(parts[0], *gear, name=name))[0].startswith("planar: 3 wheels")
+
+
+@pytest.mark.parametrize(("mass", "is_open"), [(9.0, False), (3.0, True)])
+def test_half_of_the_mass_in_the_first_link_is_a_question(mass, is_open, drafted):
+    arm = link("arm", 2.0, at="0 0 0.2") + joint("turn", "base", "arm", (0, 0, 0.1), "0 1 0", "revolute", 9.0, (-1, 1))
+    kind, _, decided = drafted(robot(link("base", mass, BOX), arm))
+    assert kind.startswith("free: no wheels, and")
+    assert [each.is_open for each in decided.values()] == [is_open]
+
+
+# ---------------------------------------------------------------------- axles
+
+
+@pytest.mark.parametrize("beside", [0.0, 0.01, 0.02])
+def test_wheels_at_the_ends_of_legs_are_of_one_axle_line(beside, drafted):
+    """Errors of all joints of two legs add up: a fifth of a radius."""
+    body = link("base", 10.0, '<box size="0.2 0.2 0.3"/>', at="0 0 0.5")
+    wheels = wheel("l", "base", (beside / 2, 0.2, 0)) + wheel("r", "base", (-beside / 2, -0.2, 0))
+    assert drafted(robot(body, wheels))[0] == "free: 2 wheels under a body that balances"
 
 
 # ---------------------------------------------------------------------- limits
