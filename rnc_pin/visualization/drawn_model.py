@@ -11,7 +11,6 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.rows import ConstraintKind
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import OutputNames, output_names
-from rnc_pin.visualization.surroundings import grounds_of
 from rnc_pin.visualization.view import View
 
 

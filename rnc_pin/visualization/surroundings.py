@@ -14,6 +14,7 @@ from rnc_pin.model.mechanisms import GroundSurface, carrier_of
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
 from rnc_pin.robots.sources.mesh_formats import convex_hull
+from rnc_pin.visualization.drawn_model import grounds_of
 from rnc_pin.visualization.drawn_state import DrawnState
 from rnc_pin.visualization.elements import GREEN, GREY, Element, LayerEntry
 from rnc_pin.visualization.meshcat_library import mg
@@ -132,15 +133,6 @@ def seen_from(ground: GroundSurface, kinematics: SceneKinematics, q: np.ndarray)
     """Centre of mass of the robot (3,) [m], in the axes of the body that carries a ground, or of the world."""
     center, carrier = kinematics.center_of_mass(q), carrier_of(ground)
     return center if carrier is None else np.asarray(kinematics.placement(carrier, q).actInv(center))
-
-
-def grounds_of(reduced: ReducedModel | None) -> list[GroundSurface]:
-    """Surfaces of all constraints of a system, each once."""
-    found: list[GroundSurface] = []
-    for place in () if reduced is None else reduced.all_constraints.places:
-        if place.block.ground is not None and not any(place.block.ground is each for each in found):
-            found.append(place.block.ground)
-    return found
 
 
 def carrier_placement(ground: GroundSurface, kinematics: SceneKinematics) -> Callable[[DrawnState], pin.SE3] | None:

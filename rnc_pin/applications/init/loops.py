@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from rnc_pin.applications.init.base_assumptions import BENT, Entry
 from rnc_pin.applications.init.joint_properties import joint_limits
-from rnc_pin.applications.init.output_selection import SelectedOutputs
+from rnc_pin.applications.init.output_selection import ChosenOutputs
 from rnc_pin.applications.scenario.loading import constraint_of
 from rnc_pin.errors import RncError
 from rnc_pin.io import Json
@@ -62,7 +62,7 @@ def uncoupled_joints(
 
 
 def keep_within_loops(
-    chosen: SelectedOutputs, system: NonholonomicSystem, q: np.ndarray, coupled: Collection[str]
+    chosen: ChosenOutputs, system: NonholonomicSystem, q: np.ndarray, coupled: Collection[str]
 ) -> list[str]:
     """Reduce the references of joints that constraints couple to others, or turn them, to what the loops permit.
 
@@ -94,7 +94,7 @@ def keep_within_loops(
     return notes
 
 
-def off_dead_centre(chosen: SelectedOutputs, system: NonholonomicSystem, q: np.ndarray, joint: str) -> np.ndarray:
+def off_dead_centre(chosen: ChosenOutputs, system: NonholonomicSystem, q: np.ndarray, joint: str) -> np.ndarray:
     """Return a configuration (nq,) where the motor of a loop moves it, if one of its other joints moves from a start.
 
     Args:

@@ -295,7 +295,7 @@ class ScenarioCandidate:
             scenario["reference"] = {"primary": self._reference()}
         return scenario
 
-    def _chosen_outputs(self) -> SelectedOutputs:
+    def _chosen_outputs(self) -> ChosenOutputs:
         """Reducing outputs; their motion stays within the loops, which do not start where motors cannot move them."""
         mobility = self.mobility
         chosen = select_outputs(output_candidates(mobility, self.robot, self.start), self.system, self.q0)

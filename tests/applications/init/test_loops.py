@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 import yaml
-from rnc_pin.applications.scenario.scenario import Scenario
 
 from rnc_pin.applications.init import DraftOptions, draft
 from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
 
 pytest.importorskip("mujoco", reason="mujoco is an optional extra and not installed")
 

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 import yaml
-from rnc_pin.applications.scenario.scenario import Scenario
 
 import rnc_pin as rnc
 from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate
 from rnc_pin.applications.init.joint_properties import joint_limits
 from rnc_pin.applications.init.start_values import mimic_doubts, start_values
 from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
 from urdf_parts import joint, link, robot
 
 pytest.importorskip("mujoco", reason="mujoco is an optional extra and not installed")

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from rnc_pin.applications.scenario.scenario import Scenario
 
 from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
 from urdf_parts import BOX, joint, link, pivot, robot, transmissions, wheel
 
 pytestmark = [pytest.mark.filterwarnings("ignore::rnc_pin.ModelWarning"), pytest.mark.usefixtures("brief")]
