@@ -24,8 +24,8 @@ from rnc_pin.visualization.view import View
 
 _TRAILS = (e.VERMILLION, e.BLUE, e.GREEN, e.PURPLE)
 _GHOSTS = (e.BLUE, e.PURPLE, e.GREEN, e.ORANGE)
-_FAR = 4.0  # largest motion over the robot's size that the camera shows as a whole
-_LAG = 6  # frames of a live view per update of costly elements
+_MAX_MOTION = 4.0  # largest motion over the robot's size that the camera shows as a whole
+_EXPENSIVE_PERIOD = 6  # frames of a live view per update of costly elements
 
 
 @dataclass
@@ -104,7 +104,7 @@ class RunScene:
             self.scene.follow(self._follower.follow(self.kinematics.center_of_mass(state.q)))
         self._pictures += 1
         for element in self.elements:
-            if element.expensive and self.scene.keyframes is None and self._pictures % _LAG != 1:
+            if element.expensive and self.scene.keyframes is None and self._pictures % _EXPENSIVE_PERIOD != 1:
                 continue
             element.update(self.scene, state)
 
@@ -140,7 +140,7 @@ class RunScene:
             whole = np.concatenate([whole + k * self._offset for k in steps])
         radius = float(np.linalg.norm(np.ptp(whole, axis=0))) / 2
         # In a picture of a motion much longer than the robot, the robot would be only a dot.
-        far = self._path is None and radius > _FAR * self.size
+        far = self._path is None and radius > _MAX_MOTION * self.size
         over = self.shown.trajectory is not None
         if given is None or self.shown.aside:
             shown = enlarged_box(self.kinematics.corners(first.q)) if far and not self.shown.aside else whole

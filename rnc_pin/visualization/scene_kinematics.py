@@ -19,7 +19,7 @@ from rnc_pin.visualization.drawn_state import DrawnState
 
 Point = Callable[[DrawnState], np.ndarray]
 
-_ENDLESS = 1e3  # [m]
+_MAX_CORNER = 1e3  # [m]
 
 
 def box_corners(shape: coal.CollisionGeometry) -> np.ndarray:
@@ -93,7 +93,7 @@ class SceneKinematics:
         found = [np.zeros((1, 3))] if not len(visual.geometryObjects) else []
         for shape in visual.geometryObjects:
             corners = box_corners(shape.geometry)
-            if np.abs(corners).max() < _ENDLESS:
+            if np.abs(corners).max() < _MAX_CORNER:
                 placement = data.oMi[shape.parentJoint] * shape.placement
                 found.append((placement.rotation @ corners.T).T + placement.translation)
         return np.concatenate(found) if found else np.zeros((1, 3))
@@ -172,8 +172,8 @@ class SwitchingForces:
         return np.nan_to_num(points[row]), np.nan_to_num(-value * directions[row])
 
 
-_STEPS = 5
-_DISTANCE = 0.35  # change of the output [its unit]
+_NULL_MOTION_STEPS = 5
+_NULL_MOTION_DISTANCE = 0.35  # change of the output [its unit]
 _NOTHING_ELSE = np.zeros(0)
 
 
@@ -186,13 +186,13 @@ class NullMotion:
     """
 
     def __init__(self, reduced: ReducedModel, output: str) -> None:
-        self._reduced, self._step = reduced, _DISTANCE / _STEPS
+        self._reduced, self._step = reduced, _NULL_MOTION_DISTANCE / _NULL_MOTION_STEPS
         self._column = list(reduced.reducing.names).index(output)
         self._integrator = LieRungeKutta4(reduced.robot)
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
         """Return the configuration at the end of the motion, or the last one before a singularity."""
-        for _ in range(_STEPS):
+        for _ in range(_NULL_MOTION_STEPS):
             try:
                 q, _ = self._integrator.step(self._rate, q, _NOTHING_ELSE, self._step)
             except (SingularityError, DivergenceError):

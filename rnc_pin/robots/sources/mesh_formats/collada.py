@@ -23,9 +23,9 @@ from rnc_pin.robots.sources.mesh_formats.mesh import (
     numbers,
 )
 
-_MOST_NODES = 100_000  # visited nodes; each instance counts
-_DEEPEST = 100
-_TOO_MANY_NODES = f"nodes are more than {_DEEPEST} deep, or more than {_MOST_NODES:,}"
+_MAX_NODES = 100_000  # visited nodes; each instance counts
+_MAX_DEPTH = 100
+_TOO_MANY_NODES = f"nodes are more than {_MAX_DEPTH} deep, or more than {_MAX_NODES:,}"
 
 
 def read_collada(content: bytes) -> Mesh:
@@ -67,7 +67,7 @@ class _Scene:
             raise MeshError("has no scene")
         nodes = start.findall("node")
         visits = sum(self._extent(node, 0)[0] for node in nodes)
-        if visits > _MOST_NODES:
+        if visits > _MAX_NODES:
             raise MeshError(_TOO_MANY_NODES)
         for node in nodes:
             self._add(node, np.eye(4))
@@ -85,7 +85,7 @@ class _Scene:
         Raises:
             MeshError: too deep, as nodes are that contain themselves.
         """
-        if depth > _DEEPEST:
+        if depth > _MAX_DEPTH:
             raise MeshError(_TOO_MANY_NODES)
         if node not in self._extents:
             parts = [self._extent(each, depth + 1) for each in self._nodes_of(node)]
@@ -93,7 +93,7 @@ class _Scene:
                 1 + sum(visits for visits, _ in parts),
                 1 + max((deep for _, deep in parts), default=0),
             )
-        if depth + self._extents[node][1] - 1 > _DEEPEST:
+        if depth + self._extents[node][1] - 1 > _MAX_DEPTH:
             raise MeshError(_TOO_MANY_NODES)
         return self._extents[node]
 

@@ -17,10 +17,10 @@ _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126:
 _WIDTHS = {"SCALAR": 1, "VEC3": 3}
 _JSON, _BINARY = 0x4E4F534A, 0x004E4942  # chunk types
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
-_DEEPEST = 100
-_MOST_NODES = 100_000
-_MOST_PARTS = 2_000_000  # of the JSON: each part takes more memory than its text
-_PASSES = 4  # largest number of points read, relative to that of a mesh
+_MAX_DEPTH = 100
+_MAX_NODES = 100_000
+_MAX_PARTS = 2_000_000  # of the JSON: each part takes more memory than its text
+_MAX_POINTS_RATIO = 4  # largest number of points read, relative to that of a mesh
 
 
 def read_glb(content: bytes) -> Mesh:
@@ -52,8 +52,8 @@ def read_gltf(content: bytes) -> Mesh:
 
 
 def _document(content: bytes) -> _Json:
-    if sum(map(content.count, (b"[", b"{", b","))) > _MOST_PARTS:
-        raise MeshError(f"JSON of more than {_MOST_PARTS:,} parts")
+    if sum(map(content.count, (b"[", b"{", b","))) > _MAX_PARTS:
+        raise MeshError(f"JSON of more than {_MAX_PARTS:,} parts")
     return json.loads(content)
 
 
@@ -80,8 +80,8 @@ class _Scene:
 
     def _add(self, index: int, placement: np.ndarray, depth: int) -> None:
         self._nodes += 1
-        if self._nodes > _MOST_NODES or depth > _DEEPEST:
-            raise MeshError(f"nodes are more than {_DEEPEST} deep, or more than {_MOST_NODES:,}")
+        if self._nodes > _MAX_NODES or depth > _MAX_DEPTH:
+            raise MeshError(f"nodes are more than {_MAX_DEPTH} deep, or more than {_MAX_NODES:,}")
         node = _item(self._document["nodes"], index)
         placement = placement @ _transform(node)
         if "mesh" in node:
@@ -125,7 +125,7 @@ class _Scene:
         if not all(isinstance(each, int) and each >= 0 for each in (count, offset, start, size, stride)):
             raise MeshError("a size is not a whole number")
         self._points += count
-        check_counts(self._points // _PASSES, 0)
+        check_counts(self._points // _MAX_POINTS_RATIO, 0)
         if (
             start + size > len(data)
             or stride < bytes_each

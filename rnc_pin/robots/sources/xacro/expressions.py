@@ -16,7 +16,7 @@ from rnc_pin.errors import ModelError, nearest
 from rnc_pin.robots.sources.xacro.bounded_values import BITS, ITEMS, LETTERS, Budget, Function, Namespace, Value, admit
 from rnc_pin.robots.sources.xacro.functions import attribute
 
-_LONGEST = 4000
+_MAX_CHARACTERS = 4000
 _BINARY: Mapping[type[ast.operator], Callable[[Value, Value], Value]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
@@ -48,7 +48,7 @@ _COMPARISONS: Mapping[type[ast.cmpop], Callable[[Value, Value], bool]] = {
     ast.In: lambda one, many: one in many,
     ast.NotIn: lambda one, many: one not in many,
 }
-_WIDE = re.compile(r"\*|\d{6}")  # in a text before %: a field of unbounded width
+_UNBOUNDED_FIELD = re.compile(r"\*|\d{6}")  # in a text before %: a field of unbounded width
 
 
 def evaluate(text: str, names: Mapping[str, Value], budget: Budget | None = None) -> Value:
@@ -63,8 +63,8 @@ def evaluate(text: str, names: Mapping[str, Value], budget: Budget | None = None
         ModelError: the expression is invalid, could do more than compute a value, takes too many steps, or fails.
     """
     shown = text if len(text) <= 80 else f"{text[:77]}..."
-    if len(text) > _LONGEST:
-        raise ModelError(f"an expression of more than {_LONGEST} characters: '{shown}'")
+    if len(text) > _MAX_CHARACTERS:
+        raise ModelError(f"an expression of more than {_MAX_CHARACTERS} characters: '{shown}'")
     try:
         tree = ast.parse(text.strip(), mode="eval")
     except (SyntaxError, ValueError, MemoryError, RecursionError):
@@ -155,7 +155,7 @@ class _Evaluation:
         if isinstance(node.op, ast.Mult):
             _check_repetition(left, right)
         if isinstance(node.op, ast.Mod) and isinstance(left, str):
-            if _WIDE.search(left):
+            if _UNBOUNDED_FIELD.search(left):
                 raise _Refusal("a text field of unbounded width")
             self._budget.spend(left.count("%") * admit(right))
         return self._made(compute(left, right))
