@@ -72,8 +72,9 @@ class ModelBuilder:
         self.references: dict[str, float] = {}
         self._check_joint_names()
         self._check_roots()
-        self._names = self._body_names()
-        self._free = (each for k in itertools.count(1) if (each := f"body_{k}") not in self._names)
+        names = [compiled.body(k).name for k in range(compiled.nbody)]
+        self._free = (each for k in itertools.count(1) if (each := f"body_{k}") not in names)
+        self._names = [name or next(self._free) for name in names]
         self.carriers = [Carrier("universe", 0, 0, pin.SE3.Identity())]
         for body in range(1, compiled.nbody):
             self.carriers.append(self._add_body(body))
@@ -113,11 +114,6 @@ class ModelBuilder:
                 f"base='{self._base}' would move body '{names[0]}', which has {counted(len(own), 'joint')} of its "
                 "own: take the file's own base (None)"
             )
-
-    def _body_names(self) -> list[str]:
-        names = [self._compiled.body(k).name for k in range(self._compiled.nbody)]
-        free = (each for k in itertools.count(1) if (each := f"body_{k}") not in names)
-        return [name or next(free) for name in names]
 
     def _own_joints(self, body: int) -> list[int]:
         """Joints of a body, without a free joint that the base replaces."""
