@@ -78,7 +78,10 @@ def outputs(run: Trajectory, others: Others, names: Iterable[str] | None = None)
         others: compared runs by label.
         names: names of the outputs, shown without rates; by default all outputs with rates, those with goals first.
     """
-    found = list(_outputs_of(run) if names is None else names)
+    found = list(names or ())
+    if names is None:  # outputs with goals come first
+        every = (*run.info.outputs.x2.names, *run.info.outputs.x1.names)
+        found = sorted(every, key=lambda name: name not in run.info.goals)
     shown = []
     for label, group in _grouped_by(found, lambda name: _quantity(run, name)):
         most, note = (group, "") if names is not None else _largest_ranges(group, lambda name: _of(run, name), others)
@@ -155,12 +158,6 @@ def _first_word(name: str) -> str:
 
 
 # ---------------------------------------------------------------------- outputs
-
-
-def _outputs_of(run: Trajectory) -> list[str]:
-    """Names of all outputs of a run; outputs with goals come first."""
-    names = (*run.info.outputs.x2.names, *run.info.outputs.x1.names)
-    return sorted(names, key=lambda name: name not in run.info.goals)
 
 
 def _find_output(run: Trajectory, name: str) -> tuple[str, Columns, int]:

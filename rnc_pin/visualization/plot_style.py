@@ -166,13 +166,13 @@ class LegendEntry(NamedTuple):
     lines: Sequence[Line2D]
 
 
-def line(axes: Axes, k: int, count: int, time: np.ndarray, values: np.ndarray, width: float = 1.6) -> Line2D:
+def line(axes: Axes, k: int, count: int, time: np.ndarray, values: np.ndarray) -> Line2D:
     """Draw the k-th of ``count`` series. Markers of different series are at different samples."""
     step = max(1, len(time) // _MARKERS_PER_LINE)
     color, marker = line_style(k)
     start = (2 * k + 1) * step // (2 * max(count, 1))
     return axes.plot(
-        time, values, color=color, lw=width, marker=marker, markevery=(start, step), markeredgecolor="white",
+        time, values, color=color, lw=1.6, marker=marker, markevery=(start, step), markeredgecolor="white",
         markeredgewidth=0.6,
     )[0]  # fmt: skip
 

@@ -18,7 +18,7 @@ from rnc_pin.visualization.drawn_state import DrawnState, tracked_frames
 from rnc_pin.visualization.meshcat_robot import MeshcatRobot
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.overlay import Overlay, margin_color
-from rnc_pin.visualization.scene_kinematics import NullMotion, SceneKinematics, SwitchingForces
+from rnc_pin.visualization.scene_kinematics import SceneKinematics, SwitchingForces, null_motion
 from rnc_pin.visualization.surroundings import corners_over_time, ground_elements, obstacle_elements
 from rnc_pin.visualization.view import View
 
@@ -310,7 +310,7 @@ class RunScene:
         if self.reduced is None or not free:
             return []
         entry = e.LayerEntry(f"null motion of {free[0].replace('_', ' ')}", "null motion", e.PURPLE)
-        motion = NullMotion(self.reduced, free[0])
+        motion = null_motion(self.reduced, free[0])
         ghost = e.Ghost(entry, "ghost", self.robot, lambda state: motion(state.q), self.meshcat_robot.group, 0.3)
         ghost.expensive = True
         return [ghost]

@@ -71,9 +71,10 @@ def ground_paths(run: Trajectory) -> list[GroundPath]:
 
     If no body is on the ground, a frame counts only if its z is not an output.
     """
+    poses = [run.ground_poses[:, start : start + 3] for start in range(0, run.ground_poses.shape[1], 3)]
     bodies = [
         GroundPath(readable_name(name), pose[:, :2], pose[:, 2] if np.isfinite(pose[:, 2]).all() else None)
-        for name, pose in zip(run.info.outputs.ground_poses, _triples(run.ground_poses), strict=True)
+        for name, pose in zip(run.info.outputs.ground_poses, poses, strict=True)
     ]
     frames = _frames(run, bodies)
     scale = max([_MIN_HALF_SIZE, *(each.extent for each in (*bodies, *frames))])
@@ -109,10 +110,6 @@ def draw_obstacles(axes: Axes, obstacles: Sequence[Obstacle], time: np.ndarray) 
             path = np.array([obstacle.placement(t).translation[:2] for t in moments])
             axes.plot(*path.T, color=_EDGE, lw=0.9, ls=ps.DOTS, zorder=0.5)
     return [ps.LegendEntry("obstacles", lines[:1])] if lines else []
-
-
-def _triples(poses: np.ndarray) -> Sequence[np.ndarray]:
-    return [poses[:, start : start + 3] for start in range(0, poses.shape[1], 3)]
 
 
 def _frames(run: Trajectory, bodies: Sequence[GroundPath]) -> list[GroundPath]:

@@ -63,11 +63,14 @@ class ModelBuilder:
     """
 
     def __init__(self, compiled: mujoco.MjModel, name: str, base: str | None) -> None:
+        import mujoco
+
         self._compiled, self._base = compiled, base
         self._make_root = ROOT_JOINTS[base or "fixed"]
         self.model = pin.Model()
         self.model.name = name
-        self.model.gravity.linear = np.zeros(3) if compiled.opt.disableflags & _gravity_flag() else compiled.opt.gravity
+        weightless = compiled.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY
+        self.model.gravity.linear = np.zeros(3) if weightless else compiled.opt.gravity
         self.joints: dict[int, int] = {}
         self.references: dict[str, float] = {}
         self._check_joint_names()
@@ -205,9 +208,3 @@ class ModelBuilder:
 def pose(position: np.ndarray, quaternion: np.ndarray) -> pin.SE3:
     """Pose of a position (3,) and a quaternion (4,) of MuJoCo, its scalar first."""
     return pin.XYZQUATToSE3(np.r_[position, quaternion[1:], quaternion[0]])
-
-
-def _gravity_flag() -> int:
-    import mujoco
-
-    return int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)

@@ -150,8 +150,9 @@ class _Evaluation:
         if compute is None:
             raise _Refusal
         left, right = self.value(node.left), self.value(node.right)
-        if isinstance(node.op, ast.Pow):
-            _check_power(left, right)
+        whole = isinstance(left, int) and isinstance(right, int)
+        if isinstance(node.op, ast.Pow) and whole and left.bit_length() * right > BITS:
+            raise _Refusal(f"a power of more than {BITS} bits")
         if isinstance(node.op, ast.Mult):
             _check_repetition(left, right)
         if isinstance(node.op, ast.Mod) and isinstance(left, str):
@@ -247,11 +248,6 @@ class _Evaluation:
                 self._assign(part, item)
         else:
             raise _Refusal
-
-
-def _check_power(base: Value, exponent: Value) -> None:
-    if isinstance(base, int) and isinstance(exponent, int) and base.bit_length() * exponent > BITS:
-        raise _Refusal(f"a power of more than {BITS} bits")
 
 
 def _check_repetition(left: Value, right: Value) -> None:
