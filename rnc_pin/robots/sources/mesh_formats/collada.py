@@ -15,8 +15,8 @@ import pinocchio as pin
 from rnc_pin.io.safe_xml import parse_tree
 from rnc_pin.robots.sources.mesh_formats.mesh import (
     Mesh,
-    MeshAssembly,
     MeshError,
+    SceneTriangles,
     check_counts,
     checked_mesh,
     fans,
@@ -57,7 +57,7 @@ class _Scene:
         self._numbers: dict[int, np.ndarray] = {}
         self._read = 0  # number of points read
         self._extents: dict[ElementTree.Element, tuple[int, int]] = {}
-        self._assembly = MeshAssembly()
+        self._collected = SceneTriangles()
 
     def mesh(self) -> Mesh:
         """Return all triangles."""
@@ -71,7 +71,7 @@ class _Scene:
             raise MeshError(_TOO_MANY_NODES)
         for node in nodes:
             self._add(node, np.eye(4))
-        return self._assembly.mesh()
+        return self._collected.mesh()
 
     def _named(self, element: ElementTree.Element, key: str) -> ElementTree.Element:
         name = element.get(key, "")
@@ -110,7 +110,7 @@ class _Scene:
                 placement = placement @ _transform(part)
         for part in node.findall("instance_geometry"):
             for mesh in self._geometry(part.get("url", ""), self._named(part, "url")):
-                self._assembly.place(mesh, placement)
+                self._collected.place(mesh, placement)
         for each in self._nodes_of(node):
             self._add(each, placement)
 

@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.robots.sources.mesh_formats.mesh import Mesh, MeshAssembly, MeshError, check_counts, checked_mesh, fans
+from rnc_pin.robots.sources.mesh_formats.mesh import Mesh, MeshError, SceneTriangles, check_counts, checked_mesh, fans
 
 _Json: TypeAlias = Mapping[str, Any]
 _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -69,14 +69,14 @@ class _Scene:
         self._document, self._binary = document, binary
         self._buffers: dict[int, bytes] = {}
         self._meshes: dict[int, list[Mesh]] = {}
-        self._assembly = MeshAssembly()
+        self._collected = SceneTriangles()
         self._nodes = self._points = 0
 
     def mesh(self) -> Mesh:
         """Return all triangles."""
         for node in _item(self._document["scenes"], self._document.get("scene", 0))["nodes"]:
             self._add(node, np.eye(4), 0)
-        return self._assembly.mesh()
+        return self._collected.mesh()
 
     def _add(self, index: int, placement: np.ndarray, depth: int) -> None:
         self._nodes += 1
@@ -86,7 +86,7 @@ class _Scene:
         placement = placement @ _transform(node)
         if "mesh" in node:
             for mesh in self._read(node["mesh"]):
-                self._assembly.place(mesh, placement)
+                self._collected.place(mesh, placement)
         for child in node.get("children", ()):
             self._add(child, placement, depth + 1)
 
