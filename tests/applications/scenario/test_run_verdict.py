@@ -1,0 +1,61 @@
+"""Verdicts of scenarios: what only the scenario knows about its run."""
+
+import numpy as np
+import pytest
+import yaml
+
+from rnc_pin.scenario.execution import execute, plan
+from rnc_pin.verdict import FindingKind
+
+CART = """<robot name="cart"><link name="base"/><link name="slide"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="x" type="prismatic"><parent link="base"/><child link="slide"/><axis xyz="1 0 0"/>
+<limit lower="-2" upper="2" velocity="9" effort="99"/></joint></robot>"""
+SCENARIO = {
+    "robot": {"urdf": "cart.urdf", "base": "fixed"},
+    "actuators": ["x"],
+    "outputs": {"reducing": [{"joint": "x"}]},
+    "reference": {"primary": {"minimum_jerk": {"to": [1.0], "duration": 2}}},
+    "controller": {"type": "reducing_outputs", "tracker": "computed_torque"},
+    "simulation": {"duration": 2.5, "dt": 0.01},
+}
+
+
+def run_of(folder, changes):
+    (folder / "cart.urdf").write_text(CART)
+    path = folder / "cart.yaml"
+    path.write_text(yaml.safe_dump(SCENARIO | changes))
+    return execute(plan(str(path))).trajectory
+
+
+@pytest.mark.parametrize(("duration", "word"), [(1.0, "degraded"), (1.95, "succeeded"), (2.5, "succeeded")])
+def test_a_run_that_ends_before_its_reference_says_how_far(tmp_path, duration, word):
+    """Halfway, the cart is halfway: it once succeeded, because it had kept up. At 1.95 s it is 1e-4 from the end."""
+    verdict = run_of(tmp_path, {"simulation": {"duration": duration, "dt": 0.01}}).verdict
+    assert verdict.word == word
+    if word == "degraded":
+        (found,) = verdict.findings
+        assert (found.kind, found.where, found.amount) == (FindingKind.GOAL, "x", pytest.approx(0.5, abs=1e-3))
+
+
+def test_a_run_that_ends_before_its_plan_says_how_far():
+    options = {"plots": {}, "comparisons": {}, "planner.duration": 3.0, "simulation.duration": 1.5}
+    made = plan("docking", {**options, "obstacles": [], "planner.clearance": None, "planner.goal": {"tractor_x": 1.0}})
+    run = execute(made).trajectory
+    found = next(each for each in run.verdict.findings if each.kind is FindingKind.GOAL)
+    column = run.info.outputs.x1.names.index("tractor_x")
+    assert found.amount == pytest.approx(abs(1.0 - run.x1[-1, column]))
+
+
+def test_a_limit_of_acceleration_ends_with_its_phase(tmp_path):
+    """The program of the first phase keeps 0.5 m/s^2, that of the second 2 m/s^2: both are right."""
+
+    def program(limit):
+        posture = {"posture": {"joints": {"x": 1.0}, "gain": 4.0}}
+        limits = {"acceleration": {"limit": limit, "joints": ["x"]}}
+        return {"controller": {"type": "inverse_dynamics", "tasks": [posture], "limits": limits}, "duration": 0.3}
+
+    run = run_of(tmp_path, {"phases": [program(0.5), program(2.0)], "reference": {}, "goal_tolerance": 9.0})
+    accelerations = np.abs(np.gradient(run.v[:, 0]) / 0.01)
+    assert accelerations[run.phase == 0].max() < 0.6 < 1.9 < accelerations[run.phase == 1].max()
+    assert run.verdict.succeeded
