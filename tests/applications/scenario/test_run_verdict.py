@@ -28,14 +28,24 @@ def run_of(folder, changes):
     return execute(plan(str(path))).trajectory
 
 
-@pytest.mark.parametrize(("duration", "word"), [(1.0, "degraded"), (1.95, "succeeded"), (2.5, "succeeded")])
-def test_a_run_that_ends_before_its_reference_says_how_far(tmp_path, duration, word):
-    """Halfway, the cart is halfway: it once succeeded, because it had kept up. At 1.95 s it is 1e-4 from the end."""
+@pytest.mark.parametrize(("duration", "said"), [(1.0, True), (1.95, False), (2.5, False)])
+def test_a_run_that_ends_before_its_reference_says_how_far(tmp_path, duration, said):
+    """Halfway, the cart is halfway, and nothing said so: it had kept up. At 1.95 s it is 1e-4 from the end."""
     verdict = run_of(tmp_path, {"simulation": {"duration": duration, "dt": 0.01}}).verdict
-    assert verdict.word == word
-    if word == "degraded":
+    assert (verdict.word, len(verdict.findings)) == ("succeeded", int(said))
+    if said:
         (found,) = verdict.findings
         assert (found.kind, found.where, found.amount) == (FindingKind.GOAL, "x", pytest.approx(0.5, abs=1e-3))
+
+
+def test_a_run_that_is_shorter_than_its_slowed_references_is_degraded():
+    """On this ground, a wheel takes more than three times as long as its reference of 5 s."""
+    reference = {"reference.primary": {"minimum_jerk": {"by": [2.0, 0.0], "duration": 5}}, "simulation.duration": 6.0}
+    bare = {"plots": {}, "comparisons": {}, "grip": {"friction": 0.004, "slow": True}}
+    run = execute(plan("unicycle", {**bare, **reference})).trajectory
+    assert run.verdict.word == "degraded"
+    assert run.verdict.first.kind is FindingKind.GOAL
+    assert run.verdict.first.amount == pytest.approx(2.0 - (run.x2[-1, 0] - run.x2[0, 0]))
 
 
 def test_a_run_that_ends_before_its_plan_says_how_far():
@@ -43,6 +53,7 @@ def test_a_run_that_ends_before_its_plan_says_how_far():
     made = plan("docking", {**options, "obstacles": [], "planner.clearance": None, "planner.goal": {"tractor_x": 1.0}})
     run = execute(made).trajectory
     found = next(each for each in run.verdict.findings if each.kind is FindingKind.GOAL)
+    assert str(found.severity) == "degrades"
     column = run.info.outputs.x1.names.index("tractor_x")
     assert found.amount == pytest.approx(abs(1.0 - run.x1[-1, column]))
 
