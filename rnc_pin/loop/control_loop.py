@@ -306,6 +306,11 @@ class ControlLoop:
 
     # ------------------------------------------------------------------ state
 
+    @property
+    def timeout(self) -> float:
+        """Time for which the last inputs are held while measurements are invalid [s]."""
+        return self._timeout
+
     def reset(self) -> None:
         """Clear the state: the next step is the first."""
         self.state, self.last = LoopState(), None
