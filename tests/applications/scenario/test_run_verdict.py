@@ -70,3 +70,19 @@ def test_a_limit_of_acceleration_ends_with_its_phase(tmp_path):
     accelerations = np.abs(np.gradient(run.v[:, 0]) / 0.01)
     assert accelerations[run.phase == 0].max() < 0.6 < 1.9 < accelerations[run.phase == 1].max()
     assert run.verdict.succeeded
+
+
+@pytest.mark.parametrize(
+    ("more", "word"), [([], "failed"), ([{"look_at": {"frame": "slide", "target": [9.0, 0.0, 0.0]}}], "succeeded")]
+)
+def test_postures_are_goals_where_nothing_else_is_asked(tmp_path, more, word):
+    """The cart may go 0.4 m/s, and ends 0.4 m from its posture: it once succeeded. Beside a task, that is a wish."""
+    tasks = [{"posture": {"joints": {"x": 0.8}, "gain": 4.0}}, {"damping": {"weight": 1e-4}}, *more]
+    limits = {"joint_velocity": {"limit": 0.4}}
+    controller = {"type": "qp", "tracker": "computed_torque", "tasks": tasks, "limits": limits}
+    changes = {"controller": controller, "reference": {}, "simulation": {"duration": 1.0, "dt": 0.01}}
+    verdict = run_of(tmp_path, changes).verdict
+    assert verdict.word == word
+    if word == "failed":
+        assert (verdict.first.kind, verdict.first.where) == (FindingKind.GOAL, "x")
+        assert verdict.first.amount == pytest.approx(0.4, abs=0.01)
