@@ -48,6 +48,12 @@ def test_a_run_that_is_shorter_than_its_slowed_references_is_degraded():
     assert run.verdict.first.amount == pytest.approx(2.0 - (run.x2[-1, 0] - run.x2[0, 0]))
 
 
+def test_a_phase_may_end_before_its_reference(tmp_path):
+    """The cart turns round halfway: the first phase has a reference that it does not follow to its end."""
+    back = {"reference": {"primary": {"minimum_jerk": {"to": [-1.0], "duration": 2}}}, "duration": 2.5}
+    assert run_of(tmp_path, {"phases": [{"duration": 1.0}, back]}).verdict.findings == ()
+
+
 def test_a_run_that_ends_before_its_plan_says_how_far():
     options = {"plots": {}, "comparisons": {}, "planner.duration": 3.0, "simulation.duration": 1.5}
     made = plan("docking", {**options, "obstacles": [], "planner.clearance": None, "planner.goal": {"tractor_x": 1.0}})
