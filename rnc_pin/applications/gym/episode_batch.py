@@ -15,7 +15,6 @@ from rnc_pin.math import wrapped
 from rnc_pin.model import StateEvaluation, scaled_rows
 from rnc_pin.plants import ReducedPlantBatch
 from rnc_pin.plants.reduced import Checkpoint
-from rnc_pin.plants.reduced.reduced_plant import Checkpoint
 from rnc_pin.simulation.distance_findings import PENETRATION
 from rnc_pin.simulation.stop import Stop, StopMonitor
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import yaml
 
-from rnc_pin.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.verdict import FindingKind
 
 CART = """<robot name="cart"><link name="base"/><link name="slide"><inertial><mass value="1"/>
@@ -25,7 +26,7 @@ def run_of(folder, changes):
     (folder / "cart.urdf").write_text(CART)
     path = folder / "cart.yaml"
     path.write_text(yaml.safe_dump(SCENARIO | changes))
-    return execute(plan(str(path))).trajectory
+    return execute(Scenario.load(str(path))).trajectory
 
 
 @pytest.mark.parametrize(("duration", "said"), [(1.0, True), (1.95, False), (2.5, False)])
@@ -42,7 +43,7 @@ def test_a_run_that_is_shorter_than_its_slowed_references_is_degraded():
     """On this ground, a wheel takes more than three times as long as its reference of 5 s."""
     reference = {"reference.primary": {"minimum_jerk": {"by": [2.0, 0.0], "duration": 5}}, "simulation.duration": 6.0}
     bare = {"plots": {}, "comparisons": {}, "grip": {"friction": 0.004, "slow": True}}
-    run = execute(plan("unicycle", {**bare, **reference})).trajectory
+    run = execute(Scenario.load("unicycle", {**bare, **reference})).trajectory
     assert run.verdict.word == "degraded"
     assert run.verdict.first.kind is FindingKind.GOAL
     assert run.verdict.first.amount == pytest.approx(2.0 - (run.x2[-1, 0] - run.x2[0, 0]))
@@ -56,7 +57,9 @@ def test_a_phase_may_end_before_its_reference(tmp_path):
 
 def test_a_run_that_ends_before_its_plan_says_how_far():
     options = {"plots": {}, "comparisons": {}, "planner.duration": 3.0, "simulation.duration": 1.5}
-    made = plan("docking", {**options, "obstacles": [], "planner.clearance": None, "planner.goal": {"tractor_x": 1.0}})
+    made = Scenario.load(
+        "docking", {**options, "obstacles": [], "planner.clearance": None, "planner.goal": {"tractor_x": 1.0}}
+    ).build()
     run = execute(made).trajectory
     found = next(each for each in run.verdict.findings if each.kind is FindingKind.GOAL)
     assert str(found.severity) == "degrades"

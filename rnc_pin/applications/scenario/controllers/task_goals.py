@@ -13,12 +13,7 @@ from rnc_pin.applications.scenario.schema.derived import PartialCall
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.whole_body.tasks import BasePoseTask, CenterOfMassTask, ControlTask, DampingTask, PostureTask
 from rnc_pin.math import Coordinates
-from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.model import OutputKind, OutputStack, ReducedModel, axis_index
-from rnc_pin.model.frame_velocity import axis_index
-from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.row_stack import OutputStack
-from rnc_pin.model.rows import OutputKind
 from rnc_pin.outputs import FramePosition, FrameYaw
 from rnc_pin.planning import Reference
 
