@@ -37,8 +37,8 @@ from rnc_pin.robots.sources.urdf import parse_urdf
 
 sys.path.append(str(Path(__file__).parents[1] / "tests" / "support"))
 
-import generated_urdfs as generated
 import published
+import urdf_parts
 from base_kind import BaseKind, base_kind, base_parts, explanation, wheel_axles
 from patience import ending_within
 from perturbed_urdf import DRAWN, PERTURBATIONS, new_names, with_drives
@@ -108,10 +108,10 @@ def sources() -> dict[str, Path | str]:
     shipped = {path.stem: path for path in sorted(shipped_directory().glob("*.urdf"))}
     tests = {f"dirt/{name}": DIRT / f"{name}.urdf" for name in _FAMILIES.split()}
     made = {
-        "snake": generated.snake(),
-        "drawn_snake": generated.snake(6, forward=1, drawn=True),
-        "ball": generated.ball(),
-        "six_wheels": generated.cart(front=0.3, middle=0.0, rear=-0.3),
+        "snake": urdf_parts.snake(),
+        "drawn_snake": urdf_parts.snake(6, forward=1, drawn=True),
+        "ball": urdf_parts.ball(),
+        "six_wheels": urdf_parts.cart(front=0.3, middle=0.0, rear=-0.3),
     }
     return {**shipped, **made, **tests, **installed, **example_urdfs()}
 

@@ -90,6 +90,16 @@ def test_running_scenarios_imports_only_linear_algebra_of_scipy():
     }
 
 
+def test_a_draft_imports_nothing_that_draws_and_no_special_functions():
+    code = (
+        "import sys, pathlib, rnc_pin.applications.init as d; d.draft('differential_drive.urdf', pathlib.Path('.')); "
+        "print(*sys.modules, sep='\\n')"
+    )
+    out, _ = imported([sys.executable, "-c", code])
+    assert "rnc_pin.simulation.simulate" in out.split()
+    assert not {*out.split()} & {"matplotlib", "meshcat", "scipy.special"}
+
+
 def test_the_shell_learns_to_complete():
     out, packages = imported([COMMAND], _RNC_PIN_COMPLETE="bash_source")
     assert "complete -o nosort" in out

@@ -75,7 +75,7 @@ def wheel_height_findings(
         gap = _gap(wheel, ground, drawn is not None and _severity(wheel, difference) is Severity.NOTE)
         words = []
         if abs(gap) > _EXACT * wheel.radius:
-            words.append(f"its centre is {_height(wheel, ground):.4g} m above the ground")
+            words.append(f"its centre is {_above(wheel.center, wheel.ground, ground):.4g} m above the ground")
         if drawn is not None and difference > _EXACT * wheel.radius:
             words.append(f"its collision shape has {drawn:.4g} m")
         if not words:
@@ -120,10 +120,6 @@ def _gap(wheel: _Wheel, ground: float | None, is_measured: bool) -> float:
         if is_measured or not _NEAREST <= height <= _FARTHEST:
             return 0.0  # a base may be described at any height
     return _above(wheel.contact, wheel.ground, ground)
-
-
-def _height(wheel: _Wheel, ground: float | None) -> float:
-    return _above(wheel.center, wheel.ground, ground)
 
 
 def _above(point: Array, plane: GroundPlane | None, ground: float | None) -> float:

@@ -215,16 +215,13 @@ def adapt(
     errors (``control.adaptation``). Clipping to a box that contains p does not make it grow either.
     """
     step = gain * elapsed
-    beyond = error if _is_zero(dead_zone) else apply_dead_zone(error, dead_zone)
+    has_zone = bool(dead_zone) if isinstance(dead_zone, float) else bool(np.any(dead_zone))
+    beyond = apply_dead_zone(error, dead_zone) if has_zone else error
     found = np.empty(p.shape)
     if _kernel.library.adapt(p, W, beyond, low, high, step, found):
         return found
     correction = solve(np.eye(len(error)) + step * W @ W.T, step * beyond).dot(W)
     return np.minimum(np.maximum(p + correction, low), high)
-
-
-def _is_zero(zone: float | np.ndarray) -> bool:
-    return not (zone if isinstance(zone, float) else np.any(zone))
 
 
 class EstimatorState(NamedTuple):

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from fractions import Fraction
 from functools import cache
+from math import factorial
 
 import numpy as np
 import pinocchio as pin
-import scipy
 
 from rnc_pin.errors import DivergenceError
 from rnc_pin.robots.robot import Robot
@@ -102,7 +103,10 @@ def _coefficients(angle: float) -> tuple[float, float]:
 @cache
 def _series() -> tuple[np.ndarray, np.ndarray]:
     """Coefficients of the series of a and b in the square of the angle."""
-    bernoulli = 2 * scipy.special.zeta(2.0 * _TERMS) / (2 * np.pi) ** (2 * _TERMS)  # |B_2k| / (2k)!
+    scaled = [Fraction(1)]  # B_n / n! of the Bernoulli numbers: the series x / (exp(x) - 1); scipy.special loads slowly
+    for n in range(1, 2 * len(_TERMS) + 1):
+        scaled.append(-sum((each / factorial(n + 1 - k) for k, each in enumerate(scaled)), Fraction(0)))
+    bernoulli = np.abs(np.array(scaled[2::2], dtype=float))
     return (2 - _TERMS) * bernoulli, ((1 - _TERMS) * bernoulli)[1:]
 
 

@@ -22,11 +22,11 @@ ROOM = 256 * 2**20
 RATIO = 20
 """Size limit of the arrays of a larger file, relative to its own size. Runs compress to 80 %, zip bombs to 0.1 %."""
 
-_TEXT_ROOM = 32 * 2**20  # bytes of one text array, 4 per character
-_MOST_ARRAYS = 10_000
-_MOST_AXES = 8
+_MAX_TEXT = 32 * 2**20  # bytes of one text array, 4 per character
+_MAX_ARRAYS = 10_000
+_MAX_AXES = 8
 _CHUNK = 2**20
-_LONGEST_HEADER = 2**16 + 10
+_MAX_HEADER = 2**16 + 10
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # other methods allocate what their headers request
 
 
@@ -85,8 +85,8 @@ def _arrays(
     archive: zipfile.ZipFile, names: Collection[str] | None, text: Collection[str], largest: int
 ) -> dict[str, np.ndarray]:
     members = archive.infolist()
-    if len(members) > _MOST_ARRAYS:
-        raise ArchiveError(f"holds {len(members)} arrays, more than {_MOST_ARRAYS}")
+    if len(members) > _MAX_ARRAYS:
+        raise ArchiveError(f"holds {len(members)} arrays, more than {_MAX_ARRAYS}")
     chosen: dict[str, zipfile.ZipInfo] = {}
     total = 0
     for member in members:
@@ -100,9 +100,9 @@ def _arrays(
         with archive.open(member) as file:
             header = _header(file, name, name in text)
         total += max(header.size, prod(header.shape))
-        if total > largest or (name in text and header.size > _TEXT_ROOM):
+        if total > largest or (name in text and header.size > _MAX_TEXT):
             raise ArchiveError(f"arrays take more than {largest:,} bytes: '{name}' has shape {header.shape}")
-        if member.file_size > header.size + _LONGEST_HEADER:
+        if member.file_size > header.size + _MAX_HEADER:
             raise ArchiveError(f"'{name}' is longer than its header declares")
         chosen[name] = member
     return {name: _array(archive, member, name, name in text) for name, member in chosen.items()}
@@ -114,7 +114,7 @@ def _header(file: IO[bytes], name: str, is_text: bool) -> _Header:
     header = _Header(*np.lib.format.read_array_header_1_0(file))
     if header.dtype.kind not in ("U" if is_text else "fiub"):
         raise ArchiveError(f"'{name}' holds no {'text' if is_text else 'numbers'}")
-    if len(header.shape) > _MOST_AXES or min(header.shape, default=0) < 0:
+    if len(header.shape) > _MAX_AXES or min(header.shape, default=0) < 0:
         raise ArchiveError(f"'{name}' has shape {header.shape}")
     return header
 

@@ -9,13 +9,13 @@ from xml.parsers import expat
 
 from rnc_pin.errors import ModelError
 
-_DEEPEST = 400  # bodies of MJCF are nested
-_MOST = 1_000_000  # elements: each takes more memory than its text
+_MAX_DEPTH = 400  # bodies of MJCF are nested
+_MAX_ELEMENTS = 1_000_000  # elements: each takes more memory than its text
 
 
 def parse_tree(
     content: str | bytes,
-    deepest: int = _DEEPEST,
+    deepest: int = _MAX_DEPTH,
     make: Callable[[str, dict[str, str], int], Element] | None = None,
 ) -> Element:
     """Return the root element of a text, without external entities.
@@ -41,8 +41,8 @@ def parse_tree(
         nonlocal depth, count
         depth += 1
         count += 1
-        if depth > deepest or count > _MOST:
-            raise ModelError(f"elements are more than {deepest} deep, or more than {_MOST:,}")
+        if depth > deepest or count > _MAX_ELEMENTS:
+            raise ModelError(f"elements are more than {deepest} deep, or more than {_MAX_ELEMENTS:,}")
         kept = {key: value for key, value in attributes.items() if key != "xmlns" and not key.startswith("xmlns:")}
         builder.start(tag, kept)
 

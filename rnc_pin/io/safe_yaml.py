@@ -7,8 +7,8 @@ from typing import Any
 
 import yaml
 
-_MOST = 100_000
-_LONGEST = 2_000_000
+_MAX_VALUES = 100_000
+_MAX_CHARACTERS = 2_000_000
 _MERGE = "tag:yaml.org,2002:merge"
 
 
@@ -48,8 +48,8 @@ def load_yaml(text: str, loader: type[BoundedLoader] = UniqueKeyLoader) -> Any:
     Raises:
         yaml.YAMLError: the text is not YAML, a value does not match its tag, or the size exceeds a limit.
     """
-    if len(text) > _LONGEST:
-        raise yaml.YAMLError(f"longer than {_LONGEST:,} characters")
+    if len(text) > _MAX_CHARACTERS:
+        raise yaml.YAMLError(f"longer than {_MAX_CHARACTERS:,} characters")
     try:
         return yaml.load(text, Loader=loader)
     except RecursionError:
@@ -71,8 +71,8 @@ def _count(node: yaml.Node, known: dict[int, int], open_nodes: set[int]) -> int:
     for part in parts:
         for each in part if isinstance(part, tuple) else (part,):
             total += _count(each, known, open_nodes)
-    if total > _MOST:
-        problem = f"expands to more than {_MOST:,} values"
+    if total > _MAX_VALUES:
+        problem = f"expands to more than {_MAX_VALUES:,} values"
         raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
     open_nodes.discard(id(node))
     known[id(node)] = total

@@ -37,7 +37,7 @@ from rnc_pin.model.parameter_types import NotNegative, Positive
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 
-_A_LITTLE_MORE = 1 + 1e-9  # tolerance of a time that is a sum of steps, relative
+_TIME_TOLERANCE = 1 + 1e-9  # tolerance of a time that is a sum of steps, relative
 _FALLBACKS = ("hold", "brake", "zero", "raise")
 _VELOCITIES = ("measured", "filtered", "observer")
 
@@ -273,7 +273,7 @@ class ControlLoop:
         if not runs and before.invalid_since is not None:
             since -= self.dt  # the timeout elapses even if the clock stands still
         self.state = before._replace(invalid_since=since, fault=problem)
-        if before.T is not None and not now - since > _A_LITTLE_MORE * self._timeout:
+        if before.T is not None and not now - since > _TIME_TOLERANCE * self._timeout:
             return self._clipped(before.T)
         return self._fallback_input(v)
 
@@ -305,6 +305,11 @@ class ControlLoop:
         return self._clipped(T)
 
     # ------------------------------------------------------------------ state
+
+    @property
+    def timeout(self) -> float:
+        """Time for which the last inputs are held while measurements are invalid [s]."""
+        return self._timeout
 
     def reset(self) -> None:
         """Clear the state: the next step is the first."""

@@ -25,7 +25,7 @@ from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 
-_LARGEST = 1e15
+_MAX_VALUE = 1e15
 """Largest valid absolute value of a time, velocity or input."""
 
 _STRUCTURE = "structure"
@@ -120,9 +120,9 @@ def _check_vector(name: str, value: object, size: int) -> None:
         raise InputError(f"{name} is not an array of numbers: {_shown(value)}")
     if value.shape != (size,):
         raise InputError(f"{name} has shape {value.shape}, expected ({size},)")
-    wrong = np.flatnonzero(~(np.abs(value) <= _LARGEST))
+    wrong = np.flatnonzero(~(np.abs(value) <= _MAX_VALUE))
     if len(wrong):
-        raise InputError(f"{name}[{wrong[0]}] is {value[wrong[0]]:g}, expected at most {_LARGEST:g}")
+        raise InputError(f"{name}[{wrong[0]}] is {value[wrong[0]]:g}, expected at most {_MAX_VALUE:g}")
 
 
 def _check_memory(found: object, initial: object, after: object, where: str = "controller") -> None:

@@ -15,7 +15,7 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.loop.loop_state import LoopState, VelocityEstimate
 from rnc_pin.robots.robot import Robot
 
-_UNIT = 0.1  # largest deviation of a (cos, sin) pair or quaternion from unit length
+_UNIT_TOLERANCE = 0.1  # largest deviation of a (cos, sin) pair or quaternion from unit length
 
 
 class VelocityEstimator(ABC):
@@ -135,7 +135,7 @@ class Guard:
 
     def _unit(self, q: Array) -> Array:
         unit: Array = pin.normalize(self._robot.model, q)
-        if not np.abs(unit - q).max(initial=0.0) < _UNIT:
+        if not np.abs(unit - q).max(initial=0.0) < _UNIT_TOLERANCE:
             raise InvalidMeasurementError("q holds a (cos, sin) pair or a quaternion that is not of unit length")
         return unit
 

@@ -17,7 +17,7 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConstraintError, InputError, SingularityError
 from rnc_pin.math.components import Component
-from rnc_pin.math.linear_algebra import apply, inverse, product
+from rnc_pin.math.linear_algebra import apply, apply_transposed, inverse, product
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.evaluator import ArraysAtQ, Evaluator, filled_for_q, solved_for_q
 from rnc_pin.model.factorization import Factorization, factorize, row_lengths
@@ -26,6 +26,7 @@ from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.row_stack import rheonomic_names
 
+_DEFICIENT = 1e-10  # share of the largest singular value up to which one counts as zero
 _AMPLIFIED = 1e10  # amplification of rounding errors above which actuators count as dependent
 
 
@@ -302,13 +303,15 @@ class ConfigurationEvaluation:
             # This bound on the amplification of rounding does not depend on the units of the inputs.
             if np.isfinite(inverted).all() and product(np.abs(matrix), np.abs(inverted)).max(initial=0.0) < _AMPLIFIED:
                 return apply(inverted, F)
-        rank = np.min(np.linalg.matrix_rank(matrix, rtol=1e-10), initial=data.r) if data.p else 0
+        left, values, right = np.linalg.svd(matrix, full_matrices=False)
+        above = values > _DEFICIENT * values.max(axis=-1, keepdims=True, initial=0.0)
+        rank = int(above.sum(axis=-1).min(initial=data.r))
         if rank < data.r:
             raise ConstraintError(
                 f"actuators {', '.join(data.actuation.names) or '(none)'} reach rank {rank} of the {data.r} "
                 "reduced forces: not every F can be realised"
             )
-        return apply(np.linalg.pinv(matrix), F)
+        return apply_transposed(right, apply_transposed(left, F) / values)
 
     # ------------------------------------------------------------------ singular configurations
 

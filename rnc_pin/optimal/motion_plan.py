@@ -234,8 +234,9 @@ class MotionPlan:
     def save(self, path: str | Path) -> None:
         """Write a compressed ``.npz`` file to a path, for ``load``. An error leaves no partial file."""
         arrays = {name: getattr(self, name) for name in _ARRAYS}
+        content = {**asdict(self.info), "findings": [each.to_json() for each in self.info.findings]}
         with atomic_file(Path(path)) as partial, partial.open("wb") as file:
-            np.savez_compressed(file, **arrays, info=np.array(json.dumps(_content(self.info))))
+            np.savez_compressed(file, **arrays, info=np.array(json.dumps(content)))
 
     @classmethod
     def load(cls, path: str | Path) -> MotionPlan:
@@ -268,10 +269,6 @@ class MotionPlan:
             ConfigurationError: unknown output.
         """
         return _figure(self, list(self.info.output_names if outputs is None else outputs))
-
-
-def _content(info: PlanInfo) -> dict[str, object]:
-    return {**asdict(info), "findings": [each.to_json() for each in info.findings]}
 
 
 def _info(given: dict[str, Any]) -> PlanInfo:

@@ -75,10 +75,7 @@ class PlanEnd:
         start = self._start(k)
         if self._input_of is None or self._input_of[0] != k:
             middle = Nodes(self._moved(start, k * self._h, self._h / 2), self._velocity((k + 0.5) * self._h))
-            self._input_of = (
-                k,
-                self._input(middle, self._rates),
-            )  # the input of the middle serves for the whole interval
+            self._input_of = k, self._input(middle, self._rates)  # it serves for the whole interval
         q = self._moved(start, k * self._h, since - k * self._h)
         return Nodes(q, self._velocity(since) if self._model.nw else self._plan.w[-1:]), self._input_of[1]
 

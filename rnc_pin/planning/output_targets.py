@@ -46,7 +46,7 @@ class SelectedOutputs:
     def error(self, at: PositionKinematics, target: np.ndarray) -> np.ndarray:
         """Target minus value (..., k): angles within half a turn, rotations as vectors in world axes."""
         value = self.value(at)
-        goal = np.broadcast_to(target, value.shape)
+        goal = target if target.shape == value.shape else np.broadcast_to(target, value.shape)
         parts = zip(self._parts, self._places, strict=True)
         found = [kinds.difference(goal[..., place], value[..., place]) for (*_, kinds), place in parts]
         return np.concatenate(found, axis=-1)
@@ -55,10 +55,10 @@ class SelectedOutputs:
         """Derivative (..., k, nv) of ``-error`` along the tangent space at q."""
         J = self.jacobian(at)
         for (*_, kinds), place in zip(self._parts, self._places, strict=True):
-            if kinds.rotations:
-                columns = J[..., place, :].mT
-                deviation = np.broadcast_to(error[..., None, place], columns.shape)
-                J[..., place, :] = -kinds.difference_rate(deviation, np.zeros_like(columns), columns).mT
+            for first in kinds.rotations:
+                triple = slice(place.start + first, place.start + first + 3)
+                for state in np.ndindex(J.shape[:-2]):
+                    J[(*state, triple)] = pin.Jlog3(pin.exp3(error[(*state, triple)])) @ J[(*state, triple)]
         return J
 
 

@@ -147,7 +147,7 @@ class _UniqueFrameNames:
 
 
 LinkMass: TypeAlias = "float | pin.Inertia"
-_NOTHING = 1e-12  # rounding error, relative to a body's mass
+_ROUNDING = 1e-12  # rounding error, relative to a body's mass
 
 
 @dataclass(frozen=True)
@@ -259,7 +259,7 @@ def _new(name: str, mass: object, old: np.ndarray, robot: str) -> np.ndarray | p
         return mass
     if isinstance(mass, bool) or not isinstance(mass, int | float | np.integer | np.floating) or not 0 < mass < np.inf:
         raise ModelError(f"mass of link '{name}' has to be positive [kg], or a pinocchio.Inertia, found {mass!r}")
-    if not old[0] > _NOTHING:
+    if not old[0] > _ROUNDING:
         raise ModelError(
             f"link '{name}' of robot '{robot}' has no mass of its own that could be scaled: give a pinocchio.Inertia"
         )
@@ -272,7 +272,7 @@ def _exchange(model: pin.Model, link: _Link, new: np.ndarray | pin.Inertia, old:
     joint, difference = frame.parentJoint, parameters - old
     whole = np.array(model.inertias[joint].toDynamicParameters())
     # A single link is scaled exactly, without the rounding errors of a sum and a difference.
-    alone = np.abs(whole - old).max() <= _NOTHING * np.abs(whole).max()
+    alone = np.abs(whole - old).max() <= _ROUNDING * np.abs(whole).max()
     model.inertias[joint] = pin.Inertia.FromDynamicParameters(parameters if alone else whole + difference)
     keepers = [index for index in (link.keeper, link.group) if index is not None and _weighs(model.frames[index])]
     for index in dict.fromkeys(keepers):

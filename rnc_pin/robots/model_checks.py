@@ -12,6 +12,7 @@ import pinocchio as pin
 from rnc_pin.errors import ModelError, ModelWarning, argument, few
 from rnc_pin.math.linear_algebra import unit_diagonal
 from rnc_pin.printing import significant
+from rnc_pin.robots.joint_values import NamedModel
 from rnc_pin.robots.sources.description import Body
 
 _BODY_FIXED = ("Planar", "FreeFlyer", "Spherical", "Translation")  # joints of several axes, constant in the body
@@ -67,12 +68,12 @@ def _check_order(model: pin.Model) -> None:
 # ---------------------------------------------------------------------- inertias
 
 
-_TRIANGLE = 1e-3  # relative to the largest principal moment: values in files are rounded
-_SINGULAR = 1e-12  # smallest eigenvalue of an inertia matrix scaled to a unit diagonal
-_SUGGESTED = 0.1  # [kg] suggested for a link without mass and geometry
-_LIGHTEST = 0.01  # [kg] least suggestion for a link with geometry
+_TRIANGLE_TOLERANCE = 1e-3  # relative to the largest principal moment: values in files are rounded
+_MIN_EIGENVALUE = 1e-12  # smallest eigenvalue of an inertia matrix scaled to a unit diagonal
+_DEFAULT_MASS = 0.1  # [kg] suggested for a link without mass and geometry
+_MIN_MASS = 0.01  # [kg] least suggestion for a link with geometry
 _DENSITY = 300.0  # [kg/m^3] of the box around a link's geometry: robots are hollow
-_SPREAD = 1e-3  # [m^2] rotational inertia per mass of a link that is given a mass
+_INERTIA_PER_MASS = 1e-3  # [m^2] rotational inertia per mass of a link that is given a mass
 
 LARGEST = 256
 """Largest number of degrees of freedom. One evaluation in Pinocchio takes 32 bytes times its cube, 0.5 GB here."""
@@ -148,7 +149,7 @@ def check_inertias(model: pin.Model) -> None:
     impossible, weightless = [], []
     for name, inertia in zip(list(model.names)[1:], list(model.inertias)[1:], strict=True):
         moments = np.linalg.eigvalsh(inertia.inertia)
-        if moments[2] > moments[0] + moments[1] + _TRIANGLE * moments[2]:
+        if moments[2] > moments[0] + moments[1] + _TRIANGLE_TOLERANCE * moments[2]:
             impossible.append(name)
         if inertia.mass == 0 and moments.any():
             weightless.append(name)
@@ -261,7 +262,7 @@ def _is_wrong(body: Body, why: str) -> bool:
 def _mass(body: Body) -> float:
     if body.mass > 0:
         return body.mass
-    return max(mass_of_box(body.volume()), _LIGHTEST) if body.shaped else _SUGGESTED
+    return max(mass_of_box(body.volume()), _MIN_MASS) if body.shaped else _DEFAULT_MASS
 
 
 def mass_of_box(volume: float) -> float:
@@ -272,8 +273,8 @@ def mass_of_box(volume: float) -> float:
 def _mend(model: pin.Model, each: Massless) -> None:
     """Give a body the inertia that the remedy gives it."""
     index = model.getJointId(each.joint)
-    mass = sum(each.masses.values()) or _SUGGESTED
-    model.inertias[index] = pin.Inertia(mass, np.zeros(3), mass * _SPREAD * np.eye(3))
+    mass = sum(each.masses.values()) or _DEFAULT_MASS
+    model.inertias[index] = pin.Inertia(mass, np.zeros(3), mass * _INERTIA_PER_MASS * np.eye(3))
 
 
 def _some_configuration(model: pin.Model, generator: np.random.Generator) -> np.ndarray:
@@ -287,7 +288,7 @@ def _free_of_mass(inertia_matrix: np.ndarray) -> tuple[int | None, np.ndarray] |
         entry = int(np.argmin(diagonal))
         return entry, np.eye(len(diagonal))[entry]
     values, vectors = np.linalg.eigh(unit_diagonal(inertia_matrix))
-    return None if values[0] >= _SINGULAR else (None, vectors[:, 0] / diagonal)
+    return None if values[0] >= _MIN_EIGENVALUE else (None, vectors[:, 0] / diagonal)
 
 
 def _behind(
@@ -304,19 +305,11 @@ def _behind(
     moving = (index for index, speed in enumerate(speeds) if speed > 1e-6 * max(speeds))
     joint = next(moving, 1)  # no joint if placements are so large that speeds are not finite
     if entry is not None:
-        message = f"joint '{_entry_name(model, entry)}' moves no mass"
+        message = f"joint '{NamedModel(model).velocity_names[entry]}' moves no mass"
         return _massless(model, joint, MOVES_NONE, message, bodies)
     at = int(np.argmax(np.abs(velocity)))
-    message = f"inertia matrix is singular: joint '{_entry_name(model, at)}' can move without moving mass"
+    message = f"inertia matrix is singular: joint '{NamedModel(model).velocity_names[at]}' can move without moving mass"
     return _massless(model, joint, SINGULAR, message, bodies)
-
-
-def _entry_name(model: pin.Model, entry: int) -> str:
-    index = next(
-        index for index, each in enumerate(model.joints) if index and each.idx_v <= entry < each.idx_v + each.nv
-    )
-    joint = model.joints[index]
-    return model.names[index] if joint.nv == 1 else f"{model.names[index]}[{entry - joint.idx_v}]"
 
 
 def _neutral(model: pin.Model, name: str) -> float | list[float]:

@@ -74,13 +74,11 @@ def example_urdfs() -> dict[str, Path]:
     root = _example_data()
     paths = sorted(root.rglob("*.urdf"))
     stems = [path.stem for path in paths]
+    folders = [path.relative_to(root).parts[0].removesuffix("_description") for path in paths]
     return {
-        path.stem if stems.count(path.stem) == 1 else f"{_robot_folder(path, root)}/{path.stem}": path for path in paths
+        path.stem if stems.count(path.stem) == 1 else f"{folder}/{path.stem}": path
+        for path, folder in zip(paths, folders, strict=True)
     }
-
-
-def _robot_folder(path: Path, root: Path) -> str:
-    return path.relative_to(root).parts[0].removesuffix("_description")
 
 
 def find_example(name: str) -> tuple[Path, Path]:

@@ -13,7 +13,7 @@ _COLORS = {
     "white": "0.93 0.93 0.92 1",
 }
 _TRAILER_COLORS = ("blue", "white")
-_MOST = 50
+_MAX_TRAILERS = 50
 
 
 def tractor_trailers_urdf(n: int) -> str:
@@ -33,8 +33,8 @@ def tractor_trailers_urdf(n: int) -> str:
     Raises:
         ModelError: n is not a whole number from 0 to 50.
     """
-    if isinstance(n, bool) or not isinstance(n, int) or not 0 <= n <= _MOST:
-        raise ModelError(f"a tractor has 0 to {_MOST} trailers, found {n!r}")
+    if isinstance(n, bool) or not isinstance(n, int) or not 0 <= n <= _MAX_TRAILERS:
+        raise ModelError(f"a tractor has 0 to {_MAX_TRAILERS} trailers, found {n!r}")
     parts = [*_tractor(), *(line for number in range(1, n + 1) for line in _trailer(number))]
     materials = [f'<material name="{name}"><color rgba="{rgba}"/></material>' for name, rgba in _COLORS.items()]
     comment = f"A car with {n} trailers hitched on the axle before, written by tractor_trailers_urdf({n})."

@@ -255,7 +255,9 @@ def _spaced(time: np.ndarray, step: float) -> np.ndarray:
     if not step > 0:
         return np.arange(len(time))
     cells = np.floor((time - time[0]) / step + 1e-9)
-    return np.unique(np.append(np.flatnonzero(np.diff(cells, prepend=-1.0) > 0), len(time) - 1))
+    begins = np.diff(cells, prepend=-1.0) > 0
+    begins[-1] = True
+    return np.flatnonzero(begins)
 
 
 _Use = tuple[LimitUse, np.ndarray]

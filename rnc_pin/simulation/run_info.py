@@ -223,7 +223,8 @@ class FallbackUse:
         samples: number of samples with a fallback command.
         first: time of the first one [s].
         reason: reason at that time.
-        at_the_end: True if the last sample has a fallback command too.
+        at_the_end: True if the run ends in a stretch of such samples that is the longest one, or longer than the
+            timeout of the loop.
     """
 
     samples: Whole

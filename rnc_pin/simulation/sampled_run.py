@@ -74,6 +74,7 @@ class SampledRun:
         self.stop, self._dt, self.samples = StopMonitor(options.stop, reduced.robot), dt, 0
         self._start, self._lift_off = start, lift_off_monitor(options.stop, adapter.model, reduced)
         self._zeros = zeros = np.zeros(reduced.r)
+        self._stretch, self._longest = 0, 0  # samples with a fallback command: now, and the most of those that ended
         self._reduced, self._accelerations = reduced, limited_accelerations(controller)
         first = reduced.at(assembled_start(reduced, numbers_of(q0, "q0")), zeros if v2_0 is None else v2_0, t=0.0)
         adapter.plant.reset(first.q, first.v)
@@ -106,8 +107,7 @@ class SampledRun:
         self.stop.check(t, state)
         T = _compute_input(adapter, loop, self.time, progress)
         T = adapter.apply(loop, T)
-        if loop.state.fault is not None:
-            self._count_fallback(t, loop.state.fault)
+        self._count_fallback(t, loop.state.fault)
         if self._lift_off is not None:
             self._lift_off.check(t, state, T, adapter.external)
         integrals = loop.state.integrals if loop.state.integrals is not None else self._zeros
@@ -120,8 +120,12 @@ class SampledRun:
             progress.active_component = MODEL
         return found
 
-    def _count_fallback(self, t: float, reason: str) -> None:
-        """Record that the command of this sample is a fallback."""
+    def _count_fallback(self, t: float, reason: str | None) -> None:
+        """Record that the command of this sample is a fallback; the reason is None if it is not."""
+        if reason is None:
+            self._longest, self._stretch = max(self._longest, self._stretch), 0
+            return
+        self._stretch += 1
         before = self.record.fallback
         first = FallbackUse(0, t, reason, False) if before is None else before
         self.record.fallback = replace(first, samples=first.samples + 1)
@@ -188,7 +192,8 @@ class SampledRun:
         """Return the trajectory so far; ``deferred`` as for ``Record.finish``."""
         self.record.phases = self._adapter.phases(self._start, self._dt)
         if self.record.fallback is not None:
-            self.record.fallback = replace(self.record.fallback, at_the_end=self.loop.state.fault is not None)
+            lasts = self._stretch * self._dt > self.loop.timeout or self._stretch > self._longest
+            self.record.fallback = replace(self.record.fallback, at_the_end=lasts or self.loop.state.failed)
         self.record.missed_updates = _missed_updates(self.loop.state.controller)
         run = self.record.finish(self._dt, self._provenance, outcome, message, deferred)
         return judged_by(run, self._reduced, self._accelerations)

@@ -13,10 +13,10 @@ _USED_PART = np.array(
     [0.8, 0.58]
 )  # used part of the picture's width and height; overlay, legend and player need the rest
 _CENTERINGS = 4
-_ROOM = 1.5  # box around a robot that the camera follows, over the size of the robot
+_BOX_SCALE = 1.5  # box around a robot that the camera follows, over the size of the robot
 # Largest distance of the robot from the target, over the distance between camera and target.
-_WIDE = 0.3  # beyond this the robot soon leaves the picture
-_CLOSE = 0.1  # for a robot that fills the picture
+_MAX_DISTANCE = 0.3  # beyond this the robot soon leaves the picture
+_MAX_DISTANCE_CLOSE = 0.1  # for a robot that fills the picture
 
 
 def with_plan(points: np.ndarray, plan: PlannedPath | None, height: float) -> np.ndarray:
@@ -31,7 +31,7 @@ def with_plan(points: np.ndarray, plan: PlannedPath | None, height: float) -> np
 def enlarged_box(corners: np.ndarray) -> np.ndarray:
     """Scale the corners of a robot (N, 3) about their centre, so that parts of its tracks are in the picture."""
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
-    return middle + _ROOM * (corners - middle)
+    return middle + _BOX_SCALE * (corners - middle)
 
 
 def fitting_camera(points: np.ndarray, forward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -73,7 +73,7 @@ class Follower:
 
     def __init__(self, camera: np.ndarray, target: np.ndarray, point: np.ndarray, close: bool = False) -> None:
         self._target = target
-        leash = (_CLOSE if close else _WIDE) * float(np.linalg.norm(camera - target))
+        leash = (_MAX_DISTANCE_CLOSE if close else _MAX_DISTANCE) * float(np.linalg.norm(camera - target))
         self._max_distance = max(leash, float(np.linalg.norm(point - target)))
         self.offset = np.zeros(3)
 

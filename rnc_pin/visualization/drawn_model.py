@@ -6,11 +6,11 @@ import copy
 from dataclasses import dataclass, replace
 
 from rnc_pin.collision import Obstacle
+from rnc_pin.model.mechanisms import GroundSurface
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.rows import ConstraintKind
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import OutputNames, output_names
-from rnc_pin.visualization.surroundings import grounds_of
 from rnc_pin.visualization.view import View
 
 
@@ -61,3 +61,12 @@ class DrawnModel:
         if model.joints[1].shortname() != "JointModelFreeFlyer" or model.gravity.linear.any():
             return False
         return self.reduced is None or any(name.startswith("momentum(") for name in self.reduced.constraints.names)
+
+
+def grounds_of(reduced: ReducedModel | None) -> list[GroundSurface]:
+    """Surfaces of all constraints of a system, each once."""
+    found: list[GroundSurface] = []
+    for place in () if reduced is None else reduced.all_constraints.places:
+        if place.block.ground is not None and not any(place.block.ground is each for each in found):
+            found.append(place.block.ground)
+    return found

@@ -12,9 +12,9 @@ from rnc_pin.visualization.browser.drawing_commands import SceneWindow
 from rnc_pin.visualization.camera import FIELD_OF_VIEW
 from rnc_pin.visualization.meshcat_library import meshcat, mg
 
-_MOST_DOTS = 2000
+_MAX_DOTS = 2000
 
-_STILL = 1e-7
+_SAME_VALUE = 1e-7
 
 
 class Keyframes:
@@ -79,14 +79,14 @@ class Keyframes:
             _track(".position", "vector3", frames, matrices[:, :3, 3], single),
             _track(".quaternion", "quaternion", frames, turn, single),
         ]
-        if np.abs(scale - 1.0).max() > _STILL:
+        if np.abs(scale - 1.0).max() > _SAME_VALUE:
             tracks.append(_track(".scale", "vector3", frames, scale, single))
         return tracks
 
 
 def _track(name: str, kind: str, frames: list[int], values: np.ndarray, single: bool) -> bytes:
     """Keys of one property; of a constant interval only the first and the last key."""
-    moves = np.abs(np.diff(values, axis=0)).max(axis=1, initial=0.0) > _STILL
+    moves = np.abs(np.diff(values, axis=0)).max(axis=1, initial=0.0) > _SAME_VALUE
     kept = np.r_[True, moves] | np.r_[moves, True]
     return _map(name=_text(name), type=_text(kind), keys=_keys(np.array(frames)[kept], values[kept], single))
 
@@ -206,7 +206,7 @@ class MeshcatScene:
         """Draw a path through points (N, 3) [m]; slashes in the name group paths in Meshcat's controls."""
         # WebGL draws all lines one pixel wide, so a path is a row of dots that touch each other.
         length = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
-        dots = max(2, min(_MOST_DOTS, int(length[-1] / (0.4 * width)) + 1))
+        dots = max(2, min(_MAX_DOTS, int(length[-1] / (0.4 * width)) + 1))
         along = np.linspace(0.0, length[-1], dots)
         if dashed:
             along = along[np.mod(along, 6.0 * width) < 3.2 * width]

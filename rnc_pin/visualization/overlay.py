@@ -12,8 +12,8 @@ from rnc_pin.simulation import OutputNames, PlannedPath
 from rnc_pin.visualization.drawn_state import DrawnState, output_error, tracked_frames
 from rnc_pin.visualization.scene_kinematics import SceneKinematics
 
-_MOST_ERRORS = 5
-_BEHIND = 20.0  # [m]
+_MAX_ERRORS = 5
+_PATH_BEHIND = 20.0  # [m]
 
 
 class OverlayRow(NamedTuple):
@@ -73,7 +73,7 @@ class Overlay:
                 add(f"integral of {name}" if columns.is_integral(k) else name, columns.units[k], [place])
         self.rows = [
             OverlayRow("time", "s", lambda state: state.time),
-            *errors[:_MOST_ERRORS],
+            *errors[:_MAX_ERRORS],
             *_off_track(plan, kinematics),
         ]
         if margin:
@@ -98,7 +98,7 @@ def _off_track(plan: PlannedPath | None, kinematics: SceneKinematics) -> list[Ov
     if not plan or not plan.trailer:
         return []
     # The trailer starts behind the path, so the path is continued backwards in a straight line.
-    points = continued_back(np.array(plan.poses), _BEHIND)
+    points = continued_back(np.array(plan.poses), _PATH_BEHIND)
     point = kinematics.point(plan.trailer)
     return [
         OverlayRow(

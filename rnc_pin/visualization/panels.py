@@ -15,11 +15,11 @@ import numpy as np
 from rnc_pin.simulation import Trajectory, tracking_errors
 from rnc_pin.simulation.run_info import Columns
 
-MOST = 6  # largest number of lines in a panel
-_PANELS = 3  # largest number of panels of one quantity
-_FEWEST = 6  # number of lines of one quantity that are always shown
-_LONGEST_NAME = 60  # characters
-_SMALLEST = 1e-8  # smallest value on an error axis
+MAX_LINES = 6  # largest number of lines in a panel
+_MAX_PANELS = 3  # largest number of panels of one quantity
+_ALWAYS_SHOWN = 6  # number of lines of one quantity that are always shown
+_MAX_NAME = 60  # characters
+_MIN_ERROR = 1e-8  # smallest value on an error axis
 
 Others: TypeAlias = Mapping[str, Trajectory]
 
@@ -47,7 +47,7 @@ class Panel:
 
     Attributes:
         label: label of the axis, with the unit.
-        series: lines, at most ``MOST`` if there are no compared runs.
+        series: lines, at most ``MAX_LINES`` if there are no compared runs.
         note: title of the legend, for example about lines that the panel omits.
         log: True if the axis is logarithmic; it begins at ``bottom``.
         bottom: fixed lower limit of the axis, if any.
@@ -78,7 +78,10 @@ def outputs(run: Trajectory, others: Others, names: Iterable[str] | None = None)
         others: compared runs by label.
         names: names of the outputs, shown without rates; by default all outputs with rates, those with goals first.
     """
-    found = list(_outputs_of(run) if names is None else names)
+    found = list(names or ())
+    if names is None:  # outputs with goals come first
+        every = (*run.info.outputs.x2.names, *run.info.outputs.x1.names)
+        found = sorted(every, key=lambda name: name not in run.info.goals)
     shown = []
     for label, group in _grouped_by(found, lambda name: _quantity(run, name)):
         most, note = (group, "") if names is not None else _largest_ranges(group, lambda name: _of(run, name), others)
@@ -126,12 +129,12 @@ def _in_si(unit: str) -> tuple[float, str]:
 
 def readable_name(name: str) -> str:
     """Readable name; the middle of a long name is replaced by dots."""
-    if len(name) > _LONGEST_NAME:
-        name = f"{name[: _LONGEST_NAME // 2]}...{name[-_LONGEST_NAME // 2 :]}"
+    if len(name) > _MAX_NAME:
+        name = f"{name[: _MAX_NAME // 2]}...{name[-_MAX_NAME // 2 :]}"
     return name.replace("_", " ").strip()
 
 
-def split_names(names: Sequence[str], most: int = MOST) -> list[list[str]]:
+def split_names(names: Sequence[str], most: int = MAX_LINES) -> list[list[str]]:
     """Split names into groups of at most ``most``. Names with the same first word stay together."""
     if len(names) <= most:
         return [list(names)] if names else []
@@ -157,12 +160,6 @@ def _first_word(name: str) -> str:
 # ---------------------------------------------------------------------- outputs
 
 
-def _outputs_of(run: Trajectory) -> list[str]:
-    """Names of all outputs of a run; outputs with goals come first."""
-    names = (*run.info.outputs.x2.names, *run.info.outputs.x1.names)
-    return sorted(names, key=lambda name: name not in run.info.goals)
-
-
 def _find_output(run: Trajectory, name: str) -> tuple[str, Columns, int]:
     place = run.info.outputs.find(name)
     if place is None:
@@ -179,7 +176,7 @@ def _of(run: Trajectory, name: str) -> np.ndarray:
 
 def _largest_ranges(names: Sequence[str], values: Callable[[str], np.ndarray], others: Others) -> tuple[list[str], str]:
     """Names of the series with the largest range if there are too many, in the given order, and a note about it."""
-    count = max(_FEWEST, _PANELS * _lines_per_panel(others))
+    count = max(_ALWAYS_SHOWN, _MAX_PANELS * _lines_per_panel(others))
     if len(names) <= count:
         return list(names), ""
     most = set(sorted(names, key=lambda name: -float(np.ptp(values(name))))[:count])
@@ -210,7 +207,7 @@ def _grouped_by(names: Iterable[str], key: Callable[[str], str]) -> list[tuple[s
 
 def _lines_per_panel(others: Others) -> int:
     """Largest number of lines of the run in a panel, given the lines of the compared runs."""
-    return max(1, MOST // (1 + len(others)))
+    return max(1, MAX_LINES // (1 + len(others)))
 
 
 def _line_name(run: Trajectory, name: str) -> str:
@@ -275,7 +272,7 @@ def _errors(run: Trajectory, others: Others) -> list[Panel]:
             shown = {label: _magnitude(other[name]) for label, other in compared.items() if name in other}
             series.append(Series(_line_name(run, name), _magnitude(errors[name]), None, shown))
         # Values far below the errors are only sign changes, so the axis begins above them.
-        bottom = max(_SMALLEST, 1e-4 * min(float(np.nanmax(each.values, initial=0.0)) for each in series))
+        bottom = max(_MIN_ERROR, 1e-4 * min(float(np.nanmax(each.values, initial=0.0)) for each in series))
         note = f"largest {room} of {len(names)}" if len(names) > room else ""
         found.append(Panel(f"error [{unit or '-'}]", tuple(series), note, log=True, bottom=bottom))
     return found
@@ -283,7 +280,7 @@ def _errors(run: Trajectory, others: Others) -> list[Panel]:
 
 def _magnitude(error: np.ndarray) -> np.ndarray:
     """Absolute error plus a small positive value, because a logarithmic axis cannot show zero."""
-    return np.abs(error) + _SMALLEST / 1e8
+    return np.abs(error) + _MIN_ERROR / 1e8
 
 
 # ---------------------------------------------------------------------- inputs, estimates, normal forces, margin
@@ -298,7 +295,9 @@ def _inputs(run: Trajectory, others: Others) -> list[Panel]:
         names, lambda name: kinds.get(units[names.index(name)] if units else "", "input [N, N m]")
     ):
         most, note = _largest_ranges(group, lambda name: run.T[:, names.index(name)], {})
-        found += _split(label, most, lambda name: Series(readable_name(name), run.T[:, names.index(name)]), MOST, note)
+        found += _split(
+            label, most, lambda name: Series(readable_name(name), run.T[:, names.index(name)]), MAX_LINES, note
+        )
     return found
 
 

@@ -29,10 +29,10 @@ Dashes = tuple[int, tuple[float, ...]]
 
 DOTS: Dashes = (0, (1, 1.6))
 DASHES: list[Dashes] = [(0, (6, 3)), (0, (6, 2, 1, 2)), (0, (3, 2)), (0, (8, 2, 1, 2, 1, 2)), (0, (1, 4)), (0, (10, 4))]
-_LONGEST_LINE = 30  # characters per line of a legend; longer lines would leave too little room for the axes
-_ROUNDS = 3  # layouts of a figure at most
-_CLOSE = 0.01  # distance of labels that needs no other layout [inches]
-_MARKS = 7  # number of markers on a line
+_MAX_LINE = 30  # characters per line of a legend; longer lines would leave too little room for the axes
+_MAX_LAYOUTS = 3  # layouts of a figure at most
+_SAME_DISTANCE = 0.01  # distance of labels that needs no other layout [inches]
+_MARKERS_PER_LINE = 7  # number of markers on a line
 STYLE: dict[Any, Any] = {
     "font.size": 10.0,
     "axes.grid": True,
@@ -80,10 +80,10 @@ class AlignedLayout(ConstrainedLayoutEngine):
     def execute(self, fig: Figure) -> None:
         """Place the axes of a figure, and the labels of their vertical axes."""
         room = self._place_labels(fig)
-        for _ in range(_ROUNDS):
+        for _ in range(_MAX_LAYOUTS):
             super().execute(fig)
             needed = self._place_labels(fig)
-            if all(distance <= given + _CLOSE for distance, given in zip(needed, room, strict=True)):
+            if all(distance <= given + _SAME_DISTANCE for distance, given in zip(needed, room, strict=True)):
                 break
             room = needed
 
@@ -166,13 +166,13 @@ class LegendEntry(NamedTuple):
     lines: Sequence[Line2D]
 
 
-def line(axes: Axes, k: int, count: int, time: np.ndarray, values: np.ndarray, width: float = 1.6) -> Line2D:
+def line(axes: Axes, k: int, count: int, time: np.ndarray, values: np.ndarray) -> Line2D:
     """Draw the k-th of ``count`` series. Markers of different series are at different samples."""
-    step = max(1, len(time) // _MARKS)
+    step = max(1, len(time) // _MARKERS_PER_LINE)
     color, marker = line_style(k)
     start = (2 * k + 1) * step // (2 * max(count, 1))
     return axes.plot(
-        time, values, color=color, lw=width, marker=marker, markevery=(start, step), markeredgecolor="white",
+        time, values, color=color, lw=1.6, marker=marker, markevery=(start, step), markeredgecolor="white",
         markeredgewidth=0.6,
     )[0]  # fmt: skip
 
@@ -218,7 +218,7 @@ def legend_beside(axes: Axes, entries: Sequence[LegendEntry], title: str = "") -
 
 def _broken(name: str) -> str:
     """Break a long name into several lines."""
-    return "\n".join(textwrap.wrap(name, _LONGEST_LINE)) or name
+    return "\n".join(textwrap.wrap(name, _MAX_LINE)) or name
 
 
 def escape_dollars(text: str) -> str:

@@ -20,12 +20,12 @@ from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import LimitReplay, Trajectory
 from rnc_pin.visualization import panels as p
 from rnc_pin.visualization import plot_style as ps
-from rnc_pin.visualization.panels import MOST, readable_name
+from rnc_pin.visualization.panels import MAX_LINES, readable_name
 from rnc_pin.visualization.surroundings import hull_from_above, outline, surface_points
 from rnc_pin.visualization.top_view import draw_obstacles, draw_top_view, ground_paths
 
 _WIDTH, _NARROW = 8.0, 7.0  # width of a panel and its legend in figures of one and of several columns [inches]
-_LONGEST_TITLE, _TITLE_LINES = 64, 3  # characters per line that fit a figure of one column; largest number of lines
+_MAX_TITLE, _TITLE_LINES = 64, 3  # characters per line that fit a figure of one column; largest number of lines
 _HEIGHT = 2.1  # height of a panel [inches]
 _ROWS = (4, 5, 6)  # largest number of rows in figures of one, two, and more columns
 _VIEW_HEIGHTS = 3.2, 6.0  # smallest and largest height of a top view without panels [inches]
@@ -250,7 +250,7 @@ def _label_time(axes: Axes, last: bool) -> None:
 
 def _title(axes: Axes, title: str | None) -> None:
     if title:
-        lines = textwrap.wrap(title, _LONGEST_TITLE, max_lines=_TITLE_LINES, placeholder="...")
+        lines = textwrap.wrap(title, _MAX_TITLE, max_lines=_TITLE_LINES, placeholder="...")
         axes.set_title("\n".join(ps.escape_dollars(line) for line in lines), loc="left")
 
 
@@ -288,8 +288,8 @@ def draw_footprints(axes: Axes, robot: Robot, q: np.ndarray) -> list[ps.LegendEn
 # ------------------------------------------------------------------ distances and joint limits
 
 _LIMITS_HEIGHT = 2.6  # height of a panel [inches]
-_NEAR = 0.02  # distance below which a pair counts as active [m]
-_USED = 0.98  # share of a joint limit above which it counts as active
+_ACTIVE_DISTANCE = 0.02  # distance below which a pair counts as active [m]
+_ACTIVE_SHARE = 0.98  # share of a joint limit above which it counts as active
 _ACTIVE_WIDTH = 5.0
 
 
@@ -323,26 +323,26 @@ def _distances(axes: Axes, replay: LimitReplay) -> None:
         name = " / ".join(map(readable_name, each.names))
         if name in names:
             continue  # another shape of the same two bodies, which is farther
-        if len(names) == MOST:
+        if len(names) == MAX_LINES:
             break
         names.append(name)
         same = [j for j, other in enumerate(replay.clearances) if other.names == each.names and j >= k]
         values = replay.distances[:, same].min(axis=1)
         values = np.where(values < replay.within, values, np.nan)
-        entries.append(_line(axes, len(names) - 1, name, replay.time, values, values < _NEAR))
+        entries.append(_line(axes, len(names) - 1, name, replay.time, values, values < _ACTIVE_DISTANCE))
     axes.axhline(0.0, color="black", lw=0.8)
     axes.set_ylabel("distance [m]")
     ps.legend_beside(axes, entries, "nearest bodies")
 
 
 def _uses(axes: Axes, replay: LimitReplay) -> None:
-    most = sorted(range(len(replay.uses)), key=lambda k: -replay.uses[k].excess)[:MOST]
+    most = sorted(range(len(replay.uses)), key=lambda k: -replay.uses[k].excess)[:MAX_LINES]
     entries = []
     for place, k in enumerate(most):
         use = replay.uses[k]
         values = 100.0 * replay.excesses[:, k]
         name = f"{use.kind} of {readable_name(use.name)}"
-        entries.append(_line(axes, place, name, replay.time, values, values > 100.0 * (_USED - 1.0)))
+        entries.append(_line(axes, place, name, replay.time, values, values > 100.0 * (_ACTIVE_SHARE - 1.0)))
     axes.axhline(0.0, color="black", lw=0.8)
     axes.set_ylabel("beyond limit\n[% of its range]")
     ps.legend_beside(axes, entries, "most used joint limits")
@@ -351,7 +351,7 @@ def _uses(axes: Axes, replay: LimitReplay) -> None:
 def _line(
     axes: Axes, place: int, name: str, time: np.ndarray, values: np.ndarray, active: np.ndarray
 ) -> ps.LegendEntry:
-    drawn = ps.line(axes, place, MOST, time, values)
+    drawn = ps.line(axes, place, MAX_LINES, time, values)
     if active.any():
         marked = np.where(active, values, np.nan)
         axes.plot(time, marked, color=drawn.get_color(), lw=_ACTIVE_WIDTH, alpha=0.4, solid_capstyle="round")

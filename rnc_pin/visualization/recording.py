@@ -118,7 +118,7 @@ _FLAGS = (
     "--disable-background-networking",
 )
 VIDEOS = (".mp4", ".gif")
-_LONGEST_WAIT = 180_000  # [ms], timeout for a browser and its pages on a busy processor
+_TIMEOUT = 180_000  # [ms], timeout for a browser and its pages on a busy processor
 
 
 @contextmanager
@@ -136,7 +136,7 @@ def browser() -> Iterator[Browser]:
     except ImportError:
         raise ConfigurationError(missing_extra("video")) from None
     with sync_playwright() as playwright:
-        launched = playwright.chromium.launch(executable_path=executable, args=list(_FLAGS), timeout=_LONGEST_WAIT)
+        launched = playwright.chromium.launch(executable_path=executable, args=list(_FLAGS), timeout=_TIMEOUT)
         try:
             yield launched
         finally:
@@ -164,7 +164,7 @@ def take_pictures(
         path = Path(scratch) / "page.html"
         path.write_text(recording.html(begin=0.0), encoding="utf-8")
         page = launched.new_page(viewport={"width": size[0], "height": size[1]})
-        page.set_default_timeout(_LONGEST_WAIT)
+        page.set_default_timeout(_TIMEOUT)
         page.goto(path.as_uri())
         page.wait_for_function("window.ready === true")
         page.evaluate("document.body.classList.add('still')")

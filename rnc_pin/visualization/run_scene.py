@@ -18,14 +18,14 @@ from rnc_pin.visualization.drawn_state import DrawnState, tracked_frames
 from rnc_pin.visualization.meshcat_robot import MeshcatRobot
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.overlay import Overlay, margin_color
-from rnc_pin.visualization.scene_kinematics import NullMotion, SceneKinematics, SwitchingForces
+from rnc_pin.visualization.scene_kinematics import SceneKinematics, SwitchingForces, null_motion
 from rnc_pin.visualization.surroundings import corners_over_time, ground_elements, obstacle_elements
 from rnc_pin.visualization.view import View
 
 _TRAILS = (e.VERMILLION, e.BLUE, e.GREEN, e.PURPLE)
 _GHOSTS = (e.BLUE, e.PURPLE, e.GREEN, e.ORANGE)
-_FAR = 4.0  # largest motion over the robot's size that the camera shows as a whole
-_LAG = 6  # frames of a live view per update of costly elements
+_MAX_MOTION = 4.0  # largest motion over the robot's size that the camera shows as a whole
+_EXPENSIVE_PERIOD = 6  # frames of a live view per update of costly elements
 
 
 @dataclass
@@ -104,7 +104,7 @@ class RunScene:
             self.scene.follow(self._follower.follow(self.kinematics.center_of_mass(state.q)))
         self._pictures += 1
         for element in self.elements:
-            if element.expensive and self.scene.keyframes is None and self._pictures % _LAG != 1:
+            if element.expensive and self.scene.keyframes is None and self._pictures % _EXPENSIVE_PERIOD != 1:
                 continue
             element.update(self.scene, state)
 
@@ -140,7 +140,7 @@ class RunScene:
             whole = np.concatenate([whole + k * self._offset for k in steps])
         radius = float(np.linalg.norm(np.ptp(whole, axis=0))) / 2
         # In a picture of a motion much longer than the robot, the robot would be only a dot.
-        far = self._path is None and radius > _FAR * self.size
+        far = self._path is None and radius > _MAX_MOTION * self.size
         over = self.shown.trajectory is not None
         if given is None or self.shown.aside:
             shown = enlarged_box(self.kinematics.corners(first.q)) if far and not self.shown.aside else whole
@@ -310,7 +310,7 @@ class RunScene:
         if self.reduced is None or not free:
             return []
         entry = e.LayerEntry(f"null motion of {free[0].replace('_', ' ')}", "null motion", e.PURPLE)
-        motion = NullMotion(self.reduced, free[0])
+        motion = null_motion(self.reduced, free[0])
         ghost = e.Ghost(entry, "ghost", self.robot, lambda state: motion(state.q), self.meshcat_robot.group, 0.3)
         ghost.expensive = True
         return [ghost]

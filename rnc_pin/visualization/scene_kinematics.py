@@ -19,7 +19,7 @@ from rnc_pin.visualization.drawn_state import DrawnState
 
 Point = Callable[[DrawnState], np.ndarray]
 
-_ENDLESS = 1e3  # [m]
+_MAX_CORNER = 1e3  # [m]
 
 
 def box_corners(shape: coal.CollisionGeometry) -> np.ndarray:
@@ -93,7 +93,7 @@ class SceneKinematics:
         found = [np.zeros((1, 3))] if not len(visual.geometryObjects) else []
         for shape in visual.geometryObjects:
             corners = box_corners(shape.geometry)
-            if np.abs(corners).max() < _ENDLESS:
+            if np.abs(corners).max() < _MAX_CORNER:
                 placement = data.oMi[shape.parentJoint] * shape.placement
                 found.append((placement.rotation @ corners.T).T + placement.translation)
         return np.concatenate(found) if found else np.zeros((1, 3))
@@ -172,32 +172,32 @@ class SwitchingForces:
         return np.nan_to_num(points[row]), np.nan_to_num(-value * directions[row])
 
 
-_STEPS = 5
-_DISTANCE = 0.35  # change of the output [its unit]
-_NOTHING_ELSE = np.zeros(0)
+_NULL_MOTION_STEPS = 5
+_NULL_MOTION_DISTANCE = 0.35  # change of the output [its unit]
 
 
-class NullMotion:
+def null_motion(reduced: ReducedModel, output: str) -> Callable[[np.ndarray], np.ndarray]:
     """Motion of one reducing output while all others are constant: ``v = R e_j``, integrated over a short distance.
 
     Args:
         reduced: reduced model.
         output: name of the reducing output.
+
+    Returns:
+        Function from a configuration to that at the end of the motion, or the last one before a singularity.
     """
+    column, nothing = list(reduced.reducing.names).index(output), np.zeros(0)
+    integrator = LieRungeKutta4(reduced.robot)
 
-    def __init__(self, reduced: ReducedModel, output: str) -> None:
-        self._reduced, self._step = reduced, _DISTANCE / _STEPS
-        self._column = list(reduced.reducing.names).index(output)
-        self._integrator = LieRungeKutta4(reduced.robot)
+    def rate(q: np.ndarray, nothing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return reduced.at(q).R[:, column], nothing
 
-    def __call__(self, q: np.ndarray) -> np.ndarray:
-        """Return the configuration at the end of the motion, or the last one before a singularity."""
-        for _ in range(_STEPS):
+    def end_of_motion(q: np.ndarray) -> np.ndarray:
+        for _ in range(_NULL_MOTION_STEPS):
             try:
-                q, _ = self._integrator.step(self._rate, q, _NOTHING_ELSE, self._step)
+                q, _ = integrator.step(rate, q, nothing, _NULL_MOTION_DISTANCE / _NULL_MOTION_STEPS)
             except (SingularityError, DivergenceError):
                 break
         return q
 
-    def _rate(self, q: np.ndarray, nothing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return self._reduced.at(q).R[:, self._column], nothing
+    return end_of_motion

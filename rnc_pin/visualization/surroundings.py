@@ -14,16 +14,17 @@ from rnc_pin.model.mechanisms import GroundSurface, carrier_of
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
 from rnc_pin.robots.sources.mesh_formats import convex_hull
+from rnc_pin.visualization.drawn_model import grounds_of
 from rnc_pin.visualization.drawn_state import DrawnState
 from rnc_pin.visualization.elements import GREEN, GREY, Element, LayerEntry
 from rnc_pin.visualization.meshcat_library import mg
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.scene_kinematics import SceneKinematics, box_corners
 
-_ROUND = 32  # points of a circle
+_CIRCLE_POINTS = 32  # points of a circle
 _OPACITY = 0.75
 _PATCH, _SLAB = 10.0, 0.01  # half side and thickness of the drawn part of a half space [m]
-_PALE = 0.3  # opacity of that part
+_UNBOUNDED_OPACITY = 0.3  # opacity of that part
 
 
 def surface_points(shape: coal.CollisionGeometry) -> np.ndarray:
@@ -44,8 +45,8 @@ def surface_points(shape: coal.CollisionGeometry) -> np.ndarray:
         ball, middle = _ball(shape.radius), np.array([0.0, 0.0, shape.halfLength])
         return np.concatenate([ball - middle, ball + middle])
     if isinstance(shape, coal.Cylinder):
-        around = np.linspace(0.0, 2 * np.pi, _ROUND, endpoint=False)
-        ring = np.column_stack([shape.radius * np.cos(around), shape.radius * np.sin(around), np.zeros(_ROUND)])
+        around = np.linspace(0.0, 2 * np.pi, _CIRCLE_POINTS, endpoint=False)
+        ring = np.column_stack([shape.radius * np.cos(around), shape.radius * np.sin(around), np.zeros(_CIRCLE_POINTS)])
         middle = np.array([0.0, 0.0, shape.halfLength])
         return np.concatenate([ring - middle, ring + middle])
     return box_corners(shape)  # exact for a box, and around other shapes
@@ -53,7 +54,7 @@ def surface_points(shape: coal.CollisionGeometry) -> np.ndarray:
 
 def _ball(radius: float) -> np.ndarray:
     around, up = np.meshgrid(
-        np.linspace(0.0, 2 * np.pi, _ROUND, endpoint=False), np.linspace(0.0, np.pi, _ROUND // 2 + 1)
+        np.linspace(0.0, 2 * np.pi, _CIRCLE_POINTS, endpoint=False), np.linspace(0.0, np.pi, _CIRCLE_POINTS // 2 + 1)
     )
     points = [np.cos(around) * np.sin(up), np.sin(around) * np.sin(up), np.cos(up)]
     return radius * np.unique(np.stack(points, axis=-1).reshape(-1, 3).round(12), axis=0)
@@ -88,7 +89,7 @@ class ObstacleElement(Element):
         self._drawn = False
 
     def build(self, scene: MeshcatScene) -> None:
-        opacity = _PALE if self.obstacle.unbounded else _OPACITY
+        opacity = _UNBOUNDED_OPACITY if self.obstacle.unbounded else _OPACITY
         scene.mesh(self.node, _drawable(self.obstacle.shape), GREY, opacity)
 
     def update(self, scene: MeshcatScene, state: DrawnState) -> None:
@@ -124,23 +125,14 @@ def corners_over_time(obstacles: Sequence[Obstacle], times: Sequence[float]) -> 
 
 GROUND = LayerEntry("ground", "surface", GREEN, "dot")
 _GROUND_OPACITY = 0.35
-_AROUND, _AROUND_CARRIER = 2.0, 0.3  # drawn half width of ground in the world, or on a body, over the size of the robot
-_WIDER = 1.3  # drawn half width over the largest distance of the robot from the middle
+_MARGIN, _CARRIER_MARGIN = 2.0, 0.3  # drawn half width of ground in the world, or on a body, over the size of the robot
+_MOTION_MARGIN = 1.3  # drawn half width over the largest distance of the robot from the middle
 
 
 def seen_from(ground: GroundSurface, kinematics: SceneKinematics, q: np.ndarray) -> np.ndarray:
     """Centre of mass of the robot (3,) [m], in the axes of the body that carries a ground, or of the world."""
     center, carrier = kinematics.center_of_mass(q), carrier_of(ground)
     return center if carrier is None else np.asarray(kinematics.placement(carrier, q).actInv(center))
-
-
-def grounds_of(reduced: ReducedModel | None) -> list[GroundSurface]:
-    """Surfaces of all constraints of a system, each once."""
-    found: list[GroundSurface] = []
-    for place in () if reduced is None else reduced.all_constraints.places:
-        if place.block.ground is not None and not any(place.block.ground is each for each in found):
-            found.append(place.block.ground)
-    return found
 
 
 def carrier_placement(ground: GroundSurface, kinematics: SceneKinematics) -> Callable[[DrawnState], pin.SE3] | None:
@@ -169,8 +161,8 @@ def ground_patch(ground: GroundSurface, places: np.ndarray, size: float) -> tupl
         size: size of the robot [m].
     """
     middle = (places.min(axis=0) + places.max(axis=0)) / 2
-    around = _AROUND if carrier_of(ground) is None else _AROUND_CARRIER
-    half = _WIDER * float(np.linalg.norm(places - middle, axis=1).max()) + around * size
+    around = _MARGIN if carrier_of(ground) is None else _CARRIER_MARGIN
+    half = _MOTION_MARGIN * float(np.linalg.norm(places - middle, axis=1).max()) + around * size
     vertices, triangles = ground.mesh(middle, half)
     return np.concatenate([vertices, vertices]), np.concatenate([triangles, triangles[:, ::-1] + len(vertices)])
 

@@ -14,14 +14,14 @@ from matplotlib.transforms import Affine2D
 from rnc_pin.collision import Obstacle
 from rnc_pin.simulation import Trajectory
 from rnc_pin.visualization import plot_style as ps
-from rnc_pin.visualization.panels import MOST, Others, readable_name
+from rnc_pin.visualization.panels import MAX_LINES, Others, readable_name
 from rnc_pin.visualization.surroundings import outline
 
 _MARKS = 12  # heading marks along a path: eleven equal parts, so that marks of two laps do not coincide
-_TURN = 0.15  # distance between marks that is equivalent to a rotation of 1 rad, over the extent of the path
-_SAME = 1e-3  # largest distance between two paths that count as one, over the extent
-_SMALLEST = 0.05  # smallest half width and half height of the picture [m]
-_WIDE = 4.5  # width of the path of a compared run [points]
+_TURN_LENGTH = 0.15  # distance between marks that is equivalent to a rotation of 1 rad, over the extent of the path
+_SAME_PATH = 1e-3  # largest distance between two paths that count as one, over the extent
+_MIN_HALF_SIZE = 0.05  # smallest half width and half height of the picture [m]
+_PALE_WIDTH = 4.5  # width of the path of a compared run [points]
 _BODY, _EDGE = "0.8", "0.45"  # grey of obstacles and of their outlines
 _POINTER = Path([(1.2, 0.0), (-0.8, 0.62), (-0.45, 0.0), (-0.8, -0.62), (1.2, 0.0)], closed=True)
 
@@ -59,7 +59,7 @@ class GroundPath:
         """Indices of the samples with heading marks, evenly along the path; rotation in place counts as distance."""
         steps = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
         if self.headings is not None:
-            steps = steps + _TURN * max(self.extent, _SMALLEST) * np.abs(np.diff(np.unwrap(self.headings)))
+            steps = steps + _TURN_LENGTH * max(self.extent, _MIN_HALF_SIZE) * np.abs(np.diff(np.unwrap(self.headings)))
         distance = np.concatenate([[0.0], np.cumsum(steps)])
         if not distance[-1] > 0:
             return np.array([0, len(distance) - 1])
@@ -71,26 +71,27 @@ def ground_paths(run: Trajectory) -> list[GroundPath]:
 
     If no body is on the ground, a frame counts only if its z is not an output.
     """
+    poses = [run.ground_poses[:, start : start + 3] for start in range(0, run.ground_poses.shape[1], 3)]
     bodies = [
         GroundPath(readable_name(name), pose[:, :2], pose[:, 2] if np.isfinite(pose[:, 2]).all() else None)
-        for name, pose in zip(run.info.outputs.ground_poses, _triples(run.ground_poses), strict=True)
+        for name, pose in zip(run.info.outputs.ground_poses, poses, strict=True)
     ]
     frames = _frames(run, bodies)
-    scale = max([_SMALLEST, *(each.extent for each in (*bodies, *frames))])
+    scale = max([_MIN_HALF_SIZE, *(each.extent for each in (*bodies, *frames))])
     found = list(bodies)
     for frame in frames:
         # A leaning body is drawn at another point than its frame but is the same body.
         same = [
             k
             for k, body in enumerate(found)
-            if body.name == frame.name or np.abs(body.points - frame.points).max() < _SAME * scale
+            if body.name == frame.name or np.abs(body.points - frame.points).max() < _SAME_PATH * scale
         ]
         if not same:
             found.append(frame)
         elif found[same[0]].desired is None and frame.desired is not None:
             one = found[same[0]]  # the actual path is that of the point that has a goal
             found[same[0]] = GroundPath(one.name, frame.points, one.headings, frame.desired)
-    return found[:MOST]
+    return found[:MAX_LINES]
 
 
 def draw_obstacles(axes: Axes, obstacles: Sequence[Obstacle], time: np.ndarray) -> list[ps.LegendEntry]:
@@ -109,10 +110,6 @@ def draw_obstacles(axes: Axes, obstacles: Sequence[Obstacle], time: np.ndarray) 
             path = np.array([obstacle.placement(t).translation[:2] for t in moments])
             axes.plot(*path.T, color=_EDGE, lw=0.9, ls=ps.DOTS, zorder=0.5)
     return [ps.LegendEntry("obstacles", lines[:1])] if lines else []
-
-
-def _triples(poses: np.ndarray) -> Sequence[np.ndarray]:
-    return [poses[:, start : start + 3] for start in range(0, poses.shape[1], 3)]
 
 
 def _frames(run: Trajectory, bodies: Sequence[GroundPath]) -> list[GroundPath]:
@@ -181,7 +178,9 @@ def _compared(axes: Axes, paths: Sequence[GroundPath], others: Others) -> list[p
             names = [each.name for each in paths]
             if path.name in names:
                 color = ps.pale(ps.color_of(names.index(path.name), len(names), j))
-                lines += axes.plot(*path.points.T, color=color, ls=ps.scaled(style, _WIDE), lw=_WIDE, zorder=1.5)
+                lines += axes.plot(
+                    *path.points.T, color=color, ls=ps.scaled(style, _PALE_WIDTH), lw=_PALE_WIDTH, zorder=1.5
+                )
         if lines:
             entries.append(ps.LegendEntry(label, lines))
     return entries
@@ -200,7 +199,7 @@ def _draw_headings(axes: Axes, path: GroundPath, color: str) -> None:
 def _frame_equally(axes: Axes) -> None:
     """Use equal scales on both axes, and a minimum size so that a robot at rest is a dot."""
     middle = np.array([(axes.dataLim.x0 + axes.dataLim.x1) / 2, (axes.dataLim.y0 + axes.dataLim.y1) / 2])
-    axes.update_datalim([middle - _SMALLEST, middle + _SMALLEST])
+    axes.update_datalim([middle - _MIN_HALF_SIZE, middle + _MIN_HALF_SIZE])
     axes.margins(0.08)
     axes.set_aspect("equal", adjustable="datalim")
     axes.autoscale_view()

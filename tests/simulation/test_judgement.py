@@ -121,7 +121,8 @@ class Blind:
     """Plant whose sensors give no numbers after some readings, until others; a run reads once before its samples."""
 
     def __init__(self, reduced, first, last=np.inf):
-        self._plant, self._first, self._last, self._count = rnc.ReducedPlant(reduced), first, last, 0
+        self._plant, self._count = rnc.ReducedPlant(reduced), 0
+        self.blind = lambda count: first < count <= last
 
     def __getattr__(self, name):
         return getattr(self._plant, name)
@@ -129,7 +130,7 @@ class Blind:
     def read(self):
         self._count += 1
         q, v = self._plant.read()
-        return (np.nan * q, v) if self._first < self._count <= self._last else (q, v)
+        return (np.nan * q, v) if self.blind(self._count) else (q, v)
 
     def actual(self):
         return self._plant.read()
@@ -150,6 +151,19 @@ def test_fallback_commands_fail_if_they_last_to_the_end_or_for_most_of_the_run(f
     assert (run.info.fallback.samples if samples else 0) == samples
     if samples:
         assert "q[0] is not finite" in str(run.verdict.first)
+
+
+@pytest.mark.parametrize(("share", "word"), [(0.3, "degraded"), (0.8, "failed")])
+def test_single_invalid_samples_are_no_end(share, word):
+    """Of these samples, the last one is invalid by chance: the run once failed, "until the end"."""
+    reduced = systems.space_robot()
+    garbage = np.random.default_rng(3).random(101) < share
+    garbage[-1] = True
+    plant = Blind(reduced, 0)
+    plant.blind = lambda count: garbage[count - 2] if count > 1 else False
+    run = rnc.simulate(reduced, Idle(3), bent(reduced), 1.0, 0.01, plant=plant)
+    assert run.info.fallback.samples == garbage.sum()
+    assert run.verdict.word == word
 
 
 def test_goals_that_are_missed_or_not_a_number_fail():

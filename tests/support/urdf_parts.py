@@ -1,14 +1,15 @@
-"""Parts of small URDF files: links, joints, wheels on pivots, and what names their motors."""
+"""Small URDF files, from parts: links, joints, wheels on pivots, and what names their motors."""
 
 BOX = '<box size="0.6 0.3 0.1"/>'
 
 
-def link(name, mass=1.0, shape="", turn="0 0 0", at="0 0 0"):
-    moment = 0.01 * mass
-    geometry = f'<collision><origin xyz="{at}" rpy="{turn}"/><geometry>{shape}</geometry></collision>' if shape else ""
+def link(name, mass=1.0, shape="", turn="0 0 0", at="0 0 0", moment=None, geometry="collision"):
+    """A link with the same moment of inertia about all axes, by default of a body of 0.1 m [kg m^2]."""
+    moment = 0.01 * mass if moment is None else moment
+    drawn = f'<{geometry}><origin xyz="{at}" rpy="{turn}"/><geometry>{shape}</geometry></{geometry}>' if shape else ""
     return (
         f'<link name="{name}"><inertial><origin xyz="{at}"/><mass value="{mass}"/><inertia ixx="{moment}" '
-        f'iyy="{moment}" izz="{moment}" ixy="0" ixz="0" iyz="0"/></inertial>{geometry}</link>'
+        f'iyy="{moment}" izz="{moment}" ixy="0" ixz="0" iyz="0"/></inertial>{drawn}</link>'
     )
 
 
@@ -56,3 +57,52 @@ def plugin(filename, *joints):
 
 def robot(*parts, name="unit_7"):
     return f'<robot name="{name}">{"".join(parts)}</robot>'
+
+
+# ---------------------------------------------------------------------- whole robots
+
+
+def snake(bodies=8, forward=-1, yaw="yaw_{}", effort=5.0, extra="", drawn=False):
+    """Bodies 0.2 m long with two wheels each in their middles, and joints halfway between them.
+
+    Args:
+        bodies: how many.
+        forward: 1 where the body lies ahead of its root.
+        yaw: names of the joints between bodies.
+        effort: of those.
+        extra: elements besides.
+        drawn: whether wheels are only drawn.
+    """
+    parts = []
+    for k in range(bodies):
+        name, middle = f"body_{k}", forward * 0.1 * (k > 0)
+        parts.append(link(name, 1.0, '<box size="0.16 0.06 0.04"/>', at=f"{middle} 0 0", moment=2e-3))
+        if k:
+            start = (forward * (0.1 if k == 1 else 0.2), 0, 0)
+            parts.append(joint(yaw.format(k), f"body_{k - 1}", name, start, "0 0 1", "revolute", effort, (-1.4, 1.4)))
+        for side, y in (("left", 0.05), ("right", -0.05)):
+            shape, wheel_name = '<cylinder radius="0.03" length="0.01"/>', f"{name}_{side}"
+            parts.append(link(wheel_name, 0.05, shape, turn="1.570796 0 0", moment=1e-4, geometry="visual"))
+            kind, limit = ("fixed", None) if drawn else ("continuous", 0.0)
+            parts.append(joint(f"{wheel_name}_joint", name, wheel_name, (middle, y, -0.01), kind=kind, effort=limit))
+    return robot(*parts, extra, name="crawler")
+
+
+def ball(shell='<sphere radius="0.3"/>', effort=8.0):
+    """A shell with a yoke that turns about y, and a pendulum on it that leans about x."""
+    return robot(
+        link("shell", 2.0, shell, moment=0.1),
+        link("yoke", 0.3, moment=6e-4),
+        link("pendulum", 3.0, '<sphere radius="0.05"/>', at="0 0 -0.15", moment=6e-3),
+        joint("drive", "shell", "yoke", (0, 0, 0), effort=effort),
+        joint("lean", "yoke", "pendulum", (0, 0, 0), "1 0 0", "revolute", effort, (-1.4, 1.4)),
+        name="roller",
+    )
+
+
+def cart(**axles):
+    """Two wheels on each axle, of which a plugin drives those of the axle called rear; places of axles [m] by name."""
+    places = {f"{end}_{side}": (x, y, 0) for end, x in axles.items() for side, y in (("left", 0.2), ("right", -0.2))}
+    wheels = [wheel(name, "base", place) for name, place in places.items()]
+    drive = plugin("libgazebo_ros_diff_drive.so", "rear_left_joint", "rear_right_joint")
+    return robot(link("base", 10.0, BOX), *wheels, drive, name="cart")

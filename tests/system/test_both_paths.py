@@ -21,9 +21,10 @@ COLUMNS = ("q", "v", "v2", "T", "energy", "multipliers")
 BOTH = 1e-9  # difference of the two paths, relative to the largest value
 SCRIPT = f"""
 import numpy as np
-from rnc_pin.applications.scenario.execution import execute, plan
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
 import rnc_pin
-runs = {{name: execute(plan(name, {OPTIONS!r})).trajectory for name in {NAMES!r}}}
+runs = {{name: execute(Scenario.load(name, {OPTIONS!r})).trajectory for name in {NAMES!r}}}
 columns = {{f"{{name}}/{{of}}": getattr(run, of) for name, run in runs.items() for of in {COLUMNS!r}}}
 np.savez("runs.npz", kernel=rnc_pin.kernel, **columns)
 """

@@ -20,7 +20,7 @@ from rnc_pin.visualization.elements import _cylinder_transform
 from rnc_pin.visualization.meshcat_scene import Keyframes
 from rnc_pin.visualization.overlay import Overlay, margin_color
 from rnc_pin.visualization.recording import Recording
-from rnc_pin.visualization.scene_kinematics import NullMotion, SceneKinematics
+from rnc_pin.visualization.scene_kinematics import SceneKinematics, null_motion
 from rnc_pin.visualization.view import View
 
 
@@ -183,7 +183,7 @@ def test_null_motion_moves_one_output_and_no_other(name, output):
     reduced = getattr(systems, name)()
     names = list(reduced.reducing.names)
     q = reduced.robot.configuration({"joint_1": -0.4, "joint_2": 1.6})
-    moved = NullMotion(reduced, output)(q)
+    moved = null_motion(reduced, output)(q)
     change = reduced.at(moved).outputs()[1] - reduced.at(q).outputs()[1]
     expected = np.zeros(len(names))
     expected[names.index(output)] = 0.35

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.visualization.drawn_model import DrawnModel
+from rnc_pin.visualization.drawn_model import DrawnModel, grounds_of
 from rnc_pin.visualization.drawn_state import DrawnState
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.scene_kinematics import SceneKinematics
@@ -13,7 +13,6 @@ from rnc_pin.visualization.surroundings import (
     GroundElement,
     carrier_placement,
     ground_patch,
-    grounds_of,
     is_drawn,
     seen_from,
 )

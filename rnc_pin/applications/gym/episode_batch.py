@@ -15,6 +15,7 @@ from rnc_pin.math import wrapped
 from rnc_pin.model import StateEvaluation, scaled_rows
 from rnc_pin.plants import ReducedPlant, ReducedPlantBatch
 from rnc_pin.plants.reduced import Checkpoint
+from rnc_pin.simulation.distance_findings import PENETRATION
 from rnc_pin.simulation.stop import Stop, StopMonitor
 
 
@@ -60,8 +61,8 @@ class EpisodeBatch:
         largest_inputs: bounds (p,) of the inputs [N or N m].
         high: bounds (n,) of the observations ``[x1, x2, error, v2]``.
         observations: clipped observations (B, n).
-        failures: kind (B,) of the finding that each failure is in a verdict: "singular", "ended_early" or "position";
-            empty without one.
+        failures: kind (B,) of the finding that each failure is in a verdict: "singular", "ended_early", "position" or
+            "collision"; empty without one.
 
     Raises:
         ConfigurationError: the scenario has no reference, and there is no ``reward``.
@@ -201,6 +202,11 @@ class EpisodeBatch:
             x1, x2 = state.outputs(integrals[i])
             self._observe(np.array([i]), state.q[None], x1[None], x2[None], state.v2[None])
             self.failures[i] = self._failure(state, state.v2, float(state.smallest_singular_value))
+        if self._task.distances is not None:
+            for i in chosen.tolist():
+                nearest = self._task.distances.smallest(self._q[i], float(self.times[i]))
+                if not self.failures[i] and nearest.min(initial=0.0) < -PENETRATION:
+                    self.failures[i] = str(FindingKind.COLLISION)
 
     def _failure(self, state: StateEvaluation | None, v2: np.ndarray, singular_value: float) -> str:
         """Failure at a measured state, which is None if all joints are within their limits."""

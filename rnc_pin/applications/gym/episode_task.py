@@ -17,6 +17,7 @@ from rnc_pin.applications.scenario.schema import ScenarioFile, SimulationSetting
 from rnc_pin.applications.scenario.schema.reference_settings import References
 from rnc_pin.applications.scenario.schema.scenario import Initial
 from rnc_pin.applications.scenario.schema.sweep_settings import Distribution, Distributions
+from rnc_pin.collision import CollisionDistances, PairSelection
 from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError, SingularityError
 from rnc_pin.io import Json, to_json_mapping
 from rnc_pin.simulation import sample_count
@@ -82,6 +83,12 @@ class EpisodeTask:
         self.steps = sample_count(settings.duration, self.period) - 1
         self.min_singular_value = min_singular_value
         self.reduced = given.reduced
+        robot, obstacles = self.reduced.robot, given.obstacles
+        shapes = robot.collision_model if obstacles else None
+        self.distances = None
+        """Distances of the links from the obstacles; None without either."""
+        if shapes is not None and len(shapes.geometryObjects):
+            self.distances = CollisionDistances(robot, obstacles, PairSelection(links=False))
         if not self.reduced.p:
             raise ConfigurationError(f"{self._name}: actuators: there are none, so there are no actions")
         self._task = given.task

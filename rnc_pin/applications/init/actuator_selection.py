@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
 from rnc_pin.applications.init.base_assumptions import BaseAssumptions, Entry
+from rnc_pin.applications.init.decision import LIKELY, SURE, Alternative, DraftDecision
+from rnc_pin.applications.init.drive_evidence import DriveEvidence
+from rnc_pin.applications.init.joint_properties import effort_limit
 from rnc_pin.applications.init.tolerances import DRIVEN
+from rnc_pin.constraints import MomentumConservation
+from rnc_pin.errors import ConstraintError, few
 from rnc_pin.math import unit_rows
 from rnc_pin.robots import Robot
 
@@ -104,3 +110,66 @@ def _forces(mobility: BaseAssumptions) -> list[Entry]:
 def _rank(input_matrix: np.ndarray) -> int:
     """Number of independent reduced forces of actuators."""
     return int(np.linalg.matrix_rank(unit_rows(input_matrix), tol=DRIVEN)) if input_matrix.size else 0
+
+
+# ---------------------------------------------------------------------- joints without a motor
+
+
+def assume_motors(
+    mobility: BaseAssumptions, robot: Robot, start: Collection[str], drives: DriveEvidence, *, is_mjcf: bool
+) -> list[str]:
+    """Mark joints without a motor as passive: those with effort 0, and those that a list of motors leaves out.
+
+    Args:
+        mobility: assumptions about the base; its passive joints, decisions and notes are extended.
+        robot: the robot with that base.
+        start: its joints with one degree of freedom.
+        drives: evidence for which joints have a motor.
+        is_mjcf: True for an MJCF, whose joints without an actuator have effort 0.
+
+    Returns:
+        Joints that the file or an option leaves without a motor.
+    """
+    limits = {name: effort_limit(robot, name) for name in start}
+    weak = [name for name, limit in limits.items() if limit == 0 and name not in mobility.passive]
+    powered = any(limit for name, limit in limits.items() if name not in mobility.passive)
+    of_base = {entry for entry, _ in mobility.actuators if isinstance(entry, str)} | mobility.passive
+    others = [name for name in start if name not in of_base]
+    undriven = drives.unlisted([*start] if drives.is_complete else others)
+    idle = [name for name in others if name in undriven]
+    if idle:
+        mobility.decisions.append(_decision_on_others(idle, drives))
+    named = [name for name in weak if drives.says(name)]
+    if powered:
+        mobility.without_effort = set(weak) - set(named)
+        if mobility.travel:  # beside driven wheels, a loose joint without an effort is held
+            undriven += [name for name in weak if name not in {*named, *of_base, *undriven}]
+        mobility.passive |= mobility.without_effort
+        if named:
+            said = "effort 0 in the file, which names them as driven all the same: driven without a limit"
+            mobility.notes.append(f"{said}: {', '.join(named)}")
+    elif weak and not is_mjcf:
+        mobility.notes.append("the file states no effort: 0 for every joint, so that they are driven without a limit")
+    return undriven
+
+
+def _decision_on_others(idle: Sequence[str], drives: DriveEvidence) -> DraftDecision:
+    """Decision on the joints beside the base that have no motor."""
+    asked = all(name in drives.passive for name in idle)
+    sources = list(dict.fromkeys(drives.named.values()))
+    evidence = "by an option" if asked else f"not named by {few(sources)}, which name other joints"
+    sure = SURE if asked or drives.is_complete else LIKELY
+    others = tuple(Alternative(f"{name} is driven", ("--driven", name)) for name in idle[:2])
+    return DraftDecision("Which joints beside the base have no motor?", few(idle), sure, evidence, others)
+
+
+def conserve_momentum_of_free_joints(mobility: BaseAssumptions, robot: Robot) -> None:
+    """Add conservation of momentum for joints without effort that turn on the ground, if nothing else acts on them."""
+    if mobility.base != "fixed" or mobility.constraints:
+        return
+    for name in robot.joint_names:
+        if name in mobility.without_effort and robot.model.parents[robot.joint_id(name)] == 0:
+            with suppress(ConstraintError):
+                MomentumConservation(name).bind(robot)
+                mobility.constraints.append(({"momentum": name}, "turns freely, and the robot starts at rest"))
+                mobility.vertical.append({"joint": name})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from statistics import median
 from typing import NoReturn
 
 import numpy as np
@@ -44,7 +45,7 @@ def balance_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | 
     if asked is not None:
         return DraftDecision(question, "yes" if asked else "no", SURE, "by an option")
     above, beside = _center_of_mass(layout, at_start)
-    named = has_word(_BALANCES, *at_start.every_name)
+    named = has_word(_BALANCES, *at_start.title)  # a load balancer on a cart is none
     if beside >= max(0.5 * above, 0.2 * one.radius) or above <= (0.0 if named else _TALL * one.radius):
         return DraftDecision(question, "no", LIKELY, "its center of mass is low, or beside the axle", (yes,))
     if named:
@@ -176,7 +177,7 @@ def _ahead(fork: WheelGroup, rear: Wheel) -> np.ndarray:
 
 def _lie_down(result: BaseAssumptions, wheels: list[Wheel], at_start: RobotAtStart) -> None:
     """Put the base at the height where the wheels touch the ground, and lock all other joints."""
-    height = float(np.median([wheel.radius - wheel.center[2] for wheel in wheels]))
+    height = median(float(wheel.radius - wheel.center[2]) for wheel in wheels)
     result.initial["root_joint"] = [0.0, 0.0, round(height, 6), 0.0, 0.0, 0.0, 1.0]
     result.ground = 0.0
     pivots = {pivot.joint for wheel in wheels for pivot in wheel.pivots}

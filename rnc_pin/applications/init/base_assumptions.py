@@ -36,7 +36,8 @@ class BaseAssumptions:
         weightless: True if the scenario has no gravity.
         feedback: settings of the controller that the base needs, or None.
         feedback_remark: remark on that controller.
-        reference: function from names of primary outputs to their reference; None for a minimum-jerk displacement.
+        path: function from names of primary outputs and a duration [s] to their reference; None for a minimum-jerk
+            displacement.
         duration: duration of the reference [s].
         pose: initial joint values that the base needs instead of the default.
         initial: initial values of joints with several degrees of freedom.
@@ -63,7 +64,7 @@ class BaseAssumptions:
     weightless: bool = False
     feedback: Mapping[str, Json] | None = None
     feedback_remark: str = "uses the model: state feedback by linearize and lqr at the start"
-    reference: Callable[[Sequence[str]], Mapping[str, Json]] | None = None
+    path: Callable[[Sequence[str], float], Mapping[str, Json]] | None = None
     duration: float = 5
     pose: dict[str, float] = field(default_factory=dict)
     initial: dict[str, list[float]] = field(default_factory=dict)

@@ -16,7 +16,7 @@ from rnc_pin.applications.init.wheeled_base import planar
 from rnc_pin.errors import few
 
 _LIMBS = 3  # a body with at least this number of limbs probably floats
-_HEAVY = 0.5  # share of the mass in the first link above which the base probably floats
+_HEAVY, _VERY_HEAVY = 0.5, 0.8  # share of the mass in the first link above which the base may float, and floats
 _AFLOAT = (
     "satellite|spacecraft|space_?robot|space|chaser|servicer|free_?fly(?:er|ing)|free_?float.*|floating|drone"
     "|.*copter|quadrotor|.*rotor|uav|mav|airship|blimp|rocket|underwater|rov|auv|submarine"
@@ -32,9 +32,14 @@ def moves_over_ground(at_start: RobotAtStart) -> str:
     """Return why a robot without rolling wheels moves over the ground in any direction, or an empty string."""
     if has_word(_MOVES_OVER_GROUND, at_start.names.plugins):
         return "a plugin of the file moves it over the ground in any direction"
-    if at_start.is_rigid and has_word(_AT_SEA, *at_start.every_name):
+    if has_word(_AT_SEA, *at_start.title):
         return "a name of something that swims on the surface"
     return ""
+
+
+def is_called_afloat(at_start: RobotAtStart) -> bool:
+    """True if the name of the robot means that it swims, dives or flies: bodies that turn are propellers then."""
+    return has_word(f"{_AFLOAT}|{_AT_SEA}", *at_start.title)
 
 
 def without_wheels(
@@ -55,7 +60,9 @@ def without_wheels(
             _decide(result, "planar", over_ground, LIKELY, at_start)
         return _doubting_wheels(result, at_start)
     own = bool(at_start.root) and at_start.robot.model.joints[at_start.root].nv == 6 and not at_start.is_rigid
-    why = because if asked else "a free joint in the file" if own else _floats(at_start, mass_of_base)
+    why, sure = (because, SURE) if asked else ("a free joint in the file", SURE)
+    if not asked and not own:
+        why, sure = _floats(at_start, mass_of_base)
     if asked == "fixed" or not why:
         kind = why or "no wheels were found, and the first link is taken to be bolted down"
         result = BaseAssumptions("fixed", kind, at_start.frame)
@@ -73,9 +80,7 @@ def without_wheels(
         return _doubting_wheels(result, at_start)
     result = _afloat(at_start, None if own and asked is None else "free", why)
     if asked is None:
-        named = own or has_word(_AFLOAT, *at_start.every_name)
-        sure = SURE if own else LIKELY if named or not at_start.is_rigid else GUESSED
-        _decide(result, "free", why if not at_start.is_rigid or not named else f"{why}, with a name", sure, at_start)
+        _decide(result, "free", why, sure, at_start)
     return _doubting_wheels(result, at_start)
 
 
@@ -114,22 +119,24 @@ def _doubting_wheels(result: BaseAssumptions, at_start: RobotAtStart) -> BaseAss
     return result
 
 
-def _floats(at_start: RobotAtStart, mass_of_base: Callable[[], float]) -> str:
-    """Reason why the robot probably floats, or an empty string."""
+def _floats(at_start: RobotAtStart, mass_of_base: Callable[[], float]) -> tuple[str, float]:
+    """Reason why the robot probably floats, or an empty string, and the confidence of this decision."""
+    is_named = has_word(_AFLOAT, *at_start.title)
     if at_start.is_rigid:
-        return "one rigid body"
+        return ("one rigid body, with a name", LIKELY) if is_named else ("one rigid body", GUESSED)
     mass = 0.0 if at_start.root else mass_of_base()
     if mass <= 0:
-        return ""
+        return "", LIKELY
     limbs = len(at_start.robot.model.children[0])
     if limbs >= _LIMBS:
-        return f"no wheels, and {limbs} limbs on one body"
-    if has_word(_AFLOAT, *at_start.every_name):
-        return "no wheels, and a name of something that floats"
-    total = mass + sum(inertia.mass for inertia in at_start.robot.model.inertias[1:])
-    if mass > _HEAVY * total and not has_word(_BOLTED, *at_start.title, *at_start.names_on("universe")):
-        return f"no wheels, and {100 * mass / total:.0f} % of the mass in the first link: nothing is bolted so"
-    return ""
+        return f"no wheels, and {limbs} limbs on one body", LIKELY
+    if is_named:
+        return "no wheels, and a name of something that floats", LIKELY
+    share = mass / (mass + sum(inertia.mass for inertia in at_start.robot.model.inertias[1:]))
+    if share > _HEAVY and not has_word(_BOLTED, *at_start.title, *at_start.names_on("universe")):
+        why = f"no wheels, and {100 * share:.0f} % of the mass in the first link: nothing is bolted so"
+        return why, LIKELY if share > _VERY_HEAVY else GUESSED
+    return "", LIKELY
 
 
 def _on_ice(at_start: RobotAtStart, why: str) -> BaseAssumptions:

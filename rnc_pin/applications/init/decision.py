@@ -42,6 +42,7 @@ class DraftDecision:
         confidence: confidence between 0 and 1.
         evidence: what the answer rests on.
         alternatives: other answers, with the options that choose them.
+        is_answered: True if the user gave this answer to the question.
     """
 
     question: str
@@ -49,13 +50,15 @@ class DraftDecision:
     confidence: float
     evidence: str
     alternatives: tuple[Alternative, ...] = ()
+    is_answered: bool = False
 
     @property
     def is_open(self) -> bool:
         """True if ``rnc-pin init`` asks, because the confidence is low."""
-        return self.confidence < ASKS and bool(self.alternatives)
+        return self.confidence < ASKS and bool(self.alternatives) and not self.is_answered
 
     def __str__(self) -> str:
         others = "; ".join(f"{each.answer}: {each.command}" for each in self.alternatives)
-        said = f"{self.question} {self.answer} ({100 * self.confidence:.0f} % sure: {self.evidence})"
+        sure = "your answer" if self.is_answered else f"{100 * self.confidence:.0f} % sure: {self.evidence}"
+        said = f"{self.question} {self.answer} ({sure})"
         return f"{said}. Otherwise {others}" if others else said

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rnc_pin.applications.init.balancing_base import (
@@ -17,6 +17,7 @@ from rnc_pin.applications.init.balancing_base import (
 from rnc_pin.applications.init.base_assumptions import BaseAssumptions
 from rnc_pin.applications.init.base_without_wheels import (
     fixed_base_with_locked_joints,
+    is_called_afloat,
     moves_over_ground,
     without_wheels,
 )
@@ -26,16 +27,17 @@ from rnc_pin.applications.init.omnidirectional_base import (
     force_driven_base,
     omnidirectional_base,
     rollers_decision,
+    wheels_called_omni,
 )
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.scenario_candidate import ScenarioCandidate
 from rnc_pin.applications.init.snake_base import find_snake, snake_base
 from rnc_pin.applications.init.source import DraftOptions, Source
 from rnc_pin.applications.init.spherical_base import find_shell, spherical_base
-from rnc_pin.applications.init.start_values import start_values
+from rnc_pin.applications.init.start_values import mimic_doubts, start_values
 from rnc_pin.applications.init.steered_drives import is_swerve, is_turret, swerve_base, turret_base
 from rnc_pin.applications.init.trial import Trial
-from rnc_pin.applications.init.wheel_detection import find_wheels
+from rnc_pin.applications.init.wheel_detection import find_raised_wheels, find_wheels, stand_below_body
 from rnc_pin.applications.init.wheel_layout import WheelLayout, classify_wheels
 from rnc_pin.applications.init.wheeled_base import knife_edge_base, wheeled_base
 from rnc_pin.errors import ConfigurationError, ModelError, ModelWarning, RncError
@@ -49,12 +51,22 @@ class DraftedScenario:
     """Draft of a scenario.
 
     Attributes:
-        text: text of the scenario file.
+        write: function from the decisions to the text of the scenario file.
         decisions: decisions behind it, with evidence and alternatives.
     """
 
-    text: str
+    write: Callable[[Iterable[DraftDecision]], str]
     decisions: tuple[DraftDecision, ...]
+
+    @property
+    def text(self) -> str:
+        """Text of the scenario file."""
+        return self.write(self.decisions)
+
+    def with_answers(self, questions: Collection[str]) -> DraftedScenario:
+        """Return the draft with decisions that the user has made, by their questions."""
+        asked = (replace(each, is_answered=each.question in questions) for each in self.decisions)
+        return replace(self, decisions=tuple(asked))
 
     @property
     def questions(self) -> list[DraftDecision]:
@@ -104,8 +116,8 @@ def _drafted(source: Source, folder: Path) -> DraftedScenario:
             with warnings.catch_warnings(record=True) as heard:  # those of rejected candidates are not of interest
                 warnings.simplefilter("always")
                 attempt = ScenarioCandidate(mobility, source, at_start, folder)
-                mobility.notes += source.remarks + failures
-                text = attempt.text()
+                mobility.notes += [*source.remarks, *mimic_doubts(robot), *failures]
+                written = attempt.written()
         except RncError as error:
             first = first or error
             if not any(str(error) in each for each in failures):
@@ -115,7 +127,7 @@ def _drafted(source: Source, folder: Path) -> DraftedScenario:
             continue
         verdict = attempt.trial.verdict
         if best is None or attempt.trial.rank < best[0].rank:
-            best = attempt.trial, DraftedScenario(text, tuple(mobility.decisions)), heard
+            best = attempt.trial, DraftedScenario(written, tuple(mobility.decisions)), heard
         if verdict.succeeded:
             break
         failures.append(f"not '{mobility.kind}': {verdict.first}")
@@ -142,12 +154,17 @@ def _candidate_bases(at_start: RobotAtStart, source: Source) -> Iterator[_BaseBu
         yield lambda: spherical_base(shell, at_start)
     if asked in (None, "planar"):
         wheels = find_wheels(at_start)
+        if is_called_afloat(at_start) and not stand_below_body(wheels, at_start):
+            wheels = []
         axles = [] if moves_over_ground(at_start) else find_drawn_axles(at_start)
         segments = find_snake(wheels, [] if wheels else axles, at_start)
         if segments:
             yield lambda: snake_base(segments, at_start)
         if wheels:
-            yield from _candidate_wheeled_bases(classify_wheels(wheels, at_start.drives), at_start, source)
+            called = wheels_called_omni(wheels, at_start) if source.options.rollers is None else []
+            sliding = called if len(called) < len(wheels) else []
+            layout = classify_wheels(wheels, at_start.drives, find_raised_wheels(at_start, wheels), sliding)
+            yield from _candidate_wheeled_bases(layout, at_start, source)
             return
         if axles and not at_start.own_planar_joints:
             yield lambda: knife_edge_base(axles, at_start)
@@ -176,7 +193,7 @@ def _candidate_wheeled_bases(found: WheelLayout, at_start: RobotAtStart, source:
         yield lambda: turret_base(found, at_start)
     elif is_swerve(found):
         yield lambda: swerve_base(found, at_start)
-    elif found.fixed and found.is_straight and (rollers is None or rollers.answer == "no"):
+    elif found.fixed and found.is_straight and (rollers is None or rollers.answer != "yes"):
         yield lambda: wheeled_base(found, at_start, [each for each in (balance, rollers) if each is not None])
     elif found.fixed and not found.steered:  # disks at right angles that do not carry the base
         yield lambda: without_wheels(at_start, wishes.base, source.mass_of_base)

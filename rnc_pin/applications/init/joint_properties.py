@@ -42,6 +42,22 @@ def joint_limits(robot: Robot, name: str) -> tuple[float, float]:
     return (float(low), float(high)) if low < high else (-np.inf, np.inf)
 
 
+def joint_range(robot: Robot, name: str, leaders: tuple[str, ...] = ()) -> tuple[float, float]:
+    """Position limits of a joint at which its mimic joints are within their limits too [rad or m].
+
+    The lower value is above the upper one if there is no such position. ``leaders`` are joints that it mimics itself.
+    """
+    low, high = joint_limits(robot, name)
+    leaders = (*leaders, name)
+    for follower in robot.mimics:
+        if follower.of == name and follower.multiplier and follower.joint not in leaders:
+            reach = joint_range(robot, follower.joint, leaders)
+            ends = [(end - follower.offset) / follower.multiplier for end in reach]
+            first, last = ends if follower.multiplier > 0 else reversed(ends)
+            low, high = max(low, first), min(high, last)
+    return low, high
+
+
 def effort_limit(robot: Robot, name: str) -> float:
     """Effort limit of a joint with one degree of freedom [N or N m]; 0 if the file gives none."""
     return float(robot.model.upperEffortLimit[robot.velocity_indices(name).start])

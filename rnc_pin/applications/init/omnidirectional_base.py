@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from rnc_pin.applications.init.base_assumptions import BaseAssumptions, measured, rolls
@@ -13,12 +15,18 @@ from rnc_pin.applications.init.tolerances import SAME
 from rnc_pin.applications.init.wheel_detection import Wheel
 from rnc_pin.applications.init.wheel_layout import WheelLayout
 from rnc_pin.applications.init.wheeled_base import planar
+from rnc_pin.errors import few
 from rnc_pin.io import Json
 from rnc_pin.math import unit_rows
 
 _OMNIDIRECTIONAL = "mecanum.*|.*mecanum|omni|omniwheel|omnidirectional|swedish|holonomic|planar_move"
 _APART = 0.05  # smallest singular value of three independent rows on the base velocity
 _MECANUM = np.pi / 4
+
+
+def wheels_called_omni(wheels: Sequence[Wheel], at_start: RobotAtStart) -> list[Wheel]:
+    """Return the wheels of which a joint, a link or a mesh has the name of a wheel with rollers."""
+    return [wheel for wheel in wheels if has_word(_OMNIDIRECTIONAL, *at_start.names_on(wheel.joint))]
 
 
 def rollers_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | None) -> DraftDecision | None:
@@ -40,8 +48,10 @@ def rollers_decision(layout: WheelLayout, at_start: RobotAtStart, asked: bool | 
         return DraftDecision(question, "yes", SURE, "they are joints of the file", (no,))
     if not layout.is_straight:
         return DraftDecision(question, "yes", LIKELY, "wheels with different headings could not roll without", (no,))
-    names = {name for wheel in wheels for name in at_start.names_on(wheel.joint)}
-    if has_word(_OMNIDIRECTIONAL, *names, *at_start.title):
+    if layout.sliding:
+        called = few([wheel.joint for wheel in layout.sliding])
+        return DraftDecision(question, f"only {called}, which slide", LIKELY, "by their names", (no, yes))
+    if wheels_called_omni(wheels, at_start) or has_word(_OMNIDIRECTIONAL, *at_start.title):
         return DraftDecision(question, "yes", LIKELY, "by the name of a wheel, a plugin or the robot", (no,))
     return DraftDecision(question, "no", LIKELY, "nothing in the file tells of rollers", (yes,))
 

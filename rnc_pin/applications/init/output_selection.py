@@ -6,12 +6,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from pydantic import TypeAdapter
 
 from rnc_pin.applications.init.base_assumptions import BENT, BaseAssumptions
-from rnc_pin.applications.init.joint_properties import is_revolute, joint_limits
+from rnc_pin.applications.init.joint_properties import is_revolute, joint_range
 from rnc_pin.applications.init.tolerances import DRIVEN, SAME
-from rnc_pin.applications.scenario.schema.outputs import OutputItem
+from rnc_pin.applications.scenario.loading import output_of
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.io import Json
 from rnc_pin.math import unit_rows
@@ -59,7 +58,7 @@ def select_outputs(
     position = Kinematics(system.robot).position(q)
     rows = unit_rows(system.constraints.jacobian(position)) if system.m else np.zeros((0, system.n))
     for entry, step in wanted:
-        kind: OutputKind = TypeAdapter(OutputItem).validate_python(entry)
+        kind = output_of(entry)
         bound = kind.bind(system.robot)
         added = unit_rows(bound.jacobian(position))
         if len(chosen.names) + len(added) > system.r or not _independent(rows, added):
@@ -87,7 +86,7 @@ def _independent(rows: np.ndarray, added: np.ndarray) -> bool:
 
 def _step(robot: Robot, name: str, value: float) -> float:
     """Displacement of a joint's reference [rad or m]: small, toward the farther limit."""
-    low, high = joint_limits(robot, name)
+    low, high = joint_range(robot, name)
     above, below = high - value, value - low  # both infinite without limits
-    length = min(BENT if is_revolute(robot, name) else _SLID, 0.3 * max(above, below))
+    length = max(min(BENT if is_revolute(robot, name) else _SLID, 0.3 * max(above, below)), 0.0)
     return round(length if above >= (1 - SAME) * below else -length, 4)

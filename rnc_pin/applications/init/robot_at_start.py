@@ -155,14 +155,12 @@ class RobotAtStart:
 
     @cached_property
     def title(self) -> tuple[str, ...]:
-        """Names of the whole robot: of its file, its model, its plugins and the frame of its base."""
-        return self.names.title, self.robot.model.name, self.names.plugins, self.frame
+        """Names of the whole robot: of its file, its model, its plugins and the frame of its base.
 
-    @cached_property
-    def every_name(self) -> tuple[str, ...]:
-        """Names of the whole robot, its joints and its links."""
-        model = self.robot.model
-        return *self.title, *model.names, *(frame.name for frame in model.frames)
+        Links of one rigid body count too. Those of other robots do not: "rotor" may be a part of an arm's motor.
+        """
+        links = [str(frame.name) for frame in self.robot.model.frames] if self.is_rigid else []
+        return self.names.title, self.robot.model.name, self.names.plugins, self.frame, *links
 
     def names_on(self, *joints: str) -> tuple[str, ...]:
         """Return the names of joints, of the links on them, and of the meshes of these links."""

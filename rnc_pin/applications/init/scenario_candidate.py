@@ -2,44 +2,46 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
+from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.applications.init.actuator_selection import actuator_candidates
+from rnc_pin.applications.init.actuator_selection import (
+    actuator_candidates,
+    assume_motors,
+    conserve_momentum_of_free_joints,
+)
 from rnc_pin.applications.init.base_assumptions import UNMEASURED, BaseAssumptions, Entry
-from rnc_pin.applications.init.coupled_joints import loop_closures, uncoupled_joints
-from rnc_pin.applications.init.decision import LIKELY, SURE, Alternative, DraftDecision
-from rnc_pin.applications.init.joint_properties import effort_limit
+from rnc_pin.applications.init.decision import DraftDecision
+from rnc_pin.applications.init.loops import keep_within_loops, loop_closures, off_dead_centre, uncoupled_joints
 from rnc_pin.applications.init.output_selection import ChosenOutputs, output_candidates, select_outputs
-from rnc_pin.applications.init.regular_start import with_regular_inertia
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.shapes import GEOMETRY
 from rnc_pin.applications.init.source import Source
+from rnc_pin.applications.init.start_values import is_loaded, with_bearable_loads, with_regular_inertia
 from rnc_pin.applications.init.trial import FAR, MEANINGFUL, Trial, worst_output
-from rnc_pin.applications.init.trial_findings import model_findings, run_findings
-from rnc_pin.applications.init.yaml_text import Drafted, write_draft
+from rnc_pin.applications.init.trial_findings import kept_share, model_findings, run_findings
+from rnc_pin.applications.init.yaml_text import Drafted, DraftedStart, write_draft
 from rnc_pin.applications.scenario.builder import Experiment, build_experiment, build_system
-from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.execution import Result, execute
 from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.applications.scenario.start_findings import start_findings
-from rnc_pin.constraints import MomentumConservation
-from rnc_pin.errors import ConfigurationError, ConstraintError, RncError, few
+from rnc_pin.errors import ConfigurationError, RncError, few
 from rnc_pin.io import Json, to_json_mapping
 from rnc_pin.model import NonholonomicSystem
-from rnc_pin.simulation import Outcome, Trajectory
+from rnc_pin.simulation import Outcome
 
 _LEAN = 0.05  # [rad]
+_REDUCTIONS, _LEAST_SHARE = 3, 0.05  # largest number of smaller motions that are tried, and the smallest share
 _SHORT, _REST = 0.1, 1  # duration of the first trial run, and of the run after the end of the reference [s]
 _PATIENCE = 20.0  # largest computing time of a trial run [s]
-_POSES, _ASIDE = 4, 0.5  # number of random poses for the gravity check, and their distance from the start [rad or m]
-_LEVER = 1e-4  # gravity loads a joint above this lever arm of the weight behind it [m]; for a slide, share of it
 _LOADED = "gravity loads the robot, and it learns this load slowly"
 _ADAPTIVE = "adaptive needs no inertias; the alternative, tracker: computed_torque, needs all"
 _INFORMED = "computed_torque knows the model; adaptive does not, and does not suit: {}"  # {}: the reason
@@ -69,14 +71,19 @@ class ScenarioCandidate:
 
     def __post_init__(self) -> None:
         mobility = self.mobility
+        self._share = 1.0
         self.robot = self.source.load(mobility.base, mobility.lock)
-        self._undriven: list[str] = []
         self._against: list[str] = []
         mobility.lock = {**self.source.held, **mobility.lock}
         self.start = {**self.at_start.start, **mobility.pose}
         self.start = {name: value for name, value in self.start.items() if name in self.robot.joint_names}
         mobility.passive |= {mimic.joint for mimic in self.robot.mimics}
-        self._find_momentum()
+        for name in self.source.options.momentum:
+            mobility.constraints.append(({"momentum": name}, "by an option"))
+            mobility.passive.add(name)
+        drives, is_mjcf = self.at_start.drives, self.source.is_mjcf
+        self._undriven = assume_motors(mobility, self.robot, self.start, drives, is_mjcf=is_mjcf)
+        conserve_momentum_of_free_joints(mobility, self.robot)
         mobility.constraints = [_with_meshes(each, self.source) for each in mobility.constraints]
         mobility.constraints += loop_closures(self.robot)
         self._hold_loose_joints()
@@ -85,7 +92,9 @@ class ScenarioCandidate:
         self._motions: dict[str, float] = {}
         self.start, moved = with_regular_inertia(self.robot, self.start)
         mobility.notes += moved
+        self._bear_weight()
         self.candidates = actuator_candidates(mobility, self.robot, self.start, self._undriven)
+        self.q0 = self._assembled_start()
 
     @cached_property
     def system(self) -> NonholonomicSystem:
@@ -98,17 +107,19 @@ class ScenarioCandidate:
         }
         return build_system(validate(raw, "draft"), self.folder)
 
-    @cached_property
-    def q0(self) -> np.ndarray:
+    def _assembled_start(self) -> np.ndarray:
         """Initial configuration (nq,), assembled: wheels on the ground."""
         q = self.robot.configuration({**self.start, **self.mobility.initial})
         if self.mobility.lean is not None:
-            pitched = pin.AngleAxis(_LEAN, self.mobility.lean / np.linalg.norm(self.mobility.lean))
+            pitched = pin.AngleAxis(_LEAN * self._share, self.mobility.lean / np.linalg.norm(self.mobility.lean))
             q[3:7] = (pin.Quaternion(pitched) * pin.Quaternion(q[3:7])).coeffs()
         return self.system.assembled(q)
 
-    def text(self) -> str:
+    def written(self) -> Callable[[Iterable[DraftDecision]], str]:
         """Return the scenario, tested by a run, with the controller that has the smallest tracking error.
+
+        Returns:
+            Function from the decisions of the draft to its text.
 
         Raises:
             RncError: no controller completes the run.
@@ -116,31 +127,31 @@ class ScenarioCandidate:
         scenario, mobility = self._scenario(), self.mobility
         findings = model_findings(self.system, mobility, scenario["outputs"]["reducing"], self._against)
         failures = [_LOADED] if self._is_loaded() else []
-        best: tuple[Trial, str] | None = None
+        best: tuple[Trial, Callable[[Iterable[DraftDecision]], str]] | None = None
         for controller, dt, remark in self._controllers(is_loaded=bool(failures)):
             if best is not None and controller.get("tracker") == "adaptive":
                 continue  # a shorter period would not reduce its tracking error
             scenario["controller"] = controller
-            scenario["simulation"] = {"duration": mobility.duration + _REST, "dt": dt}
+            scenario["simulation"] = {"duration": self._duration + _REST, "dt": dt}
             base = mobility.base or "as in the file"
             law = controller.get("tracker", controller["type"])
             self.source.report(f"trying base {base}: {mobility.kind}; {law}, dt {dt:g} s")
             try:
-                trial = self._try_out(scenario)
+                trial = self._try_within_limits(scenario)
             except RncError as error:
                 failures.append(str(error))
                 continue
             if best is None or trial.relative_error < best[0].relative_error:
                 trial = replace(trial, findings=(*findings, *trial.findings))
                 said = remark.format(*failures[:1])
-                best = trial, write_draft(self.robot.name, scenario, said, trial, mobility)
+                best = trial, partial(write_draft, self.robot.name, copy(scenario), said, trial, mobility)
             if trial.relative_error < FAR:
                 break
             failures.append(f"its run {trial.failure_text}")
         if best is None:
             raise ConfigurationError(failures[-1])
-        self.trial, text = best
-        return text
+        self.trial, written = best
+        return written
 
     def _controllers(self, is_loaded: bool) -> list[tuple[Mapping[str, Json], float, str]]:
         """Settings, period [s] and remark of each candidate controller, the preferred one first."""
@@ -155,103 +166,72 @@ class ScenarioCandidate:
 
     # ------------------------------------------------------------------ trial runs
 
+    def _try_within_limits(self, scenario: Drafted) -> Trial:
+        """Try a scenario; if it exceeds velocities or efforts of the file, reduce its motion until it keeps them.
+
+        If no motion keeps them, the usual one stays.
+        """
+        usual, share = self._try_out(scenario), self._share
+        trial = usual
+        for _ in range(_REDUCTIONS):
+            if trial.kept_share == 1.0 or self._share * trial.kept_share < _LEAST_SHARE:
+                break
+            self._reduce_motion(scenario, self._share * trial.kept_share)
+            try:
+                trial = self._try_out(scenario)
+            except RncError:
+                break
+        if trial.kept_share == 1.0:
+            return replace(trial, share=self._share)
+        self._reduce_motion(scenario, share)
+        return usual
+
+    def _reduce_motion(self, scenario: Drafted, share: float) -> None:
+        """Give a scenario a share of the usual motion."""
+        self._share = math.floor(100 * share) / 100
+        self.q0 = self._assembled_start()
+        scenario["initial"] = self._initial()
+        if "reference" in scenario:
+            scenario["reference"] = {"primary": self._reference()}
+        if "simulation" in scenario:
+            scenario["simulation"] = {**scenario["simulation"], "duration": self._duration + _REST}
+
     def _try_out(self, scenario: Drafted) -> Trial:
         """Build the scenario with its preflight and run it: briefly, then as far as the computing time permits."""
         raw = _without_remarks(scenario)
         experiment = build_experiment(validate(raw, "draft"), self.folder)
-        begun = time.process_time()  # other work on the machine changes no draft
-        trajectory = self._run(raw, experiment, _SHORT)
-        possible = round(_SHORT * _PATIENCE / (time.process_time() - begun), 1)
+        result, taken = self._run(raw, experiment, _SHORT)
+        possible = round(_SHORT * _PATIENCE / max(taken, 1e-6), 1)
         if possible >= MEANINGFUL:
-            trajectory = self._run(raw, experiment, min(self.mobility.duration + _REST, possible))
-        trial = worst_output(trajectory, self._motions, settles=self.mobility.lean is not None)
-        limits = experiment.reduced.actuation.limits
-        found = run_findings(trial, trajectory, limits, self.mobility, self.robot)
-        wheels = start_findings(experiment.scenario, experiment.reduced, experiment.q0)
-        return replace(trial, findings=(*found, *wheels))
+            result, _ = self._run(raw, experiment, min(self._duration + _REST, possible))
+        trajectory, mobility = result.trajectory, self.mobility
+        steps_share = self._share if mobility.path is None and not mobility.v2 else 1.0
+        motions = {name: step * steps_share for name, step in self._motions.items()}
+        trial = worst_output(trajectory, motions, settles=mobility.lean is not None)
+        asked = replace(mobility, travel=mobility.travel * steps_share, duration=self._duration)
+        found = run_findings(trial, trajectory, asked, self.robot)
+        at_rest = mobility.lean is None and not mobility.v2
+        kept = 1.0 if result.limits is None else kept_share(trajectory, result.limits, at_rest=at_rest)
+        return replace(trial, findings=(*found, *experiment.start_findings), kept_share=kept)
 
-    def _run(self, raw: dict[str, Json], experiment: Experiment, duration: float) -> Trajectory:
+    def _run(self, raw: dict[str, Json], experiment: Experiment, duration: float) -> tuple[Result, float]:
+        """Run a part of an experiment; return the result and the processor time of its samples [s]."""
+        clock: list[float] = []  # of this process: other work on the machine changes no draft
         settings = experiment.simulation.model_copy(update={"duration": duration})
         brief = replace(experiment, simulation=settings)
-        result = execute(Scenario("draft", raw, self.folder).built_with(experiment=brief, comparisons={}))
+        made = Scenario("draft", raw, self.folder).built_with(experiment=brief, comparisons={})
+        result = execute(made, lambda _: clock.append(time.process_time()))
         if result.error is not None:
             raise result.error
         if result.trajectory.outcome is not Outcome.COMPLETED:
             raise ConfigurationError(f"its run ends early: {result.trajectory.outcome.value}")
-        return result.trajectory
+        return result, clock[-1] - clock[0]
 
     def _is_loaded(self) -> bool:
-        """True if gravity loads a joint at the start or at poses near it: an upright arm has no load at the start."""
-        if self.mobility.weightless or not self.start:
-            return False
-        model, data = self.robot.model, self.robot.model.createData()
-        pin.computeSubtreeMasses(model, data)
-        rows = [self.robot.velocity_indices(name).start for name in self.start]
-        weights = [data.mass[self.robot.joint_id(name)] for name in self.start]
-        least = np.maximum(np.linalg.norm(model.gravity.linear) * _LEVER * np.array(weights), 1e-6)
-        generator = np.random.default_rng(0)
-        beside = [self.q0]
-        for _ in range(_POSES):
-            step = np.zeros(model.nv)
-            step[rows] = generator.uniform(-_ASIDE, _ASIDE, len(rows))
-            beside.append(pin.integrate(model, self.q0, step))
-        forces = [np.abs(pin.computeGeneralizedGravity(model, data, q))[rows] for q in beside]
-        return bool((np.max(forces, axis=0) > least).any())
+        """True if gravity loads a joint at the start or at poses near it."""
+        return not self.mobility.weightless and bool(self.start) and is_loaded(self.robot, self.q0, self.start)
 
     # ------------------------------------------------------------------ parts of the scenario
-
-    def _find_momentum(self) -> None:
-        """Mark joints without a motor as passive, and add momentum conservation for such a joint on the ground."""
-        robot, mobility, drives = self.robot, self.mobility, self.at_start.drives
-        for name in self.source.options.momentum:
-            mobility.constraints.append(({"momentum": name}, "by an option"))
-            mobility.passive.add(name)
-        limits = {name: effort_limit(robot, name) for name in self.start}
-        weak = [name for name, limit in limits.items() if limit == 0 and name not in mobility.passive]
-        powered = any(limit for name, limit in limits.items() if name not in mobility.passive)
-        of_base = {entry for entry, _ in mobility.actuators if isinstance(entry, str)} | mobility.passive
-        listed = self.start if drives.is_complete else [name for name in self.start if name not in of_base]
-        self._undriven = drives.unlisted(listed)
-        self._decide_others([name for name in self.start if name not in of_base])
-        named = [name for name in weak if drives.says(name)]
-        if powered:
-            mobility.without_effort = set(weak) - set(named)
-            if mobility.travel:  # beside driven wheels, a loose joint without an effort is held
-                self._undriven += [name for name in weak if name not in {*named, *of_base, *self._undriven}]
-            mobility.passive |= mobility.without_effort
-            if named:
-                said = "effort 0 in the file, which names them as driven all the same: driven without a limit"
-                mobility.notes.append(f"{said}: {', '.join(named)}")
-        elif weak and not self.source.is_mjcf:
-            mobility.notes.append(
-                "the file states no effort: 0 for every joint, so that they are driven without a limit"
-            )
-        if mobility.base != "fixed" or mobility.constraints:
-            return
-        for name in weak if powered else ():
-            if robot.model.parents[robot.joint_id(name)] != 0:
-                continue
-            try:
-                MomentumConservation(name).bind(robot)
-            except ConstraintError:
-                continue
-            mobility.constraints.append(({"momentum": name}, "turns freely, and the robot starts at rest"))
-            mobility.vertical.append({"joint": name})
-
-    def _decide_others(self, others: list[str]) -> None:
-        """Decide which joints beside the base are driven."""
-        drives = self.at_start.drives
-        idle = [name for name in others if name in self._undriven]
-        if not idle:
-            return
-        sources = list(dict.fromkeys(drives.named.values()))
-        asked = all(name in drives.passive for name in idle)
-        evidence = "by an option" if asked else f"not named by {few(sources)}, which name other joints"
-        alternatives = tuple(Alternative(f"{name} is driven", ("--driven", name)) for name in idle[:2])
-        question = "Which joints beside the base have no motor?"
-        self.mobility.decisions.append(
-            DraftDecision(question, few(idle), SURE if asked or drives.is_complete else LIKELY, evidence, alternatives)
-        )
 
     def _hold_loose_joints(self) -> None:
         """Lock joints without an actuator in the file that no constraint couples to others."""
@@ -261,6 +241,19 @@ class ScenarioCandidate:
             mobility.hold(loose, self.start, "locked, because neither an actuator nor a constraint moves them")
             self.robot = self.source.load(mobility.base, mobility.lock)
             self.start = {name: value for name, value in self.start.items() if name in self.robot.joint_names}
+
+    def _bear_weight(self) -> None:
+        """Move the start of joints whose weight needs more than the efforts of the file."""
+        mobility = self.mobility
+        held = [name for name in self.start if name not in {*mobility.passive, *self._undriven, *mobility.pose}]
+        if mobility.weightless or mobility.feedback is not None:
+            return
+        coupled = {name for mimic in self.robot.mimics for name in (mimic.joint, mimic.of)}
+        held = [
+            name for name in uncoupled_joints(held, mobility.constraints, self.robot, self.start) if name not in coupled
+        ]
+        self.start, moved = with_bearable_loads(self.robot, self.start, held)
+        mobility.notes += moved
 
     def _robot_entry(self) -> dict[str, Json]:
         """Robot entry of the scenario."""
@@ -274,12 +267,8 @@ class ScenarioCandidate:
     def _scenario(self) -> Drafted:
         """Scenario without the controller."""
         mobility = self.mobility
-        chosen = select_outputs(output_candidates(mobility, self.robot, self.start), self.system, self.q0)
+        chosen = self._chosen_outputs()
         primary = [name for name in chosen.names if name not in mobility.untracked]
-        initial: dict[str, float | list[float]] = {name: value for name, value in self.start.items() if value}
-        if mobility.initial:
-            values = self.robot.joint_values(self.q0)
-            initial = {**initial, **{name: _rounded(values[name]) for name in mobility.initial}}
         view: dict[str, Json] = {"trail": [mobility.frame] if mobility.base != "fixed" else []}
         if mobility.ground is not None:
             view["ground"] = round(mobility.ground, 4) + 0.0
@@ -294,20 +283,61 @@ class ScenarioCandidate:
                 "vertical": [entry for entry in mobility.vertical if entry not in chosen.entries],
             },
             "task": {"primary": primary},
-            "initial": {"q": initial, "v2": mobility.v2} if mobility.v2 else {"q": initial},
+            "initial": self._initial(),
             "view": view,
         }
         if len(primary) < len(chosen.names):
             redundant = [name for name in chosen.names if name not in primary]
             scenario["task"] = {"primary": primary, "redundant": redundant}
         if not mobility.v2:
-            self._motions = {
-                name: step for name, step in zip(chosen.names, chosen.steps, strict=True) if name in primary
-            }
-            by: list[Json] = [*self._motions.values()]
-            gentle: Mapping[str, Json] = {"minimum_jerk": {"by": by, "duration": mobility.duration}}
-            scenario["reference"] = {"primary": mobility.reference(primary) if mobility.reference else gentle}
+            steps = zip(chosen.names, chosen.steps, strict=True)
+            self._motions = {name: step for name, step in steps if name in primary}
+            scenario["reference"] = {"primary": self._reference()}
         return scenario
+
+    def _chosen_outputs(self) -> ChosenOutputs:
+        """Reducing outputs; their motion stays within the loops, which do not start where motors cannot move them."""
+        mobility = self.mobility
+        chosen = select_outputs(output_candidates(mobility, self.robot, self.start), self.system, self.q0)
+        if mobility.feedback is not None:
+            return chosen
+        loose = uncoupled_joints(self.start, mobility.constraints, self.robot, self.start)
+        coupled = {name for name in self.start if name not in loose}
+        idle = {*mobility.passive, *self._undriven}
+        waiting = [name for name in coupled - idle if name not in chosen.names]
+        led = [name for name in chosen.names if name in coupled & idle]
+        if waiting and led:
+            self.q0 = off_dead_centre(chosen, self.system, self.q0, led[0])
+            values = self.robot.joint_values(self.q0)
+            self.start |= {name: float(np.ravel(_rounded(values[name]))[0]) for name in coupled}
+            mobility.notes.append(f"loops start where {few(waiting)} can move them: the file draws a dead centre")
+            chosen = select_outputs(output_candidates(mobility, self.robot, self.start), self.system, self.q0)
+        mobility.notes += keep_within_loops(chosen, self.system, self.q0, coupled)
+        return chosen
+
+    def _initial(self) -> DraftedStart:
+        """Joint values at the start, and rates of a robot that starts in motion: a steady speed, and a push."""
+        mobility = self.mobility
+        values = self.robot.joint_values(self.q0)
+        q: dict[str, float | list[float]] = {name: value for name, value in self.start.items() if value}
+        q |= {name: _rounded(values[name]) for name in mobility.initial}
+        kept = (mobility.feedback or {}).get("v2")
+        steady = kept if isinstance(kept, Mapping) else {}
+        v2 = {name: rate if name in steady else rate * self._share for name, rate in mobility.v2.items()}
+        return {"q": q, "v2": v2} if v2 else {"q": q}
+
+    def _reference(self) -> Mapping[str, Json]:
+        """Reference of the primary outputs: the share of the motion takes smaller steps, or more time for a path."""
+        if self.mobility.path is not None:
+            return self.mobility.path([*self._motions], self._duration)
+        by: list[Json] = [round(step * self._share, 4) for step in self._motions.values()]
+        return {"minimum_jerk": {"by": by, "duration": self._duration}}
+
+    @property
+    def _duration(self) -> float:
+        """Duration of the reference [s]."""
+        usual = self.mobility.duration
+        return usual if self.mobility.path is None else round(usual / self._share, 1)
 
     def _actuators(self, chosen: ChosenOutputs) -> list[tuple[Entry, str]]:
         """Actuator entries; joints without effort and forces on the base only if the others are not enough."""

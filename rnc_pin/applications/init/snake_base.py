@@ -58,7 +58,7 @@ def find_snake(wheels: Iterable[Wheel], axles: Iterable[DrawnAxle], at_start: Ro
     chain = segments[-1].chain if segments else ()
     in_a_row = all(each.chain == chain[: len(each.chain)] for each in segments)
     bodies = len({each.chain for each in segments})
-    enough = bodies >= (_BODIES - 1 if has_word(_SNAKE, *at_start.every_name) else _BODIES)
+    enough = bodies >= (_BODIES - 1 if has_word(_SNAKE, *at_start.title) else _BODIES)
     missing = bodies < len(segments) or bodies < len(chain) + 1
     if not in_a_row or not enough or missing or segments[0].chain:
         return []
@@ -88,7 +88,9 @@ def snake_base(segments: list[Segment], at_start: RobotAtStart) -> BaseAssumptio
         ({"frame_yaw": at_start.frame}, gait.bend),
     ]
     result.vertical.append({"frame_position": {"frame": at_start.frame, "axes": "xy"}})
-    result.reference = lambda names: _through([columns[name] for name in names if name in columns], gait.wave)
+    result.path = lambda names, duration: _through(
+        [columns[name] for name in names if name in columns], gait.wave, duration
+    )
     result.duration = _DURATION
     result.notes.append(
         "nothing drives its wheels: it moves by bending, and cannot start straight; the joint angles follow from the "
@@ -151,12 +153,12 @@ class _Gait:
         return f"{at_start.frame}_speed_{axis}", axis, sense
 
 
-def _through(columns: Sequence[Callable[[np.ndarray], np.ndarray]], wave: float) -> Mapping[str, Json]:
+def _through(columns: Sequence[Callable[[np.ndarray], np.ndarray]], wave: float, duration: float) -> Mapping[str, Json]:
     """Via points of outputs while the first body moves one wavelength, from rest to rest."""
     s = np.linspace(0.0, 1.0, _POINTS + 1)[1:]
     way = wave * s**3 * (10 - 15 * s + 6 * s**2)
     values = np.round(np.column_stack([column(way) for column in columns]), 5) + 0.0
-    times: list[Json] = [*np.round(_DURATION * s, 4).tolist()]
+    times: list[Json] = [*np.round(duration * s, 4).tolist()]
     return {"via_points": {"times": times, "points": values.tolist()}}
 
 

@@ -203,11 +203,7 @@ class Source:
 
     def names(self) -> FileNames:
         """Return names that the model does not contain."""
-        path = self._path()
-        try:
-            root = None if path is None else parse_xml(path)
-        except ModelError:  # a xacro file can be incomplete XML
-            root = None
+        root = self._urdf
         if root is None:
             return FileNames(self.name)
         plugins = [value for each in root.iter("plugin") for value in each.attrib.values()]

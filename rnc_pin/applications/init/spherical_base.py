@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin.applications.init.base_assumptions import BaseAssumptions
-from rnc_pin.applications.init.joint_properties import is_revolute, joint_limits, turning_axis
+from rnc_pin.applications.init.joint_properties import is_revolute, joint_range, turning_axis
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.shapes import LEVEL, Shape
 from rnc_pin.applications.init.tolerances import SAME
@@ -70,15 +70,12 @@ def spherical_base(shell: Shell, at_start: RobotAtStart) -> BaseAssumptions:
     result.constraints.append((entry, f"radius from the {shell.measured} geometry"))
     drives = _drives(at_start)
     result.passive |= set(at_start.start) - set(drives)
-    ways = {name: _step(name, at_start) for name in drives}
-    result.outputs += [({"joint": name}, way) for name, way in ways.items()]
+    result.outputs += [({"joint": name}, _step(name, at_start)) for name in drives]
     result.outputs.append(({"frame_orientation": shell.frame}, 0.0))
     result.untracked |= {f"{shell.frame}_orientation_{axis}" for axis in "xyz"} | result.passive
     result.vertical.append({"frame_position": {"frame": shell.frame, "axes": "xy"}})
     result.feedback = {"type": "jacobian_transpose", "active": [*drives], "preset": "scaled"}
     result.feedback_remark = "moves the inner joints by their own actuators; the shell rolls as the constraints require"
-    by: list[Json] = [*ways.values()]
-    result.reference = lambda names: {"minimum_jerk": {"by": by, "duration": _DURATION}}
     result.duration = _DURATION
     result.notes.append("only the inner joints drive the shell: its position is not controlled")
     return result
@@ -91,11 +88,11 @@ def _drives(at_start: RobotAtStart) -> list[str]:
 
 def _step(name: str, at_start: RobotAtStart) -> float:
     """Displacement of a joint's reference [rad or m]; largest for a continuous joint with a horizontal axis."""
-    low, high = joint_limits(at_start.robot, name)
+    low, high = joint_range(at_start.robot, name)
     level = abs(turning_axis(at_start.robot.model, at_start.data, at_start.robot.joint_id(name))[2]) < LEVEL
     length = (_TURNED if level else 0.4) if is_revolute(at_start.robot, name) else 0.05
     room = 0.3 * max(high - at_start.start[name], at_start.start[name] - low)
-    return round(float(min(length, room)), 4)
+    return round(max(float(min(length, room)), 0.0), 4)
 
 
 def _sphere(shape: Shape) -> tuple[np.ndarray, float] | None:

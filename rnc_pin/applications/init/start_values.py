@@ -1,17 +1,18 @@
-"""Start values of joints: within their limits, and where the loops of the file are closed."""
+"""Start values of joints: within limits, with closed loops, a regular inertia matrix, and loads within the efforts."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 
 import numpy as np
-from pydantic import TypeAdapter
+import pinocchio as pin
 
-from rnc_pin.applications.init.coupled_joints import loop_closures, uncoupled_joints
-from rnc_pin.applications.init.joint_properties import joint_limits
-from rnc_pin.applications.scenario.schema.constraints import ConstraintItem
-from rnc_pin.errors import RncError
+from rnc_pin.applications.init.joint_properties import effort_limit, is_revolute, joint_limits, joint_range
+from rnc_pin.applications.init.loops import loop_closures, uncoupled_joints
+from rnc_pin.applications.scenario.loading import constraint_of
+from rnc_pin.errors import RncError, few
+from rnc_pin.math import unit_diagonal
 from rnc_pin.model import NonholonomicSystem
 from rnc_pin.outputs import JointPosition
 from rnc_pin.planning import OutputTarget, solve_ik
@@ -20,22 +21,31 @@ from rnc_pin.robots import Robot
 _CLOSED = 1e-4  # largest gap of a loop that counts as rounding in the file [m or rad], as at the start of a run
 _SOLVED = 1e-9  # largest gap of a configuration that is computed here
 _MARGIN = 0.02  # distance from a limit, as a share of the range
+_SINGULAR = 1e-9  # smallest eigenvalue of an inertia matrix with ones on its diagonal
+_PULLED, _TURNED_ASIDE = 0.1, 0.6  # [m], [rad]
+_MOVES = 3  # largest number of joints to move for a regular inertia matrix
+_BEARABLE = 0.8  # largest share of an effort limit that the weight takes at the start: the rest is for the motion
+_POSES, _ASIDE = 4, 0.5  # number of random poses for the gravity check, and their distance from the start [rad or m]
+_LEVER = 1e-4  # gravity loads a joint above this lever arm of the weight behind it [m]; for a slide, share of it
+_TRIED = 25  # number of values of a joint that are tried
+
+_Values = dict[str, float]
 
 
-def start_values(robot: Robot) -> dict[str, float]:
+def start_values(robot: Robot) -> _Values:
     """Start values of joints with one degree of freedom [rad or m].
 
-    A joint starts at zero if this is well within its limits, else in their middle. Mimic joints take the values that
-    their leaders give them. Joints of loops start at zero, or as the file draws them, or near the middle of their
-    limits: at the first of these configurations that closes the loops within the limits.
+    A joint starts at zero if this is well within its limits, else in their middle; limits of its mimic joints count.
+    Mimic joints take the values that their leaders give them. Joints of loops start at zero, or as the file draws them,
+    or near the middle of their limits: at the first of these configurations that closes the loops within the limits.
     """
     start = {}
     for index, name in enumerate(robot.joint_names, start=1):
         if robot.model.joints[index].nv != 1:
             continue
-        low, high = joint_limits(robot, name)
+        low, high = joint_range(robot, name)
         margin = _MARGIN * (high - low) if np.isfinite(high - low) else 0.0
-        inside = low + margin < 0 < high - margin or low >= high
+        inside = low + margin < 0 < high - margin
         start[name] = 0.0 if inside else _middle(robot, name)
     start = _with_mimics(robot, start)
     with suppress(RncError):  # loops that cannot be closed are an error of the draft
@@ -43,13 +53,32 @@ def start_values(robot: Robot) -> dict[str, float]:
     return start
 
 
+def mimic_doubts(robot: Robot) -> list[str]:
+    """Return a line on each joint whose mimic joints are within their limits at one of its positions only, or at none.
+
+    Such a joint stays at this position, or at the default one.
+    """
+    doubts = []
+    for name in dict.fromkeys(mimic.of for mimic in robot.mimics if mimic.of in robot.joint_names):
+        low, high = joint_range(robot, name)
+        if low >= high:
+            followers = few([mimic.joint for mimic in robot.mimics if mimic.of == name])
+            where = f"only at {low:g}" if low == high else "nowhere"
+            doubts.append(f"limits of mimic joints are kept {where} in the range of {name}: {followers}")
+    return doubts
+
+
 def _middle(robot: Robot, name: str) -> float:
-    """Middle of the limits of a joint [rad or m]; zero without two finite limits."""
-    low, high = joint_limits(robot, name)
-    return round((low + high) / 2, 4) if np.isfinite(high - low) else 0.0
+    """Middle of the limits of a joint and its mimic joints [rad or m]; without two finite limits, the nearest to 0."""
+    low, high = joint_range(robot, name)
+    if low > high:
+        low, high = joint_limits(robot, name)
+    if np.isfinite(high - low):
+        return round((low + high) / 2, 4)
+    return float(min(max(0.0, low), high))
 
 
-def _with_mimics(robot: Robot, start: Mapping[str, float]) -> dict[str, float]:
+def _with_mimics(robot: Robot, start: Mapping[str, float]) -> _Values:
     values = dict(start)
     for _ in robot.mimics:  # mimic joints can form chains
         for joint, of, multiplier, offset in robot.mimics:
@@ -59,7 +88,7 @@ def _with_mimics(robot: Robot, start: Mapping[str, float]) -> dict[str, float]:
     return values
 
 
-def _closed(robot: Robot, start: dict[str, float]) -> dict[str, float]:
+def _closed(robot: Robot, start: _Values) -> _Values:
     """Return start values that close the loops of the file, or the given ones if there are none.
 
     Raises:
@@ -70,7 +99,7 @@ def _closed(robot: Robot, start: dict[str, float]) -> dict[str, float]:
         return start
     loose = uncoupled_joints(start, loops, robot, start)
     coupled = [name for name in start if name not in loose]
-    system = NonholonomicSystem(robot, [TypeAdapter(ConstraintItem).validate_python(entry) for entry, _ in loops])
+    system = NonholonomicSystem(robot, [constraint_of(entry) for entry, _ in loops])
     for values in _guesses(robot, start, coupled):
         inside = all(low <= values[name] <= high for name in coupled for low, high in [joint_limits(robot, name)])
         if inside and np.abs(system.assembly.residual(robot.configuration(values))).max() < _CLOSED:
@@ -83,6 +112,116 @@ def _closed(robot: Robot, start: dict[str, float]) -> dict[str, float]:
     return {name: round(float(np.ravel(solved[name])[0]), 9) + 0.0 for name in start}
 
 
-def _guesses(robot: Robot, start: Mapping[str, float], coupled: list[str]) -> Iterator[dict[str, float]]:
+def _guesses(robot: Robot, start: Mapping[str, float], coupled: list[str]) -> Iterator[_Values]:
     for chosen in ({}, robot.references):
         yield _with_mimics(robot, {**start, **{name: chosen.get(name, 0.0) for name in coupled}})
+
+
+# ---------------------------------------------------------------------- starts that the robot can have
+
+
+def with_regular_inertia(robot: Robot, start: Mapping[str, float]) -> tuple[_Values, list[str]]:
+    """Move joints if the inertia matrix is singular at the start: two axes on one line, no mass between them.
+
+    Args:
+        robot: the robot.
+        start: values of joints with one degree of freedom [rad or m].
+
+    Returns:
+        New values, and a line on each moved joint.
+    """
+    values, notes = dict(start), []
+    for _ in range(_MOVES):
+        if _smallest_eigenvalue(robot, values) > _SINGULAR:
+            break
+        moved = {name: {**values, name: _aside(robot, name, values[name])} for name in values}
+        name = max(moved, key=lambda each: _smallest_eigenvalue(robot, moved[each]))
+        values = moved[name]
+        notes.append(f"{name} starts at {values[name]:g}: at its default value two joint axes coincide")
+    return values, notes
+
+
+def _smallest_eigenvalue(robot: Robot, start: Mapping[str, float]) -> float:
+    """Smallest eigenvalue of the inertia matrix with ones on its diagonal."""
+    M = pin.crba(robot.model, robot.model.createData(), robot.configuration(start))
+    return float(np.linalg.eigvalsh(unit_diagonal(M))[0])
+
+
+def _aside(robot: Robot, name: str, value: float) -> float:
+    """Value of a joint near a given one, within its limits."""
+    low, high = joint_limits(robot, name)
+    step = min(_TURNED_ASIDE if is_revolute(robot, name) else _PULLED, (high - low) / 4)
+    return round(value + (step if value + step < high else -step), 4)
+
+
+def with_bearable_loads(robot: Robot, start: Mapping[str, float], joints: Collection[str]) -> tuple[_Values, list[str]]:
+    """Move joints whose weight needs more than their efforts at the start: one by one, to where the loads are bearable.
+
+    Args:
+        robot: the robot, with gravity.
+        start: values of joints with one degree of freedom [rad or m].
+        joints: those of them that motors hold and that no constraint couples.
+
+    Returns:
+        New values, and a line on the moved joints; the given values and no line if no start is bearable.
+    """
+    limits = {name: effort_limit(robot, name) for name in joints}
+    limits = {name: limit for name, limit in limits.items() if 0 < limit < np.inf}
+    values = dict(start)
+    if (_loads(robot, values, limits) <= 1.0).all():
+        return values, []
+    for _ in limits:
+        tried = [(name, value) for name in limits for value in _values_around(robot, name, values[name])]
+        overloads = [_overload(_loads(robot, {**values, name: value}, limits)) for name, value in tried]
+        away = [abs(value - values[name]) for name, value in tried]
+        best = min(range(len(tried)), key=lambda each: (round(overloads[each], 9), away[each]))
+        values = _with_mimics(robot, {**values, tried[best][0]: tried[best][1]})
+        if overloads[best] == 0.0:
+            moved = [f"{name} at {values[name]:g}" for name in limits if values[name] != start[name]]
+            why = "because their weight needs more than the efforts of the file at the usual values"
+            return values, [f"start where motors can hold the weight: {', '.join(moved)}, {why}"]
+    return dict(start), []
+
+
+def is_loaded(robot: Robot, q: np.ndarray, joints: Collection[str]) -> bool:
+    """Return whether gravity loads a joint at q (nq,) or at poses near it: an upright arm has no load at the start.
+
+    Args:
+        robot: the robot.
+        q: start.
+        joints: joints with one degree of freedom.
+    """
+    model, data = robot.model, robot.model.createData()
+    pin.computeSubtreeMasses(model, data)
+    rows = [robot.velocity_indices(name).start for name in joints]
+    weights = [data.mass[robot.joint_id(name)] for name in joints]
+    least = np.maximum(np.linalg.norm(model.gravity.linear) * _LEVER * np.array(weights), 1e-6)
+    generator = np.random.default_rng(0)
+    beside = [q]
+    for _ in range(_POSES):
+        step = np.zeros(model.nv)
+        step[rows] = generator.uniform(-_ASIDE, _ASIDE, len(rows))
+        beside.append(pin.integrate(model, q, step))
+    forces = [np.abs(pin.computeGeneralizedGravity(model, data, each))[rows] for each in beside]
+    return bool((np.max(forces, axis=0) > least).any())
+
+
+def _loads(robot: Robot, start: Mapping[str, float], limits: Mapping[str, float]) -> np.ndarray:
+    """Efforts that hold joints against gravity, as shares of their limits."""
+    forces = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), robot.configuration(start))
+    rows = [robot.velocity_indices(name).start for name in limits]
+    return np.abs(forces[rows]) / np.array([*limits.values()])
+
+
+def _overload(loads: np.ndarray) -> float:
+    return float((np.maximum(loads - _BEARABLE, 0.0) ** 2).sum())
+
+
+def _values_around(robot: Robot, name: str, value: float) -> list[float]:
+    """Values of a revolute joint within its limits; the weight on a slide does not depend on its own position."""
+    if not is_revolute(robot, name):
+        return [value]
+    low, high = joint_range(robot, name)
+    margin = _MARGIN * (high - low) if np.isfinite(high - low) else 0.0
+    ends = max(low + margin, value - np.pi), min(high - margin, value + np.pi)
+    return [value, *np.round(np.linspace(*ends, _TRIED), 4).tolist()] if ends[0] < ends[1] else [value]

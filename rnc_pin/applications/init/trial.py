@@ -31,6 +31,9 @@ class Trial:
         error: largest error of the output [m or rad].
         motion: displacement of its reference; for a constant one, a share of the largest displacement [m or rad].
         findings: what the model and the run show beside the error.
+        kept_share: share of the motion that would keep the velocities and efforts of the file, 1 if the run keeps them;
+            1 too if no share would, because the weight alone needs more.
+        share: share of the usual motion that the run makes.
     """
 
     duration: float
@@ -38,6 +41,8 @@ class Trial:
     error: float = 0.0
     motion: float = 1.0
     findings: tuple[Finding, ...] = ()
+    kept_share: float = 1.0
+    share: float = 1.0
 
     @property
     def verdict(self) -> Verdict:
@@ -57,10 +62,14 @@ class Trial:
     @property
     def words(self) -> str:
         """Summary for the remark in the draft."""
+        kept = (
+            f", with {100 * self.share:.0f} % of the usual motion, which keeps the velocities and efforts of the file"
+        )
+        tried = f"tried for {self.duration:.3g} s{kept if self.share < 1.0 else ''}"
         if not self.output:
-            return f"tried for {self.duration:.3g} s"
+            return tried
         return (
-            f"tried for {self.duration:.3g} s: the largest error is {self.error:.2g} where {self.motion:.2g} "
+            f"{tried}: the largest error is {self.error:.2g} where {self.motion:.2g} "
             f"{'is' if self.relative_error < FAR else 'is all that is'} asked for ({self.output})"
         )
 

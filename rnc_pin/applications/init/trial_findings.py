@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,12 +13,20 @@ from rnc_pin.applications.scenario.frame_poses import frame_poses
 from rnc_pin.errors import few
 from rnc_pin.model import NonholonomicSystem
 from rnc_pin.robots import Robot
-from rnc_pin.simulation import Trajectory
+from rnc_pin.simulation import LimitReplay, Trajectory
 from rnc_pin.verdict import Finding, FindingKind, Severity
 
 _MOVED = 0.5  # smallest share of the displacement that a base on wheels makes of the one that was asked for
-_AT_LIMIT = 1 - 1e-6  # share of an effort limit that counts as the limit
-_LONG = 0.05  # share of a run at an effort limit that is reported
+_SPARED = 0.9  # share of a limit that a reduced motion aims at
+_OF_RUN = {
+    FindingKind.POSITION,
+    FindingKind.VELOCITY,
+    FindingKind.EFFORT,
+    FindingKind.SATURATION,
+    FindingKind.COLLISION,
+    FindingKind.LIFT_OFF,
+}
+"""Kinds for which ``rnc-pin run`` would fail or complain, beside the errors, which are judged by the motion here."""
 
 
 def model_findings(
@@ -48,15 +57,12 @@ def model_findings(
     return found
 
 
-def run_findings(
-    trial: Trial, trajectory: Trajectory, limits: np.ndarray, mobility: BaseAssumptions, robot: Robot
-) -> list[Finding]:
-    """Return what a run shows: errors, displacement of the base, efforts at their limits.
+def run_findings(trial: Trial, trajectory: Trajectory, mobility: BaseAssumptions, robot: Robot) -> list[Finding]:
+    """Return what a run shows: errors, displacement of the base, limits of the file, collisions.
 
     Args:
         trial: worst output of the run.
         trajectory: the run.
-        limits: effort limits of the actuators (p,) [N or N m].
         mobility: assumptions about the base.
         robot: the robot of the run.
     """
@@ -73,27 +79,27 @@ def run_findings(
             message = f"its base moves {moved:.2g} m in the trial, and should move {asked:.2g} m"
             missing = asked - moved
             found.append(Finding(FindingKind.GOAL, mobility.frame, missing, "m", None, Severity.FAILS, message))
-    return [*found, *_effort_findings(trajectory, limits)]
+    said = [each for each in trajectory.verdict.findings if each.kind in _OF_RUN and each.severity is not Severity.NOTE]
+    return [*found, *(replace(each, severity=Severity.DEGRADES) for each in said)]
 
 
-def _effort_findings(trajectory: Trajectory, limits: np.ndarray) -> list[Finding]:
-    """Actuators that are at or beyond the effort of the file for a part of the run."""
-    found = []
-    efforts = np.abs(trajectory.T)
-    info = trajectory.info.outputs
-    for column, (name, unit) in enumerate(zip(info.T, info.T_units, strict=True)):
-        limit = limits[column]
-        share = float(np.mean(efforts[:, column] >= _AT_LIMIT * limit)) if np.isfinite(limit) else 0.0
-        largest = int(np.argmax(efforts[:, column]))
-        beyond = float(efforts[largest, column] - limit)
-        if share < _LONG and not beyond > 1e-6 * limit:
-            continue
-        message = f"{name} is at the effort of the file, {limit:.3g} {unit}, for {100 * share:.0f} % of the trial"
-        if beyond > 1e-6 * limit:
-            message = f"{name} gives {beyond + limit:.3g} {unit} in the trial, and the file allows {limit:.3g} {unit}"
-        time = float(trajectory.time[largest])
-        found.append(Finding(FindingKind.EFFORT, name, max(beyond, 0.0), unit, time, Severity.DEGRADES, message))
-    return found
+def kept_share(trajectory: Trajectory, replay: LimitReplay, *, at_rest: bool) -> float:
+    """Share of the motion of a run that would keep the velocities and efforts of the file.
+
+    Rates and efforts are taken as proportional to the motion, apart from the efforts at rest, which the weight needs.
+
+    Args:
+        trajectory: the run.
+        replay: its use of limits.
+        at_rest: True if it starts at rest, so that its first efforts are those at rest.
+    """
+    resting = dict(zip(trajectory.info.outputs.T, np.abs(trajectory.T[0]), strict=True)) if at_rest else {}
+    share = 1.0
+    for use in replay.violations:
+        rest = float(resting.get(use.name, 0.0)) if use.kind == "effort" else 0.0
+        if use.kind in ("velocity", "effort") and use.limit > rest:
+            share = min(share, _SPARED * (use.limit - rest) / (abs(use.value) - rest))
+    return share
 
 
 def _share(elapsed: float, *, steady: bool) -> float:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -11,7 +11,7 @@ import pinocchio as pin
 from rnc_pin.applications.init.joint_properties import body_frame, joint_limits, turning_axis
 from rnc_pin.applications.init.name_words import has_word
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
-from rnc_pin.applications.init.shapes import LEVEL, NEAR, Shape, across, fitted_disk
+from rnc_pin.applications.init.shapes import GEOMETRY, LEVEL, NEAR, Shape, across, fitted_disk
 from rnc_pin.applications.init.tolerances import ALIGNED, SAME, placed
 
 UPRIGHT = 1e-5  # horizontal part of a unit axis below which a pivot is vertical up to rounding
@@ -19,6 +19,7 @@ _STEERS = 0.5  # smallest vertical part of a unit swivel axis: forks are incline
 _TURNS = 4 * np.pi  # a joint with a larger range can be a wheel, like a continuous joint; wrists have less [rad]
 _WIDEST = 8.0  # largest width of a wheel, in radii
 _ROLLERS = 4  # smallest number of child joints on a rim that are rollers
+_IN_PLANE = 3  # smallest number of wheels on the ground in the plane of a sprocket
 _SIZES = (0.003, 1.5)  # plausible radii if no shape gives one [m]
 _ON_AXLE = 1e-4  # largest distance of a wheel's frame from its axle [m]: a wheel that is farther away is eccentric
 _WHEEL = ".*wheel|wheel.*|tire|tyre|.*caster|caster.*|.*castor|castor.*"
@@ -84,6 +85,11 @@ class Wheel:
         along = np.cross(self.axle, [0.0, 0.0, 1.0])
         return np.asarray(along / np.linalg.norm(along))
 
+    def is_beside(self, other: Wheel) -> bool:
+        """Return whether the same joints carry another wheel."""
+        chains = [(*each.carriers, *(pivot.joint for pivot in each.pivots)) for each in (self, other)]
+        return chains[0] == chains[1]
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of joint, frame and nearest pivot."""
@@ -99,12 +105,56 @@ class _Candidate:
     named: bool
     doubtful: bool
     """True if its name means another part: it is a wheel if its shape stands on the ground of other wheels."""
+    turns_once: bool
+    """True if its limits permit one turn, as those of a wrist: it is doubtful too, but for a pair on one axle line."""
     parts: dict[str, list[Shape]]
     rollers: tuple[int, ...]
 
 
 def find_wheels(at_start: RobotAtStart) -> list[Wheel]:
     """Return the wheels that touch the ground."""
+    found, unmeasured = _measured_wheels(at_start)
+    wheels = _on_the_ground(found, at_start.shapes["collision"] or at_start.shapes["visual"], at_start.root)
+    for candidate in unmeasured if wheels else ():  # their radius is their height above the common ground
+        ground = min(wheel.center[2] - wheel.radius for wheel in wheels)
+        height = float(candidate.center[2] - ground)
+        if _is_plausible(height) and height < 2 * max(wheel.radius for wheel in wheels):
+            wheels.append(_wheel(at_start, candidate, _Size(height, ground, "height")))
+    carriers = {joint for wheel in wheels for joint in wheel.carriers}
+    return [wheel for wheel in wheels if wheel.joint not in carriers]
+
+
+def find_raised_wheels(at_start: RobotAtStart, wheels: Sequence[Wheel]) -> list[Wheel]:
+    """Return round bodies above the ground in the plane of several wheels: sprockets and idlers of a track."""
+    standing = {wheel.joint for wheel in wheels}
+    others = [each.wheel for each in _measured_wheels(at_start)[0] if each.is_shaped]
+    return [
+        other
+        for other in others
+        if other.joint not in standing and sum(_are_in_plane(other, wheel) for wheel in wheels) >= _IN_PLANE
+    ]
+
+
+def stand_below_body(wheels: Sequence[Wheel], at_start: RobotAtStart) -> bool:
+    """Return whether wheels have shapes that reach below all other parts, as propellers and thrusters do not."""
+    own = {at_start.robot.joint_id(wheel.joint) for wheel in wheels}
+    others = [shape.bottom for every in at_start.shapes.values() for shape in every if shape.joint not in own]
+    lowest = min(others, default=np.inf)
+    return any(
+        wheel.measured in GEOMETRY and wheel.center[2] - wheel.radius < lowest - ALIGNED * wheel.radius
+        for wheel in wheels
+    )
+
+
+def _are_in_plane(one: Wheel, other: Wheel) -> bool:
+    """True if two wheels on the base have parallel axles and the same place along them."""
+    carried = (one.pivots, one.carriers, other.pivots, other.carriers)
+    is_parallel = np.linalg.norm(np.cross(one.axle, other.axle)) < ALIGNED
+    return not any(carried) and bool(is_parallel and abs((one.center - other.center) @ other.axle) < other.radius / 2)
+
+
+def _measured_wheels(at_start: RobotAtStart) -> tuple[list[_Found], list[_Candidate]]:
+    """Wheels on the ground and above it with a radius, and those that are only named."""
     floor = _floor(at_start)
     found: list[_Found] = []
     unmeasured: list[_Candidate] = []
@@ -116,18 +166,23 @@ def find_wheels(at_start: RobotAtStart) -> list[Wheel]:
         size = _measured_size(at_start, candidate, floor)
         if size is not None:
             wheel = _wheel(at_start, candidate, size)
-            if not candidate.doubtful or size.measured in candidate.parts:
-                found.append(_Found(wheel, size.bottom, candidate.named, candidate.doubtful))
+            doubtful = candidate.doubtful or candidate.turns_once
+            if not doubtful or size.measured in candidate.parts:
+                found.append(_Found(wheel, size.bottom, candidate.named, doubtful, candidate.turns_once))
         elif candidate.named:
             unmeasured.append(candidate)
-    wheels = _on_the_ground(found, at_start.shapes["collision"] or at_start.shapes["visual"], at_start.root)
-    for candidate in unmeasured if wheels else ():  # their radius is their height above the common ground
-        ground = min(wheel.center[2] - wheel.radius for wheel in wheels)
-        height = float(candidate.center[2] - ground)
-        if _is_plausible(height) and height < 2 * max(wheel.radius for wheel in wheels):
-            wheels.append(_wheel(at_start, candidate, _Size(height, ground, "height")))
-    carriers = {joint for wheel in wheels for joint in wheel.carriers}
-    return [wheel for wheel in wheels if wheel.joint not in carriers]
+    return [replace(each, doubtful=False) if _has_mate(each, found) else each for each in found], unmeasured
+
+
+def _has_mate(one: _Found, found: Sequence[_Found]) -> bool:
+    """True for one of two equal disks side by side on one axle line of one body, which turn once."""
+    for other in (each.wheel for each in found if each.turns_once and one.turns_once and each is not one):
+        beside = across(other.center - one.wheel.center, one.wheel.axle)
+        equal = abs(other.radius - one.wheel.radius) < ALIGNED * other.radius
+        parallel = np.linalg.norm(np.cross(other.axle, one.wheel.axle)) < ALIGNED
+        if equal and parallel and np.linalg.norm(beside) < placed(other.radius) and one.wheel.is_beside(other):
+            return True
+    return False
 
 
 @dataclass(frozen=True)
@@ -144,9 +199,15 @@ class _Found:
     bottom: float
     named: bool
     doubtful: bool
+    turns_once: bool
+
+    @property
+    def is_shaped(self) -> bool:
+        """True if its radius is that of a shape."""
+        return self.wheel.measured in GEOMETRY
 
     def touches(self, ground: float) -> bool:
-        slack = 1.0 if self.wheel.measured in ("height", "inertia") else NEAR
+        slack = NEAR if self.is_shaped else 1.0
         return self.bottom - ground < slack * self.wheel.radius
 
 
@@ -158,19 +219,21 @@ def _candidates(at_start: RobotAtStart) -> Iterator[_Candidate]:
             continue
         axle = turning_axis(model, at_start.data, index)
         frame, center = _on_axle(at_start, index, axle)
-        doubtful = has_word(_NO_WHEEL, model.names[index], frame)
-        named = has_word(_WHEEL, model.names[index], frame) and not doubtful
+        links = [each.name for each in model.frames if each.parentJoint == index and each.type == pin.FrameType.BODY]
+        named = any(has_word(_WHEEL, name) and not has_word(_NO_WHEEL, name) for name in (model.names[index], *links))
+        doubtful = not named and has_word(_NO_WHEEL, model.names[index], frame)
         rollers = [int(each) for each in model.children[index]]
         if not _are_rollers(at_start, rollers, center, axle):
             if not named:
                 continue
             rollers = []  # a named wheel can carry gears and hubs
-        turns_on = _travel(at_start, index) > (1 + SAME) * _TURNS
-        if np.linalg.norm(axle) < 0.5 or abs(axle[2]) > LEVEL or not (turns_on or named):
+        travel = _travel(at_start, index)
+        turns_once = not named and travel <= (1 + SAME) * _TURNS
+        if np.linalg.norm(axle) < 0.5 or abs(axle[2]) > LEVEL or (turns_once and travel < (1 - 10 * SAME) * 2 * np.pi):
             continue
         behind = {index, *rollers}
         parts = {kind: [each for each in every if each.joint in behind] for kind, every in at_start.shapes.items()}
-        yield _Candidate(index, frame, axle, center, named, doubtful, parts, tuple(rollers))
+        yield _Candidate(index, frame, axle, center, named, doubtful, turns_once, parts, tuple(rollers))
 
 
 def _travel(at_start: RobotAtStart, index: int) -> float:
@@ -243,9 +306,10 @@ def _radius_from_inertia(at_start: RobotAtStart, candidate: _Candidate) -> float
 
 def _on_the_ground(found: list[_Found], everything: list[Shape], root: int) -> list[Wheel]:
     named = [each for each in found if each.named]
-    sure = [each for each in named if each.wheel.measured in ("collision", "visual")] or named
+    sure = [each for each in named if each.is_shaped] or named
     if sure:
-        ground = min(each.bottom for each in sure)
+        unnamed = [each for each in found if each.is_shaped and not each.doubtful]  # a spare wheel may have the name
+        ground = min(each.bottom for each in (*sure, *unnamed))
         lowest = min((shape.bottom for shape in everything), default=ground)
         level = sum(each.touches(ground) for each in sure)  # a fork or a skirt can be lower than two wheels
         if level < 2 and lowest < ground - 2 * max(each.wheel.radius for each in sure):

@@ -9,10 +9,12 @@ import numpy as np
 
 from rnc_pin.applications.init.drive_evidence import DriveEvidence, DrivenJoints
 from rnc_pin.applications.init.name_words import has_word
+from rnc_pin.applications.init.tolerances import first_smallest, placed
 from rnc_pin.applications.init.wheel_detection import Pivot, Wheel
 
 _TRAILS = 0.2  # smallest caster trail, in radii: from the swivel axis to the wheel
 _AXLE = 1.0  # smallest such distance of several wheels on one pivot that carry a trailer, in radii
+_SAME_LINE = 0.25  # largest distance of wheels of one axle line along their heading, in radii: at ends of legs too
 _ONE_TRACK = 0.25  # largest lateral distance of wheels that stand in line, in radii
 _CASTER = "caster.*|.*caster|castor.*|.*castor|swivel.*"
 _GLIDES = f"{_CASTER}|ball|support"
@@ -70,6 +72,8 @@ class WheelLayout:
         steered: wheels on pivots that need an actuator.
         trailers: wheels on towed pivots.
         straight: driven pivots of towed bodies, which are held straight.
+        sliding: fixed wheels with rollers beside others without, so that they slide sideways.
+        raised: round bodies above the ground in the planes of the fixed wheels, as sprockets of tracks.
         driven: wheels with a motor.
     """
 
@@ -79,6 +83,8 @@ class WheelLayout:
     steered: list[WheelGroup] = field(default_factory=list)
     trailers: list[WheelGroup] = field(default_factory=list)
     straight: list[Pivot] = field(default_factory=list)
+    sliding: list[Wheel] = field(default_factory=list)
+    raised: list[Wheel] = field(default_factory=list)
     driven: DrivenJoints = field(default_factory=lambda: DrivenJoints((), 0.0, ""))
 
     @property
@@ -89,8 +95,8 @@ class WheelLayout:
 
     @property
     def motorized(self) -> list[Wheel]:
-        """Wheels that may have a motor: fixed and steered ones."""
-        return [*self.fixed, *(wheel for each in self.steered for wheel in each.wheels)]
+        """Wheels that may have a motor: fixed and steered ones, and sprockets."""
+        return [*self.fixed, *self.raised, *(wheel for each in self.steered for wheel in each.wheels)]
 
     @property
     def dollies(self) -> list[str]:
@@ -106,8 +112,20 @@ class WheelLayout:
 
     @property
     def axles(self) -> list[list[Wheel]]:
-        """Fixed wheels grouped by axle line."""
-        return in_line(self.fixed)
+        """Fixed wheels without rollers grouped by axle line."""
+        return in_line(wheel for wheel in self.fixed if wheel.joint not in {each.joint for each in self.sliding})
+
+    @property
+    def middle(self) -> np.ndarray:
+        """Midpoint of the fixed axles in the world frame (3,) [m]."""
+        return np.asarray(np.mean([np.mean([wheel.center for wheel in axle], axis=0) for axle in self.axles], axis=0))
+
+    @property
+    def guide(self) -> list[Wheel]:
+        """Fixed axle nearest to the middle of all: a base with steered wheels turns about a point of its line."""
+        axles = self.axles
+        distances = [abs(float((axle[0].center - self.middle) @ axle[0].heading)) for axle in axles]
+        return axles[first_smallest(distances, placed(axles[0][0].radius))]
 
     @property
     def is_on_one_track(self) -> bool:
@@ -126,7 +144,7 @@ def in_line(wheels: Iterable[Wheel]) -> list[list[Wheel]]:
     for wheel in wheels:
         for axle in axles:
             beside = (wheel.center - axle[0].center) @ axle[0].heading
-            if are_parallel(axle[0], wheel) and abs(beside) < 0.1 * wheel.radius:
+            if are_parallel(axle[0], wheel) and abs(beside) < _SAME_LINE * wheel.radius:
                 axle.append(wheel)
                 break
         else:
@@ -139,12 +157,16 @@ def are_parallel(one: Wheel, other: Wheel) -> bool:
     return bool(abs(one.heading @ other.heading) > 1 - 1e-3)
 
 
-def classify_wheels(wheels: list[Wheel], drives: DriveEvidence) -> WheelLayout:
+def classify_wheels(
+    wheels: list[Wheel], drives: DriveEvidence, raised: Iterable[Wheel] = (), sliding: Iterable[Wheel] = ()
+) -> WheelLayout:
     """Classify wheels by their function.
 
     Args:
         wheels: wheels that stand on the ground.
         drives: evidence for which joints have a motor.
+        raised: round bodies above the ground in the planes of several wheels.
+        sliding: wheels with rollers beside others without.
     """
     result = WheelLayout()
     on_base = [wheel for wheel in wheels if not wheel.pivots]
@@ -156,15 +178,20 @@ def classify_wheels(wheels: list[Wheel], drives: DriveEvidence) -> WheelLayout:
     for wheel in wheels:
         if wheel.pivots:
             groups.setdefault(wheel.pivots[0].joint, []).append(wheel)
-    for group in groups.values():
-        carriage = WheelGroup(group[0].pivots[0], tuple(group))
-        _others_like(carriage, result, drives).append(carriage)
+    carriages = [WheelGroup(group[0].pivots[0], tuple(group)) for group in groups.values()]
+    for carriage in carriages:
+        is_paired = any(_are_knuckles(carriage, each) for each in carriages if each is not carriage)
+        _others_like(carriage, result, drives, is_paired).append(carriage)
     named = [each for each in result.casters if has_word(_CASTER, each.pivot.joint, *each.wheels[0].names)]
     aimed = [each for each in result.casters if drives.says(each.pivot.joint) is False]
     if not result.fixed and not result.steered and result.casters and not named and not aimed:
         result.steered, result.casters = result.casters, []  # without other wheels
     _straighten_towed(result)
-    usual = result.fixed or result.motorized
+    result.raised = [] if result.steered else [*raised]
+    rollers = {wheel.joint for wheel in sliding}
+    if any(wheel.joint not in rollers for wheel in result.fixed):
+        result.sliding = [wheel for wheel in result.fixed if wheel.joint in rollers]
+    usual = [wheel for axle in result.axles for wheel in axle] or result.motorized
     result.driven = drives.driven_of([each.joint for each in result.motorized], [each.joint for each in usual])
     return result
 
@@ -185,15 +212,26 @@ def _straighten_towed(layout: WheelLayout) -> None:
             layout.trailers.append(WheelGroup(wheels[0].pivots[0], wheels))
 
 
-def _others_like(carriage: WheelGroup, layout: WheelLayout, drives: DriveEvidence) -> list[WheelGroup]:
-    """List of the layout to which a carriage belongs: by its motor, else by its name, else by its trail."""
+def _are_knuckles(one: WheelGroup, other: WheelGroup) -> bool:
+    """True if two single wheels of one axle line have a pivot each on the same body, as those of a car."""
+    above = [[pivot.joint for pivot in each.wheels[0].pivots[1:]] for each in (one, other)]
+    return (
+        above[0] == above[1] and one.is_lone and other.is_lone and len(in_line((one.wheels[0], other.wheels[0]))) == 1
+    )
+
+
+def _others_like(carriage: WheelGroup, layout: WheelLayout, drives: DriveEvidence, is_paired: bool) -> list[WheelGroup]:
+    """List of the layout to which a carriage belongs: by its motor, else by its name, else by its trail.
+
+    A pair of pivots side by side is no hitch, whatever its name: the axis of a knuckle is a kingpin too.
+    """
     pivot, radius, names = carriage.pivot, carriage.wheels[0].radius, (carriage.pivot.joint, *carriage.wheels[0].names)
     follows = carriage.follows and pivot.is_continuous
     if pivot.joint in drives.passive:
         return layout.casters if carriage.is_lone else layout.trailers
     if drives.says(pivot.joint):
         return layout.steered
-    if has_word(TOWED, *names):
+    if has_word(TOWED, *names) and not is_paired:
         return layout.trailers
     if has_word(_STEERED, *names):
         return layout.steered

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from statistics import median
 
 import numpy as np
 
@@ -11,9 +12,9 @@ from rnc_pin.applications.init.decision import GUESSED, LIKELY, SURE, Alternativ
 from rnc_pin.applications.init.drawn_axles import DrawnAxle
 from rnc_pin.applications.init.name_words import has_word
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
-from rnc_pin.applications.init.tolerances import first_smallest, placed
+from rnc_pin.applications.init.tolerances import placed
 from rnc_pin.applications.init.wheel_detection import UPRIGHT, Wheel
-from rnc_pin.applications.init.wheel_layout import WheelGroup, WheelLayout, are_parallel, in_line
+from rnc_pin.applications.init.wheel_layout import TOWED, WheelGroup, WheelLayout, are_parallel, in_line
 from rnc_pin.errors import few
 from rnc_pin.io import Json
 
@@ -54,7 +55,7 @@ def wheeled_base(layout: WheelLayout, at_start: RobotAtStart, decided: Sequence[
         result.outputs.append(({"frame_yaw": at_start.frame}, TURNED))
     support_by_casters(result, layout, at_start)
     for carriage in layout.trailers:
-        _tow(result, carriage)
+        _tow(result, carriage, at_start)
     result.vertical.append({"frame_position": {"frame": at_start.frame, "axes": "xy"}})
     if layout.steered:
         result.vertical.append({"frame_yaw": at_start.frame})
@@ -111,7 +112,7 @@ def planar(at_start: RobotAtStart, kind: str, wheels: list[Wheel]) -> BaseAssump
         result.notes.append(f"a planar base replaces the file's own {', '.join(at_start.own_joint)}")
     elif at_start.root and not at_start.is_rigid:
         result.base = "fixed" if at_start.is_urdf else "planar"
-    result.ground = float(np.median([wheel.center[2] - wheel.radius for wheel in wheels])) if wheels else None
+    result.ground = median(float(wheel.center[2] - wheel.radius) for wheel in wheels) if wheels else None
     return result
 
 
@@ -174,16 +175,12 @@ def _kind(layout: WheelLayout, *, is_tracked: bool) -> str:
 
 def _roll(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) -> None:
     """Add fixed wheels: one axle, or an equivalent one midway, has no side slip; the others skid in a turn."""
-    axles = layout.axles
-    middle = np.mean([np.mean([wheel.center for wheel in axle], axis=0) for axle in axles], axis=0)
-    guide = axles[0]
+    axles, guide = layout.axles, layout.guide
     if len(axles) > 1:
-        distances = [abs(float((axle[0].center - middle) @ axle[0].heading)) for axle in axles]
-        guide = axles[first_smallest(distances, placed(guide[0].radius))]
-        nearby = min(distances) < 0.1 * guide[0].radius
-        if not layout.steered and not nearby:
+        away = abs(float((guide[0].center - layout.middle) @ guide[0].heading))
+        if not layout.steered and away >= 0.1 * guide[0].radius:
             guide = []
-            edge = _midway(at_start, layout.fixed[0].axle, middle)
+            edge = _midway(at_start, layout.fixed[0].axle, layout.middle)
             result.constraints.append(({"no_side_slip": edge}, "the equivalent axle, midway: MEASURE where it turns"))
         result.notes.append(
             f"{len(axles)} axles cannot all roll in a turn: wheels skid sideways, but for "
@@ -192,60 +189,76 @@ def _roll(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) 
         )
     for axle in axles:
         for wheel, more in one_lateral(axle):
-            if axle is not guide:
-                result.constraints.append((rolls(wheel, lateral=False), f"skids sideways; {measured(wheel)}"))
-            else:
+            if guide and axle[0] is guide[0]:
                 result.constraints.append((rolls(wheel, **more), measured(wheel)))
+            else:
+                result.constraints.append((rolls(wheel, lateral=False), f"skids sideways; {measured(wheel)}"))
+    for wheel in layout.sliding:
+        result.constraints.append((rolls(wheel, lateral=False), f"slides on its rollers; {measured(wheel)}"))
 
 
 def tracks(layout: WheelLayout) -> list[list[Wheel]]:
-    """Return the wheels of the left and the right track; empty if they are no tracks.
+    """Return the wheels of the left and the right track on the ground; empty if they are no tracks.
 
-    Wheels of a track are called so, or are many: vehicles with more than four axles run on tracks. If the file names a
-    motor of each wheel, there is no track.
+    Wheels of a track are called so, or turn below a sprocket, or are many: vehicles with more than four axles run on
+    tracks. If the file names a motor of each wheel, there is no track.
     """
     wheels = layout.fixed
     sides: dict[bool, list[Wheel]] = {}
-    all_named = layout.driven.confidence >= SURE and len(layout.driven.joints) == len(wheels)
+    all_named = layout.driven.confidence >= SURE and len(layout.driven.joints) == len(layout.motorized)
     if layout.steered or len(wheels) < 2 * _TRACK or all_named:
         return []
-    middle = np.mean([wheel.center for wheel in wheels], axis=0)
     for wheel in wheels:
-        sides.setdefault(float((wheel.center - middle) @ wheels[0].axle) > 0, []).append(wheel)
+        sides.setdefault(_is_left(wheel, layout), []).append(wheel)
     called = all(has_word(_TRACK_WORDS, *wheel.names) for wheel in wheels)
+    driven_above = {_is_left(wheel, layout) for wheel in layout.raised} == {True, False}
     each_side = sorted(sides.values(), key=lambda side: wheels.index(side[0]))
-    enough = len(sides) == 2 and min(map(len, each_side)) >= (_TRACK if called else _MANY)
-    return each_side if enough else []
+    least = _TRACK if called or driven_above else _MANY
+    return each_side if len(sides) == 2 and min(map(len, each_side)) >= least else []
+
+
+def _is_left(wheel: Wheel, layout: WheelLayout) -> bool:
+    """True on one side of the middle of the fixed wheels."""
+    middle = np.mean([each.center for each in layout.fixed], axis=0)
+    return bool((wheel.center - middle) @ layout.fixed[0].axle > 0)
 
 
 def _crawl(result: BaseAssumptions, layout: WheelLayout, sides: list[list[Wheel]], at_start: RobotAtStart) -> None:
-    """Add two tracks: a band couples the wheels of one side, and one of them drives it."""
+    """Add two tracks: a band couples the wheels of one side, one of them drives it, and its ends support the base."""
     middle = np.mean([wheel.center for wheel in layout.fixed], axis=0)
     edge = _midway(at_start, layout.fixed[0].axle, middle)
     result.constraints.append(({"no_side_slip": edge}, "the middle of the tracks: MEASURE where it turns"))
     drivers = []
     for side in sides:
-        named = [wheel for wheel in side if wheel.joint in layout.driven.joints and layout.driven.confidence > GUESSED]
-        called = [wheel for wheel in side if has_word("sprocket|drive|driver|driving", *wheel.names)]
+        above = [wheel for wheel in layout.raised if _is_left(wheel, layout) == _is_left(side[0], layout)]
+        every = [*side, *above]
+        named = [wheel for wheel in every if wheel.joint in layout.driven.joints and layout.driven.confidence > GUESSED]
+        called = [wheel for wheel in every if has_word("sprocket|drive|driver|driving", *wheel.names)]
         driver = (named or called or side)[0]
+        rolling = driver if any(wheel is driver for wheel in side) else side[0]
         drivers.append(driver.joint)
-        result.constraints.append((rolls(driver, lateral=False), f"drives its track; {measured(driver)}"))
+        said = "drives its track" if driver is rolling else f"on the track of {driver.joint}"
+        result.constraints.append((rolls(rolling, lateral=False), f"{said}; {measured(rolling)}"))
         result.actuators.append((driver.joint, "drives its track"))
-        for wheel in side:
-            if wheel is not driver:
-                ratio = round(float(np.sign(wheel.axle @ driver.axle)) * driver.radius / wheel.radius, 6)
-                coupled: dict[str, Json] = {"joint": wheel.joint, "driver": driver.joint, "ratio": ratio}
+        for wheel in every:
+            if wheel is not rolling:
+                ratio = round(float(np.sign(wheel.axle @ rolling.axle)) * rolling.radius / wheel.radius, 6)
+                coupled: dict[str, Json] = {"joint": wheel.joint, "driver": rolling.joint, "ratio": ratio}
                 result.constraints.append(({"joint_coupling": coupled}, f"on the track of {driver.joint}"))
-                result.passive.add(wheel.joint)
+        last = max(side, key=lambda wheel: abs(float((wheel.center - rolling.center) @ rolling.heading)))
+        support: dict[str, Json] = {"frame": last.frame, "radius": round(last.radius, 6)}
+        result.constraints.append(({"caster": support}, "supports the other end of its track"))
+        result.passive |= {wheel.joint for wheel in every if wheel is not driver}
     everything = tuple(word for wheel in layout.fixed for word in ("--driven", wheel.joint))
     others = (Alternative("each wheel has a motor", everything),)
-    question, evidence = "Do tracks couple the wheels of each side?", "by the names or the number of its wheels"
+    evidence = "by sprockets above them" if layout.raised else "by the names or the number of its wheels"
+    question = "Do tracks couple the wheels of each side?"
     result.decisions.append(DraftDecision(question, f"yes, driven by {few(drivers)}", LIKELY, evidence, others))
 
 
 def _steer(result: BaseAssumptions, layout: WheelLayout, at_start: RobotAtStart) -> None:
     """Add steered axles: the one that is farthest from the fixed axle leads, the others turn about the same point."""
-    fixed = layout.axles[0]
+    fixed = layout.guide
     steered = _steered_axles(layout, fixed[0])
     main = steered[0]
     leader = at_start.leader(main[0].pivot.joint)
@@ -313,13 +326,20 @@ def _side_by_side(one: WheelGroup, other: WheelGroup, axle: Wheel) -> bool:
     )
 
 
-def _tow(result: BaseAssumptions, carriage: WheelGroup) -> None:
+def _tow(result: BaseAssumptions, carriage: WheelGroup, at_start: RobotAtStart) -> None:
+    """Add the wheels of a trailer on its hitch; a pivot with an effort may be the joint of an articulated vehicle."""
     guide = in_line(carriage.wheels)[0][0]
     for wheel in carriage.wheels:
         entry = turned(wheel) if wheel is guide else turned(wheel, lateral=False)
         what = "" if wheel is guide else ", without a lateral row of its own"
         result.constraints.append((entry, f"of a trailer{what}; {measured(wheel)}"))
-    result.notes.append(
-        f"{carriage.pivot.joint} is a hitch that nothing drives: if it is steered, add it to the actuators"
-    )
+    joint, drives = carriage.pivot.joint, at_start.drives
+    if drives.says(joint) is False or not drives.efforts.get(joint):
+        sure, evidence = LIKELY, "nothing drives it"
+    elif has_word(TOWED, joint, *carriage.wheels[0].names):
+        sure, evidence = LIKELY, "by its name"
+    else:
+        sure, evidence = GUESSED, "its wheels are far behind it, but the file gives it an effort"
+    steers = Alternative("no, it is driven and steers", ("--driven", joint))
+    result.decisions.append(DraftDecision(f"Is {joint} a free hitch?", "yes", sure, evidence, (steers,)))
     result.passive |= set(carriage.joints)

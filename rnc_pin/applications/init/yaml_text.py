@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import NotRequired, TypedDict
 
 import yaml
@@ -47,7 +47,14 @@ class Drafted(TypedDict):
     simulation: NotRequired[Mapping[str, Json]]
 
 
-def write_draft(name: str, scenario: Drafted, remark: str, trial: Trial, mobility: BaseAssumptions) -> str:
+def write_draft(
+    name: str,
+    scenario: Drafted,
+    remark: str,
+    trial: Trial,
+    mobility: BaseAssumptions,
+    decisions: Iterable[DraftDecision],
+) -> str:
     """Return the text of a scenario file.
 
     Args:
@@ -56,12 +63,13 @@ def write_draft(name: str, scenario: Drafted, remark: str, trial: Trial, mobilit
         remark: remark on the controller.
         trial: result of the trial run.
         mobility: assumptions about the base.
+        decisions: decisions behind them.
     """
     outputs = scenario["outputs"]
     lines = [
         *_remark(f"First draft for {name}, guessed from its file by rnc-pin init: read it before you believe it."),
         *(line for each in trial.verdict.findings for line in _remark(f"{_WORDS[each.severity]}: {each}.")),
-        *(line for each in mobility.decisions for line in _remark(f"{_label(each)}: {each}.")),
+        *(line for each in decisions for line in _remark(f"{_label(each)}: {each}.")),
         *(line for note in mobility.notes for line in _remark(f"Assumed: {note}.")),
         f"title: {_flow(f'First draft for {name}')}",
         *_remark(f"base {mobility.base or 'as in the file'}: {mobility.kind}"),

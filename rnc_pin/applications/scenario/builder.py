@@ -83,6 +83,8 @@ class Experiment:
     """References of the task by role: ``primary``, ``redundant``, ``vertical``."""
     goals: TaskGoals | None = None
     """Goals of whole-body tasks."""
+    ends: Mapping[str, float] = field(default_factory=dict)
+    """Values at which references or the plan end after the run, by output."""
     phases: tuple[Phase | PhaseStart, ...] = ()
     """Phases of the run; ``reduced``, ``controller`` and ``plant`` are then those of the first."""
     model_warnings: tuple[str, ...] = ()
@@ -187,7 +189,7 @@ def experiment_at(
     path = plan_path(scenario, reduced, task, q0)
     if path.primary is not None:
         references["primary"] = path.primary
-    built = _build_controller(
+    built, context = _build_controller(
         scenario,
         ControllerContext(
             reduced=reduced,
@@ -226,6 +228,7 @@ def experiment_at(
         plan=motion,
         references=references,
         goals=built.goals,
+        ends=_later_ends(scenario, context),
     )
     if built.doubts and scenario.preflight == "refuse":
         _check_goals(experiment, build_plant(scenario, reduced, q0, folder))
@@ -292,24 +295,40 @@ def _grip(scenario: ScenarioFile, reduced: ReducedModel) -> Grip | None:
         raise ConfigurationError(f"grip: {error}") from None
 
 
-def _build_controller(scenario: ScenarioFile, context: ControllerContext) -> BuiltController:
+def _later_ends(scenario: ScenarioFile, context: ControllerContext) -> dict[str, float]:
+    """Values at which references or the plan end after the run, by output."""
+    task, found, duration = context.task, dict[str, float](), context.simulation.duration
+    followed = {
+        task.primary_names: context.primary,
+        task.redundant_names: context.redundant,
+        task.vertical_names: context.vertical,
+    }
+    if context.plan is not None and scenario.planner is not None and duration < context.plan.duration:
+        found |= scenario.planner.goal
+    for names, reference in followed.items():
+        if duration < reference.duration < np.inf:
+            found |= zip(names, reference.at(reference.duration).position.tolist(), strict=True)
+    return found
+
+
+def _build_controller(scenario: ScenarioFile, context: ControllerContext) -> tuple[BuiltController, ControllerContext]:
     """Build the controller. With ``grip.slow`` its references are slowed down until no wheel slips."""
     assert scenario.controller is not None
     if scenario.grip is None or not scenario.grip.slow:
-        return scenario.controller.build(context)
+        return scenario.controller.build(context), context
     settings = scenario.controller
     grip = scenario.grip.model_copy(update={"friction": scenario.grip.friction * (1.0 - _FOR_FEEDBACK)})
-    context = replace(context, grip=grip.build(context.reduced))
+    on_ice = replace(context, grip=grip.build(context.reduced))
 
     def slowed(time_scale: float) -> BuiltController:
-        return settings.build(_slowed(context, time_scale))
+        return settings.build(_slowed(on_ice, time_scale))
 
     built, time_scale = iterate_time_scale(slowed, lambda each: each.time_scale)
     refuse_or_warn(scenario.preflight, built.warnings)
     if time_scale > 1.0:
         said = f"references are slowed down by a factor of {time_scale:.4g} so that no wheel slips"
         built = replace(built, warnings=(said, *built.warnings))
-    return built
+    return built, _slowed(context, time_scale)
 
 
 def _slowed(context: ControllerContext, time_scale: float) -> ControllerContext:

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TypeVar
+from functools import cache
+from typing import Any, TypeVar
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from rnc_pin.applications.scenario.controllers import TYPES
 from rnc_pin.applications.scenario.files import short_text
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.base import LIST, PLAIN
+from rnc_pin.applications.scenario.schema.constraints import ConstraintItem
+from rnc_pin.applications.scenario.schema.outputs import OutputItem
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.io import Json
+from rnc_pin.model import ConstraintKind, OutputKind
 
 
 def validate(raw: Mapping[str, Json], source: str) -> ScenarioFile:
@@ -35,6 +39,23 @@ def admitted(model: type[_Model], raw: Mapping[str, Json], source: str) -> _Mode
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         raise ConfigurationError(f"{source}: {_explain(first).removeprefix(f'{_WHOLE}: ')}") from None
+
+
+def constraint_of(entry: Mapping[str, Json] | str) -> ConstraintKind:
+    """Constraint of one valid entry of ``constraints``."""
+    kind: ConstraintKind = _validator(ConstraintItem).validate_python(entry)
+    return kind
+
+
+def output_of(entry: Mapping[str, Json]) -> OutputKind:
+    """Output of one valid entry of ``outputs``."""
+    kind: OutputKind = _validator(OutputItem).validate_python(entry)
+    return kind
+
+
+@cache  # building a validator takes 30 ms
+def _validator(item: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(item)
 
 
 def _explain(error: ErrorDetails) -> str:

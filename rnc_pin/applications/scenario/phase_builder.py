@@ -61,6 +61,7 @@ def build_phased(scenario: ScenarioFile, folder: Path) -> Experiment:
     return replace(
         experiment,
         start_findings=tuple(found),
+        ends={},  # a phase may end before its references, as by an event
         warnings=tuple(dict.fromkeys([*warnings_of(found), *experiment.warnings])),
         scenario=scenario,
         simulation=scenario.simulation.model_copy(update={"duration": longest}),

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
+
+import numpy as np
 
 from rnc_pin.analysis import Grip
 from rnc_pin.applications.scenario.builder import Experiment, off_tracking
@@ -25,6 +27,7 @@ from rnc_pin.simulation import (
     replay_limits,
     summarize,
 )
+from rnc_pin.verdict import Finding, FindingKind, Severity
 
 REPLAY_DISTANCE = 0.2
 """Distance up to which the replay of a run computes exact distances [m]."""
@@ -57,7 +60,8 @@ def judged_summary(
     replay = _replay(experiment, run, asked) if len(run.time) else None
     errors = _goal_errors(experiment, run, summary) if goals and run.outcome is Outcome.COMPLETED else {}
     tolerance = SHORTFALL if scenario.planner is None else scenario.planner.accuracy
-    more = [*experiment.findings, *(() if replay is None else distance_findings(replay, asked, tolerance))]
+    unfinished = _unfinished(experiment, run) if goals and run.outcome is Outcome.COMPLETED else ()
+    more = [*experiment.findings, *unfinished, *(() if replay is None else distance_findings(replay, asked, tolerance))]
     verdict = judge(
         run,
         replay,
@@ -106,6 +110,27 @@ def _goal_errors(experiment: Experiment, run: Trajectory, summary: Summary) -> d
         for name, error in goal.errors.items():
             errors[name] = max(error, errors.get(name, 0.0))
     return errors
+
+
+def _unfinished(experiment: Experiment, run: Trajectory) -> Iterator[Finding]:
+    """Finding of a run that ends before its references: what it follows was kept, where they lead was not reached.
+
+    Who states the duration of a reference and a shorter one of the run wants that. Planned or slowed motions are longer
+    than the file says.
+    """
+    grip, errors = experiment.scenario.grip, dict[str, float]()
+    for kind in ("x2", "x1") if experiment.ends and len(run.time) else ():
+        names = run.info.outputs.of(kind).names
+        ends = np.array([experiment.ends.get(name, 0.0) for name in names])
+        away = np.abs(run.coordinates(kind).difference(ends, getattr(run, kind)[-1])).tolist()
+        errors |= {name: each for name, each in zip(names, away, strict=True) if name in experiment.ends}
+    worst = max(errors, key=errors.__getitem__, default="")
+    if worst and errors[worst] > experiment.scenario.goal_tolerance:
+        time, rest = float(run.time[-1]), f"{worst} is {errors[worst]:.3g} away from where its reference leads"
+        message = f"the run ends at t = {time:.4g} s, before its references: {rest}"
+        wanted = experiment.scenario.planner is None and not (grip is not None and grip.slow)
+        severity = Severity.NOTE if wanted else Severity.DEGRADES
+        yield Finding(FindingKind.GOAL, worst, errors[worst], "m or rad", time, severity, message)
 
 
 def _replay(experiment: Experiment, run: Trajectory, asked: float | None) -> LimitReplay:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib import import_module
 from types import ModuleType
 from typing import NamedTuple
@@ -15,6 +16,7 @@ from rnc_pin.extras import missing_extra
 
 _SETTINGS = {"primal_tol": 1e-10, "dual_tol": 1e-12, "iter_limit": 2000}
 _SOLVED = 1
+_Answer = tuple[Array, float, int, dict[str, Array]]  # of daqp
 
 
 class NearestPoint(NamedTuple):
@@ -40,7 +42,9 @@ class LeastDistanceSolver:
         self.name = name
         self._identities: dict[int, Array] = {}
         self._by_name = name != "daqp"
-        self._package = _qpsolvers(name) if self._by_name else _imported("daqp")
+        if self._by_name:
+            _check_installed(name)
+        self._daqp: Callable[..., _Answer] | None = None if self._by_name else _imported("daqp").solve
 
     def solve(
         self, goal: Array, rows: Array, lower: Array, upper: Array, multipliers: Array | None = None
@@ -68,19 +72,19 @@ class LeastDistanceSolver:
         identity = self._identities.get(len(goal))
         if identity is None:
             identity = self._identities[len(goal)] = np.eye(len(goal))
-        x, _, status, info = self._package.solve(
-            identity, -goal, rows, upper, lower, kinds, dual_start=start, **_SETTINGS
-        )
+        assert self._daqp is not None
+        x, _, status, info = self._daqp(identity, -goal, rows, upper, lower, kinds, dual_start=start, **_SETTINGS)
         return NearestPoint(x, info["lam"]) if status == _SOLVED else None
 
     def _solve_by_name(self, goal: Array, rows: Array, lower: Array, upper: Array) -> NearestPoint | None:
         above, below = np.isfinite(upper), np.isfinite(lower)
         G = np.vstack([rows[above], -rows[below]])
         h = np.concatenate([upper[above], -lower[below]])
-        problem = self._package.Problem(np.eye(len(goal)), -goal, G, h)
+        qpsolvers = _imported("qpsolvers")  # modules cannot be pickled with a solver
+        problem = qpsolvers.Problem(np.eye(len(goal)), -goal, G, h)
         try:
-            found = self._package.solve_problem(problem, solver=self.name)
-        except self._package.exceptions.SolverError:
+            found = qpsolvers.solve_problem(problem, solver=self.name)
+        except qpsolvers.exceptions.SolverError:
             return None
         if not found.found or found.x is None:
             return None
@@ -100,9 +104,7 @@ def _imported(package: str) -> ModuleType:
         raise ConfigurationError(f"solver of the quadratic program: {missing}") from None
 
 
-def _qpsolvers(name: str) -> ModuleType:
-    package = _imported("qpsolvers")
-    available = list(package.available_solvers)
+def _check_installed(name: str) -> None:
+    available = list(_imported("qpsolvers").available_solvers)
     if name not in available:
         raise ConfigurationError(f"no installed solver '{name}'{nearest(name, available)}")
-    return package

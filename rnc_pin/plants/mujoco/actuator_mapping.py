@@ -21,8 +21,8 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants.mujoco.contact_bodies import ContactBody
 from rnc_pin.robots.robot import Robot
 
-_SAME = 1e-6  # relative error below which wheels reproduce the effect of an actuator
-_ZERO = 1e-9
+_EFFECT_TOLERANCE = 1e-6  # relative error below which wheels reproduce the effect of an actuator
+_RANK_TOLERANCE = 1e-9
 _SAMPLES = 3
 
 
@@ -89,7 +89,7 @@ class ActuatorMapping:
         maps, effects = self._maps(q, self._used)
         for columns, drives in self._groups:
             effect = maps[0] @ (maps[1][:, columns] @ T[columns])
-            torques = np.linalg.lstsq(maps[0] @ effects[:, drives], effect, rcond=_ZERO)[0]
+            torques = np.linalg.lstsq(maps[0] @ effects[:, drives], effect, rcond=_RANK_TOLERANCE)[0]
             for drive, torque in zip(drives, torques, strict=True):
                 wheel = self._drives[drive]
                 if wheel.velocity_index is None:
@@ -136,7 +136,7 @@ class ActuatorMapping:
         """Return a basis of admissible motion (r, nv), B (nv, p), and effects of drives (nv, k), else zero."""
         at = self._kinematics.position(q)
         rows = self._rows.jacobian(at)
-        basis = scipy.linalg.null_space(rows, rcond=_ZERO).T if len(rows) else np.eye(self._robot.nv)
+        basis = scipy.linalg.null_space(rows, rcond=_RANK_TOLERANCE).T if len(rows) else np.eye(self._robot.nv)
         pin.computeJointJacobians(self._robot.model, self._data, q)
         effects = np.zeros((self._robot.nv, len(self._drives)))
         for drive in used:
@@ -169,8 +169,8 @@ class ActuatorMapping:
 def _reproduces(maps: tuple[np.ndarray, np.ndarray], effects: np.ndarray, column: int, drives: Sequence[int]) -> bool:
     basis, matrix = maps
     effect, wheels = basis @ matrix[:, column], basis @ effects[:, list(drives)]
-    missed = effect - wheels @ np.linalg.lstsq(wheels, effect, rcond=_ZERO)[0]
-    return bool(np.linalg.norm(missed) <= _SAME * np.linalg.norm(effect))
+    missed = effect - wheels @ np.linalg.lstsq(wheels, effect, rcond=_RANK_TOLERANCE)[0]
+    return bool(np.linalg.norm(missed) <= _EFFECT_TOLERANCE * np.linalg.norm(effect))
 
 
 def _drives(reduced: ReducedModel, contacts: Sequence[ContactBody], up: np.ndarray) -> list[Drive]:

@@ -31,7 +31,7 @@ from rnc_pin.robots.robot import Robot
 Root = Literal["as it is", "free", "level"]
 """Type of a planar base in MuJoCo: planar as it is, six degrees of freedom, or planar with vertical motion."""
 
-_NOTHING = 1e-12  # placeholder mass and inertia for the compiler; ``finish`` writes those of the robot
+_PLACEHOLDER_MASS = 1e-12  # placeholder mass and inertia for the compiler; ``finish`` writes those of the robot
 _STACKS = {"JointModelTranslation": ("slide", "xyz"), "JointModelSphericalZYX": ("hinge", "zyx")}
 
 
@@ -64,7 +64,7 @@ class BodyTree:
         """Name of the first MuJoCo joint of a joint, and its conversion as a function of the indices in MuJoCo."""
         spec.compiler.degree = False
         spec.compiler.balanceinertia = True
-        spec.compiler.boundmass = spec.compiler.boundinertia = _NOTHING
+        spec.compiler.boundmass = spec.compiler.boundinertia = _PLACEHOLDER_MASS
         spec.option.gravity = robot.model.gravity.linear
         self.bodies: list[mujoco.MjsBody] = [spec.worldbody]
         """One body per joint of the model; the world is first."""
@@ -194,8 +194,8 @@ def _body(parent: mujoco.MjsBody, placement: pin.SE3, name: str) -> mujoco.MjsBo
         name=name,
         pos=placement.translation,
         quat=_quaternion(placement.rotation),
-        mass=_NOTHING,
-        inertia=[_NOTHING] * 3,
+        mass=_PLACEHOLDER_MASS,
+        inertia=[_PLACEHOLDER_MASS] * 3,
         explicitinertial=True,
     )
 
@@ -220,7 +220,7 @@ def _quaternion(rotation: np.ndarray) -> np.ndarray:
 # ---------------------------------------------------------------------- equality constraints
 
 
-_RIGID = 0.999
+_IMPEDANCE = 0.999
 _SUPPORTED = (
     "rolling wheels and balls, knife edges, casters, couplings of joints, Ackermann steering, loops and the "
     "conservation of momentum"
@@ -270,7 +270,7 @@ def add_equalities(
     Raises:
         ConfigurationError: a constraint has no equivalent in MuJoCo.
     """
-    solver = {"solref": [2 * settings.step, 1.0], "solimp": [_RIGID, _RIGID, 0.001, 0.5, 2.0]}
+    solver = {"solref": [2 * settings.step, 1.0], "solimp": [_IMPEDANCE, _IMPEDANCE, 0.001, 0.5, 2.0]}
     couplers: list[tuple[str, JointCoupler]] = []
     for block in blocks:
         mechanisms = block.mechanisms()

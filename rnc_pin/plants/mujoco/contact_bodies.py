@@ -23,11 +23,11 @@ from rnc_pin.plants.mujoco.body_tree import Root
 from rnc_pin.plants.mujoco.settings import MuJoCoSettings
 from rnc_pin.robots.robot import Robot
 
-_ALONG = 1e-3  # tolerance of the distance from a drawn wheel to its axle, in radii
-_LARGE = 0.5  # fraction of the largest cylinder radius on an axle; smaller cylinders are shafts or hubs
+_AXLE_TOLERANCE = 1e-3  # tolerance of the distance from a drawn wheel to its axle, in radii
+_MIN_WHEEL_FRACTION = 0.5  # fraction of the largest cylinder radius on an axle; smaller cylinders are shafts or hubs
 _UP = np.array([0.0, 0.0, 1.0])
-_FLAT = 1e-9  # distance [m] and difference of normals up to which planes are the same
-_POINT = 1e-3  # radius of the ball that models a contact point [m]
+_PLANE_TOLERANCE = 1e-9  # distance [m] and difference of normals up to which planes are the same
+_POINT_RADIUS = 1e-3  # radius of the ball that models a contact point [m]
 
 
 @dataclass(frozen=True)
@@ -90,8 +90,8 @@ def common_plane(blocks: Sequence[Rows]) -> GroundPlane:
                 "rest, use the plant 'reduced'"
             )
         for name, other in found.items():
-            if max(abs(plane.height(each)) for each in other.axes[:2] + other.point) > _FLAT or (
-                plane.axes[2] @ other.axes[2] < 1.0 - _FLAT
+            if max(abs(plane.height(each)) for each in other.axes[:2] + other.point) > _PLANE_TOLERANCE or (
+                plane.axes[2] @ other.axes[2] < 1.0 - _PLANE_TOLERANCE
             ):
                 raise ConfigurationError(
                     f"MuJoCo: {name} and {block.names[0]} roll on different planes; the plant has only one, use the "
@@ -147,12 +147,12 @@ def _drawn(robot: Robot, joint: int, middle: np.ndarray, axle: np.ndarray) -> li
             along, radius = float(offset @ axle), float(shape.geometry.radius)
             if abs(shape.placement.rotation[:, 2] @ axle) < 0.9999:
                 continue
-            if np.linalg.norm(offset - along * axle) < _ALONG * radius:
+            if np.linalg.norm(offset - along * axle) < _AXLE_TOLERANCE * radius:
                 place = round(along, 6)
                 largest[place] = max(radius, largest.get(place, 0.0))
         if largest:
             break
-    enough = _LARGE * max(largest.values(), default=0.0)
+    enough = _MIN_WHEEL_FRACTION * max(largest.values(), default=0.0)
     return [(middle + along * axle, radius) for along, radius in sorted(largest.items()) if radius >= enough]
 
 
@@ -184,7 +184,7 @@ def on_one_plane(
             found.append(replace(each, radius=plane.height(center) - ground))
             continue
         if not each.radius:  # the ball is above its contact point for any orientation of the frame
-            each = replace(each, radius=_POINT, center=each.center + _POINT * each.up)
+            each = replace(each, radius=_POINT_RADIUS, center=each.center + _POINT_RADIUS * each.up)
         gap = low[each.name] - ground
         if gap > 0.01 * each.radius:
             raise ConfigurationError(
@@ -197,9 +197,11 @@ def on_one_plane(
 # ---------------------------------------------------------------------- support of a vehicle
 
 
-_MARGIN = 0.1  # smallest distance of the center of mass to the edge of the support polygon, over the polygon size
-_LEVEL = 1e-6
-_CASTER = 0.02  # radius of added casters [m]
+_SUPPORT_MARGIN = (
+    0.1  # smallest distance of the center of mass to the edge of the support polygon, over the polygon size
+)
+_LEVEL_TOLERANCE = 1e-6
+_CASTER_RADIUS = 0.02  # radius of added casters [m]
 
 
 class BaseSupport(NamedTuple):
@@ -233,7 +235,7 @@ def choose_support(
         return BaseSupport("as it is")
     down, base = robot.model.gravity.linear, robot.model.joints[1].shortname()
     along, across = np.linalg.norm(plane.axes[:2] @ down), float(plane.axes[2] @ down)
-    level = along < _LEVEL * abs(across)
+    level = along < _LEVEL_TOLERANCE * abs(across)
     if across >= 0 or not (level or base == "JointModelFreeFlyer"):
         raise ConfigurationError(
             f"MuJoCo: friction of wheel '{contacts[0].name}' needs weight, and gravity is "
@@ -271,8 +273,13 @@ def _stays_upright(robot: Robot, data: pin.Data, columns: np.ndarray, contact: C
     while joint > 1:
         index = model.joints[joint].idx_v
         axis = columns[3:, index]
-        own = joint == contact.joint and axle is not None and not contact.drawn and abs(axis @ axle) > 1 - _LEVEL
-        if model.joints[joint].nv != 1 or not (own or abs(axis[2]) > 1 - _LEVEL):
+        own = (
+            joint == contact.joint
+            and axle is not None
+            and not contact.drawn
+            and abs(axis @ axle) > 1 - _LEVEL_TOLERANCE
+        )
+        if model.joints[joint].nv != 1 or not (own or abs(axis[2]) > 1 - _LEVEL_TOLERANCE):
             return False
         joint = model.parents[joint]
     return bool(model.inertias[1].mass > 0)
@@ -284,7 +291,7 @@ def _carries(points: np.ndarray, weight: np.ndarray) -> bool:
     if len(points) < 3 or np.linalg.matrix_rank(points - points[0], tol=1e-3 * size) < 2:
         return False
     sides = scipy.spatial.ConvexHull(points).equations  # a x + b <= 0 inside, a of unit length
-    return bool((sides[:, :2] @ weight + sides[:, 2] < -_MARGIN * size).all())
+    return bool((sides[:, :2] @ weight + sides[:, 2] < -_SUPPORT_MARGIN * size).all())
 
 
 def _outriggers(points: np.ndarray) -> np.ndarray | None:
@@ -292,11 +299,11 @@ def _outriggers(points: np.ndarray) -> np.ndarray | None:
     middle = points.mean(axis=0)
     size = float(np.linalg.norm(points - middle, axis=1).max())
     _, spread, directions = np.linalg.svd(points - middle)
-    if size < _LEVEL or spread[1] > 1e-3 * size:
+    if size < _LEVEL_TOLERANCE or spread[1] > 1e-3 * size:
         return None
     return middle + size * np.array([directions[1], -directions[1]])
 
 
 def _support(base: pin.SE3, number: int, at: np.ndarray, ground: float) -> ContactBody:
-    center = base.actInv(np.array([*at, ground + _CASTER]))
-    return ContactBody(f"caster[{number}]", 1, center, None, _CASTER, "none")
+    center = base.actInv(np.array([*at, ground + _CASTER_RADIUS]))
+    return ContactBody(f"caster[{number}]", 1, center, None, _CASTER_RADIUS, "none")

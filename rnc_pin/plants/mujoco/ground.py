@@ -22,15 +22,15 @@ from rnc_pin.plants.mujoco.settings import MuJoCoSettings
 
 _GROUND = "ground"
 _FRICTIONLESS = 1e-5  # smallest friction coefficient in MuJoCo
-_THIN = {"ellipsoid": 0.01, "cylinder": 0.1}  # half a wheel's width, in radii
-_SHORT = 1e-6  # half length of capsules with friction in one direction [m]; both ends touch the ground
-_EDGE = 0.005  # radius of the edge of a blade [m]
-_SPRUNG = 3.0  # time constant of frictionless supports over that of wheels; wheels carry most of the load
+_HALF_WIDTHS = {"ellipsoid": 0.01, "cylinder": 0.1}  # half a wheel's width, in radii
+_CAPSULE_HALF_LENGTH = 1e-6  # half length of capsules with friction in one direction [m]; both ends touch the ground
+_BLADE_RADIUS = 0.005  # radius of the edge of a blade [m]
+_CASTER_SOFTNESS = 3.0  # time constant of frictionless supports over that of wheels; wheels carry most of the load
 _IMPEDANCE = {"elliptic": 0.02, "pyramidal": 0.999}  # a pyramidal cone has one impedance for both directions
-_STIFFER = 1e5  # tangential over normal contact impedance
-_STICKS = 1e-6  # slip treated as zero [m/s]
+_TANGENTIAL_STIFFNESS = 1e5  # tangential over normal contact impedance
+_MIN_SLIP = 1e-6  # slip treated as zero [m/s]
 _UP = np.array([0.0, 0.0, 1.0])
-_BEYOND = 2.0  # demanded deceleration of a slipping wheel over the largest that friction can give
+_MAX_DECELERATION = 2.0  # demanded deceleration of a slipping wheel over the largest that friction can give
 
 
 def add_ground(
@@ -43,13 +43,13 @@ def add_ground(
     """Add the plane and the geometry of all contacts."""
     if not contacts:
         return
-    spec.option.impratio = _STIFFER
+    spec.option.impratio = _TANGENTIAL_STIFFNESS
     plane, half = mujoco.mjtGeom.mjGEOM_PLANE, _penetration(settings, spec.option.gravity) / 2
     place, turn = np.asarray(ground.point) + half * ground.axes[2], _turned_to(ground.axes[2])
     spec.worldbody.add_geom(name=_GROUND, type=plane, size=[0, 0, 1], pos=place, quat=turn, contype=0, conaffinity=0)
     for contact in contacts:
         kind, size, axis = _shape(contact, contact.radius + half, settings)
-        raised = contact.radius + half - _EDGE if contact.friction == "lateral" else 0.0
+        raised = contact.radius + half - _BLADE_RADIUS if contact.friction == "lateral" else 0.0
         tree.bodies[contact.joint].add_geom(
             name=contact.name,
             type=kind,
@@ -76,12 +76,12 @@ def _shape(
     if contact.axle is None:
         return shape.mjGEOM_SPHERE, [radius, 0.0, 0.0], _UP
     if contact.friction == "lateral":
-        return shape.mjGEOM_CAPSULE, [_EDGE, _SHORT, 0.0], np.cross(contact.axle, contact.up)
+        return shape.mjGEOM_CAPSULE, [_BLADE_RADIUS, _CAPSULE_HALF_LENGTH, 0.0], np.cross(contact.axle, contact.up)
     if contact.friction == "longitudinal":
-        return shape.mjGEOM_CAPSULE, [radius, _SHORT, 0.0], contact.axle
+        return shape.mjGEOM_CAPSULE, [radius, _CAPSULE_HALF_LENGTH, 0.0], contact.axle
     if settings.wheel_shape == "sphere":
         return shape.mjGEOM_SPHERE, [radius, 0.0, 0.0], contact.axle
-    half = _THIN[settings.wheel_shape] * radius
+    half = _HALF_WIDTHS[settings.wheel_shape] * radius
     if settings.wheel_shape == "cylinder":
         return shape.mjGEOM_CYLINDER, [radius, half, 0.0], contact.axle
     return shape.mjGEOM_ELLIPSOID, [radius, radius, half], contact.axle
@@ -94,7 +94,7 @@ def _pair(spec: mujoco.MjSpec, contact: ContactBody, settings: MuJoCoSettings) -
         condim = 1
     elif contact.friction != "all":  # the capsule is along the axle if friction is longitudinal, else along the heading
         first = _FRICTIONLESS
-    impedance, slower = _IMPEDANCE[settings.cone], _SPRUNG if contact.friction == "none" else 1.0
+    impedance, slower = _IMPEDANCE[settings.cone], _CASTER_SOFTNESS if contact.friction == "none" else 1.0
     spec.add_pair(
         name=contact.name,
         geomname1=_GROUND,
@@ -189,8 +189,8 @@ class Ground:
         model = self._model
         normal, tangential, slip = self._measured()
         if self._adapts:
-            most = _BEYOND * self._friction * normal * self._mobility
-            rate = np.clip(most / np.maximum(slip, _STICKS), 1.0, 1.0 / model.opt.timestep)
+            most = _MAX_DECELERATION * self._friction * normal * self._mobility
+            rate = np.clip(most / np.maximum(slip, _MIN_SLIP), 1.0, 1.0 / model.opt.timestep)
             self._softness[:, 1] = -_IMPEDANCE["elliptic"] * rate
             model.pair_solreffriction[self._pairs] = self._softness
         if not drive_forces.any() and not self._along.any():

@@ -18,8 +18,8 @@ from rnc_pin.plants.mujoco.settings import MuJoCoSettings
 from rnc_pin.plants.mujoco.velocity_servos import VelocityServos
 from rnc_pin.robots.sources.description import unlogged
 
-_SLOW = 1e-2  # speed scale of regularized friction on frames [rad/s or m/s]
-_WHOLE = 1e-9  # tolerance of the number of steps
+_FRICTION_SPEED = 1e-2  # speed scale of regularized friction on frames [rad/s or m/s]
+_STEP_TOLERANCE = 1e-9  # tolerance of the number of steps
 
 
 class MuJoCoPlant:
@@ -192,7 +192,7 @@ class MuJoCoPlant:
         Raises:
             DivergenceError: the state is not finite.
         """
-        steps = max(1, int(np.ceil(dt / self.settings.step - _WHOLE)))
+        steps = max(1, int(np.ceil(dt / self.settings.step - _STEP_TOLERANCE)))
         self.model.opt.timestep = dt / steps
         if self.servos is not None:
             self._advance_servos(self.servos, steps)
@@ -234,7 +234,7 @@ class MuJoCoPlant:
                 force = force + state.passive_force
             if self._regularized:
                 directions = state.B[:, self._regularized]
-                force = force - directions @ (self._actuator_friction * np.tanh(v @ directions / _SLOW))
+                force = force - directions @ (self._actuator_friction * np.tanh(v @ directions / _FRICTION_SPEED))
         self._joints.add_force(self.data.qpos, force, applied)
         self._ground.prepare(drive_forces)
         for equality in self._equalities:

@@ -23,7 +23,7 @@ _CHOICES: dict[str, tuple[object, ...]] = {
     "stance": get_args(Stance),
     "casters": ("auto", True, False),
 }
-_LEAST = {"step": 0.0, "iterations": 1, "tolerance": 0.0, "contact_time": 0.0, "settling": 0.0}
+_MINIMA = {"step": 0.0, "iterations": 1, "tolerance": 0.0, "contact_time": 0.0, "settling": 0.0}
 _POSITIVE = ("step", "tolerance")
 
 
@@ -102,7 +102,7 @@ class MuJoCoSettings:
         servo_time = self.servo_time
         if servo_time is not None and not (_is_number(servo_time) and servo_time > 0):
             raise ConfigurationError(f"MuJoCo: servo_time: expected a positive number or None, found {servo_time!r}")
-        for name, least in _LEAST.items():
+        for name, least in _MINIMA.items():
             value = getattr(self, name)
             if not _is_number(value) or value < least or (name in _POSITIVE and not value > 0):
                 expected = "a positive number" if name in _POSITIVE else f"a number from {least:g}"

@@ -26,9 +26,9 @@ from rnc_pin.plants.mujoco.actuator_mapping import ActuatorMapping
 from rnc_pin.plants.mujoco.engine import mujoco
 from rnc_pin.plants.mujoco.settings import MuJoCoSettings
 
-_INTEGRAL = 5.0  # integral time over the time constant
-_SLOWEST = 1e-9  # smallest mobility of a driven joint [1/kg, 1/(kg m^2)]
-_STABLE = {"RK4": 2.5, "Euler": 1.8}  # largest step over the servo's own time constant of explicit integrators
+_INTEGRAL_RATIO = 5.0  # integral time over the time constant
+_MIN_MOBILITY = 1e-9  # smallest mobility of a driven joint [1/kg, 1/(kg m^2)]
+_MAX_STEP_RATIO = {"RK4": 2.5, "Euler": 1.8}  # largest step over the servo's own time constant of explicit integrators
 _SUFFIX = "/servo"
 
 
@@ -60,7 +60,7 @@ class VelocityServos:
     ) -> None:
         check_velocity_actuation(reduced)
         assert settings.servo_time is not None
-        self._reduced, self._settings, self._integral_time = reduced, settings, _INTEGRAL * settings.servo_time
+        self._reduced, self._settings, self._integral_time = reduced, settings, _INTEGRAL_RATIO * settings.servo_time
         at = reduced.at(q)
         matrix, frames = at.B, reduced.actuation.configured
         columns = [k for k in range(reduced.p) if k not in frames and np.count_nonzero(matrix[:, k]) == 1]
@@ -99,7 +99,7 @@ class VelocityServos:
         self._check_step(model, data)
 
     def _check_step(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        most = _STABLE.get(self._settings.integrator)
+        most = _MAX_STEP_RATIO.get(self._settings.integrator)
         if most is None or not len(self._places):
             return
         mujoco.mj_forward(model, data)
@@ -192,7 +192,7 @@ def _inertias(at: ConfigurationEvaluation, directions: np.ndarray, names: Sequen
     basis = null_space(at.A)
     along = basis.T @ directions
     mobility = np.vecdot(along.T, np.linalg.solve(basis.T @ at.M @ basis, along).T)
-    stuck = [name for name, each in zip(names, mobility, strict=True) if each < _SLOWEST]
+    stuck = [name for name, each in zip(names, mobility, strict=True) if each < _MIN_MOBILITY]
     if stuck:
         raise ConfigurationError(f"MuJoCo: {few(stuck)} cannot move, so a velocity servo has no use there")
     inertias: np.ndarray = 1.0 / mobility
@@ -205,13 +205,11 @@ def _joint_name(reduced: ReducedModel, dof: int) -> str:
     Raises:
         ConfigurationError: it has several degrees of freedom.
     """
-    model = reduced.robot.model
-    for name, joint in zip(model.names, model.joints, strict=True):
-        if joint.idx_v == dof and joint.nv == 1:
-            return str(name)
+    name = reduced.robot.velocity_names[dof]
+    if name in reduced.robot.joint_names:
+        return name
     raise ConfigurationError(
-        f"MuJoCo: a velocity servo on '{reduced.robot.velocity_names[dof]}' needs a joint of one degree of freedom; "
-        "use FrameForce and FrameTorque"
+        f"MuJoCo: a velocity servo on '{name}' needs a joint of one degree of freedom; use FrameForce and FrameTorque"
     )
 
 

@@ -25,15 +25,15 @@ if TYPE_CHECKING:
     import mujoco
 
 _GENERATORS = ("composite", "flexcomp", "attach")
-_MOST_ELEMENTS = 20_000  # after expansion of <replicate>
-_LONGEST = 1_000  # characters of an attribute that defaults and <replicate> can repeat
-_PARTS = ("body", "frame", "replicate", "inertial", "joint", "freejoint", "geom", "site")
+_MAX_ELEMENTS = 20_000  # after expansion of <replicate>
+_MAX_CHARACTERS = 1_000  # characters of an attribute that defaults and <replicate> can repeat
+_BODY_CHILDREN = ("body", "frame", "replicate", "inertial", "joint", "freejoint", "geom", "site")
 _CHILDREN = {
     "mujoco": ("compiler", "option", "default", "asset", "worldbody", "equality", "tendon", "actuator"),
     "option": ("flag",),
     "default": ("default", "joint", "geom", "mesh", "material", "site", "equality"),
     "asset": ("mesh", "material"),
-    **dict.fromkeys(("worldbody", "body", "frame", "replicate"), _PARTS),
+    **dict.fromkeys(("worldbody", "body", "frame", "replicate"), _BODY_CHILDREN),
     "equality": ("connect", "weld", "joint"),
     "tendon": ("fixed",),
     "fixed": ("joint",),
@@ -133,10 +133,10 @@ def reduce_document(root: ElementTree.Element, path: Path) -> None:
     for parent in (*root.findall("worldbody"), *root.findall("default")):
         for element in parent.iter():
             for key, text in element.attrib.items():
-                if len(text) > _LONGEST:
-                    raise ModelError(f"{path}: <{element.tag}>: {key} is longer than {_LONGEST:,} characters")
-    if _size(root, path) > _MOST_ELEMENTS:
-        raise ModelError(f"{path}: stands for more than {_MOST_ELEMENTS:,} elements")
+                if len(text) > _MAX_CHARACTERS:
+                    raise ModelError(f"{path}: <{element.tag}>: {key} is longer than {_MAX_CHARACTERS:,} characters")
+    if _size(root, path) > _MAX_ELEMENTS:
+        raise ModelError(f"{path}: stands for more than {_MAX_ELEMENTS:,} elements")
     _check_numbers(root, path)
 
 

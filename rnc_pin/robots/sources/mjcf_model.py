@@ -63,17 +63,21 @@ class ModelBuilder:
     """
 
     def __init__(self, compiled: mujoco.MjModel, name: str, base: str | None) -> None:
+        import mujoco
+
         self._compiled, self._base = compiled, base
         self._make_root = ROOT_JOINTS[base or "fixed"]
         self.model = pin.Model()
         self.model.name = name
-        self.model.gravity.linear = np.zeros(3) if compiled.opt.disableflags & _gravity_flag() else compiled.opt.gravity
+        weightless = compiled.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY
+        self.model.gravity.linear = np.zeros(3) if weightless else compiled.opt.gravity
         self.joints: dict[int, int] = {}
         self.references: dict[str, float] = {}
         self._check_joint_names()
         self._check_roots()
-        self._names = self._body_names()
-        self._free = (each for k in itertools.count(1) if (each := f"body_{k}") not in self._names)
+        names = [compiled.body(k).name for k in range(compiled.nbody)]
+        self._free = (each for k in itertools.count(1) if (each := f"body_{k}") not in names)
+        self._names = [name or next(self._free) for name in names]
         self.carriers = [Carrier("universe", 0, 0, pin.SE3.Identity())]
         for body in range(1, compiled.nbody):
             self.carriers.append(self._add_body(body))
@@ -113,11 +117,6 @@ class ModelBuilder:
                 f"base='{self._base}' would move body '{names[0]}', which has {counted(len(own), 'joint')} of its "
                 "own: take the file's own base (None)"
             )
-
-    def _body_names(self) -> list[str]:
-        names = [self._compiled.body(k).name for k in range(self._compiled.nbody)]
-        free = (each for k in itertools.count(1) if (each := f"body_{k}") not in names)
-        return [name or next(free) for name in names]
 
     def _own_joints(self, body: int) -> list[int]:
         """Joints of a body, without a free joint that the base replaces."""
@@ -209,9 +208,3 @@ class ModelBuilder:
 def pose(position: np.ndarray, quaternion: np.ndarray) -> pin.SE3:
     """Pose of a position (3,) and a quaternion (4,) of MuJoCo, its scalar first."""
     return pin.XYZQUATToSE3(np.r_[position, quaternion[1:], quaternion[0]])
-
-
-def _gravity_flag() -> int:
-    import mujoco
-
-    return int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)

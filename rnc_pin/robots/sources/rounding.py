@@ -17,16 +17,16 @@ from rnc_pin.errors import argument
 
 PRECISION = 2e-6
 """Relative error of any number in a file, from single precision or unit conversions."""
-CLOSE = 1e-4
+TOLERANCE = 1e-4
 """Tolerance [rad] within which a value is taken as a multiple of pi/2, or as a coordinate axis."""
-SAID = 1e-9
+REPORTED = 1e-9
 """Changes up to this value are not reported: they are the last digits of a printed double."""
 
 _FRACTIONS = (math.pi / 4, math.pi / 6)  # these include all multiples of pi/2 and pi/3
-_RIGHT = math.pi / 2
-_DECIMALS = 2  # a number with fewer decimals is intentional
+_RIGHT_ANGLE = math.pi / 2
+_MIN_DECIMALS = 2  # a number with fewer decimals is intentional
 _COSINES = (0.0, 0.5, math.sqrt(1 / 3), math.sqrt(1 / 2), math.sqrt(2 / 3), math.sqrt(3) / 2, 1.0)
-_UNIT = 1e-9
+_UNIT_TOLERANCE = 1e-9
 _NUMBER = re.compile(r"[+-]?(?:\d*)\.?(\d*)(?:[eE]([+-]?\d+))?")
 
 
@@ -48,7 +48,7 @@ def is_rounding(text: str, value: float) -> bool:
     number, own = float(text), decimals(text)
     return any(
         _off(number, value, places) < (1e-3 * 10.0**-places if places == own else PRECISION * abs(number))
-        for places in range(_DECIMALS, own + 1)
+        for places in range(_MIN_DECIMALS, own + 1)
     )
 
 
@@ -63,11 +63,11 @@ def snapped_angle(text: str) -> float:
     """Return the multiple of pi of which an angle [rad] as written is a rounding.
 
     This is a multiple of pi/2, pi/3, pi/4 or pi/6 rounded or truncated at the number's own decimals, or a multiple of
-    pi/2 within ``CLOSE``. Any other number is returned without change.
+    pi/2 within ``TOLERANCE``. Any other number is returned without change.
     """
     angle = float(text)
-    right = round(angle / _RIGHT) * _RIGHT
-    if abs(angle - right) <= CLOSE:
+    right = round(angle / _RIGHT_ANGLE) * _RIGHT_ANGLE
+    if abs(angle - right) <= TOLERANCE:
         return right
     for fraction in _FRACTIONS:
         multiple = round(angle / fraction) * fraction
@@ -80,22 +80,22 @@ def snapped_direction(texts: Sequence[str]) -> list[float]:
     """Return the exact components of which a direction, or a unit quaternion, as written is a rounding.
 
     Each component has to be a rounding, at its own decimals, of 0, 1 or the cosine of a common angle, and the exact
-    vector has length 1. Alternatively, all but one are within ``CLOSE`` of zero and the length is near 1. Any other
+    vector has length 1. Alternatively, all but one are within ``TOLERANCE`` of zero and the length is near 1. Any other
     direction is returned without change.
     """
     numbers = [float(text) for text in texts]
     length = math.hypot(*numbers)
     largest = max(numbers, key=abs)
-    if abs(length - 1) <= CLOSE and sum(abs(number) > CLOSE for number in numbers) == 1:
+    if abs(length - 1) <= TOLERANCE and sum(abs(number) > TOLERANCE for number in numbers) == 1:
         return [math.copysign(1.0, number) if number == largest else 0.0 for number in numbers]
     exact = [_cosine(text, number) for text, number in zip(texts, numbers, strict=True)]
-    return exact if abs(math.hypot(*exact) - 1) < _UNIT else numbers
+    return exact if abs(math.hypot(*exact) - 1) < _UNIT_TOLERANCE else numbers
 
 
 def _cosine(text: str, number: float) -> float:
     for cosine in _COSINES:
         value = math.copysign(cosine, number) if cosine else 0.0
-        if abs(number - value) <= PRECISION or (cosine == 0 and abs(number) <= CLOSE) or is_rounding(text, value):
+        if abs(number - value) <= PRECISION or (cosine == 0 and abs(number) <= TOLERANCE) or is_rounding(text, value):
             return value
     return number
 
@@ -105,8 +105,8 @@ class Roundings:
     """Record of the rounded values that were replaced in a file.
 
     Attributes:
-        angles: number of angles changed by more than ``SAID``.
-        axes: number of axes changed by more than ``SAID``.
+        angles: number of angles changed by more than ``REPORTED``.
+        axes: number of axes changed by more than ``REPORTED``.
         largest: largest change [rad, or of a component].
         where: joint or body with the largest change, in words.
     """
@@ -135,7 +135,7 @@ class Roundings:
         if not all(lengths):
             return list(texts)
         change = max(abs(old / lengths[0] - new / lengths[1]) for old, new in zip(given, exact, strict=True))
-        if change > SAID:
+        if change > REPORTED:
             self.axes += is_axis
             self.angles += not is_axis
         if change > self.largest:

@@ -35,7 +35,7 @@ CHILDREN: Mapping[str, tuple[str, ...]] = {
 """Known elements in an element of a URDF, with customary ones of simulators; elements that are no key can have any."""
 
 _TYPES = ("fixed", "revolute", "continuous", "prismatic", "floating", "planar")
-_LONGEST_CHAIN = 1000
+_MAX_CHAIN = 1000
 _NOT_NEGATIVE = ("damping", "friction")
 
 
@@ -227,8 +227,8 @@ def _check_chains(links: Iterable[str], parents: Mapping[str, str], path: Path) 
         for each in reversed(walked):
             depth += 1
             depths[each] = depth
-        if depth > _LONGEST_CHAIN:
-            raise ModelError(f"{path}: a chain of more than {_LONGEST_CHAIN} links, each the parent of the next")
+        if depth > _MAX_CHAIN:
+            raise ModelError(f"{path}: a chain of more than {_MAX_CHAIN} links, each the parent of the next")
 
 
 def _end(joint: ElementTree.Element, end: str) -> str:

@@ -28,8 +28,8 @@ STAND_IN = "_stand_in"
 """Suffix of the names of boxes that replace meshes; Pinocchio's own names of shapes end in a number."""
 
 _GEOMETRY = {"visual": pin.GeometryType.VISUAL, "collision": pin.GeometryType.COLLISION}
-_LIGHTEST = 30.0  # [kg/m^3] least density of a box: many files give small links far too large inertias
-_THINNEST = 0.05  # shortest side, relative to the longest side
+_MIN_DENSITY = 30.0  # [kg/m^3] least density of a box: many files give small links far too large inertias
+_MIN_SIDE = 0.05  # shortest side, relative to the longest side
 _COLOR = np.array([0.55, 0.6, 0.66, 0.75])
 
 
@@ -192,23 +192,23 @@ def equivalent_box(link: ElementTree.Element) -> tuple[np.ndarray, pin.SE3] | No
         axes[:, 0] *= -1.0
     squares = 6.0 * (moments.sum() - 2.0 * moments) / mass
     longest = float(np.sqrt(max(squares.max(), 1e-6)))
-    sides = np.maximum(np.sqrt(np.maximum(squares, 0.0)), _THINNEST * longest)
-    sides *= min(1.0, float(np.cbrt(mass / _LIGHTEST / sides.prod())))
+    sides = np.maximum(np.sqrt(np.maximum(squares, 0.0)), _MIN_SIDE * longest)
+    sides *= min(1.0, float(np.cbrt(mass / _MIN_DENSITY / sides.prod())))
     return sides, placement * pin.SE3(axes, np.zeros(3))
 
 
 # ---------------------------------------------------------------------- inertias
 
 
-BALL = 0.05  # radius [m] of the ball that represents a link without geometry
-_FLAT = 1e-2  # shortest edge of a box, relative to its longest edge
+BALL_RADIUS = 0.05  # radius [m] of the ball that represents a link without geometry
+_MIN_EDGE = 1e-2  # shortest edge of a box, relative to its longest edge
 
 
 def give_masses(root: ElementTree.Element, masses: Mapping[str, float], path: Path) -> None:
     """Give masses to links without a valid inertia, with uniform density in the box around their geometry.
 
     The box encloses the collision geometry, or the visual geometry if there is none. Without readable geometry, the
-    link is a ball of radius ``BALL``.
+    link is a ball of radius ``BALL_RADIUS``.
 
     Args:
         root: XML of the robot, with absolute paths of meshes.
@@ -277,9 +277,9 @@ def _box(link: ElementTree.Element) -> tuple[np.ndarray, np.ndarray]:
         low, high = points.min(axis=0), points.max(axis=0)
         edges = high - low
         if edges.max() > 0:
-            return (low + high) / 2, np.maximum(edges, _FLAT * edges.max())
+            return (low + high) / 2, np.maximum(edges, _MIN_EDGE * edges.max())
     # The cube with the inertia of a ball: edge^2 / 6 = 2 / 5 radius^2.
-    return np.zeros(3), np.full(3, BALL * np.sqrt(12 / 5))
+    return np.zeros(3), np.full(3, BALL_RADIUS * np.sqrt(12 / 5))
 
 
 def _shapes(link: ElementTree.Element) -> list[ElementTree.Element]:

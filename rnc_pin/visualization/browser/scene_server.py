@@ -84,8 +84,8 @@ class CommandSocket(FilteredHandler, tornado.websocket.WebSocketHandler):
             self.close(4003, "wrong secret")
 
 
-_GOODBYE = 0.5  # [s]
-_LONGEST_MESSAGE = 1024  # [bytes]; of messages from browsers
+_CLOSING_TIME = 0.5  # [s]
+_MAX_MESSAGE = 1024  # [bytes]; of messages from browsers
 _LIMITS = {
     "max_header_size": 16_384,
     "max_body_size": 1024,
@@ -162,7 +162,7 @@ class SceneServer:
                 *commands,
             ],
             default_handler_class=_NotFound,
-            websocket_max_message_size=_LONGEST_MESSAGE,
+            websocket_max_message_size=_MAX_MESSAGE,
             requests=RequestFilter(host),
             log_function=lambda handler: None,  # requests are not logged to the terminal
         )
@@ -173,7 +173,7 @@ class SceneServer:
         server.stop()
         sending = [browser.sending for browser in self._watching if browser.sending is not None]
         if sending:
-            await asyncio.wait(sending, timeout=_GOODBYE)
+            await asyncio.wait(sending, timeout=_CLOSING_TIME)
         for browser in list(self._watching):
             browser.disconnect()
         self._watching.clear()

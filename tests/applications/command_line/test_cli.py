@@ -244,7 +244,7 @@ def test_a_run_that_misses_a_goal_says_so(call, tmp_path, no_pictures):
     assert missed
     assert summary["goals_missed"] == missed == parsed((tmp_path / "summary.json").read_text())["goals_missed"]
     assert summary["verdict"] == "failed"
-    assert [each["where"] for each in summary["findings"] if each["kind"] == "goal"] == list(missed)
+    assert [each["where"] for each in summary["findings"] if each["severity"] == "fails"] == list(missed)
     first = next(iter(missed))
     assert f"rnc-pin: error: the goal of {first} is missed by " in error.splitlines()[-1]
     status, out, error = call("replay", tmp_path)

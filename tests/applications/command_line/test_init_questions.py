@@ -4,7 +4,8 @@ import pytest
 import yaml
 
 from rnc_pin.applications.command_line.commands import init
-from rnc_pin.applications.init import scenario_candidate
+from rnc_pin.applications.init import DraftDecision, DraftedScenario, scenario_candidate
+from rnc_pin.applications.init.decision import Alternative
 from urdf_parts import BOX, link, pivot, robot, wheel
 
 
@@ -43,4 +44,33 @@ def test_on_a_terminal_the_answer_decides(answer, driven, truck, monkeypatch):
     assert result.exit_code == 0, result.output
     assert "Which wheels are driven?" in result.output
     assert yaml.safe_load(draft.read_text())["actuators"] == [*driven, "turn_joint"]
-    assert ("QUESTION" in draft.read_text()) == (answer == "\n")
+    text = draft.read_text().replace("\n# ", " ")
+    assert "QUESTION" not in text
+    assert f"Decided: Which wheels are driven? {', '.join(driven)} (your answer)" in text
+    assert result.output.count("Which wheels are driven?") == 1
+
+
+def test_an_answer_that_raises_the_next_question_is_asked_further(tmp_path, monkeypatch):
+    from click.testing import CliRunner
+
+    from rnc_pin.applications.command_line.usage import cli
+
+    decisions = {
+        (): [DraftDecision("One?", "a", 0.5, "a guess", (Alternative("b", ("--base", "free")),))],
+        ("free",): [
+            DraftDecision("One?", "b", 0.5, "a guess", (Alternative("a", ("--base", "planar")),)),
+            DraftDecision("Other?", "c", 0.5, "a guess", (Alternative("d", ("--driven", "d")),)),
+        ],
+    }
+
+    def drafted(robot, folder, wishes):
+        found = decisions[(wishes.base,) if wishes.base else ()]
+        return DraftedScenario(lambda told: "\n".join(map(str, told)), tuple(found))
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(init, "draft_with_decisions", drafted)
+    monkeypatch.setattr(init, "_on_a_terminal", lambda: True)
+    result = CliRunner().invoke(cli, ["init", "robot.urdf"], input="2\n1\n", obj=0.0)
+    assert result.exit_code == 0, result.output
+    said = (tmp_path / "robot.yaml").read_text()
+    assert said.startswith("One? b (your answer). Otherwise a: --base planar\nOther? c (your answer)")

@@ -187,6 +187,24 @@ def test_failures_are_the_findings_of_a_run(failure, name, options, inputs, limi
     assert failure in fails
 
 
+@pytest.mark.parametrize(("position", "time"), [([9.0, 0.0, 0.4], None), ([2.0, 0.0, 0.4], 0.5)])
+def test_an_episode_ends_where_its_robot_is_in_an_obstacle(position, time):
+    """A wall comes at up to 4 m/s and meets a robot at rest: the episode once went on. Another wall is far away."""
+    wall = {"name": "wall", "size": [0.1, 4.0, 0.8], "position": position}
+    if time is not None:
+        wall["motion"] = {"minimum_jerk": {"by": [-2.0, 0.0, 0.0, 0.0], "duration": 1.0}}
+    options = {"obstacles": [{"box": wall}], "simulation.duration": 2.0, "comparisons": {}}
+    env = rnc.gym.make("mobile-manipulator", options=options, period=0.05, limits=rnc.gym.EpisodeLimits(20.0, 9.0, 9.0))
+    env.reset(seed=0)
+    over = False
+    while not over:
+        _, _, failed, ended, info = env.step(np.zeros(env.action_space.shape))
+        over = failed or ended
+    assert (failed, info["failure"]) == ((False, "") if time is None else (True, "collision"))
+    if time is not None:
+        assert 0.2 < info["time"] < 0.8
+
+
 def test_a_reward_function_gets_the_step():
     def effort(step):
         assert isinstance(step, rnc.gym.Transition)

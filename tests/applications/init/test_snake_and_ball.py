@@ -5,12 +5,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from generated_urdfs import ball, cart, snake
 from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate
 from rnc_pin.applications.init.drive_evidence import named_as_driven
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import read_yaml
 from rnc_pin.applications.scenario.scenario import Scenario
+from urdf_parts import ball, cart, snake, transmissions
 
 
 @pytest.fixture(autouse=True)
@@ -74,13 +74,9 @@ def test_other_rows_of_bodies_are_no_snakes(options, words, tmp_path):
 
 def test_what_the_file_drives_decides(tmp_path):
     """Transmissions on the wheels make no snake; on joints without an effort they do."""
-
-    def transmissions(names):
-        return "".join(f'<transmission name="t_{each}"><joint name="{each}"/></transmission>' for each in names)
-
-    driven = transmissions([f"yaw_{k}" for k in range(1, 4)])
+    driven = transmissions(*(f"yaw_{k}" for k in range(1, 4)))
     assert "a snake of 4 bodies" in drafted(snake(4, effort=0.0, extra=driven), tmp_path)[1]
-    driven += transmissions(["body_0_left_joint", "body_0_right_joint"])
+    driven += transmissions("body_0_left_joint", "body_0_right_joint")
     assert "snake" not in drafted(snake(4, extra=driven), tmp_path)[1]
 
 

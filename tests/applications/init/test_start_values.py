@@ -7,7 +7,10 @@ import yaml
 import rnc_pin as rnc
 from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate
 from rnc_pin.applications.init.joint_properties import joint_limits
-from rnc_pin.applications.init.start_values import start_values
+from rnc_pin.applications.init.start_values import mimic_doubts, start_values
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
+from urdf_parts import joint, link, robot
 
 pytest.importorskip("mujoco", reason="mujoco is an optional extra and not installed")
 
@@ -85,3 +88,57 @@ def test_joints_outside_a_loop_start_as_before_and_a_loop_that_no_limit_admits_i
     assert start_values(robot) == {"crank": 0.75, "coupler": 0.55, "rocker": 0, "tip": 0.4}
     with pytest.raises(rnc.RncError, match="no configuration near q satisfies closure"):
         draft(str(tmp_path / "finger.xml"), tmp_path, DraftOptions())
+
+
+# ---------------------------------------------------------------------- mimic joints
+
+
+def jaws(*followers, lower=0.0, upper=0.5):
+    """A gripper: followers of the joint lead, each (multiplier, offset, lower, upper)."""
+    parts = [link("base"), link("finger"), joint("lead", "base", "finger", (0, 0, 0), kind="revolute")]
+    parts[2] = parts[2].replace("<limit ", f'<limit lower="{lower}" upper="{upper}" ')
+    for k, (multiplier, offset, low, high) in enumerate(followers):
+        follows = joint(f"jaw_{k}", "base", f"jaw_{k}_link", (0, 0.1 * k, 0), kind="revolute", limits=(low, high))
+        mimic = f'<mimic joint="lead" multiplier="{multiplier}" offset="{offset}"/></joint>'
+        parts += [link(f"jaw_{k}_link"), follows.replace("</joint>", mimic)]
+    return robot(*parts)
+
+
+@pytest.mark.parametrize(
+    ("followers", "expected", "doubt"),
+    [
+        ([(1, 0, 0, 0.5)], 0.25, ""),
+        ([(-1, 0, -0.5, 0), (2, 0, 0, 0.6)], 0.15, ""),  # half of the range of the second
+        ([(-1, 0, 0, 0.5)], 0.0, "kept only at 0 in the range of lead: jaw_0"),
+        ([(1, 1, 0, 0.5)], 0.25, "kept nowhere in the range of lead: jaw_0"),
+    ],
+    ids=["equal", "inside", "one position", "none"],
+)
+def test_a_leader_starts_where_its_mimic_joints_are_within_their_limits(followers, expected, doubt, tmp_path):
+    (tmp_path / "jaws.urdf").write_text(jaws(*followers))
+    found = rnc.Robot.from_urdf(tmp_path / "jaws.urdf")
+    start = start_values(found)
+    assert start["lead"] == pytest.approx(expected)
+    for k, (multiplier, offset, low, high) in enumerate(followers):
+        assert start[f"jaw_{k}"] == pytest.approx(multiplier * expected + offset)
+        assert "nowhere" in doubt or low <= start[f"jaw_{k}"] <= high
+    assert [doubt] * bool(doubt) == [each.removeprefix("limits of mimic joints are ") for each in mimic_doubts(found)]
+
+
+def test_the_motion_of_a_leader_keeps_the_limits_of_its_mimic_joints(tmp_path):
+    (tmp_path / "jaws.urdf").write_text(jaws((-1, 0, -0.3, 0), (1, 0.1, 0, 0.3)))
+    text = draft(str(tmp_path / "jaws.urdf"), tmp_path, DraftOptions())
+    (tmp_path / "jaws.yaml").write_text(text)
+    content = yaml.safe_load(text)
+    assert content["initial"]["q"]["lead"] == 0.1  # the middle of 0 and 0.2
+    assert content["reference"]["primary"]["minimum_jerk"]["by"] == [0.03]
+    assert execute(Scenario.load(str(tmp_path / "jaws.yaml"))).trajectory.verdict.succeeded
+
+
+def test_mimic_joints_in_a_circle_end_no_search(tmp_path):
+    parts = [link("base"), link("one"), link("other")]
+    for name, parent, of in (("one", "base", "other"), ("other", "one", "one")):
+        turning = joint(f"{name}_joint", parent, name, (0, 0, 0.2), kind="revolute", limits=(-1, 1))
+        parts.append(turning.replace("</joint>", f'<mimic joint="{of}_joint"/></joint>'))
+    (tmp_path / "circle.urdf").write_text(robot(*parts))
+    assert start_values(rnc.Robot.from_urdf(tmp_path / "circle.urdf")) == {"one_joint": 0.0, "other_joint": 0.0}

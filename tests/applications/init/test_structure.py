@@ -2,41 +2,15 @@
 
 import numpy as np
 import pytest
-import yaml
 
-from rnc_pin.applications.init import DraftOptions, draft_with_decisions, scenario_candidate, with_choices
+from rnc_pin.applications.init import DraftOptions, with_choices
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ConfigurationError, ModelError
 from rnc_pin.visualization.top_view import ground_paths
 from urdf_parts import BOX, caster, joint, link, pivot, plugin, robot, transmissions, wheel
 
-pytestmark = pytest.mark.filterwarnings("ignore::rnc_pin.ModelWarning")
-
-
-@pytest.fixture(autouse=True)
-def brief(monkeypatch):
-    """Drafts are tried out for a moment here."""
-    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
-
-
-@pytest.fixture
-def drafted(tmp_path):
-    """Function from a URDF and choices to (words of the kind, content, decisions by question)."""
-
-    def make(text, **wishes):
-        file = tmp_path / "unit.urdf"
-        file.write_text(text)
-        found = draft_with_decisions(str(file), tmp_path, DraftOptions(**wishes))
-        (tmp_path / "unit.yaml").write_text(found.text)
-        kind = next(line for line in found.text.splitlines() if line.startswith("# base"))
-        return (
-            kind.removeprefix("# base "),
-            yaml.safe_load(found.text),
-            {each.question: each for each in found.decisions},
-        )
-
-    return make
+pytestmark = [pytest.mark.filterwarnings("ignore::rnc_pin.ModelWarning"), pytest.mark.usefixtures("brief")]
 
 
 def moved(folder, **options):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate
+from rnc_pin.applications.init import DraftOptions, draft
 from rnc_pin.applications.init.base_assumptions import BaseAssumptions
 from rnc_pin.applications.init.trial import Trial
 from rnc_pin.applications.init.trial_findings import model_findings, run_findings
@@ -13,6 +13,7 @@ from rnc_pin.applications.scenario.files import read_yaml
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ModelWarning
 from rnc_pin.verdict import FindingKind, Severity
+from urdf_parts import link, pivot, robot, wheel
 
 
 def car(toe=0.0, rear=100.0, steering=10.0, rear_right=None):
@@ -23,33 +24,13 @@ def car(toe=0.0, rear=100.0, steering=10.0, rear_right=None):
         rear, steering: efforts of the rear wheels and of the steering joints [N m].
         rear_right: effort of the right rear wheel; that of ``rear`` by default [N m].
     """
-    parts = []
-
-    def link(name, mass, shape="", turn="1.5707963267948966 0 0"):
-        geometry = f'<collision><origin rpy="{turn}"/><geometry>{shape}</geometry></collision>' if shape else ""
-        tensor = '<inertia ixx="0.02" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/>'
-        parts.append(f'<link name="{name}"><inertial><mass value="{mass}"/>{tensor}</inertial>{geometry}</link>')
-
-    def joint(name, parent, child, at, axis="0 1 0", limit="", kind="continuous"):
-        parts.append(
-            f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-            f'<origin xyz="{at}"/><axis xyz="{axis}"/>{limit}</joint>'
-        )
-
-    wheel = '<cylinder radius="0.1" length="0.04"/>'
-    link("base", 20, '<box size="0.9 0.3 0.1"/>', "0 0 0")
+    parts = [link("base", 20, '<box size="0.9 0.3 0.1"/>')]
     for side, sign in (("left", 1), ("right", -1)):
         effort = rear if rear_right is None or side == "left" else rear_right
-        link(f"rear_{side}", 1, wheel)
-        limit = f'<limit effort="{effort}" velocity="50"/>'
-        joint(f"rear_{side}_joint", "base", f"rear_{side}", f"-0.3 {0.25 * sign} 0", limit=limit)
-        link(f"knuckle_{side}", 0.5)
-        limit = f'<limit lower="-0.6" upper="0.6" effort="{steering}" velocity="5"/>'
-        joint(f"steer_{side}_joint", "base", f"knuckle_{side}", f"0.3 {0.25 * sign} 0", "0 0 1", limit, kind="revolute")
-        link(f"front_{side}", 1, wheel)
-        axle = f"{sign * np.sin(toe):.9f} {np.cos(toe):.9f} 0"
-        joint(f"front_{side}_joint", f"knuckle_{side}", f"front_{side}", "0 0 0", axle)
-    return f'<robot name="car">{"".join(parts)}</robot>'
+        parts.append(wheel(f"rear_{side}", "base", (-0.3, 0.25 * sign, 0), effort=effort))
+        parts.append(pivot(f"steer_{side}", "base", (0.3, 0.25 * sign, 0), steering))
+        parts.append(wheel(f"front_{side}", f"steer_{side}", (0, 0, 0), effort=None, toe=-sign * toe))
+    return robot(*parts, name="car")
 
 
 def drafted(text, folder):
@@ -57,12 +38,6 @@ def drafted(text, folder):
     path = folder / "robot.yaml"
     path.write_text(draft(str(folder / "robot.urdf"), folder, DraftOptions()))
     return path.read_text(), read_yaml(path), path
-
-
-@pytest.fixture
-def brief(monkeypatch):
-    """Drafts are tried out for a moment."""
-    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
 
 
 # ---------------------------------------------------------------------- abilities
@@ -128,12 +103,11 @@ def test_the_base_has_to_move():
     start = system.robot.configuration()
     rest = rnc.free_motion(reduced, start, [0.0, 0.0], duration=2.0)
     rolls = rnc.free_motion(reduced, start, [0.09, 0.0], duration=2.0)
-    limits = reduced.actuation.limits
     asked = 0.5 * (10 * 0.4**3 - 15 * 0.4**4 + 6 * 0.4**5)  # minimum jerk, after 2 of 5 s
-    (found,) = run_findings(Trial(2.0), rest, limits, rolling(), system.robot)
+    (found,) = run_findings(Trial(2.0), rest, rolling(), system.robot)
     assert (found.kind, found.severity) == (FindingKind.GOAL, Severity.FAILS)
     assert found.amount == pytest.approx(asked)
-    assert run_findings(Trial(2.0), rolls, limits, rolling(), system.robot) == []
+    assert run_findings(Trial(2.0), rolls, rolling(), system.robot) == []
     assert Trial(2.0, findings=(found,)).rank > Trial(2.0, "yaw", 0.4, 1.0).rank
 
 
@@ -143,7 +117,7 @@ def test_an_error_of_half_the_motion_fails():
     run = rnc.free_motion(reduced, system.robot.configuration(), [0.1, 0.0], duration=2.0)
 
     def severities(error):
-        found = run_findings(Trial(2.0, "yaw", error, 1.0), run, reduced.actuation.limits, rolling(), system.robot)
+        found = run_findings(Trial(2.0, "yaw", error, 1.0), run, rolling(), system.robot)
         return [each.severity for each in found]
 
     assert severities(0.1) == []
@@ -155,11 +129,53 @@ def test_an_error_of_half_the_motion_fails():
 
 
 def test_efforts_beyond_the_file_are_said(tmp_path, brief):
-    with pytest.warns(ModelWarning, match="'car' is drafted, but rear_left_joint gives .* the file allows 1e-06 N m"):
+    with pytest.warns(ModelWarning, match="'car' is drafted, but effort of rear_left_joint: .*, limit 1e-06"):
         text, _, path = drafted(car(rear=1e-6), tmp_path)
-    said = next(line for line in text.splitlines() if line.startswith("# CHECK: rear_left_joint gives"))
-    largest = np.abs(execute(Scenario.load(str(path), {"simulation.duration": 0.1})).trajectory.T[:, 0]).max()
-    assert float(said.split("gives ")[1].split()[0]) == pytest.approx(largest, rel=0.01)
+    said = next(line for line in text.splitlines() if line.startswith("# CHECK: effort of rear_left_joint"))
+    run = execute(Scenario.load(str(path))).trajectory
+    largest = np.abs(run.T[run.time < 0.1 + 1e-9, 0]).max()
+    assert float(said.split("joint: ")[1].split()[0]) == pytest.approx(largest, rel=1e-3)
+    assert "of the usual motion" not in text
+
+
+def pendulum(lower, upper, effort, speed=5.0, center="0.5 0 0"):
+    """A rod of 2 kg on a horizontal axle, with its center of mass in a place of the rod [m]."""
+    limits = f'<limit lower="{lower}" upper="{upper}" effort="{effort}" velocity="{speed}"/>'
+    return (
+        f'<robot name="rod"><link name="base"/><link name="rod"><inertial><origin xyz="{center}"/><mass value="2"/>'
+        '<inertia ixx="0.05" iyy="0.05" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="axle" type="revolute"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/>'
+        f"{limits}</joint></robot>"
+    )
+
+
+def test_a_joint_starts_where_its_motor_holds_the_weight(tmp_path):
+    """At zero the weight needs 9.81 N m."""
+    text, content, path = drafted(pendulum(-0.5, 1.5, effort=5.0), tmp_path)
+    angle = content["initial"]["q"]["axle"]
+    assert np.cos(angle) * 9.81 < 0.8 * 5.0
+    assert "start where motors can hold the weight: axle at" in text
+    assert execute(Scenario.load(str(path))).trajectory.verdict.succeeded
+
+
+def test_a_weight_that_no_start_makes_bearable_is_said(tmp_path):
+    with pytest.warns(ModelWarning, match="effort of axle: .* limit 5"):
+        text, content, _ = drafted(pendulum(-0.5, 0.5, effort=5.0), tmp_path)
+    assert "q" not in content.get("initial", {}) or not content["initial"]["q"]
+    assert "# CHECK: effort of axle: " in text
+    assert "where motors can hold" not in text
+
+
+@pytest.mark.parametrize(("limited", "share"), [({"speed": 0.01}, (0.1, 0.15)), ({"effort": 6.5}, (0.3, 0.5))])
+def test_a_motion_is_reduced_until_it_keeps_the_limits_of_the_file(limited, share, tmp_path):
+    """The usual one, 0.2 rad within 5 s, needs 0.075 rad/s, and lifts the rod: from 5.9 to 7.3 N m."""
+    text, content, path = drafted(pendulum(-0.5, 1.5, **{"effort": 50.0, **limited}, center="0.3 0 0.4"), tmp_path)
+    (step,) = content["reference"]["primary"]["minimum_jerk"]["by"]
+    run = execute(Scenario.load(str(path))).trajectory
+    assert run.verdict.succeeded
+    assert share[0] < step / 0.2 < share[1]
+    assert run.q[-1, 0] - run.q[0, 0] == pytest.approx(step, abs=1e-3)
+    assert f"with {round(100 * step / 0.2)} % of the usual motion" in text.replace("\n# ", " ")
 
 
 def test_actuators_with_effort_0_are_not_driven_silently(tmp_path, brief):

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import qpsolvers
 from scipy.linalg import null_space
 from scipy.optimize import LinearConstraint, minimize
 
@@ -16,7 +15,7 @@ def test_nearest_points_satisfy_the_conditions_of_optimality(by_name):
     """Rows with a bound above, below, at both sides and none; the solvers of ``qpsolvers`` know one side only."""
     solver, generator, active = LeastDistanceSolver(), np.random.default_rng(2), np.zeros(2, dtype=int)
     if by_name:
-        solver._package, solver._by_name = qpsolvers, True  # whose own daqp is installed wherever the package is
+        solver._by_name = True  # for qpsolvers, whose own daqp is installed wherever the package is
     for _ in range(4):
         goal, rows = 3.0 * generator.normal(size=4), generator.normal(size=(5, 4))
         lower, upper = np.array([-np.inf, -0.5, -0.6, -np.inf, -0.2]), np.array([0.3, np.inf, 0.4, np.inf, 0.1])

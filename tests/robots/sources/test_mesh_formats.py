@@ -191,7 +191,7 @@ def test_broken_meshes_are_refused_soon_and_by_name(name, content, says, tmp_pat
 
 @pytest.mark.parametrize(
     ("limit", "most", "content"),
-    [("_MOST_NODES", 13, collada(INNER, nodes(1))), ("_DEEPEST", 9, collada(INNER, nodes(7, width=1)))],
+    [("_MAX_NODES", 13, collada(INNER, nodes(1))), ("_MAX_DEPTH", 9, collada(INNER, nodes(7, width=1)))],
     ids=["visits", "depth"],
 )
 def test_nodes_of_a_collada_file_are_counted_before_they_are_visited(limit, most, content, monkeypatch):

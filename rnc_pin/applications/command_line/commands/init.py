@@ -37,12 +37,18 @@ def draft_scenario(
     own = os.path.isfile(path) and path.resolve() == Path(robot).resolve()
     check_new_file("--out", path, force or own)
     xacro = parse_options(arguments)
-    chosen = (driven, passive, momentum, balance, rollers)
-    wishes = DraftOptions(base, xacro, package_dirs, _held(lock), *chosen, report=_report)
+    stated = (driven, passive, momentum, balance, rollers)
+    wishes = DraftOptions(base, xacro, package_dirs, _held(lock), *stated, report=_report)
     found = draft_with_decisions(robot, path.parent, wishes)
-    answered = _answered(found.questions, wishes)
-    if answered != wishes:
-        found = draft_with_decisions(robot, path.parent, answered)
+    answered: list[str] = []
+    while found.questions and _on_a_terminal():  # an answer can raise the next question
+        answered += [each.question for each in found.questions]
+        chosen = _ask(found.questions, wishes)
+        if chosen != wishes:
+            wishes, found = chosen, draft_with_decisions(robot, path.parent, chosen)
+        found = found.with_answers(answered)
+    for question in found.questions:
+        click.echo(f"rnc-pin: question: {question}", err=True)
     if own:
         raise ConfigurationError(f"--out {path}: is the robot's own file; choose another name")
     try:
@@ -54,12 +60,9 @@ def draft_scenario(
     click.echo(f"wrote {path}: read it, then try: rnc-pin inspect {quoted}; rnc-pin run {quoted}")
 
 
-def _answered(questions: Sequence[DraftDecision], wishes: DraftOptions) -> DraftOptions:
-    """Return the choices with the answers of the user; without a terminal, print the questions on stderr."""
+def _ask(questions: Sequence[DraftDecision], wishes: DraftOptions) -> DraftOptions:
+    """Return the choices with the answers of the user."""
     for question in questions:
-        if not _on_a_terminal():
-            click.echo(f"rnc-pin: question: {question}", err=True)
-            continue
         answers = [question.answer, *(each.answer for each in question.alternatives)]
         listed = "; ".join(f"{number}: {answer}" for number, answer in enumerate(answers, 1))
         click.echo(f"{question.question} ({question.evidence})", err=True)

@@ -11,7 +11,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.applications.scenario.schema.derived import PartialCall
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.whole_body.tasks import BasePoseTask, CenterOfMassTask, ControlTask
+from rnc_pin.control.whole_body.tasks import BasePoseTask, CenterOfMassTask, ControlTask, DampingTask, PostureTask
 from rnc_pin.math import Coordinates
 from rnc_pin.model import OutputKind, OutputStack, ReducedModel, axis_index
 from rnc_pin.outputs import FramePosition, FrameYaw
@@ -36,6 +36,8 @@ class GoalError(NamedTuple):
 class TaskGoals:
     """Goals of the tasks that follow references. Postures and the like are preferences: they have no goals.
 
+    Where a program has nothing but postures and damping, the postures of the first priority are its goals.
+
     Args:
         items: tasks as in the scenario file.
         tasks: the tasks that were built of them.
@@ -54,6 +56,11 @@ class TaskGoals:
             for index, (call, task) in enumerate(zip(items, tasks, strict=True))
             if isinstance(call, PartialCall)
         ]
+        alone = all(isinstance(task, PostureTask | DampingTask) for task in tasks)
+        first = [
+            (k, task) for k, task in enumerate(tasks) if isinstance(task, PostureTask) and task.priority == self._first
+        ]
+        self._postures = first if alone else []
 
     def errors(self, t: float, q: Float[Array, " nq"], v: Float[Array, " nv"] | None = None) -> list[GoalError]:
         """Return the errors of all tasks at a time [s]; those of quasi-velocities need a velocity.
@@ -74,6 +81,11 @@ class TaskGoals:
                 errors = coordinates.difference(reference.at(t).position, value)
             by_name = dict(zip(names, np.abs(errors).tolist(), strict=True))
             found.append(GoalError(f"task {index} ({', '.join(names)})", by_name, task.priority))
+        robot = self._reduced.robot
+        for index, posture in self._postures:
+            away = np.abs(pin.difference(robot.model, q, robot.configuration(posture.joints)))
+            by_name = {name: float(away[robot.velocity_indices(name)].max()) for name in posture.joints}
+            found.append(GoalError(f"task {index} (posture of {', '.join(by_name)})", by_name, posture.priority))
         return found
 
     def doubts(self, t: float, q: Float[Array, " nq"], tolerance: float) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -15,17 +15,17 @@ import pinocchio as pin
 from rnc_pin.io.safe_xml import parse_tree
 from rnc_pin.robots.sources.mesh_formats.mesh import (
     Mesh,
-    MeshAssembly,
     MeshError,
+    SceneTriangles,
     check_counts,
     checked_mesh,
     fans,
     numbers,
 )
 
-_MOST_NODES = 100_000  # visited nodes; each instance counts
-_DEEPEST = 100
-_TOO_MANY_NODES = f"nodes are more than {_DEEPEST} deep, or more than {_MOST_NODES:,}"
+_MAX_NODES = 100_000  # visited nodes; each instance counts
+_MAX_DEPTH = 100
+_TOO_MANY_NODES = f"nodes are more than {_MAX_DEPTH} deep, or more than {_MAX_NODES:,}"
 
 
 def read_collada(content: bytes) -> Mesh:
@@ -57,7 +57,7 @@ class _Scene:
         self._numbers: dict[int, np.ndarray] = {}
         self._read = 0  # number of points read
         self._extents: dict[ElementTree.Element, tuple[int, int]] = {}
-        self._assembly = MeshAssembly()
+        self._collected = SceneTriangles()
 
     def mesh(self) -> Mesh:
         """Return all triangles."""
@@ -67,11 +67,11 @@ class _Scene:
             raise MeshError("has no scene")
         nodes = start.findall("node")
         visits = sum(self._extent(node, 0)[0] for node in nodes)
-        if visits > _MOST_NODES:
+        if visits > _MAX_NODES:
             raise MeshError(_TOO_MANY_NODES)
         for node in nodes:
             self._add(node, np.eye(4))
-        return self._assembly.mesh()
+        return self._collected.mesh()
 
     def _named(self, element: ElementTree.Element, key: str) -> ElementTree.Element:
         name = element.get(key, "")
@@ -85,7 +85,7 @@ class _Scene:
         Raises:
             MeshError: too deep, as nodes are that contain themselves.
         """
-        if depth > _DEEPEST:
+        if depth > _MAX_DEPTH:
             raise MeshError(_TOO_MANY_NODES)
         if node not in self._extents:
             parts = [self._extent(each, depth + 1) for each in self._nodes_of(node)]
@@ -93,7 +93,7 @@ class _Scene:
                 1 + sum(visits for visits, _ in parts),
                 1 + max((deep for _, deep in parts), default=0),
             )
-        if depth + self._extents[node][1] - 1 > _DEEPEST:
+        if depth + self._extents[node][1] - 1 > _MAX_DEPTH:
             raise MeshError(_TOO_MANY_NODES)
         return self._extents[node]
 
@@ -110,7 +110,7 @@ class _Scene:
                 placement = placement @ _transform(part)
         for part in node.findall("instance_geometry"):
             for mesh in self._geometry(part.get("url", ""), self._named(part, "url")):
-                self._assembly.place(mesh, placement)
+                self._collected.place(mesh, placement)
         for each in self._nodes_of(node):
             self._add(each, placement)
 

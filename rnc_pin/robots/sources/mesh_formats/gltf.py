@@ -10,17 +10,17 @@ from typing import Any, TypeAlias
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.robots.sources.mesh_formats.mesh import Mesh, MeshAssembly, MeshError, check_counts, checked_mesh, fans
+from rnc_pin.robots.sources.mesh_formats.mesh import Mesh, MeshError, SceneTriangles, check_counts, checked_mesh, fans
 
 _Json: TypeAlias = Mapping[str, Any]
 _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC3": 3}
 _JSON, _BINARY = 0x4E4F534A, 0x004E4942  # chunk types
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
-_DEEPEST = 100
-_MOST_NODES = 100_000
-_MOST_PARTS = 2_000_000  # of the JSON: each part takes more memory than its text
-_PASSES = 4  # largest number of points read, relative to that of a mesh
+_MAX_DEPTH = 100
+_MAX_NODES = 100_000
+_MAX_PARTS = 2_000_000  # of the JSON: each part takes more memory than its text
+_MAX_POINTS_RATIO = 4  # largest number of points read, relative to that of a mesh
 
 
 def read_glb(content: bytes) -> Mesh:
@@ -52,8 +52,8 @@ def read_gltf(content: bytes) -> Mesh:
 
 
 def _document(content: bytes) -> _Json:
-    if sum(map(content.count, (b"[", b"{", b","))) > _MOST_PARTS:
-        raise MeshError(f"JSON of more than {_MOST_PARTS:,} parts")
+    if sum(map(content.count, (b"[", b"{", b","))) > _MAX_PARTS:
+        raise MeshError(f"JSON of more than {_MAX_PARTS:,} parts")
     return json.loads(content)
 
 
@@ -69,24 +69,24 @@ class _Scene:
         self._document, self._binary = document, binary
         self._buffers: dict[int, bytes] = {}
         self._meshes: dict[int, list[Mesh]] = {}
-        self._assembly = MeshAssembly()
+        self._collected = SceneTriangles()
         self._nodes = self._points = 0
 
     def mesh(self) -> Mesh:
         """Return all triangles."""
         for node in _item(self._document["scenes"], self._document.get("scene", 0))["nodes"]:
             self._add(node, np.eye(4), 0)
-        return self._assembly.mesh()
+        return self._collected.mesh()
 
     def _add(self, index: int, placement: np.ndarray, depth: int) -> None:
         self._nodes += 1
-        if self._nodes > _MOST_NODES or depth > _DEEPEST:
-            raise MeshError(f"nodes are more than {_DEEPEST} deep, or more than {_MOST_NODES:,}")
+        if self._nodes > _MAX_NODES or depth > _MAX_DEPTH:
+            raise MeshError(f"nodes are more than {_MAX_DEPTH} deep, or more than {_MAX_NODES:,}")
         node = _item(self._document["nodes"], index)
         placement = placement @ _transform(node)
         if "mesh" in node:
             for mesh in self._read(node["mesh"]):
-                self._assembly.place(mesh, placement)
+                self._collected.place(mesh, placement)
         for child in node.get("children", ()):
             self._add(child, placement, depth + 1)
 
@@ -125,7 +125,7 @@ class _Scene:
         if not all(isinstance(each, int) and each >= 0 for each in (count, offset, start, size, stride)):
             raise MeshError("a size is not a whole number")
         self._points += count
-        check_counts(self._points // _PASSES, 0)
+        check_counts(self._points // _MAX_POINTS_RATIO, 0)
         if (
             start + size > len(data)
             or stride < bytes_each

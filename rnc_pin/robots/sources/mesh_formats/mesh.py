@@ -78,7 +78,7 @@ def check_counts(vertices: int, triangles: int) -> None:
         )
 
 
-class MeshAssembly:
+class SceneTriangles:
     """Triangles of a scene, collected mesh by mesh."""
 
     def __init__(self) -> None:

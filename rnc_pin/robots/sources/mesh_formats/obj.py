@@ -9,8 +9,8 @@ import numpy as np
 
 from rnc_pin.robots.sources.mesh_formats.mesh import Mesh, MeshError, check_counts, checked_mesh, fans
 
-_LONGEST = 1 << 16  # characters of a line
-_MOST_LINES = 8_000_000
+_MAX_CHARACTERS = 1 << 16  # characters of a line
+_MAX_LINES = 8_000_000
 
 
 def read_obj(content: bytes) -> Mesh:
@@ -20,8 +20,8 @@ def read_obj(content: bytes) -> Mesh:
         MeshError: not well formed.
         ValueError: a word is not a number.
     """
-    if content.count(b"\n") > _MOST_LINES:
-        raise MeshError(f"more than {_MOST_LINES:,} lines")
+    if content.count(b"\n") > _MAX_LINES:
+        raise MeshError(f"more than {_MAX_LINES:,} lines")
     vertices, corners, sizes = array("d"), array("q"), array("q")
     for line in _lines(content):
         if line.startswith((b"v ", b"v\t")):
@@ -54,8 +54,8 @@ def _lines(content: bytes) -> Iterator[bytes]:
     while start < len(content):
         end = content.find(b"\n", start)
         end = len(content) if end < 0 else end
-        if end - start + len(begun) > _LONGEST:
-            raise MeshError(f"a line of more than {_LONGEST:,} characters")
+        if end - start + len(begun) > _MAX_CHARACTERS:
+            raise MeshError(f"a line of more than {_MAX_CHARACTERS:,} characters")
         line = content[start:end].strip()
         start = end + 1
         if line.endswith(b"\\"):

@@ -17,8 +17,8 @@ _TYPES = {
 }  # fmt: skip
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _CORNERS = ("vertex_indices", "vertex_index")
-_LONGEST = 1 << 16  # bytes of a header or a line
-_MOST_ROWS = 6_000_000  # of all elements
+_MAX_BYTES = 1 << 16  # bytes of a header or a line
+_MAX_ROWS = 6_000_000  # of all elements
 _Row = list[Sequence[float]]  # the values of each property
 
 
@@ -71,7 +71,7 @@ def read_ply(content: bytes) -> Mesh:
 
 def _head(content: bytes) -> tuple[str, list[_Element], int]:
     """Return the byte order (empty for text), the elements, and the offset of the first element."""
-    end = content.find(b"end_header", 0, _LONGEST)
+    end = content.find(b"end_header", 0, _MAX_BYTES)
     start = content.find(b"\n", end, end + 16) + 1
     if not content.startswith(b"ply") or end < 0 or start == 0:
         raise MeshError("has no PLY header")
@@ -90,8 +90,8 @@ def _head(content: bytes) -> tuple[str, list[_Element], int]:
     if order is None or any(element.size < 0 for element in elements):
         raise MeshError("its header has no format, or a negative count")
     rows = sum(element.size for element in elements)
-    if rows > min(_MOST_ROWS, len(content)):  # also elements without properties
-        raise MeshError(f"says {rows:,} elements in {len(content):,} bytes, at most {_MOST_ROWS:,}")
+    if rows > min(_MAX_ROWS, len(content)):  # also elements without properties
+        raise MeshError(f"says {rows:,} elements in {len(content):,} bytes, at most {_MAX_ROWS:,}")
     return order, elements, start
 
 
@@ -121,7 +121,7 @@ class _Bytes:
             row: _Row = []
             for each in element.properties:
                 count = 1 if each.length is None else int(self._values(each.length, 1)[0])
-                if not 0 <= count <= _LONGEST:
+                if not 0 <= count <= _MAX_BYTES:
                     raise MeshError(f"a list of length {count:,}")
                 row.append(self._values(each.kind, count))
             yield row
@@ -170,8 +170,8 @@ class _Lines:
         while self._start < len(self._content):
             end = self._content.find(b"\n", self._start)
             end = len(self._content) if end < 0 else end
-            if end - self._start > _LONGEST:
-                raise MeshError(f"a line of more than {_LONGEST:,} characters")
+            if end - self._start > _MAX_BYTES:
+                raise MeshError(f"a line of more than {_MAX_BYTES:,} characters")
             line = self._content[self._start : end].split()
             self._start = end + 1
             if line:

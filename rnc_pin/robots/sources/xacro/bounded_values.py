@@ -16,8 +16,8 @@ ITEMS = 20_000
 BITS = 4096
 """Largest number of bits of an integer."""
 
-_DEEP = 50
-_STEPS = 1_000_000  # about two seconds
+_MAX_NESTING = 50
+_MAX_STEPS = 1_000_000  # about two seconds
 
 Value: TypeAlias = Any  # None, bool, int, float, str, list, tuple, dict, set, range, a Function or a Namespace
 
@@ -71,13 +71,13 @@ class Budget:
     """Counter of evaluation steps that bounds the time for a file."""
 
     def __init__(self) -> None:
-        self._left = _STEPS
+        self._left = _MAX_STEPS
 
     def spend(self, steps: int = 1) -> None:
         """Count steps; raise ModelError if they exceed the limit."""
         self._left -= steps
         if self._left < 0:
-            raise ModelError(f"takes more than {_STEPS:,} steps to expand")
+            raise ModelError(f"takes more than {_MAX_STEPS:,} steps to expand")
 
 
 def admit(value: Value) -> int:
@@ -101,8 +101,8 @@ def _weight(value: Value, depth: int) -> int:
             raise ModelError(f"a text of more than {LETTERS:,} characters")
         weight = 1 + len(value) // 16
     elif isinstance(value, list | tuple | set | dict):
-        if depth > _DEEP:
-            raise ModelError(f"lists are nested more than {_DEEP} deep")
+        if depth > _MAX_NESTING:
+            raise ModelError(f"lists are nested more than {_MAX_NESTING} deep")
         weight = 1
         for item in value:
             weight += _weight(item, depth + 1)

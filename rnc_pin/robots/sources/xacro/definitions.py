@@ -13,7 +13,7 @@ from rnc_pin.io.safe_read import read_bytes
 from rnc_pin.io.safe_xml import parse_tree
 from rnc_pin.robots.sources.xacro.bounded_values import Namespace, Value
 
-_DEEPEST = 200
+_MAX_DEPTH = 200
 
 
 class PlacedElement(Element):
@@ -42,7 +42,7 @@ def read_document(path: Path) -> PlacedElement:
         return element
 
     try:
-        root = parse_tree(read_bytes(path), _DEEPEST, make)
+        root = parse_tree(read_bytes(path), _MAX_DEPTH, make)
     except OSError as error:
         raise ModelError(f"cannot read '{path}': {error.strerror}") from None
     except (ParseError, LookupError, ValueError) as error:  # also for an unknown encoding
@@ -54,8 +54,8 @@ def read_document(path: Path) -> PlacedElement:
 # ---------------------------------------------------------------------- macros
 
 
-_NAME = re.compile(r"\s*([^\s:=]+)\s*:?=\s*(\^\|?)?")
-_DEFAULT = (  # an expression, a substitution, or quoted and plain parts up to the next space
+_PARAMETER_NAME = re.compile(r"\s*([^\s:=]+)\s*:?=\s*(\^\|?)?")
+_DEFAULT_VALUE = (  # an expression, a substitution, or quoted and plain parts up to the next space
     re.compile(r"\$\{[^}]*\}(?=\s|$)"),
     re.compile(r"\$\([^)]*\)(?=\s|$)"),
     re.compile(r"(?:'[^'\n]*+'|\"[^\"\n]*+\"|[^\s'\"]++)*+(?=\s|$)"),
@@ -105,10 +105,10 @@ def read_macro(element: Element, name: str) -> Macro:
 def _parameters(text: str) -> Iterator[Parameter]:
     place = 0
     while place < len(text) and text[place:].strip():
-        named = _NAME.match(text, place)
+        named = _PARAMETER_NAME.match(text, place)
         default = None
         if named:
-            default = next(filter(None, (each.match(text, named.end()) for each in _DEFAULT)), None)
+            default = next(filter(None, (each.match(text, named.end()) for each in _DEFAULT_VALUE)), None)
         if named and default:
             yield Parameter(named[1], default[0] or None, named[2] is not None)
             place = default.end()

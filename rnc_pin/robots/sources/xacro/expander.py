@@ -30,8 +30,8 @@ from rnc_pin.robots.sources.xacro.definitions import (
 from rnc_pin.robots.sources.xacro.substitution import Arguments, FileAccess, Substitution
 
 _PREFIX = "xacro:"
-_DEEPEST = 100  # nesting depth of macros and includes
-_WILD = "*[?"
+_MAX_DEPTH = 100  # nesting depth of macros and includes
+_WILDCARDS = "*[?"
 
 Macros: TypeAlias = "ChainMap[str, Macro | Macros]"
 
@@ -285,10 +285,10 @@ class Expander:
 
     def _included(self, name: str) -> Iterator[Path]:
         path = self._substitution.path(name)
-        if not any(sign in name for sign in _WILD):
+        if not any(sign in name for sign in _WILDCARDS):
             yield path
             return
-        if any(sign in str(path.parent) for sign in _WILD):
+        if any(sign in str(path.parent) for sign in _WILDCARDS):
             raise ModelError(f"cannot include '{name[:120]}': only the last part of a path may have wildcards")
         self._substitution.admitted(path.parent)
         try:
@@ -300,7 +300,7 @@ class Expander:
     def _deeper(self) -> int:
         """Enter a macro or file; return the previous depth."""
         self._depth += 1
-        if self._depth > _DEEPEST:
+        if self._depth > _MAX_DEPTH:
             raise ModelError("macros or includes are recursive or nested too deeply")
         return self._depth - 1
 

@@ -16,7 +16,7 @@ from rnc_pin.errors import ModelError, nearest
 from rnc_pin.robots.sources.xacro.bounded_values import BITS, ITEMS, LETTERS, Budget, Function, Namespace, Value, admit
 from rnc_pin.robots.sources.xacro.functions import attribute
 
-_LONGEST = 4000
+_MAX_CHARACTERS = 4000
 _BINARY: Mapping[type[ast.operator], Callable[[Value, Value], Value]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
@@ -48,7 +48,7 @@ _COMPARISONS: Mapping[type[ast.cmpop], Callable[[Value, Value], bool]] = {
     ast.In: lambda one, many: one in many,
     ast.NotIn: lambda one, many: one not in many,
 }
-_WIDE = re.compile(r"\*|\d{6}")  # in a text before %: a field of unbounded width
+_UNBOUNDED_FIELD = re.compile(r"\*|\d{6}")  # in a text before %: a field of unbounded width
 
 
 def evaluate(text: str, names: Mapping[str, Value], budget: Budget | None = None) -> Value:
@@ -63,8 +63,8 @@ def evaluate(text: str, names: Mapping[str, Value], budget: Budget | None = None
         ModelError: the expression is invalid, could do more than compute a value, takes too many steps, or fails.
     """
     shown = text if len(text) <= 80 else f"{text[:77]}..."
-    if len(text) > _LONGEST:
-        raise ModelError(f"an expression of more than {_LONGEST} characters: '{shown}'")
+    if len(text) > _MAX_CHARACTERS:
+        raise ModelError(f"an expression of more than {_MAX_CHARACTERS} characters: '{shown}'")
     try:
         tree = ast.parse(text.strip(), mode="eval")
     except (SyntaxError, ValueError, MemoryError, RecursionError):
@@ -150,12 +150,13 @@ class _Evaluation:
         if compute is None:
             raise _Refusal
         left, right = self.value(node.left), self.value(node.right)
-        if isinstance(node.op, ast.Pow):
-            _check_power(left, right)
+        whole = isinstance(left, int) and isinstance(right, int)
+        if isinstance(node.op, ast.Pow) and whole and left.bit_length() * right > BITS:
+            raise _Refusal(f"a power of more than {BITS} bits")
         if isinstance(node.op, ast.Mult):
             _check_repetition(left, right)
         if isinstance(node.op, ast.Mod) and isinstance(left, str):
-            if _WIDE.search(left):
+            if _UNBOUNDED_FIELD.search(left):
                 raise _Refusal("a text field of unbounded width")
             self._budget.spend(left.count("%") * admit(right))
         return self._made(compute(left, right))
@@ -247,11 +248,6 @@ class _Evaluation:
                 self._assign(part, item)
         else:
             raise _Refusal
-
-
-def _check_power(base: Value, exponent: Value) -> None:
-    if isinstance(base, int) and isinstance(exponent, int) and base.bit_length() * exponent > BITS:
-        raise _Refusal(f"a power of more than {BITS} bits")
 
 
 def _check_repetition(left: Value, right: Value) -> None:

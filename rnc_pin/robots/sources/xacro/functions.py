@@ -12,7 +12,7 @@ from rnc_pin.errors import ModelError
 from rnc_pin.robots.sources.xacro.bounded_values import ITEMS, LETTERS, Function, Namespace, Value, admit
 
 _NUMBER = (bool, int, float)
-_WIDEST = 1000  # characters of a field in a format
+_MAX_WIDTH = 1000  # characters of a field in a format
 _CONVERSIONS: Mapping[str, Callable[[Value], str]] = {"s": str, "r": repr, "a": ascii}
 _MATH = (
     *("acos", "acosh", "asin", "asinh", "atan", "atan2", "atanh", "ceil", "copysign", "cos", "cosh", "degrees"),
@@ -198,8 +198,8 @@ def _formatted(value: Value, spec: str, conversion: str | None) -> str:
     if sizes is None:
         raise ModelError(f"specification '{spec}' of a format is not known")
     for size in sizes.groups():
-        if size and (len(size) > 4 or int(size) > _WIDEST):
-            raise ModelError(f"a format of more than {_WIDEST} characters")
+        if size and (len(size) > 4 or int(size) > _MAX_WIDTH):
+            raise ModelError(f"a format of more than {_MAX_WIDTH} characters")
     if conversion is not None:
         value = _CONVERSIONS[conversion](value)
     return format(value, spec)

@@ -201,15 +201,15 @@ class Substitution:
         return str(folder)
 
     def _variable(self, name: str) -> str:
-        _check_variable(name)
+        if not _is_readable(name):
+            remedy = "make it an argument, <xacro:arg>, and give that"
+            raise ModelError(f"a file may not read environment variable '{name}': {remedy}")
         if name not in os.environ:
             raise ModelError(f"environment variable '{name}' is not set")
         return self._chosen(os.environ[name])
 
     def _optional_variable(self, name: str, default: str = "") -> str:
-        if any(fnmatchcase(name, pattern) for pattern in ENVIRONMENT):
-            return self._chosen(os.environ[name]) if name in os.environ else default
-        return default
+        return self._chosen(os.environ[name]) if _is_readable(name) and name in os.environ else default
 
     def _chosen(self, text: str) -> str:
         """Allow the file that the user names in an argument or variable. A folder is not allowed in this way."""
@@ -259,10 +259,9 @@ def _no_values(names: Sequence[str]) -> str:
     return f"{noun} {quoted} {have} no value: give {it} with xacro_arguments={{{in_python}}} ({options})"
 
 
-def _check_variable(name: str) -> None:
-    if not any(fnmatchcase(name, pattern) for pattern in ENVIRONMENT):
-        remedy = "make it an argument, <xacro:arg>, and give that"
-        raise ModelError(f"a file may not read environment variable '{name}': {remedy}")
+def _is_readable(name: str) -> bool:
+    """True if a file may read an environment variable."""
+    return any(fnmatchcase(name, pattern) for pattern in ENVIRONMENT)
 
 
 def _fail(*words: Value) -> Value:

@@ -1,0 +1,31 @@
+"""Drafts of URDFs in tests of what a robot is taken for."""
+
+import pytest
+import yaml
+
+from rnc_pin.applications.init import DraftOptions, draft_with_decisions, scenario_candidate
+
+
+@pytest.fixture
+def brief(monkeypatch):
+    """Drafts are tried out for a moment here."""
+    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
+
+
+@pytest.fixture
+def drafted(tmp_path):
+    """Function from a URDF and choices to (words of the kind, content, decisions by question)."""
+
+    def make(text, **wishes):
+        file = tmp_path / "unit.urdf"
+        file.write_text(text)
+        found = draft_with_decisions(str(file), tmp_path, DraftOptions(**wishes))
+        (tmp_path / "unit.yaml").write_text(found.text)
+        kind = next(line for line in found.text.splitlines() if line.startswith("# base"))
+        return (
+            kind.removeprefix("# base "),
+            yaml.safe_load(found.text),
+            {each.question: each for each in found.decisions},
+        )
+
+    return make

@@ -1,0 +1,97 @@
+"""Verdicts of scenarios: what only the scenario knows about its run."""
+
+import numpy as np
+import pytest
+import yaml
+
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.verdict import FindingKind
+
+CART = """<robot name="cart"><link name="base"/><link name="slide"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="x" type="prismatic"><parent link="base"/><child link="slide"/><axis xyz="1 0 0"/>
+<limit lower="-2" upper="2" velocity="9" effort="99"/></joint></robot>"""
+SCENARIO = {
+    "robot": {"urdf": "cart.urdf", "base": "fixed"},
+    "actuators": ["x"],
+    "outputs": {"reducing": [{"joint": "x"}]},
+    "reference": {"primary": {"minimum_jerk": {"to": [1.0], "duration": 2}}},
+    "controller": {"type": "reducing_outputs", "tracker": "computed_torque"},
+    "simulation": {"duration": 2.5, "dt": 0.01},
+}
+
+
+def run_of(folder, changes):
+    (folder / "cart.urdf").write_text(CART)
+    path = folder / "cart.yaml"
+    path.write_text(yaml.safe_dump(SCENARIO | changes))
+    return execute(Scenario.load(str(path))).trajectory
+
+
+@pytest.mark.parametrize(("duration", "said"), [(1.0, True), (1.95, False), (2.5, False)])
+def test_a_run_that_ends_before_its_reference_says_how_far(tmp_path, duration, said):
+    """Halfway, the cart is halfway, and nothing said so: it had kept up. At 1.95 s it is 1e-4 from the end."""
+    verdict = run_of(tmp_path, {"simulation": {"duration": duration, "dt": 0.01}}).verdict
+    assert (verdict.word, len(verdict.findings)) == ("succeeded", int(said))
+    if said:
+        (found,) = verdict.findings
+        assert (found.kind, found.where, found.amount) == (FindingKind.GOAL, "x", pytest.approx(0.5, abs=1e-3))
+
+
+def test_a_run_that_is_shorter_than_its_slowed_references_is_degraded():
+    """On this ground, a wheel takes more than three times as long as its reference of 5 s."""
+    reference = {"reference.primary": {"minimum_jerk": {"by": [2.0, 0.0], "duration": 5}}, "simulation.duration": 6.0}
+    bare = {"plots": {}, "comparisons": {}, "grip": {"friction": 0.004, "slow": True}}
+    run = execute(Scenario.load("unicycle", {**bare, **reference})).trajectory
+    assert run.verdict.word == "degraded"
+    assert run.verdict.first.kind is FindingKind.GOAL
+    assert run.verdict.first.amount == pytest.approx(2.0 - (run.x2[-1, 0] - run.x2[0, 0]))
+
+
+def test_a_phase_may_end_before_its_reference(tmp_path):
+    """The cart turns round halfway: the first phase has a reference that it does not follow to its end."""
+    back = {"reference": {"primary": {"minimum_jerk": {"to": [-1.0], "duration": 2}}}, "duration": 2.5}
+    assert run_of(tmp_path, {"phases": [{"duration": 1.0}, back]}).verdict.findings == ()
+
+
+def test_a_run_that_ends_before_its_plan_says_how_far():
+    options = {"plots": {}, "comparisons": {}, "planner.duration": 3.0, "simulation.duration": 1.5}
+    made = Scenario.load(
+        "docking", {**options, "obstacles": [], "planner.clearance": None, "planner.goal": {"tractor_x": 1.0}}
+    ).build()
+    run = execute(made).trajectory
+    found = next(each for each in run.verdict.findings if each.kind is FindingKind.GOAL)
+    assert str(found.severity) == "degrades"
+    column = run.info.outputs.x1.names.index("tractor_x")
+    assert found.amount == pytest.approx(abs(1.0 - run.x1[-1, column]))
+
+
+def test_a_limit_of_acceleration_ends_with_its_phase(tmp_path):
+    """The program of the first phase keeps 0.5 m/s^2, that of the second 2 m/s^2: both are right."""
+
+    def program(limit):
+        posture = {"posture": {"joints": {"x": 1.0}, "gain": 4.0}}
+        limits = {"acceleration": {"limit": limit, "joints": ["x"]}}
+        return {"controller": {"type": "inverse_dynamics", "tasks": [posture], "limits": limits}, "duration": 0.3}
+
+    run = run_of(tmp_path, {"phases": [program(0.5), program(2.0)], "reference": {}, "goal_tolerance": 9.0})
+    accelerations = np.abs(np.gradient(run.v[:, 0]) / 0.01)
+    assert accelerations[run.phase == 0].max() < 0.6 < 1.9 < accelerations[run.phase == 1].max()
+    assert run.verdict.succeeded
+
+
+@pytest.mark.parametrize(
+    ("more", "word"), [([], "failed"), ([{"look_at": {"frame": "slide", "target": [9.0, 0.0, 0.0]}}], "succeeded")]
+)
+def test_postures_are_goals_where_nothing_else_is_asked(tmp_path, more, word):
+    """The cart may go 0.4 m/s, and ends 0.4 m from its posture: it once succeeded. Beside a task, that is a wish."""
+    tasks = [{"posture": {"joints": {"x": 0.8}, "gain": 4.0}}, {"damping": {"weight": 1e-4}}, *more]
+    limits = {"joint_velocity": {"limit": 0.4}}
+    controller = {"type": "qp", "tracker": "computed_torque", "tasks": tasks, "limits": limits}
+    changes = {"controller": controller, "reference": {}, "simulation": {"duration": 1.0, "dt": 0.01}}
+    verdict = run_of(tmp_path, changes).verdict
+    assert verdict.word == word
+    if word == "failed":
+        assert (verdict.first.kind, verdict.first.where) == (FindingKind.GOAL, "x")
+        assert verdict.first.amount == pytest.approx(0.4, abs=0.01)
