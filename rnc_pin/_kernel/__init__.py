@@ -14,7 +14,7 @@ from typing import Any
 
 from rnc_pin.errors import ConfigurationError, ModelWarning
 
-_VARIABLE, _INTERFACE = "RNC_PIN_KERNEL", 29
+_VARIABLE, _INTERFACE = "RNC_PIN_KERNEL", 30
 _REINSTALL = "reinstall with pip install -e ."
 _NONE = "this installation has no compiled kernel: reinstall with a C compiler"
 

@@ -12,7 +12,7 @@ from rnc_pin.constraints.carried_ground import on_carrier
 from rnc_pin.constraints.curved_grounds import CurvedGround, admit_ground
 from rnc_pin.constraints.ground_plane import GroundPlane
 from rnc_pin.constraints.surface_contact import SurfaceContact, SurfaceContactRows
-from rnc_pin.constraints.wheel_rows import RollingRows, RowsOnPlane, WheelDisk
+from rnc_pin.constraints.wheel_rows import RollingRows, WheelDisk
 from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.math.linear_algebra import apply, vector_product
 from rnc_pin.model.frame_velocity import axis_index
@@ -93,9 +93,7 @@ class RollingWheel:
         if self.ground is not None and not isinstance(self.ground, GroundPlane):
             ground = admit_ground(self.ground, f"wheel '{self.frame}'")
             return on_carrier(WheelOnSurfaceRows(disk, ground, robot), self.frame, ground, robot)
-        plane = None if self.ground is None or self.ground.is_default else self.ground
-        friction = _friction(self)
-        rows = RollingRows(disk, friction, robot) if plane is None else RowsOnPlane(disk, friction, plane, robot)
+        rows = RollingRows(disk, _friction(self), self.ground or GroundPlane(), robot)
         return on_carrier(rows, self.frame, self.ground, robot)
 
 

@@ -5,8 +5,8 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.constraints.carried_ground import RelativeKinematics
 from rnc_pin.model.kinematics import OWN_AXES, Kinematics
+from rnc_pin.model.relative_rows import RelativeKinematics
 from rolling import check_rates, rigid_body
 from systems import free_bodies
 from tolerances import KKT, ROUNDING

@@ -1,0 +1,190 @@
+"""Rows of wrenches on one frame. A kind states its wrenches; Jacobian, rates and slopes follow here.
+
+With the velocity V of a frame (linear at its origin, then angular, in world axes), the rows are ``W (V - G)``. The
+wrenches W depend on the frame's rotation. G is the velocity of the ground's material, as if it reached to the frame's
+origin.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
+from typing import TypeAlias, cast
+
+import numpy as np
+
+from rnc_pin.math.components import Component, Dual, Entry, components, cross, packed
+from rnc_pin.math.linear_algebra import apply, complex_step, product, vector_product
+from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
+from rnc_pin.model.rows import Rows, check_defined
+
+FLAT = 1e-6
+"""Sine of the angle between two directions below which they count as parallel."""
+
+
+class WrenchRows(Rows):
+    """Rows ``W (V - G)``.
+
+    Attributes:
+        frame: index of the frame.
+        twist: twist (6,) of the ground's material about the world's origin, in world axes; None for ground at rest.
+    """
+
+    frame: int
+    twist: np.ndarray | None = None
+
+    @abstractmethod
+    def wrench(self, rotation: np.ndarray) -> np.ndarray:
+        """Wrenches W, (..., k, 6) or (k, 6), for rotations (..., 3, 3); analytic in complex numbers."""
+
+    @abstractmethod
+    def wrench_rate(self, rotation: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """Rate of ``wrench`` for an angular velocity (..., 3) of the frame."""
+
+    def check_defined(self, at: PositionKinematics) -> None:
+        """Raise ``SingularityError`` at states where the wrenches are not defined."""
+
+    def wrenches(self, at: PositionKinematics) -> np.ndarray:
+        """Wrenches at states, (..., k, 6) or (k, 6)."""
+        self.check_defined(at)
+        return self.wrench(at.rotation(self.frame))
+
+    def jacobian(self, at: PositionKinematics) -> np.ndarray:
+        return product(self.wrenches(at), at.jacobian(self.frame))
+
+    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
+        rate = self._rates(at) @ at.jacobian(self.frame)
+        return np.asarray(rate + self.wrenches(at) @ at.jacobian_dot(self.frame))
+
+    def _rates(self, at: VelocityKinematics) -> np.ndarray:
+        return self.wrench_rate(at.rotation(self.frame), at.velocity(self.frame)[..., 3:])
+
+    def rate(self, at: PositionKinematics) -> np.ndarray:
+        if self.twist is None:
+            return self._zeros(at)
+        return apply(self.wrenches(at), self._ground(at.placement(self.frame).translation))
+
+    def rate_dot(self, at: VelocityKinematics) -> np.ndarray:
+        if self.twist is None:
+            return self._zeros(at)
+        carried = self._carried(at.velocity(self.frame))
+        turned = apply(self._rates(at), self._ground(at.placement(self.frame).translation))
+        return np.asarray(turned + apply(self.wrenches(at), carried))
+
+    def _ground(self, origin: np.ndarray) -> np.ndarray:
+        """Velocity G (..., 6) of the material at the frame's origin (..., 3)."""
+        assert self.twist is not None
+        angular = np.broadcast_to(self.twist[3:], origin.shape)
+        return np.concatenate([self.twist[:3] + vector_product(angular, origin), angular], axis=-1)
+
+    def _carried(self, velocity: np.ndarray) -> np.ndarray:
+        """Rate of G (..., 6) for a velocity of the frame (..., 6)."""
+        assert self.twist is not None
+        linear = velocity[..., :3]
+        moved = vector_product(np.broadcast_to(self.twist[3:], linear.shape), linear)
+        return np.concatenate([moved, np.zeros_like(moved)], axis=-1)
+
+    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
+        self.check_defined(at)
+        rotation, origin = at.placement(self.frame)
+        return self._bias(rotation, origin, at.velocity(self.frame), at.acceleration(self.frame))
+
+    def _bias(
+        self, rotation: np.ndarray, origin: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
+    ) -> np.ndarray:
+        w = velocity[..., 3:]
+        if self.twist is not None:
+            acceleration = acceleration - self._carried(velocity)
+            velocity = velocity - self._ground(origin)
+        return apply(self.wrench(rotation), acceleration) + apply(self.wrench_rate(rotation, w), velocity)
+
+    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
+        motion, J, (rotation, origin) = (
+            at.frame_gradients(self.frame),
+            at.jacobian(self.frame),
+            at.placement(self.frame),
+        )
+        turned = np.cross(J[3:, None, :], rotation[:, :, None], axis=0)  # (3, 3, nv)
+        return complex_step(
+            lambda flat, *others: self._bias(flat.reshape(3, 3), *others),
+            (rotation.ravel(), turned.reshape(9, -1)),
+            (origin, J[:3]),
+            (at.velocity(self.frame), np.vstack([motion.velocity, motion.angular_velocity])),
+            (at.acceleration(self.frame), np.vstack([motion.acceleration, motion.angular_acceleration])),
+        )
+
+
+class ConstantWrenchRows(WrenchRows):
+    """Wrenches that are constant in the world.
+
+    Attributes:
+        matrix: the wrenches (k, 6).
+    """
+
+    matrix: np.ndarray
+
+    def wrench(self, rotation: np.ndarray) -> np.ndarray:
+        return self.matrix
+
+    def wrench_rate(self, rotation: np.ndarray, w: np.ndarray) -> np.ndarray:
+        return np.zeros_like(self.matrix)
+
+
+class DirectionRows(WrenchRows):
+    """Wrenches that are functions of directions which the frame carries. Dual numbers differentiate them.
+
+    Attributes:
+        directions: directions in the frame's own axes, as columns (3, c).
+        undefined: reason why the wrenches are not defined where ``regularity`` is below ``FLAT``; empty if they are
+            defined everywhere.
+        combination: matrix (k, l) if the rows are combinations of the formula's l rows; None for the rows themselves.
+    """
+
+    directions: np.ndarray
+    combination: np.ndarray | None = None
+    undefined = ""
+
+    def regularity(self, *directions: Sequence[Entry]) -> Entry:
+        """Length that is zero where the wrenches are not defined."""
+        return 1.0
+
+    def check_defined(self, at: PositionKinematics) -> None:
+        if self.undefined:
+            length = cast("Component", self.regularity(*self.world_directions(at.rotation(self.frame))))
+            check_defined(self.undefined, at, length, FLAT, self.names)
+
+    @abstractmethod
+    def formula(self, *directions: Sequence[Entry]) -> Sequence[Sequence[Entry]]:
+        """Wrenches (l, 6) for c directions in world axes: plain arithmetic, so that entries can be symbols too."""
+
+    def world_directions(self, rotation: np.ndarray) -> list[Sequence[Component]]:
+        """Directions in world axes, for rotations (..., 3, 3) of the frame."""
+        columns = rotation @ self.directions
+        return [components(columns[..., k]) for k in range(columns.shape[-1])]
+
+    def wrench(self, rotation: np.ndarray) -> np.ndarray:
+        return self._combined(evaluated(self.formula, self.world_directions(rotation)))
+
+    def wrench_rate(self, rotation: np.ndarray, w: np.ndarray) -> np.ndarray:
+        directions, turning = self.world_directions(rotation), components(w)
+        return self._combined(rate_of(self.formula, directions, [cross(turning, each) for each in directions]))
+
+    def _combined(self, rows: np.ndarray) -> np.ndarray:
+        return rows if self.combination is None else self.combination @ rows
+
+
+Formula: TypeAlias = "Callable[..., Sequence[Sequence[Entry]]]"
+
+
+def evaluated(formula: Formula, vectors: Sequence[Sequence[Component]]) -> np.ndarray:
+    """Matrix (..., k, l) of a formula of vectors, which are given by their components."""
+    return packed(cast("Sequence[Sequence[Component]]", formula(*vectors)), vectors[0][0])
+
+
+def rate_of(
+    formula: Formula, vectors: Sequence[Sequence[Component]], rates: Sequence[Sequence[Component]]
+) -> np.ndarray:
+    """Rate (..., k, l) of this matrix for rates of the vectors."""
+    moving = [[Dual(*both) for both in zip(*each, strict=True)] for each in zip(vectors, rates, strict=True)]
+    rows = [[entry.slope if isinstance(entry, Dual) else 0.0 for entry in row] for row in formula(*moving)]
+    return packed(rows, vectors[0][0])
