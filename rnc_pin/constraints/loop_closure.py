@@ -12,14 +12,14 @@ import pinocchio as pin
 from rnc_pin.errors import ConfigurationError, ConstraintError, nearest
 from rnc_pin.math.components import Entry, cross
 from rnc_pin.math.linear_algebra import apply
-from rnc_pin.model.kernel_rows import Form, KernelRow, component_rows, wrench_rows
+from rnc_pin.model.kernel_rows import Form, KernelRow, wrench_rows
 from rnc_pin.model.kinematics import PositionKinematics, over_states
 from rnc_pin.model.mechanisms import FrameAnchor, Phrases
 from rnc_pin.model.offset_frame import OffsetFrame, triple
 from rnc_pin.model.parameter_types import Vector
 from rnc_pin.model.relative_rows import RelativeRows
 from rnc_pin.model.rows import Rows
-from rnc_pin.model.wrench_rows import DirectionRows
+from rnc_pin.model.wrench_rows import DirectionRows, PointRows
 from rnc_pin.robots.robot import Robot
 
 _KINDS = ("frame", "point")
@@ -102,21 +102,6 @@ class _TwistRows(DirectionRows):
         return wrench_rows(Form.OWN, self._offset_frame.attached(model), (-np.eye(6)).tolist())
 
 
-class _PointRows(DirectionRows):
-    """Velocity (3,) of a frame's origin."""
-
-    def __init__(self, frame: OffsetFrame) -> None:
-        self.names, self.units = _PARTS[:3], ("m/s",) * 3
-        self._offset_frame, self.frame = frame, frame.index
-        self.directions = frame.offset.translation[:, None]
-
-    def formula(self, *directions: Sequence[Entry]) -> list[list[Entry]]:
-        return [[*axis, *cross(directions[0], axis)] for axis in np.eye(3).tolist()]
-
-    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
-        return component_rows(Form.WORLD, self._offset_frame.attached(model), range(3))
-
-
 class _ClosureRows(RelativeRows):
     """Twist of frame b relative to a, in the axes of a and at its origin; or the velocity of the origin of b there.
 
@@ -125,9 +110,9 @@ class _ClosureRows(RelativeRows):
     """
 
     def __init__(self, frames: tuple[str, str], a: OffsetFrame, b: OffsetFrame, point: bool) -> None:
-        super().__init__(_PointRows(b), a.index) if point else super().__init__(_TwistRows(a), b.index)
+        super().__init__(*((PointRows(b), a.index) if point else (_TwistRows(a), b.index)))
         self._frames, self._a, self._b, self._point = frames, a, b, point
-        self.names = tuple(f"closure_{part}({a.name}, {b.name})" for part in self._rows.names)
+        self.names = tuple(f"closure_{part}({a.name}, {b.name})" for part in _PARTS[: 3 if point else 6])
         self.holonomic = (True,) * len(self.names)
 
     def residual(self, at: PositionKinematics) -> np.ndarray:

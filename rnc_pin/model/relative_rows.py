@@ -5,12 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.math.linear_algebra import apply, apply_transposed, cross_columns, rotated_motions, vector_product
+from rnc_pin.math.linear_algebra import (
+    apply,
+    apply_transposed,
+    complex_step,
+    cross_columns,
+    rotated_motions,
+    vector_product,
+)
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.kernel_rows import Form, KernelRow, Value, attached
 from rnc_pin.model.kinematics import (
     ALL,
-    OWN_AXES,
     WORLD_AXES,
     Components,
     FrameDerivatives,
@@ -53,22 +59,18 @@ class RelativeKinematics(VelocityKinematics):
         turned = self._place.rotation.mT @ self._original.rotation(frame)
         return Placement(turned, apply_transposed(self._place.rotation, self._offset(frame)))
 
-    # ------------------------------------------------------------------ Jacobians
-
     def jacobian(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> np.ndarray:
-        found = self._along(self._relative(frame, self._original.jacobian(frame)))
-        return (self._own(frame, found) if axes == OWN_AXES else found)[..., rows, :]
+        _check_axes(axes)
+        return self._along(self._relative(frame, self._original.jacobian(frame)))[..., rows, :]
 
     def jacobian_dot(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> np.ndarray:
+        _check_axes(axes)
         at, carrier = self._in_motion, self._carrier
         velocity, carried = at.velocity(frame), at.velocity(carrier)
         rate = self._relative(frame, at.jacobian_dot(frame), at.jacobian_dot(carrier))
         rate[..., :3, :] += cross_columns(velocity[..., :3] - carried[..., :3], at.jacobian(carrier)[..., 3:, :])
         rate -= _turned(carried[..., 3:], self._relative(frame, at.jacobian(frame)))
-        found = self._along(rate)
-        if axes == OWN_AXES:
-            found = self._own(frame, found - _turned(self.velocity(frame)[..., 3:], self.jacobian(frame)))
-        return found
+        return self._along(rate)
 
     def _relative(self, frame: int, columns: np.ndarray, of_carrier: np.ndarray | None = None) -> np.ndarray:
         """Columns (..., 6, k) of a frame less those of the carrier at the frame's origin, in world axes."""
@@ -81,80 +83,72 @@ class RelativeKinematics(VelocityKinematics):
         """Columns (..., 6, k) of linear and angular components, along the axes of the carrier."""
         return rotated_motions(self._place.rotation.mT, columns)
 
-    def _own(self, frame: int, columns: np.ndarray) -> np.ndarray:
-        """Columns (..., 6, k) along the frame's own axes, from those along the carrier's."""
-        return rotated_motions(self.rotation(frame).mT, columns)
-
-    # ------------------------------------------------------------------ motion
-
     def velocity(self, frame: int) -> np.ndarray:
-        linear, angular = self._relative_velocity(frame)
-        turn = self._place.rotation
-        return np.concatenate([apply_transposed(turn, linear), apply_transposed(turn, angular)], axis=-1)
-
-    def _relative_velocity(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
-        """Velocity and angular velocity (..., 3) of a frame relative to the carrier, in world axes."""
-        moved, carried = self._in_motion.velocity(frame), self._in_motion.velocity(self._carrier)
-        spin = carried[..., 3:]
-        linear = moved[..., :3] - carried[..., :3] - vector_product(spin, self._offset(frame))
-        return np.asarray(linear), np.asarray(moved[..., 3:] - spin)
+        at = self._in_motion
+        return _relative_velocity(
+            self._place.rotation, self._offset(frame), at.velocity(frame), at.velocity(self._carrier)
+        )
 
     def acceleration(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> np.ndarray:
-        at, turn = self._in_motion, self._place.rotation
-        velocity, carried = at.velocity(frame), at.velocity(self._carrier)
-        relative = at.acceleration(frame) - at.acceleration(self._carrier)
-        linear, angular = self._relative_velocity(frame)
-        spin, turning = carried[..., 3:], at.acceleration(self._carrier)[..., 3:]
-        moved = relative[..., :3] - vector_product(turning, self._offset(frame))
-        moved = moved - vector_product(spin, velocity[..., :3] - carried[..., :3] + linear)
-        turned = relative[..., 3:] - vector_product(spin, angular)
-        if axes == OWN_AXES:
-            turn = at.rotation(frame)
-            moved = moved - vector_product(angular, linear)
-        return np.concatenate([apply_transposed(turn, moved), apply_transposed(turn, turned)], axis=-1)[..., rows]
-
-    # ------------------------------------------------------------------ derivatives at one state
+        at, carrier = self._in_motion, self._carrier
+        motions = at.velocity(frame), at.velocity(carrier), at.acceleration(frame), at.acceleration(carrier)
+        _check_axes(axes)
+        return _relative_acceleration(self._place.rotation, self._offset(frame), *motions)[..., rows]
 
     def frame_gradients(self, frame: int) -> FrameDerivatives:
-        at, carrier = self._in_motion, self._carrier
-        of_frame, of_carrier = at.frame_gradients(frame), at.frame_gradients(carrier)
-        velocity, carried = at.velocity(frame), at.velocity(carrier)
-        relative, d = at.acceleration(frame) - at.acceleration(carrier), self._offset(frame)
-        d_q = at.jacobian(frame)[:3] - at.jacobian(carrier)[:3]
-        spin, turning = carried[3:], at.acceleration(carrier)[3:]
-        spin_q, turning_q = of_carrier.angular_velocity, of_carrier.angular_acceleration
-        apart, apart_q = velocity[:3] - carried[:3], of_frame.velocity - of_carrier.velocity
-        linear, angular = self._relative_velocity(frame)
-        linear_q = apart_q - _product_gradient(spin, spin_q, d, d_q)
-        angular_q = of_frame.angular_velocity - spin_q
-        moved = relative[:3] - np.cross(turning, d) - np.cross(spin, apart + linear)
-        moved_q = of_frame.acceleration - of_carrier.acceleration - _product_gradient(turning, turning_q, d, d_q)
-        moved_q = moved_q - _product_gradient(spin, spin_q, apart + linear, apart_q + linear_q)
-        turned = relative[3:] - np.cross(spin, angular)
-        turned_q = of_frame.angular_acceleration - turning_q - _product_gradient(spin, spin_q, angular, angular_q)
-        turn, twist = self._place.rotation.T, at.jacobian(carrier)[3:]
-        pairs = (linear, linear_q), (angular, angular_q), (moved, moved_q), (turned, turned_q)
-        return FrameDerivatives(*(turn @ (gradient + cross_columns(vector, twist)) for vector, gradient in pairs))
+        at, carrier, rotation = self._in_motion, self._carrier, self._place.rotation
+        J, J_carrier = at.jacobian(frame), at.jacobian(carrier)
+        turned = np.cross(J_carrier[3:, None, :], rotation[:, :, None], axis=0)  # (3, 3, nv)
+        motions = []
+        for each in (frame, carrier):
+            found = at.frame_gradients(each)
+            motions.append((at.velocity(each), np.vstack([found.velocity, found.angular_velocity])))
+            motions.append((at.acceleration(each), np.vstack([found.acceleration, found.angular_acceleration])))
 
-    def own_acceleration_gradient(self, frame: int) -> np.ndarray:
-        found, velocity, J = self.frame_gradients(frame), self.velocity(frame), self.jacobian(frame)
-        v, w = velocity[:3], velocity[3:]
-        acceleration = self.acceleration(frame)
-        moved = acceleration[:3] - np.cross(w, v)
-        moved_q = found.acceleration - _product_gradient(w, found.angular_velocity, v, found.velocity)
-        pairs = (moved, moved_q), (acceleration[3:], found.angular_acceleration)
-        turn, twist = self.rotation(frame).T, J[3:]
-        return np.vstack([turn @ (gradient + cross_columns(vector, twist)) for vector, gradient in pairs])
+        def relative(flat: np.ndarray, d: np.ndarray, v: np.ndarray, a: np.ndarray, *carried: np.ndarray) -> np.ndarray:
+            turn = flat.reshape(3, 3)
+            velocity = _relative_velocity(turn, d, v, carried[0])
+            return np.concatenate([velocity, _relative_acceleration(turn, d, v, carried[0], a, carried[1])])
+
+        offset = self._offset(frame), (J - J_carrier)[:3]
+        gradient = complex_step(relative, (rotation.ravel(), turned.reshape(9, -1)), offset, *motions)
+        return FrameDerivatives(*gradient.reshape(4, 3, -1))
+
+
+def _check_axes(axes: pin.ReferenceFrame) -> None:
+    if axes != WORLD_AXES:
+        raise NotImplementedError("relative kinematics have components along the axes of the carrier only")
+
+
+# Formulas take complex numbers. Motions are (linear, angular) in world axes; d points from the carrier to the frame.
+
+
+def _relative_velocity(turn: np.ndarray, d: np.ndarray, velocity: np.ndarray, carried: np.ndarray) -> np.ndarray:
+    """Velocity (..., 6) of a frame relative to a carrier with the axes ``turn`` (..., 3, 3), along these."""
+    relative = velocity - carried
+    linear = relative[..., :3] - vector_product(carried[..., 3:], d)
+    return np.concatenate([apply_transposed(turn, linear), apply_transposed(turn, relative[..., 3:])], axis=-1)
+
+
+def _relative_acceleration(
+    turn: np.ndarray,
+    d: np.ndarray,
+    velocity: np.ndarray,
+    carried: np.ndarray,
+    acceleration: np.ndarray,
+    carrier_acceleration: np.ndarray,
+) -> np.ndarray:
+    """Rate (..., 6) of ``_relative_velocity``."""
+    apart, relative, spin = velocity - carried, acceleration - carrier_acceleration, carried[..., 3:]
+    moved = vector_product(spin, 2 * apart[..., :3] - vector_product(spin, d))
+    linear = relative[..., :3] - vector_product(carrier_acceleration[..., 3:], d) - moved
+    angular = relative[..., 3:] - vector_product(spin, apart[..., 3:])
+    return np.concatenate([apply_transposed(turn, linear), apply_transposed(turn, angular)], axis=-1)
 
 
 def _turned(spin: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Rates (..., 6, k) of linear and angular columns that turn at an angular velocity (..., 3)."""
     return np.concatenate([cross_columns(spin, columns[..., :3, :]), cross_columns(spin, columns[..., 3:, :])], axis=-2)
-
-
-def _product_gradient(a: np.ndarray, a_q: np.ndarray, b: np.ndarray, b_q: np.ndarray) -> np.ndarray:
-    """Derivative (3, n) of the vector product of a and b."""
-    return np.asarray(cross_columns(a, b_q) - cross_columns(b, a_q))
 
 
 class RelativeRows(Rows):

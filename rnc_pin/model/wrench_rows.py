@@ -12,10 +12,13 @@ from collections.abc import Callable, Sequence
 from typing import TypeAlias, cast
 
 import numpy as np
+import pinocchio as pin
 
 from rnc_pin.math.components import Component, Dual, Entry, components, cross, packed
 from rnc_pin.math.linear_algebra import apply, complex_step, product, vector_product
+from rnc_pin.model.kernel_rows import Form, KernelRow, component_rows
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
+from rnc_pin.model.offset_frame import OffsetFrame
 from rnc_pin.model.rows import Rows, check_defined
 
 FLAT = 1e-6
@@ -171,6 +174,27 @@ class DirectionRows(WrenchRows):
 
     def _combined(self, rows: np.ndarray) -> np.ndarray:
         return rows if self.combination is None else self.combination @ rows
+
+
+class PointRows(DirectionRows):
+    """Velocity of a point (3,), in world axes.
+
+    Args:
+        point: frame with its origin there.
+    """
+
+    units = ("m/s",) * 3
+
+    def __init__(self, point: OffsetFrame) -> None:
+        self.names = tuple(f"{point.name}_{axis}" for axis in "xyz")
+        self.point, self.frame = point, point.index
+        self.directions = point.offset.translation[:, None]
+
+    def formula(self, *directions: Sequence[Entry]) -> list[list[Entry]]:
+        return [[*axis, *cross(directions[0], axis)] for axis in np.eye(3).tolist()]
+
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
+        return component_rows(Form.WORLD, self.point.attached(model), range(3))
 
 
 Formula: TypeAlias = "Callable[..., Sequence[Sequence[Entry]]]"

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from rnc_pin.model.frame_velocity import FrameVelocityRows, axis_index
-from rnc_pin.model.kinematics import OWN_AXES
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.math.components import Entry
+from rnc_pin.model.frame_velocity import axis_index
+from rnc_pin.model.kernel_rows import Form, KernelRow, attached, component_rows
 from rnc_pin.model.parameter_types import Axis
 from rnc_pin.model.relative_rows import RelativeOutputRows
 from rnc_pin.model.rows import OutputRows
+from rnc_pin.model.wrench_rows import DirectionRows
 from rnc_pin.robots.robot import Robot
 
 
@@ -40,10 +46,18 @@ class RelativeAngularVelocity:
         return RelativeOutputRows(_AngularVelocityRow(self, robot), robot.frame_id(self.reference))
 
 
-class _AngularVelocityRow(FrameVelocityRows, OutputRows):
+class _AngularVelocityRow(DirectionRows, OutputRows):
     quasi = True
+    units = ("rad/s",)
     angular = (False,)
 
     def __init__(self, kind: RelativeAngularVelocity, robot: Robot) -> None:
-        super().__init__(robot, kind.frame, (3 + axis_index(kind.axis),), OWN_AXES)
         self.names = (f"{kind.frame}_angular_velocity_{kind.axis}_of_{kind.reference}",)
+        self.frame, self._axis = robot.frame_id(kind.frame), axis_index(kind.axis)
+        self.directions = np.eye(3)[:, [self._axis]]
+
+    def formula(self, *directions: Sequence[Entry]) -> list[list[Entry]]:
+        return [[0.0, 0.0, 0.0, *directions[0]]]
+
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
+        return component_rows(Form.OWN, attached(model, self.frame), [3 + self._axis])
