@@ -13,11 +13,11 @@ from rnc_pin.constraints.carried_ground import on_carrier
 from rnc_pin.constraints.curved_grounds import CurvedGround, admit_ground
 from rnc_pin.constraints.ground_plane import GroundPlane
 from rnc_pin.constraints.line_shapes import Apex, Cone, Cylinder
-from rnc_pin.constraints.surface_contact import SurfaceContactRows
+from rnc_pin.constraints.surface_contact import SurfaceContactRows, contact_wrench_rates, contact_wrenches
 from rnc_pin.errors import ConstraintError
-from rnc_pin.math.linear_algebra import apply, apply_transposed, cross_columns, vector_product
+from rnc_pin.math.linear_algebra import apply, apply_transposed, vector_product
 from rnc_pin.model.kernel_rows import Form, KernelRow, attached, wrench_rows
-from rnc_pin.model.kinematics import PositionKinematics
+from rnc_pin.model.kinematics import Placement, PositionKinematics
 from rnc_pin.model.mechanisms import Phrases
 from rnc_pin.model.offset_frame import point_name, triple
 from rnc_pin.model.parameter_types import Vector
@@ -159,18 +159,13 @@ class _RollingBodyRows(WrenchRows):
         regularity = self._shape.regularity(_outward(at.rotation(self.frame) @ self._turned, self._normal))
         check_defined("a body touches the ground at more than one point", at, regularity, FLAT, self.names)
 
-    def wrench(self, rotation: np.ndarray) -> np.ndarray:
-        return self._wrench(self._axes, self._arm(rotation), self._normal)
+    def wrench(self, place: Placement) -> np.ndarray:
+        return contact_wrenches(self._axes, self._arm(place.rotation), len(self.names))
 
-    def wrench_rate(self, rotation: np.ndarray, w: np.ndarray) -> np.ndarray:
-        return self._wrench(np.zeros((3, 3)), self._arm_rate(rotation, w), np.zeros(3))
-
-    def _wrench(self, forces: np.ndarray, arm: np.ndarray, turning: np.ndarray) -> np.ndarray:
-        """Rows (..., k, 6) of forces, and of their part that acts at an arm (..., 3)."""
-        moments = cross_columns(arm, self._axes.T).mT
-        rows = np.concatenate([np.broadcast_to(forces, moments.shape), moments], axis=-1)
-        pivot = np.broadcast_to([0.0, 0.0, 0.0, *turning], (*rows.shape[:-2], 1, 6))
-        return np.concatenate([rows, pivot], axis=-2)[..., : len(self.names), :]
+    def wrench_rate(self, place: Placement, velocity: np.ndarray) -> np.ndarray:
+        moved = self._arm_rate(place.rotation, velocity[..., 3:])
+        axes_rate = np.zeros((*moved.shape, 3))
+        return contact_wrench_rates(self._axes, axes_rate, np.zeros_like(moved), moved, len(self.names))
 
     def _contact(self, at: PositionKinematics) -> np.ndarray:
         """Contact points (..., 3) in the world."""

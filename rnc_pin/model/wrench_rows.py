@@ -1,7 +1,7 @@
 """Rows of wrenches on one frame. A kind states its wrenches; Jacobian, rates and slopes follow here.
 
 With the velocity V of a frame (linear at its origin, then angular, in world axes), the rows are ``W (V - G)``. The
-wrenches W depend on the frame's rotation. G is the velocity of the ground's material, as if it reached to the frame's
+wrenches W depend on the frame's place. G is the velocity of the ground's material, as if it reached to the frame's
 origin.
 """
 
@@ -17,7 +17,7 @@ import pinocchio as pin
 from rnc_pin.math.components import Component, Dual, Entry, components, cross, packed
 from rnc_pin.math.linear_algebra import apply, complex_step, product, vector_product
 from rnc_pin.model.kernel_rows import Form, KernelRow, component_rows
-from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
+from rnc_pin.model.kinematics import Placement, PositionKinematics, VelocityKinematics
 from rnc_pin.model.offset_frame import OffsetFrame
 from rnc_pin.model.rows import Rows, check_defined
 
@@ -31,90 +31,90 @@ class WrenchRows(Rows):
     Attributes:
         frame: index of the frame.
         twist: twist (6,) of the ground's material about the world's origin, in world axes; None for ground at rest.
+        combination: matrix (k, l) if the rows are combinations of l wrenches; None for the wrenches themselves.
     """
 
     frame: int
     twist: np.ndarray | None = None
+    combination: np.ndarray | None = None
 
     @abstractmethod
-    def wrench(self, rotation: np.ndarray) -> np.ndarray:
-        """Wrenches W, (..., k, 6) or (k, 6), for rotations (..., 3, 3); analytic in complex numbers."""
+    def wrench(self, place: Placement) -> np.ndarray:
+        """Wrenches (..., l, 6) or (l, 6) for placements of the frame; analytic in complex numbers."""
 
     @abstractmethod
-    def wrench_rate(self, rotation: np.ndarray, w: np.ndarray) -> np.ndarray:
-        """Rate of ``wrench`` for an angular velocity (..., 3) of the frame."""
+    def wrench_rate(self, place: Placement, velocity: np.ndarray) -> np.ndarray:
+        """Rate of ``wrench`` for velocities (..., 6) of the frame."""
 
     def check_defined(self, at: PositionKinematics) -> None:
         """Raise ``SingularityError`` at states where the wrenches are not defined."""
 
+    def _combined(self, wrenches: np.ndarray) -> np.ndarray:
+        return wrenches if self.combination is None else self.combination @ wrenches
+
     def wrenches(self, at: PositionKinematics) -> np.ndarray:
-        """Wrenches at states, (..., k, 6) or (k, 6)."""
+        """W at states, (..., k, 6) or (k, 6)."""
         self.check_defined(at)
-        return self.wrench(at.rotation(self.frame))
+        return self._combined(self.wrench(at.placement(self.frame)))
+
+    def _wrench_rates(self, at: VelocityKinematics) -> np.ndarray:
+        self.check_defined(at)
+        return self._combined(self.wrench_rate(at.placement(self.frame), at.velocity(self.frame)))
 
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
         return product(self.wrenches(at), at.jacobian(self.frame))
 
     def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
-        rate = self._rates(at) @ at.jacobian(self.frame)
-        return np.asarray(rate + self.wrenches(at) @ at.jacobian_dot(self.frame))
-
-    def _rates(self, at: VelocityKinematics) -> np.ndarray:
-        return self.wrench_rate(at.rotation(self.frame), at.velocity(self.frame)[..., 3:])
+        frame = self.frame
+        return np.asarray(self._wrench_rates(at) @ at.jacobian(frame) + self.wrenches(at) @ at.jacobian_dot(frame))
 
     def rate(self, at: PositionKinematics) -> np.ndarray:
         if self.twist is None:
             return self._zeros(at)
-        return apply(self.wrenches(at), self._ground(at.placement(self.frame).translation))
+        return apply(self.wrenches(at), _carried(self.twist, at.placement(self.frame).translation))
 
     def rate_dot(self, at: VelocityKinematics) -> np.ndarray:
         if self.twist is None:
             return self._zeros(at)
-        carried = self._carried(at.velocity(self.frame))
-        turned = apply(self._rates(at), self._ground(at.placement(self.frame).translation))
-        return np.asarray(turned + apply(self.wrenches(at), carried))
-
-    def _ground(self, origin: np.ndarray) -> np.ndarray:
-        """Velocity G (..., 6) of the material at the frame's origin (..., 3)."""
-        assert self.twist is not None
-        angular = np.broadcast_to(self.twist[3:], origin.shape)
-        return np.concatenate([self.twist[:3] + vector_product(angular, origin), angular], axis=-1)
-
-    def _carried(self, velocity: np.ndarray) -> np.ndarray:
-        """Rate of G (..., 6) for a velocity of the frame (..., 6)."""
-        assert self.twist is not None
-        linear = velocity[..., :3]
-        moved = vector_product(np.broadcast_to(self.twist[3:], linear.shape), linear)
-        return np.concatenate([moved, np.zeros_like(moved)], axis=-1)
+        turned = apply(self._wrench_rates(at), _carried(self.twist, at.placement(self.frame).translation))
+        return np.asarray(turned + apply(self.wrenches(at), _carried_rate(self.twist, at.velocity(self.frame))))
 
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         self.check_defined(at)
-        rotation, origin = at.placement(self.frame)
-        return self._bias(rotation, origin, at.velocity(self.frame), at.acceleration(self.frame))
+        return self._bias(at.placement(self.frame), at.velocity(self.frame), at.acceleration(self.frame))
 
-    def _bias(
-        self, rotation: np.ndarray, origin: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
-    ) -> np.ndarray:
-        w = velocity[..., 3:]
+    def _bias(self, place: Placement, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+        slip = velocity
         if self.twist is not None:
-            acceleration = acceleration - self._carried(velocity)
-            velocity = velocity - self._ground(origin)
-        return apply(self.wrench(rotation), acceleration) + apply(self.wrench_rate(rotation, w), velocity)
+            slip = velocity - _carried(self.twist, place.translation)
+            acceleration = acceleration - _carried_rate(self.twist, velocity)
+        wrench, rate = self._combined(self.wrench(place)), self._combined(self.wrench_rate(place, velocity))
+        return np.asarray(apply(wrench, acceleration) + apply(rate, slip))
 
     def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
-        motion, J, (rotation, origin) = (
-            at.frame_gradients(self.frame),
-            at.jacobian(self.frame),
-            at.placement(self.frame),
-        )
-        turned = np.cross(J[3:, None, :], rotation[:, :, None], axis=0)  # (3, 3, nv)
+        self.check_defined(at)
+        motion, J, place = at.frame_gradients(self.frame), at.jacobian(self.frame), at.placement(self.frame)
+        turned = np.cross(J[3:, None, :], place.rotation[:, :, None], axis=0)  # (3, 3, nv)
         return complex_step(
-            lambda flat, *others: self._bias(flat.reshape(3, 3), *others),
-            (rotation.ravel(), turned.reshape(9, -1)),
-            (origin, J[:3]),
+            lambda flat, origin, *motions: self._bias(Placement(flat.reshape(3, 3), origin), *motions),
+            (place.rotation.ravel(), turned.reshape(9, -1)),
+            (place.translation, J[:3]),
             (at.velocity(self.frame), np.vstack([motion.velocity, motion.angular_velocity])),
             (at.acceleration(self.frame), np.vstack([motion.acceleration, motion.angular_acceleration])),
         )
+
+
+def _carried(twist: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    """Velocity G (..., 6) of material with a twist (6,) at the frame's origin (..., 3)."""
+    angular = np.broadcast_to(twist[3:], origin.shape)
+    return np.concatenate([twist[:3] + vector_product(angular, origin), angular], axis=-1)
+
+
+def _carried_rate(twist: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    """Rate of G (..., 6) for a velocity of the frame (..., 6)."""
+    linear = velocity[..., :3]
+    moved = vector_product(np.broadcast_to(twist[3:], linear.shape), linear)
+    return np.concatenate([moved, np.zeros_like(moved)], axis=-1)
 
 
 class ConstantWrenchRows(WrenchRows):
@@ -126,10 +126,10 @@ class ConstantWrenchRows(WrenchRows):
 
     matrix: np.ndarray
 
-    def wrench(self, rotation: np.ndarray) -> np.ndarray:
+    def wrench(self, place: Placement) -> np.ndarray:
         return self.matrix
 
-    def wrench_rate(self, rotation: np.ndarray, w: np.ndarray) -> np.ndarray:
+    def wrench_rate(self, place: Placement, velocity: np.ndarray) -> np.ndarray:
         return np.zeros_like(self.matrix)
 
 
@@ -140,11 +140,9 @@ class DirectionRows(WrenchRows):
         directions: directions in the frame's own axes, as columns (3, c).
         undefined: reason why the wrenches are not defined where ``regularity`` is below ``FLAT``; empty if they are
             defined everywhere.
-        combination: matrix (k, l) if the rows are combinations of the formula's l rows; None for the rows themselves.
     """
 
     directions: np.ndarray
-    combination: np.ndarray | None = None
     undefined = ""
 
     def regularity(self, *directions: Sequence[Entry]) -> Entry:
@@ -165,15 +163,12 @@ class DirectionRows(WrenchRows):
         columns = rotation @ self.directions
         return [components(columns[..., k]) for k in range(columns.shape[-1])]
 
-    def wrench(self, rotation: np.ndarray) -> np.ndarray:
-        return self._combined(evaluated(self.formula, self.world_directions(rotation)))
+    def wrench(self, place: Placement) -> np.ndarray:
+        return evaluated(self.formula, self.world_directions(place.rotation))
 
-    def wrench_rate(self, rotation: np.ndarray, w: np.ndarray) -> np.ndarray:
-        directions, turning = self.world_directions(rotation), components(w)
-        return self._combined(rate_of(self.formula, directions, [cross(turning, each) for each in directions]))
-
-    def _combined(self, rows: np.ndarray) -> np.ndarray:
-        return rows if self.combination is None else self.combination @ rows
+    def wrench_rate(self, place: Placement, velocity: np.ndarray) -> np.ndarray:
+        directions, turning = self.world_directions(place.rotation), components(velocity[..., 3:])
+        return rate_of(self.formula, directions, [cross(turning, each) for each in directions])
 
 
 class PointRows(DirectionRows):
