@@ -3,8 +3,9 @@
 It writes ``rnc_pin/_kernel/rows_generated.h``, and a test checks that this file is current. Each kind is a function of
 directions d that a frame carries, and of constant parameters. With a motion (V, A) of the frame, each kind has
 
-    wrench   W, its rate for rates of the directions, and a length that is zero where W is not defined
-    slopes   derivatives with respect to the directions of the velocity W V and of the acceleration W A + Wdot V.
+    wrench   W; it returns a length that is zero where W is not defined
+    rates    W, and its rate for rates e of the directions
+    slopes   the same, and the derivatives by the directions of the velocity W V and of the acceleration W A + Wd V.
 """
 
 from __future__ import annotations
@@ -87,7 +88,9 @@ def generate() -> str:
     for form, kind in KINDS.items():
         name = form.name.lower()
         parts += _functions(name, kind)
-        table.append(f"    [{form.name}] = {{{kind.directions}, {kind.least}, {name}_wrench, {name}_slopes}},")
+        table.append(
+            f"    [{form.name}] = {{{kind.directions}, {kind.least}, {name}_wrench, {name}_rates, {name}_slopes}},"
+        )
     return "\n".join([*parts, "static const Kind KINDS[] = {", *table, "};", ""])
 
 
@@ -103,9 +106,10 @@ _TYPES = """
 typedef struct {
     int directions; /* number of its directions, whose parameters follow in the numbers of a row */
     double least;   /* length below which the wrench is not defined */
-    double (*wrench)(const double *d, const double *e, const double *p, double *W, double *Wd); /* e: rates of d */
-    void (*slopes)(const double *d, const double *e, const double *p, const double *V, const double *A, double *k,
-                   double *g);
+    double (*wrench)(const double *d, const double *p, double *W);
+    void (*rates)(const double *d, const double *e, const double *p, double *W, double *Wd);
+    void (*slopes)(const double *d, const double *e, const double *p, const double *V, const double *A, double *W,
+                   double *Wd, double *k, double *g);
 } Kind;
 """
 
@@ -118,11 +122,12 @@ def _functions(name: str, kind: Kind) -> list[str]:
     W_dot = [rate(each, moving) for each in W]
     velocity = total(a * b for a, b in zip(W, V, strict=True))
     acceleration = total(a * b for a, b in zip([*W, *W_dot], [*A, *V], strict=True))
-    wrench = _assigned(W=W, Wd=W_dot) | {"return": symbol(kind.length(d, p))}
-    slopes = _assigned(k=gradient(velocity, flat), g=gradient(acceleration, flat))
+    wrench = _assigned(W=W) | {"return": symbol(kind.length(d, p))}
+    slopes = _assigned(W=W, Wd=W_dot, k=gradient(velocity, flat), g=gradient(acceleration, flat))
     return [
-        _function("double", f"{name}_wrench", ("d", "e", "p"), ("W", "Wd"), wrench),
-        _function("void", f"{name}_slopes", ("d", "e", "p", "V", "A"), ("k", "g"), slopes),
+        _function("double", f"{name}_wrench", ("d", "p"), ("W",), wrench),
+        _function("void", f"{name}_rates", ("d", "e", "p"), ("W", "Wd"), _assigned(W=W, Wd=W_dot)),
+        _function("void", f"{name}_slopes", ("d", "e", "p", "V", "A"), ("W", "Wd", "k", "g"), slopes),
     ]
 
 

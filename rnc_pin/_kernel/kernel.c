@@ -43,8 +43,8 @@ typedef struct {
 
 typedef struct {
     long joint;
-    double p[3], f[3], m[3];    /* force f at the point p, and torque m */
-    double pd[3], fd[3], md[3]; /* their rates */
+    double p[3], W[6];   /* force at the point p, and torque */
+    double pd[3], Wd[6]; /* their rates */
 } Wrench;
 
 typedef struct Derivatives Derivatives; /* see derivatives.h */
@@ -426,7 +426,7 @@ static int assemble(Evaluator *ev, const double *q, const double *P, const doubl
         const Row *row = ev->rows + i;
         Wrench on[2];
         double W[6];
-        int sides = wrenches(ev, row, on);
+        int sides = wrenches(ev, row, 0, on);
         if (sides == 0) return 0;
         for (int side = 0; side < sides; side++) {
             about_origin(on + side, W);
@@ -454,15 +454,11 @@ static int factorize(Evaluator *ev, const double *q, const double *P, const doub
     Py_ssize_t n = ev->n;
     double *inverse = F + n * n, rows = ev->fast_length, columns = 0.0;
     place(ev, P + n * n + 6 * n);
-    for (Py_ssize_t f = 0; f < ev->frames; f++) { /* rates of wrenches are not used here */
-        memset(ev->motion[f].V, 0, sizeof ev->motion[f].V);
-        memset(ev->motion[f].v, 0, sizeof ev->motion[f].v);
-    }
     if (!assemble(ev, q, P, external, 0, n, F) || !invert(F, inverse, ev->scratch, n)) return 0;
     for (Py_ssize_t i = 0; i < ev->m && ev->slides; i++)
         if (on_moving_ground(ev->rows + i)) {
             Wrench on[2];
-            wrenches(ev, ev->rows + i, on);
+            wrenches(ev, ev->rows + i, 0, on);
             ev->mu[i] = slide(ev->rows + i, on);
         }
     rows += dot(F, F, n * n);
@@ -512,7 +508,7 @@ static int biases(Evaluator *ev, const double *q, const double *P, const double 
         const Row *row = ev->rows + i;
         Wrench on[2];
         double W[6], sum = 0.0;
-        int sides = wrenches(ev, row, on);
+        int sides = wrenches(ev, row, 1, on);
         for (int side = 0; side < sides; side++) {
             const Motion *frame = ev->motion + (side || sides == 1 ? row->a : row->b);
             about_origin(on + side, W);
@@ -595,7 +591,7 @@ static void assemble_rates(Evaluator *ev, const double *q, const double *P, cons
         const Row *row = ev->rows + i;
         Wrench on[2];
         double W[6];
-        int sides = wrenches(ev, row, on);
+        int sides = wrenches(ev, row, 1, on);
         for (int side = 0; side < sides; side++) {
             about_origin(on + side, W);
             project(ev, W, on[side].joint, dJ, out);
@@ -1456,7 +1452,7 @@ static void add_offset(Evaluator *ev, const double *P, const double *F, const do
         rest[i] = (i < m ? ev->mu_dot[i] : 0.0) - dot(D + i * n, b, n);
         if (on_moving_ground(row)) {
             Wrench on[2];
-            wrenches(ev, row, on);
+            wrenches(ev, row, 1, on);
             rest[i] += slide_rate(row, on);
         }
     }

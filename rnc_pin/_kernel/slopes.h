@@ -27,8 +27,7 @@ static void frame_slopes(const Row *row, const Motion *at, const double *origin,
     memcpy(V, at->v, sizeof at->v), memcpy(V + 3, w, sizeof at->v);
     memcpy(A, origin, sizeof at->v), memcpy(A + 3, at->A + 3, sizeof at->v);
     if (row->i[1]) { subtract(V, row->w + AT_GROUND, V, 6), add_cross(V, at->p, spin), add_cross(A, at->v, spin); }
-    kind->wrench(d, e, parameters, W, W + 6);
-    kind->slopes(d, e, parameters, V, A, k, g);
+    kind->slopes(d, e, parameters, V, A, W, W + 6, k, g);
     put(K->v, 1.0, W), put(K->w, 1.0, W + 3);
     put(G->a, 1.0, W), put(G->b, 1.0, W + 3), put(G->v, 1.0, W + 6), put(G->w, 1.0, W + 9);
     for (int i = 0; i < 3 * kind->directions; i += 3) {
@@ -44,8 +43,7 @@ static void frame_slopes(const Row *row, const Motion *at, const double *origin,
 static void slopes_of_distance(const double *vector, const double *first, const double *second, Slopes *out)
 {
     double k[3], g[3], W[12], V[6] = {first[0], first[1], first[2]}, A[6] = {second[0], second[1], second[2]};
-    KINDS[DISTANCE].wrench(vector, first, NULL, W, W + 6);
-    KINDS[DISTANCE].slopes(vector, first, NULL, V, A, k, g);
+    KINDS[DISTANCE].slopes(vector, first, NULL, V, A, W, W + 6, k, g);
     for (int side = 0; side < 2; side++) {
         double sign = side ? 1.0 : -1.0;
         Change *K = out->velocity + side, *G = out->acceleration + side;
@@ -59,34 +57,33 @@ static void slopes_of_distance(const double *vector, const double *first, const 
 
        d,   u = e - w_b x d,   o = w_a - w_b,   a_a - a_b - b_b x d - w_b x (e + u),   b_a - b_b - w_b x o.
 
-   Slopes with respect to it, inner, become those with respect to the motion of both frames. */
+   Slopes with respect to it, inner, become those with respect to the motion of both frames. Slopes of a velocity need
+   no accelerations, NULL. */
 static void carry(const Change *inner, const Motion *a, const Motion *b, const double *relative_acceleration,
                   const double *relative_turning, Change out[2])
 {
     const double *w = b->V + 3, *turning = b->A + 3;
     double d[3], e[3], u[3], o[3], both[3], s[3], p[3], v[3], g[3], a_[3], b_[3], h[3], t[3];
+    Change *on_a = out, *on_b = out + 1;
     subtract(a->p, b->p, d, 3), subtract(a->v, b->v, e, 3), subtract(a->V + 3, w, o, 3);
     memcpy(u, e, sizeof u), add_cross(u, d, w);
-    for (int i = 0; i < 3; i++) both[i] = e[i] + u[i];
-    turn(b->R, inner->s, s), turn(b->R, inner->p, p), turn(b->R, inner->v, v);
-    turn(b->R, inner->w, g), turn(b->R, inner->a, a_), turn(b->R, inner->b, b_);
-    Change *on_b = out + 1;
+    turn(b->R, inner->s, s), turn(b->R, inner->p, p), turn(b->R, inner->v, v), turn(b->R, inner->w, g);
     add_cross(on_b->s, p, d), add_cross(on_b->s, v, u), add_cross(on_b->s, g, o);
-    add_cross(on_b->s, a_, relative_acceleration), add_cross(on_b->s, b_, relative_turning);
-    cross(w, a_, h);   /* of e and once more of u, in the acceleration */
-    add(v, 1.0, h, 3); /* all factors of u */
-    cross(w, v, t), add(p, 1.0, t, 3);
-    add_cross(on_b->w, v, d);
-    cross(turning, a_, t), add(p, 1.0, t, 3);
-    add_cross(on_b->w, a_, both), add_cross(on_b->w, b_, o);
-    add_cross(on_b->b, a_, d);
-    add(v, 1.0, h, 3);
-    cross(w, b_, t), add(g, 1.0, t, 3);
-    for (int side = 0; side < 2; side++) {
-        double sign = side ? -1.0 : 1.0;
-        put(out[side].s, sign, s), put(out[side].p, sign, p), put(out[side].v, sign, v);
-        put(out[side].w, sign, g), put(out[side].a, sign, a_), put(out[side].b, sign, b_);
+    if (relative_acceleration) {
+        turn(b->R, inner->a, a_), turn(b->R, inner->b, b_);
+        for (int i = 0; i < 3; i++) both[i] = e[i] + u[i];
+        add_cross(on_b->s, a_, relative_acceleration), add_cross(on_b->s, b_, relative_turning);
+        add_cross(on_b->w, a_, both), add_cross(on_b->w, b_, o), add_cross(on_b->b, a_, d);
+        cross(turning, a_, t), add(p, 1.0, t, 3);
+        cross(w, b_, t), add(g, 1.0, t, 3);
+        cross(w, a_, h), add(v, 1.0, h, 3); /* of e and once more of u, in the acceleration */
+        put(on_a->a, 1.0, a_), put(on_a->b, 1.0, b_), put(on_b->a, -1.0, a_), put(on_b->b, -1.0, b_);
     }
+    cross(w, v, t), add(p, 1.0, t, 3); /* v has all factors of u */
+    add_cross(on_b->w, v, d);
+    if (relative_acceleration) add(v, 1.0, h, 3);
+    put(on_a->s, 1.0, s), put(on_a->p, 1.0, p), put(on_a->v, 1.0, v), put(on_a->w, 1.0, g);
+    put(on_b->s, -1.0, s), put(on_b->p, -1.0, p), put(on_b->v, -1.0, v), put(on_b->w, -1.0, g);
 }
 
 static void carried_slopes(const Row *row, const Motion *a, const Motion *b, Slopes *out)
@@ -94,14 +91,14 @@ static void carried_slopes(const Row *row, const Motion *a, const Motion *b, Slo
     Motion local;
     Slopes inner;
     double origin[3], acceleration[3], turning[3];
-    relative(a, b, &local);
+    relative(a, b, 2, &local);
     memcpy(origin, local.A, sizeof origin);
     add_cross(origin, local.A + 3, local.p), add_cross(origin, local.V + 3, local.v);
     turn(b->R, origin, acceleration), turn(b->R, local.A + 3, turning);
     memset(&inner, 0, sizeof inner);
     frame_slopes(row, &local, origin, &inner);
-    carry(&inner.velocity[0], a, b, acceleration, turning, out->velocity);
-    carry(&inner.acceleration[0], a, b, acceleration, turning, out->acceleration);
+    carry(inner.velocity, a, b, NULL, NULL, out->velocity);
+    carry(inner.acceleration, a, b, acceleration, turning, out->acceleration);
 }
 
 /* Slopes of a row that consists of wrenches; false for other rows. origins: accelerations of the frames' origins */
