@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rnc_pin.constraints.ackermann_steering import linkage
 from rnc_pin.constraints.body_shapes import support_point
 from rnc_pin.constraints.rolling_body import contact_arm
 from rnc_pin.constraints.wheel_rows import wheel_level, wheel_wrenches
@@ -91,6 +92,8 @@ def generate() -> str:
         table.append(
             f"    [{form.name}] = {{{kind.directions}, {kind.least}, {name}_wrench, {name}_rates, {name}_slopes}},"
         )
+    d, p = inputs("d", 4), inputs("p", 2)
+    parts.append(_function("void", "linkage", ("d", "p"), ("W",), _assigned(W=linkage(d[:2], d[2:], *p))))
     return "\n".join([*parts, "static const Kind KINDS[] = {", *table, "};", ""])
 
 

@@ -360,21 +360,17 @@ static int momentum(const Row *row, const double *places, const double *v, doubl
     return size;
 }
 
-/* Ackermann linkage: f(l, r) = sin l cos r - w[3] cos l sin r - w[0] sin l sin r; out: f, f_l, f_r, f_lr. See
-   ackermann_steering.py. */
+/* Ackermann linkage; out: f, f_l, f_r, f_lr */
 static void ackermann(const Row *row, const double *q, double *out)
 {
-    double c[2], s[2], k = row->w[0], p = row->w[3];
+    double directions[4], parameters[2] = {row->w[3], row->w[0]};
     for (int side = 0; side < 2; side++) {
         const double *at = q + row->i[2 * side];
         int continuous = row->i[4] >> side & 1;
-        c[side] = continuous ? at[0] : cos(at[0]);
-        s[side] = row->w[1 + side] * (continuous ? at[1] : sin(at[0]));
+        directions[2 * side] = continuous ? at[0] : cos(at[0]);
+        directions[2 * side + 1] = row->w[1 + side] * (continuous ? at[1] : sin(at[0]));
     }
-    out[0] = s[0] * c[1] - p * c[0] * s[1] - k * s[0] * s[1];
-    out[1] = c[0] * c[1] + p * s[0] * s[1] - k * c[0] * s[1];
-    out[2] = -(p * c[0] * c[1] + s[0] * s[1]) - k * s[0] * c[1];
-    out[3] = p * s[0] * c[1] - c[0] * s[1] - k * c[0] * c[1];
+    linkage(directions, parameters, out);
 }
 
 /* ------------------------------------------------------------------ stages at one state */

@@ -657,6 +657,18 @@ static void distance_slopes(const double *d, const double *e, const double *p, c
     g[2] = x20 + e[2] * x18 - V[2] * x5 + A[2] * x0 + x20;
 }
 
+static void linkage(const double *d, const double *p, double *W)
+{
+    const double x0 = p[0] * d[0];
+    const double x1 = p[1] * d[1];
+    const double x2 = p[0] * d[1];
+    const double x3 = p[1] * d[0];
+    W[0] = d[1] * d[2] - d[3] * x0 - d[3] * x1;
+    W[1] = d[0] * d[2] + d[3] * x2 - d[3] * x3;
+    W[2] = -(d[2] * x0 + d[1] * d[3]) - d[2] * x1;
+    W[3] = d[2] * x2 - d[0] * d[3] - d[2] * x3;
+}
+
 static const Kind KINDS[] = {
     [WORLD] = {0, FLAT, world_wrench, world_rates, world_slopes},
     [OWN] = {2, FLAT, own_wrench, own_rates, own_slopes},

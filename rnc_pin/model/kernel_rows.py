@@ -36,7 +36,7 @@ class Form(IntEnum):
     allows (0 for axes of the body), size. Numbers: placement of the world in the joint's fixed frame (12)."""
     ACKERMANN = 3
     """Steering linkage. Integers: index in q and v of the left joint, of the right joint, bits of continuous joints.
-    Numbers: track over wheelbase, sign of the left joint, of the right joint."""
+    Numbers: track over wheelbase, sign of the left joint, of the right joint, ratio of the wheelbases."""
     WORLD = 4
     """Force and torque at the frame's origin, constant in world axes. Numbers: force (3), torque (3)."""
     OWN = 5
