@@ -210,9 +210,9 @@ class SurfaceContactRows(WrenchRows):
             return found
         if self._near[0] is place:
             return self._near[1]
-        moved, wider = self._stepped(
-            place.translation, self._at(place.rotation, found.point.astype(complex), found.gap)
-        )
+        origin = place.translation
+        point, gap = np.broadcast_to(found.point, origin.shape), np.broadcast_to(found.gap, origin.shape[:-1])
+        moved, wider = self._stepped(origin, self._at(place.rotation, point.astype(complex), gap))
         self._near = place, self._at(place.rotation, found.point + moved, found.gap + wider)
         return self._near[1]
 

@@ -80,7 +80,7 @@ def packed(rows: Sequence[Sequence[Component]], like: Component) -> np.ndarray:
     """
     if not isinstance(like, np.ndarray):
         return np.array(rows)
-    out = np.empty((*like.shape, len(rows), len(rows[0])))
+    out = np.empty((*like.shape, len(rows), len(rows[0])), like.dtype)
     for i, row in enumerate(rows):
         for j, entry in enumerate(row):
             out[..., i, j] = entry

@@ -106,9 +106,9 @@ class RelativeKinematics(VelocityKinematics):
             motions.append((at.acceleration(each), np.vstack([found.acceleration, found.angular_acceleration])))
 
         def relative(flat: np.ndarray, d: np.ndarray, v: np.ndarray, a: np.ndarray, *carried: np.ndarray) -> np.ndarray:
-            turn = flat.reshape(3, 3)
+            turn = flat.reshape(-1, 3, 3)
             velocity = _relative_velocity(turn, d, v, carried[0])
-            return np.concatenate([velocity, _relative_acceleration(turn, d, v, carried[0], a, carried[1])])
+            return np.concatenate([velocity, _relative_acceleration(turn, d, v, carried[0], a, carried[1])], axis=-1)
 
         offset = self._offset(frame), (J - J_carrier)[:3]
         gradient = complex_step(relative, (rotation.ravel(), turned.reshape(9, -1)), offset, *motions)

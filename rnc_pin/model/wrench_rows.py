@@ -96,7 +96,7 @@ class WrenchRows(Rows):
         motion, J, place = at.frame_gradients(self.frame), at.jacobian(self.frame), at.placement(self.frame)
         turned = np.cross(J[3:, None, :], place.rotation[:, :, None], axis=0)  # (3, 3, nv)
         return complex_step(
-            lambda flat, origin, *motions: self._bias(Placement(flat.reshape(3, 3), origin), *motions),
+            lambda flat, origin, *motions: self._bias(Placement(flat.reshape(-1, 3, 3), origin), *motions),
             (place.rotation.ravel(), turned.reshape(9, -1)),
             (place.translation, J[:3]),
             (at.velocity(self.frame), np.vstack([motion.velocity, motion.angular_velocity])),
