@@ -16,14 +16,16 @@ from pathlib import Path
 
 import numpy as np
 
+from rnc_pin._kernel import INTERFACE
 from rnc_pin.constraints.ackermann_steering import linkage
 from rnc_pin.constraints.body_shapes import support_point
 from rnc_pin.constraints.rolling_body import contact_arm
 from rnc_pin.constraints.wheel_rows import wheel_level, wheel_wrenches
 from rnc_pin.math.components import cross, dot
-from rnc_pin.model.kernel_rows import AT_GROUND, INTEGERS, NUMBERS, Form, Value
+from rnc_pin.model.kernel_rows import AT_GROUND, INTEGERS, NUMBERS, Form, KernelForce, Value
+from rnc_pin.model.wrench_rows import FLAT
 from rnc_pin.outputs.direction_angle import level, tilt_wrench, yaw_wrench
-from rnc_pin.outputs.distance import distance_force
+from rnc_pin.outputs.distance import TOGETHER, distance_force
 from tools.formulas import Symbol, c_statements, forget, gradient, inputs, rate, symbol, total
 
 PATH = Path(__file__).parent.parent / "rnc_pin" / "_kernel" / "rows_generated.h"
@@ -42,14 +44,14 @@ class Kind:
         parameters: number of its parameters.
         wrench: wrench (6,) of directions and parameters.
         length: zero where the wrench is not defined.
-        least: smallest length, a name in kernel.c.
+        least: smallest length.
     """
 
     directions: int
     parameters: int
     wrench: Callable[[Vectors, Sequence[Symbol]], Sequence[Symbol]]
     length: Callable[[Vectors, Sequence[Symbol]], Symbol | float] = lambda d, p: 1.0
-    least: str = "FLAT"
+    least: float = FLAT
 
 
 def _wheel(d: Vectors, p: Sequence[Symbol]) -> list[Symbol]:
@@ -76,7 +78,7 @@ KINDS = {
     Form.TILT: Kind(1, 0, lambda d, p: tilt_wrench(d[0]), lambda d, p: level(d[0])),
     Form.ROLLING: Kind(3, 11, _rolling, _rolling_length),
     Form.DISTANCE: Kind(
-        1, 0, lambda d, p: [*distance_force(d[0])[0], 0, 0, 0], lambda d, p: dot(d[0], d[0]) ** 0.5, "TOGETHER"
+        1, 0, lambda d, p: [*distance_force(d[0])[0], 0, 0, 0], lambda d, p: dot(d[0], d[0]) ** 0.5, TOGETHER
     ),
 }
 
@@ -99,9 +101,11 @@ def generate() -> str:
 
 def _constants() -> str:
     """Ids and sizes that Python and C share."""
-    lines = [f"#define INTEGERS {3 + INTEGERS}", f"#define NUMBERS {NUMBERS}", f"#define AT_GROUND {AT_GROUND}"]
+    sizes = {"INTERFACE": INTERFACE, "INTEGERS": 3 + INTEGERS, "NUMBERS": NUMBERS, "AT_GROUND": AT_GROUND}
+    lines = [f"#define {name} {size}" for name, size in sizes.items()]
     forms, values = (", ".join(f"{each.name} = {each.value}" for each in ids) for ids in (Form, Value))
-    lines += [f"enum {{ {forms} }};", f"enum {{ {values.replace('NONE', 'NO_VALUE')} }};"]
+    force = ", ".join([*(f"F_{field.upper()}" for field in KernelForce._fields), "FORCE_NUMBERS"])
+    lines += [f"enum {{ {forms} }};", f"enum {{ {values.replace('NONE', 'NO_VALUE')} }};", f"enum {{ {force} }};"]
     return "\n".join([*lines, _TYPES])
 
 

@@ -16,9 +16,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define INTERFACE 30   /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
-#define FLAT 1e-6      /* sine below which an axis counts as vertical */
-#define TOGETHER 1e-9  /* distance below which frames coincide [m] */
 #define AMPLIFIED 1e10 /* amplification of rounding errors above which actuators count as dependent */
 #define STEEP 1e8      /* rates per wanted rate above which A4 counts as singular */
 #define FARTHEST 1e4   /* square of the longest step of the integrator [rad or m] */
@@ -80,9 +77,6 @@ typedef struct {
     Derivatives *derivatives; /* NULL until they are used */
 } Evaluator;
 
-/* Law of a row with value y and rate w: constant + stiffness (rest - y) - damping w - limit tanh(w / speed). The
-   difference of values that turn is in (-pi, pi]. */
-enum { F_CONSTANT, F_STIFFNESS, F_REST, F_TURNS, F_DAMPING, F_LIMIT, F_SPEED, FORCE_NUMBERS };
 enum { V_M, V_J, V_NLE, V_C, V_PLACES, V_Q, V_V, V_A, V_TAU_Q, V_TAU_V, VIEWS };
 enum {
     P_MODEL,
@@ -669,7 +663,8 @@ static void values(Evaluator *ev, const double *q, const double *P, double *x)
     for (Py_ssize_t i = ev->m; i < n + ev->k; i++) *x++ = value(ev, ev->rows + i, q);
 }
 
-/* Law of force f at q, where the frames are placed, with the rate w of its row; spring: its part with a potential. */
+/* Law of force f at q, where the frames are placed, with the rate w of its row; spring: its part with a potential. See
+   KernelForce in kernel_rows.py. The difference of values that turn is in (-pi, pi]. */
 static double law(const Evaluator *ev, Py_ssize_t f, const double *q, double w, double *spring)
 {
     const double *of = ev->laws + f * FORCE_NUMBERS;

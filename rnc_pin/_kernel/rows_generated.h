@@ -1,11 +1,13 @@
 /* Written by python -m tools.generate_rows from the formulas in Python: change those. */
 /* clang-format off */
 
+#define INTERFACE 30
 #define INTEGERS 8
 #define NUMBERS 18
 #define AT_GROUND 12
 enum { CONSTANT = 0, EXTERNAL = 1, MOMENTUM = 2, ACKERMANN = 3, WORLD = 4, OWN = 5, WHEEL = 6, YAW = 7, TILT = 8, ROLLING = 9, DISTANCE = 10 };
 enum { NO_VALUE = 0, JOINT = 1, CONTINUOUS_JOINT = 2, COORDINATE = 3, HEADING = 4, ELEVATION = 5, LENGTH = 6 };
+enum { F_CONSTANT, F_STIFFNESS, F_REST, F_TURNS, F_DAMPING, F_LIMIT, F_SPEED, FORCE_NUMBERS };
 
 typedef struct {
     int directions; /* number of its directions, whose parameters follow in the numbers of a row */
@@ -670,11 +672,11 @@ static void linkage(const double *d, const double *p, double *W)
 }
 
 static const Kind KINDS[] = {
-    [WORLD] = {0, FLAT, world_wrench, world_rates, world_slopes},
-    [OWN] = {2, FLAT, own_wrench, own_rates, own_slopes},
-    [WHEEL] = {1, FLAT, wheel_wrench, wheel_rates, wheel_slopes},
-    [YAW] = {1, FLAT, yaw_wrench, yaw_rates, yaw_slopes},
-    [TILT] = {1, FLAT, tilt_wrench, tilt_rates, tilt_slopes},
-    [ROLLING] = {3, FLAT, rolling_wrench, rolling_rates, rolling_slopes},
-    [DISTANCE] = {1, TOGETHER, distance_wrench, distance_rates, distance_slopes},
+    [WORLD] = {0, 1e-06, world_wrench, world_rates, world_slopes},
+    [OWN] = {2, 1e-06, own_wrench, own_rates, own_slopes},
+    [WHEEL] = {1, 1e-06, wheel_wrench, wheel_rates, wheel_slopes},
+    [YAW] = {1, 1e-06, yaw_wrench, yaw_rates, yaw_slopes},
+    [TILT] = {1, 1e-06, tilt_wrench, tilt_rates, tilt_slopes},
+    [ROLLING] = {3, 1e-06, rolling_wrench, rolling_rates, rolling_slopes},
+    [DISTANCE] = {1, 1e-09, distance_wrench, distance_rates, distance_slopes},
 };

@@ -96,7 +96,7 @@ static int wrenches(Evaluator *ev, const Row *row, int with_rates, Wrench out[2]
         subtract(b->p, a->p, d, 3), subtract(b->v, a->v, rate, 3);
         memcpy(out->p, b->p, sizeof out->p), memcpy(out->pd, b->v, sizeof out->pd);
         if (!with_rates) {
-            if (!(KINDS[DISTANCE].wrench(d, NULL, out->W) >= TOGETHER)) return 0;
+            if (!(KINDS[DISTANCE].wrench(d, NULL, out->W) >= KINDS[DISTANCE].least)) return 0;
         } else KINDS[DISTANCE].rates(d, rate, NULL, out->W, out->Wd);
         reverse(out + 1, out, with_rates);
         memcpy(out[1].p, a->p, sizeof out->p), memcpy(out[1].pd, a->v, sizeof out->pd);

@@ -60,7 +60,7 @@ FORMS_OF_FORCES = frozenset({Form.CONSTANT, *(form for form in Form if form >= F
 
 
 class Value(IntEnum):
-    """Formula of an output's value; the numbers are those of ``kernel.c``."""
+    """Formula of an output's value."""
 
     NONE = 0
     """A quasi-velocity, or a value that Python evaluates."""
@@ -81,7 +81,7 @@ class Value(IntEnum):
 class KernelForce(NamedTuple):
     """Force that follows from the value y and the rate w of a row.
 
-    ``constant + stiffness (rest - y) - damping w - limit tanh(w / speed)``. The order is that of ``kernel.c``.
+    ``constant + stiffness (rest - y) - damping w - limit tanh(w / speed)``.
     """
 
     constant: float = 0.0

@@ -16,7 +16,8 @@ from rnc_pin.model.rows import OutputRows, check_defined
 from rnc_pin.model.wrench_rows import evaluated, rate_of
 from rnc_pin.robots.robot import Robot
 
-_TOGETHER = 1e-9
+TOGETHER = 1e-9
+"""Distance below which two frames coincide [m]."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ class _DistanceRow(OutputRows):
     def _force(self, at: PositionKinematics) -> np.ndarray:
         vector = components(self._vector(at))
         length = dot(vector, vector) ** 0.5
-        check_defined("a distance has no rate where it is zero", at, length, _TOGETHER, self.names)
+        check_defined("a distance has no rate where it is zero", at, length, TOGETHER, self.names)
         return evaluated(distance_force, [vector])
 
     def _relative(self, both: Callable[[int], np.ndarray]) -> np.ndarray:
