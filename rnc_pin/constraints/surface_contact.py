@@ -82,7 +82,7 @@ class SurfaceContactRows(WrenchRows):
         shape: the body's surface.
         placement: placement of the shape on the frame.
         pivots: True if the body may turn about the normal.
-        ground: the surface, whose material has the velocity u and the angular velocity W.
+        ground: the surface, whose material moves as a rigid body with the velocity u and the angular velocity W.
         robot: the robot.
     """
 
