@@ -14,7 +14,9 @@ from typing import Any
 
 from rnc_pin.errors import ConfigurationError, ModelWarning
 
-_VARIABLE, _INTERFACE = "RNC_PIN_KERNEL", 29
+_VARIABLE = "RNC_PIN_KERNEL"
+INTERFACE = 30
+"""Number that changes with the arguments of the kernel's methods; ``tools/generate_rows.py`` writes it for C."""
 _REINSTALL = "reinstall with pip install -e ."
 _NONE = "this installation has no compiled kernel: reinstall with a C compiler"
 
@@ -39,9 +41,9 @@ def _load() -> tuple[Any, str]:
         compiled = import_module("rnc_pin._kernel.compiled")
     except ImportError:
         return NUMPY_ALONE, ""
-    if compiled.INTERFACE == _INTERFACE:
+    if compiled.INTERFACE == INTERFACE:
         return compiled, ""
-    return NUMPY_ALONE, f"compiled kernel is of interface {compiled.INTERFACE}, {_INTERFACE} expected"
+    return NUMPY_ALONE, f"compiled kernel is of interface {compiled.INTERFACE}, {INTERFACE} expected"
 
 
 def _chosen() -> tuple[Any, str]:

@@ -288,7 +288,7 @@ static void add_force(Evaluator *ev, Derivatives *d, const Row *row, double forc
     if (along_column >= 0 && !d->moves[ev->frame[row->a].joint * ev->n + along_column]
         && !(sides_of(row) == 2 && d->moves[ev->frame[row->b].joint * ev->n + along_column]))
         return;
-    int sides = wrenches(ev, row, on);
+    int sides = wrenches(ev, row, along_column >= 0, on);
     for (int side = 0; side < sides; side++) {
         if (along_column >= 0) rate_about_origin(on + side, W);
         else about_origin(on + side, W);

@@ -16,20 +16,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define INTERFACE 29   /* changes with the arguments of the methods; rnc_pin/_kernel/__init__.py compares it */
-#define INTEGERS 8     /* of a row: kind, first and second frame, five more */
-#define NUMBERS 24     /* of a row */
-#define AT_GROUND 16   /* twist of moving ground about the world's origin, in the numbers of a row */
-#define FLAT 1e-6      /* sine below which an axis counts as vertical */
-#define TOGETHER 1e-9  /* distance below which frames coincide [m] */
 #define AMPLIFIED 1e10 /* amplification of rounding errors above which actuators count as dependent */
 #define STEEP 1e8      /* rates per wanted rate above which A4 counts as singular */
 #define FARTHEST 1e4   /* square of the longest step of the integrator [rad or m] */
 
-enum { CONSTANT, EXTERNAL, WORLD, OWN, WHEEL, YAW, TILT, DISTANCE, CLOSURE, POINT, MOMENTUM, ACKERMANN, ROLLING };
-
-/* Values of outputs, i[4] of their rows. */
-enum { NO_VALUE, JOINT, CONTINUOUS_JOINT, COORDINATE, HEADING, ELEVATION, LENGTH };
+#include "rows_generated.h" /* kinds of rows, their formulas, and the sizes of their tables */
 
 typedef struct {
     long kind, a, b, i[5];
@@ -49,8 +40,8 @@ typedef struct {
 
 typedef struct {
     long joint;
-    double p[3], f[3], m[3];    /* force f at the point p, and torque m */
-    double pd[3], fd[3], md[3]; /* their rates */
+    double p[3], W[6];   /* force at the point p, and torque */
+    double pd[3], Wd[6]; /* their rates */
 } Wrench;
 
 typedef struct Derivatives Derivatives; /* see derivatives.h */
@@ -86,9 +77,6 @@ typedef struct {
     Derivatives *derivatives; /* NULL until they are used */
 } Evaluator;
 
-/* Law of a row with value y and rate w: constant + stiffness (rest - y) - damping w - limit tanh(w / speed). The
-   difference of values that turn is in (-pi, pi]. */
-enum { F_CONSTANT, F_STIFFNESS, F_REST, F_TURNS, F_DAMPING, F_LIMIT, F_SPEED, FORCE_NUMBERS };
 enum { V_M, V_J, V_NLE, V_C, V_PLACES, V_Q, V_V, V_A, V_TAU_Q, V_TAU_V, VIEWS };
 enum {
     P_MODEL,
@@ -310,199 +298,7 @@ static void jacobian_rates(const Evaluator *ev, const double *J, const double *v
 
 /* ------------------------------------------------------------------ wrenches of the rows */
 
-static void along(Wrench *out, const Motion *at) /* attached to the frame, fixed in the world's axes */
-{
-    memset(out->f, 0, 6 * sizeof(double)); /* f and m follow each other */
-    memset(out->fd, 0, 6 * sizeof(double));
-    memcpy(out->p, at->p, 3 * sizeof(double));
-    memcpy(out->pd, at->v, 3 * sizeof(double));
-}
-
-/* Rolling, lateral and vertical rows of RollingWheel, combined with the weights w[4:7]; see rolling_wheel.py. */
-static int wheel(const Row *row, const Motion *at, Wrench *out)
-{
-    double a[3], da[3], r = row->w[0], c0 = row->w[4], c1 = row->w[5], c2 = row->w[6];
-    const double *w = at->V + 3;
-    turn(at->R, row->w + 1, a);
-    double x = a[0], y = a[1], z = a[2], square = x * x + y * y, s = sqrt(square);
-    if (!(s >= FLAT)) return 0;
-    double hx = y / s, hy = -x / s, rate = w[2] - z * (x * w[0] + y * w[1]) / square;
-    cross(w, a, da);
-    double dhx = -rate * hy, dhy = rate * hx;
-    out->f[0] = c0 * hx - c1 * hy, out->f[1] = c0 * hy + c1 * hx, out->f[2] = c2;
-    out->m[0] = r * (-c0 * x + c1 * y + c2 * z * hx);
-    out->m[1] = r * (-c0 * y - c1 * x + c2 * z * hy);
-    out->m[2] = -r * c0 * z;
-    out->fd[0] = c0 * dhx - c1 * dhy, out->fd[1] = c0 * dhy + c1 * dhx;
-    out->md[0] = r * (-c0 * da[0] + c1 * da[1] + c2 * (da[2] * hx + z * dhx));
-    out->md[1] = r * (-c0 * da[1] - c1 * da[0] + c2 * (da[2] * hy + z * dhy));
-    out->md[2] = -r * c0 * da[2];
-    return 1;
-}
-
-#include "rolling.h"
-
-#include "carried.h"
-
-static int wheel_on_plane(const Row *row, const Motion *at, Wrench *out)
-{
-    Motion local;
-    if (!row->i[0]) return wheel(row, at, out);
-    to_plane(row, at, &local);
-    if (!wheel(row, &local, out)) return 0;
-    from_plane(row, out->f), from_plane(row, out->m), from_plane(row, out->fd), from_plane(row, out->md);
-    return 1;
-}
-
-/* Yaw or tilt of one of the frame's axes, i[0]; see frame_yaw.py and frame_tilt.py. */
-static int angle(const Row *row, const Motion *at, Wrench *out)
-{
-    double d[3] = {at->R[row->i[0]], at->R[3 + row->i[0]], at->R[6 + row->i[0]]}, rate[3];
-    double x = d[0], y = d[1], z = d[2], square = x * x + y * y, level = sqrt(square);
-    if (!(level >= FLAT)) return 0;
-    cross(at->V + 3, d, rate);
-    if (row->kind == YAW) {
-        double grows = 2 * (x * rate[0] + y * rate[1]) / square;
-        out->m[0] = -z * x / square, out->m[1] = -z * y / square, out->m[2] = 1.0;
-        out->md[0] = (z * x * grows - rate[2] * x - z * rate[0]) / square;
-        out->md[1] = (z * y * grows - rate[2] * y - z * rate[1]) / square;
-    } else {
-        double grows = z * rate[2] / square;
-        out->m[0] = y / level, out->m[1] = -x / level;
-        out->md[0] = (rate[1] + y * grows) / level, out->md[1] = -(rate[0] + x * grows) / level;
-    }
-    return 1;
-}
-
-static void reverse(Wrench *out, const Wrench *from)
-{
-    memcpy(out->p, from->p, sizeof(double) * 18);
-    for (int i = 0; i < 3; i++) {
-        out->f[i] = -from->f[i], out->m[i] = -from->m[i];
-        out->fd[i] = -from->fd[i], out->md[i] = -from->md[i];
-    }
-}
-
-/* Rate of the distance from frame a to frame b. */
-static int distance(const Motion *a, const Motion *b, Wrench *out)
-{
-    double d[3], rate[3];
-    for (int i = 0; i < 3; i++) d[i] = b->p[i] - a->p[i], rate[i] = b->v[i] - a->v[i];
-    double length = sqrt(dot(d, d, 3)), grows = 0.0;
-    if (!(length >= TOGETHER)) return 0;
-    for (int i = 0; i < 3; i++) grows += d[i] * rate[i] / length;
-    for (int i = 0; i < 3; i++) {
-        out->f[i] = d[i] / length;
-        out->fd[i] = (rate[i] - out->f[i] * grows) / length;
-    }
-    return 1;
-}
-
-/* Component i[0] of the motion of b relative to a, in the axes of a, at the origin of a (CLOSURE) or of b (POINT). */
-static void closure(const Row *row, const Motion *a, const Motion *b, Wrench *out)
-{
-    long i = row->i[0];
-    double *form = i < 3 ? out->f : out->m, *rate = i < 3 ? out->fd : out->md;
-    for (int j = 0; j < 3; j++) form[j] = a->R[3 * j + i % 3];
-    cross(a->V + 3, form, rate);
-    const Motion *point = row->kind == POINT ? b : a;
-    memcpy(out->p, point->p, sizeof out->p);
-    memcpy(out->pd, point->v, sizeof out->pd);
-}
-
-/* Number of frames of a row that consists of wrenches; 0 for other rows */
-static int sides_of(const Row *row)
-{
-    if (is_carried(row) || (row->kind >= DISTANCE && row->kind <= POINT)) return 2;
-    return row->kind == ROLLING || (row->kind >= WORLD && row->kind < DISTANCE);
-}
-
-/* Wrench of a row of one frame; false where it is not defined. */
-static int one_sided(const Row *row, const Motion *at, Wrench *out)
-{
-    along(out, at);
-    switch (row->kind) {
-    case WORLD:
-        memcpy(out->f, row->w, 3 * sizeof(double));
-        memcpy(out->m, row->w + 3, 3 * sizeof(double));
-        return 1;
-    case OWN:
-        turn(at->R, row->w, out->f);
-        turn(at->R, row->w + 3, out->m);
-        cross(at->V + 3, out->f, out->fd);
-        cross(at->V + 3, out->m, out->md);
-        return 1;
-    case WHEEL: return wheel_on_plane(row, at, out);
-    case ROLLING: return rolling(row, at, out);
-    }
-    return angle(row, at, out);
-}
-
-/* Wrenches of a row on its frames, on b first if there are two; returns their number, 0 for a row that is not defined
-   here, -1 for other rows. */
-static int wrenches(Evaluator *ev, const Row *row, Wrench out[2])
-{
-    int sides = sides_of(row);
-    if (!sides) return -1;
-    const Motion *a = ev->motion + row->a;
-    out[sides - 1].joint = ev->frame[row->a].joint;
-    if (sides == 1) return one_sided(row, a, out);
-    const Motion *b = ev->motion + row->b;
-    out[0].joint = ev->frame[row->b].joint;
-    if (is_carried(row)) {
-        Motion local;
-        Wrench own;
-        relative(a, b, &local);
-        if (!one_sided(row, &local, &own)) return 0;
-        to_world(&own, b, out + 1);
-        reverse(out, out + 1);
-    } else if (row->kind == DISTANCE) {
-        along(out, b);
-        if (!distance(a, b, out)) return 0;
-        reverse(out + 1, out);
-        memcpy(out[1].p, a->p, sizeof out->p);
-        memcpy(out[1].pd, a->v, sizeof out->pd);
-    } else {
-        along(out, a);
-        closure(row, a, b, out);
-        reverse(out + 1, out);
-    }
-    return 2;
-}
-
-static void about_origin(const Wrench *of, double *W)
-{
-    memcpy(W, of->f, 3 * sizeof(double));
-    cross(of->p, of->f, W + 3);
-    for (int i = 0; i < 3; i++) W[3 + i] += of->m[i];
-}
-
-static void rate_about_origin(const Wrench *of, double *W)
-{
-    double moved[3];
-    memcpy(W, of->fd, 3 * sizeof(double));
-    cross(of->p, of->fd, W + 3);
-    cross(of->pd, of->f, moved);
-    for (int i = 0; i < 3; i++) W[3 + i] += of->md[i] + moved[i];
-}
-
-static int on_moving_ground(const Row *row)
-{ return (row->kind == WHEEL || row->kind == ROLLING || row->kind == OWN) && row->i[1]; }
-
-/* Velocity mu of the ground's material along a row with a wrench on one frame, and its rate. */
-static double slide(const Row *row, const Wrench *on)
-{
-    double W[6];
-    about_origin(on, W);
-    return dot(W, row->w + AT_GROUND, 6);
-}
-
-static double slide_rate(const Row *row, const Wrench *on)
-{
-    double W[6];
-    rate_about_origin(on, W);
-    return dot(W, row->w + AT_GROUND, 6);
-}
+#include "wrenches.h"
 
 /* row += W^T J of a joint */
 static void project(const Evaluator *ev, const double *W, long joint, const double *J, double *row)
@@ -558,21 +354,17 @@ static int momentum(const Row *row, const double *places, const double *v, doubl
     return size;
 }
 
-/* Ackermann linkage: f(l, r) = sin l cos r - w[3] cos l sin r - w[0] sin l sin r; out: f, f_l, f_r, f_lr. See
-   ackermann_steering.py. */
+/* Ackermann linkage; out: f, f_l, f_r, f_lr */
 static void ackermann(const Row *row, const double *q, double *out)
 {
-    double c[2], s[2], k = row->w[0], p = row->w[3];
+    double directions[4], parameters[2] = {row->w[3], row->w[0]};
     for (int side = 0; side < 2; side++) {
         const double *at = q + row->i[2 * side];
         int continuous = row->i[4] >> side & 1;
-        c[side] = continuous ? at[0] : cos(at[0]);
-        s[side] = row->w[1 + side] * (continuous ? at[1] : sin(at[0]));
+        directions[2 * side] = continuous ? at[0] : cos(at[0]);
+        directions[2 * side + 1] = row->w[1 + side] * (continuous ? at[1] : sin(at[0]));
     }
-    out[0] = s[0] * c[1] - p * c[0] * s[1] - k * s[0] * s[1];
-    out[1] = c[0] * c[1] + p * s[0] * s[1] - k * c[0] * s[1];
-    out[2] = -(p * c[0] * c[1] + s[0] * s[1]) - k * s[0] * c[1];
-    out[3] = p * s[0] * c[1] - c[0] * s[1] - k * c[0] * c[1];
+    linkage(directions, parameters, out);
 }
 
 /* ------------------------------------------------------------------ stages at one state */
@@ -624,7 +416,7 @@ static int assemble(Evaluator *ev, const double *q, const double *P, const doubl
         const Row *row = ev->rows + i;
         Wrench on[2];
         double W[6];
-        int sides = wrenches(ev, row, on);
+        int sides = wrenches(ev, row, 0, on);
         if (sides == 0) return 0;
         for (int side = 0; side < sides; side++) {
             about_origin(on + side, W);
@@ -652,15 +444,11 @@ static int factorize(Evaluator *ev, const double *q, const double *P, const doub
     Py_ssize_t n = ev->n;
     double *inverse = F + n * n, rows = ev->fast_length, columns = 0.0;
     place(ev, P + n * n + 6 * n);
-    for (Py_ssize_t f = 0; f < ev->frames; f++) { /* rates of wrenches are not used here */
-        memset(ev->motion[f].V, 0, sizeof ev->motion[f].V);
-        memset(ev->motion[f].v, 0, sizeof ev->motion[f].v);
-    }
     if (!assemble(ev, q, P, external, 0, n, F) || !invert(F, inverse, ev->scratch, n)) return 0;
     for (Py_ssize_t i = 0; i < ev->m && ev->slides; i++)
         if (on_moving_ground(ev->rows + i)) {
             Wrench on[2];
-            wrenches(ev, ev->rows + i, on);
+            wrenches(ev, ev->rows + i, 0, on);
             ev->mu[i] = slide(ev->rows + i, on);
         }
     rows += dot(F, F, n * n);
@@ -710,7 +498,7 @@ static int biases(Evaluator *ev, const double *q, const double *P, const double 
         const Row *row = ev->rows + i;
         Wrench on[2];
         double W[6], sum = 0.0;
-        int sides = wrenches(ev, row, on);
+        int sides = wrenches(ev, row, 1, on);
         for (int side = 0; side < sides; side++) {
             const Motion *frame = ev->motion + (side || sides == 1 ? row->a : row->b);
             about_origin(on + side, W);
@@ -793,7 +581,7 @@ static void assemble_rates(Evaluator *ev, const double *q, const double *P, cons
         const Row *row = ev->rows + i;
         Wrench on[2];
         double W[6];
-        int sides = wrenches(ev, row, on);
+        int sides = wrenches(ev, row, 1, on);
         for (int side = 0; side < sides; side++) {
             about_origin(on + side, W);
             project(ev, W, on[side].joint, dJ, out);
@@ -875,7 +663,8 @@ static void values(Evaluator *ev, const double *q, const double *P, double *x)
     for (Py_ssize_t i = ev->m; i < n + ev->k; i++) *x++ = value(ev, ev->rows + i, q);
 }
 
-/* Law of force f at q, where the frames are placed, with the rate w of its row; spring: its part with a potential. */
+/* Law of force f at q, where the frames are placed, with the rate w of its row; spring: its part with a potential. See
+   KernelForce in kernel_rows.py. The difference of values that turn is in (-pi, pi]. */
 static double law(const Evaluator *ev, Py_ssize_t f, const double *q, double w, double *spring)
 {
     const double *of = ev->laws + f * FORCE_NUMBERS;
@@ -1654,7 +1443,7 @@ static void add_offset(Evaluator *ev, const double *P, const double *F, const do
         rest[i] = (i < m ? ev->mu_dot[i] : 0.0) - dot(D + i * n, b, n);
         if (on_moving_ground(row)) {
             Wrench on[2];
-            wrenches(ev, row, on);
+            wrenches(ev, row, 1, on);
             rest[i] += slide_rate(row, on);
         }
     }
@@ -1832,22 +1621,11 @@ static int valid(const Evaluator *ev, const Row *row, Py_ssize_t external, int o
     case ACKERMANN:
         return within(i[0], ev->nq - (i[4] & 1)) && within(i[2], ev->nq - (i[4] >> 1 & 1)) && within(i[1], ev->n)
                && within(i[3], ev->n);
-    case DISTANCE:
-    case POINT:
-    case CLOSURE:
-        return within(row->a, ev->frames) && within(row->b, ev->frames) && within(i[0], row->kind == POINT ? 3 : 6);
-    case YAW:
-    case TILT: return within(row->a, ev->frames) && within(i[0], 3);
-    case ROLLING:
-        if (!within(i[0], TORUS + 1) || !within(i[3], 3)) return 0;
-        /* fall through */
-    case WHEEL:
-    case OWN:
-        if (i[1] && (!ev->mu || row->b >= 0)) return 0; /* the material of ground on a frame does not move */
-        /* fall through */
-    case WORLD: return within(row->a, ev->frames) && (row->b < 0 || within(row->b, ev->frames));
     }
-    return 0;
+    if (row->kind < WORLD || row->kind > DISTANCE || !within(row->a, ev->frames)) return 0;
+    if (i[1] && (!ev->mu || row->b >= 0)) return 0; /* the material of ground on a frame does not move */
+    if ((row->kind == YAW || row->kind == TILT) && !within(i[0], 3)) return 0;
+    return within(row->b, ev->frames) || (row->b < 0 && row->kind != DISTANCE);
 }
 
 static int checked(Evaluator *ev)

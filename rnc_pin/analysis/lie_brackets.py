@@ -45,7 +45,7 @@ def has_complex_rows(reduced: ReducedModel) -> bool:
     if not Kinematics(reduced.robot).axes_are_constant:
         return False
     blocks = (place.block.kernel_rows(reduced.robot.model) for place in reduced.all_constraints.places)
-    return all(rows is not None and all(row.form in _FORMS for row in rows) for rows in blocks)
+    return all(rows is not None and all(row.form in _FORMS and len(row.frames) < 2 for row in rows) for rows in blocks)
 
 
 class ComplexRows:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError
-from rnc_pin.math.components import Component, components, packed, packed_vector
+from rnc_pin.math.components import Component, Entry, components, packed, packed_vector
 from rnc_pin.model.coupling import COUPLED
 from rnc_pin.model.kernel_rows import Form, KernelRow
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
@@ -81,21 +81,28 @@ class _Pivot(NamedTuple):
     """1 for an axis that points up, -1 for one that points down."""
 
 
-class _Shape(NamedTuple):
-    """Function f of the steering angles, and its derivatives; ``f_ll = f_rr = -f``."""
+def linkage(left: Sequence[Entry], right: Sequence[Entry], p: Entry, k: Entry) -> tuple[Entry, Entry, Entry, Entry]:
+    """Function f of the steering angles l and r, and its derivatives f_l, f_r and f_lr; ``f_ll = f_rr = -f``.
 
-    f: Component
-    f_l: Component
-    f_r: Component
-    f_lr: Component
+    ``f(l, r) = sin(l) cos(r) - p cos(l) sin(r) - k sin(l) sin(r)``.
+
+    Args:
+        left: cosine and sine of l.
+        right: those of r.
+        p: ratio of the wheelbases, 1 for a pair.
+        k: track over the wheelbase of ``right``; negative if the joint ``left`` is on the right.
+    """
+    (cl, sl), (cr, sr) = left, right
+    return (
+        sl * cr - p * cl * sr - k * sl * sr,
+        cl * cr + p * sl * sr - k * cl * sr,
+        -(p * cl * cr + sl * sr) - k * sl * cr,
+        p * sl * cr - cl * sr - k * cl * cr,
+    )
 
 
 class _AckermannRow(Rows):
-    """Row with ``f(l, r) = sin(l) cos(r) - p cos(l) sin(r) - k sin(l) sin(r)``.
-
-    p is the ratio of the wheelbases, 1 for a pair; k is the track over the wheelbase of ``right``. It is negative if
-    the joint ``left`` is on the right.
-    """
+    """Rate of the function f of a ``linkage``."""
 
     holonomic = (True,)
     units = ("rad/s",)
@@ -104,16 +111,11 @@ class _AckermannRow(Rows):
         self.names = (f"ackermann({kind.left}, {kind.right})",)
         self._steering, self._pivots, self._reach, self._ratio = kind, pivots, reach, ratio
 
-    def _shape(self, at: PositionKinematics) -> _Shape:
+    def _shape(self, at: PositionKinematics) -> list[Component]:
+        """f, f_l, f_r and f_lr."""
         q = components(at.q)
-        (cl, sl), (cr, sr) = (_direction(pivot, q) for pivot in self._pivots)
-        p, k = self._reach, self._ratio
-        return _Shape(
-            sl * cr - p * cl * sr - k * sl * sr,
-            cl * cr + p * sl * sr - k * cl * sr,
-            -(p * cl * cr + sl * sr) - k * sl * cr,
-            p * sl * cr - cl * sr - k * cl * cr,
-        )
+        left, right = (_direction(pivot, q) for pivot in self._pivots)
+        return cast("list[Component]", linkage(left, right, self._reach, self._ratio))
 
     def _row(self, at: PositionKinematics, l_entry: Component, r_entry: Component) -> np.ndarray:
         """Row (..., 1, nv) from its entries for unit steering rates to the left."""
@@ -130,8 +132,8 @@ class _AckermannRow(Rows):
         return left, right
 
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
-        shape = self._shape(at)
-        return self._row(at, shape.f_l, shape.f_r)
+        _, f_l, f_r, _ = self._shape(at)
+        return self._row(at, f_l, f_r)
 
     def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
         f, _, _, f_lr = self._shape(at)
@@ -150,7 +152,7 @@ class _AckermannRow(Rows):
         return self._row(at, -f_l * squares - f_r * both, -f_r * squares - f_l * both)
 
     def residual(self, at: PositionKinematics) -> np.ndarray:
-        f = self._shape(at).f
+        f = self._shape(at)[0]
         return packed_vector([f], f)
 
     def mechanisms(self) -> tuple[JointCoupler]:

@@ -94,15 +94,11 @@ class Ellipsoid:
 
     def point(self, normal: np.ndarray) -> np.ndarray:
         """Surface point (..., 3) [m] with the outward unit normal (..., 3)."""
-        scaled = np.square(self.semi_axes) * normal
-        return np.asarray(scaled / _dot(scaled, normal) ** 0.5)
+        return support_point(normal, np.square(self.semi_axes))
 
     def point_rate(self, normal: np.ndarray, rate: np.ndarray) -> np.ndarray:
         """Rate of ``point`` (..., 3) for a rate of the normal (..., 3)."""
-        scaled, squares = np.square(self.semi_axes) * normal, np.square(self.semi_axes)
-        support = _dot(scaled, normal) ** 0.5  # its gradient is the point
-        point = scaled / support
-        return np.asarray((squares * rate - point * _dot(point, rate)) / support)
+        return _support_rate(normal, rate, np.square(self.semi_axes))
 
     def regularity(self, normal: np.ndarray) -> np.ndarray:
         """One: every normal has one point."""
@@ -150,31 +146,26 @@ class Torus:
             raise ConstraintError(f"tube of a torus has to be zero or positive [m], found {self.tube}")
         axis_index(self.axis)
 
-    def _radial(self, vector: np.ndarray) -> np.ndarray:
-        """Part of a vector across the axis."""
-        across = vector.copy()
-        across[..., axis_index(self.axis)] = 0.0
-        return across
+    @property
+    def _across(self) -> np.ndarray:
+        """Ones for the axes across that of the torus, (3,)."""
+        return 1.0 - _EYE[axis_index(self.axis)]
 
     def point(self, normal: np.ndarray) -> np.ndarray:
         """Surface point (..., 3) [m] with the outward unit normal (..., 3)."""
-        radial = self._radial(normal)
-        return np.asarray(self.radius * radial / _dot(radial, radial) ** 0.5 + self.tube * normal)
+        return support_point(normal, self._across, self.radius, self.tube)
 
     def point_rate(self, normal: np.ndarray, rate: np.ndarray) -> np.ndarray:
         """Rate of ``point`` (..., 3) for a rate of the normal (..., 3)."""
-        radial, turned = self._radial(normal), self._radial(rate)
-        length = _dot(radial, radial) ** 0.5
-        unit = radial / length
-        return np.asarray(self.radius * (turned - unit * _dot(unit, turned)) / length + self.tube * rate)
+        return _support_rate(normal, rate, self._across, self.radius, self.tube)
 
     def regularity(self, normal: np.ndarray) -> np.ndarray:
         """Part of the normal across the axis; zero where the torus lies flat."""
-        return np.linalg.norm(self._radial(normal), axis=-1)
+        return np.linalg.norm(self._across * normal, axis=-1)
 
     def _section(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Unit vector (..., 3) across the axis, distance (..., 1) from the axis, and vector from the middle circle."""
-        radial = self._radial(point)
+        radial = self._across * point
         distance = _dot(radial, radial) ** 0.5
         across = radial / distance
         return across, distance, point - self.radius * across
@@ -199,14 +190,35 @@ class Torus:
         return np.asarray(bent + (_dot(away, across) / (length * distance))[..., None] * _square(around))
 
 
-def kernel_shape(shape: BodyShape) -> tuple[int, int, list[float]] | None:
-    """Kind, axis and numbers of a shape for the compiled kernel; None for a shape of the user."""
+def support_point(normal: np.ndarray, S: np.ndarray, scale: float = 1.0, tube: float = 0.0) -> np.ndarray:
+    """Surface point (..., 3) with the outward unit normal d (..., 3): gradient of ``scale sqrt(d . S d) + tube |d|``.
+
+    Args:
+        normal: the normal.
+        S: diagonal (3,): squares of the semi-axes of an ellipsoid, or ones for the axes across that of a torus.
+        scale: radius of a torus [m].
+        tube: radius of its tube [m].
+    """
+    return np.asarray(scale * (S * normal) / _dot(S * normal, normal) ** 0.5 + tube * normal)
+
+
+def _support_rate(
+    normal: np.ndarray, rate: np.ndarray, S: np.ndarray, scale: float = 1.0, tube: float = 0.0
+) -> np.ndarray:
+    """Rate of ``support_point`` (..., 3) for a rate of the normal (..., 3)."""
+    length = _dot(S * normal, normal) ** 0.5
+    unit = S * normal / length
+    return np.asarray(scale * (S * rate - unit * _dot(unit, rate)) / length + tube * rate)
+
+
+def support_numbers(shape: BodyShape) -> list[float] | None:
+    """Numbers (5,) of ``support_point`` for the compiled kernel; None for a shape of the user."""
     if type(shape) is Sphere:
-        return 0, 0, [float(shape.radius) ** 2] * 3
+        return [float(shape.radius) ** 2] * 3 + [1.0, 0.0]
     if type(shape) is Ellipsoid:
-        return 0, 0, np.square(np.asarray(shape.semi_axes, dtype=float)).tolist()
+        return [*np.square(np.asarray(shape.semi_axes, dtype=float)).tolist(), 1.0, 0.0]
     if type(shape) is Torus:
-        return 1, axis_index(shape.axis), [float(shape.radius), float(shape.tube), 0.0]
+        return [*shape._across.tolist(), float(shape.radius), float(shape.tube)]
     return None
 
 

@@ -10,15 +10,13 @@ import pinocchio as pin
 from rnc_pin.constraints.carried_ground import on_carrier
 from rnc_pin.constraints.ground_plane import GroundPlane, plane_below
 from rnc_pin.errors import ConstraintError
-from rnc_pin.model.frame_velocity import FrameVelocityRows
-from rnc_pin.model.kernel_rows import Form, KernelRow, attached
-from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
+from rnc_pin.model.kernel_rows import Form, KernelRow, attached, wrench_rows
+from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.mechanisms import GroundContact, Phrases
 from rnc_pin.model.parameter_types import NotNegative
 from rnc_pin.model.rows import Rows
+from rnc_pin.model.wrench_rows import ConstantWrenchRows
 from rnc_pin.robots.robot import Robot
-
-_UP = 2
 
 
 @dataclass(frozen=True)
@@ -53,61 +51,36 @@ class Caster:
     def bind(self, robot: Robot) -> Rows:
         if not (np.isfinite(self.radius) and self.radius >= 0):
             raise ConstraintError(f"radius of caster '{self.frame}' has to be zero or positive, found {self.radius}")
-        plane = plane_below(self.ground, f"caster '{self.frame}'")
-        rows = _CasterRow(self, robot) if plane is None else _CasterRowOnPlane(self, plane, robot)
-        return on_carrier(rows, self.frame, self.ground, robot)
+        plane = plane_below(self.ground, f"caster '{self.frame}'") or GroundPlane()
+        return on_carrier(_CasterRow(self, plane, robot), self.frame, self.ground, robot)
 
 
-class _CasterRow(FrameVelocityRows):
+class _CasterRow(ConstantWrenchRows):
+    """Velocity of the centre along the normal of the plane."""
+
     holonomic = (True,)
     on_ground = True
+    units = ("m/s",)
 
-    def __init__(self, kind: Caster, robot: Robot) -> None:
-        super().__init__(robot, kind.frame, (_UP,))
-        self.names = (f"vertical({kind.frame})",)
-        self._caster, self._radius = kind, kind.radius
+    def __init__(self, kind: Caster, plane: GroundPlane, robot: Robot) -> None:
+        self.names, self.frame = (f"vertical({kind.frame})",), robot.frame_id(kind.frame)
+        self.ground = None if plane.is_default else plane
+        self._caster, self._point, self._normal = kind, np.asarray(plane.point), plane.axes[2]
+        self.matrix = np.array([[*self._normal, 0.0, 0.0, 0.0]])
 
     def residual(self, at: PositionKinematics) -> np.ndarray:
-        return at.placement(self._frame).translation[..., _UP:] - self._radius
+        height = (at.placement(self.frame).translation - self._point) @ self._normal - self._caster.radius
+        return np.asarray(height[..., None])
 
     def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
-        up = np.array([[0.0, 0.0, 1.0]])
-        contact = at.placement(self._frame).translation[..., None, :] - self._radius * up
-        return contact, np.broadcast_to(up, contact.shape)
+        contact = at.placement(self.frame).translation[..., None, :] - self._caster.radius * self._normal
+        return contact, np.broadcast_to(self._normal, contact.shape)
 
     def mechanisms(self) -> tuple[GroundContact]:
-        return (GroundContact(self._caster.frame, self._radius, friction="none"),)
+        return (GroundContact(self._caster.frame, self._caster.radius, friction="none"),)
 
     def phrases(self) -> Phrases:
         return Phrases()
 
-
-class _CasterRowOnPlane(_CasterRow):
-    """The same along the normal of a plane."""
-
-    def __init__(self, kind: Caster, plane: GroundPlane, robot: Robot) -> None:
-        super().__init__(kind, robot)
-        self.ground, self._point, self._normal = plane, np.asarray(plane.point), plane.axes[2]
-
-    def jacobian(self, at: PositionKinematics) -> np.ndarray:
-        return np.asarray((self._normal @ at.jacobian(self._frame)[..., :3, :])[..., None, :])
-
-    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
-        return np.asarray((self._normal @ at.jacobian_dot(self._frame)[..., :3, :])[..., None, :])
-
-    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
-        return np.asarray((at.acceleration(self._frame)[..., :3] @ self._normal)[..., None])
-
-    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
-        return np.asarray((self._normal @ at.frame_gradients(self._frame).acceleration)[None])
-
-    def residual(self, at: PositionKinematics) -> np.ndarray:
-        height = (at.placement(self._frame).translation - self._point) @ self._normal - self._radius
-        return np.asarray(height[..., None])
-
-    def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
-        contact = at.placement(self._frame).translation[..., None, :] - self._radius * self._normal
-        return contact, np.broadcast_to(self._normal, contact.shape)
-
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
-        return [KernelRow(Form.WORLD, (attached(model, self._frame),), (), [*self._normal.tolist(), 0.0, 0.0, 0.0])]
+        return wrench_rows(Form.WORLD, attached(model, self.frame), self.matrix.tolist())

@@ -23,7 +23,7 @@ class CurvedGround(Protocol):
     """Smooth surface ``level(point) = 0`` whose gradient points out of the ground, and the motion of its material.
 
     ``level``, ``gradient`` and ``hessian`` take complex numbers too, without conjugation, for derivatives by the
-    complex step. The material turns about a point and slides so that the surface stays in place. An attribute
+    complex step. The material is a rigid body that turns and slides so that the surface stays in place. An attribute
     ``frame`` with the name of a frame says that this frame carries the surface and stands for the world.
     """
 

@@ -69,6 +69,13 @@ class GroundPlane:
         """Angular velocity of the material in world axes (3,) [rad/s]."""
         return np.asarray(self.spin * self.axes[2])
 
+    @property
+    def twist(self) -> np.ndarray | None:
+        """Twist (6,) of the material about the world's origin, as if it reached there; None at rest."""
+        angular = self.angular_velocity
+        linear = np.asarray(self.velocity) - np.cross(angular, np.asarray(self.point))
+        return np.concatenate([linear, angular]) if self.moves else None
+
     def height(self, place: np.ndarray) -> float:
         """Height of a point (3,) above the plane [m].
 

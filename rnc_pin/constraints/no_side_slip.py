@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,18 +10,15 @@ import pinocchio as pin
 
 from rnc_pin.constraints.carried_ground import on_carrier
 from rnc_pin.constraints.ground_plane import GroundPlane, plane_below
-from rnc_pin.math.linear_algebra import complex_step
-from rnc_pin.model.frame_velocity import FrameVelocityRows, axis_index
-from rnc_pin.model.kernel_rows import Form, KernelRow, component_rows, on_moving_ground, plane_motion
-from rnc_pin.model.kinematics import (
-    OWN_AXES,
-    PositionKinematics,
-    VelocityKinematics,
-)
+from rnc_pin.math.components import Entry, cross
+from rnc_pin.model.frame_velocity import axis_index
+from rnc_pin.model.kernel_rows import Form, KernelRow, wrench_rows
+from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.mechanisms import GroundContact, Phrases
 from rnc_pin.model.offset_frame import OffsetFrame
 from rnc_pin.model.parameter_types import Axis, Vector
 from rnc_pin.model.rows import Rows
+from rnc_pin.model.wrench_rows import DirectionRows
 from rnc_pin.robots.robot import Robot
 
 
@@ -58,20 +56,26 @@ class NoSideSlip:
     ground: GroundPlane | None = None
 
     def bind(self, robot: Robot) -> Rows:
-        point = OffsetFrame(robot, self.frame, self.at)
-        plane = plane_below(self.ground, f"knife edge '{self.frame}'")
-        if plane is not None and plane.moves:
-            rows: Rows = _RowOnMovingPlane(self, robot, point, plane)
-        else:
-            rows = (_NoSideSlipRow if point.name == self.frame else _OffsetRow)(self, robot, point)
-        return on_carrier(rows, self.frame, self.ground, robot)
+        plane = plane_below(self.ground, f"knife edge '{self.frame}'") or GroundPlane()
+        return on_carrier(_NoSideSlipRow(self, plane, robot), self.frame, self.ground, robot)
 
 
-class _NoSideSlipRow(FrameVelocityRows):
-    def __init__(self, kind: NoSideSlip, robot: Robot, point: OffsetFrame) -> None:
-        self._edge, self._axis, self._point = kind, axis_index(kind.axis), point
-        super().__init__(robot, kind.frame, (self._axis,), OWN_AXES)
-        self.names = (f"no_side_slip({point.name}.{kind.axis})",)
+class _NoSideSlipRow(DirectionRows):
+    """Velocity of a point at an arm from the frame's origin, along an axis of the frame."""
+
+    units = ("m/s",)
+
+    def __init__(self, kind: NoSideSlip, plane: GroundPlane, robot: Robot) -> None:
+        self._edge, self._axis = kind, axis_index(kind.axis)
+        self._point = OffsetFrame(robot, kind.frame, kind.at)
+        self.names = (f"no_side_slip({self._point.name}.{kind.axis})",)
+        self.frame, self.directions = self._point.index, np.array([np.eye(3)[self._axis], kind.at], dtype=float).T
+        self.ground = plane if plane.moves else None
+        self.twist, self.affine = plane.twist, plane.moves
+
+    def formula(self, *directions: Sequence[Entry]) -> list[list[Entry]]:
+        along, arm = directions
+        return [[*along, *cross(arm, along)]]
 
     def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
         placement = self._point.placement(at)
@@ -84,68 +88,5 @@ class _NoSideSlipRow(FrameVelocityRows):
     def phrases(self) -> Phrases:
         return Phrases("knife edge", prevents="slide sideways at", where=self._edge.frame)
 
-
-class _OffsetRow(_NoSideSlipRow):
-    """The same row at a point with an offset; it may depend on all six components of the frame's velocity."""
-
-    def jacobian(self, at: PositionKinematics) -> np.ndarray:
-        return self._point.jacobian(at)[..., self._rows, :]
-
-    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
-        return self._point.jacobian_dot(at)[..., self._rows, :]
-
-    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
-        return self._point.acceleration(at)[..., self._rows]
-
-    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
-        return self._point.acceleration_gradient(at)[self._rows]
-
-    def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
-        return component_rows(Form.OWN, self._point.attached(model), [self._axis])
-
-
-class _RowOnMovingPlane(_OffsetRow):
-    """The same row less the velocity of the material ``e . u(p)``, along the axis e at the point p."""
-
-    affine = True
-
-    def __init__(self, kind: NoSideSlip, robot: Robot, point: OffsetFrame, plane: GroundPlane) -> None:
-        super().__init__(kind, robot, point)
-        self.ground = self._plane = plane
-
-    def rate(self, at: PositionKinematics) -> np.ndarray:
-        place = self._point.placement(at)
-        along = place.rotation[..., :, self._axis]
-        return np.asarray((along * self._plane.material_velocity(place.translation)).sum(axis=-1, keepdims=True))
-
-    def rate_dot(self, at: VelocityKinematics) -> np.ndarray:
-        place, parent, velocity = self._point.placement(at), at.placement(self._frame), at.velocity(self._frame)
-        moved = velocity[..., :3] + np.cross(velocity[..., 3:], place.translation - parent.translation)
-        return self._rate_dot(place.rotation[..., :, self._axis], place.translation, velocity[..., 3:], moved)
-
-    def _rate_dot(self, along: np.ndarray, place: np.ndarray, w: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Rate (..., 1), with the angular velocity w and the velocity v of the point."""
-        turned = np.cross(w, along) * self._plane.material_velocity(place)
-        moved = along * np.cross(self._plane.angular_velocity, v)
-        return np.asarray((turned + moved).sum(axis=-1, keepdims=True))
-
-    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
-        return super().bias_acceleration(at) - self.rate_dot(at)
-
-    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
-        motion = self._point.motion_gradients(at)
-        (v, v_q), along = motion.velocity, motion.rotation[:, self._axis]
-        rate = complex_step(
-            self._rate_dot,
-            (along, -pin.skew(along) @ motion.jacobian[3:]),
-            (motion.translation, motion.jacobian[:3]),
-            (v[3:], v_q[3:]),
-            (v[:3], v_q[:3]),
-        )
-        return super().bias_acceleration_gradient(at) - rate
-
-    def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
-        plane = self._plane
-        motion = plane_motion(np.asarray(plane.velocity), plane.spin, plane.axes[2], np.asarray(plane.point))
-        frame = self._point.attached(model)
-        return on_moving_ground(component_rows(Form.OWN, frame, [self._axis]), motion)
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
+        return wrench_rows(Form.OWN, self._point.attached(model), [np.eye(6)[self._axis].tolist()], self.twist)

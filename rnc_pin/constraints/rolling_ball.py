@@ -13,12 +13,12 @@ from rnc_pin.constraints.curved_grounds import CurvedGround
 from rnc_pin.constraints.ground_plane import GroundPlane
 from rnc_pin.constraints.rolling_body import RollingBody
 from rnc_pin.errors import ConstraintError
-from rnc_pin.math.linear_algebra import apply
-from rnc_pin.model.kernel_rows import Form, KernelRow, attached, plane_motion, rolling_rows
-from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
+from rnc_pin.model.kernel_rows import Form, KernelRow, attached, wrench_rows
+from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.mechanisms import GroundContact, Phrases
 from rnc_pin.model.parameter_types import Positive
 from rnc_pin.model.rows import Rows
+from rnc_pin.model.wrench_rows import ConstantWrenchRows
 from rnc_pin.robots.robot import Robot
 
 
@@ -56,64 +56,37 @@ class RollingBall:
         if not (np.isfinite(self.radius) and self.radius > 0):
             raise ConstraintError(f"radius of ball '{self.frame}' has to be positive, found {self.radius}")
         if self.ground is None or isinstance(self.ground, GroundPlane):
-            return on_carrier(_RollingBallRows(self, robot), self.frame, self.ground, robot)
+            return on_carrier(
+                _RollingBallRows(self, self.ground or GroundPlane(), robot), self.frame, self.ground, robot
+            )
         return RollingBody(self.frame, Sphere(self.radius), ground=self.ground).bind(robot)
 
 
-class _RollingBallRows(Rows):
+class _RollingBallRows(ConstantWrenchRows):
+    """Velocity of the material at a constant arm from the centre, along the axes of the plane."""
+
     holonomic = (False, False, True)
     on_ground = True
+    units = ("m/s",) * 3
 
-    def __init__(self, kind: RollingBall, robot: Robot) -> None:
+    def __init__(self, kind: RollingBall, plane: GroundPlane, robot: Robot) -> None:
         self.names = tuple(f"{part}({kind.frame})" for part in ("rolling_x", "rolling_y", "vertical"))
-        self.units = ("m/s",) * 3
-        self._ball, self._frame = kind, robot.frame_id(kind.frame)
-        plane = kind.ground if isinstance(kind.ground, GroundPlane) and not kind.ground.is_default else None
-        self.ground, self._plane = plane, plane or GroundPlane()
-        self.affine = self._plane.moves
-        self._axes = self._plane.axes
-        self._below = kind.radius * self._axes[2]
-        # Velocity of the contact point, from the velocity of the centre and the angular velocity.
-        self._contact = np.hstack([np.eye(3), pin.skew(self._below)])
-        if plane is not None:
-            self._contact = self._axes @ self._contact
-        # Acceleration of the material on the path of the centre, which is parallel to that of the contact point.
-        self._turning = self._axes @ pin.skew(self._plane.angular_velocity)
-
-    def jacobian(self, at: PositionKinematics) -> np.ndarray:
-        return self._contact @ at.jacobian(self._frame)
-
-    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
-        return self._contact @ at.jacobian_dot(self._frame)
-
-    def rate(self, at: PositionKinematics) -> np.ndarray:
-        if not self.affine:
-            return self._zeros(at)
-        return apply(self._axes, self._plane.material_velocity(self._touching(at)))
-
-    def rate_dot(self, at: VelocityKinematics) -> np.ndarray:
-        return apply(self._turning, at.velocity(self._frame)[..., :3]) if self.affine else self._zeros(at)
-
-    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
-        bias = apply(self._contact, at.acceleration(self._frame))
-        return bias - self.rate_dot(at) if self.affine else bias
-
-    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
-        motion = at.frame_gradients(self._frame)
-        gradient = self._contact @ np.vstack([motion.acceleration, motion.angular_acceleration])
-        return gradient - self._turning @ motion.velocity if self.affine else gradient
+        self._ball, self.frame = kind, robot.frame_id(kind.frame)
+        self.ground = None if plane.is_default else plane
+        self.twist, self.affine = plane.twist, plane.moves
+        self._plane, self._axes, self._arm = plane, plane.axes, -kind.radius * plane.axes[2]
+        self.matrix = np.hstack([self._axes, np.cross(self._arm, self._axes)])
 
     def residual(self, at: PositionKinematics) -> np.ndarray:
-        if self.ground is None:
-            return self._touching(at) * [0.0, 0.0, 1.0]
-        return ((self._touching(at) - self._plane.point) @ self._axes[2])[..., None] * [0.0, 0.0, 1.0]
+        height = (self._contact(at) - self._plane.point) @ self._axes[2]
+        return np.asarray(height)[..., None] * [0.0, 0.0, 1.0]
 
-    def _touching(self, at: PositionKinematics) -> np.ndarray:
+    def _contact(self, at: PositionKinematics) -> np.ndarray:
         """Contact point (..., 3) in the world."""
-        return np.asarray(at.placement(self._frame).translation - self._below)
+        return np.asarray(at.placement(self.frame).translation + self._arm)
 
     def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
-        contact = self._touching(at)[..., None, :]
+        contact = self._contact(at)[..., None, :]
         shape = (*contact.shape[:-2], 3, 3)
         return np.broadcast_to(contact, shape), np.broadcast_to(self._axes, shape)
 
@@ -123,14 +96,5 @@ class _RollingBallRows(Rows):
     def phrases(self) -> Phrases:
         return Phrases("rolling ball", prevents="slip at", where=self._ball.frame)
 
-    def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
-        if self._plane.spin:  # the velocity of the material depends on the place
-            plane, axes = self._plane, self._axes
-            motion = plane_motion(np.asarray(plane.velocity), plane.spin, axes[2], np.asarray(plane.point))
-            squares = [self._ball.radius**2] * 3
-            return rolling_rows((0, 0, squares), attached(model, self._frame), axes, motion)[:3]
-        frame, rates = attached(model, self._frame), self._axes @ self._plane.velocity
-        return [
-            KernelRow(Form.WORLD, (frame,), (), wrench, rate)
-            for wrench, rate in zip(self._contact.tolist(), rates.tolist(), strict=True)
-        ]
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
+        return wrench_rows(Form.WORLD, attached(model, self.frame), self.matrix.tolist(), self.twist)

@@ -12,7 +12,7 @@ from rnc_pin.constraints.carried_ground import on_carrier
 from rnc_pin.constraints.curved_grounds import CurvedGround, admit_ground
 from rnc_pin.constraints.ground_plane import GroundPlane
 from rnc_pin.constraints.surface_contact import SurfaceContact, SurfaceContactRows
-from rnc_pin.constraints.wheel_rows import RollingRows, RowsOnPlane, WheelDisk
+from rnc_pin.constraints.wheel_rows import RollingRows, WheelDisk
 from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.math.linear_algebra import apply, vector_product
 from rnc_pin.model.frame_velocity import axis_index
@@ -20,7 +20,6 @@ from rnc_pin.model.kinematics import (
     OWN_AXES,
     Kinematics,
     PositionKinematics,
-    VelocityKinematics,
 )
 from rnc_pin.model.mechanisms import Friction, Phrases
 from rnc_pin.model.parameter_types import Axis, Positive
@@ -93,9 +92,7 @@ class RollingWheel:
         if self.ground is not None and not isinstance(self.ground, GroundPlane):
             ground = admit_ground(self.ground, f"wheel '{self.frame}'")
             return on_carrier(WheelOnSurfaceRows(disk, ground, robot), self.frame, ground, robot)
-        plane = None if self.ground is None or self.ground.is_default else self.ground
-        friction = _friction(self)
-        rows = RollingRows(disk, friction, robot) if plane is None else RowsOnPlane(disk, friction, plane, robot)
+        rows = RollingRows(disk, _friction(self), self.ground or GroundPlane(), robot)
         return on_carrier(rows, self.frame, self.ground, robot)
 
 
@@ -164,7 +161,7 @@ class WheelOnSurfaceRows(SurfaceContactRows):
         placement = pin.SE3(turned, np.zeros(3))
         super().__init__(disk.frame, Torus(disk.radius), placement, True, ground, robot)
         self._axle = disk.axle
-        self._combination = _TO_HEADING if disk.combination is None else disk.combination @ _TO_HEADING
+        self.combination = _TO_HEADING if disk.combination is None else disk.combination @ _TO_HEADING
         self.names = tuple(f"{part}({disk.frame})" for part in disk.parts)
         self.units = ("m/s",) * len(disk.parts)
         self.holonomic = tuple(part == "vertical" for part in disk.parts)
@@ -175,27 +172,8 @@ class WheelOnSurfaceRows(SurfaceContactRows):
     def _direction_rate(self, found: SurfaceContact, w: np.ndarray) -> np.ndarray:
         return vector_product(w, found.along)
 
-    def jacobian(self, at: PositionKinematics) -> np.ndarray:
-        return self._combination @ super().jacobian(at)
-
-    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
-        return self._combination @ super().jacobian_dot(at)
-
-    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
-        return apply(self._combination, super().bias_acceleration(at))
-
-    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
-        return self._combination @ super().bias_acceleration_gradient(at)
-
-    def rate(self, at: PositionKinematics) -> np.ndarray:
-        return apply(self._combination, super().rate(at)) if self.affine else self._zeros(at)
-
-    def rate_dot(self, at: VelocityKinematics) -> np.ndarray:
-        return apply(self._combination, super().rate_dot(at)) if self.affine else self._zeros(at)
-
     def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
-        contact, axes = self._contact_axes(at)
-        directions = self._combination @ axes
+        contact, directions = self._contact_axes(at)[0], self.wrenches(at)[..., :3]
         return np.broadcast_to(contact[..., None, :], directions.shape), directions
 
     def phrases(self) -> Phrases:

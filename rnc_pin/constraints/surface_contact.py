@@ -9,11 +9,12 @@ import pinocchio as pin
 
 from rnc_pin.constraints.body_shapes import BodyShape
 from rnc_pin.constraints.curved_grounds import CurvedGround
-from rnc_pin.math.linear_algebra import apply, complex_step, cross_columns, vector_product
-from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
+from rnc_pin.math.linear_algebra import apply, cross_columns, vector_product
+from rnc_pin.model.kinematics import Placement, PositionKinematics
 from rnc_pin.model.mechanisms import Phrases
 from rnc_pin.model.offset_frame import point_name
-from rnc_pin.model.rows import Rows, check_defined
+from rnc_pin.model.rows import check_defined
+from rnc_pin.model.wrench_rows import WrenchRows
 from rnc_pin.robots.robot import Robot
 
 _STEPS, _ACCURATE = 60, 1e-12  # Newton steps, and the last one relative to the size of the contact
@@ -46,7 +47,30 @@ class SurfaceContact(NamedTuple):
         return np.asarray(_EYE + (self.spread + self.gap[..., None, None] * _EYE) @ self.turning)
 
 
-class SurfaceContactRows(Rows):
+def contact_wrenches(axes: np.ndarray, arm: np.ndarray, count: int) -> np.ndarray:
+    """Wrenches (..., k, 6) of a contact: forces along its axes at an arm, and a torque about its normal.
+
+    Args:
+        axes: two axes along the ground and its normal, as rows (..., 3, 3).
+        arm: vector from the frame's origin to the contact point (..., 3).
+        count: number of wrenches, 3 without the torque, else 4.
+    """
+    moments = cross_columns(arm, axes.mT).mT
+    axes = np.broadcast_to(axes, moments.shape)
+    torque = np.concatenate([np.zeros_like(moments[..., :1, :]), axes[..., 2:, :]], axis=-1)
+    return np.concatenate([np.concatenate([axes, moments], axis=-1), torque], axis=-2)[..., :count, :]
+
+
+def contact_wrench_rates(
+    axes: np.ndarray, axes_rate: np.ndarray, arm: np.ndarray, arm_rate: np.ndarray, count: int
+) -> np.ndarray:
+    """Rates of ``contact_wrenches``."""
+    found = contact_wrenches(axes_rate, arm, count)
+    found[..., :3, 3:] += cross_columns(arm_rate, axes.mT).mT
+    return found
+
+
+class SurfaceContactRows(WrenchRows):
     """Rows ``axes (v + w x arm) = axes u`` and, without pivoting, ``n . w = n . W``, with axes that follow the surface.
 
     The point g of the surface, with the normal n, and the body's point with the outward normal -n are a distance d
@@ -58,7 +82,7 @@ class SurfaceContactRows(Rows):
         shape: the body's surface.
         placement: placement of the shape on the frame.
         pivots: True if the body may turn about the normal.
-        ground: the surface, whose material has the velocity u and the angular velocity W.
+        ground: the surface, whose material moves as a rigid body with the velocity u and the angular velocity W.
         robot: the robot.
     """
 
@@ -67,16 +91,22 @@ class SurfaceContactRows(Rows):
     def __init__(
         self, frame: str, shape: BodyShape, placement: pin.SE3, pivots: bool, ground: CurvedGround, robot: Robot
     ) -> None:
-        self._shape, self._body, self._frame = shape, frame, robot.frame_id(frame)
-        self._center, self._turned, self._pivots = placement.translation, placement.rotation, pivots
+        self._shape, self._body, self.frame = shape, frame, robot.frame_id(frame)
+        self._center, self._turned = placement.translation, placement.rotation
         self.ground = self._surface = ground
-        self.affine = ground.moves
-        self._angular = np.asarray(ground.angular_velocity, dtype=float)
+        if ground.moves:
+            velocity = np.asarray(ground.material_velocity(np.zeros(3)), dtype=float)
+            self.affine, self.twist = True, np.concatenate([velocity, np.asarray(ground.angular_velocity, dtype=float)])
         parts = ("rolling_x", "rolling_y", "vertical", "pivoting")[: 3 if pivots else 4]
+        self._count = len(parts)
         self.names = tuple(f"{part}({point_name(frame, self._center)})" for part in parts)
         self.units = ("m/s",) * 3 + ("rad/s",) * (len(parts) - 3)
         self.holonomic = tuple(part == "vertical" for part in parts)
         self._seen: tuple[np.ndarray | None, SurfaceContact | None] = None, None
+        self._near: tuple[Placement, SurfaceContact] | tuple[None, None] = (
+            None,
+            None,
+        )  # wrenches and their rates share it
 
     # ------------------------------------------------------------------ contact point; formulas take complex numbers
 
@@ -105,7 +135,7 @@ class SurfaceContactRows(Rows):
 
     def _solved(self, at: PositionKinematics) -> SurfaceContact:
         """Contact at configurations; raises an error if it is not one point."""
-        rotation, origin = at.placement(self._frame)
+        rotation, origin = at.placement(self.frame)
         with np.errstate(all="ignore"):
             point = self._surface.below(origin + apply(rotation, self._center))
             found = self._at(rotation, point, np.zeros(point.shape[:-1]))
@@ -169,89 +199,32 @@ class SurfaceContactRows(Rows):
 
     # ------------------------------------------------------------------ rows
 
-    def jacobian(self, at: PositionKinematics) -> np.ndarray:
-        found = self._contact(at)
-        return self._rows(at.jacobian(self._frame), found.arm, self._axes(found))
+    def check_defined(self, at: PositionKinematics) -> None:
+        self._contact(at)
 
-    def _rows(self, J: np.ndarray, arm: np.ndarray, axes: np.ndarray) -> np.ndarray:
-        rows = axes @ (J[..., :3, :] - cross_columns(arm, J[..., 3:, :]))
-        return rows if self._pivots else np.concatenate([rows, axes[..., 2:, :] @ J[..., 3:, :]], axis=-2)
+    def _found(self, place: Placement) -> SurfaceContact:
+        """Contact at the placements for which it was checked. One Newton step from there gives its derivatives."""
+        found = self._seen[1]
+        assert found is not None
+        if not np.iscomplexobj(place.rotation):
+            return found
+        if self._near[0] is place:
+            return self._near[1]
+        origin = place.translation
+        point, gap = np.broadcast_to(found.point, origin.shape), np.broadcast_to(found.gap, origin.shape[:-1])
+        moved, wider = self._stepped(origin, self._at(place.rotation, point.astype(complex), gap))
+        self._near = place, self._at(place.rotation, found.point + moved, found.gap + wider)
+        return self._near[1]
 
-    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
-        found, J, velocity = self._contact(at), at.jacobian(self._frame), at.velocity(self._frame)
-        arm_rate, normal_rate = self._rates(found, velocity[..., :3], velocity[..., 3:])
-        axes = self._axes(found)
-        rows = self._rows(at.jacobian_dot(self._frame), found.arm, axes)
-        rows += self._rows(J, found.arm, self._axes_rate(found, normal_rate, velocity[..., 3:]))
-        rows[..., :3, :] -= axes @ cross_columns(arm_rate, J[..., 3:, :])
-        return rows
+    def wrench(self, place: Placement) -> np.ndarray:
+        found = self._found(place)
+        return contact_wrenches(self._axes(found), found.arm, self._count)
 
-    def rate(self, at: PositionKinematics) -> np.ndarray:
-        if not self.affine:
-            return self._zeros(at)
-        found = self._contact(at)
-        place = at.placement(self._frame).translation + found.arm
-        return self._components(
-            self._axes(found),
-            self._surface.material_velocity(place),
-            np.broadcast_to(self._angular, place.shape),
-        )
-
-    def rate_dot(self, at: VelocityKinematics) -> np.ndarray:
-        if not self.affine:
-            return self._zeros(at)
-        found, velocity = self._contact(at), at.velocity(self._frame)
-        arm_rate, normal_rate = self._rates(found, velocity[..., :3], velocity[..., 3:])
-        place = at.placement(self._frame).translation + found.arm
-        spinning = np.broadcast_to(self._angular, place.shape)
-        turned = vector_product(self._angular, velocity[..., :3] + arm_rate)
-        return self._components(self._axes(found), turned, np.zeros_like(turned)) + self._components(
-            self._axes_rate(found, normal_rate, velocity[..., 3:]), self._surface.material_velocity(place), spinning
-        )
-
-    def _components(self, axes: np.ndarray, linear: np.ndarray, angular: np.ndarray) -> np.ndarray:
-        rows = apply(axes, linear)
-        return rows if self._pivots else np.concatenate([rows, _dot(axes[..., 2, :], angular)], axis=-1)
-
-    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
-        place = at.placement(self._frame).translation
-        return self._bias(self._contact(at), place, at.velocity(self._frame), at.acceleration(self._frame))
-
-    def _bias(
-        self, found: SurfaceContact, origin: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
-    ) -> np.ndarray:
-        v, w, angular = velocity[..., :3], velocity[..., 3:], acceleration[..., 3:]
+    def wrench_rate(self, place: Placement, velocity: np.ndarray) -> np.ndarray:
+        found, v, w = self._found(place), velocity[..., :3], velocity[..., 3:]
         arm_rate, normal_rate = self._rates(found, v, w)
-        linear = acceleration[..., :3] + vector_product(angular, found.arm) + vector_product(w, arm_rate)
-        slip, spinning = v + vector_product(w, found.arm), w
-        if self.affine:
-            linear = linear - vector_product(self._angular, v + arm_rate)
-            slip, spinning = slip - self._surface.material_velocity(origin + found.arm), w - self._angular
-        rates = self._components(self._axes_rate(found, normal_rate, w), slip, spinning)
-        return self._components(self._axes(found), linear, angular) + rates
-
-    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
-        motion, (rotation, origin), found = (
-            at.frame_gradients(self._frame),
-            at.placement(self._frame),
-            self._contact(at),
-        )
-        J = at.jacobian(self._frame)
-        turned = np.cross(J[3:, None, :], rotation[:, :, None], axis=0)  # (3, 3, nv)
-
-        def bias(flat: np.ndarray, place: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
-            R = flat.reshape(3, 3)
-            # One Newton step from the solution gives the first derivative of the contact exactly.
-            moved, wider = self._stepped(place, self._at(R, found.point.astype(complex), found.gap))
-            return self._bias(self._at(R, found.point + moved, found.gap + wider), place, velocity, acceleration)
-
-        return complex_step(
-            bias,
-            (rotation.ravel(), turned.reshape(9, -1)),
-            (origin, J[:3]),
-            (at.velocity(self._frame), np.vstack([motion.velocity, motion.angular_velocity])),
-            (at.acceleration(self._frame), np.vstack([motion.acceleration, motion.angular_acceleration])),
-        )
+        axes, axes_rate = self._axes(found), self._axes_rate(found, normal_rate, w)
+        return contact_wrench_rates(axes, axes_rate, found.arm, arm_rate, self._count)
 
     def residual(self, at: PositionKinematics) -> np.ndarray:
         return np.asarray(self._contact(at).gap[..., None] * self.holonomic)
@@ -261,7 +234,7 @@ class SurfaceContactRows(Rows):
     def _contact_axes(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
         """Contact point (..., 3), and the axes there as rows (..., 3, 3)."""
         found = self._contact(at)
-        return at.placement(self._frame).translation + found.arm, self._axes(found)
+        return at.placement(self.frame).translation + found.arm, self._axes(found)
 
     def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
         contact, axes = self._contact_axes(at)

@@ -196,7 +196,7 @@ class WheelRegressor:
         for rows, kept, radius, axle in self._wheels:
             place = slice(start, start + len(kept))
             start = place.stop
-            contact, wheel = rows.contact_matrix(motion)[kept], motion.velocity(rows.frame)
+            contact, wheel = rows.wrenches(motion)[kept], motion.velocity(rows.frame)
             directions = contact[:, :3]
             rolling = contact[:, 3:] @ wheel[3:]
             if axle is None:

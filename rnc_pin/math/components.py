@@ -1,18 +1,66 @@
-"""Component formulas that serve one state and many states.
+"""Component formulas that serve one state and many states, and their derivatives.
 
 The components of one vector are Python numbers. The components of a stack of vectors are arrays. The arithmetic is the
-same for both, and a single state avoids the cost of arrays with one entry.
+same for both, and a single state avoids the cost of arrays with one entry. Dual numbers differentiate a formula.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
 Component: TypeAlias = "float | np.ndarray"
 Triple: TypeAlias = "tuple[Component, Component, Component]"
+Entry: TypeAlias = "float | np.ndarray | Dual"
+_E = TypeVar("_E", "float | np.ndarray", "float | np.ndarray | Dual")
+
+
+class Dual:
+    """Number ``value + slope e`` with ``e * e = 0``: a value and its derivative along one direction.
+
+    Both may be complex, so that the complex step differentiates a derivative once more.
+    """
+
+    __slots__ = ("slope", "value")
+    __array_ufunc__ = None  # an array times a dual number is a dual number
+
+    def __init__(self, value: Component, slope: Component) -> None:
+        self.value, self.slope = value, slope
+
+    def __add__(self, other: Entry) -> Dual:
+        if isinstance(other, Dual):
+            return Dual(self.value + other.value, self.slope + other.slope)
+        return Dual(self.value + other, self.slope)
+
+    def __neg__(self) -> Dual:
+        return Dual(-self.value, -self.slope)
+
+    def __sub__(self, other: Entry) -> Dual:
+        return self + -other
+
+    def __rsub__(self, other: Component) -> Dual:
+        return -self + other
+
+    def __mul__(self, other: Entry) -> Dual:
+        if isinstance(other, Dual):
+            return Dual(self.value * other.value, self.slope * other.value + self.value * other.slope)
+        return Dual(self.value * other, self.slope * other)
+
+    def __truediv__(self, other: Entry) -> Dual:
+        if isinstance(other, Dual):
+            ratio = self.value / other.value
+            return Dual(ratio, (self.slope - ratio * other.slope) / other.value)
+        return Dual(self.value / other, self.slope / other)
+
+    def __rtruediv__(self, other: Component) -> Dual:
+        return self**-1 * other
+
+    def __pow__(self, exponent: float) -> Dual:
+        return Dual(self.value**exponent, exponent * self.value ** (exponent - 1) * self.slope)
+
+    __radd__, __rmul__ = __add__, __mul__
 
 
 def components(vectors: np.ndarray) -> Sequence[Component]:
@@ -32,7 +80,7 @@ def packed(rows: Sequence[Sequence[Component]], like: Component) -> np.ndarray:
     """
     if not isinstance(like, np.ndarray):
         return np.array(rows)
-    out = np.empty((*like.shape, len(rows), len(rows[0])))
+    out = np.empty((*like.shape, len(rows), len(rows[0])), like.dtype)
     for i, row in enumerate(rows):
         for j, entry in enumerate(row):
             out[..., i, j] = entry
@@ -44,12 +92,12 @@ def packed_vector(entries: Sequence[Component], like: Component) -> np.ndarray:
     return np.array(entries) if not isinstance(like, np.ndarray) else np.stack(entries, axis=-1)
 
 
-def cross(a: Sequence[Component], b: Sequence[Component]) -> Triple:
+def cross(a: Sequence[_E], b: Sequence[_E]) -> tuple[_E, _E, _E]:
     """Vector product of two triples of components."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-def dot(a: Sequence[Component], b: Sequence[Component]) -> Component:
+def dot(a: Sequence[_E], b: Sequence[_E]) -> _E:
     """Scalar product of two triples of components."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 

@@ -30,10 +30,10 @@ def apply(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
 
 
 def apply_transposed(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """``matrix^T @ vector`` for (..., n, k) and (..., n)."""
+    """``matrix^T @ vector`` for (..., n, k) and (..., n), without conjugation."""
     if vector.ndim == 1:
         return vector.dot(matrix)
-    return np.vecmat(vector, matrix)
+    return np.vecmat(vector.conj(), matrix)  # it conjugates the vector
 
 
 def clipped(values: np.ndarray, limits: np.ndarray | float) -> np.ndarray:
@@ -168,11 +168,8 @@ def complex_step(function: Callable[..., np.ndarray], *parts: tuple[np.ndarray, 
     """Derivative (k, n) of a closed formula by the complex step, exact to rounding (Squire and Trapp 1998).
 
     Args:
-        function: analytic function of one vector for each part; returns a vector (k,).
+        function: analytic function of one vector for each part, over leading axes; returns a vector (k,).
         parts: value (d,) and derivative (d, n) of each argument.
     """
-    columns = []
-    for direction in range(parts[0][1].shape[1]):
-        shifted = (value + 1e-30j * gradient[:, direction] for value, gradient in parts)
-        columns.append(np.imag(function(*shifted)) / 1e-30)
-    return np.stack(columns, axis=-1)
+    moved = function(*(value + 1e-30j * gradient.T for value, gradient in parts))
+    return np.asarray(np.imag(moved).T / 1e-30)

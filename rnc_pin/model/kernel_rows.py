@@ -1,69 +1,66 @@
 """Rows as the compiled kernel evaluates them: wrenches on frames, momenta and steering linkages.
 
-``Rows.kernel_rows`` returns one ``KernelRow`` for each row. The formulas are in ``rnc_pin/_kernel/kernel.c``.
+``Rows.kernel_rows`` returns one ``KernelRow`` for each row. The formulas of wrenches are generated from
+those of the rows by ``tools/generate_rows.py``; the others are in ``rnc_pin/_kernel/kernel.c``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-INTEGERS, NUMBERS = 5, 24
+INTEGERS, NUMBERS = 5, 18
 """Largest number of integers and of floats in a ``KernelRow``."""
-_MOTION = 16  # place of the twist of the ground in the numbers of a row
+AT_GROUND = 12
+"""Place of the twist of the ground in the numbers of a row."""
 
 
 class Form(IntEnum):
-    """Formula of a row; the values are those of ``kernel.c``."""
+    """Formula of a row. From ``WORLD`` on, it is a wrench on one or two frames.
+
+    A second frame carries the ground: the row is then a function of the motion relative to it. Integers of wrenches:
+    axis of a yaw or tilt, and 1 if the material of the ground moves. Its twist is in the numbers from ``AT_GROUND`` on
+    (6). The other numbers begin with the directions that the frame carries, in its own axes.
+    """
 
     CONSTANT = 0
     """Constant Jacobian."""
     EXTERNAL = 1
     """Values come from Python."""
-    WORLD = 2
-    """Force and torque at a frame's origin, constant in world axes. Numbers: force (3), torque (3)."""
-    OWN = 3
-    """The same, constant in the frame's own axes. Integers: 0, 1 if the ground moves. Numbers: 16 to 21 for its
-    twist."""
-    WHEEL = 4
-    """Contact of a rolling wheel. Integers: 1 if the plane slopes, 1 if its material moves. Numbers: radius, axle (3),
-    weights of rolling, lateral and vertical rows (3), axes of the plane by rows (9), twist of the ground (6)."""
-    YAW = 5
-    """Yaw of a frame's axis. Integers: axis."""
-    TILT = 6
-    """Tilt of a frame's axis. Integers: axis."""
-    DISTANCE = 7
-    """Distance of two frames' origins."""
-    CLOSURE = 8
-    """Twist of the second frame relative to the first, in its axes and at its origin. Integers: component."""
-    POINT = 9
-    """The same, at the origin of the second frame. Integers: component."""
-    MOMENTUM = 10
+    MOMENTUM = 2
     """Momentum of a joint. Integers: first entry of v, row, bits of the components of a spatial velocity that the joint
     allows (0 for axes of the body), size. Numbers: placement of the world in the joint's fixed frame (12)."""
-    ACKERMANN = 11
+    ACKERMANN = 3
     """Steering linkage. Integers: index in q and v of the left joint, of the right joint, bits of continuous joints.
-    Numbers: track over wheelbase, sign of the left joint, of the right joint."""
-    ROLLING = 12
-    """Contact of a body on a plane; the frame has the axes of its shape. Integers: 0 for an ellipsoid, 1 for a torus,
-    1 if the material moves, 1 for the angular velocity about the normal, axis of the torus. Numbers: direction (3),
-    normal (3), squares of the semi-axes or radius and tube (3), 7 unused, twist of the ground (6)."""
+    Numbers: track over wheelbase, sign of the left joint, of the right joint, ratio of the wheelbases."""
+    WORLD = 4
+    """Force and torque at the frame's origin, constant in world axes. Numbers: force (3), torque (3)."""
+    OWN = 5
+    """The same, constant in the frame's own axes. Numbers: force (3), torque (3)."""
+    WHEEL = 6
+    """Contact of a rolling wheel. Numbers: axle (3), radius, normal of the plane (3), weights of the rolling, lateral
+    and vertical rows (3)."""
+    YAW = 7
+    """Yaw of a direction. Numbers: the direction (3)."""
+    TILT = 8
+    """Tilt of a direction. Numbers: the direction (3)."""
+    ROLLING = 9
+    """Contact of a body on a plane; the frame has the axes of its shape. Numbers: direction (3), normal (3), and
+    those of the support function: S (3), scale and tube."""
+    DISTANCE = 10
+    """Distance of two frames' origins."""
 
 
-FORMS_OF_FORCES = frozenset({Form.CONSTANT, *(form for form in Form if Form.WORLD <= form <= Form.POINT)})
+FORMS_OF_FORCES = frozenset({Form.CONSTANT, *(form for form in Form if form >= Form.WORLD)})
 """Formulas of rows along which a force may act."""
 
 
-CARRIED = frozenset({Form.WORLD, Form.OWN, Form.WHEEL, Form.ROLLING})
-"""Formulas of one frame that a second frame can carry: they are then functions of the motion relative to it."""
-
-
 class Value(IntEnum):
-    """Formula of an output's value; the numbers are those of ``kernel.c``."""
+    """Formula of an output's value."""
 
     NONE = 0
     """A quasi-velocity, or a value that Python evaluates."""
@@ -84,7 +81,7 @@ class Value(IntEnum):
 class KernelForce(NamedTuple):
     """Force that follows from the value y and the rate w of a row.
 
-    ``constant + stiffness (rest - y) - damping w - limit tanh(w / speed)``. The order is that of ``kernel.c``.
+    ``constant + stiffness (rest - y) - damping w - limit tanh(w / speed)``.
     """
 
     constant: float = 0.0
@@ -127,46 +124,30 @@ def attached(model: pin.Model, frame: int, offset: pin.SE3 | None = None) -> Att
     return AttachedFrame(found.parentJoint, pin.SE3(placement))
 
 
-def rolling_rows(
-    shape: tuple[int, int, Sequence[float]], frame: AttachedFrame, axes: np.ndarray, motion: Sequence[float]
+def wrench_rows(
+    form: Form, frame: AttachedFrame, numbers: Iterable[Sequence[float]], twist: np.ndarray | None = None
 ) -> list[KernelRow]:
-    """Rows of a rolling body: along the axes (3, 3) of its plane, and about the normal.
+    """Rows of wrenches on one frame.
 
     Args:
-        shape: 0 for an ellipsoid with the squares of its semi-axes, or 1 for a torus with its axis, radius and tube.
-        frame: frame with the axes of the shape.
-        axes: two directions along the plane, and its normal, as rows.
-        motion: twist of the plane's material, ``plane_motion``.
+        form: their formula.
+        frame: the frame.
+        numbers: numbers of each row.
+        twist: twist (6,) of the material of the ground about the world's origin, None at rest.
     """
-    kind, axis, sizes = shape
-    numbers = [*sizes, *[0.0] * (_MOTION - 6 - len(sizes)), *motion]
-    moves = int(any(motion))
-    parts = [(direction, 0) for direction in axes] + [(axes[2], 1)]
+    if twist is None:
+        return [KernelRow(form, (frame,), (), each) for each in numbers]
+    if form == Form.WORLD and not twist[3:].any():  # the material has the same velocity everywhere
+        return [KernelRow(form, (frame,), (), each, float(twist[:3] @ each[:3])) for each in numbers]
     return [
-        KernelRow(
-            Form.ROLLING, (frame,), (kind, moves, pivot, axis), [*direction.tolist(), *axes[2].tolist(), *numbers]
-        )
-        for direction, pivot in parts
+        KernelRow(form, (frame,), (0, 1), [*each, *[0.0] * (AT_GROUND - len(each)), *twist.tolist()])
+        for each in numbers
     ]
 
 
 def component_rows(form: Form, frame: AttachedFrame, components: Sequence[int]) -> list[KernelRow]:
     """Components of a frame's velocity (linear x, y, z, then angular), in world axes or in its own axes."""
-    return [KernelRow(form, (frame,), (), np.eye(6)[k].tolist()) for k in components]
-
-
-def plane_motion(velocity: np.ndarray, spin: float, normal: np.ndarray, point: np.ndarray) -> list[float]:
-    """Twist of a plane's material about the world's origin: velocity as if it reached there, then angular, (6,)."""
-    angular = spin * np.asarray(normal)
-    return [*(np.asarray(velocity) - np.cross(angular, point)).tolist(), *angular.tolist()]
-
-
-def on_moving_ground(rows: Sequence[KernelRow], motion: Sequence[float]) -> list[KernelRow]:
-    """Rows ``Form.OWN`` relative to ground with a twist (6,)."""
-    return [
-        row._replace(integers=(0, 1), numbers=[*row.numbers, *[0.0] * (_MOTION - len(row.numbers)), *motion])
-        for row in rows
-    ]
+    return wrench_rows(form, frame, np.eye(6)[list(components)].tolist())
 
 
 def placement_numbers(placement: pin.SE3) -> list[float]:

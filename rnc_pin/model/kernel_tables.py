@@ -38,7 +38,7 @@ class RowTable:
         fused: True if the kernel knows all rows of E, all inputs and all forces.
         laws: numbers of the forces that follow from the state, whose rows come last (forces, 7).
         constant: constant rows (rows, nv); zero for the others.
-        integers, numbers: (rows, 8) and (rows, 12); ``frames``: the frames of all rows.
+        integers, numbers: (rows, 8) and (rows, 18); ``frames``: the frames of all rows.
     """
 
     def __init__(self, data: ReductionData) -> None:

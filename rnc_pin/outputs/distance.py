@@ -8,14 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.math.components import Component, components, dot
-from rnc_pin.math.linear_algebra import complex_step
+from rnc_pin.math.components import Entry, components, dot
+from rnc_pin.math.linear_algebra import apply, complex_step
 from rnc_pin.model.kernel_rows import Form, KernelRow, Value, attached
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.rows import OutputRows, check_defined
+from rnc_pin.model.wrench_rows import evaluated, rate_of
 from rnc_pin.robots.robot import Robot
 
-_TOGETHER = 1e-9
+TOGETHER = 1e-9
+"""Distance below which two frames coincide [m]."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,12 @@ class Distance:
         return _DistanceRow(self, robot)
 
 
+def distance_force(vector: Sequence[Entry]) -> list[list[Entry]]:
+    """Force (1, 3) at the end of a vector whose power is the rate of its length: the unit vector."""
+    length = dot(vector, vector) ** 0.5
+    return [[each / length for each in vector]]
+
+
 class _DistanceRow(OutputRows):
     def __init__(self, kind: Distance, robot: Robot) -> None:
         self.names = (f"distance_{kind.frame_a}_{kind.frame_b}",)
@@ -55,37 +63,32 @@ class _DistanceRow(OutputRows):
     def value(self, at: PositionKinematics) -> np.ndarray:
         return np.linalg.norm(self._vector(at), axis=-1, keepdims=True)
 
-    def _direction(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
-        """Unit vectors (..., 3) from a to b, and the distances (..., 1)."""
-        vector = self._vector(at)
-        length = np.linalg.norm(vector, axis=-1, keepdims=True)
-        check_defined("a distance has no rate where it is zero", at, length[..., 0], _TOGETHER, self.names)
-        return vector / length, length
+    def _force(self, at: PositionKinematics) -> np.ndarray:
+        vector = components(self._vector(at))
+        length = dot(vector, vector) ** 0.5
+        check_defined("a distance has no rate where it is zero", at, length, TOGETHER, self.names)
+        return evaluated(distance_force, [vector])
 
     def _relative(self, both: Callable[[int], np.ndarray]) -> np.ndarray:
-        """Linear part of a quantity of frame b relative to frame a."""
+        """Linear velocity or acceleration (..., 3) of frame b relative to frame a."""
         return both(self._b)[..., :3] - both(self._a)[..., :3]
 
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
-        direction, _ = self._direction(at)
-        return direction[..., None, :] @ (at.jacobian(self._b) - at.jacobian(self._a))[..., :3, :]
+        return self._force(at) @ (at.jacobian(self._b) - at.jacobian(self._a))[..., :3, :]
 
     def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
-        direction, length = self._direction(at)
-        velocity = self._relative(at.velocity)
-        direction_rate = (velocity - direction * np.vecdot(direction, velocity)[..., None]) / length
-        J, J_dot = (each(self._b) - each(self._a) for each in (at.jacobian, at.jacobian_dot))
-        return direction[..., None, :] @ J_dot[..., :3, :] + direction_rate[..., None, :] @ J[..., :3, :]
+        rate = rate_of(distance_force, [components(self._vector(at))], [components(self._relative(at.velocity))])
+        J, J_dot = ((each(self._b) - each(self._a))[..., :3, :] for each in (at.jacobian, at.jacobian_dot))
+        return np.asarray(self._force(at) @ J_dot + rate @ J)
 
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
-        parts = (self._vector(at), self._relative(at.velocity), self._relative(at.acceleration))
-        self._direction(at)  # raises an error if the distance is zero
-        return np.asarray(_distance_drift(*(components(part) for part in parts)))[..., None]
+        self._force(at)  # raises an error if the distance is zero
+        return _bias(self._vector(at), self._relative(at.velocity), self._relative(at.acceleration))
 
     def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray:
         a, b = at.frame_gradients(self._a), at.frame_gradients(self._b)
         return complex_step(
-            lambda *parts: np.array([_distance_drift(*parts)]),
+            _bias,
             (self._vector(at), (at.jacobian(self._b) - at.jacobian(self._a))[:3]),
             (self._relative(at.velocity), b.velocity - a.velocity),
             (self._relative(at.acceleration), b.acceleration - a.acceleration),
@@ -95,10 +98,8 @@ class _DistanceRow(OutputRows):
         return [KernelRow(Form.DISTANCE, (attached(model, self._a), attached(model, self._b)), value=(Value.LENGTH, 0))]
 
 
-def _distance_drift(
-    vector: Sequence[Component], velocity: Sequence[Component], acceleration: Sequence[Component]
-) -> Component:
-    """Second derivative of the length of a vector."""
-    length = dot(vector, vector) ** 0.5
-    rate = dot(vector, velocity) / length
-    return (dot(velocity, velocity) + dot(vector, acceleration) - rate * rate) / length
+def _bias(vector: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+    """Second derivative (..., 1) of the length of a vector."""
+    parts = [components(vector)], [components(velocity)]
+    force, rate = evaluated(distance_force, parts[0]), rate_of(distance_force, *parts)
+    return np.asarray(apply(force, acceleration) + apply(rate, velocity))

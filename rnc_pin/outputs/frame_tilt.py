@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.math.components import Entry
 from rnc_pin.model.kernel_rows import Form, KernelRow, Value, attached
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.parameter_types import Axis
-from rnc_pin.model.rows import OutputRows, check_defined
-from rnc_pin.outputs.direction_angle import DirectionAngleRow, Vector
+from rnc_pin.model.rows import OutputRows
+from rnc_pin.outputs.direction_angle import DirectionAngleRow, tilt_wrench
 from rnc_pin.robots.robot import Robot
-
-_VERTICAL = 1e-6
 
 
 @dataclass(frozen=True)
@@ -45,31 +45,22 @@ class FrameTilt:
 
 
 class _TiltRow(DirectionAngleRow):
+    angular = (False,)
+    undefined = "the tilt of a vertical axis has no rate"
+
     def __init__(self, kind: FrameTilt, robot: Robot) -> None:
         super().__init__(robot, kind.frame, kind.axis)
         self.names = (f"{kind.frame}_tilt_{kind.axis}",)
-        self.angular = (False,)
+
+    def formula(self, *directions: Sequence[Entry]) -> list[list[Entry]]:
+        return [tilt_wrench(directions[0])]
 
     def value(self, at: PositionKinematics) -> np.ndarray:
         x, y, z = np.moveaxis(self._direction(at), -1, 0)
         return np.arctan2(z, np.hypot(x, y))[..., None]
 
-    def _form(self, direction: Vector) -> Vector:
-        # Angular velocity about the horizontal line perpendicular to the axis: rate = (w x axis)_z / level.
-        x, y, _ = direction
-        level = (x * x + y * y) ** 0.5
-        return y / level, -x / level, 0.0
-
-    def _form_rate(self, direction: Vector, rate: Vector) -> Vector:
-        x, y, z = direction
-        dx, dy, dz = rate
-        square = x * x + y * y
-        level, grows = square**0.5, z * dz / square
-        return (dy + y * grows) / level, -(dx + x * grows) / level, 0.0
-
-    def _check_defined(self, at: PositionKinematics, direction: Vector) -> None:
-        level = (direction[0] * direction[0] + direction[1] * direction[1]) ** 0.5
-        check_defined("the tilt of a vertical axis has no rate", at, level, _VERTICAL, self.names)
-
     def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
-        return [KernelRow(Form.TILT, (attached(model, self._frame),), (self._axis,), value=(Value.ELEVATION, 0))]
+        numbers = self.directions[:, 0].tolist()
+        return [
+            KernelRow(Form.TILT, (attached(model, self.frame),), (self._axis,), numbers, value=(Value.ELEVATION, 0))
+        ]

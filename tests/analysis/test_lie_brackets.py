@@ -186,3 +186,11 @@ def test_other_rows_have_none():
     robot = unicycle_with_trailers(1).robot
     own = rnc.Pfaffian(lambda q: np.eye(4)[:1], lambda q, v: np.zeros((1, 4)), names=["own"])
     assert not has_complex_rows(rnc.NonholonomicSystem(robot, [own]).reduce())
+
+
+def test_rows_relative_to_a_body_that_moves_have_none():
+    """They depend on two frames; the values at complex configurations are those of one."""
+    robot = rnc.Robot.from_urdf("ball_on_plate.urdf")
+    for frame, expected in (("plate", False), (None, True)):
+        rolls = rnc.RollingBall("ball", 0.05, ground=rnc.GroundPlane(frame=frame))
+        assert has_complex_rows(rnc.NonholonomicSystem(robot, [rolls], ["roll", "pitch"]).reduce()) is expected

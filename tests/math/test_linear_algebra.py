@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rnc_pin.math.linear_algebra import solve_positive_definite
+from rnc_pin.math.linear_algebra import apply_transposed, complex_step, solve_positive_definite
 
 
 def test_a_singular_matrix_gives_nan_and_leaves_the_others_alone():
@@ -13,3 +13,25 @@ def test_a_singular_matrix_gives_nan_and_leaves_the_others_alone():
     assert np.isnan(found[1]).all()
     np.testing.assert_array_equal(found[2], right[2])
     assert np.isnan(solve_positive_definite(matrices[1], right)).all()
+
+
+def test_complex_numbers_are_not_conjugated():
+    """One vector and a stack of them: derivatives by the complex step need this."""
+    generator = np.random.default_rng(3)
+    matrix, vector = (generator.normal(size=(*shape, 2)) @ [1.0, 1j] for shape in ((4, 3, 2), (4, 3)))
+    expected = np.einsum("snk,sn->sk", matrix, vector)
+    np.testing.assert_allclose(apply_transposed(matrix, vector), expected, rtol=1e-14)
+    np.testing.assert_allclose([apply_transposed(*each) for each in zip(matrix, vector, strict=True)], expected)
+
+
+def test_the_complex_step_differentiates_along_all_directions_at_once():
+    value, gradient = np.array([0.3, -0.4]), np.array([[1.0, 0.0, 2.0], [0.0, 1.0, -1.0]])
+    factor = np.array([0.7]), np.array([[0.0, 1.0, 0.5]])
+
+    def function(x, a):
+        return np.stack([a[..., 0] * np.sin(x[..., 0]) * x[..., 1], x[..., 0] ** 3], axis=-1)
+
+    (x, y), a = value, 0.7
+    by_x, by_a = np.array([[a * np.cos(x) * y, a * np.sin(x)], [3 * x * x, 0.0]]), np.array([[np.sin(x) * y], [0.0]])
+    expected = by_x @ gradient + by_a @ factor[1]
+    np.testing.assert_allclose(complex_step(function, (value, gradient), factor), expected, rtol=1e-14)

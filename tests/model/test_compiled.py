@@ -438,7 +438,7 @@ def test_a_library_of_other_sources_is_named(what, asked, stream, line, tmp_path
     found = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=tmp_path)
     text = getattr(found, stream)
     assert line in text
-    assert f"of interface 3, {_kernel._INTERFACE} expected" in text
+    assert f"of interface 3, {_kernel.INTERFACE} expected" in text
     if not asked:
         assert found.stderr.count("compiled kernel") == (stream == "stderr")
 

@@ -5,8 +5,8 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.applications.command_line.sentences import sentences
+from rnc_pin.model.kinematics import OWN_AXES
 from rnc_pin.model.mechanisms import FrameAnchor, GroundContact, JointCoupler, Phrases
-from rnc_pin.model.offset_frame import OffsetFrame
 from rnc_pin.model.rows import Rows
 from rnc_pin.simulation.ground_bodies import ground_bodies
 
@@ -25,17 +25,16 @@ class _DriftingRow(Rows):
     across = np.array([-np.sin(DRIFT), np.cos(DRIFT), 0.0])
 
     def __init__(self, robot):
-        self.point = OffsetFrame(robot, "sleigh", (0.0, 0.0, 0.0))
-        self.joints = (self.point.joint,)
+        self.frame = robot.frame_id("sleigh")
 
     def jacobian(self, at):
-        return self.across[None] @ self.point.jacobian(at)[..., :3, :]
+        return self.across[None] @ at.jacobian(self.frame, OWN_AXES)[..., :3, :]
 
     def jacobian_dot(self, at):
-        return self.across[None] @ self.point.jacobian_dot(at)[..., :3, :]
+        return self.across[None] @ at.jacobian_dot(self.frame, OWN_AXES)[..., :3, :]
 
     def bias_acceleration(self, at):
-        return self.point.acceleration(at)[..., :3] @ self.across[:, None]
+        return at.acceleration(self.frame, OWN_AXES)[..., :3] @ self.across[:, None]
 
     def mechanisms(self):
         return (GroundContact("sleigh", axle=self.across, friction="lateral"),)

@@ -1,0 +1,682 @@
+/* Written by python -m tools.generate_rows from the formulas in Python: change those. */
+/* clang-format off */
+
+#define INTERFACE 30
+#define INTEGERS 8
+#define NUMBERS 18
+#define AT_GROUND 12
+enum { CONSTANT = 0, EXTERNAL = 1, MOMENTUM = 2, ACKERMANN = 3, WORLD = 4, OWN = 5, WHEEL = 6, YAW = 7, TILT = 8, ROLLING = 9, DISTANCE = 10 };
+enum { NO_VALUE = 0, JOINT = 1, CONTINUOUS_JOINT = 2, COORDINATE = 3, HEADING = 4, ELEVATION = 5, LENGTH = 6 };
+enum { F_CONSTANT, F_STIFFNESS, F_REST, F_TURNS, F_DAMPING, F_LIMIT, F_SPEED, FORCE_NUMBERS };
+
+typedef struct {
+    int directions; /* number of its directions, whose parameters follow in the numbers of a row */
+    double least;   /* length below which the wrench is not defined */
+    double (*wrench)(const double *d, const double *p, double *W);
+    void (*rates)(const double *d, const double *e, const double *p, double *W, double *Wd);
+    void (*slopes)(const double *d, const double *e, const double *p, const double *V, const double *A, double *W,
+                   double *Wd, double *k, double *g);
+} Kind;
+
+static double world_wrench(const double *d, const double *p, double *W)
+{
+    (void)d;
+    W[0] = p[0];
+    W[1] = p[1];
+    W[2] = p[2];
+    W[3] = p[3];
+    W[4] = p[4];
+    W[5] = p[5];
+    return 1.0;
+}
+
+static void world_rates(const double *d, const double *e, const double *p, double *W, double *Wd)
+{
+    (void)e;
+    W[0] = p[0];
+    W[1] = p[1];
+    W[2] = p[2];
+    W[3] = p[3];
+    W[4] = p[4];
+    W[5] = p[5];
+    Wd[0] = 0.0;
+    Wd[1] = 0.0;
+    Wd[2] = 0.0;
+    Wd[3] = 0.0;
+    Wd[4] = 0.0;
+    Wd[5] = 0.0;
+}
+
+static void world_slopes(const double *d, const double *e, const double *p, const double *V, const double *A, double *W, double *Wd, double *k, double *g)
+{
+    (void)e;
+    (void)V;
+    (void)A;
+    (void)k;
+    (void)g;
+    W[0] = p[0];
+    W[1] = p[1];
+    W[2] = p[2];
+    W[3] = p[3];
+    W[4] = p[4];
+    W[5] = p[5];
+    Wd[0] = 0.0;
+    Wd[1] = 0.0;
+    Wd[2] = 0.0;
+    Wd[3] = 0.0;
+    Wd[4] = 0.0;
+    Wd[5] = 0.0;
+}
+
+static double own_wrench(const double *d, const double *p, double *W)
+{
+    (void)p;
+    W[0] = d[0];
+    W[1] = d[1];
+    W[2] = d[2];
+    W[3] = d[3];
+    W[4] = d[4];
+    W[5] = d[5];
+    return 1.0;
+}
+
+static void own_rates(const double *d, const double *e, const double *p, double *W, double *Wd)
+{
+    (void)p;
+    W[0] = d[0];
+    W[1] = d[1];
+    W[2] = d[2];
+    W[3] = d[3];
+    W[4] = d[4];
+    W[5] = d[5];
+    Wd[0] = e[0];
+    Wd[1] = e[1];
+    Wd[2] = e[2];
+    Wd[3] = e[3];
+    Wd[4] = e[4];
+    Wd[5] = e[5];
+}
+
+static void own_slopes(const double *d, const double *e, const double *p, const double *V, const double *A, double *W, double *Wd, double *k, double *g)
+{
+    (void)p;
+    W[0] = d[0];
+    W[1] = d[1];
+    W[2] = d[2];
+    W[3] = d[3];
+    W[4] = d[4];
+    W[5] = d[5];
+    Wd[0] = e[0];
+    Wd[1] = e[1];
+    Wd[2] = e[2];
+    Wd[3] = e[3];
+    Wd[4] = e[4];
+    Wd[5] = e[5];
+    k[0] = V[0];
+    k[1] = V[1];
+    k[2] = V[2];
+    k[3] = V[3];
+    k[4] = V[4];
+    k[5] = V[5];
+    g[0] = A[0];
+    g[1] = A[1];
+    g[2] = A[2];
+    g[3] = A[3];
+    g[4] = A[4];
+    g[5] = A[5];
+}
+
+static double wheel_wrench(const double *d, const double *p, double *W)
+{
+    const double x0 = p[3] * d[1] - p[2] * d[2];
+    const double x1 = p[1] * d[2] - p[3] * d[0];
+    const double x2 = p[2] * d[0] - p[1] * d[1];
+    const double x3 = sqrt(x0 * x0 + x1 * x1 + x2 * x2);
+    const double x4 = 1.0 / x3;
+    const double x5 = x0 * x4;
+    const double x6 = x2 * x4;
+    const double x7 = x1 * x4;
+    const double x8 = p[0] * (p[1] * d[0] + p[2] * d[1] + p[3] * d[2]);
+    W[0] = p[4] * x5 + p[5] * (p[2] * x6 - p[3] * x7) + p[1] * p[6];
+    W[1] = p[4] * x7 + p[5] * (p[3] * x5 - p[1] * x6) + p[2] * p[6];
+    W[2] = p[4] * x6 + p[5] * (p[1] * x7 - p[2] * x5) + p[3] * p[6];
+    W[3] = p[5] * p[0] * x0 - p[4] * p[0] * d[0] + p[6] * x5 * x8;
+    W[4] = p[5] * p[0] * x1 - p[4] * p[0] * d[1] + p[6] * x7 * x8;
+    W[5] = p[5] * p[0] * x2 - p[4] * p[0] * d[2] + p[6] * x6 * x8;
+    return x3;
+}
+
+static void wheel_rates(const double *d, const double *e, const double *p, double *W, double *Wd)
+{
+    const double x0 = p[3] * d[1] - p[2] * d[2];
+    const double x1 = p[1] * d[2] - p[3] * d[0];
+    const double x2 = p[2] * d[0] - p[1] * d[1];
+    const double x3 = 1.0 / sqrt(x0 * x0 + x1 * x1 + x2 * x2);
+    const double x4 = x0 * x3;
+    const double x5 = x2 * x3;
+    const double x6 = x1 * x3;
+    const double x7 = p[0] * (p[1] * d[0] + p[2] * d[1] + p[3] * d[2]);
+    const double x8 = p[3] * e[1] - p[2] * e[2];
+    const double x9 = p[1] * e[2] - p[3] * e[0];
+    const double x10 = p[2] * e[0] - p[1] * e[1];
+    const double x11 = (x0 * x8 * 2.0 + 2.0 * x1 * x9 + 2.0 * x2 * x10) * x3 * 0.5 * x3 * x3;
+    const double x12 = x3 * x8 - x0 * x11;
+    const double x13 = x3 * x10 - x2 * x11;
+    const double x14 = x3 * x9 - x1 * x11;
+    const double x15 = p[0] * (p[1] * e[0] + p[2] * e[1] + p[3] * e[2]);
+    W[0] = p[4] * x4 + p[5] * (p[2] * x5 - p[3] * x6) + p[1] * p[6];
+    W[1] = p[4] * x6 + p[5] * (p[3] * x4 - p[1] * x5) + p[2] * p[6];
+    W[2] = p[4] * x5 + p[5] * (p[1] * x6 - p[2] * x4) + p[3] * p[6];
+    W[3] = p[5] * p[0] * x0 - p[4] * p[0] * d[0] + p[6] * x4 * x7;
+    W[4] = p[5] * p[0] * x1 - p[4] * p[0] * d[1] + p[6] * x6 * x7;
+    W[5] = p[5] * p[0] * x2 - p[4] * p[0] * d[2] + p[6] * x5 * x7;
+    Wd[0] = p[4] * x12 + p[5] * (p[2] * x13 - p[3] * x14);
+    Wd[1] = p[4] * x14 + p[5] * (p[3] * x12 - p[1] * x13);
+    Wd[2] = p[4] * x13 + p[5] * (p[1] * x14 - p[2] * x12);
+    Wd[3] = p[5] * p[0] * x8 - p[4] * p[0] * e[0] + p[6] * (x7 * x12 + x4 * x15);
+    Wd[4] = p[5] * p[0] * x9 - p[4] * p[0] * e[1] + p[6] * (x7 * x14 + x6 * x15);
+    Wd[5] = p[5] * p[0] * x10 - p[4] * p[0] * e[2] + p[6] * (x7 * x13 + x5 * x15);
+}
+
+static void wheel_slopes(const double *d, const double *e, const double *p, const double *V, const double *A, double *W, double *Wd, double *k, double *g)
+{
+    const double x0 = p[3] * d[1] - p[2] * d[2];
+    const double x1 = p[1] * d[2] - p[3] * d[0];
+    const double x2 = p[2] * d[0] - p[1] * d[1];
+    const double x3 = 1.0 / sqrt(x0 * x0 + x1 * x1 + x2 * x2);
+    const double x4 = x0 * x3;
+    const double x5 = x2 * x3;
+    const double x6 = x1 * x3;
+    const double x7 = p[0] * (p[1] * d[0] + p[2] * d[1] + p[3] * d[2]);
+    const double x8 = p[3] * e[1] - p[2] * e[2];
+    const double x9 = p[1] * e[2] - p[3] * e[0];
+    const double x10 = p[2] * e[0] - p[1] * e[1];
+    const double x11 = x0 * x8 * 2.0 + 2.0 * x1 * x9 + 2.0 * x2 * x10;
+    const double x12 = x3 * 0.5;
+    const double x13 = x11 * x12;
+    const double x14 = x3 * x3;
+    const double x15 = x13 * x14;
+    const double x16 = x3 * x8 - x0 * x15;
+    const double x17 = x3 * x10 - x2 * x15;
+    const double x18 = x3 * x9 - x1 * x15;
+    const double x19 = p[0] * (p[1] * e[0] + p[2] * e[1] + p[3] * e[2]);
+    const double x20 = V[5] * p[6];
+    const double x21 = V[4] * p[6];
+    const double x22 = V[3] * p[6];
+    const double x23 = p[0] * (x5 * x20 + x6 * x21 + x4 * x22);
+    const double x24 = p[5] * V[2];
+    const double x25 = p[5] * V[0];
+    const double x26 = x7 * x21 + p[1] * x24 + p[4] * V[1] - p[3] * x25;
+    const double x27 = x1 * x26;
+    const double x28 = p[5] * V[1];
+    const double x29 = x7 * x20 + p[4] * V[2] - p[1] * x28 + p[2] * x25;
+    const double x30 = x2 * x29;
+    const double x31 = x7 * x22 - p[2] * x24 + p[3] * x28 + p[4] * V[0];
+    const double x32 = x0 * x31;
+    const double x33 = x12 * x14 * (x27 + x30 + x32);
+    const double x34 = -x2 * x33;
+    const double x35 = x34 + p[0] * p[5] * V[5] + x3 * x29 + x34;
+    const double x36 = -x1 * x33;
+    const double x37 = x36 + p[0] * p[5] * V[4] + x3 * x26 + x36;
+    const double x38 = -x0 * x33;
+    const double x39 = x38 + p[0] * p[5] * V[3] + x3 * x31 + x38;
+    const double x40 = A[5] * p[6];
+    const double x41 = A[4] * p[6];
+    const double x42 = A[3] * p[6];
+    const double x43 = p[0] * (x17 * x20 + x18 * x21 + x16 * x22 + x5 * x40 + x6 * x41 + x4 * x42);
+    const double x44 = -x27 - x30 - x32;
+    const double x45 = x3 * x13 * x44;
+    const double x46 = x14 * x44;
+    const double x47 = p[5] * A[2];
+    const double x48 = p[5] * A[0];
+    const double x49 = x19 * x21 + x7 * x41 + p[1] * x47 + p[4] * A[1] - p[3] * x48;
+    const double x50 = p[5] * A[1];
+    const double x51 = x19 * x20 + x7 * x40 + p[4] * A[2] - p[1] * x50 + p[2] * x48;
+    const double x52 = x19 * x22 + x7 * x42 - p[2] * x47 + p[3] * x50 + p[4] * A[0];
+    const double x53 = x12 * x14 * (x45 + x9 * x26 + x10 * x29 + x45 + 0.5 * x11 * x46 + x8 * x31 + x1 * x49 + x2 * x51 + x0 * x52);
+    const double x54 = -x2 * x53;
+    const double x55 = 2.0 * x12 * x46;
+    const double x56 = x54 + x10 * x55 - x15 * x29 + p[0] * p[5] * A[5] + x3 * x51 + x54;
+    const double x57 = -x1 * x53;
+    const double x58 = x57 + x9 * x55 - x15 * x26 + p[0] * p[5] * A[4] + x3 * x49 + x57;
+    const double x59 = -x0 * x53;
+    const double x60 = x59 + x8 * x55 - x15 * x31 + p[0] * p[5] * A[3] + x3 * x52 + x59;
+    W[0] = p[4] * x4 + p[5] * (p[2] * x5 - p[3] * x6) + p[1] * p[6];
+    W[1] = p[4] * x6 + p[5] * (p[3] * x4 - p[1] * x5) + p[2] * p[6];
+    W[2] = p[4] * x5 + p[5] * (p[1] * x6 - p[2] * x4) + p[3] * p[6];
+    W[3] = p[5] * p[0] * x0 - p[4] * p[0] * d[0] + p[6] * x4 * x7;
+    W[4] = p[5] * p[0] * x1 - p[4] * p[0] * d[1] + p[6] * x6 * x7;
+    W[5] = p[5] * p[0] * x2 - p[4] * p[0] * d[2] + p[6] * x5 * x7;
+    Wd[0] = p[4] * x16 + p[5] * (p[2] * x17 - p[3] * x18);
+    Wd[1] = p[4] * x18 + p[5] * (p[3] * x16 - p[1] * x17);
+    Wd[2] = p[4] * x17 + p[5] * (p[1] * x18 - p[2] * x16);
+    Wd[3] = p[5] * p[0] * x8 - p[4] * p[0] * e[0] + p[6] * (x7 * x16 + x4 * x19);
+    Wd[4] = p[5] * p[0] * x9 - p[4] * p[0] * e[1] + p[6] * (x7 * x18 + x6 * x19);
+    Wd[5] = p[5] * p[0] * x10 - p[4] * p[0] * e[2] + p[6] * (x7 * x17 + x5 * x19);
+    k[0] = p[1] * x23 - p[0] * p[4] * V[3] + p[2] * x35 - p[3] * x37;
+    k[1] = p[2] * x23 - p[0] * p[4] * V[4] - p[1] * x35 + p[3] * x39;
+    k[2] = p[3] * x23 - p[0] * p[4] * V[5] + p[1] * x37 - p[2] * x39;
+    g[0] = p[1] * x43 - p[0] * p[4] * A[3] + p[2] * x56 - p[3] * x58;
+    g[1] = p[2] * x43 - p[0] * p[4] * A[4] - p[1] * x56 + p[3] * x60;
+    g[2] = p[3] * x43 - p[0] * p[4] * A[5] + p[1] * x58 - p[2] * x60;
+}
+
+static double yaw_wrench(const double *d, const double *p, double *W)
+{
+    (void)p;
+    const double x0 = d[0] * d[0] + d[1] * d[1];
+    const double x1 = 1.0 / x0;
+    W[0] = 0.0;
+    W[1] = 0.0;
+    W[2] = 0.0;
+    W[3] = -d[0] * d[2] * x1;
+    W[4] = -x1 * d[1] * d[2];
+    W[5] = 1.0;
+    return sqrt(x0);
+}
+
+static void yaw_rates(const double *d, const double *e, const double *p, double *W, double *Wd)
+{
+    (void)p;
+    const double x0 = d[0] * d[2];
+    const double x1 = 1.0 / (d[0] * d[0] + d[1] * d[1]);
+    const double x2 = d[1] * d[2];
+    const double x3 = (2.0 * d[0] * e[0] + 2.0 * d[1] * e[1]) * x1 * x1;
+    W[0] = 0.0;
+    W[1] = 0.0;
+    W[2] = 0.0;
+    W[3] = -x0 * x1;
+    W[4] = -x1 * x2;
+    W[5] = 1.0;
+    Wd[0] = 0.0;
+    Wd[1] = 0.0;
+    Wd[2] = 0.0;
+    Wd[3] = -(x1 * (d[2] * e[0] + d[0] * e[2]) - x0 * x3);
+    Wd[4] = -(x1 * (d[2] * e[1] + d[1] * e[2]) - x2 * x3);
+    Wd[5] = 0.0;
+}
+
+static void yaw_slopes(const double *d, const double *e, const double *p, const double *V, const double *A, double *W, double *Wd, double *k, double *g)
+{
+    (void)p;
+    const double x0 = d[0] * d[2];
+    const double x1 = 1.0 / (d[0] * d[0] + d[1] * d[1]);
+    const double x2 = d[1] * d[2];
+    const double x3 = d[2] * e[0] + d[0] * e[2];
+    const double x4 = 2.0 * d[0] * e[0] + 2.0 * d[1] * e[1];
+    const double x5 = x1 * x1;
+    const double x6 = x4 * x5;
+    const double x7 = d[2] * e[1] + d[1] * e[2];
+    const double x8 = V[4] * x2;
+    const double x9 = V[3] * x0;
+    const double x10 = x5 * (-x8 - x9);
+    const double x11 = V[3] * x1;
+    const double x12 = -d[1] * x10;
+    const double x13 = V[4] * x1;
+    const double x14 = x8 + x9;
+    const double x15 = x1 * x4 * x14;
+    const double x16 = x5 * (x15 + x15 - V[4] * x7 - V[3] * x3 - A[4] * x2 - A[3] * x0);
+    const double x17 = -d[0] * x16;
+    const double x18 = 2.0 * x5 * x14;
+    const double x19 = V[3] * x6 - A[3] * x1;
+    const double x20 = -d[1] * x16;
+    const double x21 = V[4] * x6 - A[4] * x1;
+    W[0] = 0.0;
+    W[1] = 0.0;
+    W[2] = 0.0;
+    W[3] = -x0 * x1;
+    W[4] = -x1 * x2;
+    W[5] = 1.0;
+    Wd[0] = 0.0;
+    Wd[1] = 0.0;
+    Wd[2] = 0.0;
+    Wd[3] = -(x1 * x3 - x0 * x6);
+    Wd[4] = -(x1 * x7 - x2 * x6);
+    Wd[5] = 0.0;
+    k[0] = -2.0 * d[0] * x10 - d[2] * x11;
+    k[1] = x12 + x12 - d[2] * x13;
+    k[2] = -d[1] * x13 - d[0] * x11;
+    g[0] = x17 + e[0] * x18 - e[2] * x11 + x17 + d[2] * x19;
+    g[1] = x20 + e[1] * x18 - e[2] * x13 + d[2] * x21 + x20;
+    g[2] = d[1] * x21 - e[1] * x13 - e[0] * x11 + d[0] * x19;
+}
+
+static double tilt_wrench(const double *d, const double *p, double *W)
+{
+    (void)p;
+    const double x0 = sqrt(d[0] * d[0] + d[1] * d[1]);
+    const double x1 = 1.0 / x0;
+    W[0] = 0.0;
+    W[1] = 0.0;
+    W[2] = 0.0;
+    W[3] = d[1] * x1;
+    W[4] = -d[0] * x1;
+    W[5] = 0.0;
+    return x0;
+}
+
+static void tilt_rates(const double *d, const double *e, const double *p, double *W, double *Wd)
+{
+    (void)p;
+    const double x0 = 1.0 / sqrt(d[0] * d[0] + d[1] * d[1]);
+    const double x1 = (2.0 * d[0] * e[0] + 2.0 * d[1] * e[1]) * 0.5 * x0 * x0 * x0;
+    W[0] = 0.0;
+    W[1] = 0.0;
+    W[2] = 0.0;
+    W[3] = d[1] * x0;
+    W[4] = -d[0] * x0;
+    W[5] = 0.0;
+    Wd[0] = 0.0;
+    Wd[1] = 0.0;
+    Wd[2] = 0.0;
+    Wd[3] = e[1] * x0 - d[1] * x1;
+    Wd[4] = -(e[0] * x0 - d[0] * x1);
+    Wd[5] = 0.0;
+}
+
+static void tilt_slopes(const double *d, const double *e, const double *p, const double *V, const double *A, double *W, double *Wd, double *k, double *g)
+{
+    (void)p;
+    const double x0 = 1.0 / sqrt(d[0] * d[0] + d[1] * d[1]);
+    const double x1 = 2.0 * d[0] * e[0] + 2.0 * d[1] * e[1];
+    const double x2 = 0.5 * x0;
+    const double x3 = x1 * x2;
+    const double x4 = x0 * x0;
+    const double x5 = x3 * x4;
+    const double x6 = V[4] * d[0];
+    const double x7 = V[3] * d[1];
+    const double x8 = x2 * x4 * (x7 - x6);
+    const double x9 = -d[0] * x8;
+    const double x10 = -d[1] * x8;
+    const double x11 = x6 - x7;
+    const double x12 = x0 * x3 * x11;
+    const double x13 = x4 * x11;
+    const double x14 = x2 * x4 * (x12 + x12 - V[4] * e[0] + 0.5 * x1 * x13 + V[3] * e[1] - A[4] * d[0] + A[3] * d[1]);
+    const double x15 = -d[0] * x14;
+    const double x16 = 2.0 * x2 * x13;
+    const double x17 = -d[1] * x14;
+    W[0] = 0.0;
+    W[1] = 0.0;
+    W[2] = 0.0;
+    W[3] = d[1] * x0;
+    W[4] = -d[0] * x0;
+    W[5] = 0.0;
+    Wd[0] = 0.0;
+    Wd[1] = 0.0;
+    Wd[2] = 0.0;
+    Wd[3] = e[1] * x0 - d[1] * x5;
+    Wd[4] = -(e[0] * x0 - d[0] * x5);
+    Wd[5] = 0.0;
+    k[0] = x9 + x9 - V[4] * x0;
+    k[1] = x10 + V[3] * x0 + x10;
+    k[2] = 0.0;
+    g[0] = x15 + V[4] * x5 + e[0] * x16 - A[4] * x0 + x15;
+    g[1] = x17 + e[1] * x16 - V[3] * x5 + A[3] * x0 + x17;
+    g[2] = 0.0;
+}
+
+static double rolling_wrench(const double *d, const double *p, double *W)
+{
+    const double x0 = p[3] * d[0] + p[4] * d[1] + p[5] * d[2];
+    const double x1 = p[6] * x0;
+    const double x2 = p[3] * d[6] + p[4] * d[7] + p[5] * d[8];
+    const double x3 = p[8] * x2;
+    const double x4 = p[3] * d[3] + p[4] * d[4] + p[5] * d[5];
+    const double x5 = p[7] * x4;
+    const double x6 = sqrt(x2 * x3 + x0 * x1 + x4 * x5);
+    const double x7 = 1.0 / x6;
+    const double x8 = -p[9] * x1 * x7 - p[10] * x0;
+    const double x9 = -p[9] * x5 * x7 - p[10] * x4;
+    const double x10 = -p[9] * x3 * x7 - p[10] * x2;
+    const double x11 = d[1] * x8 + d[4] * x9 + d[7] * x10;
+    const double x12 = d[2] * x8 + d[5] * x9 + d[8] * x10;
+    const double x13 = d[0] * x8 + d[3] * x9 + d[6] * x10;
+    W[0] = p[0];
+    W[1] = p[1];
+    W[2] = p[2];
+    W[3] = p[2] * x11 - p[1] * x12;
+    W[4] = p[0] * x12 - p[2] * x13;
+    W[5] = p[1] * x13 - p[0] * x11;
+    return x6;
+}
+
+static void rolling_rates(const double *d, const double *e, const double *p, double *W, double *Wd)
+{
+    const double x0 = p[3] * d[0] + p[4] * d[1] + p[5] * d[2];
+    const double x1 = p[6] * x0;
+    const double x2 = p[9] * x1;
+    const double x3 = p[3] * d[6] + p[4] * d[7] + p[5] * d[8];
+    const double x4 = p[8] * x3;
+    const double x5 = p[3] * d[3] + p[4] * d[4] + p[5] * d[5];
+    const double x6 = p[7] * x5;
+    const double x7 = 1.0 / sqrt(x3 * x4 + x0 * x1 + x5 * x6);
+    const double x8 = -x2 * x7 - p[10] * x0;
+    const double x9 = p[9] * x6;
+    const double x10 = -x9 * x7 - p[10] * x5;
+    const double x11 = p[9] * x4;
+    const double x12 = -x11 * x7 - p[10] * x3;
+    const double x13 = d[1] * x8 + d[4] * x10 + d[7] * x12;
+    const double x14 = d[2] * x8 + d[5] * x10 + d[8] * x12;
+    const double x15 = d[0] * x8 + d[3] * x10 + d[6] * x12;
+    const double x16 = p[3] * e[0] + p[4] * e[1] + p[5] * e[2];
+    const double x17 = p[6] * x16;
+    const double x18 = p[3] * e[6] + p[4] * e[7] + p[5] * e[8];
+    const double x19 = p[8] * x18;
+    const double x20 = p[3] * e[3] + p[4] * e[4] + p[5] * e[5];
+    const double x21 = p[7] * x20;
+    const double x22 = (x4 * x18 + x3 * x19 + x1 * x16 + x0 * x17 + x6 * x20 + x5 * x21) * 0.5 * x7 * x7 * x7;
+    const double x23 = -(x7 * p[9] * x17 - x2 * x22) - p[10] * x16;
+    const double x24 = -(x7 * p[9] * x21 - x9 * x22) - p[10] * x20;
+    const double x25 = -(x7 * p[9] * x19 - x11 * x22) - p[10] * x18;
+    const double x26 = e[1] * x8 + d[1] * x23 + e[4] * x10 + d[4] * x24 + e[7] * x12 + d[7] * x25;
+    const double x27 = e[2] * x8 + d[2] * x23 + e[5] * x10 + d[5] * x24 + e[8] * x12 + d[8] * x25;
+    const double x28 = e[0] * x8 + d[0] * x23 + e[3] * x10 + d[3] * x24 + e[6] * x12 + d[6] * x25;
+    W[0] = p[0];
+    W[1] = p[1];
+    W[2] = p[2];
+    W[3] = p[2] * x13 - p[1] * x14;
+    W[4] = p[0] * x14 - p[2] * x15;
+    W[5] = p[1] * x15 - p[0] * x13;
+    Wd[0] = 0.0;
+    Wd[1] = 0.0;
+    Wd[2] = 0.0;
+    Wd[3] = p[2] * x26 - p[1] * x27;
+    Wd[4] = p[0] * x27 - p[2] * x28;
+    Wd[5] = p[1] * x28 - p[0] * x26;
+}
+
+static void rolling_slopes(const double *d, const double *e, const double *p, const double *V, const double *A, double *W, double *Wd, double *k, double *g)
+{
+    const double x0 = p[3] * d[0] + p[4] * d[1] + p[5] * d[2];
+    const double x1 = p[6] * x0;
+    const double x2 = p[9] * x1;
+    const double x3 = p[3] * d[6] + p[4] * d[7] + p[5] * d[8];
+    const double x4 = p[8] * x3;
+    const double x5 = p[3] * d[3] + p[4] * d[4] + p[5] * d[5];
+    const double x6 = p[7] * x5;
+    const double x7 = 1.0 / sqrt(x3 * x4 + x0 * x1 + x5 * x6);
+    const double x8 = -x2 * x7 - p[10] * x0;
+    const double x9 = p[9] * x6;
+    const double x10 = -x9 * x7 - p[10] * x5;
+    const double x11 = p[9] * x4;
+    const double x12 = -x11 * x7 - p[10] * x3;
+    const double x13 = d[1] * x8 + d[4] * x10 + d[7] * x12;
+    const double x14 = d[2] * x8 + d[5] * x10 + d[8] * x12;
+    const double x15 = d[0] * x8 + d[3] * x10 + d[6] * x12;
+    const double x16 = p[3] * e[0] + p[4] * e[1] + p[5] * e[2];
+    const double x17 = p[6] * x16;
+    const double x18 = p[9] * x17;
+    const double x19 = p[3] * e[6] + p[4] * e[7] + p[5] * e[8];
+    const double x20 = p[8] * x19;
+    const double x21 = p[3] * e[3] + p[4] * e[4] + p[5] * e[5];
+    const double x22 = p[7] * x21;
+    const double x23 = x4 * x19 + x3 * x20 + x1 * x16 + x0 * x17 + x6 * x21 + x5 * x22;
+    const double x24 = 0.5 * x7;
+    const double x25 = x23 * x24;
+    const double x26 = x7 * x7;
+    const double x27 = x25 * x26;
+    const double x28 = -(x7 * x18 - x2 * x27) - p[10] * x16;
+    const double x29 = p[9] * x22;
+    const double x30 = -(x7 * x29 - x9 * x27) - p[10] * x21;
+    const double x31 = p[9] * x20;
+    const double x32 = -(x7 * x31 - x11 * x27) - p[10] * x19;
+    const double x33 = e[1] * x8 + d[1] * x28 + e[4] * x10 + d[4] * x30 + e[7] * x12 + d[7] * x32;
+    const double x34 = e[2] * x8 + d[2] * x28 + e[5] * x10 + d[5] * x30 + e[8] * x12 + d[8] * x32;
+    const double x35 = e[0] * x8 + d[0] * x28 + e[3] * x10 + d[3] * x30 + e[6] * x12 + d[6] * x32;
+    const double x36 = p[1] * V[5] - p[2] * V[4];
+    const double x37 = p[0] * V[4] - p[1] * V[3];
+    const double x38 = p[2] * V[3] - p[0] * V[5];
+    const double x39 = d[0] * x36 + d[2] * x37 + d[1] * x38;
+    const double x40 = d[6] * x36 + d[8] * x37 + d[7] * x38;
+    const double x41 = x11 * x40;
+    const double x42 = d[3] * x36 + d[5] * x37 + d[4] * x38;
+    const double x43 = x9 * x42;
+    const double x44 = x2 * x39;
+    const double x45 = x24 * x26 * (-x41 - x43 - x44);
+    const double x46 = p[6] * (-x0 * x45 - p[9] * x7 * x39) - p[10] * x39 - x1 * x45;
+    const double x47 = p[7] * (-p[9] * x7 * x42 - x5 * x45) - p[10] * x42 - x6 * x45;
+    const double x48 = p[8] * (-p[9] * x7 * x40 - x3 * x45) - p[10] * x40 - x4 * x45;
+    const double x49 = p[1] * A[5] - p[2] * A[4];
+    const double x50 = x44 + x41 + x43;
+    const double x51 = x26 * x50;
+    const double x52 = x24 * x51;
+    const double x53 = p[0] * A[4] - p[1] * A[3];
+    const double x54 = p[2] * A[3] - p[0] * A[5];
+    const double x55 = e[0] * x36 + e[2] * x37 + e[1] * x38 + d[0] * x49 + d[2] * x53 + d[1] * x54;
+    const double x56 = x7 * x25 * x50;
+    const double x57 = e[6] * x36 + e[8] * x37 + e[7] * x38 + d[6] * x49 + d[8] * x53 + d[7] * x54;
+    const double x58 = e[3] * x36 + e[5] * x37 + e[4] * x38 + d[3] * x49 + d[5] * x53 + d[4] * x54;
+    const double x59 = x24 * x26 * (x56 + x56 - x31 * x40 - x29 * x42 + 0.5 * x23 * x51 - x18 * x39 - x11 * x57 - x9 * x58 - x2 * x55);
+    const double x60 = x17 * x52 - p[10] * x55 - x1 * x59 + p[6] * (x16 * x52 - x0 * x59 + p[9] * (x27 * x39 - x7 * x55));
+    const double x61 = x22 * x52 - p[10] * x58 - x6 * x59 + p[7] * (x21 * x52 + p[9] * (x27 * x42 - x7 * x58) - x5 * x59);
+    const double x62 = x20 * x52 - p[10] * x57 - x4 * x59 + p[8] * (x19 * x52 + p[9] * (x27 * x40 - x7 * x57) - x3 * x59);
+    W[0] = p[0];
+    W[1] = p[1];
+    W[2] = p[2];
+    W[3] = p[2] * x13 - p[1] * x14;
+    W[4] = p[0] * x14 - p[2] * x15;
+    W[5] = p[1] * x15 - p[0] * x13;
+    Wd[0] = 0.0;
+    Wd[1] = 0.0;
+    Wd[2] = 0.0;
+    Wd[3] = p[2] * x33 - p[1] * x34;
+    Wd[4] = p[0] * x34 - p[2] * x35;
+    Wd[5] = p[1] * x35 - p[0] * x33;
+    k[0] = x8 * x36 + p[3] * x46;
+    k[1] = x8 * x38 + p[4] * x46;
+    k[2] = x8 * x37 + p[5] * x46;
+    k[3] = x10 * x36 + p[3] * x47;
+    k[4] = x10 * x38 + p[4] * x47;
+    k[5] = x10 * x37 + p[5] * x47;
+    k[6] = x12 * x36 + p[3] * x48;
+    k[7] = x12 * x38 + p[4] * x48;
+    k[8] = x12 * x37 + p[5] * x48;
+    g[0] = x28 * x36 + x8 * x49 + p[3] * x60;
+    g[1] = x28 * x38 + x8 * x54 + p[4] * x60;
+    g[2] = x28 * x37 + x8 * x53 + p[5] * x60;
+    g[3] = x30 * x36 + x10 * x49 + p[3] * x61;
+    g[4] = x30 * x38 + x10 * x54 + p[4] * x61;
+    g[5] = x30 * x37 + x10 * x53 + p[5] * x61;
+    g[6] = x32 * x36 + x12 * x49 + p[3] * x62;
+    g[7] = x32 * x38 + x12 * x54 + p[4] * x62;
+    g[8] = x32 * x37 + x12 * x53 + p[5] * x62;
+}
+
+static double distance_wrench(const double *d, const double *p, double *W)
+{
+    (void)p;
+    const double x0 = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+    const double x1 = 1.0 / x0;
+    W[0] = d[0] * x1;
+    W[1] = d[1] * x1;
+    W[2] = d[2] * x1;
+    W[3] = 0.0;
+    W[4] = 0.0;
+    W[5] = 0.0;
+    return x0;
+}
+
+static void distance_rates(const double *d, const double *e, const double *p, double *W, double *Wd)
+{
+    (void)p;
+    const double x0 = 1.0 / sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+    const double x1 = (2.0 * d[0] * e[0] + 2.0 * d[1] * e[1] + 2.0 * d[2] * e[2]) * 0.5 * x0 * x0 * x0;
+    W[0] = d[0] * x0;
+    W[1] = d[1] * x0;
+    W[2] = d[2] * x0;
+    W[3] = 0.0;
+    W[4] = 0.0;
+    W[5] = 0.0;
+    Wd[0] = e[0] * x0 - d[0] * x1;
+    Wd[1] = e[1] * x0 - d[1] * x1;
+    Wd[2] = e[2] * x0 - d[2] * x1;
+    Wd[3] = 0.0;
+    Wd[4] = 0.0;
+    Wd[5] = 0.0;
+}
+
+static void distance_slopes(const double *d, const double *e, const double *p, const double *V, const double *A, double *W, double *Wd, double *k, double *g)
+{
+    (void)p;
+    const double x0 = 1.0 / sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+    const double x1 = 2.0 * d[0] * e[0] + 2.0 * d[1] * e[1] + 2.0 * d[2] * e[2];
+    const double x2 = 0.5 * x0;
+    const double x3 = x1 * x2;
+    const double x4 = x0 * x0;
+    const double x5 = x3 * x4;
+    const double x6 = V[0] * d[0];
+    const double x7 = V[1] * d[1];
+    const double x8 = V[2] * d[2];
+    const double x9 = x2 * x4 * (x6 + x7 + x8);
+    const double x10 = -d[0] * x9;
+    const double x11 = -d[1] * x9;
+    const double x12 = -d[2] * x9;
+    const double x13 = -x8 - x7 - x6;
+    const double x14 = x0 * x3 * x13;
+    const double x15 = x4 * x13;
+    const double x16 = x2 * x4 * (A[0] * d[0] + A[1] * d[1] + A[2] * d[2] + V[0] * e[0] + x14 + V[1] * e[1] + V[2] * e[2] + x14 + 0.5 * x1 * x15);
+    const double x17 = -d[0] * x16;
+    const double x18 = 2.0 * x2 * x15;
+    const double x19 = -d[1] * x16;
+    const double x20 = -d[2] * x16;
+    W[0] = d[0] * x0;
+    W[1] = d[1] * x0;
+    W[2] = d[2] * x0;
+    W[3] = 0.0;
+    W[4] = 0.0;
+    W[5] = 0.0;
+    Wd[0] = e[0] * x0 - d[0] * x5;
+    Wd[1] = e[1] * x0 - d[1] * x5;
+    Wd[2] = e[2] * x0 - d[2] * x5;
+    Wd[3] = 0.0;
+    Wd[4] = 0.0;
+    Wd[5] = 0.0;
+    k[0] = x10 + V[0] * x0 + x10;
+    k[1] = x11 + V[1] * x0 + x11;
+    k[2] = x12 + V[2] * x0 + x12;
+    g[0] = x17 + e[0] * x18 - V[0] * x5 + A[0] * x0 + x17;
+    g[1] = x19 + e[1] * x18 - V[1] * x5 + A[1] * x0 + x19;
+    g[2] = x20 + e[2] * x18 - V[2] * x5 + A[2] * x0 + x20;
+}
+
+static void linkage(const double *d, const double *p, double *W)
+{
+    const double x0 = p[0] * d[0];
+    const double x1 = p[1] * d[1];
+    const double x2 = p[0] * d[1];
+    const double x3 = p[1] * d[0];
+    W[0] = d[1] * d[2] - d[3] * x0 - d[3] * x1;
+    W[1] = d[0] * d[2] + d[3] * x2 - d[3] * x3;
+    W[2] = -(d[2] * x0 + d[1] * d[3]) - d[2] * x1;
+    W[3] = d[2] * x2 - d[0] * d[3] - d[2] * x3;
+}
+
+static const Kind KINDS[] = {
+    [WORLD] = {0, 1e-06, world_wrench, world_rates, world_slopes},
+    [OWN] = {2, 1e-06, own_wrench, own_rates, own_slopes},
+    [WHEEL] = {1, 1e-06, wheel_wrench, wheel_rates, wheel_slopes},
+    [YAW] = {1, 1e-06, yaw_wrench, yaw_rates, yaw_slopes},
+    [TILT] = {1, 1e-06, tilt_wrench, tilt_rates, tilt_slopes},
+    [ROLLING] = {3, 1e-06, rolling_wrench, rolling_rates, rolling_slopes},
+    [DISTANCE] = {1, 1e-09, distance_wrench, distance_rates, distance_slopes},
+};

@@ -1,0 +1,223 @@
+"""Rows for the motion relative to a frame of the robot, which stands for the world."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.math.linear_algebra import (
+    apply,
+    apply_transposed,
+    complex_step,
+    cross_columns,
+    rotated_motions,
+    vector_product,
+)
+from rnc_pin.model.cached_property import cached_property
+from rnc_pin.model.kernel_rows import Form, KernelRow, Value, attached
+from rnc_pin.model.kinematics import (
+    ALL,
+    WORLD_AXES,
+    Components,
+    FrameDerivatives,
+    Placement,
+    PositionKinematics,
+    VelocityKinematics,
+)
+from rnc_pin.model.rows import OutputRows, Rows
+
+
+class RelativeKinematics(VelocityKinematics):
+    """Kinematics of frames relative to a carrier: its origin and its axes stand for those of the world.
+
+    Rows that are written for the world hold on a body that moves if they read the kinematics through this class. With
+    the carrier's velocity (v_c, w_c), a frame at d from its origin has the velocity ``v - v_c - w_c x d`` and the
+    angular velocity ``w - w_c``, along the axes of the carrier.
+
+    Args:
+        original: kinematics in the world; without a velocity, only methods of ``PositionKinematics`` work.
+        carrier: index of the carrier's frame.
+    """
+
+    def __init__(self, original: PositionKinematics, carrier: int) -> None:
+        self._original, self._carrier, self.q, self.t = original, carrier, original.q, original.t
+
+    @property
+    def _in_motion(self) -> VelocityKinematics:
+        assert isinstance(self._original, VelocityKinematics)
+        return self._original
+
+    @cached_property
+    def _place(self) -> Placement:
+        return self._original.placement(self._carrier)
+
+    def _offset(self, frame: int) -> np.ndarray:
+        """Vector d (..., 3) from the carrier's origin to that of a frame, in world axes."""
+        return np.asarray(self._original.placement(frame).translation - self._place.translation)
+
+    def placement(self, frame: int) -> Placement:
+        turned = self._place.rotation.mT @ self._original.rotation(frame)
+        return Placement(turned, apply_transposed(self._place.rotation, self._offset(frame)))
+
+    def jacobian(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> np.ndarray:
+        _check_axes(axes)
+        return self._along(self._relative(frame, self._original.jacobian(frame)))[..., rows, :]
+
+    def jacobian_dot(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> np.ndarray:
+        _check_axes(axes)
+        at, carrier = self._in_motion, self._carrier
+        velocity, carried = at.velocity(frame), at.velocity(carrier)
+        rate = self._relative(frame, at.jacobian_dot(frame), at.jacobian_dot(carrier))
+        rate[..., :3, :] += cross_columns(velocity[..., :3] - carried[..., :3], at.jacobian(carrier)[..., 3:, :])
+        rate -= _turned(carried[..., 3:], self._relative(frame, at.jacobian(frame)))
+        return self._along(rate)
+
+    def _relative(self, frame: int, columns: np.ndarray, of_carrier: np.ndarray | None = None) -> np.ndarray:
+        """Columns (..., 6, k) of a frame less those of the carrier at the frame's origin, in world axes."""
+        carried = self._original.jacobian(self._carrier) if of_carrier is None else of_carrier
+        found = columns - carried
+        found[..., :3, :] += cross_columns(self._offset(frame), carried[..., 3:, :])
+        return np.asarray(found)
+
+    def _along(self, columns: np.ndarray) -> np.ndarray:
+        """Columns (..., 6, k) of linear and angular components, along the axes of the carrier."""
+        return rotated_motions(self._place.rotation.mT, columns)
+
+    def velocity(self, frame: int) -> np.ndarray:
+        at = self._in_motion
+        return _relative_velocity(
+            self._place.rotation, self._offset(frame), at.velocity(frame), at.velocity(self._carrier)
+        )
+
+    def acceleration(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES, rows: Components = ALL) -> np.ndarray:
+        at, carrier = self._in_motion, self._carrier
+        motions = at.velocity(frame), at.velocity(carrier), at.acceleration(frame), at.acceleration(carrier)
+        _check_axes(axes)
+        return _relative_acceleration(self._place.rotation, self._offset(frame), *motions)[..., rows]
+
+    def frame_gradients(self, frame: int) -> FrameDerivatives:
+        at, carrier, rotation = self._in_motion, self._carrier, self._place.rotation
+        J, J_carrier = at.jacobian(frame), at.jacobian(carrier)
+        turned = np.cross(J_carrier[3:, None, :], rotation[:, :, None], axis=0)  # (3, 3, nv)
+        motions = []
+        for each in (frame, carrier):
+            found = at.frame_gradients(each)
+            motions.append((at.velocity(each), np.vstack([found.velocity, found.angular_velocity])))
+            motions.append((at.acceleration(each), np.vstack([found.acceleration, found.angular_acceleration])))
+
+        def relative(flat: np.ndarray, d: np.ndarray, v: np.ndarray, a: np.ndarray, *carried: np.ndarray) -> np.ndarray:
+            turn = flat.reshape(-1, 3, 3)
+            velocity = _relative_velocity(turn, d, v, carried[0])
+            return np.concatenate([velocity, _relative_acceleration(turn, d, v, carried[0], a, carried[1])], axis=-1)
+
+        offset = self._offset(frame), (J - J_carrier)[:3]
+        gradient = complex_step(relative, (rotation.ravel(), turned.reshape(9, -1)), offset, *motions)
+        return FrameDerivatives(*gradient.reshape(4, 3, -1))
+
+
+def _check_axes(axes: pin.ReferenceFrame) -> None:
+    if axes != WORLD_AXES:
+        raise NotImplementedError("relative kinematics have components along the axes of the carrier only")
+
+
+# Formulas take complex numbers. Motions are (linear, angular) in world axes; d points from the carrier to the frame.
+
+
+def _relative_velocity(turn: np.ndarray, d: np.ndarray, velocity: np.ndarray, carried: np.ndarray) -> np.ndarray:
+    """Velocity (..., 6) of a frame relative to a carrier with the axes ``turn`` (..., 3, 3), along these."""
+    relative = velocity - carried
+    linear = relative[..., :3] - vector_product(carried[..., 3:], d)
+    return np.concatenate([apply_transposed(turn, linear), apply_transposed(turn, relative[..., 3:])], axis=-1)
+
+
+def _relative_acceleration(
+    turn: np.ndarray,
+    d: np.ndarray,
+    velocity: np.ndarray,
+    carried: np.ndarray,
+    acceleration: np.ndarray,
+    carrier_acceleration: np.ndarray,
+) -> np.ndarray:
+    """Rate (..., 6) of ``_relative_velocity``."""
+    apart, relative, spin = velocity - carried, acceleration - carrier_acceleration, carried[..., 3:]
+    moved = vector_product(spin, 2 * apart[..., :3] - vector_product(spin, d))
+    linear = relative[..., :3] - vector_product(carrier_acceleration[..., 3:], d) - moved
+    angular = relative[..., 3:] - vector_product(spin, apart[..., 3:])
+    return np.concatenate([apply_transposed(turn, linear), apply_transposed(turn, angular)], axis=-1)
+
+
+def _turned(spin: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Rates (..., 6, k) of linear and angular columns that turn at an angular velocity (..., 3)."""
+    return np.concatenate([cross_columns(spin, columns[..., :3, :]), cross_columns(spin, columns[..., 3:, :])], axis=-2)
+
+
+class RelativeRows(Rows):
+    """Rows for the motion relative to a carrier. Reactions act on both bodies.
+
+    Args:
+        rows: rows for the motion in the world.
+        carrier: index of the carrier's frame.
+    """
+
+    def __init__(self, rows: Rows, carrier: int) -> None:
+        self._rows, self._carrier = rows, carrier
+        self.names, self.units, self.holonomic = rows.names, rows.units, rows.holonomic
+        self.affine, self.on_ground = rows.affine, rows.on_ground
+
+    def _seen(self, at: PositionKinematics) -> VelocityKinematics:
+        return RelativeKinematics(at, self._carrier)
+
+    def jacobian(self, at: PositionKinematics) -> np.ndarray:
+        return self._rows.jacobian(self._seen(at))
+
+    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
+        return self._rows.jacobian_dot(self._seen(at))
+
+    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
+        return self._rows.bias_acceleration(self._seen(at))
+
+    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray | None:
+        return self._rows.bias_acceleration_gradient(self._seen(at))
+
+    def rate(self, at: PositionKinematics) -> np.ndarray:
+        return self._rows.rate(self._seen(at))
+
+    def rate_dot(self, at: VelocityKinematics) -> np.ndarray:
+        return self._rows.rate_dot(self._seen(at))
+
+    def residual(self, at: PositionKinematics) -> np.ndarray:
+        return self._rows.residual(self._seen(at))
+
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
+        """Rows of the kernel with the carrier as second frame; None for other rows than wrenches on ground at rest."""
+        rows = self._rows.kernel_rows(model)
+        if rows is None or any(row.form < Form.WORLD or len(row.frames) > 1 or any(row.integers[1:2]) for row in rows):
+            return None
+        carrier = attached(model, self._carrier)
+        return [row._replace(frames=(*row.frames, carrier), value=(Value.NONE, 0)) for row in rows]
+
+    def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray] | None:
+        found = self._rows.lines_of_action(self._seen(at))
+        if found is None:
+            return None
+        turn, origin = at.placement(self._carrier)
+        points, directions = (apply(turn[..., None, :, :], each) for each in found)
+        return points + origin[..., None, :], directions
+
+
+class RelativeOutputRows(RelativeRows, OutputRows):
+    """The same for outputs.
+
+    Args:
+        rows: rows for the motion in the world.
+        carrier: index of the carrier's frame.
+    """
+
+    _rows: OutputRows
+
+    def __init__(self, rows: OutputRows, carrier: int) -> None:
+        super().__init__(rows, carrier)
+        self.angular, self.quasi, self.rotation = rows.angular, rows.quasi, rows.rotation
+
+    def value(self, at: PositionKinematics) -> np.ndarray:
+        return self._rows.value(self._seen(at))
