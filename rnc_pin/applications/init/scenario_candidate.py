@@ -171,24 +171,23 @@ class ScenarioCandidate:
 
         If no motion keeps them, the usual one stays.
         """
-        usual, share = self._try_out(scenario), self._share
-        trial = usual
+        trial = usual = replace(self._try_out(scenario), share=self._share)
         for _ in range(_REDUCTIONS):
             if trial.kept_share == 1.0 or self._share * trial.kept_share < _LEAST_SHARE:
                 break
-            self._reduce_motion(scenario, self._share * trial.kept_share)
+            self._reduce_motion(scenario, math.floor(100 * self._share * trial.kept_share) / 100)
             try:
-                trial = self._try_out(scenario)
+                trial = replace(self._try_out(scenario), share=self._share)
             except RncError:
                 break
         if trial.kept_share == 1.0:
-            return replace(trial, share=self._share)
-        self._reduce_motion(scenario, share)
+            return trial
+        self._reduce_motion(scenario, usual.share)
         return usual
 
     def _reduce_motion(self, scenario: Drafted, share: float) -> None:
         """Give a scenario a share of the usual motion."""
-        self._share = math.floor(100 * share) / 100
+        self._share = share
         self.q0 = self._assembled_start()
         scenario["initial"] = self._initial()
         if "reference" in scenario:
