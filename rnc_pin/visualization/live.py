@@ -16,8 +16,8 @@ from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import Provenance, RunInfo, Sample
 from rnc_pin.simulation.run_info import provenance_of
 from rnc_pin.visualization.browser.access import LOOPBACK
-from rnc_pin.visualization.browser.drawing_commands import SceneWindow
 from rnc_pin.visualization.browser.scene_server import Receiver
+from rnc_pin.visualization.browser.scene_window import SceneWindow
 from rnc_pin.visualization.drawn_model import DrawnModel
 from rnc_pin.visualization.drawn_state import DrawnState, live_state
 from rnc_pin.visualization.meshcat_robot import check_drawable

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import umsgpack
 
-from rnc_pin.visualization.browser.drawing_commands import SceneWindow
+from rnc_pin.visualization.browser.scene_window import SceneWindow
 from rnc_pin.visualization.camera import FIELD_OF_VIEW
 from rnc_pin.visualization.meshcat_library import meshcat, mg
 

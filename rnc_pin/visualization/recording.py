@@ -20,7 +20,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import significant
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import Trajectory
-from rnc_pin.visualization.browser.drawing_commands import SceneWindow
+from rnc_pin.visualization.browser.scene_window import SceneWindow
 from rnc_pin.visualization.drawn_model import DrawnModel
 from rnc_pin.visualization.drawn_state import RATE, recorded_states
 from rnc_pin.visualization.meshcat_scene import MeshcatScene

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from benchmarks import __main__ as entry
 from benchmarks import latency, reduction, scaling
 from benchmarks.doorway_circle import doorway_robot
 from benchmarks.doorway_path import doorway_path, whole_configuration
@@ -183,3 +184,16 @@ def test_a_path_through_a_doorway_rolls_and_keeps_the_hand_and_its_clearance():
                 sides_at = (shape.geometry, own, coal.Box(0.15, 1.0, 1.0), box)
                 least = min(least, coal.distance(*sides_at, coal.DistanceRequest(), coal.DistanceResult()))
     assert least >= path.clearance - 1e-4
+
+
+def test_one_command_lists_and_runs_all_benchmarks(monkeypatch, capsys):
+    listed = entry.benchmarks()
+    assert {"reduction", "validation", "peers", "verdicts"} <= set(listed)
+    assert not {"states", "timing", "processes"} & set(listed)  # parts of others
+    assert all(listed.values())
+    monkeypatch.setattr("sys.argv", ["benchmarks", "verdict"])
+    with pytest.raises(SystemExit, match="no benchmark 'verdict'; did you mean 'verdicts'"):
+        entry.main()
+    monkeypatch.setattr("sys.argv", ["benchmarks"])
+    entry.main()
+    assert "reduction" in capsys.readouterr().out

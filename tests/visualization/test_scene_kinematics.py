@@ -5,7 +5,7 @@ import numpy as np
 from rnc_pin.applications.scenario.drawn_run import drawn_run
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.visualization.browser.drawing_commands import SceneWindow
+from rnc_pin.visualization.browser.scene_window import SceneWindow
 from rnc_pin.visualization.drawn_state import RATE, recorded_states
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
 from rnc_pin.visualization.run_scene import RunScene, ShownRun
