@@ -66,9 +66,10 @@ _MEASURES = "it measures or draws for minutes to hours"
 LONG = {
     r"rnc-pin run (?!space-robot( |$)|my_robot|--help)": "a whole run; test_built_in_runs has short ones",
     r"rnc-pin drive tiago": "TIAGo takes a quarter of a minute to load and prepare",
-    r"python -m benchmarks\.": _MEASURES,
+    r"python -m benchmarks": _MEASURES,
     r"python docs/make_scenario_keys": "it writes a page of the repository, which test_documents compares",
     r"python docs/make_(gallery|moving|scenes|tutorial|zoo)": _MEASURES,
+    r"python -m tools\.generate_rows": "it writes a file of the repository, which test_generated_rows compares",
     r"python -m tests\.derivations": "it derives equations for four minutes",
     r"pytest tests/\S+$": "a part of this test suite, which runs anyway",
     r"pytest tests/\S+ -m": "a part of this test suite, which runs anyway",

@@ -52,7 +52,7 @@ def source_of(words):
     """File of a script or a module of this repository; None of other programs."""
     name = words[2].replace(".", "/") if words[1] == "-m" else words[1]
     found = [ROOT / name, ROOT / f"{name}.py", ROOT / name / "__main__.py"]
-    if name.split("/")[0] not in ("benchmarks", "docs", "tests"):
+    if name.split("/")[0] not in ("benchmarks", "docs", "tests", "tools"):
         return None
     return next((path for path in found if path.is_file()), found[0])
 

@@ -132,6 +132,8 @@ def build_experiment(
     """
     if scenario.phases:
         raise ConfigurationError("phases: only 'rnc-pin run' and sweeps support them")
+    if scenario.outputs is None and scenario.controller is None and scenario.simulation is None:
+        raise ConfigurationError("outputs: is missing, and so are controller and simulation; a run needs the last two")
     if scenario.simulation is None:
         raise ConfigurationError("simulation: is missing; a run needs {duration: ..., dt: ...}")
     if scenario.controller is None and not scenario.contacts:
