@@ -1,4 +1,4 @@
-/* Frames, distances of pairs of shapes, and joints that stop; see known_kinematics.py and rnc_pin/collision. Included
+/* Frames, distances of pairs of shapes, and joints that stop; see compiled_states.py and rnc_pin/collision. Included
  * at the end of kernel.c. */
 
 /* Buffer of 64-bit integers; NULL for another array. */

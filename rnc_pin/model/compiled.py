@@ -17,16 +17,15 @@ from numpy import ndarray as Array
 from rnc_pin import _kernel
 from rnc_pin.errors import SingularityError
 from rnc_pin.math.components import Component
-from rnc_pin.model.compiled_runs import CompiledRuns
 from rnc_pin.model.compiled_states import CompiledArraysAtQ, CompiledArraysAtV, concatenated, empty_records
-from rnc_pin.model.evaluator import ArraysAtQ, ArraysAtV, Configurations, HasArraysAtQ, States
+from rnc_pin.model.evaluator import ArraysAtQ, ArraysAtV, Configurations, Evaluator, HasArraysAtQ, States
 from rnc_pin.model.input_validation import ArrayInput
 from rnc_pin.model.kinematics import VelocityKinematics
 from rnc_pin.model.numpy_evaluator import NumPyEvaluator
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.reduction_kernel import ReductionKernel
 from rnc_pin.model.result_types import ReducedTerms
-from rnc_pin.model.runs import NumPyRuns
+from rnc_pin.model.runs import NumPyRuns, RunRecords
 from rnc_pin.model.state_evaluation import StateEvaluation
 
 _TOLERANCE = 1e-9  # largest relative difference of kernel and NumPy at the state that compares them
@@ -264,3 +263,54 @@ def _expected(data: ReductionData, at: VelocityKinematics) -> dict[str, Array]:
 def _relative(found: Array, expected: Array) -> float:
     scale = max(float(np.abs(expected).max(initial=0.0)), 1e-3)
     return float(np.abs(found - expected).max(initial=0.0)) / scale
+
+
+class CompiledRuns(NumPyRuns):
+    """Kernel of a reduction, for runs side by side.
+
+    Args:
+        evaluator: evaluator of the reduction in which the runs are measured; ``kernel``: its kernel.
+    """
+
+    def __init__(self, evaluator: Evaluator, kernel: ReductionKernel) -> None:
+        self._evaluator, self._kernel, self._calls = evaluator, kernel, kernel.calls
+        self.kinematics_size = kernel.kinematics.itemsize // 8
+
+    def velocities(
+        self, charts: tuple[object, ...], q: Array, y: Array, limit: float, kinematics: Array, v: Array, status: Array
+    ) -> None:
+        self._calls.velocities_of_runs(charts, q, y, limit, kinematics, v, status)
+
+    def integrate(
+        self,
+        charts: tuple[object, ...],
+        q: Array,
+        y: Array,
+        T: Array,
+        h: float,
+        steps: int,
+        kinematics: Array | None,
+    ) -> tuple[Array, Array, Array]:
+        q_end, y_end, status = np.empty_like(q), np.empty_like(y), np.zeros(len(q))
+        self._calls.integrate_runs(charts, q, y, T, h, steps, kinematics, q_end, y_end, status)
+        return q_end, y_end, status
+
+    def measure(self, q: Array, v: Array, kinematics: Array, status: Array) -> RunRecords:
+        kernel, data = self._kernel, self._kernel.data
+        if not kernel.measures:
+            return super().measure(q, v, kinematics, status)
+        sizes = kernel.inverse.itemsize // 8, kernel.rates.itemsize // 8, data.r + data.vertical.size
+        found = [np.empty((len(q), size)) for size in sizes]
+        self._calls.measure_runs(q, v, kinematics, *found, status)
+        return RunRecords(kinematics, *found)
+
+    def states(self, q: Array, v: Array, records: RunRecords) -> StateEvaluation:
+        kernel, batch, r = self._kernel, q.shape[:-1], self._kernel.data.r
+        for array in records:
+            array.setflags(write=False)
+        kinematics = np.ndarray(batch, kernel.kinematics, records.kinematics)
+        inverse = np.ndarray(batch, kernel.inverse, records.inverse)
+        values = records.values[..., r:], records.values[..., :r]
+        at_q = CompiledArraysAtQ(kernel, q, None, kinematics, inverse, values)
+        rates = np.ndarray(batch, kernel.rates, records.rates)
+        return StateEvaluation.filled(self._evaluator, q, v, (at_q, CompiledArraysAtV(at_q, v, None, None, rates)))

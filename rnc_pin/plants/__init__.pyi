@@ -1,8 +1,8 @@
 """Exports of ``rnc_pin.plants``, which ``__init__.py`` imports at their first use."""
 
-from .changing import ChangingPlant as ChangingPlant
 from .faults import Faults as Faults
 from .faults import FaultyPlant as FaultyPlant
+from .model_changes import ChangingPlant as ChangingPlant
 from .model_changes import MassErrors as MassErrors
 from .model_changes import Payload as Payload
 from .model_changes import StuckJoint as StuckJoint

@@ -1,7 +1,8 @@
-"""Validation of scenario mappings, with a one-line message for the first error."""
+"""Validation of scenario mappings, with a one-line message for the first error; and their JSON Schema, for editors."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any, TypeVar
@@ -104,3 +105,18 @@ def _path(location: Sequence[str | int]) -> str:
             text += f".{part}" if text else part
         previous = part
     return text or _WHOLE
+
+
+def schema() -> dict[str, Json]:
+    """Return the schema of the models that read scenario files."""
+    content = ScenarioFile.model_json_schema()
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "rnc_pin scenario",
+        **{key: value for key, value in content.items() if key != "title"},
+    }
+
+
+def schema_text() -> str:
+    """Return the schema as text of the schema file."""
+    return json.dumps(schema(), indent=2, ensure_ascii=False) + "\n"

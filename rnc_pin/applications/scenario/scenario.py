@@ -21,6 +21,7 @@ from rnc_pin.applications.scenario.builder import (
     build_task,
     start_of,
 )
+from rnc_pin.applications.scenario.controllers import TYPES
 from rnc_pin.applications.scenario.files import (
     apply_options,
     built_in_names,
@@ -30,12 +31,12 @@ from rnc_pin.applications.scenario.files import (
     with_options,
 )
 from rnc_pin.applications.scenario.loading import validate
-from rnc_pin.applications.scenario.model_warnings import collected_model_warnings
 from rnc_pin.applications.scenario.phase_builder import build_phased
 from rnc_pin.applications.scenario.planner_builder import Plans
 from rnc_pin.applications.scenario.run_verdict import judged_summary
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.obstacles import build_obstacles
+from rnc_pin.applications.scenario.start_findings import collected_model_warnings
 from rnc_pin.collision import Obstacle
 from rnc_pin.control import Controller, State
 from rnc_pin.control.whole_body import report_within
@@ -171,9 +172,8 @@ class Scenario(SummaryMixin):
         slugs: dict[str, str] = {}
         for label, changes in self.content.comparisons.items():
             where = f"comparisons.{label}"
-            other = validate(
-                with_options(self.raw, {"preflight": "warn", **changes}), f"{self.source or self.name}: {where}"
-            )
+            raw = with_options(_without_foreign_gains(self.raw, changes), {"preflight": "warn", **changes})
+            other = validate(raw, f"{self.source or self.name}: {where}")
             if slugs.setdefault(slug(label), label) != label:
                 names = f"'{label}' and '{slugs[slug(label)]}'"
                 raise ConfigurationError(f"comparisons: {names} give one file name").within(self.source or self.name)
@@ -374,6 +374,15 @@ class Scenario(SummaryMixin):
         said = content.robot.urdf or content.robot.mjcf or content.robot.example
         lines = [("robot", items([str(said)])), ("controller", items([controller])), ("simulation", items([time]))]
         return ObjectSummary(title, [*lines, ("keys", items(list(self.raw)))])
+
+
+def _without_foreign_gains(raw: Mapping[str, Json], changes: Mapping[str, Json]) -> Mapping[str, Json]:
+    """Scenario whose controller has no settings that a comparison's other type of controller does not read."""
+    controller, kind = raw.get("controller"), changes.get("controller.type")
+    if not isinstance(controller, Mapping) or not isinstance(kind, str) or kind not in TYPES:
+        return raw
+    own, others = TYPES[kind].model_fields, {key for each in TYPES.values() for key in each.model_fields}
+    return {**raw, "controller": {key: value for key, value in controller.items() if key in own or key not in others}}
 
 
 def slug(label: str) -> str:

@@ -117,3 +117,13 @@ def test_it_prints_its_parts():
     shown = repr(rnc.Scenario.load("unicycle"))
     for part in ("unicycle.urdf", "controller", "22 s"):
         assert part in shown
+
+
+def test_a_gain_of_the_run_is_none_of_a_comparison_with_another_controller():
+    """An option of the command line was refused by the comparison, whose type of controller has no such gain."""
+    scenario = rnc.Scenario.load("space-robot", {"controller.k3": 5.0, "plots": {}}).build()
+    assert scenario.controller.target.describe()["k3"] == 5.0
+    (compared,) = scenario.comparisons.values()
+    assert compared.scenario.controller.type == "reducing_outputs"
+    with pytest.raises(rnc.ConfigurationError, match=r"comparisons\.odd: controller: 'kk' is not known"):
+        rnc.Scenario.load("space-robot", {"comparisons": {"odd": {"controller.kk": 1.0}}, "plots": {}}).build()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from rnc_pin.applications.scenario.json_schema import schema_text
+from rnc_pin.applications.scenario.loading import schema_text
 
 
 def print_schema() -> None:

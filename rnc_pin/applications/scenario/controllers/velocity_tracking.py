@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import model_validator
@@ -10,27 +10,68 @@ from pydantic import model_validator
 from rnc_pin.applications.scenario.controllers.base import AdaptationSettings, preset_gains, sized_gain
 from rnc_pin.applications.scenario.controllers.context import BuiltController, ControllerContext, at_key
 from rnc_pin.applications.scenario.controllers.motion_check import check_motion
-from rnc_pin.applications.scenario.controllers.secondary_objectives import SecondarySettings
 from rnc_pin.applications.scenario.controllers.task_goals import TaskGoals
 from rnc_pin.applications.scenario.controllers.unknown_parameters import Unknown
-from rnc_pin.applications.scenario.schema.base import wrong
-from rnc_pin.applications.scenario.schema.derived import part
+from rnc_pin.applications.scenario.schema.base import Strict, wrong
+from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, part
 from rnc_pin.control import (
     ActuatorVelocityController,
+    Combined,
     ComputedTorque,
+    JointLimits,
     KinematicController,
     OuterGains,
+    Posture,
     ReducingOutputController,
     RedundancyController,
     Secondary,
+    SingularityDistance,
     SteeringController,
     VelocityGains,
     VelocityTracker,
+    check_freedom,
     design_velocity_gains,
 )
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model import Task
 from rnc_pin.planning import Joined, Reference, ReferencePoint
+
+
+class SecondarySettings(Strict):
+    """Secondary objectives, for tasks with more redundant than vertical outputs. The controller adds them."""
+
+    posture: Annotated[PartialCall[Posture], Entry(Posture, late=("task", "reference"))] | None = None
+    """Stay near a posture: ``reference.redundant``, by default the initial values of the redundant outputs."""
+    joint_limits: Annotated[PartialCall[JointLimits], Entry(JointLimits, late=("reduced", "task"))] | None = None
+    """Stay away from joint limits."""
+    singularity: (
+        Annotated[PartialCall[SingularityDistance], Entry(SingularityDistance, late=("reduced", "task"))] | None
+    ) = None
+    """Stay away from singular configurations."""
+
+    def build(self, context: ControllerContext) -> Secondary:
+        """Build the objectives.
+
+        Raises:
+            RncError: the task leaves no freedom, or an objective does not fit.
+        """
+        reduced, task = context.reduced, context.task
+        check_freedom(task)
+        parts: list[Secondary] = []
+        if self.posture is not None:
+            parts.append(self.posture.build(task=task, reference=context.redundant))
+        if self.joint_limits is not None:
+            parts.append(self.joint_limits.build(reduced=reduced, task=task))
+        if self.singularity is not None:
+            parts.append(self.singularity.build(reduced=reduced, task=task))
+        return Combined(parts)
+
+    @model_validator(mode="after")
+    def _check_any(self) -> SecondarySettings:
+        if (self.posture, self.joint_limits, self.singularity) == (None, None, None):
+            raise ValueError("expected at least one of posture, joint_limits, singularity; {} takes their defaults")
+        return self
+
 
 _BANDWIDTH = part(design_velocity_gains, "bandwidth")
 _GAINS = preset_gains(VelocityGains, "k", "beta", "sigma")

@@ -8,11 +8,10 @@ from typing import Annotated, Any, Literal, cast
 from pydantic import Field, model_validator
 
 from rnc_pin.applications.scenario.controllers import ControllerItem
-from rnc_pin.applications.scenario.schema.actuators import ActuatorItem
 from rnc_pin.applications.scenario.schema.base import FileName, Strict
 from rnc_pin.applications.scenario.schema.constraints import ConstraintItem, ContactItem, GroundItem, with_ground
 from rnc_pin.applications.scenario.schema.derived import Entry
-from rnc_pin.applications.scenario.schema.forces import ForceItem
+from rnc_pin.applications.scenario.schema.forces import ActuatorItem, ForceItem
 from rnc_pin.applications.scenario.schema.obstacles import ObstacleItem
 from rnc_pin.applications.scenario.schema.outputs import Outputs, TaskOutputs
 from rnc_pin.applications.scenario.schema.phase_settings import PhaseSettings

@@ -5,8 +5,8 @@ import pytest
 
 from plain_kinematics import Plain, near
 from rnc_pin import _kernel
+from rnc_pin.model.compiled_states import KnownKinematics
 from rnc_pin.model.kinematics import OWN_AXES, WORLD_AXES
-from rnc_pin.model.known_kinematics import KnownKinematics
 from systems import space_robot_in_joints, tiago
 
 pytestmark = pytest.mark.skipif(_kernel.library is _kernel.NUMPY_ALONE, reason="NumPy evaluates: no record of a kernel")
