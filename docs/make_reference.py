@@ -83,8 +83,8 @@ def reference_pages() -> dict[str, str]:
 
 
 def is_entry(thing: object) -> bool:
-    """True for all but modules and constants without a docstring of their own."""
-    return not isinstance(thing, ModuleType | str)
+    """True for all but modules and constants, whose docstrings are those of their types."""
+    return not isinstance(thing, ModuleType | str | float | dict)
 
 
 def page(module: str, text: str, names: list[str], again: list[str] | None = None) -> str:
