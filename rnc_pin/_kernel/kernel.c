@@ -1838,7 +1838,6 @@ static PyType_Spec spec = {
 };
 
 static PyMethodDef functions[] = {
-    {"spread", (PyCFunction)(void (*)(void))spread, METH_FASTCALL, NULL},
     {"pursue", (PyCFunction)(void (*)(void))pursue, METH_FASTCALL, NULL},
     {"track_position", (PyCFunction)(void (*)(void))track_position, METH_FASTCALL, NULL},
     {"polynomial", (PyCFunction)(void (*)(void))polynomial, METH_FASTCALL, NULL},

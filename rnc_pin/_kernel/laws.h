@@ -142,38 +142,13 @@ static int spread_out(const Task *task, double *const A[2], double *const first[
     return ok;
 }
 
-/* A_star, A_star_dot (k, r), indices of the vertical, primary and redundant outputs (as many as a, b, c), v21, v21_dot
-   (b), rates wanted of the vertical outputs and their rates (a), cost^-1 (c), secondary rates and theirs (c) or None,
-   a, record of v2 and v2_dot (r). False if the arrays need the other path, or A4 is nearly singular. */
-static PyObject *spread(PyObject *module, PyObject *const *args, Py_ssize_t given)
-{
-    Arrays all = {.count = 1};
-    double *x[10] = {NULL}, *out = NULL;
-    long *places = NULL;
-    (void)module;
-    if (given != 12) return PyErr_SetString(PyExc_TypeError, "kernel: spread takes 12 arguments"), NULL;
-    Py_ssize_t r = PyObject_Size(args[2]), b = PyObject_Size(args[3]), a = PyLong_AsSsize_t(args[10]);
-    if (r < 0 || b < 0 || PyErr_Occurred()) return NULL;
-    r -= a; /* vertical, primary and redundant outputs */
-    Task task = {.a = a, .b = b, .c = r - b, .k = PyObject_Size(args[0]), .r = r};
-    Py_ssize_t c = task.c, k = task.k, sizes[10] = {k * r, k * r, r + a, b, b, a, a, c, c, c};
-    int ok = a > 0 && c >= a && k >= 0 && k < 1 << 15 && r < 1 << 15;
-    for (int i = 0; i < 10 && ok; i++)
-        if (i != 2 && (i < 8 || args[i] != Py_None)) ok = (x[i] = numbers(&all, args[i], sizes[i])) != NULL;
-    if (!x[8] != !x[9] || !ok || !(out = numbers(&all, args[11], 2 * r)) || all.views[all.open - 1].readonly)
-        return result(&all, 0);
-    double *rates[2] = {out, out + r};
-    if (!take(&all, args[2], r + a, READ, (double **)&places)) return result(&all, -1);
-    ok = placed(&task, places) ? spread_out(&task, x, x + 3, x + 5, x[7], x[8] ? x + 8 : NULL, rates) : 0;
-    return result(&all, ok);
-}
-
-/* Class 1 with its feedback, (12): A_star, A_star_dot (k, r), indices as for spread, position, velocity and
-   acceleration of the primary reference (b each), then of the vertical one (a each), x2, v2 (r), x1, v1 (k), table of
-   gains and of kinds of the primary outputs (b each), then of the vertical ones (a each), then cost^-1 (c); offset of
-   v1 and its rate (k) or None, secondary rates and theirs (c) or None, a, b, record of v2, v2_dot, x2 and x1 desired
-   (r, r, r, k). The references are those of all runs; all else may be a stack of runs, and the record then has v2 of
-   all runs, v2_dot of all runs, and so on. False if the arrays need the other path, or A4 is nearly singular. */
+/* Class 1 with its feedback, (12): A_star, A_star_dot (k, r), indices of the vertical, primary and redundant
+   outputs (as many as a, b, c), position, velocity and acceleration of the primary reference (b each), then of the
+   vertical one (a each), x2, v2 (r), x1, v1 (k), table of gains and of kinds of the primary outputs (b each), then of
+   the vertical ones (a each), then cost^-1 (c); offset of v1 and its rate (k) or None, secondary rates and theirs (c)
+   or None, a, b, record of v2, v2_dot, x2 and x1 desired (r, r, r, k). The references are those of all runs; all else
+   may be a stack of runs, and the record then has v2 of all runs, v2_dot of all runs, and so on. False if the arrays
+   need the other path, or A4 is nearly singular. */
 static PyObject *pursue(PyObject *module, PyObject *const *args, Py_ssize_t given)
 {
     enum { AT = 2, FIRST = 3, BASE = 6, X2 = 9, V2, X1, V1, TABLE, OFFSET, FREE_RATES = 16, OUT = 18 };
