@@ -10,7 +10,8 @@ import os
 import warnings
 from collections.abc import Callable
 from importlib import import_module
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 from rnc_pin.errors import ConfigurationError, ModelWarning
 
@@ -35,7 +36,7 @@ def _declined(*arguments: object) -> bool:
 NUMPY_ALONE = _NumPyAlone()
 
 
-def _load() -> tuple[Any, str]:
+def _load() -> tuple[ModuleType | _NumPyAlone, str]:
     """Compiled module, or ``NUMPY_ALONE`` with the reason; no reason if the installation has none."""
     try:
         compiled = import_module("rnc_pin._kernel.compiled")
@@ -46,7 +47,7 @@ def _load() -> tuple[Any, str]:
     return NUMPY_ALONE, f"compiled kernel is of interface {compiled.INTERFACE}, {INTERFACE} expected"
 
 
-def _chosen() -> tuple[Any, str]:
+def _chosen() -> tuple[ModuleType | _NumPyAlone, str]:
     asked = os.environ.get(_VARIABLE, "")
     if asked not in ("", "c", "numpy"):
         raise ConfigurationError(f"{_VARIABLE} is '{asked}': expected 'c' or 'numpy'")
@@ -61,10 +62,12 @@ def _chosen() -> tuple[Any, str]:
     return found, reason
 
 
-library: Any
-"""Extension module, or ``NUMPY_ALONE``. Functions return False for arrays that they leave to NumPy."""
-outdated: str
-"""Reason why the compiled kernel of this installation is not used; empty if there is none."""
-library, outdated = _chosen()
-kernel: str = "numpy" if library is NUMPY_ALONE else "c"
+_found, outdated = _chosen()
+"""Library in use, and the reason why the compiled kernel of this installation is not used; empty if there is none."""
+if TYPE_CHECKING:
+    from rnc_pin._kernel import compiled as library  # ``compiled.pyi`` has the types
+else:
+    library = _found
+    """Extension module, or ``NUMPY_ALONE``. Functions return False for arrays that they leave to NumPy."""
+kernel: str = "numpy" if _found is NUMPY_ALONE else "c"
 """Path that evaluates models: "c" or "numpy"."""

@@ -305,10 +305,9 @@ class CollisionDistances:
 
     def _rate_rows(self, near: np.ndarray, found: np.ndarray) -> np.ndarray:
         """Jacobians (k, nv) of the distances."""
-        if _kernel.library is not None:
-            rows = np.empty((len(near), self._model.nv))
-            if _kernel.library.pair_rows(found, near, self._signs, self._jacobian, rows):
-                return rows
+        rows = np.empty((len(near), self._model.nv))
+        if _kernel.library.pair_rows(found, near, self._signs, self._jacobian, rows):
+            return rows
         # The difference of the nearest points is along the normal, so both have the same moment about the origin.
         normal = found[:, 1:4]
         lines = np.concatenate([normal, _cross(found[:, 7:10], normal)], axis=1)

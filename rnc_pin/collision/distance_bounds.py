@@ -44,7 +44,7 @@ class ShapePoses:
             rotations, origins: poses of all shapes in their joints (..., s, 3, 3) and (..., s, 3).
             centers: as for the class.
         """
-        if joints.ndim == 2 and _kernel.library is not None:
+        if joints.ndim == 2:
             found = cls.__new__(cls)
             found.rotations, found.origins, found.middles = (
                 np.empty(each.shape) for each in (rotations, *[origins] * 2)
@@ -136,7 +136,7 @@ class DistanceBounds:
 
     def _moved_by_kernel(self, at: ShapePoses, last: ShapePoses) -> bool:
         """Decrease the bounds by the motion since the last poses; False if NumPy has to."""
-        return _kernel.library is not None and _kernel.library.pair_bounds(
+        return _kernel.library.pair_bounds(
             at.rotations, at.middles, last.rotations, last.middles, self._radii, self._shapes, self._known
         )
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pinocchio as pin
 from numpy import ndarray as Array
@@ -166,7 +164,7 @@ def _workspace(data: ReductionData) -> _Workspace:
     return kinematics.kernel_workspace
 
 
-def kernel_evaluator(data: ReductionData, table: RowTable, mu: Array | None) -> Any:
+def kernel_evaluator(data: ReductionData, table: RowTable, mu: Array | None) -> _kernel.library.Evaluator:
     """The kernel's object.
 
     Args:

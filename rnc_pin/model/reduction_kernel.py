@@ -24,7 +24,7 @@ class ReductionKernel:
         ValueError: Pinocchio's data have a memory layout that the kernel does not know.
 
     Attributes:
-        calls: object of the library; each call returns False or None if NumPy has to evaluate the states.
+        calls: evaluator of the library; each call returns False or None if NumPy has to evaluate the states.
         external, external_vertical: blocks of E and of J1 that Python evaluates.
         python_rows: True if there are some.
         python_values: blocks of reducing and of vertical outputs whose values Python evaluates.

@@ -1,9 +1,11 @@
 """The compiled kernel and NumPy evaluate the same quantities, for all kinds of rows and for random systems."""
 
+import ast
 import os
 import subprocess
 import sys
 from copy import deepcopy
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -390,6 +392,18 @@ def test_the_kernel_refuses_arrays_of_other_sizes():
     unmade = type(evaluator).__new__(type(evaluator))
     with pytest.raises(TypeError):
         unmade.forward_dynamics(q, v2, q)
+
+
+@needs_library
+def test_the_stub_has_the_functions_and_methods_of_the_library():
+    """Type checkers read it in place of the C, so each call of the package is checked against it."""
+    stub = ast.parse(Path(_kernel.__file__).with_name("compiled.pyi").read_text())
+    (evaluator,) = (node for node in stub.body if isinstance(node, ast.ClassDef))
+    functions = {node.name for node in stub.body if isinstance(node, ast.FunctionDef)}
+    methods = {node.name for node in evaluator.body if isinstance(node, ast.FunctionDef)}
+    library = _kernel.library
+    assert functions == {name for name, each in vars(library).items() if callable(each) and not isinstance(each, type)}
+    assert methods - {"__init__"} == {name for name in vars(library.Evaluator) if not name.startswith("__")}
 
 
 @pytest.mark.parametrize(

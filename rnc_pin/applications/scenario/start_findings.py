@@ -1,4 +1,4 @@
-"""What is known about the model of a scenario before any run: findings at its start, and warnings as data."""
+"""Knowledge about the model of a scenario before any run: findings at its start, and warnings as data."""
 
 from __future__ import annotations
 
