@@ -10,7 +10,6 @@ import os
 import warnings
 from collections.abc import Callable
 from importlib import import_module
-from types import ModuleType
 from typing import TYPE_CHECKING
 
 from rnc_pin.errors import ConfigurationError, ModelWarning
@@ -33,10 +32,10 @@ def _declined(*arguments: object) -> bool:
     return False
 
 
-NUMPY_ALONE = _NumPyAlone()
+NUMPY_ALONE: object = _NumPyAlone()
 
 
-def _load() -> tuple[ModuleType | _NumPyAlone, str]:
+def _load() -> tuple[object, str]:
     """Compiled module, or ``NUMPY_ALONE`` with the reason; no reason if the installation has none."""
     try:
         compiled = import_module("rnc_pin._kernel.compiled")
@@ -47,7 +46,7 @@ def _load() -> tuple[ModuleType | _NumPyAlone, str]:
     return NUMPY_ALONE, f"compiled kernel is of interface {compiled.INTERFACE}, {INTERFACE} expected"
 
 
-def _chosen() -> tuple[ModuleType | _NumPyAlone, str]:
+def _chosen() -> tuple[object, str]:
     asked = os.environ.get(_VARIABLE, "")
     if asked not in ("", "c", "numpy"):
         raise ConfigurationError(f"{_VARIABLE} is '{asked}': expected 'c' or 'numpy'")

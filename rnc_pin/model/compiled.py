@@ -210,7 +210,7 @@ def evaluator_for(data: ReductionData, known: NumPyEvaluator | None = None) -> N
         data: the reduction.
         known: evaluator of another reduction of the same system. Rows that were compared for it are not compared again.
     """
-    if _kernel.kernel == "numpy":
+    if _kernel.library is _kernel.NUMPY_ALONE:
         return NumPyEvaluator(data)
     compared = isinstance(known, CompiledEvaluator) and data.varies_as(known.data)
     try:
