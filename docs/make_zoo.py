@@ -91,17 +91,17 @@ published ones above.
 | change | kept, of tried | says why not | neither |
 |---|---|---|---|
 | noise of 1 mm and 0.1 degrees (normal) on all placements | 126 of 128 | 2 | 0 |
-| other names of links and joints | 125 of 128 | 1 | 2 |
+| other names of links and joints | 125 of 128 | 2 | 1 |
 | another order of links and joints | 128 of 128 | 0 | 0 |
 | transmissions and plugins removed | 32 of 34 | 2 | 0 |
 | drives on another axle | 9 of 9 | 0 | 0 |
 | a tenth of the size | 128 of 128 | 0 | 0 |
 | ten times the size | 127 of 128 | 1 | 0 |
 | mirrored, left for right | 128 of 128 | 0 | 0 |
-| all | 803 of 811 (99.0 %) | 6 | 2 |
+| all | 803 of 811 (99.0 %) | 7 | 1 |
 
-Two changes of names lose the kind without a word: only its name tells that one wheel, with the inertia of a box, is a
-wheel, and only their names tell that the casters of PR2 stand on the ground.
+One change of names loses the kind without a word: only its name tells that a wheel with the inertia of a box is a
+wheel.
 """
 
 
