@@ -72,8 +72,7 @@ def stepped(program: VelocityQP, reduced: rnc.ReducedModel, q0: np.ndarray, warm
 
 def driven() -> tuple[float, float]:
     """Processor time of a sample of a driven TIAGo, and its period [s]. The hand has a goal and the base drives."""
-    name, raw, folder, built_in = read_source("tiago", {})
-    run = prepare_drive(name, raw, folder, built_in, {})
+    run = prepare_drive(read_source("tiago", {}), {})
     reach = {"kind": "frame_goal", "frame": "arm_tool_link", "position": [1.0, 0.3, 0.8]}
     forward = {"kind": "base_velocity", "forward": 0.5, "turn": 0.2}
     for sample, message in ((0, reach), *((sample, forward) for sample in range(10, SAMPLES, 10))):

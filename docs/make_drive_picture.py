@@ -32,8 +32,7 @@ COMMANDS = [
 
 def main() -> None:
     """Drive TIAGo by a script and take the picture."""
-    name, raw, folder, built_in = read_source("tiago", OPTIONS)
-    prepared = prepare_drive(name, raw, folder, built_in, OPTIONS)
+    prepared = prepare_drive(read_source("tiago", OPTIONS), OPTIONS)
     queue = CommandQueue(prepared.controls)
     page = DrivePage(prepared, queue, OPTIONS["title"], open_browser=False)
     loop = threading.Thread(target=drive, args=(prepared, queue, None, RealTimeClock(), page))

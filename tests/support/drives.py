@@ -14,8 +14,8 @@ from rnc_pin.applications.drive.run import drive
 def prepared(source, commands=(), frames=(), **options):
     """A driven run of a scenario or a robot; commands are pairs of a sample and a message."""
     given = {key.replace("__", "."): value for key, value in options.items()}
-    name, raw, folder, built_in = read_source(source, given)
-    drive = prepare_drive(name, raw, folder, built_in, given, frames)
+    scenario = read_source(source, given)
+    drive = prepare_drive(scenario, given, frames)
     script(drive, commands)
     return drive
 

@@ -19,15 +19,7 @@ from rnc_pin.applications.drive.moved_obstacles import movable
 from rnc_pin.applications.init import draft
 from rnc_pin.applications.init.output_selection import select_outputs
 from rnc_pin.applications.scenario.builder import Experiment, build_experiment, build_system
-from rnc_pin.applications.scenario.files import (
-    ROBOT_FILES,
-    apply_options,
-    built_in_names,
-    find_scenario,
-    is_built_in,
-    read_yaml,
-    robot_names,
-)
+from rnc_pin.applications.scenario.files import ROBOT_FILES, built_in_names, robot_names
 from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.schema import ScenarioFile
@@ -84,8 +76,8 @@ class PreparedDrive:
     frames: tuple[str, ...]
 
 
-def read_source(source: str, options: Mapping[str, Json]) -> tuple[str, dict[str, Json], Path, bool]:
-    """Return name, mapping, folder and origin (True: built in) of a scenario, or of a draft for a robot.
+def read_source(source: str, options: Mapping[str, Json]) -> Scenario:
+    """Return a scenario, or a draft for a robot, with options.
 
     Raises:
         RncError: neither a scenario nor a robot, or no draft of the robot runs.
@@ -96,26 +88,15 @@ def read_source(source: str, options: Mapping[str, Json]) -> tuple[str, dict[str
         raw = load_yaml(draft(source, Path()))
         if not isinstance(raw, dict):
             raise ConfigurationError(f"{source}: its draft is not a mapping")
-        return Path(source).name.split(".")[0], apply_options(raw, options), Path().resolve(), False
-    path = find_scenario(source).resolve()
-    return path.stem, apply_options(read_yaml(path), options), path.parent, is_built_in(path)
+        return Scenario(Path(source).name.split(".")[0], raw, Path().resolve()).with_options(options)
+    return Scenario.read(source).with_options(options)
 
 
-def prepare_drive(
-    name: str,
-    raw: Mapping[str, Json],
-    folder: Path,
-    built_in: bool,
-    options: Mapping[str, Json],
-    frames: Sequence[str] = (),
-) -> PreparedDrive:
-    """Build a driven run from the mapping of a scenario.
+def prepare_drive(source: Scenario, options: Mapping[str, Json], frames: Sequence[str] = ()) -> PreparedDrive:
+    """Build a driven run from a scenario.
 
     Args:
-        name: name of the scenario.
-        raw: mapping of the scenario, with its options.
-        folder: base of relative paths.
-        built_in: True for a scenario of the package.
+        source: the scenario, with its options.
         options: dotted keys and values that the user gave.
         frames: frames that can have a goal; by default those of the scenario and the ends of the robot's chains.
 
@@ -123,7 +104,8 @@ def prepare_drive(
         ConfigurationError: a velocity program cannot drive the robot.
         RncError: the scenario is invalid.
     """
-    scenario = validate(raw, name)
+    name, folder = source.name, source.folder
+    scenario = validate(source.raw, name)
     if scenario.phases:
         raise ConfigurationError(f"{name}: phases: a driven run has none; remove them")
     if scenario.contacts:
@@ -132,12 +114,8 @@ def prepare_drive(
     chosen = tuple(frames) or _default_frames(scenario, system.robot)
     for frame in chosen:
         system.robot.frame_id(frame)
-    config = _driven_config(raw, scenario, system, chosen, options)
-    scenario = validate(config, name)
-    experiment = build_experiment(scenario, folder)
-    _check_drivable(name, experiment)
-    made = Scenario(name, config, folder, built_in).built_with(content=scenario, experiment=experiment, comparisons={})
-    return _driven(made, chosen)
+    config = _driven_config(source.raw, scenario, system, chosen, options)
+    return _driven(replace(source, raw=config), chosen)
 
 
 def rebuild_drive(name: str, config: Mapping[str, Json], folder: Path, frames: Sequence[str]) -> PreparedDrive:
@@ -146,15 +124,13 @@ def rebuild_drive(name: str, config: Mapping[str, Json], folder: Path, frames: S
     Raises:
         RncError: the configuration is invalid.
     """
-    scenario = validate(config, name)
-    experiment = build_experiment(scenario, folder)
-    _check_drivable(name, experiment)
-    made = Scenario(name, dict(config), folder, name in built_in_names())
-    return _driven(made.built_with(content=scenario, experiment=experiment, comparisons={}), tuple(frames))
+    return _driven(Scenario(name, dict(config), folder, name in built_in_names()), tuple(frames))
 
 
 def _driven(scenario: Scenario, frames: tuple[str, ...]) -> PreparedDrive:
-    experiment = scenario.experiment
+    content = validate(scenario.raw, scenario.name)
+    experiment = build_experiment(content, scenario.folder)
+    _check_drivable(scenario.name, experiment)
     reduced, settings = experiment.reduced, experiment.simulation
     obstacles, motions = movable(experiment.obstacles)
     joints = [name for name in reduced.reducing.names if name in reduced.robot.joint_names]
@@ -171,7 +147,7 @@ def _driven(scenario: Scenario, frames: tuple[str, ...]) -> PreparedDrive:
         obstacles=obstacles,
         provenance=replace(experiment.provenance, controller=describe(tracker)),
     )
-    made = scenario.built_with(experiment=driven)
+    made = scenario.built_with(content=content, experiment=driven, comparisons={})
     return PreparedDrive(made, controls, log, controller, frames)
 
 

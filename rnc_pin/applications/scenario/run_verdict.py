@@ -146,9 +146,7 @@ def _replay(experiment: Experiment, run: Trajectory, asked: float | None) -> Lim
         step=step,
         within=within,
         exact=near,
-        accelerations=[
-            each._replace(until=end) for each in limited_accelerations(experiment.controller)
-        ],  # first phase
+        accelerations=[each._replace(until=end) for each in limited_accelerations(experiment.controller)],
         efforts=reduced.actuation.stated_limits,
     )
 

@@ -21,15 +21,8 @@ from rnc_pin.applications.scenario.builder import (
     build_task,
     start_of,
 )
-from rnc_pin.applications.scenario.controllers import TYPES
-from rnc_pin.applications.scenario.files import (
-    apply_options,
-    built_in_names,
-    find_scenario,
-    is_built_in,
-    read_yaml,
-    with_options,
-)
+from rnc_pin.applications.scenario.controllers import TYPES, owners
+from rnc_pin.applications.scenario.files import apply_options, find_scenario, is_built_in, read_yaml, with_options
 from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.phase_builder import build_phased
 from rnc_pin.applications.scenario.planner_builder import Plans
@@ -107,12 +100,32 @@ class Scenario(SummaryMixin):
         Raises:
             ConfigurationError: the scenario is invalid; the first error with file, key, and what is expected.
         """
+        made = cls.read(scenario).with_options(options or {})
+        _ = made.content
+        return made
+
+    @classmethod
+    def read(cls, scenario: str | PathLike[str]) -> Scenario:
+        """Read a scenario as the file has it: its variants and presets are not applied, and nothing is checked.
+
+        Args:
+            scenario: a built-in name or a file.
+
+        Raises:
+            ConfigurationError: there is no such scenario, or the file cannot be read.
+        """
         said = str(scenario)
         path = find_scenario(said).resolve()
-        raw = apply_options(read_yaml(path), options or {})
-        built_in = is_built_in(path)
-        made = cls(path.stem, raw, path.parent, built_in, said if said in built_in_names() else path.name)
-        return made.built_with(content=validate(raw, made.source))
+        source = said if said == path.stem else path.name
+        return cls(path.stem, read_yaml(path), path.parent, is_built_in(path), source)
+
+    def with_options(self, options: Mapping[str, Json]) -> Scenario:
+        """Return this scenario with other values, its variant and its preset. Nothing is built or checked yet.
+
+        Args:
+            options: dotted keys and values to replace.
+        """
+        return replace(self, raw=apply_options(self.raw, options))
 
     def built_with(
         self,
@@ -145,7 +158,7 @@ class Scenario(SummaryMixin):
     @cached_property
     def content(self) -> ScenarioFile:
         """Checked content of the file."""
-        return validate(self.raw, self.source or self.name)
+        return validate(self.raw, self._label)
 
     @cached_property
     def model(self) -> BuiltModel:
@@ -173,10 +186,10 @@ class Scenario(SummaryMixin):
         for label, changes in self.content.comparisons.items():
             where = f"comparisons.{label}"
             raw = with_options(_without_foreign_gains(self.raw, changes), {"preflight": "warn", **changes})
-            other = validate(raw, f"{self.source or self.name}: {where}")
+            other = validate(raw, f"{self._label}: {where}")
             if slugs.setdefault(slug(label), label) != label:
                 names = f"'{label}' and '{slugs[slug(label)]}'"
-                raise ConfigurationError(f"comparisons: {names} give one file name").within(self.source or self.name)
+                raise ConfigurationError(f"comparisons: {names} give one file name").within(self._label)
             found[label] = self._experiment(other, None, where)
         return found
 
@@ -272,8 +285,12 @@ class Scenario(SummaryMixin):
         try:
             yield
         except RncError as error:
-            said = self.source or self.name
-            raise error.within(f"{said}: {where}" if where else said) from None
+            raise error.within(f"{self._label}: {where}" if where else self._label) from None
+
+    @property
+    def _label(self) -> str:
+        """Name of the scenario in errors."""
+        return self.source or self.name
 
     # ------------------------------------------------------------------ runs
 
@@ -381,8 +398,8 @@ def _without_foreign_gains(raw: Mapping[str, Json], changes: Mapping[str, Json])
     controller, kind = raw.get("controller"), changes.get("controller.type")
     if not isinstance(controller, Mapping) or not isinstance(kind, str) or kind not in TYPES:
         return raw
-    own, others = TYPES[kind].model_fields, {key for each in TYPES.values() for key in each.model_fields}
-    return {**raw, "controller": {key: value for key, value in controller.items() if key in own or key not in others}}
+    read = {key: value for key, value in controller.items() if not (types := owners(key)) or kind in types}
+    return {**raw, "controller": read}
 
 
 def slug(label: str) -> str:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Hashable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from rnc_pin.applications.scenario.execution import Result, execute
-from rnc_pin.applications.scenario.files import apply_options, find_scenario, is_built_in, read_yaml
 from rnc_pin.applications.scenario.run_verdict import judged_summary
 from rnc_pin.applications.scenario.scenario import BuiltModel, Scenario
 from rnc_pin.applications.sweep.seeded_draws import Draw, SeededDraws
@@ -59,11 +59,8 @@ class ScenarioRuns:
         seed: int,
         trajectories: str | None = None,
     ) -> None:
-        path = find_scenario(scenario).resolve()
-        self._folder, self._name, self._built_in = path.parent, path.stem, is_built_in(path)
-        self._source = path.name if scenario != path.stem else scenario
+        self._file = replace(Scenario.read(scenario), show_warnings=False)
         self._options, self._draws, self._seed, self._trajectories = dict(options), draws, seed, trajectories
-        self._raw = read_yaml(path)
         self._models: dict[str, BuiltModel] = {}
 
     def __getstate__(self) -> dict[str, Any]:
@@ -95,7 +92,8 @@ class ScenarioRuns:
     def options_of(self, run: int, drawn: Draw) -> dict[str, Json]:
         """Options of a run with drawn values, which ``rnc-pin run`` takes too."""
         options: dict[str, Json] = {**with_options_of_sweeps(self._options), "seed": self._seed, **drawn}
-        if "seed" not in drawn and ("faults" in self._raw or any(key.split(".")[0] == "faults" for key in options)):
+        parts = {*self._file.raw, *(key.partition(".")[0] for key in options)}
+        if "seed" not in drawn and "faults" in parts:
             options["seed"] = int(np.random.SeedSequence([self._seed, run]).generate_state(1)[0])
         return options
 
@@ -140,11 +138,9 @@ class ScenarioRuns:
 
     def _scenario(self, options: Mapping[str, Json]) -> Scenario:
         """Build the objects of a run. Runs of this process with the same system and outputs share their model."""
-        raw = apply_options(self._raw, options)
-        made = Scenario(self._name, raw, self._folder, self._built_in, self._source, show_warnings=False)
+        made = self._file.with_options(options)
         model = None if made.content.phases else self._model(made)
-        made = made.built_with(content=made.content, model=model, comparisons={})
-        return made.build()
+        return made.built_with(model=model, comparisons={}).build()
 
     def _model(self, scenario: Scenario) -> BuiltModel:
         key = json.dumps([scenario.raw.get(each) for each in _STRUCTURE], default=repr)

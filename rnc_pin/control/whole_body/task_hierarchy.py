@@ -197,7 +197,7 @@ class _FreeDirections(NamedTuple):
     """Unknowns ``kept + Z z`` that higher levels leave free."""
 
     kept: Array
-    """What higher levels determine (n,)."""
+    """Solution of the higher levels (n,)."""
     Z: Array | None
     """Null space of the higher levels, (n, k); None for all directions."""
 

@@ -53,9 +53,8 @@ def drive_robot(
         prepared = _rebuilt(record, replayed)
     else:
         given = parse_options(options)
-        name, raw, folder, built_in = read_source(str(source), given)
-        raw = {**raw, **accept_option(raw, {}, accept)}
-        prepared = prepare_drive(name, raw, folder, built_in, given, frames)
+        scenario = read_source(str(source), given)
+        prepared = prepare_drive(scenario.with_options(accept_option(scenario.raw, {}, accept)), given, frames)
     for warning in prepared.scenario.experiment.warnings:
         warn(warning)
     names = [*data_names(), _COMMANDS, *picture_names(prepared.scenario)]

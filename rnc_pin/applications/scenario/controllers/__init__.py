@@ -24,7 +24,7 @@ from rnc_pin.applications.scenario.controllers.whole_body import InverseDynamics
 from rnc_pin.applications.scenario.schema.base import wrong
 from rnc_pin.errors import nearest
 
-__all__ = ["TYPES", "BuiltController", "ControllerContext", "ControllerItem"]
+__all__ = ["TYPES", "BuiltController", "ControllerContext", "ControllerItem", "owners"]
 
 _AnyType = (
     RedundancySettings
@@ -46,6 +46,11 @@ TYPES: dict[str, type[ControllerSettings]] = {
 """Name of each type to its settings class."""
 
 
+def owners(key: str) -> list[str]:
+    """Types of controllers that read a setting."""
+    return [name for name, each in TYPES.items() if key in each.model_fields]
+
+
 def _check_keys(raw: object) -> object:
     """Refuse settings that belong to another type.
 
@@ -57,8 +62,8 @@ def _check_keys(raw: object) -> object:
         return raw
     kept = {}
     for key, value in raw.items():
-        others = [name for name, each in TYPES.items() if key in each.model_fields]
-        if key in own.model_fields or not others:
+        others = owners(key)
+        if kind in others or not others:
             kept[key] = value
         elif value is not None:
             whose, hint = ", ".join(others), nearest(key, own.model_fields)
