@@ -8,10 +8,13 @@ from rnc_pin.verdict import Verdict as Verdict
 
 from .distance_findings import SHORTFALL as SHORTFALL
 from .distance_findings import distance_findings as distance_findings
+from .export import export_run as export_run
 from .free_motion import free_motion as free_motion
 from .friction_demand import FrictionDemand as FrictionDemand
 from .friction_demand import grip_along as grip_along
 from .friction_demand import within_grip as within_grip
+from .ground_paths import compared_paths as compared_paths
+from .ground_paths import ground_paths as ground_paths
 from .judgement import judge as judge
 from .limit_replay import Clearance as Clearance
 from .limit_replay import LimitReplay as LimitReplay
@@ -30,6 +33,7 @@ from .rollout import Margin as Margin
 from .rollout import Rollout as Rollout
 from .rollout import RolloutEvaluation as RolloutEvaluation
 from .rollout import kinematic_rollout as kinematic_rollout
+from .run_figure import run_name as run_name
 from .run_info import Columns as Columns
 from .run_info import FallbackUse as FallbackUse
 from .run_info import MissedUpdates as MissedUpdates
@@ -40,6 +44,7 @@ from .run_info import PlannedPath as PlannedPath
 from .run_info import Provenance as Provenance
 from .run_info import RunInfo as RunInfo
 from .run_info import TaskNames as TaskNames
+from .run_panels import PLOTTED_QUANTITIES as PLOTTED_QUANTITIES
 from .simulate import sample_count as sample_count
 from .simulate import simulate as simulate
 from .simulation_options import Observer as Observer

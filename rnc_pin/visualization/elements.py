@@ -26,7 +26,7 @@ BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (
     *(0x000000, 0xE69F00, 0x56B4E9, 0x009E73),
     *(0xF0E442, 0x0072B2, 0xD55E00, 0xCC79A7),
 )
-GREY = 0x7A8794
+GREY, PLANNED = 0x7A8794, 0x8A8A8A
 
 
 class LayerEntry(NamedTuple):
@@ -36,7 +36,7 @@ class LayerEntry(NamedTuple):
     layer: str
     color: int
     sign: str = "line"
-    """"line", "dashed", "arrow" or "dot"."""
+    """"line", "dashed", "dotted", "arrow" or "dot"."""
 
 
 @dataclass(eq=False)
@@ -74,7 +74,7 @@ class FixedPath(Element):
     width: float
 
     def build(self, scene: MeshcatScene) -> None:
-        scene.path(self.node, self.points, self.entry.color, self.width, self.entry.sign == "dashed")
+        scene.path(self.node, self.points, self.entry.color, self.width, self.entry.sign)
 
     def update(self, scene: MeshcatScene, state: DrawnState) -> None:
         pass
@@ -103,7 +103,7 @@ class Trail(Element):
         if len(self._points) <= self.piece:
             return
         node = f"{self.node}/{self._count:03d}"
-        scene.path(node, np.stack(self._points), self.entry.color, self.width, self.entry.sign == "dashed")
+        scene.path(node, np.stack(self._points), self.entry.color, self.width, self.entry.sign)
         scene.appear(node)
         self._points, self._count = self._points[-1:], self._count + 1
 

@@ -186,7 +186,7 @@ class RunScene:
             return []
         heights = np.array(plan.heights) if plan.heights else np.full(len(plan.poses), self._floor)
         points = np.column_stack([np.array(plan.poses)[:, :2], heights])
-        return [e.FixedPath(e.LayerEntry("planned path", "plan", e.BLACK, "dashed"), plan.frame, points, self._width)]
+        return [e.FixedPath(e.LayerEntry("planned path", "plan", e.PLANNED, "dotted"), plan.frame, points, self._width)]
 
     @property
     def _floor(self) -> float:

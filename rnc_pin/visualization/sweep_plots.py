@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from rnc_pin.visualization.plot_style import COLORS, PrintFigure, escape_dollars, styled
+from rnc_pin.figures.style import COLORS, PrintFigure, escape, styled
 
 _TICKS = 5
 _COLUMNS, _SIZE = 3, (3.4, 2.2)  # panels side by side, and the size of one [inches]
@@ -40,7 +40,7 @@ def plot_distributions(panels: Sequence[Histogram], title: str) -> Figure:
     labels = list(dict.fromkeys(label for panel in panels for label in panel.counts))
     several = len(labels) > 1
     figure = PrintFigure((columns * _SIZE[0], rows * _SIZE[1] + (0.9 if several else 0.5)))
-    figure.suptitle(escape_dollars(title), fontweight="bold")
+    figure.suptitle(escape(title), fontweight="bold")
     colors = dict(zip(labels, itertools.cycle(COLORS), strict=False))
     for number, panel in enumerate(panels):
         axes = figure.add_subplot(rows, columns, number + 1)
@@ -55,7 +55,7 @@ def plot_distributions(panels: Sequence[Histogram], title: str) -> Figure:
         else:  # labels of small differences would overlap
             axes.locator_params(axis="x", nbins=_TICKS)
             axes.ticklabel_format(axis="x", scilimits=(-3, 4))
-        axes.set_xlabel(escape_dollars(panel.name), fontsize=8 if len(panel.name) > 30 else None)
+        axes.set_xlabel(escape(panel.name), fontsize=8 if len(panel.name) > 30 else None)
         if panel.shares:
             axes.set_ylabel("share of runs [%]")
         else:

@@ -21,12 +21,12 @@ from rnc_pin.applications.scenario import animation_file, plot_files
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import nearest
+from rnc_pin.simulation import run_figure
 from rnc_pin.visualization.camera import Follower
 from rnc_pin.visualization.drawn_state import DrawnState
 from rnc_pin.visualization.live import LiveView
 from rnc_pin.visualization.meshcat_robot import drawn_scale, drawn_triangles
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
-from rnc_pin.visualization.plots import plot_outputs, plot_run
 from rnc_pin.visualization.recording import Recording
 from rnc_pin.visualization.view import View
 
@@ -267,7 +267,7 @@ def test_what_fails_in_drawing_costs_the_drawing_alone(tmp_path, monkeypatch, ca
 
     # With one processor, what is printed is read in one process.
     monkeypatch.setattr("rnc_pin.applications.command_line.commands.run.processor_count", lambda: 1)
-    monkeypatch.setattr(plot_files, "plot_run", fail)
+    monkeypatch.setattr(run_figure, "plot_run", fail)
     monkeypatch.setattr(animation_file, "Recording", fail)
     status, out, err = called(monkeypatch, capfd, *RUN, tmp_path / "out")
     assert status == 0
@@ -417,7 +417,7 @@ def test_lines_of_many_joints_look_different_and_have_room_beside_their_legends(
     reference = rnc.planning.MinimumJerk(np.zeros(20), np.linspace(-0.4, 0.5, 20), 0.3)
     controller = rnc.control.ComputedTorque(reduced, rnc.control.ReducingOutputController(reduced, reference))
     run = rnc.simulate(reduced, controller, robot.configuration(), duration=0.4, dt=0.01)
-    for figure in (plot_outputs(run, list(run.info.outputs.x2.names)), plot_run(run)):
+    for figure in (run.plot(["outputs"]), run.plot()):
         figure.draw_without_rendering()
         whole = figure.get_window_extent()
         for axes in figure.axes:

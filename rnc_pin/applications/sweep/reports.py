@@ -56,7 +56,8 @@ def failure_lines(results: SweepResults, row: Row) -> Iterator[str]:
 
 def write_distributions(results: SweepResults, path: Path) -> None:
     """Draw the distributions of results, and the share of each finding over drawn values."""
-    from rnc_pin.visualization import plot_distributions, save
+    from rnc_pin.figures import save
+    from rnc_pin.visualization import plot_distributions
 
     names = [name for name in results.columns if name.startswith("final_error.")]
     names += [name for name in _DRAWN_RESULTS if name in results.columns]
