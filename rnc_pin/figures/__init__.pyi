@@ -6,7 +6,7 @@ from .panel import Labels as Labels
 from .panel import Panel as Panel
 from .panel import Series as Series
 from .panel import readable_name as readable_name
-from .panel_figure import View as View
+from .panel_figure import PlaneView as PlaneView
 from .panel_figure import panel_figure as panel_figure
 from .sheet import Sheet as Sheet
 from .sheet import Size as Size

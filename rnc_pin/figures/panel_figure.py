@@ -18,7 +18,7 @@ from rnc_pin.figures.panel import MAX_LINES, Labels, Panel, Series
 from rnc_pin.figures.sheet import LABEL_ROOM, Grid, Sheet
 
 
-class View(NamedTuple):
+class PlaneView(NamedTuple):
     """Picture that is no function of time.
 
     Attributes:
@@ -44,7 +44,7 @@ def panel_figure(
     labels: Labels | None = None,
     name: str = "",
     compared: Mapping[str, np.ndarray] | None = None,
-    view: View | None = None,
+    view: PlaneView | None = None,
 ) -> Figure:
     """Draw panels over time: actual solid, desired dotted, compared runs dashed.
 

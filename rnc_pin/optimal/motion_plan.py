@@ -369,7 +369,7 @@ def _panels(plan: MotionPlan, outputs: Sequence[str], times: Array) -> list[Pane
 
 
 def _axis(quantity: str, unit: str, integral: bool) -> tuple[str, str]:
-    """What the axis of an output or of its rate shows, and the unit."""
+    """Quantity and unit of the axis of an output or of its rate."""
     if quantity == "velocity":
         return _RATES.get(unit, "rate"), f"{'1' if unit == '-' else unit}/s"
     words = {"m": "distance", "rad": "turned angle"} if integral else {"m": "position", "rad": "angle"}

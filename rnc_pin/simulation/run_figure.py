@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from rnc_pin.errors import InputError
 from rnc_pin.figures.ground_path import draw_paths
 from rnc_pin.figures.panel import Labels
-from rnc_pin.figures.panel_figure import View, panel_figure
+from rnc_pin.figures.panel_figure import PlaneView, panel_figure
 from rnc_pin.figures.sheet import Sheet, Size
 from rnc_pin.figures.style import LegendEntry
 from rnc_pin.simulation.ground_paths import compared_paths
@@ -38,7 +38,7 @@ def plot_run(
     def draw(axes: Axes) -> Sequence[LegendEntry]:
         return draw_paths(axes, paths, texts, own)
 
-    drawn = View(draw, paths.aspect()) if paths.own else None
+    drawn = PlaneView(draw, paths.aspect()) if paths.own else None
     chosen = None
     if outputs is not None:
         given = [outputs] if isinstance(outputs, str) else list(outputs)

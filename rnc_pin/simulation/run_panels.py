@@ -27,7 +27,7 @@ _Key = TypeVar("_Key")
 
 
 class _Axis(NamedTuple):
-    """What an axis shows, and its unit."""
+    """Quantity and unit of an axis."""
 
     quantity: str
     unit: str

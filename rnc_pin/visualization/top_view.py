@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from rnc_pin.collision import Obstacle
 from rnc_pin.errors import InputError
-from rnc_pin.figures import Labels, Sheet, Size, View, draw_paths, panel_figure
+from rnc_pin.figures import Labels, PlaneView, Sheet, Size, draw_paths, panel_figure
 from rnc_pin.figures import style as st
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import Trajectory, compared_paths, run_name
@@ -59,7 +59,7 @@ def plot_top_view(
     outlines = [outline(each, t) for each in obstacles if not each.unbounded for t in trajectory.time[[0, -1]].tolist()]
     if robot is not None:
         outlines += [each for q in trajectory.q[[0, -1]] for each in footprints(robot, q)]
-    view = View(draw, paths.aspect(outlines))
+    view = PlaneView(draw, paths.aspect(outlines))
     return panel_figure((), trajectory.time, Sheet.of(size), title=title, labels=texts, view=view)
 
 

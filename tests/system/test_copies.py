@@ -33,6 +33,7 @@ from rnc_pin.visualization.drawn_model import DrawnModel
 
 MOST_STATEMENTS = 10
 INTERNAL = (
+    "rnc_pin.figures",
     *(f"rnc_pin.applications.{room}" for room in ("command_line", "init", "scenario")),
     *(f"rnc_pin.{room}" for room in ("io", "math", "model", "robots", "visualization")),
 )
