@@ -18,7 +18,7 @@ _MARKS = 12  # heading marks along a path: eleven equal parts, so that marks of 
 _TURN_LENGTH = 0.15  # distance between marks that is equivalent to a rotation of 1 rad, over the extent of the path
 MIN_HALF_SIZE = 0.05  # smallest half width and half height of the picture [m]
 _PALE_WIDTH = 4.5  # width of the path of a compared run [points]
-_PLAN = "#8a8a8a"  # colour of the planned path, as in the browser
+_PLAN = "#8a8a8a"  # colour of the planned path
 _POINTER = Path([(1.2, 0.0), (-0.8, 0.62), (-0.45, 0.0), (-0.8, -0.62), (1.2, 0.0)], closed=True)
 
 

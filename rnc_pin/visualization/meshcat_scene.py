@@ -12,7 +12,7 @@ from rnc_pin.visualization.browser.scene_window import SceneWindow
 from rnc_pin.visualization.camera import FIELD_OF_VIEW
 from rnc_pin.visualization.meshcat_library import meshcat, mg
 
-_DASHES = {"dashed": (6.0, 3.2), "dotted": (2.6, 0.7)}  # period of a line and its drawn part, over its width
+_DASHES = {"dashed": (6.0, 3.2), "dotted": (3.0, 0.8)}  # period of a line and its drawn part, over its width
 _MAX_DOTS = 2000
 
 _SAME_VALUE = 1e-7

@@ -186,7 +186,7 @@ class RunScene:
             return []
         heights = np.array(plan.heights) if plan.heights else np.full(len(plan.poses), self._floor)
         points = np.column_stack([np.array(plan.poses)[:, :2], heights])
-        return [e.FixedPath(e.LayerEntry("planned path", "plan", e.PLANNED, "dotted"), plan.frame, points, self._width)]
+        return [e.FixedPath(e.LayerEntry("planned path", "plan", e.BLACK, "dashed"), plan.frame, points, self._width)]
 
     @property
     def _floor(self) -> float:
@@ -219,7 +219,7 @@ class RunScene:
     def _references(self, first: DrawnState) -> list[e.Element]:
         found: list[e.Element] = []
         run = self.shown.trajectory
-        line = e.LayerEntry("reference", "reference", e.BLACK, "dashed")
+        line = e.LayerEntry("reference", "reference", e.BLACK, "dotted")
         goal = e.LayerEntry("goal", "goal", e.BLACK, "dot")
         for frame, columns in self.tracked.items():
             pose = self._desired(frame, columns)

@@ -21,7 +21,6 @@ from rnc_pin.applications.scenario import animation_file, plot_files
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import nearest
-from rnc_pin.simulation import run_figure
 from rnc_pin.visualization.camera import Follower
 from rnc_pin.visualization.drawn_state import DrawnState
 from rnc_pin.visualization.live import LiveView
@@ -267,7 +266,7 @@ def test_what_fails_in_drawing_costs_the_drawing_alone(tmp_path, monkeypatch, ca
 
     # With one processor, what is printed is read in one process.
     monkeypatch.setattr("rnc_pin.applications.command_line.commands.run.processor_count", lambda: 1)
-    monkeypatch.setattr(run_figure, "plot_run", fail)
+    monkeypatch.setattr(plot_files, "_overview", fail)
     monkeypatch.setattr(animation_file, "Recording", fail)
     status, out, err = called(monkeypatch, capfd, *RUN, tmp_path / "out")
     assert status == 0
