@@ -14,6 +14,7 @@ from .friction_demand import grip_along as grip_along
 from .friction_demand import within_grip as within_grip
 from .judgement import judge as judge
 from .limit_replay import Clearance as Clearance
+from .limit_replay import FurtherLimits as FurtherLimits
 from .limit_replay import LimitReplay as LimitReplay
 from .limit_replay import LimitUse as LimitUse
 from .limit_replay import obstacles_passed as obstacles_passed

@@ -12,7 +12,7 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import LimitedAcceleration
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
-from rnc_pin.simulation.limit_replay import ROUNDING, LimitReplay, LimitUse, replay_limits
+from rnc_pin.simulation.limit_replay import ROUNDING, FurtherLimits, LimitReplay, LimitUse, replay_limits
 from rnc_pin.simulation.run_info import Outcome
 from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.verdict import Finding, FindingKind, Severity, Verdict
@@ -224,14 +224,13 @@ def judged_by(run: Trajectory, reduced: ReducedModel, accelerations: Sequence[Li
     Args:
         run: the run.
         reduced: its model, with the limits of the robot's file and of actuators.
-        accelerations: limits of accelerations, as for ``replay_limits``.
+        accelerations: limits of accelerations, as of ``FurtherLimits``.
     """
-    return run.judged_later(partial(_judged, reduced.robot, accelerations, reduced.actuation.stated_limits))
+    further = FurtherLimits(accelerations, reduced.actuation.stated_limits)
+    return run.judged_later(partial(_judged, reduced.robot, further))
 
 
-def _judged(
-    robot: Robot, accelerations: Sequence[LimitedAcceleration], efforts: Mapping[str, float], run: Trajectory
-) -> Verdict:
+def _judged(robot: Robot, further: FurtherLimits, run: Trajectory) -> Verdict:
     if not len(run.time):
         return judge(run)
-    return judge(run, replay_limits(robot, run, exact=0.0, accelerations=accelerations, efforts=efforts))
+    return judge(run, replay_limits(robot, run, exact=0.0, further=further))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy import ndarray as Array
@@ -14,53 +14,14 @@ from rnc_pin.errors import ConfigurationError, InputError, RncError
 from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.plants import Plant, ReducedPlant
+from rnc_pin.plants import Plant
 from rnc_pin.simulation.ending import Progress, complete_run, outcome_of
 from rnc_pin.simulation.lock_step import LockStep
 from rnc_pin.simulation.run_info import Outcome
-from rnc_pin.simulation.sampled_run import SampledRun
+from rnc_pin.simulation.sampled_run import RunArguments, SampledRun
 from rnc_pin.simulation.simulation_options import SimulationOptions
 from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.simulation.trajectory_batch import RunResult
-
-
-class RunArguments(NamedTuple):
-    """Arguments of one run, as for ``simulate``, with a number of samples instead of a duration."""
-
-    reduced: ReducedModel
-    controller: Controller
-    q0: Array
-    dt: float
-    samples: int
-    v2_0: Array | None
-    plant: Plant | None
-    options: SimulationOptions
-
-    def started(self, capacity: int) -> SampledRun:
-        """Return the run before its first sample."""
-        reduced, controller, q0, dt, _, v2_0, plant, options = self
-        return SampledRun(reduced, controller, q0, dt, capacity, v2_0=v2_0, plant=plant, options=options)
-
-    @property
-    def lock_step_key(self) -> Hashable | None:
-        """Key that runs have in common if they can advance together; None for a run that has to be alone."""
-        reduced, plant, options, substeps, limits = self.reduced, self.plant, self.options, 1, False
-        if not isinstance(reduced, ReducedModel) or not isinstance(options, SimulationOptions):
-            return None  # refused at its start
-        if plant is not None:
-            if type(plant) is not ReducedPlant or plant.reduced is not reduced or plant.dissipates:
-                return None
-            substeps, limits = plant.substeps, plant.actuator_limits
-        data = reduced.reduction_data
-        if options.observer is not None or options.loop or options.stop.lift_off:
-            return None
-        if not reduced.evaluator.measures or data.rheonomic or data.affine:
-            return None
-        return id(reduced), type(self.controller), self.samples, self.dt, substeps, limits, options.stop
-
-    def on_own_plant(self) -> RunArguments:
-        """Return these arguments with a new ``ReducedPlant`` of equal options, for a run with a ``lock_step_key``."""
-        return self._replace(plant=self.plant.twin()) if isinstance(self.plant, ReducedPlant) else self
 
 
 def is_batch(controller: object, q0: object, v2_0: object, plant: object, options: object) -> bool:
@@ -154,7 +115,7 @@ def simulate_many(runs: Sequence[RunArguments], raises: tuple[type[RncError], ..
         for number in numbers:
             run = runs[number].on_own_plant() if together else runs[number]
             try:
-                started[number] = run.started(1 if together else run.samples)
+                started[number] = SampledRun(run, capacity=1 if together else None)
             except RncError as error:
                 if isinstance(error, raises):
                     raise error.within(f"run {number}") from None

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,12 +33,47 @@ _ASSEMBLED = 1e-4  # largest residual of holonomic rows that counts as rounding 
 _METHODS = ("reset", "read", "apply", "advance")
 
 
+class RunArguments(NamedTuple):
+    """Arguments of one run, as for ``simulate``, with a number of samples instead of a duration."""
+
+    reduced: ReducedModel
+    controller: Controller
+    q0: np.ndarray
+    dt: float
+    samples: int
+    """Number of samples, or the expected one if the caller ends the run."""
+    v2_0: np.ndarray | None = None
+    plant: Plant | None = None
+    options: SimulationOptions = DEFAULT_OPTIONS
+
+    @property
+    def lock_step_key(self) -> Hashable | None:
+        """Key that runs have in common if they can advance together; None for a run that has to be alone."""
+        reduced, plant, options, substeps, limits = self.reduced, self.plant, self.options, 1, False
+        if not isinstance(reduced, ReducedModel) or not isinstance(options, SimulationOptions):
+            return None  # refused at its start
+        if plant is not None:
+            if type(plant) is not ReducedPlant or plant.reduced is not reduced or plant.dissipates:
+                return None
+            substeps, limits = plant.substeps, plant.actuator_limits
+        data = reduced.reduction_data
+        if options.observer is not None or options.loop or options.stop.lift_off:
+            return None
+        if not reduced.evaluator.measures or data.rheonomic or data.affine:
+            return None
+        return id(reduced), type(self.controller), self.samples, self.dt, substeps, limits, options.stop
+
+    def on_own_plant(self) -> RunArguments:
+        """Return these arguments with a new ``ReducedPlant`` of equal options, for a run with a ``lock_step_key``."""
+        return self._replace(plant=self.plant.twin()) if isinstance(self.plant, ReducedPlant) else self
+
+
 class SampledRun:
     """Run whose samples somebody else calls: a loop over a duration, or one that follows a clock.
 
     Args:
-        reduced, controller, q0, dt, v2_0, plant, options: as for ``simulate``.
-        capacity: expected number of samples; the record grows beyond it.
+        arguments: arguments of the run.
+        capacity: initial size of the record, which grows; the number of samples by default.
         start: time of the first sample in messages and in the record [s]; the time of the controller starts at zero.
 
     Attributes:
@@ -51,19 +87,8 @@ class SampledRun:
         RncError: as ``simulate``.
     """
 
-    def __init__(
-        self,
-        reduced: ReducedModel,
-        controller: Controller,
-        q0: np.ndarray,
-        dt: float,
-        capacity: int,
-        *,
-        v2_0: np.ndarray | None = None,
-        plant: Plant | None = None,
-        options: SimulationOptions = DEFAULT_OPTIONS,
-        start: float = 0.0,
-    ) -> None:
+    def __init__(self, arguments: RunArguments, capacity: int | None = None, start: float = 0.0) -> None:
+        reduced, controller, q0, dt, samples, v2_0, plant, options = arguments
         _check_arguments(reduced, controller, plant, options)
         self.controller = controller
         self._provenance, self._observer = provenance_of(options.meta), options.observer
@@ -82,7 +107,7 @@ class SampledRun:
         if state is None:
             state = controller.initial_state(adapter.read_state(0.0).measure(zeros))
         self.loop.resume(LoopState(begin=0.0, controller=state))
-        self.record = Record(reduced, capacity, integrated_outputs(reduced), adapter.friction_names)
+        self.record = Record(reduced, capacity or samples, integrated_outputs(reduced), adapter.friction_names)
         self.record.start = start
 
     @property
@@ -138,8 +163,8 @@ class SampledRun:
         measurement, command = _last_decision(self.loop, state)
         self.record.moves(adapter.model, adapter.external)
         outputs = (measurement.x1, measurement.x2) if measurement.q is state.q else None  # not of a sensor's state
-        sensed = adapter.v_measured, adapter.friction_used
-        self.record.add(t, state, integrals, command, T, adapter.work, *sensed, outputs)
+        sensed = {"v_measured": adapter.v_measured, "friction_used": adapter.friction_used}
+        self.record.add(t, state, integrals, command, T, adapter.work, outputs, **sensed)
         return measurement, command
 
     def continue_from(self, samples: int, checkpoint: Checkpoint, state: LoopState) -> None:

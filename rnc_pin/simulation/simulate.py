@@ -12,7 +12,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants import Plant
 from rnc_pin.simulation.ending import complete_run
 from rnc_pin.simulation.many_runs import is_batch, runs_of_batch, simulate_many
-from rnc_pin.simulation.sampled_run import SampledRun
+from rnc_pin.simulation.sampled_run import RunArguments, SampledRun
 from rnc_pin.simulation.simulation_options import DEFAULT_OPTIONS, SimulationOptions
 from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.simulation.trajectory_batch import TrajectoryBatch
@@ -100,5 +100,5 @@ def simulate(
         runs = runs_of_batch(reduced, controller, q0, dt, samples, v2_0, plant, options)
         batch: Any = TrajectoryBatch(simulate_many(runs, (InputError, ConfigurationError)))
         return batch
-    run = SampledRun(reduced, controller, q0, dt, samples, v2_0=v2_0, plant=plant, options=options)
+    run = SampledRun(RunArguments(reduced, controller, q0, dt, samples, v2_0, plant, options))
     return complete_run(lambda progress: run.run_to(samples, progress), run.finish)

@@ -16,6 +16,7 @@ from rnc_pin.control.whole_body.limits import CollisionAvoidance
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.simulation import (
     SHORTFALL,
+    FurtherLimits,
     LimitReplay,
     Outcome,
     Summary,
@@ -146,8 +147,10 @@ def _replay(experiment: Experiment, run: Trajectory, asked: float | None) -> Lim
         step=step,
         within=within,
         exact=near,
-        accelerations=[each._replace(until=end) for each in limited_accelerations(experiment.controller)],
-        efforts=reduced.actuation.stated_limits,
+        further=FurtherLimits(
+            [each._replace(until=end) for each in limited_accelerations(experiment.controller)],
+            reduced.actuation.stated_limits,
+        ),
     )
 
 
