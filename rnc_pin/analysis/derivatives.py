@@ -103,7 +103,9 @@ def _read_only(found: StateDerivatives) -> StateDerivatives:
     return found
 
 
-def _compiled(reduced: ReducedModel, q: object, v2: object, T: object, t: ArrayInput | None) -> StateDerivatives | None:
+def _compiled(
+    reduced: ReducedModel, q: ArrayInput, v2: ArrayInput, T: ArrayInput, t: ArrayInput | None
+) -> StateDerivatives | None:
     """Derivatives from one call of the evaluator, of one state or a stack of states; None if it has none."""
     found = reduced.evaluator.state_derivatives(q, v2, T, t)
     if found is None:

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 from math import isnan
-from typing import Any
+from typing import overload
 
 import numpy as np
 import pinocchio as pin
@@ -145,7 +145,15 @@ def angle_difference(desired: np.ndarray, actual: np.ndarray, angular: np.ndarra
     return difference
 
 
-def wrapped(angle: Any) -> Any:
+@overload
+def wrapped(angle: float) -> float: ...
+
+
+@overload
+def wrapped(angle: np.ndarray) -> np.ndarray: ...
+
+
+def wrapped(angle: float | np.ndarray) -> float | np.ndarray:
     """Angle, or array of angles, wrapped to (-pi, pi]."""
     return np.pi - np.mod(np.pi - angle, 2 * np.pi)
 

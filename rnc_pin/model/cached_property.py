@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Generic, TypeVar, overload
+from typing import Generic, TypeVar, overload
 
 import numpy as np
 
@@ -16,7 +16,7 @@ class cached_property(Generic[_Value]):
     Arrays become read-only: writing to one raises an error and cannot change the owner.
     """
 
-    def __init__(self, compute: Callable[[Any], _Value]) -> None:
+    def __init__(self, compute: Callable[..., _Value]) -> None:
         self._compute, self._name = compute, compute.__name__
         self.__doc__ = compute.__doc__
 

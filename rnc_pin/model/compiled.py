@@ -64,7 +64,7 @@ class CompiledEvaluator(NumPyEvaluator):
             kinematics = known.kinematics
             if known.kernel.data.has_rows_of(kernel.data):
                 return CompiledArraysAtQ(kernel, at.q, position, kinematics, known.inverse)
-        external = concatenated(kernel.external, lambda block: block.jacobian(position), -2)
+        external = concatenated(kernel.external, position, lambda block, now: block.jacobian(now), -2)
         batch = at.q.shape[:-1]
         record = empty_records(batch, kernel.kinematics) if kinematics is None else kinematics
         inverse = empty_records(batch, kernel.inverse)
@@ -154,7 +154,7 @@ class CompiledEvaluator(NumPyEvaluator):
         return found if timed and self._calls.chart_rate(q, x, T, damping, found) else None
 
     def state_derivatives(
-        self, q: object, v2: object, T: object, t: Component | None = None
+        self, q: ArrayInput, v2: ArrayInput, T: ArrayInput, t: ArrayInput | None = None
     ) -> Mapping[str, Array] | None:
         kernel = self.kernel
         if not self.data.kinematics.axes_are_constant or not kernel.set_time(t):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import wraps
-from typing import Any, Protocol, TypeVar, cast
+from typing import Protocol, TypeVar, cast
 
 from numpy import ndarray as Array
 
@@ -20,7 +20,7 @@ from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.result_types import ReducedTerms
 
 _Value = TypeVar("_Value")
-_Method = TypeVar("_Method", bound=Callable[..., Any])
+_Method = TypeVar("_Method", bound=Callable[..., object])
 
 
 class Configurations(Protocol):
@@ -102,11 +102,11 @@ class Evaluator(Protocol):
 class _Filled(cached_property[_Value]):
     """Quantity of an evaluation: the array that an evaluator has filled by this name, or else a formula."""
 
-    def __init__(self, formula: Callable[[Any], _Value], arrays: str) -> None:
+    def __init__(self, formula: Callable[..., _Value], arrays: str) -> None:
         super().__init__(formula)
         self._arrays = arrays
 
-    def __get__(self, owner: object | None, kind: type) -> Any:
+    def __get__(self, owner: object | None, kind: type) -> object:  # type: ignore[override]  # as the base class
         if owner is None:
             return self
         value = getattr(getattr(owner, self._arrays), self._name, None)
@@ -118,17 +118,17 @@ class _Filled(cached_property[_Value]):
         return value
 
 
-def filled_for_q(formula: Callable[[Any], _Value]) -> cached_property[_Value]:
+def filled_for_q(formula: Callable[..., _Value]) -> cached_property[_Value]:
     """Mark a quantity that depends on q."""
     return _Filled(formula, "arrays_at_q")
 
 
-def filled_for_v(formula: Callable[[Any], _Value]) -> cached_property[_Value]:
+def filled_for_v(formula: Callable[..., _Value]) -> cached_property[_Value]:
     """Mark a quantity that depends on q and v."""
     return _Filled(formula, "arrays_at_v")
 
 
-def filled_by_terms(formula: Callable[[Any], _Value]) -> cached_property[_Value]:
+def filled_by_terms(formula: Callable[..., _Value]) -> cached_property[_Value]:
     """Mark a quantity that ``fused_terms`` returns."""
     return _Filled(formula, "fused_terms")
 

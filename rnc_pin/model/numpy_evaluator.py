@@ -154,7 +154,7 @@ class NumPyEvaluator:
         return None
 
     def state_derivatives(
-        self, q: object, v2: object, T: object, t: Component | None = None
+        self, q: ArrayInput, v2: ArrayInput, T: ArrayInput, t: ArrayInput | None = None
     ) -> Mapping[str, Array] | None:
         """Derivatives by name, as read-only views; None if ``analysis.derivatives`` has to evaluate them."""
         return None

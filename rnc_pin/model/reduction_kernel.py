@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy import ndarray as Array
@@ -104,11 +103,11 @@ class ReductionKernel:
         return True
 
 
-def _record(fields: Mapping[str, tuple[int, ...]]) -> np.dtype[Any]:
+def _record(fields: Mapping[str, tuple[int, ...]]) -> np.dtype[np.void]:
     """Type of a record of arrays, one after the other."""
     return _record_type(tuple(fields.items()))
 
 
 @lru_cache(maxsize=256)  # NumPy takes long to make one, and each chart of a run has the same
-def _record_type(fields: tuple[tuple[str, tuple[int, ...]], ...]) -> np.dtype[Any]:
+def _record_type(fields: tuple[tuple[str, tuple[int, ...]], ...]) -> np.dtype[np.void]:
     return np.dtype([(name, float, shape) for name, shape in fields])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -126,7 +125,7 @@ class FaultyPlant:
         q, v = self.plant.read()
         return q, v + self._slip
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> object:
         """Forward optional attributes to the plant."""
         if name in ("friction_used", "wheel_names", "reduced", "takes_velocities", "effort"):
             return getattr(self.plant, name)

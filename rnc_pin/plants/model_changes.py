@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -129,7 +128,7 @@ class ChangingPlant:
         self._time += dt
         self._switch_if_due()
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> object:
         """Forward optional attributes to the current plant."""
         if name in ("applied", "friction_used", "wheel_names", "reduced", "external", "takes_velocities", "effort"):
             return getattr(self._current, name)

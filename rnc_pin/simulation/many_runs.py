@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TypeVar, cast
 
 import numpy as np
 from numpy import ndarray as Array
@@ -22,6 +22,8 @@ from rnc_pin.simulation.sampled_run import RunArguments, SampledRun
 from rnc_pin.simulation.simulation_options import SimulationOptions
 from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.simulation.trajectory_batch import RunResult
+
+_Each = TypeVar("_Each")
 
 
 def is_batch(controller: object, q0: object, v2_0: object, plant: object, options: object) -> bool:
@@ -83,8 +85,8 @@ def runs_of_batch(
         said = ", ".join(f"{name} has {number}" for name, number in counts.items())
         raise InputError(f"the arguments need the same number of runs, at least one: {said}")
 
-    def of_runs(value: Any) -> list[Any]:
-        return list(value) if isinstance(value, list | tuple) else [value] * count
+    def of_runs(value: _Each | Sequence[_Each]) -> list[_Each]:
+        return list(value) if isinstance(value, list | tuple) else [cast(_Each, value)] * count
 
     every = [options] * count
     if isinstance(state, list):

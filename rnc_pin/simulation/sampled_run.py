@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -66,6 +66,14 @@ class RunArguments(NamedTuple):
     def on_own_plant(self) -> RunArguments:
         """Return these arguments with a new ``ReducedPlant`` of equal options, for a run with a ``lock_step_key``."""
         return self._replace(plant=self.plant.twin()) if isinstance(self.plant, ReducedPlant) else self
+
+
+@runtime_checkable
+class _Updating(Protocol):
+    """State of a controller with updates that can be late or fail."""
+
+    missed: int
+    updates: int
 
 
 class SampledRun:
@@ -224,14 +232,14 @@ class SampledRun:
         return judged_by(run, self._reduced, self._accelerations)
 
 
-def _missed_updates(state: Any) -> MissedUpdates | None:
+def _missed_updates(state: object) -> MissedUpdates | None:
     """Late and failed updates of a predictive controller, by its state or that of the controller within it."""
-    while state is not None and not hasattr(state, "missed"):
+    while state is not None and not isinstance(state, _Updating):
         state = getattr(state, "target", None)
     return MissedUpdates(state.missed, state.updates) if state is not None and state.missed else None
 
 
-def _check_arguments(reduced: Any, controller: Any, plant: Any, options: Any) -> None:
+def _check_arguments(reduced: object, controller: object, plant: object, options: object) -> None:
     admit_model(reduced)
     admit_controller(controller)
     missing = [each for each in _METHODS if not callable(getattr(plant, each, None))]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import cast
 
 import numpy as np
 
@@ -98,7 +98,7 @@ def simulate(
     samples = sample_count(duration, dt)
     if is_batch(controller, q0, v2_0, plant, options):
         runs = runs_of_batch(reduced, controller, q0, dt, samples, v2_0, plant, options)
-        batch: Any = TrajectoryBatch(simulate_many(runs, (InputError, ConfigurationError)))
-        return batch
+        batch = TrajectoryBatch(simulate_many(runs, (InputError, ConfigurationError)))
+        return cast(Trajectory, batch)  # for type checkers, which cannot tell one row from many
     run = SampledRun(RunArguments(reduced, controller, q0, dt, samples, v2_0, plant, options))
     return complete_run(lambda progress: run.run_to(samples, progress), run.finish)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, overload
+from typing import overload
 
 import numpy as np
 from numpy import ndarray as Array
@@ -47,7 +47,7 @@ class RunResult:
             self._trajectory = self._trajectory()
         return self._trajectory
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         return {**vars(self), "_trajectory": None if self._trajectory is None else self.trajectory}
 
 

@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from rnc_pin.applications.sweep.swept_run import Row, is_result_column
 from rnc_pin.errors import ConfigurationError
@@ -33,7 +33,7 @@ _LAST = (
 )  # drawn values go before them, other results behind
 
 
-def kind_of(value: Any) -> str | None:
+def kind_of(value: object) -> str | None:
     """Kind of a value; None of a missing one."""
     if value is None:
         return None
@@ -53,7 +53,7 @@ def common_kind(one: str | None, other: str | None) -> str | None:
     return "json"
 
 
-def kind_of_all(values: Sequence[Any]) -> str | None:
+def kind_of_all(values: Sequence[object]) -> str | None:
     """Kind of a column of values."""
     kind: str | None = None
     for value in values:
@@ -87,7 +87,7 @@ def table_of(rows: Sequence[Row], kinds: Mapping[str, str]) -> pa.Table:
     return pa.Table.from_arrays(columns, schema=pa.schema(fields))
 
 
-def _kind_of_column(name: str, values: Sequence[Any], kinds: Mapping[str, str]) -> str | None:
+def _kind_of_column(name: str, values: Sequence[object], kinds: Mapping[str, str]) -> str | None:
     if name in _TEXTS:
         return "text"
     if name in _INTEGERS:

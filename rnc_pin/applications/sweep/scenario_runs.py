@@ -7,7 +7,7 @@ import time
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
-from typing import Any, NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -64,7 +64,7 @@ class ScenarioRuns:
         self._options, self._draws, self._seed, self._trajectories = dict(options), draws, seed, trajectories
         self._models: dict[str, BuiltModel] = {}
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         return {**self.__dict__, "_models": {}}
 
     def row(self, run: int, draw: Draw | None = None) -> Row:
@@ -92,7 +92,11 @@ class ScenarioRuns:
 
     def options_of(self, run: int, drawn: Draw) -> dict[str, Json]:
         """Options of a run with drawn values, which ``rnc-pin run`` takes too."""
-        options: dict[str, Json] = {**with_options_of_sweeps(self._options), "seed": self._seed, **drawn}
+        options: dict[str, Json] = {
+            **with_options_of_sweeps(self._options),
+            "seed": self._seed,
+            **cast(Mapping[str, Json], drawn),
+        }
         parts = {*self._file.raw, *(key.partition(".")[0] for key in options)}
         if "seed" not in drawn and "faults" in parts:
             options["seed"] = int(np.random.SeedSequence([self._seed, run]).generate_state(1)[0])

@@ -8,6 +8,7 @@ from typing import Any, Protocol, TypeAlias
 
 from rnc_pin.applications.sweep.seeded_draws import Draw
 from rnc_pin.errors import RncError
+from rnc_pin.io import Json
 from rnc_pin.simulation import Summary, Trajectory
 
 Row: TypeAlias = dict[str, Any]
@@ -119,6 +120,6 @@ def save_trajectory(trajectory: Trajectory, folder: str | None, run: int) -> Non
         trajectory.save(path)
 
 
-def with_options_of_sweeps(options: Mapping[str, Any]) -> dict[str, Any]:
+def with_options_of_sweeps(options: Mapping[str, Json]) -> dict[str, Json]:
     """Options of every run of a sweep: no comparisons and plots, and preflight refuses instead of warning."""
     return {"preflight": "refuse", **options, "comparisons": {}, "plots": {}}
