@@ -23,7 +23,8 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import ComputedTorque, ReducingOutputController
 from rnc_pin.planning import Hold
 from rnc_pin.simulation.ending import Progress
-from rnc_pin.simulation.sampled_run import RunArguments, SampledRun
+from rnc_pin.simulation.sampled_run import SampledRun
+from rnc_pin.simulation.simulation_options import RunArguments
 
 SIZES = (1, 16, 64, 256)
 DT = 0.002

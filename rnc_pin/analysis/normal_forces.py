@@ -14,8 +14,8 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import SingularityError
+from rnc_pin.model.cached_property import once_per_model
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
-from rnc_pin.model.once_per_model import once_per_model
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import Place
 from rnc_pin.model.state_evaluation import StateEvaluation

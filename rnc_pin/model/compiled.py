@@ -18,14 +18,12 @@ from rnc_pin import _kernel
 from rnc_pin.errors import SingularityError
 from rnc_pin.math.components import Component
 from rnc_pin.model.compiled_states import CompiledArraysAtQ, CompiledArraysAtV, concatenated, empty_records
-from rnc_pin.model.evaluator import ArraysAtQ, ArraysAtV, Configurations, Evaluator, HasArraysAtQ, States
+from rnc_pin.model.evaluator import ArraysAtQ, ArraysAtV, Configurations, Evaluator, HasArraysAtQ, ReducedTerms, States
 from rnc_pin.model.input_validation import ArrayInput
 from rnc_pin.model.kinematics import VelocityKinematics
-from rnc_pin.model.numpy_evaluator import NumPyEvaluator
+from rnc_pin.model.numpy_evaluator import NumPyEvaluator, NumPyRuns, RunRecords
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.reduction_kernel import ReductionKernel
-from rnc_pin.model.result_types import ReducedTerms
-from rnc_pin.model.runs import NumPyRuns, RunRecords
 from rnc_pin.model.state_evaluation import StateEvaluation
 
 _TOLERANCE = 1e-9  # largest relative difference of kernel and NumPy at the state that compares them

@@ -6,12 +6,9 @@ from rnc_pin.verdict import FindingKind as FindingKind
 from rnc_pin.verdict import Severity as Severity
 from rnc_pin.verdict import Verdict as Verdict
 
-from .distance_findings import SHORTFALL as SHORTFALL
-from .distance_findings import distance_findings as distance_findings
 from .free_motion import free_motion as free_motion
-from .friction_demand import FrictionDemand as FrictionDemand
-from .friction_demand import grip_along as grip_along
-from .friction_demand import within_grip as within_grip
+from .judgement import SHORTFALL as SHORTFALL
+from .judgement import distance_findings as distance_findings
 from .judgement import judge as judge
 from .limit_replay import Clearance as Clearance
 from .limit_replay import FurtherLimits as FurtherLimits
@@ -19,13 +16,17 @@ from .limit_replay import LimitReplay as LimitReplay
 from .limit_replay import LimitUse as LimitUse
 from .limit_replay import obstacles_passed as obstacles_passed
 from .limit_replay import replay_limits as replay_limits
+from .many_runs import TrajectoryBatch as TrajectoryBatch
 from .phase_events import ContactLoss as ContactLoss
 from .phase_events import OutputCrossing as OutputCrossing
 from .phases import Phase as Phase
 from .phases import simulate_phases as simulate_phases
+from .preflight import FrictionDemand as FrictionDemand
 from .preflight import Margins as Margins
+from .preflight import grip_along as grip_along
 from .preflight import margins_along as margins_along
 from .preflight import preflight as preflight
+from .preflight import within_grip as within_grip
 from .record import output_names as output_names
 from .rollout import Margin as Margin
 from .rollout import Rollout as Rollout
@@ -53,5 +54,4 @@ from .summary import add_verdict as add_verdict
 from .summary import summarize as summarize
 from .summary import tracking_errors as tracking_errors
 from .trajectory import Trajectory as Trajectory
-from .trajectory_batch import TrajectoryBatch as TrajectoryBatch
 from .tuned_tracker import tuned_tracker as tuned_tracker

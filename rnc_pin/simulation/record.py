@@ -13,7 +13,7 @@ import pinocchio as pin
 from rnc_pin.analysis import NormalForces
 from rnc_pin.control.controller import Command
 from rnc_pin.errors import InputError
-from rnc_pin.model.once_per_model import once_per_model
+from rnc_pin.model.cached_property import once_per_model
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.state_evaluation import StateEvaluation
