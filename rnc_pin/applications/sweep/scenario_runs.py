@@ -23,7 +23,6 @@ from rnc_pin.applications.sweep.swept_run import (
     save_trajectory,
     with_options_of_sweeps,
 )
-from rnc_pin.control.whole_body import program_of
 from rnc_pin.errors import InfeasibleError, RncError, SingularityError
 from rnc_pin.io import Json
 from rnc_pin.simulation import sample_count
@@ -185,7 +184,7 @@ def _executed_alone(scenario: Scenario) -> list[Result | RncError]:
 def batch_key(scenario: Scenario) -> Hashable | None:
     """Key that scenarios have in common if ``execute_together`` takes them; None for one that has to be alone."""
     experiment = scenario.experiment
-    if scenario.comparisons or experiment.phases or program_of(experiment.controller) is not None:
+    if scenario.comparisons or experiment.phases or experiment.program is not None:
         return None
     return _arguments(scenario).lock_step_key
 
