@@ -7,6 +7,7 @@ from rnc_pin.verdict import Severity as Severity
 from rnc_pin.verdict import Verdict as Verdict
 
 from .free_motion import free_motion as free_motion
+from .judgement import PENETRATION as PENETRATION
 from .judgement import SHORTFALL as SHORTFALL
 from .judgement import distance_findings as distance_findings
 from .judgement import judge as judge
@@ -17,13 +18,17 @@ from .limit_replay import LimitUse as LimitUse
 from .limit_replay import obstacles_passed as obstacles_passed
 from .limit_replay import replay_limits as replay_limits
 from .many_runs import TrajectoryBatch as TrajectoryBatch
+from .many_runs import simulate_many as simulate_many
 from .phase_events import ContactLoss as ContactLoss
+from .phase_events import Event as Event
 from .phase_events import OutputCrossing as OutputCrossing
 from .phases import Phase as Phase
+from .phases import PhaseStart as PhaseStart
 from .phases import simulate_phases as simulate_phases
 from .preflight import FrictionDemand as FrictionDemand
 from .preflight import Margins as Margins
 from .preflight import grip_along as grip_along
+from .preflight import iterate_time_scale as iterate_time_scale
 from .preflight import margins_along as margins_along
 from .preflight import preflight as preflight
 from .preflight import within_grip as within_grip
@@ -42,12 +47,17 @@ from .run_info import PlannedPath as PlannedPath
 from .run_info import Provenance as Provenance
 from .run_info import RunInfo as RunInfo
 from .run_info import TaskNames as TaskNames
+from .run_info import provenance_of as provenance_of
+from .sampled_run import assembled_start as assembled_start
 from .simulate import sample_count as sample_count
 from .simulate import simulate as simulate
 from .simulation_options import Observer as Observer
+from .simulation_options import RunArguments as RunArguments
 from .simulation_options import Sample as Sample
 from .simulation_options import SimulationOptions as SimulationOptions
 from .stop import Stop as Stop
+from .stop import StopMonitor as StopMonitor
+from .summary import Compared as Compared
 from .summary import Summary as Summary
 from .summary import add_limits as add_limits
 from .summary import add_verdict as add_verdict

@@ -17,10 +17,9 @@ from rnc_pin.applications.drive.status import DriveStatus, ProgressMonitor
 from rnc_pin.applications.scenario.execution import Result
 from rnc_pin.applications.scenario.run_verdict import judged_summary
 from rnc_pin.errors import RncError
-from rnc_pin.simulation import Sample, Trajectory
+from rnc_pin.simulation import RunArguments, Sample, Trajectory
 from rnc_pin.simulation.ending import Progress, complete_run
 from rnc_pin.simulation.sampled_run import SampledRun
-from rnc_pin.simulation.simulation_options import RunArguments
 
 _CAPACITY = 4096  # samples; the record grows
 _STATUS = 0.1  # period of the status [s]

@@ -32,10 +32,18 @@ from rnc_pin.model import NonholonomicSystem, ReducedModel, Task
 from rnc_pin.optimal import MotionPlan
 from rnc_pin.planning import Reference, Slowed, continued_back, path_distances
 from rnc_pin.plants import Plant
-from rnc_pin.simulation import Outcome, Phase, Provenance, SimulationOptions, TaskNames, sample_count, simulate
-from rnc_pin.simulation.phases import PhaseStart
-from rnc_pin.simulation.preflight import iterate_time_scale
-from rnc_pin.simulation.run_info import provenance_of
+from rnc_pin.simulation import (
+    Outcome,
+    Phase,
+    PhaseStart,
+    Provenance,
+    SimulationOptions,
+    TaskNames,
+    iterate_time_scale,
+    provenance_of,
+    sample_count,
+    simulate,
+)
 from rnc_pin.verdict import Finding, FindingKind, Severity
 from rnc_pin.visualization import DrawnModel
 

@@ -25,9 +25,7 @@ from rnc_pin.applications.sweep.swept_run import (
 )
 from rnc_pin.errors import InfeasibleError, RncError, SingularityError
 from rnc_pin.io import Json
-from rnc_pin.simulation import sample_count
-from rnc_pin.simulation.many_runs import simulate_many
-from rnc_pin.simulation.simulation_options import RunArguments
+from rnc_pin.simulation import RunArguments, sample_count, simulate_many
 
 MOST_DRAWS = 20
 """Largest number of draws for one run; then its outcome is "infeasible"."""

@@ -13,8 +13,7 @@ from rnc_pin.applications.scenario.schema.derived import Entry, one_of
 from rnc_pin.applications.scenario.schema.outputs import OutputItem, Outputs, TaskOutputs
 from rnc_pin.applications.scenario.schema.reference_settings import References
 from rnc_pin.model import ReducedModel
-from rnc_pin.simulation import ContactLoss, OutputCrossing, Phase
-from rnc_pin.simulation.phase_events import Event
+from rnc_pin.simulation import ContactLoss, Event, OutputCrossing, Phase
 
 EventItem = Annotated[
     Event,
