@@ -251,8 +251,8 @@ class LockStep:
             for place, run in enumerate(self.places.tolist()):
                 record = self._runs[run].record
                 record.written(sample)
-                optional = {"estimates": command.estimates, "prediction_error": command.prediction_error}
-                record.add_optional(**{key: None if each is None else each[place] for key, each in optional.items()})
+                optional = command.estimates, command.prediction_error
+                record.add_optional(*(None if each is None else each[place] for each in optional))
 
     # ------------------------------------------------------------------ runs that leave
 

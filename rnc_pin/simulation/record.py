@@ -138,9 +138,9 @@ class Record:
         T: np.ndarray,
         work: float,
         outputs: tuple[np.ndarray, np.ndarray] | None = None,
-        **sensed: np.ndarray,
+        sensed: tuple[np.ndarray, ...] = (),
     ) -> None:
-        """Add one sample. ``outputs`` are x1 and x2, if known; ``sensed`` as for ``add_optional``."""
+        """Add one sample. ``outputs`` are x1 and x2, if known; ``sensed`` the measured velocity and the friction use."""
         if self.count == self.capacity:  # without a call of ``moves``
             self._grow()
         row, given = self._rows[self.count], (command.v2_desired, command.x1_desired, command.x2_desired)
@@ -151,12 +151,12 @@ class Record:
         x1, x2 = state.outputs(integrals) if outputs is None else outputs
         row[0], row[1] = t, work
         np.concatenate((state.q, state.v, state.v2, x1, x2, state.v1, T, integrals, *goals), out=row[2:])
-        self.add_optional(estimates=command.estimates, prediction_error=command.prediction_error, **sensed)
+        self.add_optional(command.estimates, command.prediction_error, *sensed)
         self.count += 1
 
-    def add_optional(self, **values: np.ndarray | None) -> None:
-        """Add arrays of the next sample that not every run has; an array without data is None or empty."""
-        for name, value in values.items():
+    def add_optional(self, *values: np.ndarray | None) -> None:
+        """Add arrays of the next sample that not every run has, in the order of their names; None or empty without."""
+        for name, value in zip(_OPTIONAL, values, strict=False):
             if value is None or not np.size(value):
                 continue
             if not self.arrays[name].shape[1]:

@@ -251,8 +251,8 @@ class SampledRun:
         measurement, command = _last_decision(self.loop, state)
         self.record.moves(adapter.model, adapter.external)
         outputs = (measurement.x1, measurement.x2) if measurement.q is state.q else None  # not of a sensor's state
-        sensed = {"v_measured": adapter.v_measured, "friction_used": adapter.friction_used}
-        self.record.add(t, state, integrals, command, T, adapter.work, outputs, **sensed)
+        sensed = adapter.v_measured, adapter.friction_used
+        self.record.add(t, state, integrals, command, T, adapter.work, outputs, sensed)
         return measurement, command
 
     def continue_from(self, samples: int, checkpoint: Checkpoint, state: LoopState) -> None:
