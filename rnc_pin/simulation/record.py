@@ -140,7 +140,7 @@ class Record:
         outputs: tuple[np.ndarray, np.ndarray] | None = None,
         sensed: tuple[np.ndarray, ...] = (),
     ) -> None:
-        """Add one sample. ``outputs`` are x1 and x2, if known; ``sensed`` the measured velocity and the friction use."""
+        """Add one sample. ``outputs`` are x1 and x2, if known; ``sensed`` are measured velocity and friction use."""
         if self.count == self.capacity:  # without a call of ``moves``
             self._grow()
         row, given = self._rows[self.count], (command.v2_desired, command.x1_desired, command.x2_desired)
