@@ -13,8 +13,8 @@ from rnc_pin.figures.panel import Labels
 from rnc_pin.figures.panel_figure import PlaneView, panel_figure
 from rnc_pin.figures.sheet import Sheet, Size
 from rnc_pin.figures.style import LegendEntry
-from rnc_pin.simulation.ground_paths import compared_paths
 from rnc_pin.simulation.run_panels import QUANTITIES, TOP_VIEW, Others, panels
+from rnc_pin.simulation.run_paths import compared_paths
 from rnc_pin.simulation.trajectory import Trajectory
 
 
