@@ -282,6 +282,25 @@ def test_pivots_complete_the_command_while_the_base_stands(name, model):
     assert command.cuts == ()
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_base_whose_modules_point_anywhere_waits_until_they_are_aimed(seed, model):
+    """No wheel slips sideways by more than the stated share of the fastest wheel, those without a row included."""
+    name, generator = "four steered drives", np.random.default_rng(seed)
+    reduced, controller = model(name), TwistController(model(name), "base", DT)
+    q = reduced.robot.configuration({joint: generator.uniform(-3.0, 3.0) for joint in controller.steering})
+    plant, state, twist = KinematicPlant(reduced, q), controller.initial_state(), suitable(name)
+    commands = []
+    for _ in range(30):
+        (command,), state = driven(controller, plant, twist, state, 1)
+        rates, slips = expected_wheels(name, twist_of(reduced, plant.v), reduced.robot.joint_values(plant.middle))
+        allowed = (controller.slip + 0.5 * STEERING_RATE * DT) * RADIUS * max(map(abs, rates.values())) + 1e-9
+        assert max(map(abs, slips.values())) < allowed
+        commands.append(command)
+    assert np.abs(commands[0].twist).max() < 1e-2
+    assert {each.kind for each in commands[0].cuts} == {"steering"}
+    np.testing.assert_allclose(commands[-1].twist, twist, atol=1e-9)
+
+
 def test_a_slow_stop_and_a_start_are_continuous(model):
     """A command that passes through zero: pivots and wheels change by no more than the command's rate explains."""
     name = "four steered drives"
