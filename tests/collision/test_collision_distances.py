@@ -6,7 +6,6 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin import _kernel
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection, ground_shape
 from tolerances import ROUNDING
 
@@ -182,22 +181,6 @@ def test_results_do_not_depend_on_the_history(tiago):
     for key in ("distance", "normal", "jacobian", "drift"):
         assert getattr(one, key).tobytes() == getattr(other, key).tobytes()
     assert not one.distance.flags.writeable
-
-
-def test_numpy_and_the_kernel_agree_along_a_path(tiago, monkeypatch):
-    """Rows to rounding, and the same pairs: bounds that the kernel moves leave out none of them."""
-    reduced = rnc.NonholonomicSystem(tiago).reduce()
-    direction = np.random.default_rng(4).standard_normal(tiago.nv)
-    path = [pin.integrate(tiago.model, tiago.configuration(), s * direction) for s in (0.0, 0.02, 0.2, 0.21)]
-    found = []
-    for library in (_kernel.library, _kernel.NUMPY_ALONE):
-        monkeypatch.setattr(_kernel, "library", library)
-        distances = CollisionDistances(tiago, obstacles((0.6, 0.0, 0.6)))
-        found.append([distances.at(reduced.at(q), 0.5, within=0.2) for q in path])
-    for one, other in zip(*found, strict=True):
-        np.testing.assert_array_equal(one.pairs, other.pairs)
-        np.testing.assert_array_equal(one.distance, other.distance)
-        np.testing.assert_allclose(one.jacobian, other.jacobian, atol=1e-13)
 
 
 def test_pairs_that_touch_at_the_start_are_reported(tiago):

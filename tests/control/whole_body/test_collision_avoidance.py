@@ -8,13 +8,11 @@ import scipy
 
 import rnc_pin as rnc
 from carts import WHEELS, cart_with_arm
-from rnc_pin import _kernel
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection, ground_shape
 from rnc_pin.control.whole_body import ControlSample, InverseDynamicsQP
 from rnc_pin.control.whole_body.limits import CollisionAvoidance
 from rnc_pin.control.whole_body.limits.collision_avoidance import approach_speed
 from rnc_pin.control.whole_body.tasks import OutputTask
-from rnc_pin.model.state_evaluation import StateEvaluation
 
 DT = 0.01
 
@@ -233,17 +231,3 @@ def test_unusable_settings_are_refused():
     for deceleration in (np.inf, 0.0, -0.5):
         with pytest.raises(rnc.ConfigurationError, match="deceleration"):
             CollisionAvoidance(deceleration=deceleration)
-
-
-def test_numpy_and_the_kernel_plan_the_same_decelerations(monkeypatch):
-    reduced, q0 = differential_drive_with_arm()
-    bound = CollisionAvoidance(influence=0.3, q0=q0).bind(reduced)
-    sample = ControlSample(reduced, 0.0, q0, np.linspace(-0.4, 0.4, reduced.r), DT)
-    with monkeypatch.context() as kernel_alone:
-        if _kernel.library is not _kernel.NUMPY_ALONE:
-            kernel_alone.delattr(StateEvaluation, "row_accelerations")  # the other path needs it
-        rows = [bound.rows(sample)]
-    monkeypatch.setattr(_kernel, "library", _kernel.NUMPY_ALONE)
-    rows.append(bound.rows(sample))
-    assert len(rows[0].lower) > 3
-    np.testing.assert_allclose(rows[0].lower, rows[1].lower, rtol=1e-12)
