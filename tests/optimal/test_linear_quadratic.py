@@ -4,6 +4,7 @@ import daqp
 import numpy as np
 import pytest
 
+from rnc_pin import _kernel
 from rnc_pin.errors import SimulationError
 from rnc_pin.optimal.linear_quadratic import InteriorPointSolver, LinearQuadratic, RiccatiFactors
 
