@@ -10,13 +10,12 @@ import pytest
 import rnc_pin as rnc
 from random_systems import CONSTRAINTS, KINDS, Recipe, constraint, robot_of
 from rnc_pin.model.kinematics import Kinematics
-from rolling import slope
 from systems import (
     random_states,
     reacting,
     space_robot,
 )
-from tolerances import FINITE_DIFFERENCE, KKT, ROUNDING
+from tolerances import KKT, ROUNDING
 
 SAID = "which is declared as conserved: omit the momentum"
 
@@ -190,7 +189,7 @@ def test_what_falls_along_its_joint_has_no_constant_momentum_up_or_down(gravity,
 
 
 @pytest.mark.parametrize("value", [0.0, [0.4, -0.3, 0.2, 0.1, 0.5, -0.2]])
-def test_rates_and_their_gradients_are_those_of_differences(value):
+def test_rows_are_the_momentum(value):
     """Of a free base, at any velocity; what is not zero is the momentum about the origin of the world."""
     robot, generator = satellite(), np.random.default_rng(1)
     model, data, kinematics = robot.model, robot.model.createData(), Kinematics(robot)
@@ -201,14 +200,6 @@ def test_rates_and_their_gradients_are_those_of_differences(value):
     whole = np.concatenate([momentum.linear, momentum.angular + np.cross(data.com[0], momentum.linear)])
     place = pin.SE3.Identity() if any(np.atleast_1d(value)) else data.oMi[1]
     np.testing.assert_allclose(rows.jacobian(at) @ v, place.actInv(pin.Force(whole)).vector, atol=ROUNDING)
-    J_dot = slope(model, lambda p: rows.jacobian(kinematics.position(p)), q, v)
-    np.testing.assert_allclose(rows.jacobian_dot(at), J_dot, atol=FINITE_DIFFERENCE)
-
-    def biased(p):
-        return rows.jacobian_dot(kinematics.position(p).with_velocity(v)) @ v
-
-    gradient = np.transpose([slope(model, biased, q, each) for each in np.eye(robot.nv)])
-    np.testing.assert_allclose(rows.bias_acceleration_gradient(at), gradient, atol=10 * FINITE_DIFFERENCE)
 
 
 # ---------------------------------------------------------------------- what does not act on it is welcome
