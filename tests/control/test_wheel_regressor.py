@@ -130,6 +130,8 @@ def test_unknown_wheels_say_which_rows_they_enter_and_no_others():
         ([], "name at least one unknown radius or track"),
         ([UnknownTrack([left])], r"unknown track: expected two wheels, found \['left_wheel'\]"),
         ([UnknownTrack([left, right, left])], "unknown track: expected two wheels, found"),
+        ([UnknownTrack([left, left])], "named twice"),
+        ([UnknownTrack([left, right]), UnknownTrack([right, left])], "named twice"),
         ([UnknownTrack(left)], "unknown track: expected two wheels, found 'left_wheel'"),
         ([UnknownRadius([])], r"unknown radius: expected a list of wheels, found \[\]"),
         ([UnknownRadius([left, left])], "unknown radius: wheel 'left_wheel' is named twice"),
