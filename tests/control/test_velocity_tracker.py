@@ -14,7 +14,6 @@ from rnc_pin.control import (
 )
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import Harmonic, Hold
-from rnc_pin.plants.reduced import ConstrainedDynamics
 from systems import (
     space_robot_in_joints,
 )
@@ -106,24 +105,6 @@ def test_small_steps_are_the_papers_laws():
 
 
 # ---------------------------------------------------------------------- protocol
-
-
-def test_a_loop_of_ones_own_is_the_simulation_to_the_bit():
-    """Controllers keep nothing to themselves, so a plain loop gives the same numbers; so does resuming half-way."""
-    reduced, kinematic, q0 = space_robot_task(duration=1.0)
-    tracker = VelocityTracker(kinematic, gains_along(reduced, kinematic, q0, 1.0))
-    run = rnc.simulate(reduced, tracker, q0, 0.4, 0.002)
-    q, plant = q0, ConstrainedDynamics(reduced)
-    y = plant.initial(q, np.zeros(reduced.n))
-    state = tracker.initial_state(reduced.at(q, np.zeros(3)).measure())
-    for sample in range(201):
-        measurement = reduced.at(q, v=plant.in_reduction(q, y).v).measure()
-        command, state = tracker.step(sample * 0.002, measurement, state)
-        T = reduced.allocate(q, command.F)
-        np.testing.assert_array_equal(T, run.T[sample])
-        np.testing.assert_array_equal(q, run.q[sample])
-        y = plant.recentre(q, y)[1]
-        q, y = plant.advance(q, y, T, 0.002, 1)
 
 
 def test_a_tuned_tracker_is_what_one_would_write_by_hand():

@@ -14,7 +14,6 @@ from rnc_pin.model.system import _is_loose
 from rnc_pin.robots.sources.description import Mimic
 from systems import (
     leaning_wheel,
-    random_states,
     rolling_base,
     sleigh,
     space_robot,
@@ -153,15 +152,6 @@ def test_next_to_a_singular_configuration_the_answer_is_still_right():
     F = t.input_matrix @ T
     back = reduced.inverse_dynamics(q, v2, reduced.forward_dynamics(q, v2, T))
     assert np.linalg.norm(back - F) < 1e-5 * np.linalg.norm(F)
-
-
-def test_lists_and_one_configuration_for_many_velocities_are_welcome():
-    reduced = space_robot()
-    q, _ = random_states(reduced, 1)[0]
-    v2, T = np.random.default_rng(0).normal(size=(2, 5, 3))
-    batch = reduced.forward_dynamics(q.tolist(), v2, T)
-    assert batch.shape == (5, 3)
-    np.testing.assert_allclose(batch[3], reduced.forward_dynamics(q, v2[3].tolist(), T[3].tolist()), rtol=1e-10)
 
 
 @pytest.mark.parametrize(
