@@ -6,6 +6,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection, ground_shape
 from tolerances import ROUNDING
 
@@ -231,8 +232,7 @@ def test_distances_to_a_slope_are_heights(tiago, within):
 
 def test_a_box_over_a_floor_has_a_gap_at_each_corner():
     model, geometry = pin.Model(), pin.GeometryModel()
-    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "free")
-    model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+    joint = add_body(model, "free", "FreeFlyer", pin.Inertia.FromSphere(1.0, 0.1))
     frame = model.addFrame(pin.Frame("box", joint, 0, pin.SE3.Identity(), pin.FrameType.BODY))
     geometry.addGeometryObject(pin.GeometryObject("box_0", joint, frame, pin.SE3.Identity(), coal.Box(0.4, 0.6, 0.2)))
     robot = rnc.Robot(model, geometry, geometry)

@@ -6,6 +6,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
 
 
@@ -13,8 +14,13 @@ def wheel_on_an_axle(shape, placement):
     """A shape on a revolute joint about an axis that is not one of the frame, 0.5 m beside a small ball."""
     model, geometry = pin.Model(), pin.GeometryModel()
     axle = pin.JointModelRevoluteUnaligned(np.array([0.0, 0.6, 0.8]))
-    joint = model.addJoint(0, axle, pin.SE3(pin.rpy.rpyToMatrix(0.3, 0.2, 0.1), np.array([0.0, 0.0, 1.0])), "axle")
-    model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+    joint = add_body(
+        model,
+        "axle",
+        axle,
+        pin.Inertia.FromSphere(1.0, 0.1),
+        at=pin.SE3(pin.rpy.rpyToMatrix(0.3, 0.2, 0.1), np.array([0.0, 0.0, 1.0])),
+    )
     frame = model.addFrame(pin.Frame("wheel", joint, 0, pin.SE3.Identity(), pin.FrameType.BODY))
     geometry.addGeometryObject(pin.GeometryObject("wheel_0", joint, frame, placement, shape))
     ball = Obstacle(coal.Sphere(0.1), position=(0.5, 0.4, 0.9), name="ball")

@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.model import assembly
 from rnc_pin.model.kinematics import Kinematics
 from simple_controllers import Idle
@@ -104,8 +105,7 @@ def test_the_rank_is_that_of_closed_loops():
     model.name = "bennett"
     joint, placement = 0, pin.SE3.Identity()
     for k in range(4):
-        joint = model.addJoint(joint, pin.JointModelRZ(), placement, f"joint_{k}")
-        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
+        joint = add_body(model, f"joint_{k}", "RZ", 1.0, joint, moments=0.1, at=placement)
         bend = pin.SE3(pin.utils.rpyToMatrix(twist[k % 2], 0, 0), np.array([lengths[k % 2], 0, 0]))
         placement = bend
     model.addFrame(pin.Frame("end", joint, 0, placement, pin.FrameType.OP_FRAME))
@@ -122,8 +122,7 @@ def test_a_floating_loop_with_conserved_momentum_agrees_with_kkt():
     model = pin.Model()
     model.name = "floating four-bar"
     model.gravity.linear = np.zeros(3)
-    base = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
-    model.appendBodyToJoint(base, pin.Inertia(3.0, np.array([0.4, 0, 0]), np.eye(3)), pin.SE3.Identity())
+    base = add_body(model, "root_joint", "FreeFlyer", 3.0, com=(0.4, 0, 0))
     model.addJointFrame(base)
     linkage = four_bar_robot().model
     whole = pin.appendModel(model, linkage, model.getFrameId("root_joint"), pin.SE3.Identity())
@@ -215,8 +214,7 @@ def geared(first, second, ratio, offset=0.0):
     model = pin.Model()
     model.name = "gears"
     for name, joint, inertia in (("motor", first, 2.0), ("wheel", second, 0.5)):
-        index = model.addJoint(0, joint, pin.SE3.Identity(), name)
-        model.appendBodyToJoint(index, pin.Inertia(1.0, np.zeros(3), inertia * np.eye(3)), pin.SE3.Identity())
+        add_body(model, name, joint, 1.0, moments=inertia)
     coupling = rnc.JointCoupling("wheel", "motor", ratio, offset)
     return rnc.NonholonomicSystem(rnc.Robot(model), [coupling], ["motor"]).reduce([rnc.JointPosition("motor")])
 
@@ -326,8 +324,7 @@ def test_user_rows_with_a_residual_keep_their_position():
     """A bead on a parabola, written by hand: z = x^2 / 2, energy kept and residual gone."""
     model = pin.Model()
     model.name = "bead"
-    joint = model.addJoint(0, pin.JointModelTranslation(), pin.SE3.Identity(), "bead")
-    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.zeros((3, 3))), pin.SE3.Identity())
+    add_body(model, "bead", "Translation", pin.Inertia(1.0, np.zeros(3), np.zeros((3, 3))))
     wire = rnc.Pfaffian(
         lambda q: np.array([[-q[0], 0.0, 1.0], [0.0, 1.0, 0.0]]),
         lambda q, v: np.array([[-v[0], 0.0, 0.0], [0.0, 0.0, 0.0]]),

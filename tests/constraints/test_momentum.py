@@ -8,6 +8,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from random_systems import CONSTRAINTS, KINDS, Recipe, constraint, robot_of
 from rnc_pin.model.kinematics import Kinematics
 from systems import (
@@ -49,9 +50,7 @@ def satellite(base: str = "free") -> rnc.Robot:
             shoulder, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array([0.5, 0.0, 0.0])), f"{side}_elbow"
         )
         body(elbow, f"{side}_hand", (0.6, 0.0, 0.0))
-    flywheel = model.addJoint(root, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array([-0.4, 0.1, 0.0])), "flywheel")
-    model.appendBodyToJoint(flywheel, pin.Inertia(0.8, np.zeros(3), np.diag([0.02, 0.02, 0.04])), pin.SE3.Identity())
-    model.addFrame(pin.Frame("rotor", flywheel, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    add_body(model, "flywheel", "RZ", 0.8, root, moments=(0.02, 0.02, 0.04), at=(-0.4, 0.1, 0.0), frame="rotor")
     return rnc.Robot(model)
 
 
@@ -122,8 +121,7 @@ def test_a_lock_that_the_momentum_implies_is_refused_all_the_same():
     model.name = "wheel"
     model.gravity.linear = np.zeros(3)
     for k, name in enumerate(("pin", "beside")):
-        joint = model.addJoint(0, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array([k, 0.0, 0.0])), name)
-        model.appendBodyToJoint(joint, pin.Inertia(2.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+        add_body(model, name, "RZ", 2.0, at=(k, 0.0, 0.0))
     robot = rnc.Robot(model)
     for row in (own_row(robot, "pin"), rnc.Pfaffian(lambda q: 1e-7 * np.eye(2)[:1], lambda q, v: np.zeros((1, 2)))):
         for constraints in ([rnc.MomentumConservation("pin"), row], [row, rnc.MomentumConservation("pin")]):

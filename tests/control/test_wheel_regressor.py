@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.control import (
     UnknownRadius,
     UnknownTrack,
@@ -82,9 +83,7 @@ def test_wheels_at_one_place_or_off_their_axles_have_no_track():
 def test_a_wheel_that_does_more_than_turn_about_its_axle_has_no_fixed_track(joint):
     """On a ball it turns about all axes, in a plane it moves, on a rail it only slides."""
     model = two_wheeled_cart().model.copy()
-    ball = model.addJoint(1, joint, TURNED, "ball")
-    model.appendBodyToJoint(ball, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
-    model.addFrame(pin.Frame("loose", ball, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    add_body(model, "ball", joint, 1.0, 1, at=TURNED, frame="loose")
     with pytest.raises(rnc.ConfigurationError, match="frame 'loose' is not on the axis of its joint"):
         _axles(rnc.Robot(model), 0, "left", "loose")
 
@@ -93,9 +92,7 @@ def test_two_wheels_of_one_joint_or_of_two_bodies_have_no_track():
     model = two_wheeled_cart().model.copy()
     model.addFrame(pin.Frame("outer", 2, 0, pin.SE3(np.eye(3), np.array([0.0, 0.1, 0.0])), pin.FrameType.OP_FRAME))
     arm = model.addJoint(1, pin.JointModelRZ(), pin.SE3.Identity(), "arm")
-    far = model.addJoint(arm, pin.JointModelRY(), TURNED, "far_joint")
-    model.appendBodyToJoint(far, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
-    model.addFrame(pin.Frame("far", far, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    add_body(model, "far_joint", "RY", 1.0, arm, at=TURNED, frame="far")
     robot = rnc.Robot(model)
     for pair in (("left", "outer"), ("outer", "left"), ("left", "far"), ("far", "right")):
         with pytest.raises(rnc.ConfigurationError) as caught:

@@ -8,6 +8,7 @@ import pytest
 import scipy.linalg
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.control import (
     PositionTracker,
     RedundancyController,
@@ -37,10 +38,11 @@ from systems import (
 )
 from tolerances import KKT, ROUNDING
 
-QUANTITIES = """
-    E E_inverse R R_dot M A A_dot A_star A_star_dot B J1 J1_dot J2 H V G C g b b_dot mu bias v v1 v2 gamma residual
-    input_matrix condition smallest_singular_value kinetic_energy energy regular
-""".split()
+QUANTITIES = [
+    "E", "E_inverse", "R", "R_dot", "M", "A", "A_dot", "A_star", "A_star_dot", "B", "J1", "J1_dot", "J2", "H",
+    "V", "G", "C", "g", "b", "b_dot", "mu", "bias", "v", "v1", "v2", "gamma", "residual", "input_matrix",
+    "condition", "smallest_singular_value", "kinetic_energy", "energy", "regular",
+]  # fmt: skip
 
 
 def states_of(reduced, count=6):
@@ -240,8 +242,7 @@ def test_a_motion_goes_through_a_row_that_vanishes():
 def test_a_continuous_joint_keeps_its_turns_however_seldom_it_is_sampled():
     model = pin.Model()
     model.name = "rotor"
-    joint = model.addJoint(0, pin.JointModelRUBZ(), pin.SE3.Identity(), "rotor")
-    model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+    add_body(model, "rotor", "RUBZ", pin.Inertia.FromSphere(1.0, 0.1))
     reduced = rnc.NonholonomicSystem(rnc.Robot(model), [], ["rotor"]).reduce([rnc.JointPosition("rotor")])
     run = rnc.free_motion(reduced, reduced.robot.configuration(), np.array([4.0]), 20.0, 1.0)
     np.testing.assert_allclose(run.x2[:, 0], 4.0 * run.time, atol=1e-6)
@@ -256,9 +257,7 @@ def test_without_outputs_no_velocities_are_ever_dependent():
     model.name = "skate"
     slide = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "x")
     across = model.addJoint(slide, pin.JointModelPY(), pin.SE3.Identity(), "y")
-    turn = model.addJoint(across, pin.JointModelRZ(), pin.SE3.Identity(), "heading")
-    model.appendBodyToJoint(turn, pin.Inertia.FromSphere(2.0, 0.3), pin.SE3.Identity())
-    model.addFrame(pin.Frame("blade", turn, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    add_body(model, "heading", "RZ", pin.Inertia.FromSphere(2.0, 0.3), across, frame="blade")
     push = np.eye(3)
     reduced = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip("blade")], push).reduce()
     headings = np.linspace(0.0, 2 * np.pi, 73)

@@ -8,6 +8,7 @@ import pytest
 import scipy.linalg
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.model.reduction_data import best_entries
 from rnc_pin.model.rows import Rows, check_defined
 from rnc_pin.model.system import _is_loose
@@ -169,10 +170,8 @@ def test_next_to_a_singular_configuration_the_answer_is_still_right():
 def test_momentum_has_the_unit_of_the_motion_that_it_belongs_to(joint, units):
     model = pin.Model()
     model.gravity.linear = np.zeros(3)
-    base = model.addJoint(0, joint, pin.SE3.Identity(), "base")
-    model.appendBodyToJoint(base, pin.Inertia(2.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
-    arm = model.addJoint(base, pin.JointModelRZ(), pin.SE3.Identity(), "arm")
-    model.appendBodyToJoint(arm, pin.Inertia(1.0, np.array([0.3, 0.0, 0.0]), np.eye(3)), pin.SE3.Identity())
+    base = add_body(model, "base", joint, 2.0)
+    add_body(model, "arm", "RZ", 1.0, base, com=(0.3, 0.0, 0.0))
     assert rnc.MomentumConservation("base").bind(rnc.Robot(model)).units == units
 
 

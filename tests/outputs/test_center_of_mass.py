@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.model.kinematics import Kinematics
 from tolerances import ROUNDING
 
@@ -54,7 +55,6 @@ def test_axes_of_a_centre_of_mass():
     ):
         rnc.CenterOfMass("xx").bind(robot)
     model = pin.Model()
-    joint = model.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "hinge")
-    model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
+    add_body(model, "hinge", "RX", pin.Inertia.Random())
     with pytest.raises(rnc.ModelError, match="body behind joint 'hinge' has no frame"):
         rnc.CenterOfMass().bind(rnc.Robot(model))

@@ -5,9 +5,9 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from rolling import slope
 from tolerances import FINITE_DIFFERENCE, ROUNDING
 
-STEP = 1e-4  # [s]; differences of the fourth order
 AXES = "xyz"
 
 
@@ -26,15 +26,6 @@ def free_of(robot, output):
 def states(robot, count=5):
     generator = np.random.default_rng(3)
     return [(robot.random_configuration(generator), generator.uniform(-1, 1, robot.nv)) for _ in range(count)]
-
-
-def slope(function, model, q, v):
-    """Derivative along v by central differences."""
-    near, far = (
-        (function(pin.integrate(model, q, h * v)) - function(pin.integrate(model, q, -h * v))) / (2 * h)
-        for h in (STEP, 2 * STEP)
-    )
-    return (4 * near - far) / 3
 
 
 def rotation(robot, frame, q):
@@ -97,7 +88,7 @@ def test_an_angular_velocity_is_in_the_frames_own_axes(axis, arm):
         state = reduced.at(q, v)
         np.testing.assert_allclose(state.A_star, frame_jacobian(arm, "hand", q)[[3 + row]], atol=ROUNDING)
         here = rotation(arm, "hand", q)
-        turned = slope(lambda p, here=here: pin.log3(here.T @ rotation(arm, "hand", p)), arm.model, q, v)
+        turned = slope(arm.model, lambda p, here=here: pin.log3(here.T @ rotation(arm, "hand", p)), q, v)
         assert state.v1[0] == pytest.approx(turned[row], abs=FINITE_DIFFERENCE)
 
 

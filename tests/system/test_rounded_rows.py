@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from places import DIRT
 from rnc_pin.model.independence import select_independent
 from simple_controllers import Idle
@@ -69,9 +70,7 @@ def four_wheels(angle):
     inertia = model.inertias[model.getJointId("left_axle")]
     for name, y in (("left", 0.15), ("right", -0.15)):
         place = pin.SE3(pin.rpy.rpyToMatrix(-angle, 0, 0), np.array([0.2, y, 0.05 + 3e-6 * (y > 0)]))
-        joint = model.addJoint(1, pin.JointModelRZ(), place, f"front_{name}_axle")
-        model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
-        model.addFrame(pin.Frame(f"front_{name}_wheel", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+        add_body(model, f"front_{name}_axle", "RZ", inertia, 1, at=place, frame=f"front_{name}_wheel")
     return rnc.Robot(model)
 
 

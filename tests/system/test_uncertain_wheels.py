@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
 from rnc_pin.applications.scenario.scenario import Scenario
@@ -135,12 +136,10 @@ def cambered():
     """A free body on two wheels that lean outwards: track and radii enter every row."""
     model = pin.Model()
     model.name = "cambered"
-    base = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
-    model.appendBodyToJoint(base, pin.Inertia(5.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    base = add_body(model, "root_joint", "FreeFlyer", 5.0)
     for name, side in (("left", 1.0), ("right", -1.0)):
         placement = pin.SE3(pin.rpy.rpyToMatrix(side * 0.2, 0.1, 0.0), np.array([0.1, side * 0.3, 0.05]))
-        joint = model.addJoint(base, pin.JointModelRUBY(), placement, f"{name}_joint")
-        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), 0.01 * np.eye(3)), pin.SE3.Identity())
+        joint = add_body(model, f"{name}_joint", "RUBY", 1.0, base, moments=0.01, at=placement)
         along = pin.SE3(np.eye(3), np.array([0.0, side * 0.02, 0.0]))
         model.addFrame(pin.Frame(name, joint, 0, along, pin.FrameType.OP_FRAME))
     return rnc.Robot(model)

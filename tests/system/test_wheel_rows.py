@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from kinds import BESIDE
 from places import DIRT
 from planar_cars import ACKERMANN
@@ -416,8 +417,7 @@ def test_a_car_on_a_free_base_stands_and_steers():
 def test_a_car_that_is_steered_behind_turns_its_rear_wheels_the_other_way():
     model = rolling_base({"fl": (0.0, 0.3), "fr": (0.0, -0.3)}, WHEEL)
     for name, y in (("left", 0.3), ("right", -0.3)):
-        joint = model.addJoint(1, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array([-1.1, y, 0.0])), name)
-        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), 0.01 * np.eye(3)), pin.SE3.Identity())
+        joint = add_body(model, name, "RZ", 1.0, 1, moments=0.01, at=(-1.1, y, 0.0))
         add_wheel(model, joint, f"b{name[0]}", pin.SE3.Identity(), WHEEL)
     wheels = [rnc.RollingWheel(name, WHEEL) for name in ("fl", "fr", "bl", "br")]
     system = rnc.NonholonomicSystem(rnc.Robot(model), [*wheels, rnc.AckermannSteering("left", "right", "fl")])

@@ -7,6 +7,7 @@ import pytest
 import scipy
 
 import rnc_pin as rnc
+from bodies import add_body
 from carts import WHEELS, cart_with_arm
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection, ground_shape
 from rnc_pin.control.whole_body import ControlSample, InverseDynamicsQP
@@ -143,8 +144,7 @@ def slider(solid, pitch, turn):
     """Body that moves along x and turns about an axis through its centre: configurations add up exactly."""
     model = pin.Model()
     along = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "along")
-    angle = model.addJoint(along, turn, pin.SE3.Identity(), "angle")
-    model.appendBodyToJoint(angle, pin.Inertia.FromSphere(1.0, 0.2), pin.SE3.Identity())
+    angle = add_body(model, "angle", turn, pin.Inertia.FromSphere(1.0, 0.2), along)
     frame = model.addFrame(pin.Frame("body", angle, 0, pin.SE3.Identity(), pin.FrameType.BODY))
     geometry = pin.GeometryModel()
     placed = pin.SE3(pin.rpy.rpyToMatrix(0.0, pitch, 0.0), np.zeros(3))
@@ -187,8 +187,7 @@ def test_an_approach_needs_no_more_than_its_deceleration():
 def weak_cart(effort):
     """Ball of 1 kg on a rail along x that can push itself with a limited force."""
     model = pin.Model()
-    joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "rail")
-    model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+    joint = add_body(model, "rail", "PX", pin.Inertia.FromSphere(1.0, 0.1))
     model.upperEffortLimit[:] = effort
     frame = model.addFrame(pin.Frame("cart", joint, 0, pin.SE3.Identity(), pin.FrameType.BODY))
     geometry = pin.GeometryModel()
