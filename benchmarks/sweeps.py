@@ -1,4 +1,4 @@
-"""Cost of sweeps: ``python -m benchmarks.sweeps [--runs N] [--jobs K] [--out DIR] [--units] [--json]``.
+"""Cost of sweeps.
 
 One sweep of N short runs on K processes: runs per second, memory of the main process and of its workers on the way,
 and size on disk. With ``--out`` the folder remains, and the same command continues a sweep that was interrupted.
