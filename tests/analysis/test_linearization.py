@@ -8,14 +8,7 @@ import scipy.linalg
 import rnc_pin as rnc
 from rnc_pin.analysis.derivatives import state_derivatives
 from systems import four_bar
-from textbook_systems import (
-    linear,
-    planar_model,
-    rail_sliders,
-    unicycle,
-    vertical_disk,
-    wheeled_pendulum,
-)
+from textbook_systems import linear, planar_model, rail_sliders, unicycle, vertical_disk, wheeled_pendulum
 
 
 @pytest.mark.parametrize("actuators", [("left_axle", "right_axle"), ()])

@@ -5,16 +5,8 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.analysis import classify
-from systems import (
-    fire_truck,
-    space_robot,
-)
-from textbook_systems import (
-    prismatic,
-    sliders_with_rows,
-    turreted,
-    unicycle,
-)
+from systems import fire_truck, space_robot
+from textbook_systems import prismatic, sliders_with_rows, turreted, unicycle
 
 # ---------------------------------------------------------------------- classes of redundancy
 

@@ -11,11 +11,7 @@ import rnc_pin as rnc
 from bodies import add_body
 from random_systems import CONSTRAINTS, KINDS, Recipe, constraint, robot_of
 from rnc_pin.model.kinematics import Kinematics
-from systems import (
-    random_states,
-    reacting,
-    space_robot,
-)
+from systems import random_states, reacting, space_robot
 from tolerances import KKT, ROUNDING
 
 SAID = "which is declared as conserved: omit the momentum"

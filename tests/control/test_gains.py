@@ -7,10 +7,7 @@ import pytest
 
 import rnc_pin as rnc
 from controlled_tasks import space_robot_task
-from rnc_pin.control import (
-    PositionGains,
-    VelocityGains,
-)
+from rnc_pin.control import PositionGains, VelocityGains
 from rnc_pin.control.gain_design import OUTER_GAINS, design_position_gains, design_velocity_gains
 from tolerances import ROUNDING
 

@@ -6,15 +6,8 @@ import pytest
 
 import rnc_pin as rnc
 from bodies import add_body
-from rnc_pin.control import (
-    MomentumRegressor,
-    UnknownMass,
-)
-from systems import (
-    drifting_manipulator,
-    free_flying_panda,
-    space_robot,
-)
+from rnc_pin.control import MomentumRegressor, UnknownMass
+from systems import drifting_manipulator, free_flying_panda, space_robot
 
 
 @pytest.mark.parametrize(

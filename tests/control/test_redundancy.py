@@ -4,20 +4,12 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from controlled_tasks import (
-    Cubic,
-    task_at,
-    wide,
-)
-from rnc_pin.control import (
-    RedundancyController,
-)
+from controlled_tasks import Cubic, task_at, wide
+from rnc_pin.control import RedundancyController
 from rnc_pin.control.redundancy import check_freedom
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import Hold
-from systems import (
-    space_robot,
-)
+from systems import space_robot
 
 K3, K21, WEIGHTS = np.array([1.7, 0.6]), np.array([0.9, 2.3]), np.array([0.5, 3.0, 1.3])
 PRIMARY, VERTICAL, ORDERS = [3, 0], [2, 0], np.random.default_rng(7).uniform(-1, 1, (2, 4, 2))

@@ -6,15 +6,9 @@ import pytest
 
 import rnc_pin as rnc
 from bodies import add_body
-from rnc_pin.control import (
-    UnknownRadius,
-    UnknownTrack,
-    WheelRegressor,
-)
+from rnc_pin.control import UnknownRadius, UnknownTrack, WheelRegressor
 from rnc_pin.control.wheel_regressor import _axles
-from systems import (
-    random_states,
-)
+from systems import random_states
 from textbook_systems import DRIVE, differential_drive, reduced_cart, two_wheeled_cart
 from tolerances import ROUNDING
 

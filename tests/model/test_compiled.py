@@ -16,13 +16,7 @@ from kinds import driven_arm, outputs_of_all_kinds
 from rnc_pin import _kernel
 from rnc_pin.model import kernel_tables
 from rnc_pin.model.reduction_kernel import ReductionKernel
-from systems import (
-    four_bar,
-    free_arm,
-    mobile_manipulator,
-    random_states,
-    tiago,
-)
+from systems import four_bar, free_arm, mobile_manipulator, random_states, tiago
 
 needs_library = pytest.mark.skipif(
     _kernel.library is _kernel.NUMPY_ALONE, reason="NumPy evaluates: no library, or RNC_PIN_KERNEL=numpy"

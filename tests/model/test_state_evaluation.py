@@ -9,12 +9,7 @@ import scipy.linalg
 
 import rnc_pin as rnc
 from bodies import add_body
-from rnc_pin.control import (
-    PositionTracker,
-    RedundancyController,
-    VelocityGains,
-    VelocityTracker,
-)
+from rnc_pin.control import PositionTracker, RedundancyController, VelocityGains, VelocityTracker
 from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.compiled import evaluator_for
 from rnc_pin.model.independence import _choose
@@ -27,15 +22,7 @@ from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import OutputRows
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.planning import Hold
-from systems import (
-    ALL,
-    mobile_manipulator,
-    random_states,
-    space_robot,
-    spinning_space_robot,
-    tiago,
-    without_outputs,
-)
+from systems import ALL, mobile_manipulator, random_states, space_robot, spinning_space_robot, tiago, without_outputs
 from tolerances import KKT, ROUNDING
 
 QUANTITIES = [

@@ -13,13 +13,7 @@ from rnc_pin.model.reduction_data import best_entries
 from rnc_pin.model.rows import Rows, check_defined
 from rnc_pin.model.system import _is_loose
 from rnc_pin.robots.sources.description import Mimic
-from systems import (
-    leaning_wheel,
-    rolling_base,
-    sleigh,
-    space_robot,
-    tiago,
-)
+from systems import leaning_wheel, rolling_base, sleigh, space_robot, tiago
 from textbook_systems import Bound, Flat, Turning, coupling, sliders
 from tolerances import ROUNDING
 

@@ -11,9 +11,7 @@ from places import DATA
 from rnc_pin.analysis.linearization import Linearization
 from rnc_pin.model.rows import ConstantRows, Rows
 from rnc_pin.robots.vehicles import tractor_trailers_urdf
-from systems import (
-    rolling_base,
-)
+from systems import rolling_base
 
 
 def planar_model(name="vehicle"):
