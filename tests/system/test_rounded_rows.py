@@ -9,7 +9,6 @@ import pytest
 import rnc_pin as rnc
 from bodies import add_body
 from places import DIRT
-from rnc_pin.model.independence import select_independent
 from simple_controllers import Idle
 from systems import ALL
 
@@ -126,21 +125,6 @@ def test_a_loop_of_rounded_hinges_keeps_its_freedoms():
     same = rnc.simulate(exact.reduce(map(rnc.JointPosition, hips)), Idle(2), exact.assembled(q), 0.3, 0.01)
     np.testing.assert_allclose(run.q, same.q, atol=1e-3)
     assert np.abs(run.q[-1] - run.q[0]).max() > 0.1  # it fell
-
-
-def test_a_sample_near_a_singular_configuration_changes_nothing():
-    good = np.array([[1.0, 0, 0], [0, 1, 0]])
-    close = np.array([[1.0, 0, 0], [1, 1e-6, 0]])
-    found = select_independent(np.stack([good, close]), ["a", "b"])
-    assert found.kept == [0, 1]
-    assert found.margin == 1.0
-    both = np.stack([good, np.array([[1.0, 0, 0], [1, 0, 0]])])
-    with pytest.raises(rnc.ConstraintError, match="changes with the configuration, from 1 to 2"):
-        select_independent(both, ["a", "b"])
-    # Dependent but for rounding, more or less so: no change of the rank.
-    found = select_independent(np.stack([close, np.array([[1.0, 0, 0], [1, 1e-9, 0]])]), ["a", "b"])
-    assert found.kept == [0]
-    assert found.dropped[0].rounding == pytest.approx(1e-6, rel=1e-3)
 
 
 @pytest.mark.parametrize("name", ALL)
