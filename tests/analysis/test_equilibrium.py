@@ -10,7 +10,7 @@ import rnc_pin as rnc
 import systems
 from rnc_pin.analysis.equilibrium import _Search
 from systems import ALL, four_bar, random_states
-from textbook_systems import SPEED, G, acrobot, hanging_chain, sideways_pendulum, wheeled_pendulum
+from textbook_systems import RESTING, SPEED, G, acrobot, angle_of, hanging_chain, sideways_pendulum, wheeled_pendulum
 
 
 def check(reduced, found):
@@ -225,6 +225,24 @@ def test_a_step_towards_an_equilibrium_is_that_of_newton(make):
     np.testing.assert_allclose(basis.T @ step, 0, atol=1e-9)  # no longer than it has to be
 
 
+def test_what_rests_to_one_part_in_ten_to_the_ten_is_left_where_it_is():
+    """A little further on it is brought down; of the whole gravity, sideways too."""
+    reduced = sideways_pendulum()
+    near, far = (np.array([share * angle_of(1e-10 * RESTING)]) for share in (0.97, 1.03))
+    np.testing.assert_array_equal(rnc.equilibrium(reduced, near).q, near)
+    found = rnc.equilibrium(reduced, far)
+    assert abs(found.q[0]) < 1e-3 * far[0]
+    assert found.residual < 1e-3 * 0.35 * 1e-10 * RESTING
+
+
+def test_one_part_in_ten_to_the_nine_is_accepted_where_nothing_can_move():
+    reduced = sideways_pendulum()
+    near, far = (np.array([share * angle_of(1e-9 * RESTING)]) for share in (0.97, 1.03))
+    np.testing.assert_array_equal(rnc.equilibrium(reduced, near, ["hinge_0"]).q, near)
+    with pytest.raises(rnc.ConstraintError, match=r"rate of 'hinge_0' changes by -1\.13e-09 a second$"):
+        rnc.equilibrium(reduced, far, ["hinge_0"])
+
+
 def test_a_hinge_that_turns_under_gravity_is_no_steady_motion():
     with pytest.raises(rnc.ConstraintError) as told:
         rnc.equilibrium(sideways_pendulum(), [0.0], v2=[SPEED])
@@ -300,6 +318,15 @@ def test_rows_that_say_nothing_take_no_direction_away():
     np.testing.assert_allclose(basis[pitch], 0.0, atol=1e-12)
     np.testing.assert_allclose(np.delete(step, pitch), 0.0, atol=1e-9)
     assert step[pitch] == pytest.approx(-np.tan(0.3), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("step", "limited"),
+    [([0.9, -0.15], [0.3, -0.05]), ([0.1, -1.2], [0.025, -0.3]), ([-0.29, 0.1], [-0.29, 0.1]), ([0.0, 0.0], [0, 0])],
+)
+def test_no_step_is_longer_than_three_tenths(step, limited):
+    search = search_from(hanging_chain([], 2), [0.1, 0.2])
+    np.testing.assert_allclose(search._limited(np.array(step)), limited, rtol=1e-14)
 
 
 @pytest.fixture

@@ -70,6 +70,34 @@ def test_of_many_combinations_each_takes_the_fewest_rows():
         assert all(each.constant for each in found.combinations)
 
 
+@pytest.mark.parametrize("share", [0.97, 1.03])
+def test_a_row_is_integrable_to_a_part_in_a_hundred_thousand(share):
+    """``a1 = dw + 1e-5 beta``, of unit length."""
+    weak = share * 1e-5
+    reduced = contact_rows((7 * weak / np.sqrt(1.09), 0.0, [7.0]), (-2.0, 0.0, [0.0]))
+    found = integrability(reduced, np.array([[0.3, 0.0, 0.5, -0.2]]))  # beta has the length of sqrt(1.09) here
+    expected = (("a1",), ("a2",)) if share < 1 else ((), ("a1", "a2"))
+    assert (found.integrable, found.nonholonomic) == expected
+
+
+@pytest.mark.parametrize("share", [0.97, 1.03])
+def test_coefficients_below_a_part_in_a_hundred_thousand_are_none(share):
+    reduced = contact_rows((4 * share * 1e-5, 0.0, [3.0]), (4.0, 0.0, [0.0]))
+    (combination,) = integrability(reduced, places(0.3, -0.4, size=4)).combinations
+    assert set(combination.coefficients) == ({"a1"} if share < 1 else {"a1", "a2"})
+
+
+@pytest.mark.parametrize(("share", "constant"), [(0.95, True), (1.05, False)])
+@pytest.mark.parametrize("size", [0.5, 20.0])
+def test_coefficients_are_constant_to_a_part_in_a_hundred_thousand(size, share, constant):
+    """``a1 - size (1 + small x) a2`` is dw, at x = 0 and x = 1."""
+    reduced = contact_rows((size, size * share * 1e-5 * max(1.0, 1.0 / size), [1.0]), (1.0, 0.0, [0.0]))
+    found = integrability(reduced, places(0.0, 1.0, 0.5, size=4))
+    (combination,) = found.combinations
+    assert combination.constant == constant
+    assert combination.coefficients == pytest.approx({"a1": 1 / max(1, size), "a2": -size / max(1, size)}, rel=1e-4)
+
+
 @pytest.mark.parametrize("x", [(0.0, 0.6, -1.5), (0.6, 0.0, -1.5), (-1.5, 0.6, 0.0)])
 def test_a_coefficient_that_vanishes_somewhere_is_no_unit(x):
     """``x a1 - a2`` is dw: at x = 0 a2 alone. What is told is of where the first row takes part most."""
@@ -116,6 +144,13 @@ def test_rows_next_to_each_other_are_no_pair(share, chosen):
     space = np.array([[3.0, 0.0], [5 * np.cos(angle), 5 * np.sin(angle)], [0.0, 0.2], [1.0, 1.0]])
     assert _pivots(space, np.arange(4), 2) == chosen
     assert _pivots(space, np.array([3, 1, 0, 2]), 2) == [3, 1]
+
+
+@pytest.mark.parametrize(("share", "chosen"), [(0.97, [1, 2]), (1.03, [0, 1])])
+def test_a_row_of_hardly_any_combination_is_no_pivot(share, chosen):
+    """It would stand for a combination with coefficients above a thousand."""
+    space = np.array([[0.0, share * 2e-3], [2.0, 0.0], [1.0, 1.0], [1e-16, 2e-16]])
+    assert _pivots(space, np.array([3, 0, 1, 2]), 2) == chosen
 
 
 def test_the_two_combinations_of_a_car_differ():

@@ -8,6 +8,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.analysis import boundedness, lemma_1_residuals
+from rnc_pin.analysis.lemma_1 import _order
 from rnc_pin.analysis.singularities import Singularity
 from systems import ALL, random_states, reacting, without_outputs
 from textbook_systems import rail_sliders
@@ -306,3 +307,33 @@ def test_less_than_the_fifth_root_is_no_growth(sizes, which, power):
     np.testing.assert_allclose(getattr(way, which), 3.0 * (0.5 * SHARES) ** -power, rtol=1e-9)
     np.testing.assert_allclose(getattr(way, other), 1.0)
     assert way.bounded == bounds.everywhere == (power < 0.2)
+
+
+@pytest.mark.parametrize(("singular", "told"), [(4, True), (5, False)])
+@pytest.mark.parametrize(
+    "error",
+    [rnc.SingularityError("there", q=np.zeros(3), condition=np.inf, rows=("lever",)), rnc.ConstraintError("open")],
+    ids=["singular", "open"],
+)
+def test_three_places_make_a_way(sizes, singular, told, error):
+    sizes.update(singular=singular, error=error)
+    bounds = boundedness(lever(), SAMPLES, [goal()])
+    assert bounds.everywhere
+    assert [way.distances for way in bounds.approaches] == (
+        [pytest.approx(tuple(0.5 * SHARES[singular:]))] if told else []
+    )
+
+
+@pytest.mark.parametrize(("count", "counted"), [(3, 3), (4, 3), (5, 3), (6, 3), (7, 4), (8, 4), (9, 5)])
+def test_orders_are_of_the_nearer_half(count, counted):
+    """Three places at least: what is farther does not count, and the farthest of these does."""
+    distances = 2.0 * np.geomspace(1.0, 1e-3, count)
+    sizes = 5.0 * distances**-1.7
+    sizes[: count - counted] = 1e9
+    assert _order(distances, sizes) == pytest.approx(1.7, rel=1e-9)
+    sizes[count - counted] *= 2
+    logs = np.log(distances[-counted:])
+    tilt = (logs[0] - logs.mean()) * np.log(2) / np.sum((logs - logs.mean()) ** 2)
+    assert _order(distances, sizes) == pytest.approx(1.7 - tilt, rel=1e-9)
+    sizes[-1] = 0.0
+    assert _order(distances, sizes) == 0.0

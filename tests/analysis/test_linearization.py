@@ -8,7 +8,18 @@ import scipy.linalg
 import rnc_pin as rnc
 from rnc_pin.analysis.derivatives import state_derivatives
 from systems import four_bar
-from textbook_systems import linear, planar_model, rail_sliders, unicycle, vertical_disk, wheeled_pendulum
+from textbook_systems import (
+    SIZE,
+    SPEED,
+    angle_of,
+    linear,
+    planar_model,
+    rail_sliders,
+    sideways_pendulum,
+    unicycle,
+    vertical_disk,
+    wheeled_pendulum,
+)
 
 
 @pytest.mark.parametrize("actuators", [("left_axle", "right_axle"), ()])
@@ -123,6 +134,21 @@ def _tipped(reduced):
     return reduced.robot.configuration({"pitch": 0.3})
 
 
+def test_a_motion_is_steady_to_a_part_in_ten_to_the_eight():
+    """Of the whole gravity and the square of the speed."""
+    reduced = sideways_pendulum()
+    near, far = (np.array([share * angle_of(1e-8 * SIZE)]) for share in (0.97, 1.03))
+    v2 = [SPEED]
+    found = rnc.linearize(reduced, near, v2, [])
+    np.testing.assert_allclose(found.A, [[0.0, 1.0], [-1 / angle_of(1.0), 0.0]], rtol=1e-6, atol=1e-9)
+    with pytest.raises(rnc.ConstraintError) as told:
+        rnc.linearize(reduced, far, v2, [])
+    assert str(told.value) == (
+        "not an equilibrium and not a steady motion: under T = [] "
+        f"the rate of 'hinge_0' changes by {-1.03e-8 * SIZE:.3g} a second"
+    )
+
+
 def test_a_state_of_nothing_is_refused():
     reduced = rnc.NonholonomicSystem(rail_sliders(2), []).reduce()
     with pytest.raises(rnc.InputError) as told:
@@ -207,6 +233,20 @@ def test_of_coordinates_that_move_the_fastest_is_named():
     with pytest.raises(rnc.ConstraintError) as told:
         rnc.linearize(reduced, q, [1.0, 0.0], coordinates=[rnc.FrameYaw("body"), rnc.FramePosition("body", "yx")])
     assert str(told.value) == "coordinate 'body_x' moves in this motion: leave it out of the coordinates"
+
+
+@pytest.mark.parametrize("speed", [0.5, 3.0])
+def test_a_coordinate_moves_above_a_hundred_millionth_of_the_motion(speed):
+    """Or of one a second; slower ones rest."""
+    reduced, coordinates = unicycle(), [rnc.FrameYaw("body"), rnc.FramePosition("body", "y")]
+    limit = 1e-8 * (1.0 + speed) / speed
+    q = reduced.robot.configuration({"root_joint": (0.0, 0.0, 0.97 * limit)})
+    found = rnc.linearize(reduced, q, [speed, 0.0], coordinates=coordinates)
+    np.testing.assert_allclose(found.A[:2, :2], [[0.0, 0.0], [speed, 0.0]], atol=1e-12)  # y' = u sin(yaw)
+    q = reduced.robot.configuration({"root_joint": (0.0, 0.0, 1.03 * limit)})
+    with pytest.raises(rnc.ConstraintError) as told:
+        rnc.linearize(reduced, q, [speed, 0.0], coordinates=coordinates)
+    assert str(told.value) == "coordinate 'body_y' moves in this motion: leave it out of the coordinates"
 
 
 def test_a_loop_has_the_coordinates_that_it_leaves():

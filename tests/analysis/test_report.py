@@ -103,6 +103,21 @@ def test_lemma_1_of_the_space_robot_holds_off_its_straight_arm():
         assert way.V_order == pytest.approx(4.0, abs=0.2)  # at unit rates of the tip joints turn at 1 / d: R_dot ~ d^-3
 
 
+@pytest.mark.parametrize(("share", "rank", "missing"), [(0.97, 1, ("s1",)), (1.03, 2, ())])
+def test_a_drive_is_one_to_a_part_in_ten_to_the_ten(share, rank, missing):
+    B = 30.0 * np.diag([1.0, share * 1e-10])
+    report = rnc.analyze(rnc.NonholonomicSystem(rail_sliders(2), [], B).reduce(), samples=3)
+    assert (report.actuation_rank, report.unactuated) == (rank, missing)
+
+
+@pytest.mark.parametrize(("share", "missing"), [(0.97, ("s1",)), (1.03, ("s0", "s1"))])
+def test_a_millionth_of_a_force_is_missing(share, missing):
+    """One drive for two bodies: the force across it has a part along both."""
+    B = np.array([[1.0], [share * 1e-6]])
+    report = rnc.analyze(rnc.NonholonomicSystem(rail_sliders(2), [], B).reduce(), samples=3)
+    assert (report.actuation_rank, report.unactuated) == (1, missing)
+
+
 @pytest.mark.parametrize(
     ("B", "rank", "missing"),
     [

@@ -228,6 +228,29 @@ def test_a_joint_has_ends_where_both_are_numbers_below_ten_billion_and_in_order(
         assert both.describe()["zone"] == pytest.approx([0.2])
 
 
+class Cubes(SingularityDistance):
+    """Its gradient is written down."""
+
+    def gradient(self, q):
+        return q**3
+
+
+def test_the_distance_from_singularity_is_differentiated_over_at_most_a_fifty_thousandth():
+    """At zero the difference of ``q^3`` along v is ``h^2 v^3``, which tells h; one state and batches of two axes."""
+    reduced, gains = limited_sliders(*[(-1.0, 1.0)] * 3), np.array([0.5, 2.0, 3.0])
+    distance = Cubes(reduced, SimpleNamespace(redundant=np.arange(3)), gains)
+    velocities = np.random.default_rng(2).uniform(-4, 4, (2, 5, 3))
+    for v in (velocities, velocities[0], velocities[1, 3]):
+        z, z_dot = distance(0.0, Measurement(q=np.zeros(v.shape), v=v))
+        h = 2e-5 / (1 + np.abs(v).max())
+        assert not z.any()
+        np.testing.assert_allclose(z_dot, gains * h**2 * v**3, rtol=1e-12)
+    q = velocities / 8
+    z, z_dot = distance(0.0, Measurement(q=q, v=velocities))
+    np.testing.assert_array_equal(z, gains * q**3)
+    np.testing.assert_allclose(z_dot, gains * 3 * q**2 * velocities, atol=1e-8)
+
+
 def test_secondary_objectives_are_worth_their_gains_and_describe_themselves():
     reduced, task = manipulator()
     zero = Posture(task, Hold([0.2, -0.1]), np.array([0.0, 3.0]))

@@ -353,6 +353,13 @@ def test_a_pose_is_the_same_to_a_millionth_of_the_turning_radius(radius, apart, 
         assert plan_legs(start, goal, radius)
 
 
+def test_a_heading_is_the_same_to_two_billionths_of_a_radian():
+    start = np.array([1.0, 2.0, 0.3])
+    with pytest.raises(rnc.ConfigurationError, match="are the same pose"):
+        plan_legs(start, start + np.array([0.0, 0.0, 1.5e-9]), 1.0)
+    assert len(plan_legs(start, start + np.array([0.0, 0.0, 3e-9]), 1.0)) > 1
+
+
 def test_a_car_backs_up_unless_told_not_to():
     (leg,) = plan_legs(np.zeros(3), np.array([-3.0, 0.0, 0.0]), 0.5)
     assert leg.length == pytest.approx(3.0)
@@ -410,6 +417,13 @@ def test_the_best_leg_is_the_cheapest_of_seven_charts(forward_only, samples, rad
     assert (parts > 0.1).sum() > 10  # more than the first of the charts is used
     np.testing.assert_allclose(costs, expected[:, 0], rtol=1e-10)
     np.testing.assert_allclose(charts, expected[:, 1], rtol=1e-10)
+
+
+@pytest.mark.parametrize("way", [1, -1])
+def test_a_leg_is_longer_than_a_millionth_of_the_turning_radius(way):
+    goals = np.array([[1.9e-6, 0.0, 0.0], [2.1e-6, 0.0, 0.0]]) * way
+    costs, _ = best_legs(np.zeros((2, 3)), goals, 2.0)
+    np.testing.assert_allclose(costs, [np.inf, 2.1e-6], rtol=1e-6)
 
 
 def test_a_leg_is_driven_as_its_quintic_says():
