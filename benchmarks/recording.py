@@ -60,7 +60,7 @@ def record(name: str, arguments: list[str]) -> None:
     FOLDER.mkdir(exist_ok=True)
     head = "".join(f"{key}: {value}\n" for key, value in facts.items())
     output = "\n".join(line.rstrip() for line in run.stdout.strip("\n").splitlines())
-    section = "-".join([name, *(each for each in arguments if each.isalpha())])
+    section = "-".join([name, *(each for each in arguments[:1] if each[0] != "-" and not each.isdigit())])
     (FOLDER / f"{section}.txt").write_text(f"{head}\n{output}\n", encoding="utf-8")
 
 

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from benchmarks import __main__ as entry
-from benchmarks import latency, recording, reduction, scaling
+from benchmarks import latency, recording, reduction, scaling, sweeps
 from benchmarks.doorway_circle import doorway_robot
 from benchmarks.doorway_path import doorway_path, whole_configuration
 from benchmarks.states import regular_states
@@ -197,6 +197,13 @@ def test_one_command_lists_and_runs_all_benchmarks(monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["benchmarks"])
     entry.main()
     assert "reduction" in capsys.readouterr().out
+
+
+def test_parts_of_the_cost_of_a_run_are_less_than_the_whole(monkeypatch):
+    monkeypatch.setattr(sweeps, "BATCH", 2)
+    cost = sweeps.run_cost(1)
+    assert 0 < cost["prepare"] < cost["anew"]
+    assert 0 < cost["summary columns"] < cost["simulate"] < cost["anew"]
 
 
 def test_the_page_of_results_is_what_the_records_say():
