@@ -247,7 +247,7 @@ def test_tasks_and_limits(name, monkeypatch):
 
 @pytest.mark.parametrize("name", CALLS)
 def test_functions_of_the_library(name, monkeypatch):
-    """What a function of the library gives is what its caller computes without it."""
+    """The caller of a function computes the same without the library."""
     call, tolerance = CALLS[name]
     taken = Taken(_kernel.library)
     monkeypatch.setattr(_kernel, "library", taken)
