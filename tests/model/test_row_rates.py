@@ -13,7 +13,7 @@ from row_kinds import drawn, robots
 from tolerances import FINITE_DIFFERENCE, ROUNDING
 
 ROWS = {name: (robot, kind) for robot, kinds in robots() for name, kind in kinds.items()}
-LOGARITHMIC = ("frames", "frame of the world")
+LOGARITHMIC = ("frames", "frame of the world", "fixed orientation")
 """Rows whose residual is a logarithm: its rate is that of the rows only where it is zero."""
 
 

@@ -37,6 +37,10 @@ CONSTRAINTS = {
     "point of a wheel": [rnc.LoopClosure("front", "universe", "point", BESIDE)],
     "frame of the world": [rnc.LoopClosure("universe", "rear", "frame", BESIDE, (0.0, 0.1, -0.4), (0.3, -0.5, 1.1))],
     "frame of a wheel": [rnc.LoopClosure("front", "universe", "frame", BESIDE, (0.0, 0.1, -0.4), (0.3, -0.5, 1.1))],
+    "fixed outputs": [
+        rnc.FixedOutput(rnc.FrameYaw("front", "z"), 0.3),
+        rnc.FixedOutput(rnc.JointPosition("steer"), 0.2),
+    ],
     "gear": [rnc.JointCoupling("front_wheel", "rear_wheel", 0.5), rnc.NoSideSlip("frame", "y")],
 }
 TURNS = [rnc.FrameAngularVelocity("frame", axis) for axis in "xyz"]
