@@ -8,7 +8,7 @@ import rnc_pin as rnc
 from benchmarks.validation.bicycle import REAR, REFERENCE, bicycle, upright
 from bodies import add_body
 from rnc_pin.analysis.symmetry import find_symmetries
-from rnc_pin.model.differences import gradient
+from rnc_pin.model.user_functions import gradient
 from systems import ALL
 from textbook_systems import tractor_trailers, vertical_disk, wheeled_pendulum
 

@@ -10,7 +10,7 @@ from kinds import ILL_SCALED, KINDS
 from random_systems import TOUCHING, recipes, reduced_of
 from rnc_pin.analysis.derivatives import _at_one_state as at_one_state
 from rnc_pin.analysis.derivatives import state_derivatives
-from rnc_pin.model.differences import directional_derivative, gradient
+from rnc_pin.model.user_functions import directional_derivative, gradient
 from systems import (
     bicycle,
     fire_truck,

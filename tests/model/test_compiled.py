@@ -14,7 +14,7 @@ import rnc_pin as rnc
 from by_numpy import by_numpy
 from kinds import driven_arm, outputs_of_all_kinds
 from rnc_pin import _kernel
-from rnc_pin.model import kernel_tables
+from rnc_pin.model import reduction_kernel
 from rnc_pin.model.reduction_kernel import ReductionKernel
 from systems import four_bar, free_arm, mobile_manipulator, random_states, tiago
 
@@ -79,7 +79,7 @@ def test_another_memory_layout_is_not_used(monkeypatch):
     def refuse(*_):
         raise ValueError("Pinocchio's matrices are not stored by columns")
 
-    monkeypatch.setattr(kernel_tables, "_view", refuse)
+    monkeypatch.setattr(reduction_kernel, "_view", refuse)
     robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
     system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")])
     with pytest.warns(RuntimeWarning, match="not stored by columns"):
