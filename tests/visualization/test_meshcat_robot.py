@@ -13,7 +13,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from browsing import opened, place, visit
+from browsing import place, visit
 from patience import PATIENCE, eventually
 from places import DIRT
 from rnc_pin.applications.command_line.cli import main
@@ -34,12 +34,6 @@ SINGLE_PRECISION = 1e-6  # [m]; meshes are kept in it
 INERTIAL = """<inertial><origin xyz="0 0 0.1" rpy="0 0 0.3"/><mass value="12"/>
     <inertia ixx="0.13" iyy="0.1" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial>"""
 BOX = '<geometry><box size="1 1 1"/></geometry>'
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with opened() as launched:
-        yield launched
 
 
 def mesh(name, kind="visual"):
