@@ -42,6 +42,7 @@ from .slithering import SlitheringReference as SlitheringReference
 from .split import SplitController as SplitController
 from .state_feedback import StateFeedback as StateFeedback
 from .steering import SteeringController as SteeringController
+from .typical_inertia import gravity_loads as gravity_loads
 from .uncertain import UncertainController as UncertainController
 from .uncertain import UncertainRedundancyController as UncertainRedundancyController
 from .unicycle_stabilizer import UnicycleStabilizer as UnicycleStabilizer
