@@ -399,4 +399,3 @@ def _check_delay(delay: float) -> None:
 
 def _late(delay: float) -> str:
     return f" with a delay of {delay:g} s" if delay else ""
-

@@ -148,7 +148,9 @@ def no_gains(
     if values[index] < NEARLY_SINGULAR:
         error.q, error.rows, error.singular_value = at.q[index].copy(), at.dependent_rows(index), float(values[index])
         error.time = None if times is None else float(times[index])
-        words.append(f"the outputs are nearly singular{_place(error.time, error.q)}: {_rows(error.rows, values[index])}")
+        words.append(
+            f"the outputs are nearly singular{_place(error.time, error.q)}: {_rows(error.rows, values[index])}"
+        )
         words.append("keep the motion away from there, or choose other outputs")
     else:
         heavy = int(np.argmax(best.eigenvalues[:, -1]))

@@ -28,9 +28,9 @@ def test_gains_are_given_up_to_the_edge_of_their_windows():
     slow = PositionGains.normalised(2.0, gamma=1.0, rate=0.3)
     assert 2 * slow.k2 == pytest.approx(0.3 * (slow.k1 + slow.k2))
     assert slow.k1 + slow.k2 == pytest.approx(2.0 * 1.2**2)
-    assert VelocityGains.scaled(SimpleNamespace(at=lambda q: SimpleNamespace(H=one)), np.zeros(1), 0.1, 2.0, 2.0, adaptation=1.0).k == [
-        2.0
-    ]
+    assert VelocityGains.scaled(
+        SimpleNamespace(at=lambda q: SimpleNamespace(H=one)), np.zeros(1), 0.1, 2.0, 2.0, adaptation=1.0
+    ).k == [2.0]
     region = np.array([[[2.0, 0.5], [0.5, 1.0]], [[3.0, -0.2], [-0.2, 4.0]], [[0.7, 0.1], [0.3, 5.0]]])
     flat = PositionGains.scaled(region, 0.002)
     grid = PositionGains.scaled(region[None], 0.002)
@@ -121,7 +121,9 @@ def test_gains_scaled_to_an_inertia_are_those_of_the_window():
         np.testing.assert_allclose(gains.beta, 3.0 * gains.k, rtol=1e-12)
         assert gains.sigma == 0.1
     for bandwidth in (4.0 * (1 + 1e-12), 35.0 * (1 - 1e-12)):
-        assert VelocityGains.scaled(reduced, region, 0.002, bandwidth, 2.0, adaptation=1.0).k == pytest.approx(bandwidth * D)
+        assert VelocityGains.scaled(reduced, region, 0.002, bandwidth, 2.0, adaptation=1.0).k == pytest.approx(
+            bandwidth * D
+        )
     for bandwidth in (3.999, 35.001):
         with pytest.raises(rnc.ConfigurationError, match="rad/s is outside the window 4 to 35"):
             VelocityGains.scaled(reduced, region, 0.002, bandwidth, 2.0)

@@ -221,8 +221,9 @@ def test_gains_of_modes_are_gains_of_outputs_that_combine_the_others():
     in_joints, in_modes = system.reduce([rnc.JointPosition(name) for name in joints]), system.reduce([combined])
     q0 = robot.configuration({"joint_2": 1.2, "joint_3": -0.8})
     k, beta, zone = np.array([60.0, 90.0, 40.0, 70.0]), np.array([200.0, 100.0, 300.0, 50.0]), 0.01
-    swing = rnc.planning.MinimumJerk(q0, q0 + [0.3, -0.4, 0.5, 0.2], duration=1.0)
-    turned = rnc.planning.MinimumJerk(S.T @ q0, S.T @ (q0 + [0.3, -0.4, 0.5, 0.2]), duration=1.0)
+    goal = q0 + np.array([0.3, -0.4, 0.5, 0.2])
+    swing = rnc.planning.MinimumJerk(q0, goal, duration=1.0)
+    turned = rnc.planning.MinimumJerk(S.T @ q0, S.T @ goal, duration=1.0)
     force = np.array([3.0, -2.0, 1.0, 0.5])
     of_modes = VelocityTracker(
         ReducingOutputController(in_joints, swing, k2=2.0), VelocityGains(k, beta, 0.2, zone, S), force
