@@ -22,7 +22,7 @@ _PAIRS = 8
 _HALVINGS = 50
 _VANISHES = 1e-7  # smallest singular value, with unit rows, that counts as zero
 _WORST = 3
-_PRESENT = 1e-6  # weight, relative to the largest, above which one at a singular surface is not zero by its structure
+_PRESENT = 1e-6  # weight, relative to the largest, below which the structure of a singular surface makes it zero
 
 MatrixOf = Callable[[np.ndarray], np.ndarray]
 SignOf = Callable[[np.ndarray], float]
