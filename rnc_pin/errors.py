@@ -145,8 +145,8 @@ class InfeasibleError(ConfigurationError):
 
     Attributes:
         plan: best ``MotionPlan`` that ``rnc.optimal.plan`` found, whose verdict says what it violates; else None.
-        q, time: nearly singular configuration (nq,) that is the cause, and its time on the reference [s]; else None.
-        rows: names of the constraint and output rows that are almost dependent there.
+        q, time: configuration (nq,) of a motion that is the cause, and its time on the reference [s]; else None.
+        rows: names of the constraint and output rows that are nearest to dependent there.
         singular_value: smallest singular value of ``E = [A; J2]`` there, of scaled rows; else None.
         of_motion: True if the motion of a controller is refused, so that another controller or reference may help.
 

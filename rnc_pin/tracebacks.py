@@ -86,7 +86,9 @@ def _shell() -> Any:
     return None if ipython is None else ipython.get_ipython()
 
 
-def _show_short(shell: Any, kind: type, error: BaseException, trace: TracebackType, tb_offset: int | None = None) -> None:
+def _show_short(
+    shell: Any, kind: type, error: BaseException, trace: TracebackType, tb_offset: int | None = None
+) -> None:
     """Show an error and its causes without frames of this package; the error keeps its full traceback."""
     chain: list[BaseException] = []
     cause = error.__cause__ or (None if error.__suppress_context__ else error.__context__)

@@ -142,22 +142,23 @@ def no_gains(
     period = _longest_period(best, slowest, delay)
     at = reduced.at(np.atleast_2d(configurations))
     values = np.atleast_1d(at.smallest_singular_value)
-    index = int(np.argmin(values))
-    error = InfeasibleError()
-    error.of_motion = True
-    if values[index] < NEARLY_SINGULAR:
-        error.q, error.rows, error.singular_value = at.q[index].copy(), at.dependent_rows(index), float(values[index])
-        error.time = None if times is None else float(times[index])
+    place = int(np.argmin(values))
+    if values[place] < NEARLY_SINGULAR:
+        where, rows = _place(_time(times, place), at.q[place]), few(at.dependent_rows(place), 6)
         words.append(
-            f"the outputs are nearly singular{_place(error.time, error.q)}: {_rows(error.rows, values[index])}"
+            f"the outputs are nearly singular{where}: rows {rows} are almost dependent, smallest singular value of "
+            f"E = [A; J2] {values[place]:.2g}"
         )
         words.append("keep the motion away from there, or choose other outputs")
     else:
-        heavy = int(np.argmax(best.eigenvalues[:, -1]))
-        when = None if times is None else float(times[heavy])
-        words.append(f"the inertia is most uneven{_place(when, at.q[heavy])}, {_uneven(best, heavy)}")
+        place = int(np.argmax(best.eigenvalues[:, -1]))
+        least, most = best.eigenvalues[place, 0], best.eigenvalues[place, -1]
+        where = _place(_time(times, place), at.q[place])
+        words.append(f"the inertia is most uneven{where}, with {least:.3g} to {most:.3g} of its typical value")
     words.append(_sampling(period))
-    error.args = ("; ".join(words),)
+    error = InfeasibleError("; ".join(words))
+    error.of_motion, error.q, error.time = True, at.q[place].copy(), _time(times, place)
+    error.rows, error.singular_value = at.dependent_rows(place), float(values[place])
     return error
 
 
@@ -175,18 +176,13 @@ def _sampling(period: float) -> str:
     return f"a shorter sampling period does not help: {needed}"
 
 
+def _time(times: np.ndarray | None, index: int) -> float | None:
+    return None if times is None else float(times[index])
+
+
 def _place(time: float | None, q: np.ndarray) -> str:
     when = "" if time is None else f" at t = {time:.2f} s"
     return f"{when} at q = [{', '.join(f'{value:.3g}' for value in q)}]"
-
-
-def _rows(rows: tuple[str, ...], value: float) -> str:
-    return f"rows {few(rows, 6)} are almost dependent, smallest singular value of E = [A; J2] {value:.2g}"
-
-
-def _uneven(inertia: TypicalInertia, index: int) -> str:
-    least, most = inertia.eigenvalues[index, 0], inertia.eigenvalues[index, -1]
-    return f"with {least:.3g} to {most:.3g} of its typical value"
 
 
 def _symmetric(H: np.ndarray) -> np.ndarray:

@@ -209,7 +209,8 @@ def _result(run: Run, raw: Mapping[str, Json]) -> tuple[bool, str]:
         if error.singular_value is None:
             return False, _short(error)
         when = "" if error.time is None else f" at t = {error.time:.2f} s"
-        return False, f"still nearly singular{when}, {error.singular_value:.2g} ({few(error.rows, 4)})"
+        value = f"smallest singular value {error.singular_value:.2g}"
+        return False, f"still refused{when}, {value} ({few(error.rows, 4)})"
     except SingularityError as error:
         when = "" if error.time is None else f" at t = {error.time:.2f} s"
         return False, f"the run becomes singular{when} ({few(error.rows, 4)})"
