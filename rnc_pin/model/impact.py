@@ -50,7 +50,7 @@ class Impact(SummaryMixin):
     impulses: Mapping[str, float]
     """Impulse of each constraint row on the robot [N s or N m s]; those of least norm if they are not unique.
 
-    Momentum rows have none. The sign is that of the row's velocity, so it is opposite to the sign of multipliers.
+    Momentum rows have none. The sign is that of the row's velocity, as that of ``contact_forces``.
     """
     energy_before: float
     """Kinetic energy before the impact [J]."""
