@@ -326,7 +326,7 @@ class ConfigurationEvaluation:
             rows=self.dependent_rows(first),
         )
 
-    def dependent_rows(self, state: int | tuple[int, ...] = ()) -> tuple[str, ...]:
+    def dependent_rows(self, state: int | tuple[np.intp, ...] = ()) -> tuple[str, ...]:
         """Names of the rows of E that take part in its smallest singular value.
 
         Args:

@@ -6,7 +6,6 @@ import tomllib
 
 import pytest
 
-import rnc_pin as rnc
 from places import ROOT, docs_script
 from rnc_pin.applications.scenario.files import built_in_names
 

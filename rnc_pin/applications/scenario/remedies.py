@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rnc_pin.applications.scenario.controllers import ControllerSettings, owners
+from rnc_pin.applications.scenario.controllers import owners
+from rnc_pin.applications.scenario.controllers.base import ControllerSettings
 from rnc_pin.applications.scenario.controllers.velocity_tracking import RedundancySettings, VelocityTrackerSettings
 from rnc_pin.applications.scenario.files import short_text, with_options
 from rnc_pin.applications.scenario.loading import output_of
@@ -66,7 +67,9 @@ def try_remedies(refused: Refused, run: Run) -> InfeasibleError:
     """
     raw = {key: value for key, value in refused.raw.items() if key not in _BESIDE_THE_RUN}
     begin = time.process_time()
-    helpful, useless, left = [], [], []
+    helpful: list[str] = []
+    useless: list[str] = []
+    left: list[str] = []
     for remedy in remedies_of(refused):
         if time.process_time() - begin > _PATIENCE:
             left.append(remedy.words)
