@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 PAGE = Path(__file__).parent / "errors.md"
 PACKAGE = Path(__file__).parent.parent / "rnc_pin"
-_LONGEST = 200  # letters of a message that the page shows
+_LONGEST = 130  # letters of a message that the page shows
 _START = re.compile(r"<!-- messages: (?P<paths>[\w/.: ]+) -->\n")
 _END = "<!-- end of messages -->\n"
 _GAP = "…"
@@ -75,7 +75,7 @@ def _calls(node: ast.AST, scope: ast.AST | None) -> Iterator[tuple[ast.AST | Non
 
 
 class _Names(NamedTuple):
-    """Where names of a text are looked up: the module, and the function around the text."""
+    """Module of a text and the function around it, which assign the names in it."""
 
     tree: ast.Module
     scope: ast.AST | None

@@ -157,7 +157,7 @@ class VelocityGains(TrackerGains):
             bandwidth: [rad/s]; by default the largest that the sampling allows.
             slowest: lowest accepted closed-loop rate [1/s]; about twice the outer loop's gain.
             outputs: indices of the reducing outputs of these gains; all by default.
-            adaptation: ``beta / k`` [1/s]; by default 1. Where gravity loads the outputs, it is 10, or less with a
+            adaptation: ``beta / k`` [1/s]; by default 1. Where gravity loads the outputs, it is 20, or less with a
                 delay: adaptation must be as fast as the gravity force changes. Use 30 for a light wrist.
             delay: time from a measurement to the force that answers it, without sampling [s].
             times: times (count,) of the configurations [s], for error messages.
@@ -299,7 +299,7 @@ def design_velocity_gains(
         inertia_bound: for "normalised": upper bound of the reduced inertia, ``diag(inertia_bound) - H >= 0``
             [kg, kg m^2]; a number, or one for each of these outputs.
         bandwidth: for "scaled": bandwidth of the velocity loop [rad/s]; by default the largest that sampling allows.
-        adaptation: for "scaled": adaptation rate ``beta / k`` [1/s]; by default 1, and up to 10 where gravity loads the
+        adaptation: for "scaled": adaptation rate ``beta / k`` [1/s]; by default 1, and up to 20 where gravity loads the
             outputs.
         delay: for "scaled": time from a measurement to its force, without sampling [s]; 0 by default.
         overrides: fields of ``VelocityGains`` by name, in place of those of the preset; None leaves the preset's.

@@ -22,8 +22,8 @@ NEARLY_SINGULAR = 0.05
 _SHORTEST_PERIOD = 1e-4  # [s]; control loops that sample faster are rare, so no message asks for it
 _LEVER = 1e-4  # gravity loads an output above this lever arm of the robot's weight [m]; for a slide, share of it
 _LOOKED_AT = 12  # number of configurations at which gravity is computed
-_UNDER_GRAVITY = 10.0  # adaptation rate with which a tracker follows the change of its gravity load [1/s]
-_ADAPTATION_TIMES_AGE = 0.25  # largest product of the adaptation rate and the age of the feedback signal
+_UNDER_GRAVITY = 20.0  # adaptation rate with which a tracker follows the change of its gravity load [1/s]
+_ADAPTATION_TIMES_AGE = 0.1  # largest product of the adaptation rate and the age of the feedback signal
 
 
 class TypicalInertia(NamedTuple):
@@ -99,10 +99,10 @@ def gravity_loads(reduced: ReducedModel, configurations: np.ndarray, outputs: np
 
 
 def adaptation_rate(is_loaded: bool, dt: float, delay: float) -> float:
-    """Return the default adaptation rate ``beta / k`` [1/s]: 1, or up to 10 where gravity loads the outputs.
+    """Return the default adaptation rate ``beta / k`` [1/s]: 1, or up to 20 where gravity loads the outputs.
 
     An adaptation rate a makes the loop ``rate (s + a) / s^2 exp(-age s)``, with ``age = delay + dt / 2``. With
-    ``a age <= 1 / 4`` its phase margin is at least 20 degrees, for all rates from 4/s to ``fastest_rate``.
+    ``a <= 20/s`` and ``a age <= 0.1`` its phase margin is at least 20 degrees, for all rates from 4/s to ``fastest_rate``.
 
     Args:
         is_loaded: True if gravity loads the outputs.
@@ -169,7 +169,7 @@ def _longest_period(inertia: TypicalInertia, slowest: float, delay: float) -> fl
 
 
 def _sampling(period: float) -> str:
-    """What a shorter sampling period does."""
+    """Words on the effect of a shorter sampling period."""
     if period >= _SHORTEST_PERIOD:
         return f"sample faster, at least every {period:.2g} s"
     needed = f"it would have to be {period:.1g} s" if period else "the delay is too long for any"

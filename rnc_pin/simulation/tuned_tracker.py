@@ -39,7 +39,7 @@ def tuned_tracker(
         along: kinematic controller for the roll-out instead of ``kinematic``, if that one is adaptive.
         step: step of the roll-out [s].
         bandwidth: bandwidth of the velocity loop [rad/s]; by default the largest that the sampling allows.
-        adaptation: adaptation rate ``beta / k`` [1/s]; by default 1, and up to 10 where gravity loads the outputs. Use
+        adaptation: adaptation rate ``beta / k`` [1/s]; by default 1, and up to 20 where gravity loads the outputs. Use
             30 if gravity is large compared with the inertia, as at a light wrist.
         gravity_compensation: True starts the tracker with the force that holds the system at rest at q0, as the
             actuators would report it. This is the default where gravity loads the outputs.

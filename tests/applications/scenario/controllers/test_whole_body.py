@@ -94,7 +94,7 @@ def test_the_default_tracker_reaches_with_a_published_arm_at_100_hz(name, by, tm
         ends[kind] = run.x1[-1] - run.x1[0]
     gains = Scenario.load(tmp_path / "qp.yaml").controller.gains
     assert gains.modes is not None
-    assert gains.beta == pytest.approx(10.0 * gains.k)  # gravity loads the arm
+    assert gains.beta == pytest.approx(20.0 * gains.k)  # gravity loads the arm
     np.testing.assert_allclose(ends["qp"], by, atol=0.01)
     np.testing.assert_allclose(ends["qp"], ends["inverse_dynamics"], atol=0.01)
 
