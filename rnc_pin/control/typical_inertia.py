@@ -102,7 +102,7 @@ def adaptation_rate(is_loaded: bool, dt: float, delay: float) -> float:
     """Return the default adaptation rate ``beta / k`` [1/s]: 1, or up to 20 where gravity loads the outputs.
 
     An adaptation rate a makes the loop ``rate (s + a) / s^2 exp(-age s)``, with ``age = delay + dt / 2``. With
-    ``a <= 20/s`` and ``a age <= 0.1`` its phase margin is at least 20 degrees, for all rates from 4/s to ``fastest_rate``.
+    ``a <= 20/s`` and ``a age <= 0.1`` its phase margin is at least 20 degrees for rates from 4/s to ``fastest_rate``.
 
     Args:
         is_loaded: True if gravity loads the outputs.
