@@ -32,7 +32,7 @@ def benchmarks() -> dict[str, str]:
 
 
 def _parses(name: str) -> bool:
-    """Whether a benchmark has options that it lists by itself."""
+    """True if a benchmark has options that it lists by itself."""
     path = FOLDER / name / "__main__.py" if (FOLDER / name).is_dir() else FOLDER / f"{name}.py"
     return "argparse" in path.read_text(encoding="utf-8")
 
