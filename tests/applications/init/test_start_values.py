@@ -146,7 +146,7 @@ def test_the_motion_of_a_leader_keeps_the_limits_of_its_mimic_joints(tmp_path):
     (tmp_path / "jaws.yaml").write_text(text)
     content = yaml.safe_load(text)
     assert content["initial"]["q"]["lead"] == 0.004  # inside of 0 and 0.2
-    assert content["reference"]["primary"]["minimum_jerk"]["by"] == [0.03]
+    assert content["reference"]["primary"]["minimum_jerk"]["by"] == [0.0588]  # 0.3 of the way to 0.2
     assert execute(Scenario.load(str(tmp_path / "jaws.yaml"))).trajectory.verdict.succeeded
 
 
