@@ -19,6 +19,7 @@ from rnc_pin.model.once_per_model import once_per_model
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import Place
 from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.printing import printed
 
 _UNITS = np.eye(6)
 _SMALL = 1e-9
@@ -42,6 +43,7 @@ class Contact(NamedTuple):
     point: int
 
 
+@printed(force="N", lowest="N")
 @dataclass(frozen=True)
 class LiftOff:
     """Lift-off of a contact: its normal force is below zero.

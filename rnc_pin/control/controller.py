@@ -24,7 +24,7 @@ from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.io.json import Json
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning.references import Reference
-from rnc_pin.printing import ReprMixin
+from rnc_pin.printing import ReprMixin, printed
 
 State: TypeAlias = Any
 """State of a controller from one sample to the next; only the controller knows its content."""
@@ -32,6 +32,7 @@ Description: TypeAlias = Mapping[str, Json]
 """Description of a controller: its ``type``, its gains, and the descriptions of the controllers that it contains."""
 
 
+@printed()
 class VelocityTarget(NamedTuple):
     """Desired motion of the reducing outputs from a kinematic controller, with leading batch axes."""
 
@@ -51,6 +52,7 @@ class VelocityTarget(NamedTuple):
     """Rates for a robot that holds its command over the sample: the mean of the planned rates. None for v2."""
 
 
+@printed()
 class Command(NamedTuple):
     """Output of a controller: F or T; the other fields are for the record only."""
 
@@ -171,6 +173,7 @@ def command_towards(target: VelocityTarget, F: np.ndarray | None = None, T: np.n
     )
 
 
+@printed(until="s")
 class LimitedAcceleration(NamedTuple):
     """Limits of one entry of an acceleration.
 

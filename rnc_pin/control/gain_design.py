@@ -16,6 +16,7 @@ from rnc_pin.control.controller import Description, check_known, listed
 from rnc_pin.errors import ConfigurationError, InfeasibleError
 from rnc_pin.model.parameter_types import NotNegative, Positive
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.printing import printed
 
 Gain = float | np.ndarray
 Preset = Literal["paper", "normalised", "scaled"]
@@ -71,6 +72,7 @@ class TrackerGains:
         return {name: listed(value) for name, value in vars(self).items() if name != "dead_zone" or np.any(value)}
 
 
+@printed(k="force per velocity", sigma="1/s", dead_zone="m/s or rad/s")
 @dataclass(frozen=True)
 class VelocityGains(TrackerGains):
     """Gains of (10).
@@ -170,6 +172,7 @@ class VelocityGains(TrackerGains):
         return cls(k=k, beta=adaptation * k)
 
 
+@printed(gamma="1/s", sigma="1/s")
 @dataclass(frozen=True)
 class PositionGains(TrackerGains):
     """Gains of (8)-(9).

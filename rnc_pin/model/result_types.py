@@ -8,8 +8,10 @@ from typing import NamedTuple
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
+from rnc_pin.printing import printed
 
 
+@printed()
 @dataclass(frozen=True)
 class ReducedTerms:
     """All matrices of the reduced system at a state; batch axes lead."""
@@ -38,6 +40,7 @@ class ReducedTerms:
     b_dot: Float[Array, "*batch nv"]
 
 
+@printed()
 @dataclass(frozen=True)
 class LagrangianTerms:
     """Matrices of the system before reduction, paper (1)."""
@@ -48,6 +51,7 @@ class LagrangianTerms:
     B: Float[Array, "*batch nv p"]
 
 
+@printed()
 class StateDerivative(NamedTuple):
     """Time derivative of a state, with the power of all forces."""
 

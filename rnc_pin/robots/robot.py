@@ -54,7 +54,7 @@ class Robot(NamedModel, SummaryMixin):
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")  # one that comes along; any path will do
-        >>> robot
+        >>> print(robot)
         Robot 'space_robot': 4 degrees of freedom, fixed base
           joints: platform, joint_1, joint_2, joint_3
         >>> q = robot.configuration({"joint_1": 0.3})

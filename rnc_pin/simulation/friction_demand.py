@@ -15,6 +15,7 @@ from rnc_pin.errors import InfeasibleError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.planning import Slowed, TaskReference
+from rnc_pin.printing import printed
 from rnc_pin.simulation.rollout import RolloutEvaluation, class_1_controller, kinematic_rollout
 
 _LARGEST_TIME_SCALE = 64.0
@@ -23,6 +24,7 @@ _TRIES = 6
 _Attempt = TypeVar("_Attempt")
 
 
+@printed()
 @dataclass(frozen=True)
 class FrictionDemand:
     """Friction demand of a motion.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
 from typing import Literal, NamedTuple, get_args
@@ -21,6 +21,7 @@ from rnc_pin.collision import (
 )
 from rnc_pin.control.controller import LimitedAcceleration
 from rnc_pin.errors import InputError
+from rnc_pin.printing import printed
 from rnc_pin.robots.joint_values import NO_LIMIT
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation.trajectory import Trajectory
@@ -34,6 +35,7 @@ LimitKind = Literal["position", "velocity", "effort", "acceleration"]
 LIMIT_KINDS: tuple[LimitKind, ...] = get_args(LimitKind)
 
 
+@printed()
 class LimitUse(NamedTuple):
     """Largest use of a joint limit in a run.
 
@@ -69,6 +71,7 @@ class LimitUse(NamedTuple):
         )
 
 
+@printed(distance="m")
 class Clearance(NamedTuple):
     """Smallest distance of a pair in a run.
 
@@ -94,6 +97,7 @@ class Clearance(NamedTuple):
         return f"{' / '.join(self.names)}: {words} {1e3 * abs(self.distance):.3g} mm at t = {self.time:.3f} s"
 
 
+@printed(within="m", tolerance="m")
 @dataclass(frozen=True)
 class LimitReplay:
     """Result of ``replay_limits``.
@@ -117,7 +121,7 @@ class LimitReplay:
     excesses: np.ndarray
     within: float
     tolerance: float = 0.0
-    curves: DistanceCurves | None = None
+    curves: DistanceCurves | None = field(default=None, repr=False)
     pairs: tuple[int, ...] = ()
 
     @cached_property

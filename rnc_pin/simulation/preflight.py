@@ -13,12 +13,14 @@ from rnc_pin.errors import ConstraintError, DivergenceError, SimulationError, Si
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.planning import TaskReference
+from rnc_pin.printing import printed
 from rnc_pin.simulation.friction_demand import FrictionDemand, friction_demand
 from rnc_pin.simulation.rollout import Margin, Rollout, RolloutEvaluation, class_1_controller, kinematic_rollout
 
 _FEWEST = 5  # smallest number of configurations for accelerations by differences
 
 
+@printed()
 @dataclass(frozen=True)
 class Margins:
     """Result of a preflight.

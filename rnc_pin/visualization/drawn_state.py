@@ -9,12 +9,14 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.printing import printed
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import OutputNames, Sample, Trajectory
 
 RATE = 25.0  # frames per second of a recording
 
 
+@printed()
 class DrawnState(NamedTuple):
     """State of a run at one time. Desired values are NaN for outputs without a goal."""
 

@@ -12,6 +12,7 @@ from matplotlib.path import Path
 from matplotlib.transforms import Affine2D
 
 from rnc_pin.collision import Obstacle
+from rnc_pin.printing import printed
 from rnc_pin.simulation import Trajectory
 from rnc_pin.visualization import plot_style as ps
 from rnc_pin.visualization.panels import MAX_LINES, Others, readable_name
@@ -26,6 +27,7 @@ _BODY, _EDGE = "0.8", "0.45"  # grey of obstacles and of their outlines
 _POINTER = Path([(1.2, 0.0), (-0.8, 0.62), (-0.45, 0.0), (-0.8, -0.62), (1.2, 0.0)], closed=True)
 
 
+@printed(points="m", headings="rad", desired="m")
 @dataclass(frozen=True)
 class GroundPath:
     """Path of a point in the plane.
