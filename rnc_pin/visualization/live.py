@@ -16,7 +16,7 @@ from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import Provenance, RunInfo, Sample
 from rnc_pin.simulation.run_info import provenance_of
 from rnc_pin.visualization.browser.access import LOOPBACK
-from rnc_pin.visualization.browser.scene_server import Receiver
+from rnc_pin.visualization.browser.scene_server import Panel
 from rnc_pin.visualization.browser.scene_window import SceneWindow
 from rnc_pin.visualization.drawn_model import DrawnModel
 from rnc_pin.visualization.drawn_state import DrawnState, live_state
@@ -37,7 +37,7 @@ class MeshcatViewer:
         info: information on the run.
         host: address to serve on.
         title: title of the page.
-        receive: function for the messages of the page's user; see ``SceneServer``.
+        panel: panel of controls; see ``SceneServer``.
     """
 
     def __init__(
@@ -47,14 +47,14 @@ class MeshcatViewer:
         info: RunInfo,
         host: str,
         title: str,
-        receive: Receiver | None = None,
+        panel: Panel | None = None,
     ) -> None:
         self._model, self._view, self._info = drawn_model, view, info
         self.window = SceneWindow(title)
         self.scene = MeshcatScene(self.window)
         self._run_scene: RunScene | None = None
         self._next_values = 0.0
-        self.url = self.window.serve(host=host, receive=receive)
+        self.url = self.window.serve(host=host, panel=panel)
 
     @property
     def browsers(self) -> int:
