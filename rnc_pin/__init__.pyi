@@ -110,3 +110,4 @@ from .simulation import simulate_phases as simulate_phases
 from .simulation import summarize as summarize
 from .simulation import tuned_tracker as tuned_tracker
 from .version import __version__ as __version__
+from .visualization.loop_view import show as show

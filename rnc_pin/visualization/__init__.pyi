@@ -5,6 +5,8 @@ from .drawn_state import DrawnState as DrawnState
 from .drawn_state import recorded_states as recorded_states
 from .live import LiveView as LiveView
 from .live import MeshcatViewer as MeshcatViewer
+from .loop_view import LoopView as LoopView
+from .loop_view import show as show
 from .meshcat_library import mg as mg
 from .plot_style import save as save
 from .plots import plot_learning as plot_learning

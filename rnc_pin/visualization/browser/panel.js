@@ -1,4 +1,4 @@
-// Panel of controls: what users do becomes messages to the server; the pages build on it.
+// ControlPanel of controls: what users do becomes messages to the server; the pages build on it.
 "use strict";
 const panel = (function () {
   const make = (tag, parent, text, kind) => {

@@ -33,8 +33,8 @@ Receiver: TypeAlias = Callable[[object], object]
 """Function for one message of a user, decoded from JSON and otherwise unchecked."""
 
 
-class Panel(NamedTuple):
-    """Panel of controls on a page."""
+class ControlPanel(NamedTuple):
+    """ControlPanel of controls on a page."""
 
     script: str
     """Name of its script, without ``.js``."""
@@ -121,7 +121,7 @@ class SceneServer:
         ConfigurationError: the port is in use, or the address is not an address of this computer.
     """
 
-    def __init__(self, title: str, latest: Commands, port: int, host: str, panel: Panel | None = None) -> None:
+    def __init__(self, title: str, latest: Commands, port: int, host: str, panel: ControlPanel | None = None) -> None:
         try:
             sockets = tornado.netutil.bind_sockets(port, host)
         except OSError as error:

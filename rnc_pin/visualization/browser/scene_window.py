@@ -16,7 +16,7 @@ from rnc_pin.visualization.browser.drawing_commands import Commands, Key, apply_
 from rnc_pin.visualization.browser.page import recorded_page
 
 if TYPE_CHECKING:
-    from rnc_pin.visualization.browser.scene_server import Panel, SceneServer
+    from rnc_pin.visualization.browser.scene_server import ControlPanel, SceneServer
 
 _PACKED_FLOAT = np.dtype([("mark", "u1"), ("value", ">f8")])  # float64 in MessagePack
 
@@ -106,7 +106,7 @@ class SceneWindow:
 
     # ------------------------------------------------------------------ serving
 
-    def serve(self, port: int = 0, host: str = LOOPBACK, panel: Panel | None = None) -> str:
+    def serve(self, port: int = 0, host: str = LOOPBACK, panel: ControlPanel | None = None) -> str:
         """Serve the scene and return its address; see ``SceneServer``."""
         from rnc_pin.visualization.browser.scene_server import SceneServer
 
