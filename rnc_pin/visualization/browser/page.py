@@ -16,7 +16,8 @@ VIEWER = Path(meshcat.__file__).parent / "viewer" / "dist" / "main.min.js"
 
 _PAGE = """<!DOCTYPE html>
 <html lang="en">
-<head><meta charset="utf-8"><title>{title}</title><style>
+<head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title}</title><style>
 {style}</style></head>
 <body>
 <div id="meshcat-pane"></div>

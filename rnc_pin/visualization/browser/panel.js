@@ -26,6 +26,8 @@ const panel = (function () {
   own.clear = (id) => {
     own.element.id = id;
     own.element.replaceChildren();
+    document.body.classList.add("with-panel");
+    window.dispatchEvent(new Event("resize"));  // the picture has another size beside a panel
   };
 
   own.slider = (parent, name, range, command) => {
