@@ -19,7 +19,7 @@ viewer.set_3d_pane_size = function (width, height) {
 
   // ---- commands in addition to Meshcat's
 
-  const WIDEST = 1.5;   // width over height of a picture that has room for the motion alone
+  const WIDEST = 1.5;  // width over height of a picture that has room for the motion alone
   let away = 1;  // distance of the camera over the one for a wide picture
 
   const narrowness = () => Math.max(1, WIDEST / viewer.camera.aspect);
