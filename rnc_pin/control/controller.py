@@ -69,20 +69,77 @@ class Command(NamedTuple):
 
 @runtime_checkable
 class Controller(Protocol):
-    """Controller that computes a command once per sample."""
+    """Controller that computes a command once per sample; any object with these two methods is one.
 
-    def initial_state(self, measurement: Measurement) -> State: ...
+    It holds gains only. What it learns is in the state, which ``step`` takes and returns without changing it. The
+    command has ``F``, a reduced force (r,), or ``T``, inputs of the actuators (p,); others are for the record.
 
-    def step(self, t: float, measurement: Measurement, state: State) -> tuple[Command, State]: ...
+    The measurement has q (nq,), v2 (r,), the outputs x1 (k,) and x2 (r,), A_star (k, r), and more; see ``Measurement``.
+    ``describe()`` is optional: type and gains for the record of a run.
+
+    Example:
+        >>> class Brake:
+        ...     def __init__(self, gain):
+        ...         self.gain = gain  # [N s/m or N m s/rad]
+        ...     def initial_state(self, measurement):
+        ...         return None
+        ...     def step(self, t, measurement, state):
+        ...         return rnc.control.Command(F=-self.gain * measurement.v2), state
+        >>> isinstance(Brake(5.0), rnc.control.Controller)
+        True
+        >>> Brake(5.0).step(0.0, rnc.Measurement(v2=np.array([1.0, 0.5])), None)[0].F
+        array([-5. , -2.5])
+    """
+
+    def initial_state(self, measurement: Measurement) -> State:
+        """Return the state before the first sample.
+
+        Args:
+            measurement: first measurement.
+        """
+
+    def step(self, t: float, measurement: Measurement, state: State) -> tuple[Command, State]:
+        """Return the command, and the state for the next sample.
+
+        Args:
+            t: time of the sample [s].
+            measurement: measurement at that time.
+            state: state from the last sample; it is not changed.
+        """
 
 
 @runtime_checkable
 class KinematicController(Protocol):
-    """Kinematic controller that computes a velocity target once per sample."""
+    """Controller that computes a velocity target once per sample; it reads no masses.
 
-    def initial_state(self, measurement: Measurement) -> State: ...
+    Its methods are those of ``Controller``, with a ``VelocityTarget`` in place of the command: v2 (r,) and its
+    derivative. Trackers, such as ``VelocityTracker``, turn the target into forces.
 
-    def step(self, t: float, measurement: Measurement, state: State) -> tuple[VelocityTarget, State]: ...
+    Example:
+        >>> class Cruise:
+        ...     def initial_state(self, measurement):
+        ...         return None
+        ...     def step(self, t, measurement, state):
+        ...         return rnc.control.VelocityTarget(v2=np.array([1.0, 0.0]), v2_dot=np.zeros(2)), state
+        >>> isinstance(Cruise(), rnc.control.KinematicController)
+        True
+    """
+
+    def initial_state(self, measurement: Measurement) -> State:
+        """Return the state before the first sample.
+
+        Args:
+            measurement: first measurement.
+        """
+
+    def step(self, t: float, measurement: Measurement, state: State) -> tuple[VelocityTarget, State]:
+        """Return the velocity target, and the state for the next sample.
+
+        Args:
+            t: time of the sample [s].
+            measurement: measurement at that time.
+            state: state from the last sample; it is not changed.
+        """
 
 
 @runtime_checkable

@@ -38,13 +38,31 @@ class ReferencePoint(NamedTuple):
 
 @runtime_checkable
 class Reference(Protocol):
-    """Desired trajectory of k outputs."""
+    """Desired trajectory of k outputs; any object with these two attributes and this method is one.
+
+    Attributes:
+        size: number of outputs, k.
+        duration: time after which the reference rests [s]; infinite if it never rests, zero for a constant.
+
+    Example:
+        >>> class Ramp:
+        ...     size, duration = 1, np.inf
+        ...     def at(self, t):
+        ...         zero = np.zeros(1)
+        ...         return rnc.planning.ReferencePoint(np.array([0.1 * t]), np.array([0.1]), zero, zero)
+        >>> isinstance(Ramp(), rnc.planning.Reference), Ramp().at(2.0).position
+        (True, array([0.2]))
+    """
 
     size: int
     duration: float
-    """Time after which the reference rests [s]; infinite if it never rests, zero for a constant."""
 
-    def at(self, t: float) -> ReferencePoint: ...
+    def at(self, t: float) -> ReferencePoint:
+        """Return position, velocity, acceleration and jerk, (k,) each.
+
+        Args:
+            t: time [s].
+        """
 
 
 class Hold(ReferenceSummary):
