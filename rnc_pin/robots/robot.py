@@ -19,6 +19,7 @@ from rnc_pin.robots import robot_files
 from rnc_pin.robots.derived_models import AttachedModel, LazyGeometry, LinkMass, LockedModel, with_link_masses
 from rnc_pin.robots.joint_values import JointValue, NamedModel
 from rnc_pin.robots.model_checks import Massless, UselessInertia, check_model, check_model_size, massless, remedy
+from rnc_pin.robots.source_entry import source_entry
 from rnc_pin.robots.sources.description import Closure, Description, Mimic
 from rnc_pin.robots.sources.numeric_checks import check_acceleration
 from rnc_pin.robots.sources.urdf import read_urdf
@@ -133,7 +134,7 @@ class Robot(NamedModel, SummaryMixin):
         read = read_urdf(path, base, package_dirs, xacro_arguments, snap=snap, masses=masses)
         robot = cls._from_description(path, read, lock, gravity)
         shipped = path == robot_files.shipped_directory() / given
-        robot.source = robot_files.source_entry(
+        robot.source = source_entry(
             urdf=given if shipped else str(path),
             base=base,
             package_dirs=package_dirs,
@@ -216,7 +217,7 @@ class Robot(NamedModel, SummaryMixin):
 
         read = read_mjcf(path, base, [Path(each) for each in package_dirs], snap=snap)
         robot = cls._from_description(path, read, lock, gravity)
-        robot.source = robot_files.source_entry(
+        robot.source = source_entry(
             mjcf=str(path), base=base, package_dirs=package_dirs, lock=lock, snap=snap, gravity=gravity
         )
         return robot
@@ -281,9 +282,7 @@ class Robot(NamedModel, SummaryMixin):
         """
         path, packages = robot_files.find_example(name)
         robot = cls.from_urdf(path, base, [packages], lock, gravity, snap=snap, masses=masses)
-        robot.source = robot_files.source_entry(
-            example=name, base=base, lock=lock, masses=masses, snap=snap, gravity=gravity
-        )
+        robot.source = source_entry(example=name, base=base, lock=lock, masses=masses, snap=snap, gravity=gravity)
         return robot
 
     def attach(self, other: Robot, frame: str, placement: pin.SE3 | None = None) -> Robot:
