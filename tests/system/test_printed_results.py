@@ -20,7 +20,7 @@ from rnc_pin.control.controller import LimitedAcceleration
 from rnc_pin.planning import Hold, InTurn, MinimumJerk, Slowed, TaskReference, ViaPoints
 from rnc_pin.printing import WIDTH, SummaryMixin
 from rnc_pin.simulation import Finding, FindingKind, Severity, grip_along, judge, obstacles_passed, replay_limits
-from rnc_pin.visualization import Recording, ground_paths, recorded_states
+from rnc_pin.visualization import LoopView, Recording, ground_paths, recorded_states
 from systems import space_robot
 
 PACKAGES = ["", *(f".{name}" for name in ("analysis", "collision", "control", "loop", "model", "optimal", "planning",
@@ -78,6 +78,8 @@ def results(tmp_path_factory):
         [rnc.FrameSpeed("base"), rnc.JointPosition("pitch"), rnc.FrameYaw("base")]
     )
     steady, *_ = rnc.continuation(upright, pendulum.configuration(), [0.0, 1.0], parameter="base_speed_x")
+    with rnc.show(robot, gains={"k": (0.0, 2.0, 1.0)}, open_browser=False) as view:
+        view.update(q0)
     folder = tmp_path_factory.mktemp("sweep")
     sweep = rnc.sweep("unicycle", [{"simulation.duration": 0.1}, {"simulation.duration": 0.2}], out=folder / "runs")
     return [
@@ -86,6 +88,7 @@ def results(tmp_path_factory):
         *(rnc.preflight(reduced, task, reference, q0), rnc.state_derivatives(reduced, q0, still, np.zeros(reduced.p))),
         *(boundedness(reduced, samples), classify(reduced, task, samples), integrability(reduced, samples)),
         *(run, curve, rnc.summarize(run), rnc.summarize(curve, 0.2), run.info, run.info.outputs, run.verdict),
+        run.info.provenance,
         *(judge(curve), replay_limits(robot, run), rnc.kinematic_rollout(reduced, target, q0, 1.0, 0.1), near),
         *(rnc.solve_ik(reduced, q0, {rnc.FramePosition("tip", "xy"): 1.1 * x2[:2]}), *obstacles_passed(
             robot, run.time, run.q, [ball])),
@@ -98,6 +101,7 @@ def results(tmp_path_factory):
         *(PositionGains(), VelocityGains(), LimitedAcceleration("joint_1", "v", 1, -2.0, 2.0)),
         *(loop.last, loop.state, loop.last.command, loop.last.measurement, reduced.terms(q0, still)),
         *(reduced.lagrangian_terms(q0, still), LimitEffect(0.5, ("joint_1 position",), {}, 1, {"tip_x": 0.1})),
+        view,
         LiftOff("left_wheel", 1.0, -2.0, -3.0),
         Finding(FindingKind.GOAL, "tip", 0.03, "m", 2.0, Severity.FAILS, "the goal of tip is missed by 0.03 m at 2 s"),
     ]  # fmt: skip
@@ -127,7 +131,7 @@ def test_its_repr_is_one_line_that_names_its_class(results):
 def test_a_notebook_shows_a_table(results):
     for each in results:
         html = each._repr_html_()
-        if not isinstance(each, Recording):  # a page in a frame
+        if not isinstance(each, Recording | LoopView):  # a page in a frame
             assert ElementTree.fromstring(f"<body>{html}</body>").find("table") is not None
 
 

@@ -29,8 +29,7 @@ from rnc_pin.model import ReducedModel, Task
 from rnc_pin.planning import Reference, RelativeReference
 from rnc_pin.plants import Plant
 from rnc_pin.robots import Robot
-from rnc_pin.simulation import TaskNames
-from rnc_pin.simulation.run_info import provenance_of
+from rnc_pin.simulation import TaskNames, provenance_of
 
 ROLES = ("primary", "redundant", "vertical")
 

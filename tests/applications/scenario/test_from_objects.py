@@ -3,10 +3,11 @@
 import coal
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 
 import rnc_pin as rnc
 from rnc_pin.applications.scenario.files import built_in_names
-from rnc_pin.applications.scenario.loading import _validator, constraint_of, output_of
+from rnc_pin.applications.scenario.loading import constraint_of, output_of
 from rnc_pin.applications.scenario.schema.constraints import ConstraintItem
 from rnc_pin.applications.scenario.schema.forces import ActuatorItem, ForceItem
 from rnc_pin.applications.scenario.schema.outputs import OutputItem
@@ -119,8 +120,8 @@ def test_parts_of_every_built_in_scenario_are_read_back(name):
     outputs = content.listed_outputs
     readers = (
         (ConstraintItem, constraint_of, content.constraints), (OutputItem, output_of, outputs),
-        (ActuatorItem, _validator(ActuatorItem).validate_python, content.actuators),
-        (ForceItem, _validator(ForceItem).validate_python, content.forces),
+        (ActuatorItem, TypeAdapter(ActuatorItem).validate_python, content.actuators),
+        (ForceItem, TypeAdapter(ForceItem).validate_python, content.forces),
     )  # fmt: skip
     for item, read, kinds in readers:
         for kind in kinds:
