@@ -284,7 +284,9 @@ def test_a_phone_shows_overlay_and_player_in_the_picture(browser, space_robot, t
     page, problems = loaded(browser, recording, tmp_path / "page.html", begin=1.0)
     wide = page.evaluate("viewer.camera.position.distanceTo(viewer.controls.target)")
     page.set_viewport_size({"width": 390, "height": 844})
-    narrow = page.evaluate("viewer.camera.position.distanceTo(viewer.controls.target)")
+    distance = "viewer.camera.position.distanceTo(viewer.controls.target)"
+    page.wait_for_function(f"{distance} > {1.5 * wide}", timeout=1000 * PATIENCE)  # the page has seen its new size
+    narrow = page.evaluate(distance)
     assert narrow / wide == pytest.approx(1.5 * 844 / 390)  # the motion still fits
     parts = boxes(page, "#overlay", "#legend", "#player")
     for left, top, right, bottom in parts:
