@@ -20,7 +20,8 @@ from rnc_pin.control.controller import LimitedAcceleration
 from rnc_pin.planning import Hold, InTurn, MinimumJerk, Slowed, TaskReference, ViaPoints
 from rnc_pin.printing import WIDTH, SummaryMixin
 from rnc_pin.simulation import Finding, FindingKind, Severity, grip_along, judge, obstacles_passed, replay_limits
-from rnc_pin.visualization import LoopView, Recording, ground_paths, recorded_states
+from rnc_pin.simulation.run_paths import compared_paths, ground_paths
+from rnc_pin.visualization import LoopView, Recording, recorded_states
 from systems import space_robot
 
 PACKAGES = ["", *(f".{name}" for name in ("analysis", "collision", "control", "loop", "model", "optimal", "planning",
@@ -97,7 +98,7 @@ def results(tmp_path_factory):
         *(grip, grip_along(sleigh, grip, curve.time, curve.q)),
         *(reference, outwards, Hold(x1), ViaPoints([0.0, 1.0], [x1, x1 + 1.0]), Slowed(outwards, 2.0)),
         InTurn([outwards]),
-        *(ground_paths(curve)[0], next(recorded_states(robot, run)), Recording(reduced, run, title="arm")),
+        *(ground_paths(curve)[0], compared_paths(curve, {}), next(recorded_states(robot, run)), Recording(reduced, run, title="arm")),
         *(PositionGains(), VelocityGains(), LimitedAcceleration("joint_1", "v", 1, -2.0, 2.0)),
         *(loop.last, loop.state, loop.last.command, loop.last.measurement, reduced.terms(q0, still)),
         *(reduced.lagrangian_terms(q0, still), LimitEffect(0.5, ("joint_1 position",), {}, 1, {"tip_x": 0.1})),
