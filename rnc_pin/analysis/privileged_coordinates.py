@@ -59,6 +59,7 @@ class PrivilegedCoordinates(ReprMixin):
 
     Attributes:
         growth_vector: dimensions of D1, D2, ... in these coordinates.
+        chart: the chart about q.
     """
 
     def __init__(
@@ -75,7 +76,7 @@ class PrivilegedCoordinates(ReprMixin):
         self.growth_vector = tuple(sum(w <= s for w in self.weights) for s in range(1, max(self.weights) + 1))
         self.linear = linear
         self._polynomials = tuple(polynomials)
-        self._chart, self._chart_names = PlacementChart(reduced.robot.model, q), reduced.robot.velocity_names
+        self.chart, self._chart_names = PlacementChart(reduced.robot.model, q), reduced.robot.velocity_names
         self.linear.setflags(write=False)
 
     @property
@@ -112,8 +113,8 @@ class PrivilegedCoordinates(ReprMixin):
         return array.reshape(-1, len(self.q))
 
     def _evaluated(self, q: Array, derivatives: bool) -> tuple[Array, Array | None]:
-        z = self._chart.coordinates(q) @ self.linear.T
-        slopes = self.linear @ self._chart.jacobian(q) if derivatives else None
+        z = self.chart.coordinates(q) @ self.linear.T
+        slopes = self.linear @ self.chart.jacobian(q) if derivatives else None
         for j, (powers, coefficients) in enumerate(self._polynomials):
             lower = z.copy()
             for power, coefficient in zip(powers, coefficients, strict=True):
