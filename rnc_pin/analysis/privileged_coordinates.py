@@ -60,6 +60,14 @@ class PrivilegedCoordinates(ReprMixin):
     Attributes:
         growth_vector: dimensions of D1, D2, ... in these coordinates.
         chart: the chart about q.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("fire_truck.urdf", base="planar")
+        >>> edges = [rnc.NoSideSlip(each) for each in ("front_axle", "tractor_axle", "rear_axle")]
+        >>> reduced = rnc.NonholonomicSystem(robot, edges).reduce()
+        >>> coordinates = rnc.analysis.privileged_coordinates(reduced, robot.configuration())
+        >>> coordinates.weights, coordinates.growth_vector
+        ((1, 1, 1, 2, 2, 3), (3, 5, 6))
     """
 
     def __init__(
@@ -168,7 +176,7 @@ def privileged_coordinates(
         >>> dict(zip(coordinates.names, coordinates.weights))
         {'root_joint[0]': 1, 'root_joint[2]': 1, 'root_joint[1]': 2}
         >>> aside = np.array([0.0, 0.04, 1.0, 0.0])
-        >>> coordinates.norm(aside).round(6)  # 4 cm aside are as far as 0.2 m ahead
+        >>> round(float(coordinates.norm(aside)), 6)  # 4 cm aside are as far as 0.2 m ahead
         0.2
     """
     _refuse_affine(reduced)

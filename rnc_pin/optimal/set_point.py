@@ -60,7 +60,7 @@ class SetPoint:
         >>> point = rnc.optimal.SetPoint(reduced, goal)
         >>> point.coordinates.weights
         (1, 1, 2)
-        >>> point.distance(np.array([0.0, 0.04, 1.0, 0.0])).round(3)  # 4 cm aside
+        >>> round(float(point.distance(np.array([0.0, 0.04, 1.0, 0.0]))), 3)  # 4 cm aside
         0.2
     """
 
