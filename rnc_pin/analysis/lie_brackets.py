@@ -39,6 +39,9 @@ _PLACEMENTS = 4  # dimensions of an array of complex configurations
 _SHORT = 1e-12  # functions that never exceed this value are rounding errors
 
 
+_Generators = Callable[[np.ndarray], np.ndarray]
+
+
 class Jets(NamedTuple):
     """Taylor coefficients, from two fits of different degree."""
 
@@ -116,7 +119,7 @@ class BracketJets:
             q, each = np.repeat(start[None], len(times) * count, axis=0), np.repeat(times, count)
             for piece in range(fields.shape[1]):
                 direction = np.tile(fields[:, piece], (len(times), 1))
-                q = self._moved(q, self._steps(q, each, direction, order)[2])
+                q = self._moved(q, self._steps(q, each, direction, order, self._normal_generators)[2])
             x = self._rows.coordinates(q) if self._rows is not None and is_complex else chart.coordinates(q)
             return np.moveaxis(x.reshape(len(times), count, -1), 1, 2)
 
@@ -138,12 +141,12 @@ class BracketJets:
         return np.concatenate(found, axis=-1)
 
     def _steps(
-        self, start: np.ndarray, times: np.ndarray, direction: np.ndarray, order: int
+        self, start: np.ndarray, times: np.ndarray, direction: np.ndarray, order: int, generators: _Generators
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Stages of the flows of combinations (k, r) of generators from k configurations.
 
-        Returns their configurations (k c, ...), velocities of the generators' coordinates there (k c, r), and the
-        tangent vectors (k, nv) from the starts to the ends.
+        Returns their configurations (k c, ...), the combination of each (k c, r), and the tangent vectors (k, nv) from
+        the starts to the ends.
         """
         k, n = len(start), self.reduced.n
         weights, ends = _gauss_legendre(order // 2 + 1)
@@ -153,7 +156,7 @@ class BracketJets:
         for _ in range(order + 2):  # each sweep makes one more coefficient exact
             moved = dt * (weights @ slopes)
             points = self._moved(np.repeat(start, c, axis=0), moved.reshape(k * c, n))
-            velocities = np.einsum("pnr,pr->pn", self._generators(points), along).reshape(k, c, n)
+            velocities = np.einsum("pnr,pr->pn", generators(points), along).reshape(k, c, n)
             slopes = self._in_chart(moved, velocities, order)
         return points, along, dt[:, 0] * np.einsum("j,pjk->pk", ends, slopes)
 
@@ -164,7 +167,9 @@ class BracketJets:
         k, n = len(start), self.reduced.n
         weights, ends = _gauss_legendre(order // 2 + 1)
         c = len(ends)
-        points, along, step = self._steps(start, times, np.broadcast_to(direction, (k, len(direction))), order)
+        points, along, step = self._steps(
+            start, times, np.broadcast_to(direction, (k, len(direction))), order, self._generators
+        )
         fields, gradient = self._fields(points)
         v = np.einsum("pnr,pr->pn", fields, along).reshape(k * c, 1, n)
         carried = np.moveaxis(self._bracket(np.broadcast_to(v, (k * c, n, n)), np.eye(n) + 0 * v), 1, 2)
@@ -195,6 +200,11 @@ class BracketJets:
         if self._rows is not None and points.ndim == _PLACEMENTS:
             return self._rows.generators(points)
         return self.reduced.at(points).R @ self._scaling
+
+    def _normal_generators(self, points: np.ndarray) -> np.ndarray:
+        """Generators (k, nv, r) whose components along those at q are constant: they need no good outputs."""
+        fields = self._generators(points)
+        return fields @ np.linalg.inv(self.generators.T @ fields)
 
     def _fields(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Generators (k, nv, r) and their derivatives (k, nv, r, nv); the last index is the direction."""

@@ -22,11 +22,12 @@ from numpy import ndarray as Array
 from rnc_pin.analysis.growth import filtration
 from rnc_pin.analysis.privileged_coordinates import PrivilegedCoordinates, privileged_coordinates
 from rnc_pin.array_shapes import Float
+from rnc_pin.control.controller import MissedGoal
 from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.optimal.action_models import ActionModel
-from rnc_pin.optimal.bounds import Goal
+from rnc_pin.optimal.action_models import ActionModel, KinematicModel, Nodes
+from rnc_pin.optimal.bounds import Goal, GoalRows
 from rnc_pin.optimal.costs import BoundCost, CostKind, Phase, weights_of
 from rnc_pin.optimal.node_data import NodeData, NodeOutputs, RowValues, velocity_rows
 from rnc_pin.planning.inverse_kinematics import solve_ik
@@ -79,6 +80,8 @@ class SetPoint:
                 raise InputError(f"goal: expected one configuration, found shape {at.q.shape}")
             self.q, self.ignored = np.array(at.q), ()
         self.q.setflags(write=False)
+        self._model = KinematicModel(reduced)
+        self._rows = GoalRows(self._model, goal, at_rest=False)
         self.coordinates = self._coordinates()
         self._check_leaf()
 
@@ -116,6 +119,24 @@ class SetPoint:
                 f"set point: motions reach {self.coordinates.size} of {room} dimensions near q, because constraints "
                 "are integrable; give outputs as the goal, without the positions that follow from others"
             )
+
+    def errors(self, q: Float[Array, " nq"]) -> dict[str, float]:
+        """Errors of a configuration by name of the goal's rows [m or rad]."""
+        at = Nodes(np.asarray(q)[None], np.empty((1, 0)))
+        found = self._rows.rows(NodeData(self._model, at, None, np.zeros(1)), False).value[0]
+        names = (name.removeprefix("goal ") for name in self._rows.names)
+        return dict(zip(names, np.abs(found).tolist(), strict=True))
+
+    def missed(self, q: Float[Array, " nq"], tolerance: float, reason: str = "") -> tuple[MissedGoal, ...]:
+        """Rows of the goal whose error is above a tolerance, the largest first.
+
+        Args:
+            q: configuration (nq,).
+            tolerance: largest error [m or rad].
+            reason: why, for the verdict of a run.
+        """
+        found = sorted(self.errors(q).items(), key=lambda item: -item[1])
+        return tuple(MissedGoal(name, error, tolerance, reason) for name, error in found if not error <= tolerance)
 
     def distance(self, q: Float[Array, "*n nq"]) -> Float[Array, "*n"]:
         """Homogeneous norms of the coordinates of configurations."""
