@@ -66,7 +66,7 @@ class SetPoint:
     """
 
     def __init__(self, reduced: ReducedModel, goal: Goal) -> None:
-        self.reduced = reduced
+        self.reduced, self.goal = reduced, goal
         if isinstance(goal, Mapping):
             found = solve_ik(reduced, reduced.robot.configuration(), goal)
             if not found.converged:
