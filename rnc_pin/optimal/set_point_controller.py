@@ -232,9 +232,10 @@ class SetPointController(ReprMixin):
             return state._replace(samples=0, next_check=t + pause, failures=state.failures + 1)
         gains = tvlqr(self._reduced, plan, state_cost=self.state_cost).K
         h = float(plan.time[1] - plan.time[0])
-        found = (np.array(each) for each in (plan.q, plan.w, plan.u, gains))
-        following = SetPointState("follow", t, h, *found, state.mean, 0, t + self.check, 0, state.failures)
-        return following._replace(plans=state.plans + 1)
+        q, w, u = (np.array(each) for each in (plan.q, plan.w, plan.u))
+        return SetPointState(
+            "follow", t, h, q, w, u, gains, state.mean, 0, t + self.check, state.plans + 1, state.failures
+        )
 
     def _plan(self, q: Array, seed: int) -> MotionPlan | None:
         """Plan from a configuration at rest; None if no guess leads to one.

@@ -6,7 +6,7 @@ still, whatever the cost: the first motion comes from a plan.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy import ndarray as Array
@@ -16,7 +16,7 @@ from rnc_pin.errors import InfeasibleError, RncError
 from rnc_pin.optimal.action_models import ActionModel, Nodes
 from rnc_pin.optimal.bounds import BoundKind, Goal
 from rnc_pin.optimal.costs import CostKind, OutputCost, PostureCost
-from rnc_pin.optimal.node_data import NodeOutputs
+from rnc_pin.optimal.node_data import NodeOutputs, OutputChoice
 from rnc_pin.optimal.planner import plan_motion
 from rnc_pin.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.optimal.set_point import SetPoint
@@ -105,10 +105,12 @@ def quadratic_set_point(model: ActionModel, costs: Sequence[CostKind]) -> SetPoi
     return point if point is not None and max(point.coordinates.weights) > 1 else None
 
 
-def _targets(model: ActionModel, chosen: object, target: Array) -> Mapping[OutputTarget, ArrayLike]:
+def _targets(model: ActionModel, chosen: OutputChoice, target: Array) -> dict[OutputTarget, ArrayLike]:
     """Targets of single outputs, from those of an output or of a list of them."""
-    parts, begin = {}, 0
-    for each in chosen if isinstance(chosen, list | tuple) else [chosen]:
+    parts: dict[OutputTarget, ArrayLike] = {}
+    begin = 0
+    single: list[OutputTarget] = list(chosen) if isinstance(chosen, list | tuple) else [chosen]  # type: ignore[list-item]
+    for each in single:
         size = NodeOutputs(model.reduced, each).size
         parts[each] = target[begin : begin + size]
         begin += size
