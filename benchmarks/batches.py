@@ -1,4 +1,4 @@
-"""Throughput of batches: ``python -m benchmarks.batches [SAMPLES]``.
+"""Throughput of batches.
 
 Runs of a scenario from starts close to its own, at once and one after the other. All is processor time of one process,
 with the start of the runs; both leave forces and energies of a run to its first use or, alone, to its end. Every batch

@@ -1,4 +1,4 @@
-"""Tests of the compiled kernel under the address sanitizer: ``python -m benchmarks.sanitize``.
+"""Tests of the compiled kernel under the address sanitizer.
 
 Compiles the kernel with gcc's address and undefined-behaviour sanitizers into a temporary folder, and runs
 the tests that compare it with NumPy; names of other tests may follow the command. Any access outside an array ends

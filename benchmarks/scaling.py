@@ -1,4 +1,4 @@
-"""Cost over the size of systems: ``python -m benchmarks.scaling [--rounds N] [--pictures FOLDER]``.
+"""Cost over the size of systems.
 
 * joints: chains of 4 to 60 revolute joints on a rolling base, which is a planar joint with a knife edge;
 * rows: 16 bodies behind each other, of which 1 to 16 roll on an axle without side slip;

@@ -211,11 +211,11 @@ class NormalForces:
             forces = known.reshape(forces.shape)
         return forces
 
-    def _of_rows(self, multipliers: Array, rows: Array) -> Array:
+    def _of_rows(self, contact_forces: Array, rows: Array) -> Array:
         """Forces of the contacts whose height a row keeps."""
         carried = zip(self.contacts, self.carried_by_row, strict=True)
         up = [each.up for each, carries in carried if carries and each.up is not None]
-        pushing = -multipliers[..., up]
+        pushing = contact_forces[..., up]
         for i in np.argwhere((pushing < 0).any(axis=-1)):
             index = tuple(i)
             pushing[index] = nonnegative(pushing[index], scipy.linalg.null_space(rows[index].T, rcond=_SMALL)[up])

@@ -67,9 +67,9 @@ class Trajectory(SummaryMixin):
     T: Float[Array, "N p"]
     """Actuator inputs."""
     multipliers: Float[Array, "N m"]
-    """Lagrange multipliers of the kept constraint rows; NaN at samples that needed other rows."""
+    """Multipliers of the kept constraint rows, minus their forces on the robot; NaN where other rows were needed."""
     contact_forces: Float[Array, "N c"]
-    """Forces of all constraint rows, including dropped ones; minimum norm if they are not unique."""
+    """Forces of all constraint rows on the robot, dropped rows included; of least norm if they are not unique."""
     energy: Float[Array, " N"]
     """Energy of the plant, with the plant's masses [J]."""
     work: Float[Array, " N"]

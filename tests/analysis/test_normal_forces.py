@@ -47,7 +47,7 @@ def test_forces_from_the_motion_are_the_multipliers_of_a_free_base():
     ours = NormalForces(planar).at(planar.at(np.tile(q_planar, (20, 1)), v2), T)
     state = free.at(np.tile(q_free, (20, 1)), v2)
     vertical = [name.startswith("vertical") for name in free.all_constraints.names]
-    np.testing.assert_allclose(ours, -state.contact_forces(T)[:, vertical], atol=1e-9 * 215.0)
+    np.testing.assert_allclose(ours, state.contact_forces(T)[:, vertical], atol=1e-9 * 215.0)
     np.testing.assert_allclose(NormalForces(free).at(state, T), ours, atol=1e-9 * 215.0)
     assert (ours < 0).any()
 

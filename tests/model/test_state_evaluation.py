@@ -626,7 +626,7 @@ def plain(system, q, v2, T, damping, v=None):
         return v2_dot, v_dot, force - M @ v_dot - C @ v - g
 
     v2_dot, v_dot, left = accelerations(actuators @ T)
-    calls = {"v2_dot": v2_dot, "contact_forces": np.linalg.pinv(all_rows.T, rcond=1e-9) @ left}
+    calls = {"v2_dot": v2_dot, "contact_forces": -np.linalg.pinv(all_rows.T, rcond=1e-9) @ left}
     damped, damped_dot, _ = accelerations(actuators @ T - damping * v)
     calls |= {"flow": (v, damped, v @ (M @ damped_dot + C @ v + g)), "v_dot": v_dot}
     calls |= {"inverse_dynamics": H @ v2_dot + V @ v2 + G, "allocate": np.linalg.pinv(reduced) @ v2_dot, "left": left}

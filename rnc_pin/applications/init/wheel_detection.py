@@ -158,6 +158,7 @@ def _measured_wheels(at_start: RobotAtStart) -> tuple[list[_Found], list[_Candid
     floor = _floor(at_start)
     found: list[_Found] = []
     unmeasured: list[_Candidate] = []
+    bare: list[_Candidate] = []  # without shapes, a wheel's name and a round inertia
     candidates = list(_candidates(at_start))
     rollers = {each for candidate in candidates for each in candidate.rollers}
     for candidate in candidates:
@@ -171,7 +172,30 @@ def _measured_wheels(at_start: RobotAtStart) -> tuple[list[_Found], list[_Candid
                 found.append(_Found(wheel, size.bottom, candidate.named, doubtful, candidate.turns_once))
         elif candidate.named:
             unmeasured.append(candidate)
+        elif not any(candidate.parts.values()):
+            bare.append(candidate)
+    for candidate in bare:
+        mate = next((each for each in found if _is_mate_of(at_start, candidate, each.wheel)), None)
+        if mate is not None:
+            size = _Size(mate.wheel.radius, float(candidate.center[2]) - mate.wheel.radius, "height")
+            wheel = _wheel(at_start, candidate, size)
+            found.append(_Found(wheel, size.bottom, False, candidate.doubtful, candidate.turns_once))
     return [replace(each, doubtful=False) if _has_mate(each, found) else each for each in found], unmeasured
+
+
+def _is_mate_of(at_start: RobotAtStart, candidate: _Candidate, wheel: Wheel) -> bool:
+    """True for a body of the same mass on the axle line of a wheel, on the same body: the other wheel of an axle."""
+    model = at_start.robot.model
+    other = at_start.robot.joint_id(wheel.joint)
+    masses = [model.inertias[each].mass for each in (candidate.index, other)]
+    beside = across(candidate.center - wheel.center, wheel.axle)
+    parallel = np.linalg.norm(np.cross(candidate.axle, wheel.axle)) < ALIGNED
+    is_on_line = bool(parallel and np.linalg.norm(beside) < placed(wheel.radius))
+    return (
+        is_on_line
+        and abs(masses[0] - masses[1]) < ALIGNED * masses[1]
+        and model.parents[candidate.index] == model.parents[other]
+    )
 
 
 def _has_mate(one: _Found, found: Sequence[_Found]) -> bool:

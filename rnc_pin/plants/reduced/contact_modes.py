@@ -197,7 +197,7 @@ class ContactModes:
         """
         rows = self.plant(closed).reduced.all_constraints.names
         up = [rows.index(self.contacts[number].row) for number in sorted(closed)]
-        return _shared(-state.contact_forces(T, external)[up], state.all_rows, up)
+        return _shared(state.contact_forces(T, external)[up], state.all_rows, up)
 
     def after_impact(self, touching: Closed, q: np.ndarray, v: np.ndarray, t: float) -> tuple[Closed, Impact]:
         """Contacts that are closed after an impact, and the impact.

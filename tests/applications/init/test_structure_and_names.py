@@ -40,6 +40,20 @@ def test_a_load_balancer_balances_nothing(drafted):
     assert drafted(cart(box))[0] == "planar: 2 wheels, differential drive"
 
 
+@pytest.mark.parametrize(("mass", "kind"), [(0.3, "2 wheels, differential drive"), (0.9, "1 wheel, one wheel")])
+def test_a_wheel_has_its_mate_on_the_axle_line(mass, kind, drafted):
+    """A file turned the inertia of one wheel; without shapes and names, its mate tells what it is."""
+    wheels = []
+    for name, y, m, moments in (("one", 0.15, 0.3, (3e-4, 5e-4, 3e-4)), ("other", -0.15, mass, (3e-4, 3e-4, 5e-4))):
+        ixx, iyy, izz = moments
+        wheels.append(
+            f'<link name="{name}"><inertial><mass value="{m}"/><inertia ixx="{ixx}" iyy="{iyy}" izz="{izz}" '
+            'ixy="0" ixz="0" iyz="0"/></inertial></link>' + joint(f"{name}_joint", "base", name, (0, y, 0.05))
+        )
+    text = robot(link("base", 5.0, at="0.02 0 0.05"), *wheels)
+    assert drafted(text)[0] == f"planar: {kind}"
+
+
 @pytest.mark.parametrize("listed", [True, False])
 def test_a_pair_of_kingpins_steers_a_car(listed, drafted):
     """A kingpin of a trailer is one joint behind the base; those of knuckles stand side by side."""
