@@ -85,7 +85,8 @@ class PrivilegedCoordinates(ReprMixin):
         self.linear = linear
         self._polynomials = tuple(polynomials)
         self.chart, self._chart_names = PlacementChart(reduced.robot.model, q), reduced.robot.velocity_names
-        self.linear.setflags(write=False)
+        for each in (self.q, self.linear):
+            each.setflags(write=False)
 
     @property
     def size(self) -> int:
