@@ -9,18 +9,18 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.controller import Command, Description, MissedGoal
+from rnc_pin.control.controller import Command, Description, MissedGoal, VelocityTarget
 from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.parameter_types import Positive
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.optimal.action_models import Form, Nodes, action_model
+from rnc_pin.optimal.action_models import Form, KinematicModel, Nodes, action_model
 from rnc_pin.optimal.bounds import BoundKind, Goal, InputBound
 from rnc_pin.optimal.costs import CostKind
 from rnc_pin.optimal.file_limits import FileLimits
 from rnc_pin.optimal.guesses import inputs_for
 from rnc_pin.optimal.motion_plan import MotionPlan
-from rnc_pin.optimal.plan_feedback import tvlqr
+from rnc_pin.optimal.plan_feedback import regulator_gains, tvlqr
 from rnc_pin.optimal.planner import plan_motion
 from rnc_pin.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.optimal.set_point import SetPoint
@@ -31,6 +31,7 @@ _AT_REST = 0.02  # reduced velocity below which a robot stands [m/s or rad/s]
 _NEAR = 20.0  # times the tolerance: an error at which the feedback at rest moves the directions of weight one
 _SETTLED = 4.0  # time constants of this feedback before the error counts
 
+_SLOWER = 0.7  # factor of the velocity in each sample, where velocities are the commands, while the robot brakes
 _RETRY, _LONGEST = 1.0, 6  # time until the next search after the first one in vain [s], and how often it doubles
 
 Mode = Literal["stand", "follow", "stop"]
@@ -88,9 +89,13 @@ class SetPointController(ReprMixin):
         state_cost: weight of each state in the gains of the feedback.
         bandwidth: decay rate of the velocity error in the kinematic form [1/s].
         braking: decay rate of the velocity while it brakes or stands [1/s].
+        velocities: True for a kinematic controller, whose steps return velocities, for robots that take these: the
+            target of an ``ActuatorVelocityController``. The form is "acceleration", so that bounds of inputs limit the
+            rates of velocities.
 
     Raises:
-        ConfigurationError: an argument has an invalid value, or the goal does not determine a configuration.
+        ConfigurationError: an argument has an invalid value, velocities with another form, or the goal does not
+            determine a configuration.
         InfeasibleError: no configuration reaches the goal.
 
     Example:
@@ -123,15 +128,21 @@ class SetPointController(ReprMixin):
         state_cost: Positive = 10.0,
         bandwidth: Positive = 20.0,
         braking: Positive = 4.0,
+        velocities: bool = False,
     ) -> None:
         rates = {"tolerance": tolerance, "tube": tube, "check": check, "bandwidth": bandwidth, "braking": braking}
         for name, value in rates.items():
             if not 0 < value < np.inf:
                 raise ConfigurationError(f"{name}: expected a positive number, found {value:g}")
+        if velocities and form != "acceleration":
+            raise ConfigurationError(f"velocities: expected the form 'acceleration', found '{form}'")
+        self.velocities = velocities
         self.goal, self.duration, self.tolerance, self.tube, self.check = goal, duration, tolerance, tube, check
         self.nodes, self.seeds, self.state_cost = nodes, seeds, state_cost
         self.bandwidth, self.braking = bandwidth, braking
         self._reduced, self._model = reduced, action_model(reduced, form)
+        self._driven = KinematicModel(reduced) if velocities else self._model
+        """Model of the robot under the commands."""
         self._costs, self._bounds, self._limits = costs, tuple(bounds), limits
         self.set_point = SetPoint(reduced, goal)
         coordinates = self.set_point.coordinates
@@ -171,13 +182,15 @@ class SetPointController(ReprMixin):
         """Return a state that stands, or that brakes if the robot moves; the first step plans."""
         K, model = self.nodes, self._model
         q = np.repeat(np.asarray(measurement.q, dtype=float)[None], K + 1, axis=0)
-        empty = np.zeros((K + 1, model.nw)), np.zeros((K, model.nu)), np.zeros((K, model.nu, model.nx))
+        empty = np.zeros((K + 1, model.nw)), np.zeros((K, model.nu)), np.zeros((K, model.nu, self._driven.nx))
         mode: Mode = "stand" if self._stands(np.asarray(measurement.v2)) else "stop"
         return SetPointState(mode, 0.0, 1.0, q, *empty, np.zeros(model.nv), 0, 0.0, 0, 0)
 
-    def step(self, t: float, measurement: Measurement, state: SetPointState) -> tuple[Command, SetPointState]:
+    def step(
+        self, t: float, measurement: Measurement, state: SetPointState
+    ) -> tuple[Command | VelocityTarget, SetPointState]:
         q, v2 = np.asarray(measurement.q), np.asarray(measurement.v2)
-        now = Nodes(q[None], v2[None] if self._model.nw else np.empty((1, 0)))
+        now = Nodes(q[None], v2[None] if self._driven.nw else np.empty((1, 0)))
         state = self._next(t, now, v2, state)
         if state.mode == "follow":
             u = self._followed(t, now, state)
@@ -185,7 +198,9 @@ class SetPointController(ReprMixin):
             v2_desired = desired.w[0] if self._model.nw else state.u[self._interval(t, state)]
         else:
             v2_desired = self._correction(q) if state.mode == "stand" else np.zeros_like(v2)
-            u = self._braking(now, v2, v2_desired)
+            u = _SLOWER * v2 if self.velocities and state.mode == "stop" else self._braking(now, v2, v2_desired)
+        if self.velocities:
+            return VelocityTarget(v2=u, v2_dot=np.zeros_like(u)), state
         command = Command(v2_desired=v2_desired)
         if self._model.form == "dynamic":
             return command._replace(T=u), state
@@ -230,12 +245,21 @@ class SetPointController(ReprMixin):
         if plan is None:
             pause = _RETRY * 2.0 ** min(state.failures, _LONGEST)
             return state._replace(samples=0, next_check=t + pause, failures=state.failures + 1)
-        gains = tvlqr(self._reduced, plan, state_cost=self.state_cost).K
+        gains = self._gains(plan)
         h = float(plan.time[1] - plan.time[0])
         q, w, u = (np.array(each) for each in (plan.q, plan.w, plan.u))
         return SetPointState(
             "follow", t, h, q, w, u, gains, state.mean, 0, t + self.check, state.plans + 1, state.failures
         )
+
+    def _gains(self, plan: MotionPlan) -> Array:
+        """Gains of the feedback along a plan, of velocities about it if these are the commands."""
+        if not self.velocities:
+            return tvlqr(self._reduced, plan, state_cost=self.state_cost).K
+        n, r = self._driven.nx, self._driven.nu
+        weights = np.full(n, self.state_cost), np.ones(r), np.full(n, 10.0 * self.state_cost)
+        start = Nodes(plan.q[:-1], np.empty((len(plan.u), 0)))
+        return regulator_gains(self._driven, start, (plan.w[:-1] + plan.w[1:]) / 2, np.diff(plan.time), weights)
 
     def _plan(self, q: Array, seed: int) -> MotionPlan | None:
         """Plan from a configuration at rest; None if no guess leads to one.
@@ -283,6 +307,8 @@ class SetPointController(ReprMixin):
     def _followed(self, t: float, now: Nodes, state: SetPointState) -> Array:
         """Input with feedback along the plan, within its bounds."""
         planned, k = self._planned(t, state)
+        if self.velocities:
+            return planned.w[0] + state.gains[k] @ self._driven.manifold.difference(planned.q, now.q)[0]
         return self._bounded(state.u[k] + state.gains[k] @ self._model.difference(planned, now)[0])
 
     def _bounded(self, u: Array) -> Array:
@@ -294,14 +320,16 @@ class SetPointController(ReprMixin):
         try:
             while t < state.begin + K * state.h - 1e-9:
                 until = state.begin + (self._interval(t, state) + 1) * state.h
-                u = self._followed(t, now, state)
-                now, t = self._model.step(now, u[None], np.array([until - t])), until
+                u = self._followed((t + until) / 2 if self.velocities else t, now, state)
+                now, t = self._driven.step(now, u[None], np.array([until - t])), until
             return max(self.set_point.errors(now.q[0]).values())
         except RncError:  # it meets a singular configuration
             return np.inf
 
     def _braking(self, now: Nodes, v2: Array, v2_desired: Array) -> Array:
         """Input of the form that leads the reduced velocity to a desired one."""
+        if self.velocities:
+            return v2_desired
         if self._model.form == "kinematic":
             return self._bounded(v2_desired)
         rate = self.braking * (v2_desired - v2)

@@ -93,6 +93,31 @@ def test_wrong_masses_noise_and_a_delay():
     assert away(run)[1] < 0.02
 
 
+def test_robots_that_take_velocities():
+    """A differential drive with velocity servos parks 0.4 m aside, in reverse gear too, within velocities and rates."""
+    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+    wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
+    system = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"])
+    reduced = system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
+    bounds = [InputBound(-1.0, 1.0), rnc.optimal.VelocityBound([-0.5, -1.0], [0.5, 1.0])]
+    target = SetPointController(reduced, goal_of("base"), 8.0, form="acceleration", bounds=bounds, velocities=True)
+    controller = rnc.control.ActuatorVelocityController(reduced, target, limits=False)
+    plant = rnc.plants.VelocityPlant(reduced)
+    start = robot.configuration({"root_joint": [0.0, 0.4, 0.0]})
+    run = rnc.simulate(reduced, controller, start, 16.0, 0.05, plant=plant)
+    assert max(away(run)) < 0.01
+    assert run.verdict.succeeded
+    assert (np.abs(run.v2).max(axis=0) <= np.array([0.5, 1.0]) + 0.02).all()
+    assert np.abs(np.diff(run.v2, axis=0)).max() / 0.05 < 1.2
+    assert run.v2[:, 0].min() < -0.01
+    assert run.v2[:, 0].max() > 0.01
+
+
+def test_velocities_need_the_form_with_rates():
+    with pytest.raises(rnc.ConfigurationError, match="expected the form 'acceleration'"):
+        controller_of(systems.sleigh(), velocities=True)
+
+
 def test_a_goal_that_no_plan_reaches_is_in_the_verdict():
     """9 m in 1 s need more than 5 N at a sleigh of 1 kg."""
     reduced = systems.sleigh()
