@@ -23,11 +23,19 @@ from rnc_pin.math.linear_algebra import (
 )
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
-from rnc_pin.model.evaluator import ArraysAtQ, ArraysAtV, Evaluator, filled_by_terms, filled_for_v, solved_for_v
+from rnc_pin.model.evaluator import (
+    ArraysAtQ,
+    ArraysAtV,
+    Evaluator,
+    ReducedTerms,
+    StateDerivative,
+    filled_by_terms,
+    filled_for_v,
+    solved_for_v,
+)
 from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.passive_forces import ForceSums
 from rnc_pin.model.reduced_kinematics import ReducedKinematics
-from rnc_pin.model.result_types import ReducedTerms, StateDerivative
 
 
 class StateEvaluation(ReducedKinematics):

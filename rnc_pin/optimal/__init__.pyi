@@ -29,6 +29,7 @@ from .planner import RunFeedback as RunFeedback
 from .planner import plan as plan
 from .predictive_control import PredictiveController as PredictiveController
 from .predictive_control import PredictiveState as PredictiveState
+from .predictive_control import UpdateSchedule as UpdateSchedule
 from .sequential_quadratic import SolverSettings as SolverSettings
 from .set_point import SetPoint as SetPoint
 from .set_point import SetPointCost as SetPointCost

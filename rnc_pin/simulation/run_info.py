@@ -279,7 +279,7 @@ class RunInfo:
     def to_json(self) -> dict[str, Json]:
         """Return the JSON form."""
         outputs = self.outputs
-        columns: dict[str, dict[str, Any]] = {
+        columns: dict[str, dict[str, object]] = {
             part: {"x1": getattr(outputs.x1, part), "x2": getattr(outputs.x2, part)} for part in _names(Columns)
         }
         columns["names"] |= {array: getattr(outputs, array) for array in _OTHER_ARRAYS}

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy import ndarray as Array
@@ -114,14 +114,14 @@ class Trajectory(SummaryMixin):
 
     if not TYPE_CHECKING:  # only for arrays that are not computed yet
 
-        def __getattr__(self, name: str) -> Any:
+        def __getattr__(self, name: str) -> object:
             if "_derive" in vars(self) and name in type(self).__dataclass_fields__:
                 vars(self).update(self._derive())
                 del vars(self)["_derive"]
                 return vars(self)[name]
             raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         state = {each.name: getattr(self, each.name) for each in fields(self)}
         if self.info.verdict is None and "_judge" in vars(self):
             state["_judge"] = vars(self)["_judge"]  # a copy is judged like the run

@@ -7,7 +7,7 @@ import pytest
 import rnc_pin as rnc
 from benchmarks.validation.bicycle import REAR, REFERENCE, bicycle, upright
 from rnc_pin.analysis.symmetry import find_symmetries
-from rnc_pin.model.differences import gradient
+from rnc_pin.model.user_functions import gradient
 from systems import ALL
 from textbook_systems import tractor_trailers, vertical_disk, wheeled_pendulum
 

@@ -9,7 +9,7 @@ import rnc_pin as rnc
 from random_systems import TOUCHING, recipes, reduced_of
 from rnc_pin.analysis.derivatives import _at_one_state as at_one_state
 from rnc_pin.analysis.derivatives import state_derivatives
-from rnc_pin.model.differences import directional_derivative, gradient
+from rnc_pin.model.user_functions import directional_derivative, gradient
 from systems import (
     ackermann_car,
     bicycle,

@@ -7,7 +7,8 @@ from scipy.optimize import minimize
 
 import rnc_pin as rnc
 from rnc_pin.analysis import NormalForces, first_lift_off
-from rnc_pin.analysis.normal_forces import balanced, nonnegative
+from rnc_pin.analysis.normal_forces import balanced
+from rnc_pin.math.linear_algebra import nonnegative
 from rnc_pin.planning import MinimumJerk
 from rnc_pin.plants import FaultyPlant
 from rnc_pin.simulation import ReducedPlant, margins_along

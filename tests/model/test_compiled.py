@@ -16,7 +16,7 @@ import rnc_pin as rnc
 from random_systems import recipes, reduced_of
 from rnc_pin import _kernel
 from rnc_pin.integrators import LieRungeKutta4
-from rnc_pin.model import kernel_tables
+from rnc_pin.model import reduction_kernel
 from rnc_pin.model.numpy_evaluator import NumPyEvaluator, state_rates
 from rnc_pin.model.reduction_kernel import ReductionKernel
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -331,7 +331,7 @@ def test_another_memory_layout_is_not_used(monkeypatch):
     def refuse(*_):
         raise ValueError("Pinocchio's matrices are not stored by columns")
 
-    monkeypatch.setattr(kernel_tables, "_view", refuse)
+    monkeypatch.setattr(reduction_kernel, "_view", refuse)
     robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
     system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")])
     with pytest.warns(RuntimeWarning, match="not stored by columns"):

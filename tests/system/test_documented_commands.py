@@ -49,11 +49,12 @@ def options_of_source(text):
 
 
 def source_of(words):
-    """File of a script or a module of this repository; None of other programs."""
+    """File of a script or a module of this repository; None of other programs. ``benchmarks NAME`` runs ``NAME``."""
     name = words[2].replace(".", "/") if words[1] == "-m" else words[1]
-    found = [ROOT / name, ROOT / f"{name}.py", ROOT / name / "__main__.py"]
     if name.split("/")[0] not in ("benchmarks", "docs", "tests", "tools"):
         return None
+    names = [f"benchmarks/{words[3]}", name] if name == "benchmarks" and len(words) > 3 else [name]
+    found = [path for each in names for path in (ROOT / each, ROOT / f"{each}.py", ROOT / each / "__main__.py")]
     return next((path for path in found if path.is_file()), found[0])
 
 

@@ -14,7 +14,7 @@ from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import read_yaml
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import Command, MomentumRegressor, UnknownMass
-from rnc_pin.model.differences import gradient
+from rnc_pin.model.user_functions import gradient
 from rnc_pin.planning import Hold, TaskReference
 from tolerances import FINITE_DIFFERENCE, ROUNDING
 

@@ -7,14 +7,14 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import yaml
 
 from rnc_pin.applications.sweep.row_tables import common_schema, fitted, plain_rows, read_part, schema_of, table_of
 from rnc_pin.applications.sweep.run_store import BLOCK, block_rows, blocks_of, part_file
-from rnc_pin.applications.sweep.specification import RUNS, read_specification
+from rnc_pin.applications.sweep.specification import RUNS, Specification, read_specification
 from rnc_pin.applications.sweep.swept_run import (
     SUCCESSFUL,
     Row,
@@ -76,7 +76,7 @@ class SweepResults(SummaryMixin):
         found = read_specification(self.path)
         if found is None:
             raise ConfigurationError(f"{self.path}: holds no sweep")
-        self.specification: dict[str, Any] = found
+        self.specification: Specification = found
 
     @cached_property
     def _blocks(self) -> _Blocks:
@@ -200,7 +200,7 @@ class SweepResults(SummaryMixin):
                 return {name: value for name, value in row.items() if value is not None}
         raise InputError(f"no finished run {run} in {self.path}")
 
-    def draw(self, run: int) -> dict[str, Any]:
+    def draw(self, run: int) -> dict[str, object]:
         """Return the drawn values of a run.
 
         Args:

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Mapping
 from functools import cache
 from itertools import pairwise
-from typing import Annotated, Any, ClassVar, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, ClassVar, get_args, get_origin
 
 from pydantic import (
     AfterValidator,
@@ -25,11 +25,16 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError
 
 from rnc_pin.errors import nearest
+from rnc_pin.io import Json
 from rnc_pin.model import Positive as Positive
 
 _LARGEST = 1e15  # largest magnitude of a number in a scenario; products stay finite
 
 Numbers = Annotated[list[float], Field(min_length=1)]
+if TYPE_CHECKING:
+    Content = Json
+else:
+    Content = object  # pydantic resolves no recursive alias
 
 
 def _file_name(name: str) -> str:
@@ -43,7 +48,7 @@ FileName = Annotated[str, AfterValidator(_file_name)]
 
 def _takes(kind: type, annotation: object) -> bool:
     """True if an annotation contains this type. Needed because pydantic reads true as the number 1."""
-    return annotation in (kind, Any) or any(_takes(kind, part) for part in get_args(annotation))
+    return annotation in (kind, object) or any(_takes(kind, part) for part in get_args(annotation))
 
 
 def _largest(value: object) -> float:
@@ -108,7 +113,7 @@ class Strict(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _known_keys(cls, raw: Any) -> Any:
+    def _known_keys(cls, raw: object) -> object:
         if isinstance(raw, dict):
             for key, value in raw.items():
                 if key not in cls.model_fields:

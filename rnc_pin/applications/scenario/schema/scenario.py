@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Literal, cast
 
 from pydantic import Field, model_validator
 
 from rnc_pin.applications.scenario.controllers import ControllerItem
-from rnc_pin.applications.scenario.schema.base import FileName, Strict
+from rnc_pin.applications.scenario.schema.base import Content, FileName, Strict
 from rnc_pin.applications.scenario.schema.constraints import ConstraintItem, ContactItem, GroundItem, with_ground
 from rnc_pin.applications.scenario.schema.derived import Entry
 from rnc_pin.applications.scenario.schema.forces import ActuatorItem, ForceItem
@@ -112,14 +112,14 @@ class ScenarioFile(Strict):
     """Kinds of findings that do not fail a run, such as ``lift_off``. Say in a comment why they are acceptable."""
     seed: Annotated[int, Field(ge=0)] = 0
     """Seed of all random numbers."""
-    comparisons: dict[str, dict[str, Any]] = {}
+    comparisons: dict[str, dict[str, Content]] = {}
     """Additional runs for comparison: label to dotted keys and their values."""
-    presets: dict[Literal["paper", "normalised", "scaled"], dict[str, Any]] = {}
+    presets: dict[Literal["paper", "normalised", "scaled"], dict[str, Content]] = {}
     """Values for each preset of the controller: preset to dotted keys and their values. Options of the command line
     take precedence."""
     variant: str | None = None
     """Name of the entry of ``variants`` to run; none by default."""
-    variants: dict[str, dict[str, Any]] = {}
+    variants: dict[str, dict[str, Content]] = {}
     """Variants of the scenario, such as other coordinates or another task: name to dotted keys and their values."""
     sweep: dict[str, Distribution] = {}
     """Values that ``rnc-pin sweep`` draws for each run: dotted key to [minimum, maximum] of a uniform distribution, or
