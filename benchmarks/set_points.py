@@ -178,7 +178,10 @@ def run(name: str, kind: str, noise: bool, seed: int) -> Result:
         plant = FaultyPlant(rnc.ReducedPlant(wrong), faults, wrong, DT, seed=seed)
     begin = time.process_time()
     controller = controller_of(kind, case, reduced, noise)
-    found = rnc.simulate(reduced, controller, case.start(reduced, seed), case.run, DT, plant=plant)
+    try:
+        found = rnc.simulate(reduced, controller, case.start(reduced, seed), case.run, DT, plant=plant)
+    except rnc.RncError:  # the run diverged, or met a singular configuration: its error names it
+        return Result(False, False, np.inf, time.process_time() - begin)
     error = max(point.errors(found.q[-1]).values())
     still = float(np.abs(found.v2[-1]).max()) < AT_REST
     allowed = 0.02 if noise else 0.01
