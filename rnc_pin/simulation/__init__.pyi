@@ -6,6 +6,7 @@ from rnc_pin.verdict import FindingKind as FindingKind
 from rnc_pin.verdict import Severity as Severity
 from rnc_pin.verdict import Verdict as Verdict
 
+from .export import export_run as export_run
 from .free_motion import free_motion as free_motion
 from .judgement import PENETRATION as PENETRATION
 from .judgement import SHORTFALL as SHORTFALL
@@ -37,6 +38,7 @@ from .rollout import Margin as Margin
 from .rollout import Rollout as Rollout
 from .rollout import RolloutEvaluation as RolloutEvaluation
 from .rollout import kinematic_rollout as kinematic_rollout
+from .run_figure import run_name as run_name
 from .run_info import Columns as Columns
 from .run_info import FallbackUse as FallbackUse
 from .run_info import MissedUpdates as MissedUpdates
@@ -48,6 +50,9 @@ from .run_info import Provenance as Provenance
 from .run_info import RunInfo as RunInfo
 from .run_info import TaskNames as TaskNames
 from .run_info import provenance_of as provenance_of
+from .run_panels import PLOTTED_QUANTITIES as PLOTTED_QUANTITIES
+from .run_paths import compared_paths as compared_paths
+from .run_paths import ground_paths as ground_paths
 from .sampled_run import assembled_start as assembled_start
 from .simulate import sample_count as sample_count
 from .simulate import simulate as simulate

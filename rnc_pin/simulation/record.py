@@ -212,12 +212,17 @@ class Record:
             if not np.isnan(column[first:]).any()
         )
         _fill_desired(a["x2_desired"], a["v2_desired"], a["x2"], dt)
-        rows = self._row_names()
+        rows, own = self._row_names(), [output_names(model) for model in self._plant_models()]
+        units: dict[str, str] = {}
+        for each in own:
+            units |= zip(each.contact_forces, each.contact_forces_units, strict=True)
         info = RunInfo(
             replace(
-                output_names(reduced),
+                own[0],
                 multipliers=rows.multipliers,
+                multipliers_units=tuple(units[name] for name in rows.multipliers),
                 contact_forces=rows.contact_forces,
+                contact_forces_units=tuple(units[name] for name in rows.contact_forces),
                 friction_used=self._contacts,
                 normal_forces=rows.normal_forces,
                 ground_poses=tuple(body.name for body in bodies),
@@ -333,7 +338,16 @@ def output_names(reduced: ReducedModel) -> OutputNames:
         multipliers=tuple(reduced.constraints.names),
         contact_forces=tuple(reduced.all_constraints.names),
         v=tuple(reduced.robot.velocity_names),
+        v_units=tuple(reduced.robot.velocity_units),
+        q=tuple(name for name, _ in reduced.robot.configuration_entries),
+        q_units=tuple(unit for _, unit in reduced.robot.configuration_entries),
+        multipliers_units=tuple(_FORCE_UNITS.get(unit, "") for unit in reduced.constraints.units),
+        contact_forces_units=tuple(_FORCE_UNITS.get(unit, "") for unit in reduced.all_constraints.units),
     )
+
+
+_FORCE_UNITS = {"m/s": "N", "rad/s": "N m"}
+"""Unit of the force of a constraint row by the unit of its rate."""
 
 
 def columns_of(outputs: OutputStack) -> Columns:

@@ -12,7 +12,6 @@ from rnc_pin.math.linear_algebra import nonnegative
 from rnc_pin.planning import MinimumJerk
 from rnc_pin.plants import FaultyPlant
 from rnc_pin.simulation import ReducedPlant, margins_along
-from rnc_pin.visualization.plots import plot_run
 
 WHEELS = ["left_wheel_joint", "right_wheel_joint"]
 G = 9.81
@@ -95,7 +94,7 @@ def test_normal_forces_are_kept_in_files_and_drawn(tmp_path):
     again = rnc.Trajectory.load(tmp_path / "run.npz")
     np.testing.assert_array_equal(again.normal_forces, run.normal_forces)
     assert again.info.outputs.normal_forces == run.info.outputs.normal_forces
-    panel = next(axes for axes in plot_run(run).axes if axes.get_ylabel() == "normal force [N]")
+    panel = next(axes for axes in run.plot().axes if axes.get_ylabel() == "normal force [N]")
     for line, column in zip(panel.get_lines(), run.normal_forces.T, strict=True):
         np.testing.assert_array_equal(line.get_ydata(), column)
     with np.load(tmp_path / "run.npz") as file:

@@ -17,9 +17,7 @@ from rnc_pin.model.reduction_data import ReductionData, VelocityRows
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import check_defined
 from rnc_pin.model.state_evaluation import StateEvaluation
-from systems import (
-    sleigh,
-)
+from systems import sleigh
 
 
 class Rails(VelocityRows):

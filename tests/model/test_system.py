@@ -8,18 +8,12 @@ import pytest
 import scipy.linalg
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.model.reduction_data import best_entries
 from rnc_pin.model.rows import Rows, check_defined
 from rnc_pin.model.system import _is_loose
 from rnc_pin.robots.sources.description import Mimic
-from systems import (
-    leaning_wheel,
-    random_states,
-    rolling_base,
-    sleigh,
-    space_robot,
-    tiago,
-)
+from systems import leaning_wheel, rolling_base, sleigh, space_robot, tiago
 from textbook_systems import Bound, Flat, Turning, coupling, sliders
 from tolerances import ROUNDING
 
@@ -155,15 +149,6 @@ def test_next_to_a_singular_configuration_the_answer_is_still_right():
     assert np.linalg.norm(back - F) < 1e-5 * np.linalg.norm(F)
 
 
-def test_lists_and_one_configuration_for_many_velocities_are_welcome():
-    reduced = space_robot()
-    q, _ = random_states(reduced, 1)[0]
-    v2, T = np.random.default_rng(0).normal(size=(2, 5, 3))
-    batch = reduced.forward_dynamics(q.tolist(), v2, T)
-    assert batch.shape == (5, 3)
-    np.testing.assert_allclose(batch[3], reduced.forward_dynamics(q, v2[3].tolist(), T[3].tolist()), rtol=1e-10)
-
-
 @pytest.mark.parametrize(
     ("joint", "units"),
     [
@@ -179,10 +164,8 @@ def test_lists_and_one_configuration_for_many_velocities_are_welcome():
 def test_momentum_has_the_unit_of_the_motion_that_it_belongs_to(joint, units):
     model = pin.Model()
     model.gravity.linear = np.zeros(3)
-    base = model.addJoint(0, joint, pin.SE3.Identity(), "base")
-    model.appendBodyToJoint(base, pin.Inertia(2.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
-    arm = model.addJoint(base, pin.JointModelRZ(), pin.SE3.Identity(), "arm")
-    model.appendBodyToJoint(arm, pin.Inertia(1.0, np.array([0.3, 0.0, 0.0]), np.eye(3)), pin.SE3.Identity())
+    base = add_body(model, "base", joint, 2.0)
+    add_body(model, "arm", "RZ", 1.0, base, com=(0.3, 0.0, 0.0))
     assert rnc.MomentumConservation("base").bind(rnc.Robot(model)).units == units
 
 
@@ -490,3 +473,42 @@ def test_what_is_no_list_of_kinds_is_refused_in_one_line(make, words):
     robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
     with pytest.raises(rnc.ConstraintError, match=words):
         make(robot)
+
+
+WHEELS = [rnc.RollingWheel("left_wheel", 0.2), rnc.RollingWheel("right_wheel", 0.2)]
+LETS_IT_MOVE = r"the base of robot '{}' is fixed; base='planar' \(robot: {{base: planar}}\) or 'free' lets it move"
+
+
+@pytest.mark.parametrize(
+    ("file", "build", "still"),
+    [
+        (
+            "mobile_manipulator",
+            lambda robot: rnc.NonholonomicSystem(robot).reduce(
+                [rnc.FrameSpeed("base"), rnc.FrameYaw("base"), rnc.JointPosition("joint_1")]
+            ),
+            "no joint moves base_speed_x, base_yaw: ",
+        ),
+        (
+            "mobile_manipulator",
+            lambda robot: rnc.NonholonomicSystem(robot).reduce([rnc.FrameSpeed("base"), rnc.JointPosition("joint_1")]),
+            "no joint moves base_speed_x: ",
+        ),
+        ("differential_drive", lambda robot: rnc.NonholonomicSystem(robot, WHEELS), r"lateral\(left_wheel\).*: "),
+        (
+            "space_robot",
+            lambda robot: robot.configuration({"root_joint": [0, 0, 0]}),
+            "no joint 'root_joint' in robot .*: ",
+        ),
+    ],
+)
+def test_a_base_that_is_fixed_by_mistake_is_named(file, build, still):
+    """It was explained by counts of outputs and rows."""
+    with pytest.raises(rnc.RncError, match=still + LETS_IT_MOVE.format(file)):
+        build(rnc.Robot.from_urdf(f"{file}.urdf"))
+
+
+def test_an_output_too_many_on_a_fixed_arm_says_nothing_about_its_base():
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    with pytest.raises(rnc.ConstraintError, match=r"expected 4: 4 degrees of freedom less 0 of the constraints$"):
+        rnc.NonholonomicSystem(robot).reduce([rnc.FramePosition("tip", "xy")])

@@ -6,6 +6,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.integrators import phi_functions
 from rnc_pin.plants import FaultyPlant, ReducedPlant
 from simple_controllers import Inputs
@@ -20,8 +21,7 @@ def slider(damping=0.0, friction=0.0):
     """A mass on a slide."""
     model = pin.Model()
     model.name = "slider"
-    joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "slide")
-    model.appendBodyToJoint(joint, pin.Inertia(MASS, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    add_body(model, "slide", "PX", MASS)
     model.damping, model.upperDryFrictionLimit = np.array([damping]), np.array([friction])
     return rnc.NonholonomicSystem(rnc.Robot(model), [], ["slide"]).reduce()
 

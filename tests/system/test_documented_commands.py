@@ -176,7 +176,7 @@ def without_waiting(patch):
     for command in ("run", "drive"):
         patch.setattr(f"rnc_pin.applications.command_line.commands.{command}.draw_pictures", lambda *_: Drawn())
     patch.setattr("rnc_pin.applications.command_line.commands.run.processor_count", lambda: 1)
-    patch.setattr("rnc_pin.applications.sweep.reports.write_distributions", lambda *_: None)
+    patch.setattr("rnc_pin.applications.sweep.reports.draw_distributions", lambda *_: None)
     patch.setattr("rnc_pin.visualization.live.LiveView.wait_for_browser", lambda *_: False)
     patch.setattr(scenario_candidate, "_PATIENCE", 0.0)
 

@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.analysis import NormalForces
 
 GRAVITY = 9.81
@@ -12,8 +13,7 @@ GRAVITY = 9.81
 
 def ball(mass=2.0, radius=0.1):
     model, moment = pin.Model(), 0.4 * mass * radius**2
-    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
-    model.appendBodyToJoint(joint, pin.Inertia(mass, np.zeros(3), moment * np.eye(3)), pin.SE3.Identity())
+    joint = add_body(model, "root_joint", "FreeFlyer", mass, moments=moment)
     model.addFrame(pin.Frame("ball", joint, 0, pin.SE3.Identity(), pin.FrameType.BODY))
     return rnc.Robot(model)
 

@@ -33,6 +33,7 @@ from rnc_pin.optimal import MotionPlan
 from rnc_pin.planning import Reference, Slowed, continued_back, path_distances
 from rnc_pin.plants import Plant
 from rnc_pin.simulation import (
+    PLOTTED_QUANTITIES,
     Outcome,
     Phase,
     PhaseStart,
@@ -395,8 +396,9 @@ def off_tracking(experiment: Experiment, configurations: np.ndarray) -> float | 
 
 
 def check_plots(scenario: ScenarioFile, models: Sequence[ReducedModel]) -> None:
-    """Raise an error if a plot names an output that no model of the run has."""
-    valid = tuple(name for reduced in models for name in (*reduced.reducing.names, *reduced.vertical.names))
+    """Raise an error if a plot names an output that no model of the run has, and that is no quantity."""
+    names = tuple(name for reduced in models for name in (*reduced.reducing.names, *reduced.vertical.names))
+    valid = (*names, *PLOTTED_QUANTITIES)
     for plot, settings in scenario.plots.items():
         for name in settings.outputs:
             if name not in valid:

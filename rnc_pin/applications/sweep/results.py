@@ -31,6 +31,9 @@ from rnc_pin.simulation import Trajectory
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    from matplotlib.figure import Figure
+
+    from rnc_pin.figures import Size
 
 
 class _Blocks(NamedTuple):
@@ -185,6 +188,24 @@ class SweepResults(SummaryMixin):
         for table in self.tables(columns) if len(self) else ():
             counts.update(label(*values) for values in zip(*(each.to_pylist() for each in table.columns), strict=True))
         return dict(counts)
+
+    def plot(self, *, size: Size | None = None, file: str | Path | None = None) -> Figure:
+        """Plot the distributions of results, and the share of each finding over drawn values.
+
+        Args:
+            size: size of the figure, as for ``rnc.Trajectory.plot``.
+            file: file to write: .png, .pdf or .svg. An existing one is replaced.
+
+        Raises:
+            InputError: no column has two different numbers, or the panels do not fit the size.
+            ConfigurationError: the file has another ending.
+        """
+        from rnc_pin.applications.sweep.reports import draw_distributions
+
+        figure = draw_distributions(self, size, file)
+        if figure is None:
+            raise InputError(f"{self.path}: the runs are too few or too much alike to plot their distributions")
+        return figure
 
     def row(self, run: int) -> Row:
         """Return a run as a mapping by column; columns without a value are missing.

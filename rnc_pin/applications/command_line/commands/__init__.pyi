@@ -1,6 +1,7 @@
 """Exports of ``rnc_pin.applications.command_line.commands``, which ``__init__.py`` imports at their first use."""
 
 from .drive import drive_robot as drive_robot
+from .export import export_file as export_file
 from .init import draft_scenario as draft_scenario
 from .inspect import inspect_system as inspect_system
 from .list import list_scenarios as list_scenarios

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TypedDict, Unpack
+from typing import TypedDict, Unpack, cast
 
 import click
 
@@ -14,11 +15,12 @@ from rnc_pin.applications.command_line.run_end import report_findings
 from rnc_pin.applications.command_line.status import DONE
 from rnc_pin.applications.command_line.tables import print_summary
 from rnc_pin.applications.command_line.watching import close, live_view
-from rnc_pin.applications.scenario.saved_run import Run, animation_of, compared, load_run, view_of
+from rnc_pin.applications.scenario.saved_run import Run, animation_of, compared, load_run, run_names, view_of
 from rnc_pin.errors import ConfigurationError
+from rnc_pin.figures import Size, save
 from rnc_pin.simulation import FurtherLimits, Trajectory, add_verdict, judge, replay_limits, summarize
 from rnc_pin.verdict import Verdict
-from rnc_pin.visualization import recorded_states, write_frames, write_plots, write_video
+from rnc_pin.visualization import recorded_states, write_frames, write_video
 
 
 class ReplayFiles(TypedDict):
@@ -29,6 +31,8 @@ class ReplayFiles(TypedDict):
     video: Path | None
     rate: float
     plot: Path | None
+    outputs: tuple[str, ...]
+    size: str | None
     aside: bool
     force: bool
 
@@ -46,6 +50,8 @@ def replay_runs(
     judges = not show and not any((files["html"], files["frames"], files["video"], files["plot"]))
     if accept and not judges:
         raise ConfigurationError("--accept: a replay judges runs only if it prints their summaries; remove the option")
+    if files["plot"] is None and (files["outputs"] or files["size"]):
+        raise ConfigurationError("--output, --size: only a plot has them; add --plot FILE")
     runs = [load_run(source) for source in sources]
     others = compared(runs)
     _check_new(files)
@@ -83,9 +89,27 @@ def _write(runs: list[Run], others: Mapping[str, Trajectory], files: ReplayFiles
             write_video(recording, video, files["rate"], replace=force)
             click.echo(f"wrote {video} ({video.stat().st_size / 1e6:.1f} MB)")
         if plot is not None:
-            click.echo(f"wrote {write_plots(runs[0].trajectory, plot, runs[0].title, others, force)}")
+            first, size = runs[0], files["size"]
+            figure = first.trajectory.plot(
+                files["outputs"] or None,
+                title=first.title if size is None else None,  # a figure of a paper has a caption
+                comparisons=others,
+                size=_figure_size(size),
+                labels=first.scenario.figures.labels,
+                name=run_names(runs)[0],
+            )
+            click.echo(f"wrote {save(figure, plot, force)}")
     except OSError as error:
         raise ConfigurationError(f"{error.filename}: cannot be written: {error.strerror}") from None
+
+
+def _figure_size(size: str | None) -> Size | None:
+    """Size of a figure from ``column``, ``page`` or ``WIDTHxHEIGHT`` [inches]; other texts are refused with it."""
+    match = re.fullmatch(r"([\d.]+)x([\d.]+)", size or "")
+    try:
+        return cast("Size | None", size) if match is None else (float(match[1]), float(match[2]))
+    except ValueError:
+        raise ConfigurationError(f"--size {size}: expected 'column', 'page' or WIDTHxHEIGHT in inches") from None
 
 
 def _judged(run: Run, accept: tuple[str, ...]) -> int:

@@ -10,11 +10,11 @@ from matplotlib.figure import Figure
 
 import rnc_pin as rnc
 from places import ROOT
-from rnc_pin.applications.scenario import plot_files
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.pictures import draw_pictures
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.collision import CollisionDistances
+from rnc_pin.simulation import run_figure
 from rnc_pin.visualization.drawn_model import DrawnModel
 from rnc_pin.visualization.recording import Recording
 from rnc_pin.visualization.surroundings import corners_over_time, outline, surface_points
@@ -76,7 +76,10 @@ def test_every_shape_is_built(tmp_path):
         ("  - mesh: {file: none.stl}", "none.stl"),
         ("  - cone: {radius: 1}", "cone"),
         ("  - ground: {ignored_links: [panda_link_0]}", "ignored_links: no link 'panda_link_0'.*'panda_link0'"),
-        ("  - sphere: {radius: 1, motion: {minimum_jerk: {by: [1, 2], duration: 1}}}", "2 values for 4"),
+        (
+            "  - sphere: {radius: 1, motion: {minimum_jerk: {by: [1, 2, 0], duration: 1}}}",
+            r"3 values for 4 outputs \(x, y, z, yaw\); add a value of yaw",
+        ),
     ],
 )
 def test_unusable_obstacles_are_refused(tmp_path, text, words):
@@ -110,7 +113,7 @@ def test_summary_has_the_smallest_distance_and_the_worst_limits(tmp_path, monkey
     share = np.abs(run.v) / robot.model.upperVelocityLimit
     assert velocity["excess"] == pytest.approx(share.max() - 1.0)
     assert velocity["joint"] == robot.joint_names[int(share.max(axis=0).argmax())]
-    monkeypatch.setattr(plot_files, "plot_run", lambda *_: Figure(figsize=(1, 1)))
+    monkeypatch.setattr(run_figure, "plot_run", lambda *_: Figure(figsize=(1, 1)))
     drawn = draw_pictures(ready, result, tmp_path)
     assert not drawn.failures
     assert {"limits.png", "animation.html"} <= {*drawn.written}

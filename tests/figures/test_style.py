@@ -3,7 +3,7 @@
 import matplotlib as mpl
 import numpy as np
 
-from rnc_pin.visualization.plot_style import STYLE, PrintFigure, save
+from rnc_pin.figures.style import STYLE, PrintFigure, save
 
 
 def test_labels_have_room_if_the_layout_makes_tick_labels_wider(tmp_path):

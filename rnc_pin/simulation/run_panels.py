@@ -1,92 +1,87 @@
-"""Panels of a run over time: lines that share an axis and a label.
+"""Panels of a run over time: lines that share an axis and a unit.
 
-To add a panel, add a function to ``_MAKERS``. It takes a run and the compared runs, and returns panels.
+To add a panel, add a function to ``QUANTITIES``. It takes a run and the compared runs, and returns panels.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from itertools import groupby, pairwise
-from typing import TypeAlias
+from functools import partial
+from itertools import groupby
+from typing import NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 
-from rnc_pin.simulation import Trajectory, tracking_errors
+from rnc_pin.errors import InputError, nearest
+from rnc_pin.figures.panel import MAX_LINES, Panel, Series, split_names
 from rnc_pin.simulation.run_info import Columns
+from rnc_pin.simulation.summary import tracking_errors
+from rnc_pin.simulation.trajectory import Trajectory
 
-MAX_LINES = 6  # largest number of lines in a panel
 _MAX_PANELS = 3  # largest number of panels of one quantity
 _ALWAYS_SHOWN = 6  # number of lines of one quantity that are always shown
-_MAX_NAME = 60  # characters
 _MIN_ERROR = 1e-8  # smallest value on an error axis
 
 Others: TypeAlias = Mapping[str, Trajectory]
+_Key = TypeVar("_Key")
 
 
-@dataclass(frozen=True)
-class Series:
-    """Line of a panel, with its reference and the same line of compared runs.
+class _Axis(NamedTuple):
+    """Quantity and unit of an axis."""
 
-    Attributes:
-        name: readable name.
-        values: values (N,) over the time of the run.
-        desired: reference (N,), if any.
-        compared: values of the compared runs by label, over their own time.
-    """
-
-    name: str
-    values: np.ndarray
-    desired: np.ndarray | None = None
-    compared: Mapping[str, np.ndarray] = field(default_factory=dict)
+    quantity: str
+    unit: str
 
 
-@dataclass(frozen=True)
-class Panel:
-    """Lines that share an axis.
-
-    Attributes:
-        label: label of the axis, with the unit.
-        series: lines, at most ``MAX_LINES`` if there are no compared runs.
-        note: title of the legend, for example about lines that the panel omits.
-        log: True if the axis is logarithmic; it begins at ``bottom``.
-        bottom: fixed lower limit of the axis, if any.
-    """
-
-    label: str
-    series: tuple[Series, ...]
-    note: str = ""
-    log: bool = False
-    bottom: float | None = None
-
-
-def panels(run: Trajectory, others: Others | None = None) -> list[Panel]:
-    """All panels of a run: outputs with references, errors, inputs, estimates, normal forces, singularity margin.
+def panels(run: Trajectory, others: Others | None = None, chosen: Sequence[str] | None = None) -> list[Panel]:
+    """Panels of a run: outputs with references, errors, inputs, estimates, normal forces, singularity margin.
 
     Args:
         run: run to show.
         others: compared runs by label.
+        chosen: names of outputs and of ``QUANTITIES``, in the order of the panels; all by default. The name of a
+            quasi-velocity means its integral; "rates" has the quasi-velocities themselves.
+
+    Raises:
+        InputError: unknown name, or a quantity that the run does not have.
     """
-    return [panel for make in _MAKERS for panel in make(run, others or {})]
+    others = others or {}
+    if chosen is None:
+        return [panel for make in QUANTITIES.values() for panel in make(run, others)]
+    shown: list[Panel] = []
+    for is_output, group in groupby(chosen, lambda name: run.info.outputs.find(name) is not None):
+        names = list(group)
+        if is_output:
+            shown += outputs(run, others, names)
+            continue
+        for name in names:
+            if name not in QUANTITIES:
+                valid = [*run.info.outputs.x2.names, *run.info.outputs.x1.names, *PLOTTED_QUANTITIES]
+                raise InputError(f"outputs: no output '{name}' in the run{nearest(name, valid)}")
+            found = QUANTITIES[name](run, others)
+            if not found:
+                raise InputError(f"outputs: the run has no {name.replace('_', ' ')}")
+            shown += found
+    return shown
 
 
-def outputs(run: Trajectory, others: Others, names: Iterable[str] | None = None) -> list[Panel]:
-    """Panels of the outputs with their references, grouped by quantity; for quasi-velocities also their rates.
+def outputs(run: Trajectory, others: Others, names: Sequence[str] | None = None) -> list[Panel]:
+    """Panels of the outputs with their references, grouped by quantity; of quasi-velocities the integrals.
 
     Args:
         run: run to show.
         others: compared runs by label.
-        names: names of the outputs, shown without rates; by default all outputs with rates, those with goals first.
+        names: names of the outputs; all by default, those with goals first.
     """
     found = list(names or ())
     if names is None:  # outputs with goals come first
         every = (*run.info.outputs.x2.names, *run.info.outputs.x1.names)
         found = sorted(every, key=lambda name: name not in run.info.goals)
     shown = []
-    for label, group in _grouped_by(found, lambda name: _quantity(run, name)):
+    for axis, group in _grouped_by(found, lambda name: _axis(run, name)):
         most, note = (group, "") if names is not None else _largest_ranges(group, lambda name: _of(run, name), others)
-        shown += _panels_of_outputs(run, others, label, most, note)
-    return shown if names is not None else [*_rates(run, others), *shown]
+        shown += _panels_of_outputs(run, others, axis, most, note)
+    return shown
 
 
 def learning_panels(run: Trajectory, others: Others, quantity: str) -> list[Panel]:
@@ -105,17 +100,19 @@ def learning_panels(run: Trajectory, others: Others, quantity: str) -> list[Pane
 
     def series(name: str) -> Series:
         compared = {label: column(other, name) for label, other in alike.items()}
-        return Series(readable_name(name), column(run, name), None, compared)
+        return Series(name, column(run, name), None, compared)
 
-    label, found = "estimate" if quantity == "estimates" else "measured less\npredicted rate", list[Panel]()
+    word, found = "estimate" if quantity == "estimates" else "prediction error", list[Panel]()
     for unit, group in _grouped_by(names, lambda name: units.get(name, (1.0, ""))[1]):
-        found += _split(f"{label} [{unit}]" if unit else label, group, series, _lines_per_panel(others))
+        found += _split(_Axis(word, unit or "-"), group, series, _lines_per_panel(others))
     return found
 
 
-def _split(label: str, names: Sequence[str], series: Callable[[str], Series], most: int, note: str = "") -> list[Panel]:
-    """Panels of one label, with at most so many lines each."""
-    return [Panel(label, tuple(map(series, part)), note) for part in split_names(names, most)]
+def _split(
+    axis: _Axis, names: Sequence[str], series: Callable[[str], Series], most: int, note: str = ""
+) -> list[Panel]:
+    """Panels of one axis, with at most so many lines each."""
+    return [Panel(*axis, tuple(map(series, part)), note) for part in split_names(names, most)]
 
 
 def _in_si(unit: str) -> tuple[float, str]:
@@ -125,36 +122,6 @@ def _in_si(unit: str) -> tuple[float, str]:
         return (float(number), rest) if rest else (1.0, unit)
     except ValueError:
         return 1.0, unit
-
-
-def readable_name(name: str) -> str:
-    """Readable name; the middle of a long name is replaced by dots."""
-    if len(name) > _MAX_NAME:
-        name = f"{name[: _MAX_NAME // 2]}...{name[-_MAX_NAME // 2 :]}"
-    return name.replace("_", " ").strip()
-
-
-def split_names(names: Sequence[str], most: int = MAX_LINES) -> list[list[str]]:
-    """Split names into groups of at most ``most``. Names with the same first word stay together."""
-    if len(names) <= most:
-        return [list(names)] if names else []
-    groups = [list(group) for _, group in groupby(names, key=_first_word)]
-    if len(groups) == 1 or len(groups) == len(names):
-        count = -(-len(names) // most)
-        bounds = [round(k * len(names) / count) for k in range(count + 1)]
-        return [list(names[start:end]) for start, end in pairwise(bounds)]
-    parts: list[list[str]] = []
-    for group in groups:
-        for part in split_names(group, most):
-            if parts and len(parts[-1]) + len(part) <= most:
-                parts[-1] += part
-            else:
-                parts.append(part)
-    return parts
-
-
-def _first_word(name: str) -> str:
-    return name.lstrip("_").split("_")[0].rstrip("0123456789")
 
 
 # ---------------------------------------------------------------------- outputs
@@ -188,18 +155,18 @@ def _is_integral(run: Trajectory, name: str) -> bool:
     return columns.is_integral(column)
 
 
-def _quantity(run: Trajectory, name: str) -> str:
-    """Axis label of an output."""
+def _axis(run: Trajectory, name: str) -> _Axis:
+    """Axis of an output."""
     _, columns, column = _find_output(run, name)
     unit, integral = columns.units[column], _is_integral(run, name)
     if any(start <= column < start + 3 for start in columns.rotations):
-        return f"rotation vector [{unit}]"
+        return _Axis("rotation vector", unit)
     kinds = {"m": "distance", "rad": "turned angle"} if integral else {"m": "position", "rad": "angle"}
-    return f"{kinds.get(unit, 'integral' if integral else 'value')} [{unit or '-'}]"
+    return _Axis(kinds.get(unit, "integral" if integral else "value"), unit or "-")
 
 
-def _grouped_by(names: Iterable[str], key: Callable[[str], str]) -> list[tuple[str, list[str]]]:
-    groups: dict[str, list[str]] = {}
+def _grouped_by(names: Iterable[str], key: Callable[[str], _Key]) -> list[tuple[_Key, list[str]]]:
+    groups: dict[_Key, list[str]] = {}
     for name in names:
         groups.setdefault(key(name), []).append(name)
     return list(groups.items())
@@ -210,12 +177,8 @@ def _lines_per_panel(others: Others) -> int:
     return max(1, MAX_LINES // (1 + len(others)))
 
 
-def _line_name(run: Trajectory, name: str) -> str:
-    return f"integral of {readable_name(name)}" if _is_integral(run, name) else readable_name(name)
-
-
 def _panels_of_outputs(
-    run: Trajectory, others: Others, label: str, names: Sequence[str], note: str = ""
+    run: Trajectory, others: Others, axis: _Axis, names: Sequence[str], note: str = ""
 ) -> list[Panel]:
     def series(name: str) -> Series:
         kind, _, column = _find_output(run, name)
@@ -225,13 +188,13 @@ def _panels_of_outputs(
             for each, other in others.items()
             if _has_same_outputs(other, run, kind)
         }
-        return Series(_line_name(run, name), _of(run, name), desired, compared)
+        return Series(name, _of(run, name), desired, compared, is_integral=_is_integral(run, name))
 
     room = _lines_per_panel(others)
     parts = [list(names)]
     if len(names) > room:  # outputs with references come first, in panels of their own
         parts = [[name for name in names if (name in run.info.goals) is wanted] for wanted in (True, False)]
-    return [panel for group in parts for panel in _split(label, group, series, room, note)]
+    return [panel for group in parts for panel in _split(axis, group, series, room, note)]
 
 
 def _has_same_outputs(other: Trajectory, run: Trajectory, kind: str) -> bool:
@@ -249,12 +212,12 @@ def _rates(run: Trajectory, others: Others) -> list[Panel]:
         column = columns.names.index(name)
         desired = run.v2_desired[:, column]
         compared = {label: other.v2[:, column] for label, other in alike.items()}
-        return Series(readable_name(name), run.v2[:, column], desired if np.isfinite(desired).any() else None, compared)
+        return Series(name, run.v2[:, column], desired if np.isfinite(desired).any() else None, compared)
 
     found = []
     for unit, group in _grouped_by(names, lambda name: columns.units[columns.names.index(name)]):
         kind = {"m": "speed", "rad": "angular velocity"}.get(unit, "rate")
-        found += _split(f"{kind} [{unit or 1}/s]", group, series, _lines_per_panel(others))
+        found += _split(_Axis(kind, f"{unit or 1}/s"), group, series, _lines_per_panel(others))
     return found
 
 
@@ -270,11 +233,12 @@ def _errors(run: Trajectory, others: Others) -> list[Panel]:
         series = []
         for name in [name for name in names if name in largest]:
             shown = {label: _magnitude(other[name]) for label, other in compared.items() if name in other}
-            series.append(Series(_line_name(run, name), _magnitude(errors[name]), None, shown))
+            integral = _is_integral(run, name)
+            series.append(Series(name, _magnitude(errors[name]), None, shown, is_integral=integral))
         # Values far below the errors are only sign changes, so the axis begins above them.
         bottom = max(_MIN_ERROR, 1e-4 * min(float(np.nanmax(each.values, initial=0.0)) for each in series))
         note = f"largest {room} of {len(names)}" if len(names) > room else ""
-        found.append(Panel(f"error [{unit or '-'}]", tuple(series), note, log=True, bottom=bottom))
+        found.append(Panel("error", unit or "-", tuple(series), note, log=True, bottom=bottom))
     return found
 
 
@@ -289,15 +253,12 @@ def _magnitude(error: np.ndarray) -> np.ndarray:
 def _inputs(run: Trajectory, others: Others) -> list[Panel]:
     """Panels of the actuator inputs by unit, without compared runs, which would hide them."""
     names, units = run.info.outputs.T, run.info.outputs.T_units
-    kinds = {"N": "force [N]", "N m": "torque [N m]"}
+    kinds = {"N": "force", "N m": "torque"}
     found = []
-    for label, group in _grouped_by(
-        names, lambda name: kinds.get(units[names.index(name)] if units else "", "input [N, N m]")
-    ):
+    for unit, group in _grouped_by(names, lambda name: units[names.index(name)] if units else ""):
         most, note = _largest_ranges(group, lambda name: run.T[:, names.index(name)], {})
-        found += _split(
-            label, most, lambda name: Series(readable_name(name), run.T[:, names.index(name)]), MAX_LINES, note
-        )
+        axis = _Axis(kinds.get(unit, "input"), unit or "-")
+        found += _split(axis, most, lambda name: Series(name, run.T[:, names.index(name)]), MAX_LINES, note)
     return found
 
 
@@ -308,27 +269,29 @@ def _normal_forces(run: Trajectory, others: Others) -> list[Panel]:
     for part in split_names(names):
         columns = [forces[:, names.index(name)] for name in part]
         lifts = any(float(np.nanmin(column, initial=0.0)) < 0.0 for column in columns)
-        series = tuple(Series(readable_name(name), column) for name, column in zip(part, columns, strict=True))
+        series = tuple(Series(name, column) for name, column in zip(part, columns, strict=True))
         note = "below zero: would lift off" if lifts else ""
-        found.append(Panel("normal force [N]", series, note, bottom=None if lifts else 0.0))
+        found.append(Panel("normal force", "N", series, note, bottom=None if lifts else 0.0))
     return found
-
-
-def _learning_panels(run: Trajectory, others: Others) -> list[Panel]:
-    return [panel for each in ("estimates", "prediction_error") for panel in learning_panels(run, others, each)]
 
 
 def _margin(run: Trajectory, others: Others) -> list[Panel]:
     compared = {label: other.singular_value for label, other in others.items()}
     series = Series("singularity margin", run.singular_value, None, compared)
-    return [Panel("singularity\nmargin [-]", (series,), bottom=0.0)]
+    return [Panel("singularity margin", "-", (series,), bottom=0.0)]
 
 
-_MAKERS: tuple[Callable[[Trajectory, Others], list[Panel]], ...] = (
-    outputs,
-    _errors,
-    _inputs,
-    _learning_panels,
-    _normal_forces,
-    _margin,
-)
+TOP_VIEW = "top_view"
+QUANTITIES: dict[str, Callable[[Trajectory, Others], list[Panel]]] = {
+    "rates": _rates,
+    "outputs": outputs,
+    "errors": _errors,
+    "inputs": _inputs,
+    "estimates": partial(learning_panels, quantity="estimates"),
+    "prediction_error": partial(learning_panels, quantity="prediction_error"),
+    "normal_forces": _normal_forces,
+    "margin": _margin,
+}
+"""Panels by the name that chooses them, in the order of the overview."""
+PLOTTED_QUANTITIES = (TOP_VIEW, *QUANTITIES)
+"""Names that ``Trajectory.plot`` takes besides those of outputs."""

@@ -1,8 +1,8 @@
-"""Print-ready style of all plots: readable in greyscale and with colour vision deficiency."""
+"""Style of every picture, for screen and print: readable in greyscale and with colour vision deficiency."""
 
 from __future__ import annotations
 
-import textwrap
+import re
 from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
 from io import BytesIO
@@ -15,46 +15,68 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
 from matplotlib.transforms import ScaledTranslation
 
+from rnc_pin.errors import ConfigurationError
 from rnc_pin.io.atomic_write import atomic_file
 
 # Palette of Okabe and Ito, ordered so that neighbours also differ in lightness.
 COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9")
+FORMATS = (".png", ".pdf", ".svg")
 MARKERS = "os^Dvp<>hPX*"
 Dashes = tuple[int, tuple[float, ...]]
 """Offset of a dash pattern, and lengths of its lines and gaps [points]."""
 
 DOTS: Dashes = (0, (1, 1.6))
 DASHES: list[Dashes] = [(0, (6, 3)), (0, (6, 2, 1, 2)), (0, (3, 2)), (0, (8, 2, 1, 2, 1, 2)), (0, (1, 4)), (0, (10, 4))]
-_MAX_LINE = 30  # characters per line of a legend; longer lines would leave too little room for the axes
 _MAX_LAYOUTS = 3  # layouts of a figure at most
 _SAME_DISTANCE = 0.01  # distance of labels that needs no other layout [inches]
+_BETWEEN = 0.04  # distance between columns of axes, over their width
 _MARKERS_PER_LINE = 7  # number of markers on a line
-STYLE: dict[Any, Any] = {
-    "font.size": 10.0,
-    "axes.grid": True,
-    "grid.color": "0.88",
-    "grid.linewidth": 0.6,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.titlesize": 11.0,
-    "axes.titleweight": "bold",
-    "axes.axisbelow": True,
-    "axes.formatter.useoffset": False,
-    "lines.linewidth": 1.8,
-    "lines.markersize": 5.0,
-    "legend.frameon": False,
-    "legend.fontsize": 9.0,
-    "figure.dpi": 200,
-    "savefig.dpi": 200,
-    "pdf.fonttype": 42,
-    "svg.fonttype": "none",
-}
+_SCREEN = 10.0  # size of text for which lengths in points are given [points]
+_DPI = 200
+_NOTEBOOK_WIDTH = 800  # of small figures [pixels]
+_PRINT_DPI = 300  # of figures with smaller text
 
 P = ParamSpec("P")
+
+
+def style(font: float = _SCREEN) -> dict[Any, Any]:
+    """Settings of Matplotlib for text of a size [points]. Sizes are numbers, so that a later ``savefig`` keeps them."""
+    part = font / _SCREEN
+    sizes = ("font.size", "axes.labelsize", "xtick.labelsize", "ytick.labelsize")
+    return {
+        **dict.fromkeys(sizes, font),
+        **dict.fromkeys(("axes.titlesize", "figure.titlesize"), 1.1 * font),
+        **dict.fromkeys(("axes.titleweight", "figure.titleweight"), "bold"),
+        **dict.fromkeys(("legend.fontsize", "legend.title_fontsize"), 0.9 * font),
+        "axes.grid": True,
+        "grid.color": "0.88",
+        "grid.linewidth": 0.6 * part,
+        "axes.linewidth": 0.8 * part,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.axisbelow": True,
+        "axes.formatter.useoffset": False,
+        **{f"{axis}tick.major.{part_of}": length * part for axis in "xy"
+           for part_of, length in (("size", 3.5), ("width", 0.8), ("pad", 3.5))},
+        "lines.linewidth": 1.8 * part,
+        "lines.markersize": 5.0 * part,
+        "legend.frameon": False,
+        "figure.dpi": _DPI if font >= _SCREEN else _PRINT_DPI,
+        "savefig.dpi": "figure",
+        "pdf.fonttype": 42,
+        "svg.fonttype": "none",
+    }  # fmt: skip
+
+
+STYLE = style()
+
+
+def points(length: float) -> float:
+    """Length of a line, a dash or a marker [points] in the current style, from that beside text of 10 points."""
+    return length * float(mpl.rcParams["font.size"]) / _SCREEN
 
 
 class AlignedLayout(ConstrainedLayoutEngine):
@@ -66,7 +88,7 @@ class AlignedLayout(ConstrainedLayoutEngine):
     """
 
     def __init__(self) -> None:
-        super().__init__()
+        super().__init__(wspace=_BETWEEN)
         self._columns: list[list[Axes]] = []
 
     def align(self, axes: Iterable[Axes]) -> None:
@@ -128,7 +150,7 @@ class PrintFigure(Figure):
 
     def _repr_png_(self) -> bytes:
         buffer = BytesIO()
-        self.savefig(buffer, format="png", dpi=100)
+        self.savefig(buffer, format="png", dpi=float(np.clip(_NOTEBOOK_WIDTH / self.get_figwidth(), 100, _DPI)))
         return buffer.getvalue()
 
 
@@ -144,7 +166,19 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 
 
 def save(figure: Figure, path: str | Path, replace: bool = True) -> Path:
-    """Write a figure as .png, .pdf or .svg, by the suffix of the name. A failure leaves no partial file."""
+    """Write a figure as .png, .pdf or .svg, by the suffix of the name. A failure leaves no partial file.
+
+    Args:
+        figure: the figure.
+        path: name of the file.
+        replace: True replaces an existing file.
+
+    Raises:
+        ConfigurationError: the name has another suffix.
+        OSError: the file cannot be written.
+    """
+    if Path(path).suffix not in FORMATS:
+        raise ConfigurationError(f"{path}: expected a name that ends in .png, .pdf or .svg")
     layout = figure.get_layout_engine()
     with mpl.rc_context(STYLE), atomic_file(Path(path), replace) as partial:
         if layout is None:
@@ -160,9 +194,9 @@ def save(figure: Figure, path: str | Path, replace: bool = True) -> Path:
 
 
 class LegendEntry(NamedTuple):
-    """Legend entry: a name and its lines. The legend shows their colours and dashes."""
+    """Legend entry: its text, with escaped characters, and its lines. The legend shows their colours and dashes."""
 
-    name: str
+    text: str
     lines: Sequence[Line2D]
 
 
@@ -172,8 +206,8 @@ def line(axes: Axes, k: int, count: int, time: np.ndarray, values: np.ndarray) -
     color, marker = line_style(k)
     start = (2 * k + 1) * step // (2 * max(count, 1))
     return axes.plot(
-        time, values, color=color, lw=1.6, marker=marker, markevery=(start, step), markeredgecolor="white",
-        markeredgewidth=0.6,
+        time, values, color=color, lw=points(1.6), marker=marker, markevery=(start, step), markeredgecolor="white",
+        markeredgewidth=points(0.6),
     )[0]  # fmt: skip
 
 
@@ -203,24 +237,12 @@ def dashes(labels: Iterable[str]) -> Iterable[tuple[Dashes, str]]:
     return zip(cycle(DASHES), labels, strict=False)
 
 
-def legend_beside(axes: Axes, entries: Sequence[LegendEntry], title: str = "") -> None:
-    """Add a legend to the right of the axes. Lines of one entry are shown side by side."""
-    if not entries:
-        return
-    handles = [entry.lines[0] if len(entry.lines) == 1 else tuple(entry.lines) for entry in entries]
-    axes.legend(
-        handles, [_broken(escape_dollars(entry.name)) for entry in entries],
-        loc="center left", bbox_to_anchor=(1.01, 0.5),
-        title=title or None, title_fontsize=8.0, columnspacing=1.0, labelspacing=0.35, handlelength=2.6,
-        handler_map={tuple: HandlerTuple(ndivide=None, pad=0.4)},
-    )  # fmt: skip
+def unit_text(unit: str) -> str:
+    """Unit of an axis in upright letters, with powers: "rad/s^2" becomes "rad/s$^2$"."""
+    return re.sub(r"\^(-?\d+)", r"$^{\1}$", escape(unit))
 
 
-def _broken(name: str) -> str:
-    """Break a long name into several lines."""
-    return "\n".join(textwrap.wrap(name, _MAX_LINE)) or name
-
-
-def escape_dollars(text: str) -> str:
-    """Escape dollar signs, so that Matplotlib does not read a formula."""
-    return text.replace("$", r"\$")
+def escape(text: str) -> str:
+    """Escape the characters that Matplotlib, or LaTeX if ``text.usetex`` is on, would read as commands."""
+    special = "&%$#_{}" if mpl.rcParams["text.usetex"] else "$"
+    return "".join("\\" + each if each in special else each for each in text)
