@@ -46,6 +46,10 @@ def underlined(title: str, line: str = "=") -> str:
     return f"{title}\n{line * len(title)}\n"
 
 
+INHERITING = ("Trajectory", "SweepResults")
+"""Classes whose base, which is not exported, has most of their members."""
+
+
 def entries(names: list[str], module: str) -> Iterator[str]:
     """Sections of one page: a table of the names, then each with its docstring."""
     yield ".. autosummary::\n   :nosignatures:\n"
@@ -56,7 +60,7 @@ def entries(names: list[str], module: str) -> Iterator[str]:
             directive = "autoexception" if issubclass(thing, BaseException) else "autoclass"
         else:
             directive = "autofunction" if callable(thing) else "autodata"
-        yield f".. {directive}:: {name}\n"
+        yield f".. {directive}:: {name}\n" + ("   :inherited-members: SummaryMixin\n" if name in INHERITING else "")
 
 
 def reference_pages() -> dict[str, str]:

@@ -38,7 +38,8 @@ def documented(thing) -> set[str]:
     for section in re.findall(r"^(?:Args|Attributes):\n((?:(?: .*)?\n?)*)", inspect.getdoc(thing) or "", re.MULTILINE):
         for listed in re.findall(r"^    (\w+(?:, \w+)*): ", section, re.MULTILINE):
             names |= set(listed.split(", "))
-    return names | (fields_with_docstrings(thing) if isinstance(thing, type) else set())
+    kinds = [each for each in thing.__mro__ if each.__module__.startswith("rnc_pin")] if isinstance(thing, type) else []
+    return names.union(*map(fields_with_docstrings, kinds))
 
 
 def fields_with_docstrings(kind: type) -> set[str]:
