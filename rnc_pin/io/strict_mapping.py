@@ -130,7 +130,7 @@ class Strict(BaseModel):
 _Model = TypeVar("_Model", bound=BaseModel)
 
 
-def _no_tag(part: str, previous: str | None) -> bool:
+def _no_tag(part: str, previous: object) -> bool:
     return part in ("float", "str", "int")
 
 
@@ -138,7 +138,7 @@ def admitted(
     model: type[_Model],
     raw: object,
     source: str,
-    is_tag: Callable[[str, str | None], bool] = _no_tag,
+    is_tag: Callable[[str, object], bool] = _no_tag,
 ) -> _Model:
     """Validate the mapping of a file, or of a part of it.
 
@@ -159,7 +159,7 @@ def admitted(
         raise ConfigurationError(f"{source}: {_explain(first, is_tag).removeprefix(f'{_WHOLE}: ')}") from None
 
 
-def _explain(error: ErrorDetails, is_tag: Callable[[str, str | None], bool]) -> str:
+def _explain(error: ErrorDetails, is_tag: Callable[[str, object], bool]) -> str:
     where = _path(error["loc"], is_tag)
     kind, context = error["type"], error.get("ctx", {})
     if kind == "wrong_key":
@@ -193,10 +193,10 @@ def _explain(error: ErrorDetails, is_tag: Callable[[str, str | None], bool]) -> 
 _WHOLE = "(top level)"  # place of an error of the whole file; it is not shown
 
 
-def _path(location: Sequence[str | int], is_tag: Callable[[str, str | None], bool]) -> str:
+def _path(location: Sequence[str | int], is_tag: Callable[[str, object], bool]) -> str:
     """Return a path such as ``outputs.reducing[0].joint`` from a location of pydantic, without tags of unions."""
     text = ""
-    previous: str | None = None
+    previous: str | int | None = None
     for part in location:
         if isinstance(part, int):
             text += f"[{part}]"

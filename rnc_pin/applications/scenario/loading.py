@@ -32,7 +32,7 @@ _UNION_MEMBERS = {"float", "str", "list[float]", "constrained-list", "name", "un
 _UNION_MEMBERS |= {PLAIN, LIST}
 
 
-def _is_tag(part: str, previous: str | None) -> bool:
+def _is_tag(part: str, previous: object) -> bool:
     return part in _UNION_MEMBERS or (previous == "controller" and part in TYPES)
 
 
