@@ -134,6 +134,21 @@ class NonholonomicSystem(SummaryMixin):
         return NonholonomicSystem(self.robot, [*given, *constraints], actuators, mimic, forces)
 
     @property
+    def kinds(self) -> tuple[ConstraintKind, ...]:
+        """Given constraints; a body that touches along a line is its two ends."""
+        return tuple(self._given[0])
+
+    def with_robot(self, robot: Robot, constraints: Sequence[ConstraintKind]) -> NonholonomicSystem:
+        """The same actuators and forces on another robot, e.g. one with calibrated numbers.
+
+        Args:
+            robot: the robot, with the same names.
+            constraints: its constraints.
+        """
+        _, actuators, mimic, forces = self._given
+        return NonholonomicSystem(robot, constraints, actuators, mimic, forces)
+
+    @property
     def r(self) -> int:
         """Number of reducing outputs that a reduction needs: n - m."""
         return self.n - self.m
