@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, InfeasibleError, nearest
-from rnc_pin.identification.rolling_motion import Parameter, RollingMotion
+from rnc_pin.identification.rolling_motion import RollingMotion, UnknownNumber
 from rnc_pin.identification.unknowns import SensorPlace, Unknown
 from rnc_pin.identification.urdf_places import write_urdf
 from rnc_pin.identification.window_fit import Fit, WindowFit, Windows
@@ -62,9 +62,9 @@ class Calibration(SummaryMixin):
         >>> turns = rnc.planning.MinimumJerk([0.0, 0.0], [40.0, 60.0], duration=10.0)
         >>> target = rnc.control.ReducingOutputController(reduced, turns)
         >>> time, q = rnc.kinematic_rollout(reduced, target, robot.configuration(), duration=10.0)
-        >>> log = rnc.Log.of_motion(robot, time, q, frames=["chassis"])
+        >>> log = rnc.Log.of_motion(robot, time, q, frames=["base"])
         >>> file = rnc.NonholonomicSystem(robot, [rnc.RollingWheel(wheel, 0.12) for wheel in pair])
-        >>> found = rnc.calibrate(file, log, [rnc.identification.WheelRadius(pair)], "chassis")
+        >>> found = rnc.calibrate(file, log, [rnc.identification.WheelRadius(pair)], "base")
         >>> found.values.round(4)
         array([0.1])
     """
@@ -186,9 +186,9 @@ def calibrate(
         >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
         >>> wheels = [rnc.RollingWheel("left_wheel", 0.2), rnc.RollingWheel("right_wheel", 0.2)]
         >>> system = rnc.NonholonomicSystem(robot, wheels)
-        >>> still = rnc.Log.of_motion(robot, np.arange(9.0), np.tile(robot.configuration(), (9, 1)), frames=["chassis"])
+        >>> still = rnc.Log.of_motion(robot, np.arange(9.0), np.tile(robot.configuration(), (9, 1)), frames=["base"])
         >>> try:
-        ...     rnc.calibrate(system, still, [rnc.identification.WheelRadius("left_wheel")], "chassis")
+        ...     rnc.calibrate(system, still, [rnc.identification.WheelRadius("left_wheel")], "base")
         ... except rnc.InfeasibleError as error:
         ...     print(error)
         the log does not determine the radius of left_wheel
@@ -307,7 +307,7 @@ def _correlation(fit: Fit, windows: Windows, heading: bool) -> float:
 
 
 def _precision(
-    fit: Fit, parameters: Sequence[Parameter], scales: np.ndarray, correlation: float, resolution: float
+    fit: Fit, parameters: Sequence[UnknownNumber], scales: np.ndarray, correlation: float, resolution: float
 ) -> tuple[np.ndarray, tuple[tuple[str, float], ...]]:
     """Covariance (P, P), and combinations with their standard deviations; refuse one that the log does not show."""
     _, J = fit.scaled()
@@ -337,7 +337,7 @@ def _combination(vector: np.ndarray, names: Sequence[str]) -> str:
 
 
 def calibrated(
-    system: NonholonomicSystem, parameters: Sequence[Parameter], p: np.ndarray, sensor: str
+    system: NonholonomicSystem, parameters: Sequence[UnknownNumber], p: np.ndarray, sensor: str
 ) -> NonholonomicSystem:
     """The system with estimated radii, places and tilts of joints, and place of the sensor."""
     robot = copy(system.robot)

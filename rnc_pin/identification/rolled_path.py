@@ -60,7 +60,7 @@ def rotated(angle: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)
 
 
-def across(vectors: np.ndarray) -> np.ndarray:
+def sideways(vectors: np.ndarray) -> np.ndarray:
     """Plane vectors (M, 2) turned by a right angle."""
     return np.stack([-vectors[:, 1], vectors[:, 0]], axis=1)
 
@@ -74,7 +74,7 @@ def _turned(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Vectors (M, 2) turned by angles (M,), and their derivatives (M, 2, P)."""
     found = rotated(angle, vectors)
-    return found, rotated(angle, d_vectors) + across(found)[:, :, None] * d_angle[:, None]
+    return found, rotated(angle, d_vectors) + sideways(found)[:, :, None] * d_angle[:, None]
 
 
 def _displacement(steps: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -85,7 +85,7 @@ def _displacement(steps: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np
     s, c = np.sinc(w / np.pi), np.sin(w / 2) * np.sinc(w / (2 * np.pi))  # sin w / w, (1 - cos w) / w
     d_s = np.where(small, -w / 3 + w**3 / 30, (np.cos(w) - s) / safe)
     d_c = np.where(small, 0.5 - w**2 / 8 + w**4 / 144, (np.sin(w) - c) / safe)
-    along, side = steps[:, :2], across(steps[:, :2])
+    along, side = steps[:, :2], sideways(steps[:, :2])
     turned = np.stack([-slopes[:, 1], slopes[:, 0]], axis=1)
     found = s[:, None] * along + c[:, None] * side
     linear = s[:, None, None] * slopes[:, :2] + c[:, None, None] * turned

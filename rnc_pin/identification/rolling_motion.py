@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError, argument, few, nearest
-from rnc_pin.identification.rolled_path import Poses, RolledPath, across, rotated
+from rnc_pin.identification.rolled_path import Poses, RolledPath, rotated, sideways
 from rnc_pin.identification.row_geometry import RowGeometry, Virtual
 from rnc_pin.identification.unknowns import (
     EncoderOffset,
@@ -29,7 +29,7 @@ _BREAK = 5.0  # intervals longer than so many usual ones end a window
 _REGULAR = 1e-6  # smallest singular value of the unit rows of the base, relative to the largest
 
 
-class Parameter(NamedTuple):
+class UnknownNumber(NamedTuple):
     """Unknown number with its value in the robot's file."""
 
     kind: Unknown
@@ -103,17 +103,18 @@ class RollingMotion:
 
     # ------------------------------------------------------------------ parameters
 
-    def _parameter(self, system: NonholonomicSystem, kind: Unknown) -> Parameter:
+    def _parameter(self, system: NonholonomicSystem, kind: Unknown) -> UnknownNumber:
         robot, length = system.robot, self._length
         if isinstance(kind, WheelRadius):
-            sizes = [each.kind.radius for each in (place.block for place in system.rows.places)
-                     if getattr(each.kind, "frame", None) in kind.frames and hasattr(each.kind, "radius")]  # fmt: skip
+            sizes = [getattr(each, "radius", None) for each in system.kinds
+                     if getattr(each, "frame", None) in kind.frames]  # fmt: skip
             for wheel in kind.frames:
                 robot.frame_id(wheel)
-            if not sizes:
+            radii = [size for size in sizes if size is not None]
+            if not radii:
                 raise ConfigurationError(f"{kind.name}: no wheel or ball rolls there")
-            nominal = float(np.mean(sizes))
-            return Parameter(kind, kind.name, "m", nominal, nominal, {}, kind.frames)
+            nominal = float(np.mean(radii))
+            return UnknownNumber(kind, kind.name, "m", nominal, nominal, {}, kind.frames)
         if isinstance(kind, JointShift | JointTilt):
             turns = isinstance(kind, JointTilt)
             for joint in kind.shares:
@@ -121,27 +122,27 @@ class RollingMotion:
                     raise ConfigurationError(f"{kind.name}: '{joint}' is the base")
             displaced = {Virtual(joint, turns, kind.axis): share for joint, share in kind.shares.items()}
             if turns:
-                return Parameter(kind, kind.name, "rad", 0.0, 1.0, displaced)
+                return UnknownNumber(kind, kind.name, "rad", 0.0, 1.0, displaced)
             axis = "xyz".index(kind.axis)
             places = {
                 joint: robot.model.jointPlacements[robot.joint_id(joint)].translation[axis] for joint in kind.shares
             }
             nominal = sum(share * places[joint] for joint, share in kind.shares.items())
             nominal /= sum(share**2 for share in kind.shares.values())
-            return Parameter(kind, kind.name, "m", float(nominal), length, displaced)
+            return UnknownNumber(kind, kind.name, "m", float(nominal), length, displaced)
         if isinstance(kind, SensorPlace):
             axis = ("x", "y", "yaw").index(kind.axis)
             unit, scale = ("rad", 1.0) if axis == 2 else ("m", length)
-            return Parameter(kind, kind.name, unit, float(self._mount[axis]), scale, {})
+            return UnknownNumber(kind, kind.name, unit, float(self._mount[axis]), scale, {})
         if isinstance(kind, TimeShift):
             if kind.of is not None:
                 robot.joint_id(kind.of)
-            return Parameter(kind, kind.name, "s", 0.0, 1.0, {})
+            return UnknownNumber(kind, kind.name, "s", 0.0, 1.0, {})
         robot.single_joint(kind.joint)
         unit = robot.velocity_units[robot.velocity_indices(kind.joint).start].removesuffix("/s")
         if isinstance(kind, EncoderScale):
-            return Parameter(kind, kind.name, "", 1.0, 1.0, {})
-        return Parameter(kind, kind.name, unit, 0.0, 1.0 if unit == "rad" else length, {})
+            return UnknownNumber(kind, kind.name, "", 1.0, 1.0, {})
+        return UnknownNumber(kind, kind.name, unit, 0.0, 1.0 if unit == "rad" else length, {})
 
     # ------------------------------------------------------------------ joints and times
 
@@ -218,8 +219,8 @@ class RollingMotion:
         arm = rotated(heading, np.broadcast_to(mount[:2], (len(times), 2)))
         values = base.values + np.column_stack([arm, np.full(len(times), mount[2])])
         slopes, rates = base.slopes.copy(), base.rates.copy()
-        slopes[:, :2] += across(arm)[:, :, None] * base.slopes[:, None, 2]
-        rates[:, :2] += across(arm) * base.rates[:, 2:]
+        slopes[:, :2] += sideways(arm)[:, :, None] * base.slopes[:, None, 2]
+        rates[:, :2] += sideways(arm) * base.rates[:, 2:]
         for k, axis in places:
             unit = np.eye(3)[axis]
             slopes[:, :2, k] += rotated(heading, np.broadcast_to(unit[:2], (len(times), 2)))
@@ -237,7 +238,7 @@ class RollingMotion:
             for virtual, share in parameter.displaced.items():
                 shifts[virtual] = shifts.get(virtual, 0.0) + share * (value - parameter.nominal)
         positions, moved, d_middle, d_moved = self._measured(p)
-        directions: dict[int | Virtual | str, int] = {}
+        directions: dict[Any, int] = {}  # columns, displacements and wheels
         for parameter in self.parameters:
             for each in (*parameter.displaced, *parameter.wheels):
                 directions.setdefault(each, len(directions))
@@ -292,7 +293,10 @@ class RollingMotion:
             raw = _held(joint.channel, self.time + late)
             middle, change = (raw[1:] + raw[:-1]) / 2, np.diff(raw)
             moved[:, index] = scale * change
-            slopes = {EncoderScale: (middle, change), EncoderOffset: (np.ones(count), np.zeros(count))}
+            slopes: dict[type, tuple[np.ndarray, np.ndarray]] = {
+                EncoderScale: (middle, change),
+                EncoderOffset: (np.ones(count), np.zeros(count)),
+            }
             if TimeShift in own:
                 rate = scale * _slope(joint.channel, self.time + late)
                 slopes[TimeShift] = (rate[1:] + rate[:-1]) / 2, np.diff(rate)

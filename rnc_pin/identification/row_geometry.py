@@ -211,14 +211,14 @@ class RowGeometry:
             for virtual, value in shifts.items():
                 states[:, self._virtual[virtual]] = value
             q = self._configurations(states)
-            picked = np.ix_(block.kept, columns)
+            kept, chosen = np.array(block.kept)[:, None], list(columns)
             rows = block.rows.jacobian(self._kinematics.position(q))
-            values = spread.to_samples(rows[:, *picked])
+            values = spread.to_samples(rows[:, kept, chosen])
             parts.append(np.broadcast_to(values, (len(positions), *values.shape[1:])))
             for each, found in zip(directions, changes, strict=True):
                 slope = self._along(block, q, rows, each)
-                if slope is not None and np.abs(slope[:, *picked]).max(initial=0.0) > 0:
-                    found.append((where, spread.to_samples(slope[:, *picked])))
+                if slope is not None and np.abs(slope[:, kept, chosen]).max(initial=0.0) > 0:
+                    found.append((where, spread.to_samples(slope[:, kept, chosen])))
         return np.concatenate(parts, axis=1), changes
 
     def _along(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rnc_pin.identification.rolled_path import across, rotated
+from rnc_pin.identification.rolled_path import rotated, sideways
 
 _POSITION, _HEADING = 2.0, 1.5  # residuals in standard deviations above which a sample counts less (Huber)
 _NORMAL, _RAYLEIGH = 1.4826, 0.8493  # standard deviation over the median of |x|, and of the length of a plane vector
@@ -74,7 +74,7 @@ def aligned(
     J = np.concatenate([rotated(turn[at], slopes[:, :2]), slopes[:, 2:]], axis=1)
     first = np.zeros((count, 3, 3))  # derivatives with respect to the first pose
     first[:, 0, 0] = first[:, 1, 1] = first[:, 2, 2] = 1.0
-    first[:, :2, 2] = across(moved)
+    first[:, :2, 2] = sideways(moved)
     spread = w[:, [0, 0, 1], None]
     normal = windows.sums(first.mT @ (spread * first))
     J = J - first @ (np.linalg.pinv(normal, hermitian=True) @ windows.sums(first.mT @ (spread * J)))[at]

@@ -14,6 +14,6 @@ from .safe_yaml import load_yaml as load_yaml
 from .strict_mapping import LIST as LIST
 from .strict_mapping import Numbers as Numbers
 from .strict_mapping import Strict as Strict
-from .strict_mapping import admitted as admitted
 from .strict_mapping import attribute_texts as attribute_texts
+from .strict_mapping import validated as validated
 from .strict_mapping import wrong as wrong

@@ -134,7 +134,7 @@ def _no_tag(part: str, previous: object) -> bool:
     return part in ("float", "str", "int")
 
 
-def admitted(
+def validated(
     model: type[_Model],
     raw: object,
     source: str,

@@ -10,7 +10,7 @@ import yaml
 from pydantic import BeforeValidator, Field
 
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.io import Json, Strict, admitted, load_yaml, read_bytes
+from rnc_pin.io import Json, Strict, load_yaml, read_bytes, validated
 
 Place = str | Annotated[int, Field(ge=0)]
 """Name of a column, or its number from 0."""
@@ -169,7 +169,7 @@ class LogMapping(Strict):
         if isinstance(mapping, LogMapping):
             return mapping
         if isinstance(mapping, Mapping):
-            return admitted(cls, dict(mapping), "mapping of the log")
+            return validated(cls, dict(mapping), "mapping of the log")
         try:
             raw = load_yaml(read_bytes(Path(mapping)).decode())
         except OSError as error:
@@ -178,4 +178,4 @@ class LogMapping(Strict):
             raise ConfigurationError(f"{mapping}: not YAML: {error}") from None
         if not isinstance(raw, dict):
             raise ConfigurationError(f"{mapping}: expected a mapping with keys such as joints, frames or topics")
-        return admitted(cls, raw, str(mapping))
+        return validated(cls, raw, str(mapping))

@@ -14,8 +14,7 @@ from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.base import LIST, PLAIN
 from rnc_pin.applications.scenario.schema.constraints import ConstraintItem
 from rnc_pin.applications.scenario.schema.outputs import OutputItem
-from rnc_pin.io import Json
-from rnc_pin.io import admitted as strictly
+from rnc_pin.io import Json, validated
 from rnc_pin.model import ConstraintKind, OutputKind
 
 
@@ -41,7 +40,7 @@ _Model = TypeVar("_Model", bound=BaseModel)
 
 def admitted(model: type[_Model], raw: Mapping[str, Json], source: str) -> _Model:
     """Validate the mapping of a part of a scenario, like ``validate``."""
-    return strictly(model, raw, source, _is_tag)
+    return validated(model, raw, source, _is_tag)
 
 
 def constraint_of(entry: Mapping[str, Json] | str) -> ConstraintKind:
