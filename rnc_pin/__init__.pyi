@@ -65,7 +65,9 @@ from .errors import RncError as RncError
 from .errors import SimulationError as SimulationError
 from .errors import SingularityError as SingularityError
 from .identification import Calibration as Calibration
+from .identification import Comparison as Comparison
 from .identification import calibrate as calibrate
+from .identification import compare as compare
 from .logs import Log as Log
 from .loop import ControlLoop as ControlLoop
 from .loop import VelocityLoop as VelocityLoop

@@ -3,6 +3,9 @@
 from .calibration import Calibration as Calibration
 from .calibration import PathError as PathError
 from .calibration import calibrate as calibrate
+from .comparison import Comparison as Comparison
+from .comparison import Suspect as Suspect
+from .comparison import compare as compare
 from .unknowns import EncoderOffset as EncoderOffset
 from .unknowns import EncoderScale as EncoderScale
 from .unknowns import JointShift as JointShift

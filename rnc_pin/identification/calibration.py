@@ -11,7 +11,8 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, InfeasibleError, nearest
-from rnc_pin.identification.rolling_motion import RollingMotion, UnknownNumber
+from rnc_pin.identification.rolled_path import rotated
+from rnc_pin.identification.rolling_motion import RollingMotion, UnknownNumber, radii_of
 from rnc_pin.identification.unknowns import SensorPlace, Unknown
 from rnc_pin.identification.urdf_places import write_urdf
 from rnc_pin.identification.window_fit import Fit, WindowFit, Windows
@@ -198,7 +199,7 @@ def calibrate(
     if not 0 <= held_out <= 0.9:
         raise ConfigurationError(f"held_out: expected a share of 0 to 0.9, found {held_out}")
     motion = RollingMotion(system, log, unknown, sensor)
-    problem = _Problem(motion, log.channel("pose", sensor), heading)
+    problem = PoseProblem(motion, log.channel("pose", sensor), heading)
     end = problem.times[0] + (1 - held_out) * np.ptp(problem.times)
     durations = [*(np.ptp(problem.times) * np.array([0.01, 0.1]) if windows is None else windows), np.inf]
     p = problem.nominal
@@ -241,7 +242,7 @@ def calibrate(
     )
 
 
-class _Problem:
+class PoseProblem:
     """Measured poses beside those of a rolling motion."""
 
     def __init__(self, motion: RollingMotion, channel: Channel, heading: bool) -> None:
@@ -278,6 +279,20 @@ class _Problem:
             return found.values, found.slopes
 
         return WindowFit(predict, self._measured[windows.samples], windows, self._heading)
+
+    def base_poses(self, times: np.ndarray) -> np.ndarray:
+        """Measured poses (M, 3) of the base at times within those of the sensor; NaN at others.
+
+        They are linear between the samples of the sensor, which stands at its place in the file.
+        """
+        inside = (times >= self.times[0]) & (times <= self.times[-1])
+        at = np.stack([np.interp(times, self.times, column) for column in self._measured.T], axis=1)
+        mount = self._motion.mount
+        heading = at[:, 2] - mount[2]
+        arm = rotated(heading, np.broadcast_to(mount[:2], (len(times), 2)))
+        found = np.column_stack([at[:, :2] - arm, heading])
+        found[~inside] = np.nan
+        return found
 
     def error(self, p: np.ndarray, windows: Windows) -> PathError:
         """Error of the open-loop path."""
@@ -342,10 +357,9 @@ def calibrated(
     """The system with estimated radii, places and tilts of joints, and place of the sensor."""
     robot = copy(system.robot)
     model = robot.model = system.robot.model.copy()
-    radii: dict[str, float] = {}
+    radii = radii_of(parameters, p)
     for value, each in zip(p, parameters, strict=True):
         kind = each.kind
-        radii |= dict.fromkeys(each.wheels, float(value))
         for virtual, share in each.displaced.items():
             place, by = model.jointPlacements[robot.joint_id(virtual.joint)], share * (value - each.nominal)
             axis = np.eye(3)["xyz".index(virtual.axis)] * by

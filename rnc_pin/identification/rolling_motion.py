@@ -53,6 +53,15 @@ class _Joint:
     channel: Channel
 
 
+def radii_of(parameters: Sequence[UnknownNumber], p: np.ndarray) -> dict[str, float]:
+    """Radius of each wheel that parameters p (P,) concern; a second parameter of a wheel adds its change."""
+    radii: dict[str, float] = {}
+    for value, each in zip(p, parameters, strict=True):
+        for wheel in each.wheels:
+            radii[wheel] = float(radii[wheel] + value - each.nominal if wheel in radii else value)
+    return radii
+
+
 class RollingMotion:
     """Predicted poses of a sensor on the base, from measured joints.
 
@@ -67,6 +76,7 @@ class RollingMotion:
 
     Attributes:
         parameters: the parameters, in the order of ``unknown``.
+        mount: place x, y [m] and heading [rad] of the sensor on the base, in the file.
         used: names of the rows in use.
         unused: names of rows that depend on joints which the log does not have.
         time: times of the steps (N + 1,) [s].
@@ -87,7 +97,7 @@ class RollingMotion:
         if frame.parentJoint != 1:
             raise ConfigurationError(f"sensor '{sensor}' is on a body behind joint '{model.names[frame.parentJoint]}', "
                                      "expected a frame of the base")  # fmt: skip
-        self._mount = np.array([*frame.placement.translation[:2], _heading_of(frame.placement.rotation)])
+        self.mount = np.array([*frame.placement.translation[:2], _heading_of(frame.placement.rotation)])
         self._length = max([float(np.linalg.norm(model.jointPlacements[k].translation))
                             for k in range(2, model.njoints)] or [1.0]) or 1.0  # fmt: skip
         self.parameters = [self._parameter(system, each) for each in unknown]
@@ -133,7 +143,7 @@ class RollingMotion:
         if isinstance(kind, SensorPlace):
             axis = ("x", "y", "yaw").index(kind.axis)
             unit, scale = ("rad", 1.0) if axis == 2 else ("m", length)
-            return UnknownNumber(kind, kind.name, unit, float(self._mount[axis]), scale, {})
+            return UnknownNumber(kind, kind.name, unit, float(self.mount[axis]), scale, {})
         if isinstance(kind, TimeShift):
             if kind.of is not None:
                 robot.joint_id(kind.of)
@@ -210,7 +220,7 @@ class RollingMotion:
         ]
         path = RolledPath(self.time, *self._steps(p))
         base = path.at(times - sum(p[k] for k in late))
-        mount = self._mount.copy()
+        mount = self.mount.copy()
         places = [(k, ("x", "y", "yaw").index(each.kind.axis)) for k, each in enumerate(self.parameters)
                   if isinstance(each.kind, SensorPlace)]  # fmt: skip
         for k, axis in places:
@@ -229,14 +239,48 @@ class RollingMotion:
             slopes[:, :, k] -= rates
         return Poses(values, slopes, rates)
 
+    @property
+    def shape_joints(self) -> tuple[str, ...]:
+        """Measured joints on whose positions the rows in use depend."""
+        return tuple(each.name for each in self._joints if each.column in self._geometry.shape)
+
+    @property
+    def row_joints(self) -> tuple[str, ...]:
+        """Joints that move a row in use."""
+        acting = {*self._columns, *self._geometry.shape}
+        return tuple(name for name, column in self._geometry.columns.items() if column in acting)
+
+    def slip(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Slip of the rows at a given motion of the base, with parameters of the file.
+
+        Args:
+            poses: poses of the base (N + 1, 3) at the times of the steps.
+
+        Returns:
+            Times (N,) in the middle of the steps [s], and slip (N, k) during each step [m]. Joints that are not
+            measured move such that its square is smallest.
+        """
+        positions, moved, _, _ = self._measured(np.array([each.nominal for each in self.parameters]))
+        A, _ = self._geometry.evaluate(positions, {}, self._columns)
+        change = np.diff(poses, axis=0)
+        turn = change[:, 2]
+        half = rotated(-(poses[:-1, 2] + turn / 2), change[:, :2]) / np.sinc(turn / (2 * np.pi))[:, None]
+        size = len(self._unknown_columns)
+        slip = _product(A[:, :, :3], np.column_stack([half, turn])) + _product(A[:, :, size:], moved)
+        others = A[:, :, 3:size]
+        if others.shape[2]:
+            inverse = np.linalg.pinv(others)
+            slip = slip - _product(others, _product(inverse, np.nan_to_num(slip)))
+        return (self.time[1:] + self.time[:-1]) / 2, slip
+
     def _steps(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Twists of the steps (N, 3) and their derivatives (N, 3, P)."""
         geometry, count = self._geometry, len(self.time) - 1
         shifts: dict[Virtual, float] = {}
         for value, parameter in zip(p, self.parameters, strict=True):
-            geometry.set_radii(dict.fromkeys(parameter.wheels, float(value)))
             for virtual, share in parameter.displaced.items():
                 shifts[virtual] = shifts.get(virtual, 0.0) + share * (value - parameter.nominal)
+        geometry.set_radii(radii_of(self.parameters, p))
         positions, moved, d_middle, d_moved = self._measured(p)
         directions: dict[Any, int] = {}  # columns, displacements and wheels
         for parameter in self.parameters:
