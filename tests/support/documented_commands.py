@@ -26,8 +26,6 @@ PLACEHOLDERS = {
     "FILE.csv": "runs.csv",
     "FOLDER...": "runs",
     "FOLDER": "runs/space-robot",
-    "LOG": "log.csv",
-    "MAPPING": "log.yaml",
     "MODULE...": "rnc_pin/control/adaptation.py",
     "NAME": "space-robot",
     "[NAME...]": "systems",
