@@ -1,1 +1,1 @@
-"""Performance as ratios, measured side by side: ``python -m benchmarks.reduction``."""
+"""Performance as ratios, measured side by side."""

@@ -1,4 +1,8 @@
-"""Benchmarks by name: ``python -m benchmarks`` lists them, and ``python -m benchmarks NAME ...`` runs one."""
+"""Benchmarks by name.
+
+``python -m benchmarks`` lists them, ``python -m benchmarks NAME ...`` runs one, and ``--record NAME ...`` keeps its
+output in ``docs/results.md``.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,7 @@ import runpy
 import sys
 from pathlib import Path
 
+from benchmarks import recording
 from rnc_pin.errors import nearest
 
 FOLDER = Path(__file__).parent
@@ -26,6 +31,12 @@ def benchmarks() -> dict[str, str]:
     return found
 
 
+def _parses(name: str) -> bool:
+    """True if a benchmark has options that it lists by itself."""
+    path = FOLDER / name / "__main__.py" if (FOLDER / name).is_dir() else FOLDER / f"{name}.py"
+    return "argparse" in path.read_text(encoding="utf-8")
+
+
 def main() -> None:
     """List the benchmarks, or run the one that the command line names."""
     known = benchmarks()
@@ -34,9 +45,17 @@ def main() -> None:
         for name, said in known.items():
             print(f"{name:20} {said}")
         return
-    name = sys.argv[1]
+    recorded = sys.argv[1] == "--record"
+    name, *arguments = sys.argv[1 + recorded :] or ["--record"]
     if name not in known:
         sys.exit(f"no benchmark '{name}'{nearest(name, known)}")
+    if recorded:
+        recording.record(name, arguments)
+        recording.PAGE.write_text(recording.page(known), encoding="utf-8")
+        return
+    if {"-h", "--help"} & set(arguments) and not _parses(name):
+        print(f"python -m benchmarks {name}: {known[name]}")
+        return
     sys.argv[:2] = [f"python -m benchmarks.{name}"]
     runpy.run_module(f"benchmarks.{name}", run_name="__main__", alter_sys=True)
 

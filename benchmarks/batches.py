@@ -1,4 +1,4 @@
-"""Throughput of batches: ``python -m benchmarks.batches [SAMPLES]``.
+"""Throughput of batches.
 
 Runs of a scenario from starts close to its own, at once and one after the other. All is processor time of one process,
 with the start of the runs; both leave forces and energies of a run to its first use or, alone, to its end. Every batch
@@ -24,6 +24,7 @@ from rnc_pin.control import ComputedTorque, ReducingOutputController
 from rnc_pin.planning import Hold
 from rnc_pin.simulation.ending import Progress
 from rnc_pin.simulation.sampled_run import SampledRun
+from rnc_pin.simulation.simulation_options import RunArguments
 
 SIZES = (1, 16, 64, 256)
 DT = 0.002
@@ -58,7 +59,7 @@ def bare(reduced: rnc.ReducedModel, controller: Any, q0: np.ndarray, samples: in
     """Processor time of a run alone without its derived quantities, which a batch defers [s]."""
 
     def run() -> None:
-        one = SampledRun(reduced, controller, q0, DT, samples)
+        one = SampledRun(RunArguments(reduced, controller, q0, DT, samples))
         progress = Progress()
         for sample in range(samples):
             one.sample(progress)

@@ -1,4 +1,4 @@
-"""Time of whole commands: ``python -m benchmarks.commands [SCENARIO...]``.
+"""Time of whole commands.
 
 For ``rnc-pin run`` of each scenario, by default ``space-robot``, ``tiago`` and ``wheels-uncertain``:
 

@@ -1,4 +1,4 @@
-"""Share of drawn doorways that no controller can pass: ``python -m benchmarks.doorway_passage --draws 200``."""
+"""Share of drawn doorways that no controller can pass."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Planned runs of a forklift round a rack, and a dense replay of each: ``python -m benchmarks.forklift_sweep``.
+"""Planned runs of a forklift round a rack, and a dense replay of each.
 
 Start, goal and height of the load are drawn. Plans keep 0.1 m from the rack; their feedback tracks them. Every run that
 the sweep calls succeeded or degraded has to keep clearance and goal in a replay at 1 ms by Pinocchio and coal.

@@ -158,7 +158,7 @@ def ctrl_c_while_writing(out: Path) -> str:
 
 
 def ctrl_c_while_drawing(out: Path) -> str:
-    before = _INTERRUPT + "from rnc_pin.applications.scenario import plot_files\nplot_files.plot_run = interrupt\n"
+    before = _INTERRUPT + "from rnc_pin.simulation import run_figure\nrun_figure.plot_run = interrupt\n"
     with Run("run", "space-robot", *SHORT, "--out", out, before=before) as run:
         check(run.end() == 1, run.error)
     return kept(out, rnc.Outcome.COMPLETED) + ", without pictures"

@@ -1,4 +1,4 @@
-"""Success rate and time of inverse kinematics: ``python -m benchmarks.inverse_kinematics [ROBOT...] [--targets N]``.
+"""Success rate and time of inverse kinematics.
 
 Targets are poses (position and rotation) of the hand at random configurations within the joint limits, so all of them
 can be reached. The start is the neutral configuration. Times are processor times of ``rnc.solve_ik``.
@@ -38,6 +38,8 @@ def main() -> None:
     parser.add_argument("robots", nargs="*", metavar="ROBOT", help=", ".join(HANDS))
     parser.add_argument("--targets", type=int, default=1000)
     arguments = parser.parse_args()
+    if unknown := [name for name in arguments.robots if name not in HANDS]:
+        parser.error(f"no robot '{unknown[0]}'; expected some of: {', '.join(HANDS)}")
     table = Table(
         "robot", "joints", "targets", "reached", "median [ms]", "95 % [ms]", "descents, mean", "steps, median"
     )

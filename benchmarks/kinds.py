@@ -1,4 +1,4 @@
-"""Cost of rows and forces by kind, beside bare Pinocchio calls: ``python -m benchmarks.kinds``.
+"""Cost of rows and forces by kind, beside bare Pinocchio calls.
 
 Small systems, each with one kind of constraint or force that other systems lack: bodies that roll on planes, on moving
 ground and in a bowl, prescribed motion, and forces that follow from the state. The columns are those of

@@ -1,4 +1,4 @@
-"""Latency of the control loop: ``python -m benchmarks.latency [--ticks N] [--scenarios NAME...]``.
+"""Latency of the control loop.
 
 A run of each built-in scenario with a controller gives the measurements (q, v) of its ticks. ``ControlLoop.step`` then
 gets them again and again, without the plant, up to N ticks (50,000 by default); each repetition starts with a new state

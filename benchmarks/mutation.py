@@ -1,4 +1,4 @@
-"""Mutation score: ``python -m benchmarks.mutation --sample 400 rnc_pin/control ...``.
+"""Mutation score.
 
 Cosmic Ray makes and tests the mutants, in copies of the tree. One run without a mutant measures the duration of each
 test and the lines that it executes (pytest-cov). Each mutant meets the tests that execute its line: first those of its

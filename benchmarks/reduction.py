@@ -1,4 +1,4 @@
-"""Cost over bare Pinocchio calls and in real time: ``python -m benchmarks.reduction``.
+"""Cost over bare Pinocchio calls and in real time.
 
 For the system of every built-in scenario, or of those named after ``--systems``:
 

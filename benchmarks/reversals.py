@@ -1,4 +1,4 @@
-"""Velocities that reverse at every sample, in runs with drawn scenes at 25 ms: ``python -m benchmarks.reversals``.
+"""Velocities that reverse at every sample, in runs with drawn scenes at 25 ms.
 
 The measure is the largest change of a joint's velocity that reverses in three samples in a row, as a share of the
 velocity limit of the joint. It is at most 2.

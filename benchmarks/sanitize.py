@@ -1,4 +1,4 @@
-"""Tests of the compiled kernel under the address sanitizer: ``python -m benchmarks.sanitize``.
+"""Tests of the compiled kernel under the address sanitizer.
 
 Compiles the kernel with gcc's address and undefined-behaviour sanitizers into a temporary folder, and runs
 the tests that compare it with NumPy; names of other tests may follow the command. Any access outside an array ends
@@ -18,8 +18,8 @@ from hatch_build import compile_kernel
 ROOT = Path(__file__).parent.parent
 FLAGS = ("-O1", "-g", "-fno-omit-frame-pointer", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 TESTS = (
-    "tests/model/test_compiled.py", "tests/analysis/test_derivatives.py", "tests/optimal/test_linear_quadratic.py",
-    "tests/plants/test_plant_batch.py", "tests/simulation/test_many_runs.py", "tests/control/test_slithering.py",
+    "tests/model/test_twins.py", "tests/model/test_compiled.py", "tests/analysis/test_derivatives.py",
+    "tests/plants/test_plant_batch.py", "tests/simulation/test_many_runs.py",
 )  # fmt: skip
 RUN = """
 import importlib.util, sys

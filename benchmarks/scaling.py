@@ -1,4 +1,4 @@
-"""Cost over the size of systems: ``python -m benchmarks.scaling [--rounds N] [--pictures FOLDER]``.
+"""Cost over the size of systems.
 
 * joints: chains of 4 to 60 revolute joints on a rolling base, which is a planar joint with a knife edge;
 * rows: 16 bodies behind each other, of which 1 to 16 roll on an axle without side slip;
@@ -35,7 +35,7 @@ import rnc_pin as rnc
 from benchmarks.states import States, regular_states
 from benchmarks.timing import in_turn, used_by
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.visualization.plot_style import PrintFigure, line, save, styled
+from rnc_pin.figures.style import PrintFigure, line, save, styled
 
 JOINTS, ROWS = (4, 8, 15, 30, 60), (1, 2, 4, 8, 12, 16)
 BATCHES, PROCESSES, BLOCK = (1, 4, 16, 64, 256, 1024, 4096), (1, 2), 256

@@ -1,4 +1,4 @@
-"""Cost of sweeps: ``python -m benchmarks.sweeps [--runs N] [--jobs K] [--out DIR] [--units] [--json]``.
+"""Cost of sweeps.
 
 One sweep of N short runs on K processes: runs per second, memory of the main process and of its workers on the way,
 and size on disk. With ``--out`` the folder remains, and the same command continues a sweep that was interrupted.
@@ -64,7 +64,7 @@ def run_cost(runs: int) -> dict[str, float]:
         totals["shared"] += spent(lambda run=run: shared.row(run))
         options = shared.options_of(run, next(draws_of(SCENARIO, OPTIONS).of_run(run)))
         made: list[Any] = []
-        totals["prepare"] += spent(lambda options=options, made=made: made.append(shared._plan(options)))
+        totals["prepare"] += spent(lambda options=options, made=made: made.append(shared._scenario(options)))
         totals["simulate"] += spent(lambda made=made: made.append(execute(made[0])))
         totals["summary columns"] += spent(lambda made=made: results_of(made[1].summary))
     found = {name: 1e3 * total / runs for name, total in totals.items()}

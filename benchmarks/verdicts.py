@@ -1,4 +1,4 @@
-"""Verdicts of runs beside an independent replay, as a confusion matrix: ``python -m benchmarks.verdicts [--runs 200]``.
+"""Verdicts of runs beside an independent replay, as a confusion matrix.
 
 Drawn runs are those of three built-in scenarios with drawn durations, boxes near their paths, tighter limits of joints,
 stuck joints, and stated friction. Half of the space robots have a whole-body program with limits of acceleration, and

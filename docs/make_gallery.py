@@ -40,7 +40,7 @@ show their animation in place, if `python docs/make_scenes.py` recorded it befor
 
 | in the pictures | meaning |
 |---|---|
-| dashed line | reference |
+| dashed or dotted black line | planned path or reference |
 | solid line | path of the robot |
 | grey line | wheel track |
 | orange arrow | constraint force |

@@ -36,7 +36,7 @@ SECTIONS = {
     "Topics": ["*"],
     "Explanation": ["explanation/*", "paper", "glossary", "comparison", "limits"],
     "Reference": ["commands", "scenarios", "errors", "reference/*"],
-    "Evidence": ["validation", "reliability", "performance", "latency", "scaling", "random_tasks", "zoo"],
+    "Evidence": ["validation", "reliability", "performance", "results", "random_tasks", "zoo"],
     "Project": ["maintainers", "project/contributing", "project/changelog", "project/security", "project/license"],
 }
 """Parts of the table of contents; a pattern stands for the pages that no part names."""

@@ -39,6 +39,7 @@ from .constraints import Cone as Cone
 from .constraints import Cylinder as Cylinder
 from .constraints import CylindricalGround as CylindricalGround
 from .constraints import Ellipsoid as Ellipsoid
+from .constraints import FixedOutput as FixedOutput
 from .constraints import GroundPlane as GroundPlane
 from .constraints import HeightField as HeightField
 from .constraints import JointCoupling as JointCoupling

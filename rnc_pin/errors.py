@@ -7,7 +7,7 @@ import itertools
 import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import TYPE_CHECKING, Protocol, Self
 
 if TYPE_CHECKING:
     import numpy as np
@@ -45,7 +45,7 @@ class PartialPlan(Protocol):
         ...
 
     @property
-    def verdict(self) -> Any:
+    def verdict(self) -> object:
         """``Verdict`` of the verification."""
         ...
 

@@ -12,7 +12,6 @@ from importlib import import_module
 from importlib.util import resolve_name
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 
 class _Package(ModuleType):
@@ -26,7 +25,7 @@ class _Package(ModuleType):
             super().__setattr__(name, value)
 
 
-def lazy_exports(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+def lazy_exports(package: str) -> tuple[Callable[[str], object], Callable[[], list[str]], list[str]]:
     """Return ``__getattr__``, ``__dir__`` and ``__all__`` of a package, from the imports in its stub.
 
     Args:
@@ -46,7 +45,7 @@ def lazy_exports(package: str) -> tuple[Callable[[str], Any], Callable[[], list[
         module.__dict__["_hidden_modules"] = hidden
         module.__class__ = _Package
 
-    def get(name: str) -> Any:
+    def get(name: str) -> object:
         if name not in exports:
             raise AttributeError(f"module '{package}' has no attribute '{name}'")
         origin, attribute = exports[name]

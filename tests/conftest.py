@@ -56,6 +56,15 @@ def call(monkeypatch, capsys):
     return run
 
 
+@pytest.fixture(scope="module")
+def browser():
+    """A browser, or a skip without one."""
+    from browsing import opened
+
+    with opened() as launched:
+        yield launched
+
+
 @pytest.fixture
 def no_pictures(monkeypatch):
     """Runs of the command line without pictures, which cost more than a short simulation."""

@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin import control
 from rnc_pin.planning import Hold
 from systems import bicycle, space_robot, tiago
@@ -18,8 +19,7 @@ def cart() -> rnc.Robot:
     """A body that slides in the plane, with two knife edges on one axle; its names are not fit for HTML."""
     model = pin.Model()
     model.name = "<cart> & 'co'"
-    joint = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "root_joint")
-    model.appendBodyToJoint(joint, pin.Inertia(2.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    joint = add_body(model, "root_joint", "Planar", 2.0)
     for name, y in (("left<b>", 0.2), ("right<b>", -0.2)):
         place = pin.SE3(np.eye(3), np.array([0.0, y, 0.0]))
         model.addFrame(pin.Frame(name, joint, 0, place, pin.FrameType.OP_FRAME))

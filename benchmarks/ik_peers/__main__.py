@@ -1,4 +1,4 @@
-"""Hand of a robot on wheels, followed by this package, pink and mink: ``python -m benchmarks.ik_peers``.
+"""Hand of a robot on wheels, followed by this package, pink and mink.
 
 TIAGo draws the same path with its hand, with the same limits, weights, solver and sample period. Wheel slip is the
 velocity of a wheel's lowest point, three times in each sample, in the motion that the library commands. A wheel that

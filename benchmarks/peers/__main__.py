@@ -1,4 +1,4 @@
-"""Cost of our model beside others: ``python -m benchmarks.peers``.
+"""Cost of our model beside others.
 
 * By hand: ``forward_dynamics`` of one state, and of a state in a batch of 256, beside the same question answered in
   Python on Pinocchio (``hand_written.py``): v2 in, v2_dot out.

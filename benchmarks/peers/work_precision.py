@@ -33,8 +33,8 @@ from benchmarks.peers.motion import FINEST, Motion
 from benchmarks.peers.sympy_equations import BASES, reduced_equations
 from benchmarks.reduction import machine
 from benchmarks.timing import in_turn, used_by
+from rnc_pin.figures.style import PrintFigure, line, save, styled
 from rnc_pin.plants.mujoco.settings import MuJoCoSettings
-from rnc_pin.visualization.plot_style import PrintFigure, line, save, styled
 
 DURATION, ROUNDS = 10.0, 7
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)

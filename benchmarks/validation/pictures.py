@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 import rnc_pin as rnc
 from benchmarks.validation.bicycle import REAR, REFERENCE, bicycle, capsize_speed, linear, upright, weave_speed
-from rnc_pin.visualization.plot_style import COLORS, STYLE
+from rnc_pin.figures.style import COLORS, STYLE
 
 BLUE, ORANGE, GREEN = COLORS[0], COLORS[4], COLORS[2]
 

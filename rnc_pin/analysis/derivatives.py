@@ -11,13 +11,13 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import InputError
 from rnc_pin.model.configuration_evaluation import no_time
-from rnc_pin.model.differences import gradient_with_error
 from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.kinematics import Kinematics, VelocityKinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import RowStack
 from rnc_pin.model.rows import Rows
 from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.model.user_functions import gradient_with_error
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,9 @@ def _read_only(found: StateDerivatives) -> StateDerivatives:
     return found
 
 
-def _compiled(reduced: ReducedModel, q: object, v2: object, T: object, t: ArrayInput | None) -> StateDerivatives | None:
+def _compiled(
+    reduced: ReducedModel, q: ArrayInput, v2: ArrayInput, T: ArrayInput, t: ArrayInput | None
+) -> StateDerivatives | None:
     """Derivatives from one call of the evaluator, of one state or a stack of states; None if it has none."""
     found = reduced.evaluator.state_derivatives(q, v2, T, t)
     if found is None:

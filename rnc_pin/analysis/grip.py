@@ -83,8 +83,8 @@ class Grip:
         """
         return self._loads(self.normal.at(self._reduced.at(q, v2), np.asarray(T, dtype=float)))
 
-    def _along(self, multipliers: Array) -> Array:
-        forces = [np.linalg.norm(multipliers[..., list(each.along)], axis=-1) for each in self._contacts]
+    def _along(self, contact_forces: Array) -> Array:
+        forces = [np.linalg.norm(contact_forces[..., list(each.along)], axis=-1) for each in self._contacts]
         return np.stack(forces, axis=-1)
 
     def _loads(self, normal: Array) -> Array:

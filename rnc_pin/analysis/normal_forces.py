@@ -14,8 +14,9 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import SingularityError
+from rnc_pin.math.linear_algebra import nonnegative
+from rnc_pin.model.cached_property import once_per_model
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
-from rnc_pin.model.once_per_model import once_per_model
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import Place
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -211,11 +212,11 @@ class NormalForces:
             forces = known.reshape(forces.shape)
         return forces
 
-    def _of_rows(self, multipliers: Array, rows: Array) -> Array:
+    def _of_rows(self, contact_forces: Array, rows: Array) -> Array:
         """Forces of the contacts whose height a row keeps."""
         carried = zip(self.contacts, self.carried_by_row, strict=True)
         up = [each.up for each, carries in carried if carries and each.up is not None]
-        pushing = -multipliers[..., up]
+        pushing = contact_forces[..., up]
         for i in np.argwhere((pushing < 0).any(axis=-1)):
             index = tuple(i)
             pushing[index] = nonnegative(pushing[index], scipy.linalg.null_space(rows[index].T, rcond=_SMALL)[up])
@@ -293,26 +294,6 @@ def balanced(
     for i in np.flatnonzero((forces < 0).any(axis=1)):
         forces[i] = nonnegative(forces[i], scipy.linalg.null_space(everything[i], rcond=_SMALL)[:count])
     return forces
-
-
-def nonnegative(forces: Float[Array, " c"], free: Float[Array, "c d"]) -> Float[Array, " c"]:
-    """Return the nearest forces that are not below zero; the given forces if there are none.
-
-    Args:
-        forces: (c,).
-        free: orthonormal directions of allowed changes, as columns (c, d).
-    """
-    if not free.shape[1]:
-        return forces
-    # Least distance programming: Lawson and Hanson, Solving Least Squares Problems, chapter 23.
-    size = np.abs(forces).max()
-    E = np.vstack([free.T, -forces / size])
-    target = np.eye(len(E))[-1]
-    found = E @ scipy.optimize.nnls(E, target)[0] - target
-    if np.linalg.norm(found) < _ROUNDING:
-        return forces
-    shifted: Array = forces - free @ (size * found[:-1] / found[-1])
-    return np.where(np.abs(shifted) < _ROUNDING * size, 0.0, shifted)
 
 
 def first_lift_off(times: Array, forces: Array, names: Sequence[str]) -> LiftOff | None:

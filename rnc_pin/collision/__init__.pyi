@@ -9,7 +9,7 @@ from .obstacle import ObstacleMotion as ObstacleMotion
 from .obstacle import check_ignored_links as check_ignored_links
 from .obstacle import ground_shape as ground_shape
 from .obstacle import load_mesh_shape as load_mesh_shape
-from .pair_distances import PairDistances as PairDistances
+from .pair_measurement import PairDistances as PairDistances
 from .pair_selection import LinkPair as LinkPair
 from .pair_selection import OmittedPair as OmittedPair
 from .pair_selection import PairSelection as PairSelection

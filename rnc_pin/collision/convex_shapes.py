@@ -3,16 +3,22 @@
 The distance between two convex shapes is signed, and its rate follows from the nearest points. A mesh of triangles has
 neither: coal reports the depth of one pair of triangles where two meshes overlap. A hull contains its mesh, so that a
 distance of hulls is never larger than that of the meshes.
+
+A joint that turns a shape of revolution about its own axis, such as a wheel, does not move it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from itertools import product
 
 import coal
 import numpy as np
+import pinocchio as pin
+from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float, Int
 from rnc_pin.errors import ModelError
 from rnc_pin.robots.sources.mesh_formats import Mesh, MeshError, convex_hull
 
@@ -20,6 +26,9 @@ _THICKNESS = 1e-3  # thickness of the hull of a flat mesh over its extent
 _LARGEST = 1e3  # [m]; no finite bounding sphere is of use beyond it
 _BEYOND = 1e6  # [m]; half side of the box that stands for a half space in the broad phase
 _PRIMITIVES = (coal.Box, coal.Sphere, coal.Cylinder, coal.Capsule, coal.Cone, coal.Ellipsoid, coal.Convex)
+_WOBBLE = 2e-6  # [m]; axes in robot files have few digits: 1.5708 for a right angle moves the rim of a wheel by 1e-6 m
+_OF_REVOLUTION = (coal.Cylinder, coal.Capsule, coal.Cone)  # about the z axes of their frames
+_REVOLUTE = "JointModelR"  # bounded and unbounded, along an axis of the frame or not
 
 
 def convex_shape(shape: coal.CollisionGeometry, name: str) -> coal.CollisionGeometry:
@@ -99,3 +108,81 @@ def bounding_box(shape: coal.CollisionGeometry, name: str) -> tuple[np.ndarray, 
     if not (np.abs([low, high]) < _LARGEST).all():
         raise ModelError(f"shape '{name}' extends beyond {_LARGEST:g} m: distances need a finite shape")
     return 0.5 * (low + high), 0.5 * (high - low)
+
+
+class SpinningShapes:
+    """Shapes of revolution whose joint turns about their axis, and the poses that they have without this turn.
+
+    Args:
+        model: model of the robot.
+        axes: axes of its joints, by ``axes_of_rotation``.
+        shapes: convex shapes; only those with a carrier are looked at.
+        carriers: joint that carries each of the first shapes.
+        rotations, origins: poses of the shapes in their joints, (s, 3, 3) and (s, 3) [m].
+        radii: radii of the spheres around the shapes [m].
+
+    Attributes:
+        shapes: indices (n,) of the shapes that spin.
+        wobble: largest distance (s,) of a point of each shape from that of an exact shape of revolution [m].
+    """
+
+    def __init__(
+        self,
+        model: pin.Model,
+        axes: Float[Array, "njoints 3"],
+        shapes: Sequence[coal.CollisionGeometry],
+        carriers: Int[Array, " k"],
+        rotations: Float[Array, "s 3 3"],
+        origins: Float[Array, "s 3"],
+        radii: Float[Array, " s"],
+    ) -> None:
+        self.wobble = np.zeros(len(shapes))
+        found = []
+        for k, joint in enumerate(carriers.tolist()):
+            axis = axes[joint]
+            if (
+                np.isnan(axis).any()
+                or model.joints[joint].nv != 1
+                or not isinstance(shapes[k], (coal.Sphere, *_OF_REVOLUTION))
+            ):
+                continue
+            tilt = (
+                0.0 if isinstance(shapes[k], coal.Sphere) else float(np.linalg.norm(np.cross(axis, rotations[k, :, 2])))
+            )
+            wobble = float(np.linalg.norm(np.cross(axis, origins[k]))) + tilt * float(radii[k])
+            if wobble < _WOBBLE:
+                found.append(k)
+                self.wobble[k] = wobble
+        self.shapes = np.array(found, dtype=int)
+        joints = carriers[self.shapes]
+        self._parents = np.array([model.parents[joint] for joint in joints.tolist()], dtype=int)
+        placed = [model.jointPlacements[joint].rotation for joint in joints.tolist()]
+        self._rotations = np.array(placed).reshape(-1, 3, 3) @ rotations[self.shapes]
+
+    def without_spin(
+        self, rotations: Float[Array, "n s 3 3"], joints: Float[Array, "n j 3 3"]
+    ) -> Float[Array, "n s 3 3"]:
+        """Rotations of all shapes, with those of spinning ones as if their joints stood at zero.
+
+        Args:
+            rotations: rotations of all shapes in the world.
+            joints: rotations of all joints in the world.
+        """
+        if not len(self.shapes):
+            return rotations
+        still = rotations.copy()
+        still[:, self.shapes] = joints[:, self._parents] @ self._rotations
+        return still
+
+
+def axes_of_rotation(model: pin.Model) -> Float[Array, "njoints 3"]:
+    """Axis of each joint that turns about one axis, in its frame; NaN for other joints."""
+    axes, q = np.full((model.njoints, 3), np.nan), pin.neutral(model)
+    for k, joint in enumerate(list(model.joints)[1:], start=1):
+        if joint.shortname().startswith(_REVOLUTE) and joint.nv == 1:
+            data = joint.createData()
+            joint.calc(data, q)
+            axes[k] = np.ravel(data.S)[3:]
+        elif joint.shortname() == "JointModelPlanar":
+            axes[k] = [0.0, 0.0, 1.0]
+    return axes

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import coal
 import numpy as np
@@ -102,14 +102,14 @@ class Obstacle:
         fixed.flags.writeable = False
         object.__setattr__(self, "position", fixed)
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         """State for a pickle: coal cannot pickle half spaces."""
         state = dict(vars(self))
         if isinstance(self.shape, coal.Halfspace):
             state["shape"] = self.shape.n.copy(), float(self.shape.d)
         return state
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
+    def __setstate__(self, state: dict[str, object]) -> None:
         shape = state["shape"]
         vars(self).update(state, shape=coal.Halfspace(*shape) if isinstance(shape, tuple) else shape)
         self.position.setflags(write=False)  # type: ignore[union-attr]  # __post_init__ made an array

@@ -1,16 +1,49 @@
-"""Measurement of pairs of shapes by coal: signed distance, normal and nearest points."""
+"""Measurement of pairs of shapes by coal: signed distances with nearest points, normals and rates."""
 
 from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import coal
 import numpy as np
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Float, Int
 from rnc_pin.collision.pair_selection import LinkPair
 from rnc_pin.errors import SimulationError
+
+
+@dataclass(frozen=True)
+class PairDistances:
+    """Distances of k pairs at one configuration and time.
+
+    Attributes:
+        pairs: indices of the pairs in ``CollisionDistances.pairs``, each once unless corners were asked for.
+        distance: signed distances [m]; negative for penetration: minus the shortest translation that separates.
+        point_a: nearest points of the first bodies, in the world [m].
+        point_b: nearest points of the second bodies, in the world [m].
+        normal: unit vectors from the first to the second body, ``point_b - point_a = distance * normal``.
+        jacobian: rows of the rates: ``d_dot = jacobian @ v + drift``.
+        drift: part of the rates that the prescribed motion of obstacles causes [m/s].
+    """
+
+    pairs: Int[np.ndarray, " k"]
+    distance: Float[np.ndarray, " k"]
+    point_a: Float[np.ndarray, "k 3"]
+    point_b: Float[np.ndarray, "k 3"]
+    normal: Float[np.ndarray, "k 3"]
+    jacobian: Float[np.ndarray, "k nv"]
+    drift: Float[np.ndarray, " k"]
+
+    def __post_init__(self) -> None:
+        for array in vars(self).values():
+            array.flags.writeable = False
+
+    def rates(self, v: np.ndarray) -> np.ndarray:
+        """Rates (k,) of the distances [m/s] at a velocity v (nv,)."""
+        return np.asarray(self.jacobian @ v + self.drift)
+
 
 NUMBERS = 10
 """Numbers of a pair: distance, normal from the first to the second body, nearest points of both, in the world."""

@@ -12,6 +12,7 @@ from .curved_grounds import CurvedGround as CurvedGround
 from .curved_grounds import CylindricalGround as CylindricalGround
 from .curved_grounds import HeightField as HeightField
 from .curved_grounds import SphericalGround as SphericalGround
+from .fixed_output import FixedOutput as FixedOutput
 from .ground_plane import GroundPlane as GroundPlane
 from .joint_coupling import JointCoupling as JointCoupling
 from .line_shapes import Cone as Cone

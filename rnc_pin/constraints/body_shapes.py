@@ -236,3 +236,14 @@ def check_positive(what: str, value: float) -> None:
     """Raise a ``ConstraintError`` for a length [m] that is not positive."""
     if not (np.isfinite(value) and value > 0):
         raise ConstraintError(f"{what} has to be positive [m], found {value}")
+
+
+def grid_triangles(rows: int, columns: int) -> np.ndarray:
+    """Triangles (m, 3) of a grid of vertices that is stored by rows."""
+    first = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
+    return np.concatenate(
+        [
+            np.stack([first, first + 1, first + columns], 1),
+            np.stack([first + 1, first + columns + 1, first + columns], 1),
+        ]
+    )

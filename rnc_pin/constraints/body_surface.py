@@ -8,9 +8,8 @@ from typing import Protocol
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.constraints.body_shapes import BodyShape
+from rnc_pin.constraints.body_shapes import BodyShape, grid_triangles
 from rnc_pin.constraints.curved_grounds import unit_vectors
-from rnc_pin.constraints.surface_meshes import grid_triangles
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.offset_frame import triple

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.constraints.carried_ground import on_carrier
-from rnc_pin.constraints.ground_plane import GroundPlane, plane_below
+from rnc_pin.constraints.ground_plane import GroundPlane, on_carrier, plane_below
 from rnc_pin.errors import ConstraintError
 from rnc_pin.model.kernel_rows import Form, KernelRow, attached, wrench_rows
 from rnc_pin.model.kinematics import PositionKinematics

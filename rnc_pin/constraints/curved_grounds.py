@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from rnc_pin.constraints.surface_meshes import grid_triangles
+from rnc_pin.constraints.body_shapes import grid_triangles
 from rnc_pin.errors import ConfigurationError, ConstraintError
 from rnc_pin.model.offset_frame import triple
 from rnc_pin.model.parameter_types import Positive, Vector

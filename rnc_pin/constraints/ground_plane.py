@@ -1,4 +1,7 @@
-"""Plane on which bodies roll: sloping, sliding like a conveyor, or turning like a turntable."""
+"""Plane on which bodies roll, and ground of any form that another body carries.
+
+A plane may slope, slide like a conveyor, or turn like a turntable.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError, ConstraintError
+from rnc_pin.model.mechanisms import GroundSurface, Phrases, carrier_of
 from rnc_pin.model.offset_frame import triple
 from rnc_pin.model.parameter_types import Vector
+from rnc_pin.model.relative_rows import RelativeRows
+from rnc_pin.model.rows import Rows
+from rnc_pin.robots.robot import Robot
 
 _ALONG = 1e-9  # component of the velocity across the plane that rounding explains
 
@@ -127,3 +134,43 @@ def plane_below(ground: object, body: str) -> GroundPlane | None:
             "roll on curved grounds"
         )
     return None if ground is None or ground.is_default else ground
+
+
+def on_carrier(rows: Rows, body: str, ground: GroundSurface | None, robot: Robot) -> Rows:
+    """Return rows on a ground; if a frame carries the ground, the same rows for the motion relative to this frame.
+
+    Args:
+        rows: rows for the ground in the world.
+        body: name of the frame of the body.
+        ground: the ground; None for z = 0 at rest.
+        robot: the robot.
+
+    Raises:
+        ModelError: the robot has no such frame.
+        ConstraintError: the body carries the ground itself.
+    """
+    carrier = carrier_of(ground)
+    if ground is None or carrier is None:
+        return rows
+    frame = robot.frame_id(carrier)
+    frames = robot.model.frames
+    if frames[frame].parentJoint == frames[robot.frame_id(body)].parentJoint:
+        raise ConstraintError(f"'{body}' carries its own ground: frame '{carrier}' of the ground is on the same body")
+    return CarriedRows(rows, frame, ground)
+
+
+class CarriedRows(RelativeRows):
+    """Rows on a ground, for the motion relative to the frame that carries it.
+
+    Args:
+        rows: rows for ground in the world.
+        carrier: index of the frame that carries the ground.
+        ground: the ground, in the axes of this frame.
+    """
+
+    def __init__(self, rows: Rows, carrier: int, ground: GroundSurface) -> None:
+        super().__init__(rows, carrier)
+        self.ground = ground
+
+    def phrases(self) -> Phrases:
+        return self._rows.phrases()._replace(support="", robot="a mechanism whose bodies roll on each other")

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.constraints.carried_ground import on_carrier
-from rnc_pin.constraints.ground_plane import GroundPlane, plane_below
+from rnc_pin.constraints.ground_plane import GroundPlane, on_carrier, plane_below
 from rnc_pin.math.components import Entry, cross
 from rnc_pin.model.frame_velocity import axis_index
 from rnc_pin.model.kernel_rows import Form, KernelRow, wrench_rows

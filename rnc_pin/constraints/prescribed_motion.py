@@ -6,15 +6,14 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-import pinocchio as pin
 
+from rnc_pin.constraints.fixed_output import FixedRows
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.components import Component
-from rnc_pin.math.coordinates import Coordinates, left_jacobian
-from rnc_pin.model.kernel_rows import KernelRow
+from rnc_pin.math.coordinates import left_jacobian
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.mechanisms import Phrases
-from rnc_pin.model.rows import ConstantRows, OutputKind, OutputRows, Rows
+from rnc_pin.model.rows import OutputKind, OutputRows, Rows
 from rnc_pin.robots.robot import Robot
 
 
@@ -80,34 +79,23 @@ class PrescribedMotion:
         return _PrescribedRows(rows, self.motion, self.start_time)
 
 
-class _PrescribedRows(Rows):
-    """Rows of an output with the rates of a motion as right-hand side.
+class _PrescribedRows(FixedRows):
+    """Rows of an output with the rates of a motion as right-hand side; the kernel gets these rates from Python.
 
     Args:
         output: bound rows of the output.
         motion: its motion.
+        start_time: time of the motion at time zero [s].
     """
 
     affine = rheonomic = True
 
     def __init__(self, output: OutputRows, motion: Motion, start_time: float) -> None:
-        self._output, self._motion, self._start_time = output, motion, start_time
-        self.names = tuple(f"prescribed({name})" for name in output.names)
-        self.units = output.units
-        self.holonomic = () if output.quasi else (True,) * len(self.names)
-        self._coordinates = Coordinates(output.angular, (0,) if output.rotation else ())
-
-    def jacobian(self, at: PositionKinematics) -> np.ndarray:
-        return self._output.jacobian(at)
-
-    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
-        return self._output.jacobian_dot(at)
+        super().__init__(output, np.zeros(len(output.names)), "prescribed")
+        self._motion, self._start_time = motion, start_time
 
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
         return self._output.bias_acceleration(at) - self.rate_dot(at)
-
-    def bias_acceleration_gradient(self, at: VelocityKinematics) -> np.ndarray | None:
-        return self._output.bias_acceleration_gradient(at)
 
     def rate(self, at: PositionKinematics) -> np.ndarray:
         return self._over_times(at, 1)
@@ -115,20 +103,11 @@ class _PrescribedRows(Rows):
     def rate_dot(self, at: VelocityKinematics) -> np.ndarray:
         return self._over_times(at, 2)
 
-    def residual(self, at: PositionKinematics) -> np.ndarray:
-        if self._output.quasi:
-            return self._zeros(at)
-        return -self._coordinates.difference(self._over_times(at, 0), self._output.value(at))
-
     def rates_over_time(self, t: float) -> tuple[np.ndarray, np.ndarray]:
         return self._at(t)[1:]
 
-    def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
-        """Rows of the output; the kernel gets their rates over time from Python."""
-        rows = self._output.kernel_rows(model)
-        if rows is None or not isinstance(self._output, ConstantRows):
-            return rows
-        return [row._replace(constant=line) for row, line in zip(rows, self._output.matrix, strict=True)]
+    def _wanted(self, at: PositionKinematics) -> np.ndarray:
+        return self._over_times(at, 0)
 
     def phrases(self) -> Phrases:
         return Phrases(prevents="leave the motion that is prescribed for", where=", ".join(self._output.names))

@@ -8,9 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.constraints.body_shapes import Sphere
-from rnc_pin.constraints.carried_ground import on_carrier
 from rnc_pin.constraints.curved_grounds import CurvedGround
-from rnc_pin.constraints.ground_plane import GroundPlane
+from rnc_pin.constraints.ground_plane import GroundPlane, on_carrier
 from rnc_pin.constraints.rolling_body import RollingBody
 from rnc_pin.errors import ConstraintError
 from rnc_pin.model.kernel_rows import Form, KernelRow, attached, wrench_rows

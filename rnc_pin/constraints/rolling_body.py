@@ -9,9 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.constraints.body_shapes import BodyShape, support_numbers
-from rnc_pin.constraints.carried_ground import on_carrier
 from rnc_pin.constraints.curved_grounds import CurvedGround, admit_ground
-from rnc_pin.constraints.ground_plane import GroundPlane
+from rnc_pin.constraints.ground_plane import GroundPlane, on_carrier
 from rnc_pin.constraints.line_shapes import Apex, Cone, Cylinder
 from rnc_pin.constraints.surface_contact import SurfaceContactRows, contact_wrench_rates, contact_wrenches
 from rnc_pin.errors import ConstraintError

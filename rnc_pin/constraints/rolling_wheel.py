@@ -8,9 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.constraints.body_shapes import Torus
-from rnc_pin.constraints.carried_ground import on_carrier
 from rnc_pin.constraints.curved_grounds import CurvedGround, admit_ground
-from rnc_pin.constraints.ground_plane import GroundPlane
+from rnc_pin.constraints.ground_plane import GroundPlane, on_carrier
 from rnc_pin.constraints.surface_contact import SurfaceContact, SurfaceContactRows
 from rnc_pin.constraints.wheel_rows import RollingRows, WheelDisk
 from rnc_pin.errors import ConfigurationError, ConstraintError

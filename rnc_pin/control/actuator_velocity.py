@@ -181,3 +181,12 @@ def velocity_limits(reduced: ReducedModel, limits: bool | np.ndarray) -> np.ndar
     if given.shape != (reduced.n,) or not (given > 0).all():
         raise ConfigurationError(f"velocity limits have to be {reduced.n} positive numbers, found {limits!r}")
     return given
+
+
+def driven_joints(reduced: ReducedModel) -> tuple[str, ...]:
+    """Return the joints of one degree of freedom on which actuators act directly."""
+    robot, frames = reduced.robot, reduced.actuation.configured
+    columns = [column for column in range(reduced.p) if column not in frames]
+    moved = np.abs(reduced.at(robot.configuration()).B[:, columns]).max(axis=1, initial=0.0) > 0
+    joints = list(zip(robot.model.names, robot.model.joints, strict=True))[1:]
+    return tuple(str(name) for name, joint in joints if joint.nv == 1 and moved[joint.idx_v])

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin.forces.output_force_law import check_entries
-from rnc_pin.model.differences import gradient_with_error, vector_gradient_with_error
 from rnc_pin.model.kinematics import VelocityKinematics, over_states
 from rnc_pin.model.passive_forces import ForceGradient, PassiveForce
 from rnc_pin.model.rows import admit_rows
+from rnc_pin.model.user_functions import gradient_with_error, vector_gradient_with_error
 from rnc_pin.robots.robot import Robot
 
 Function = Callable[[np.ndarray, np.ndarray], np.ndarray]

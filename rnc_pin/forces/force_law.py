@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin.forces.output_force_law import OutputForceLaw, check_entries
-from rnc_pin.model.differences import vector_gradient_with_error
 from rnc_pin.model.kinematics import over_states
 from rnc_pin.model.passive_forces import PassiveForce
 from rnc_pin.model.rows import OutputKind, admit_rows
+from rnc_pin.model.user_functions import vector_gradient_with_error
 from rnc_pin.robots.robot import Robot
 
 Law = Callable[[np.ndarray, np.ndarray], np.ndarray]

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from itertools import pairwise
-from typing import Annotated, Any, ClassVar, TypeVar, get_args, get_origin
+from typing import Annotated, ClassVar, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, Field, GetJsonSchemaHandler, ValidationError, model_validator
 from pydantic.json_schema import JsonSchemaValue
@@ -28,7 +28,7 @@ LIST = "a list"
 
 def _takes(kind: type, annotation: object) -> bool:
     """True if an annotation contains this type. Needed because pydantic reads true as the number 1."""
-    return annotation in (kind, Any) or any(_takes(kind, part) for part in get_args(annotation))
+    return annotation in (kind, object) or any(_takes(kind, part) for part in get_args(annotation))
 
 
 def _largest(value: object) -> float:
@@ -93,7 +93,7 @@ class Strict(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _known_keys(cls, raw: Any) -> Any:
+    def _known_keys(cls, raw: object) -> object:
         if isinstance(raw, dict):
             for key, value in raw.items():
                 if key not in cls.model_fields:

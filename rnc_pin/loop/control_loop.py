@@ -137,7 +137,7 @@ class ControlLoop:
         check_number("min_singular_value", min_singular_value, zero=True)
         check_number("brake", brake, zero=True)
         check_number("timeout", self._timeout, zero=True)
-        self._guard = Guard(reduced.robot, max_speed, self._estimator(velocity, cutoff))
+        self._guard = Guard(reduced, max_speed, self._estimator(velocity, cutoff))
         self._limits = admit_limits(reduced, limits)
         self._fallback_limits = reduced.actuation.limits if self._limits is None else self._limits
         self._min_singular_value, self._brake = min_singular_value, brake

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.loop.loop_state import LoopState, VelocityEstimate
-from rnc_pin.robots.robot import Robot
+from rnc_pin.model.reduced_model import ReducedModel
 
 _UNIT_TOLERANCE = 0.1  # largest deviation of a (cos, sin) pair or quaternion from unit length
 
@@ -94,13 +94,13 @@ class Guard:
     """Validity check of measurements. Its cost does not depend on their values.
 
     Args:
-        robot: robot that is measured.
+        reduced: model of the robot that is measured.
         max_speed: largest valid speed, of v and of the difference of two configurations over time [rad/s, m/s].
         estimator: velocity estimator; None if velocity is measured.
     """
 
-    def __init__(self, robot: Robot, max_speed: float, estimator: VelocityEstimator | None) -> None:
-        self._robot, self._max_speed, self._estimator = robot, max_speed, estimator
+    def __init__(self, reduced: ReducedModel, max_speed: float, estimator: VelocityEstimator | None) -> None:
+        self._robot, self._max_speed, self._estimator = reduced.robot, max_speed, estimator
 
     def check(self, before: LoopState, t: float, q: ArrayLike, v: ArrayLike | None) -> ValidMeasurement:
         """Check a measurement and return it normalized.

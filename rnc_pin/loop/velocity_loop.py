@@ -14,6 +14,7 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.control.actuator_velocity import (
     ActuatorVelocityController,
     check_velocity_actuation,
+    driven_joints,
     velocity_from_actuators,
     velocity_limits,
 )
@@ -154,7 +155,7 @@ class VelocityLoop:
         self._base = None if base is None else robot.frame_id(base)
         self._base_entries = _BASES.get(robot.model.joints[1].shortname()) if robot.model.njoints > 1 else None
         self._kinematics = robot.model.createData()
-        self.joints = _driven_joints(reduced) if joints is None else tuple(joints)
+        self.joints = driven_joints(reduced) if joints is None else tuple(joints)
         self._entries = np.array([_entry(reduced, name) for name in self.joints], dtype=int)
 
     def step(
@@ -250,15 +251,6 @@ def _velocity_controller(
     check_velocity_actuation(reduced)
     limits = velocity_limits(reduced, limits)
     return lambda measurement: ActuatorVelocityController(reduced, admit_controller(target(measurement)), limits)
-
-
-def _driven_joints(reduced: ReducedModel) -> tuple[str, ...]:
-    """Return the joints of one degree of freedom on which actuators act directly."""
-    robot, frames = reduced.robot, reduced.actuation.configured
-    columns = [column for column in range(reduced.p) if column not in frames]
-    moved = np.abs(reduced.at(robot.configuration()).B[:, columns]).max(axis=1, initial=0.0) > 0
-    joints = list(zip(robot.model.names, robot.model.joints, strict=True))[1:]
-    return tuple(str(name) for name, joint in joints if joint.nv == 1 and moved[joint.idx_v])
 
 
 def _entry(reduced: ReducedModel, name: str) -> int:

@@ -12,7 +12,6 @@ from typing import TypeAlias, TypeVar
 import numpy as np
 
 Component: TypeAlias = "float | np.ndarray"
-Triple: TypeAlias = "tuple[Component, Component, Component]"
 Entry: TypeAlias = "float | np.ndarray | Dual"
 _E = TypeVar("_E", "float | np.ndarray", "float | np.ndarray | Dual")
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 from math import isnan
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -22,6 +22,7 @@ import pinocchio as pin
 from rnc_pin.errors import ConfigurationError
 
 _SMALL = 1e-2  # [rad] below which quotients are taken from their series
+_Angle = TypeVar("_Angle", float, np.ndarray)
 
 
 class Coordinates:
@@ -145,7 +146,7 @@ def angle_difference(desired: np.ndarray, actual: np.ndarray, angular: np.ndarra
     return difference
 
 
-def wrapped(angle: Any) -> Any:
+def wrapped(angle: _Angle) -> _Angle:
     """Angle, or array of angles, wrapped to (-pi, pi]."""
     return np.pi - np.mod(np.pi - angle, 2 * np.pi)
 

@@ -15,6 +15,7 @@ import scipy
 from rnc_pin.math.components import cross
 
 _ROUNDING = 1e-12  # part of the largest eigenvalue
+_ZERO = 1e-6  # part of the largest value below which a nonnegative one counts as zero
 
 
 @cache
@@ -173,3 +174,23 @@ def complex_step(function: Callable[..., np.ndarray], *parts: tuple[np.ndarray, 
     """
     moved = function(*(value + 1e-30j * gradient.T for value, gradient in parts))
     return np.asarray(np.imag(moved).T / 1e-30)
+
+
+def nonnegative(values: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Return the nearest values that are not below zero; the given values if there are none.
+
+    Args:
+        values: (c,).
+        free: orthonormal directions of allowed changes, as columns (c, d).
+    """
+    if not free.shape[1]:
+        return values
+    # Least distance programming: Lawson and Hanson, Solving Least Squares Problems, chapter 23.
+    size = np.abs(values).max()
+    E = np.vstack([free.T, -values / size])
+    target = np.eye(len(E))[-1]
+    found = E @ scipy.optimize.nnls(E, target)[0] - target
+    if np.linalg.norm(found) < _ZERO:
+        return values
+    shifted = values - free @ (size * found[:-1] / found[-1])
+    return np.where(np.abs(shifted) < _ZERO * size, 0.0, shifted)

@@ -1,13 +1,16 @@
-"""Cached properties whose arrays are read-only."""
+"""Values that are computed once: properties, whose arrays become read-only, and values of a model."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Generic, TypeVar, overload
+from functools import wraps
+from typing import Generic, TypeVar, overload
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 _Value = TypeVar("_Value")
+_Model = TypeVar("_Model")
 
 
 class cached_property(Generic[_Value]):
@@ -16,7 +19,7 @@ class cached_property(Generic[_Value]):
     Arrays become read-only: writing to one raises an error and cannot change the owner.
     """
 
-    def __init__(self, compute: Callable[[Any], _Value]) -> None:
+    def __init__(self, compute: Callable[..., _Value]) -> None:
         self._compute, self._name = compute, compute.__name__
         self.__doc__ = compute.__doc__
 
@@ -34,3 +37,20 @@ class cached_property(Generic[_Value]):
             value.setflags(write=False)
         setattr(owner, self._name, value)
         return value
+
+
+def once_per_model(function: Callable[[_Model], _Value]) -> Callable[[_Model], _Value]:
+    """Return a function that keeps its value as long as the model exists. The value has to be immutable.
+
+    Args:
+        function: function of the structure of a model, such as its contacts, not of its parameters.
+    """
+    known: WeakKeyDictionary[_Model, _Value] = WeakKeyDictionary()
+
+    @wraps(function)
+    def value(reduced: _Model) -> _Value:
+        if reduced not in known:
+            known[reduced] = function(reduced)
+        return known[reduced]
+
+    return value

@@ -18,14 +18,12 @@ from rnc_pin import _kernel
 from rnc_pin.errors import SingularityError
 from rnc_pin.math.components import Component
 from rnc_pin.model.compiled_states import CompiledArraysAtQ, CompiledArraysAtV, concatenated, empty_records
-from rnc_pin.model.evaluator import ArraysAtQ, ArraysAtV, Configurations, Evaluator, HasArraysAtQ, States
+from rnc_pin.model.evaluator import ArraysAtQ, ArraysAtV, Configurations, Evaluator, HasArraysAtQ, ReducedTerms, States
 from rnc_pin.model.input_validation import ArrayInput
 from rnc_pin.model.kinematics import VelocityKinematics
-from rnc_pin.model.numpy_evaluator import NumPyEvaluator
+from rnc_pin.model.numpy_evaluator import NumPyEvaluator, NumPyRuns, RunRecords
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.reduction_kernel import ReductionKernel
-from rnc_pin.model.result_types import ReducedTerms
-from rnc_pin.model.runs import NumPyRuns, RunRecords
 from rnc_pin.model.state_evaluation import StateEvaluation
 
 _TOLERANCE = 1e-9  # largest relative difference of kernel and NumPy at the state that compares them
@@ -64,7 +62,7 @@ class CompiledEvaluator(NumPyEvaluator):
             kinematics = known.kinematics
             if known.kernel.data.has_rows_of(kernel.data):
                 return CompiledArraysAtQ(kernel, at.q, position, kinematics, known.inverse)
-        external = concatenated(kernel.external, lambda block: block.jacobian(position), -2)
+        external = concatenated(kernel.external, position, lambda block, now: block.jacobian(now), -2)
         batch = at.q.shape[:-1]
         record = empty_records(batch, kernel.kinematics) if kinematics is None else kinematics
         inverse = empty_records(batch, kernel.inverse)
@@ -154,7 +152,7 @@ class CompiledEvaluator(NumPyEvaluator):
         return found if timed and self._calls.chart_rate(q, x, T, damping, found) else None
 
     def state_derivatives(
-        self, q: object, v2: object, T: object, t: Component | None = None
+        self, q: ArrayInput, v2: ArrayInput, T: ArrayInput, t: ArrayInput | None = None
     ) -> Mapping[str, Array] | None:
         kernel = self.kernel
         if not self.data.kinematics.axes_are_constant or not kernel.set_time(t):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy import ndarray as Array
@@ -26,6 +26,9 @@ from rnc_pin.model.passive_forces import ForceSums
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.reduction_kernel import ReductionKernel
 from rnc_pin.model.row_stack import Place
+from rnc_pin.model.rows import Rows
+
+_Kinematics = TypeVar("_Kinematics", bound=PositionKinematics)
 
 
 class KnownKinematics(PositionKinematics):
@@ -202,7 +205,9 @@ class CompiledArraysAtQ(ArraysAtQ):
     @cached_property
     def vertical(self) -> Array | None:
         """Record of J1 and A_star; None if a row is undefined."""
-        external = concatenated(self.kernel.external_vertical, lambda block: block.jacobian(self._position), -2)
+        external = concatenated(
+            self.kernel.external_vertical, self._position, lambda block, now: block.jacobian(now), -2
+        )
         rows = empty_records(self.batch, self.kernel.rows)
         return rows if self._calls.vertical(self.q, self.kinematics, self.inverse, external, rows) else None
 
@@ -240,7 +245,7 @@ class CompiledArraysAtV(ArraysAtV):
     def biases(self) -> Array:
         """Record of bias, gamma, its product with E^-1, and forces without actuators."""
         at, kernel = self.at_q, self._kernel
-        external = concatenated(kernel.external, lambda block: block.bias_acceleration(self._motion), -1)
+        external = concatenated(kernel.external, self._motion, lambda block, now: block.bias_acceleration(now), -1)
         biases = empty_records(at.batch, kernel.biases)
         drift = kernel.drift(self._t, at.batch)
         self._calls.biases(at.q, at.kinematics, at.inverse, self._v, external, drift, biases)
@@ -294,24 +299,26 @@ class CompiledArraysAtV(ArraysAtV):
     def rates(self) -> Array | None:
         """Record of J1, A_star, the rates of E, R, J1 and A_star, E v and J1 v; None if a row of J1 is undefined."""
         at, kernel = self.at_q, self._kernel
-        rows = concatenated(kernel.external_vertical, lambda block: block.jacobian(at._position), -2)
+        rows = concatenated(kernel.external_vertical, at._position, lambda block, now: block.jacobian(now), -2)
         stacks = kernel.external, kernel.external_vertical
-        at_rates = None if self._motion is None else self._motion
-        external = [concatenated(each, lambda block: block.jacobian_dot(at_rates), -2) for each in stacks]
+        external = [concatenated(each, self._motion, lambda block, now: block.jacobian_dot(now), -2) for each in stacks]
         rates = empty_records(at.batch, kernel.rates)
         arguments = at.q, at.kinematics, at.inverse, self._v, rows, *external, rates
         return rates if self._calls.rates(*arguments) else None
 
 
-def concatenated(places: Sequence[Place], of: Callable[[Any], Array], axis: int) -> Array | None:
+def concatenated(
+    places: Sequence[Place], at: _Kinematics | None, of: Callable[[Rows, _Kinematics], Array], axis: int
+) -> Array | None:
     """Concatenate a quantity of blocks that Python evaluates, along the axis of the rows; None without blocks."""
     if not places:
         return None
+    assert at is not None  # blocks of Python come with their kinematics
     selected = (place.of if axis == -1 else place.of_matrix for place in places)
-    values = [select(of(place.block)) for select, place in zip(selected, places, strict=True)]
+    values = [select(of(place.block, at)) for select, place in zip(selected, places, strict=True)]
     return np.ascontiguousarray(np.concatenate(values, axis=axis), dtype=float)
 
 
-def empty_records(shape: tuple[int, ...], record: np.dtype[Any]) -> Array:
+def empty_records(shape: tuple[int, ...], record: np.dtype[np.void]) -> Array:
     """Records without values; NumPy's ``empty`` takes several times as long for a type with fields."""
     return np.ndarray(shape, record, np.empty((*shape, record.itemsize // 8)))

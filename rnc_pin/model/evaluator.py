@@ -8,19 +8,67 @@ nothing: see ``numpy_evaluator``. The compiled evaluator declines states inside 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import wraps
-from typing import Any, Protocol, TypeVar, cast
+from typing import NamedTuple, Protocol, TypeVar, cast
 
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.math.components import Component
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.reduction_data import ReductionData
-from rnc_pin.model.result_types import ReducedTerms
+
+
+@dataclass(frozen=True)
+class ReducedTerms:
+    """All matrices of the reduced system at a state; batch axes lead."""
+
+    R: Float[Array, "*batch nv r"]
+    """Null-space basis, ``v = R v2 + b``."""
+    R_dot: Float[Array, "*batch nv r"]
+    H: Float[Array, "*batch r r"]
+    """Reduced inertia matrix."""
+    V: Float[Array, "*batch r r"]
+    """Reduced Coriolis matrix, with ``Hdot = V + V^T``."""
+    G: Float[Array, "*batch r"]
+    """Reduced gravity forces; affine constraints add forces of the motion b: ``R^T (g* + H* b_dot + C* b)``."""
+    input_matrix: Float[Array, "*batch r p"]
+    """``R^T B``, so that ``F = input_matrix @ T``."""
+    A: Float[Array, "*batch m nv"]
+    """Independent constraint rows."""
+    A_dot: Float[Array, "*batch m nv"]
+    A_star: Float[Array, "*batch k r"]
+    """Kinematics of the vertical outputs, ``x1dot = A_star v2 + J1 b``."""
+    A_star_dot: Float[Array, "*batch k r"]
+    v: Float[Array, "*batch nv"]
+    """Full velocity ``R v2 + b``."""
+    b: Float[Array, "*batch nv"]
+    """Velocity at ``v2 = 0``: zero unless constraints are affine."""
+    b_dot: Float[Array, "*batch nv"]
+
+
+@dataclass(frozen=True)
+class LagrangianTerms:
+    """Matrices of the system before reduction, paper (1)."""
+
+    H: Float[Array, "*batch nv nv"]
+    C: Float[Array, "*batch nv nv"]
+    g: Float[Array, "*batch nv"]
+    B: Float[Array, "*batch nv p"]
+
+
+class StateDerivative(NamedTuple):
+    """Time derivative of a state, with the power of all forces."""
+
+    v: Array  # (..., nv), full velocity
+    v2_dot: Array  # (..., r), reduced acceleration
+    power: Array | float  # (...,), power of actuators, damping and moving constraints [W]
+
 
 _Value = TypeVar("_Value")
-_Method = TypeVar("_Method", bound=Callable[..., Any])
+_Method = TypeVar("_Method", bound=Callable[..., object])
 
 
 class Configurations(Protocol):
@@ -102,11 +150,11 @@ class Evaluator(Protocol):
 class _Filled(cached_property[_Value]):
     """Quantity of an evaluation: the array that an evaluator has filled by this name, or else a formula."""
 
-    def __init__(self, formula: Callable[[Any], _Value], arrays: str) -> None:
+    def __init__(self, formula: Callable[..., _Value], arrays: str) -> None:
         super().__init__(formula)
         self._arrays = arrays
 
-    def __get__(self, owner: object | None, kind: type) -> Any:
+    def __get__(self, owner: object | None, kind: type) -> object:  # type: ignore[override]  # as the base class
         if owner is None:
             return self
         value = getattr(getattr(owner, self._arrays), self._name, None)
@@ -118,17 +166,17 @@ class _Filled(cached_property[_Value]):
         return value
 
 
-def filled_for_q(formula: Callable[[Any], _Value]) -> cached_property[_Value]:
+def filled_for_q(formula: Callable[..., _Value]) -> cached_property[_Value]:
     """Mark a quantity that depends on q."""
     return _Filled(formula, "arrays_at_q")
 
 
-def filled_for_v(formula: Callable[[Any], _Value]) -> cached_property[_Value]:
+def filled_for_v(formula: Callable[..., _Value]) -> cached_property[_Value]:
     """Mark a quantity that depends on q and v."""
     return _Filled(formula, "arrays_at_v")
 
 
-def filled_by_terms(formula: Callable[[Any], _Value]) -> cached_property[_Value]:
+def filled_by_terms(formula: Callable[..., _Value]) -> cached_property[_Value]:
     """Mark a quantity that ``fused_terms`` returns."""
     return _Filled(formula, "fused_terms")
 

@@ -50,7 +50,7 @@ class Impact(SummaryMixin):
     impulses: Mapping[str, float]
     """Impulse of each constraint row on the robot [N s or N m s]; those of least norm if they are not unique.
 
-    Momentum rows have none. The sign is that of the row's velocity, so it is opposite to the sign of multipliers.
+    Momentum rows have none. The sign is that of the row's velocity, as that of ``contact_forces``.
     """
     energy_before: float
     """Kinetic energy before the impact [J]."""
@@ -84,7 +84,11 @@ class Impact(SummaryMixin):
 
 
 def impact(
-    system: NonholonomicSystem | ReducedModel, q: ArrayInput, v: ArrayInput, restitution: Restitution = 0.0
+    system: NonholonomicSystem | ReducedModel,
+    q: ArrayInput,
+    v: ArrayInput,
+    restitution: Restitution = 0.0,
+    t: float | None = None,
 ) -> Impact:
     """Velocity after constraints appear or vanish, with the impulses that cause the jump.
 
@@ -101,6 +105,7 @@ def impact(
         q: configuration (nq,); it has to satisfy the holonomic rows.
         v: velocity (nv,) before the impact.
         restitution: coefficient of all rows, or row name to coefficient, from 0 (no rebound) to 1 (elastic).
+        t: time of rheonomic constraints [s].
 
     Raises:
         InputError: wrong shapes, or the configuration violates a holonomic row.
@@ -116,6 +121,7 @@ def impact(
         (True, [1.0, 0.5, 0.2])
     """
     reduced = system.reduce() if isinstance(system, NonholonomicSystem) else system
+    reduced = reduced if t is None else reduced.frozen(t)
     state = _regular_state(reduced, q, v)
     rows, kept = reduced.all_constraints, state.kept_rows
     coefficients, conserved = _coefficients(rows, restitution), _conserved(rows)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import isfinite
-from typing import Any
+from typing import TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -12,7 +12,8 @@ from rnc_pin.errors import InputError, printable
 from rnc_pin.math.components import Component
 from rnc_pin.robots.robot import Robot
 
-ArrayInput = Any  # anything that NumPy converts to a float array
+ArrayInput: TypeAlias = object
+"""Argument of any type. Values that NumPy does not convert to a float array are refused."""
 
 
 class ConfigurationValidator:

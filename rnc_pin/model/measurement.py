@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple, cast
 
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 
-_ABSENT: Any = None  # a field may be absent if the controller does not read it
+_ABSENT = cast(Array, None)  # a field may be absent if the controller does not read it
 
 
 class Measurement(NamedTuple):

@@ -17,15 +17,15 @@ from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.compiled import evaluator_for
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
+from rnc_pin.model.evaluator import LagrangianTerms, ReducedTerms
 from rnc_pin.model.independence import DroppedRow
 from rnc_pin.model.input_validation import ArrayInput, ConfigurationValidator
 from rnc_pin.model.numpy_evaluator import NumPyEvaluator
+from rnc_pin.model.passive_forces import PassiveForces
 from rnc_pin.model.reduction_data import ReductionData
-from rnc_pin.model.result_types import LagrangianTerms, ReducedTerms
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.model.system_summary import output_items, system_headline, system_lines
-from rnc_pin.printing import ObjectSummary, SummaryMixin
+from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, counted, items
 from rnc_pin.robots.robot import Robot
 
 
@@ -262,3 +262,26 @@ class ReducedModel(SummaryMixin):
             *system_lines(self.constraints, self.dropped_rows, self.actuation, self._data.forces),
         ]
         return ObjectSummary(system_headline("ReducedModel", self.robot, self.constraints), lines)
+
+
+def system_headline(kind: str, robot: Robot, constraints: RowStack) -> str:
+    """Headline with the degrees of freedom before and after the constraints."""
+    rows = counted(constraints.size, "independent row")
+    return f"{kind} of '{robot.name}': {robot.nv} degrees of freedom less {rows} leave {robot.nv - constraints.size}"
+
+
+def system_lines(
+    constraints: RowStack, dropped: Sequence[DroppedRow], actuation: Actuation, forces: PassiveForces
+) -> list[Line]:
+    """Lines with the kept rows, the dropped rows, the actuators and the passive forces."""
+    kept = items(constraints.names, ["holonomic" if flag else "" for flag in constraints.holonomic])
+    lines: list[Line] = [("rows kept", kept)]
+    if dropped:
+        lines.append(("rows dropped", tuple(Item(row.name, row.reason) for row in dropped)))
+    lines.append(("actuators", items(actuation.names)))
+    return [*lines, ("forces", items(forces.names))] if forces else lines
+
+
+def output_items(outputs: OutputStack) -> Sequence[Item]:
+    """Names of outputs; quasi-velocities are marked."""
+    return items(outputs.names, ["quasi-velocity" if flag else "" for flag in outputs.quasi])

@@ -4,14 +4,249 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from numpy import ndarray as Array
 
+from rnc_pin import _kernel
 from rnc_pin.math.components import Component
-from rnc_pin.model.kernel_tables import RowTable, blocks_valued_by_python, kernel_evaluator
+from rnc_pin.model.kernel_rows import (
+    INTEGERS,
+    NUMBERS,
+    AttachedFrame,
+    Form,
+    KernelForce,
+    KernelRow,
+    Value,
+    attached,
+    placement_numbers,
+)
 from rnc_pin.model.reduction_data import ReductionData
+from rnc_pin.model.row_stack import OutputStack, Place, RowStack
+from rnc_pin.model.rows import OutputRows
+from rnc_pin.robots.robot import Robot
+
+_CURVED = {"JointModelPlanar": 0, "JointModelSpherical": 1, "JointModelFreeFlyer": 2}
+
+
+class RowTable:
+    """Rows of E, of J1, of inputs on frames and of forces, as arrays.
+
+    Attributes:
+        external, external_vertical: blocks of E and of J1 that Python evaluates.
+        rates: constant right-hand sides mu of the constraint rows (m,).
+        driven: blocks whose right-hand sides depend on time only.
+        fused: True if the kernel knows all rows of E, all inputs and all forces.
+        laws: numbers of the forces that follow from the state, whose rows come last (forces, 7).
+        constant: constant rows (rows, nv); zero for the others.
+        integers, numbers: (rows, 8) and (rows, 18); ``frames``: the frames of all rows.
+    """
+
+    def __init__(self, data: ReductionData) -> None:
+        self._model = data.robot.model
+        self.external, stacked = self._of(data.stack)
+        self.external_vertical, vertical = self._of(data.vertical)
+        parts = data.actuation.parts
+        inputs = [] if parts is None else parts[1]
+        self.columns = np.array([column for column, _, _ in inputs], dtype=np.int64)
+        forces = [KernelRow(Form.OWN, (attached(self._model, frame),), (), np.eye(6)[row]) for _, frame, row in inputs]
+        passive = data.forces.kernel_forces()
+        self.fused = parts is not None and not self.external and passive is not None
+        laws = passive if self.fused and passive is not None else []
+        rows = [*stacked, *vertical, *forces, *(row for row, _ in laws)]
+        self.laws = np.array([law for _, law in laws], dtype=float).reshape(-1, len(KernelForce._fields))
+        constant = [row.constant for row in rows[data.n + data.vertical.size :]]
+        zero = np.zeros(data.n)
+        others = [zero if row is None else row for row in constant]
+        self.constant = np.vstack([data.template, data.vertical.template(data.n), *others])
+        for k, row in enumerate(stacked[: data.m]):
+            if row.constant is not None:
+                self.constant[k] = row.constant
+        self.rates = [row.rate for row in stacked[: data.m]]
+        kernel = [place for place in data.constraints.places if place.block.rheonomic]
+        self.driven = [place for place in kernel if place.block.kernel_rows(self._model) is not None]
+        self._constraints = data.constraints
+        self.frames: list[AttachedFrame] = []
+        known: dict[tuple[int, bytes], int] = {}
+        self.integers, self.numbers = np.zeros((len(rows), 3 + INTEGERS), np.int64), np.zeros((len(rows), NUMBERS))
+        self.integers[:, 2] = -1  # no second frame
+        for row, integers, numbers in zip(rows, self.integers, self.numbers, strict=True):
+            integers[0], integers[1] = row.form, row.joint
+            integers[7], integers[6] = row.value
+            integers[3 : 3 + len(row.integers)], numbers[: len(row.numbers)] = row.integers, row.numbers
+            for place, frame in enumerate(row.frames):
+                key = frame.joint, np.array(frame.placement.homogeneous).tobytes()
+                if key not in known:
+                    known[key] = len(self.frames)
+                    self.frames.append(frame)
+                integers[1 + place] = known[key]
+
+    def read_constraints(self) -> None:
+        """Read the numbers of the constraint rows again."""
+        _, rows = self._of(self._constraints)
+        for row, numbers in zip(rows, self.numbers, strict=False):  # they come first
+            numbers[: len(row.numbers)] = row.numbers
+
+    def _of(self, stack: RowStack) -> tuple[list[Place], list[KernelRow]]:
+        external: list[Place] = []
+        rows: list[KernelRow] = []
+        count = 0
+        for place in stack.places:
+            found = place.block.kernel_rows(self._model)
+            chosen = (
+                np.arange(len(place.block.names))
+                if place.rows is None
+                else np.arange(len(place.block.names))[place.rows]
+            )
+            if found is None:
+                external.append(place)
+                rows += [KernelRow(Form.EXTERNAL, (), (count + k,)) for k in range(len(chosen))]
+                count += len(chosen)
+            else:
+                rows += [found[k] for k in chosen]
+        return external, rows
+
+
+def blocks_valued_by_python(stack: OutputStack, model: pin.Model) -> list[tuple[OutputRows, slice]]:
+    """Blocks whose values Python evaluates."""
+    found = []
+    for block, where, _ in stack.places:
+        rows = block.kernel_rows(model)
+        if isinstance(block, OutputRows) and not block.quasi and (rows is None or rows[0].value[0] == Value.NONE):
+            found.append((block, where))
+    return found
+
+
+class _Workspace:
+    """Pinocchio data with views of its memory, and tables of the joints, for all evaluators of one ``Kinematics``.
+
+    Each call of the kernel sets the state first, so evaluators can share the data.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        model, n, joints = robot.model, robot.nv, robot.model.njoints
+        pinocchio = model.createData()
+        moved = [_entries(model, joint) for joint in range(joints)]
+        q, v, acceleration = robot.configuration(), np.zeros(n), np.zeros(n)
+        self.views = (
+            _view(pinocchio.M, (n, n)),
+            _view(pinocchio.J, (6, n)),
+            _view(pinocchio.nle, (n,)),
+            _view(pinocchio.C, (n, n)),
+            _placements(pinocchio, joints),
+            q,
+            v,
+            acceleration,
+            *(each.reshape((n, n)).T for each in (pinocchio.dtau_dq, pinocchio.dtau_dv)),  # stored by rows
+        )
+        functions = (pin.crba, pin.nonLinearEffects, pin.computeCoriolisMatrix)
+        self.references = (
+            model,
+            pinocchio,
+            q,
+            v,
+            pin.Convention.WORLD,
+            *functions,
+            pin.isNormalized,
+            1e-6,
+            np.empty,
+            pin.integrate,
+            acceleration,
+            pin.computeRNEADerivatives,
+        )
+        self.ends = np.cumsum([0, *map(len, moved)], dtype=np.int64)
+        self.entries = np.array([entry for entries in moved for entry in entries], np.int64)
+        self.curved = _curved_joints(model)
+
+
+def _workspace(data: ReductionData) -> _Workspace:
+    kinematics = data.kinematics
+    if not isinstance(kinematics.kernel_workspace, _Workspace):
+        kinematics.kernel_workspace = _Workspace(data.robot)
+    assert isinstance(kinematics.kernel_workspace, _Workspace)
+    return kinematics.kernel_workspace
+
+
+def kernel_evaluator(data: ReductionData, table: RowTable, mu: Array | None) -> _kernel.library.Evaluator:
+    """The kernel's object.
+
+    Args:
+        data: the reduction.
+        table: its rows.
+        mu: right-hand side of the constraints (m,); None for zero.
+    """
+    robot, workspace = data.robot, _workspace(data)
+    n, k, joints = data.n, data.vertical.size, robot.model.njoints
+    parts = data.actuation.parts
+    constant = np.zeros((n, data.p)) if parts is None else parts[0]
+    external = [
+        sum(len(place.of(np.arange(len(place.block.names)))) for place in places)
+        for places in (table.external, table.external_vertical)
+    ]
+    sizes = (robot.nq, n, data.m, k, data.p, joints, len(table.frames), *external, len(table.integers))
+    placements = np.array([placement_numbers(frame.placement) for frame in table.frames])
+    return _kernel.library.Evaluator(
+        (*sizes, len(workspace.entries), robot.nq != robot.nv, table.fused, data.rheonomic, len(table.laws)),
+        workspace.references,
+        workspace.views,
+        table.integers,
+        table.numbers,
+        table.columns,
+        np.array([frame.joint for frame in table.frames], np.int64),
+        placements,
+        workspace.ends,
+        workspace.entries,
+        np.ascontiguousarray(table.constant),
+        np.ascontiguousarray(constant),
+        mu,
+        np.ascontiguousarray(data.lengths),
+        workspace.curved,
+        table.laws,
+        data.fast_length,
+        data.fast_limit,
+    )
+
+
+def _curved_joints(model: pin.Model) -> Array | None:
+    """Kind and first entry of v of each joint with curved coordinates; None if the kernel does not know a joint."""
+    found = []
+    for joint in list(model.joints)[1:]:
+        kind = _CURVED.get(joint.shortname())
+        if kind is not None:
+            found.append((kind, joint.idx_v))
+        elif joint.nv > 1 and joint.shortname() != "JointModelTranslation":
+            return None
+    return np.array(found, dtype=np.int64).reshape(-1, 2)
+
+
+def _entries(model: pin.Model, joint: int) -> list[int]:
+    """Entries of v that move a joint."""
+    found: list[int] = []
+    for support in list(model.supports[joint])[1:]:
+        moving = model.joints[support]
+        found += range(moving.idx_v, moving.idx_v + moving.nv)
+    return found
+
+
+def _view(array: Array, shape: tuple[int, ...]) -> Array:
+    """Pinocchio's memory in a shape; Pinocchio returns matrices with one column as vectors."""
+    view = array.reshape(shape, order="F")
+    if not np.shares_memory(view, array):
+        raise ValueError("Pinocchio's matrices are not stored by columns")
+    return view
+
+
+def _placements(data: pin.Data, joints: int) -> Array:
+    """Placements of all joints (12, joints): rotation by columns, then translation."""
+    first = data.oMi[0].rotation
+    for joint in range(joints):
+        place = data.oMi[joint]
+        rotation, translation = place.rotation, place.translation
+        where = first.ctypes.data + 96 * joint
+        if rotation.strides != (8, 24) or (rotation.ctypes.data, translation.ctypes.data) != (where, where + 72):
+            raise ValueError("Pinocchio's placements are not stored one after the other")
+    return np.lib.stride_tricks.as_strided(first, (12, joints), (8, 96))
 
 
 class ReductionKernel:
@@ -104,11 +339,11 @@ class ReductionKernel:
         return True
 
 
-def _record(fields: Mapping[str, tuple[int, ...]]) -> np.dtype[Any]:
+def _record(fields: Mapping[str, tuple[int, ...]]) -> np.dtype[np.void]:
     """Type of a record of arrays, one after the other."""
     return _record_type(tuple(fields.items()))
 
 
 @lru_cache(maxsize=256)  # NumPy takes long to make one, and each chart of a run has the same
-def _record_type(fields: tuple[tuple[str, tuple[int, ...]], ...]) -> np.dtype[Any]:
+def _record_type(fields: tuple[tuple[str, tuple[int, ...]], ...]) -> np.dtype[np.void]:
     return np.dtype([(name, float, shape) for name, shape in fields])

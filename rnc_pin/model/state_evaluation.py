@@ -23,11 +23,19 @@ from rnc_pin.math.linear_algebra import (
 )
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
-from rnc_pin.model.evaluator import ArraysAtQ, ArraysAtV, Evaluator, filled_by_terms, filled_for_v, solved_for_v
+from rnc_pin.model.evaluator import (
+    ArraysAtQ,
+    ArraysAtV,
+    Evaluator,
+    ReducedTerms,
+    StateDerivative,
+    filled_by_terms,
+    filled_for_v,
+    solved_for_v,
+)
 from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.passive_forces import ForceSums
 from rnc_pin.model.reduced_kinematics import ReducedKinematics
-from rnc_pin.model.result_types import ReducedTerms, StateDerivative
 
 
 class StateEvaluation(ReducedKinematics):
@@ -205,8 +213,8 @@ class StateEvaluation(ReducedKinematics):
     def multipliers(self, T: ArrayInput, external: Array | None = None) -> Float[Array, "*batch m"]:
         """Multipliers lambda of the rows in A, from ``B T + external = H* vdot + C* v + g* + A^T lambda``.
 
-        The rows are those kept by default. At states where other rows were selected, the multipliers are NaN; use
-        ``contact_forces`` there.
+        They have the sign of the paper: the force of a row on the robot is ``-lambda``. The rows are those kept by
+        default. At states where other rows were selected, the multipliers are NaN; use ``contact_forces`` there.
 
         Args:
             T: actuator inputs (..., p) [N or N m].
@@ -224,16 +232,19 @@ class StateEvaluation(ReducedKinematics):
         return apply_transposed(self.E_inverse[self._data.multiplied], self._unbalanced(force, v2_dot))
 
     def _unbalanced(self, force: Array, v2_dot: Array) -> Array:
-        """Generalized constraint forces ``A^T lambda``."""
+        """Generalized forces ``A^T lambda``: what the inputs leave to the constraints."""
         return force - self.bias - apply(self.M, self.v_dot(v2_dot))
 
     def constraint_forces(self, T: ArrayInput, external: Array | None = None) -> Float[Array, "*batch nv"]:
-        """Generalized forces ``A^T lambda`` of all constraints; arguments as of ``contact_forces``."""
+        """Generalized forces ``-A^T lambda`` of all constraints on the robot; arguments as of ``contact_forces``."""
         force = self._total_force(T, external)
-        return self._unbalanced(force, self.accelerated(force))
+        return -self._unbalanced(force, self.accelerated(force))
 
     def contact_forces(self, T: ArrayInput, external: Array | None = None) -> Float[Array, "*batch k"]:
-        """Multipliers of all constraint rows, dropped ones included; those of least norm if they are not unique.
+        """Forces of all constraint rows on the robot, dropped rows included; of least norm if they are not unique.
+
+        A positive force pushes the robot in the direction in which the row counts velocity: ``A^T force`` is the
+        generalized force. These are minus the multipliers. Momentum rows have no force, only a multiplier.
 
         Rigid-body mechanics does not determine how dependent rows, e.g. of two wheels on one axle, share the force.
         The least norm shares it evenly.
@@ -242,12 +253,12 @@ class StateEvaluation(ReducedKinematics):
             T: actuator inputs (..., p) [N or N m].
             external: generalized forces (..., nv) in addition to T, e.g. damping and friction; zero by default.
         """
-        unbalanced = self.constraint_forces(T, external)
+        acting = self.constraint_forces(T, external)
         # Rows that are dependent to rounding count as dependent here too: use at most m directions.
         left, values, right = np.linalg.svd(self.all_rows.mT, full_matrices=False)
         counted = (np.arange(values.shape[-1]) < self._data.m) & (values > 1e-10 * values[..., :1])
         inverses = np.divide(1.0, values, out=np.zeros_like(values), where=counted)
-        return apply_transposed(right, inverses * apply_transposed(left, unbalanced))
+        return apply_transposed(right, inverses * apply_transposed(left, acting))
 
     # ------------------------------------------------------------------ energy, terms
 

@@ -19,11 +19,10 @@ from rnc_pin.model.independence import Selection, block_row_scales, select_indep
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.mechanisms import FrameAnchor
 from rnc_pin.model.passive_forces import ForceKind, PassiveForces
-from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.reduced_model import ReducedModel, system_headline, system_lines
 from rnc_pin.model.reduction_data import ReductionData, VelocityRows, best_entries, row_scales
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import ConstraintKind, OutputKind, Rows, parts_of
-from rnc_pin.model.system_summary import system_headline, system_lines
 from rnc_pin.printing import ObjectSummary, SummaryMixin
 from rnc_pin.robots.robot import Robot
 

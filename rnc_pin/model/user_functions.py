@@ -1,21 +1,25 @@
 """Functions of the configuration that a user wrote: their rates, and a check of the rates that the user gave.
 
 The rate along v is a complex step where the function accepts complex numbers: exact to rounding, one evaluation (Squire
-and Trapp, SIAM Review 40(1), 1998). Otherwise it is a central difference of order eight, with an error estimate.
+and Trapp, SIAM Review 40(1), 1998). Otherwise it is a central difference of order eight on the configuration manifold,
+with an error estimate.
 """
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError, SingularityError
-from rnc_pin.model.differences import STEP, central_difference, directional_derivative
 from rnc_pin.robots.robot import Robot
 
+STEP = 0.01  # [rad or m]
+_STENCIL = ((1, 4 / 5), (2, -1 / 5), (3, 4 / 105), (4, -1 / 280))
+Field = Callable[[np.ndarray], np.ndarray]
 Function = Callable[..., object]  # of q, or of q and t
 Rate = Callable[..., object]  # of q and v, or of q, v and t
 
@@ -25,6 +29,47 @@ _DRAWS, _CHECKED = 8, 2  # random states drawn and used
 _WRONG = 1e-6  # relative error that rounding and differences do not explain
 _DOUBT = 100.0  # times the error estimate that a difference may be wrong by
 _ROUGH = 1e-3  # relative error estimate above which a function has no rate
+
+
+def directional_derivative(
+    model: pin.Model, field: Field, q: np.ndarray, x: np.ndarray, step: float = STEP
+) -> np.ndarray:
+    """Derivative of ``field(q)`` along a tangent vector x (nv,)."""
+    length = np.linalg.norm(x)
+    if length == 0:
+        return np.zeros_like(field(q))
+    direction = x / length
+    return length * central_difference(lambda s: field(pin.integrate(model, q, s * direction)), step)
+
+
+def central_difference(field: Callable[[float], np.ndarray], step: float) -> np.ndarray:
+    """Derivative of ``field(s)`` at zero."""
+    terms = [weight * (field(k * step) - field(-k * step)) for k, weight in _STENCIL]
+    return np.asarray(np.sum(terms, axis=0) / step)
+
+
+def gradient(model: pin.Model, field: Field, q: np.ndarray, step: float = STEP) -> np.ndarray:
+    """Derivatives (..., nv) of ``field(q)`` (...) along every tangent direction."""
+    return np.stack([directional_derivative(model, field, q, x, step) for x in np.eye(model.nv)], axis=-1)
+
+
+def gradient_with_error(model: pin.Model, field: Field, q: np.ndarray) -> tuple[np.ndarray, float]:
+    """Gradient as in ``gradient``, and the largest difference between the results of two step lengths."""
+    coarse, fine = (gradient(model, field, q, step) for step in (0.8 * STEP, 0.4 * STEP))
+    return fine, float(np.abs(fine - coarse).max(initial=0.0))
+
+
+def vector_gradient_with_error(field: Field, x: np.ndarray) -> tuple[np.ndarray, float]:
+    """Derivatives (..., n) of ``field(x)`` at a vector x (n,), and their error as in ``gradient_with_error``."""
+
+    def moved(unit: np.ndarray, by: float) -> np.ndarray:
+        return field(x + by * unit)
+
+    def at_step(step: float) -> np.ndarray:
+        return np.stack([central_difference(partial(moved, unit), step) for unit in np.eye(len(x))], axis=-1)
+
+    coarse, fine = at_step(0.8 * STEP), at_step(0.4 * STEP)
+    return fine, float(np.abs(fine - coarse).max(initial=0.0))
 
 
 def configuration_rate(model: pin.Model, q: np.ndarray, v: np.ndarray) -> np.ndarray:

@@ -29,4 +29,5 @@ from .planner import RunFeedback as RunFeedback
 from .planner import plan as plan
 from .predictive_control import PredictiveController as PredictiveController
 from .predictive_control import PredictiveState as PredictiveState
+from .predictive_control import UpdateSchedule as UpdateSchedule
 from .sequential_quadratic import SolverSettings as SolverSettings

@@ -110,7 +110,7 @@ class ActionModel(ABC):
         form: name of the form.
         nv, nw, nx, nu: sizes of the tangent of q, of the velocity part of the state, of the whole state, and of the
             input.
-        input_names: names of the inputs.
+        input_names, input_units: names and units of the inputs.
     """
 
     form: Form
@@ -122,11 +122,20 @@ class ActionModel(ABC):
         self.nw = 0 if self.form == "kinematic" else reduced.r
         self.nx = self.nv + self.nw
         self.input_names: tuple[str, ...] = self._input_names()
+        self.input_units: tuple[str, ...] = self._input_units()
         self.nu = len(self.input_names)
 
     @abstractmethod
     def _input_names(self) -> tuple[str, ...]:
         """Names of the inputs."""
+
+    @abstractmethod
+    def _input_units(self) -> tuple[str, ...]:
+        """Units of the inputs; "" if unknown."""
+
+    def _rate_units(self) -> list[str]:
+        """Units of the reduced velocities."""
+        return [f"{unit.removesuffix('/s') or '1'}/s" for unit in self.reduced.reducing.units]
 
     @abstractmethod
     def flow(self, at: Nodes, u: Array) -> tuple[Array, Array]:
@@ -200,6 +209,9 @@ class KinematicModel(ActionModel):
     def _input_names(self) -> tuple[str, ...]:
         return tuple(self.reduced.reducing.names)
 
+    def _input_units(self) -> tuple[str, ...]:
+        return tuple(self._rate_units())
+
     def velocity(self, at: Nodes, u: Array | None) -> Float[Array, "n r"]:
         if u is None:
             raise ConfigurationError("form 'kinematic': the velocity is an input, so the last state has none")
@@ -223,6 +235,9 @@ class AccelerationModel(ActionModel):
     def _input_names(self) -> tuple[str, ...]:
         return tuple(f"{name}_dot" for name in self.reduced.reducing.names)
 
+    def _input_units(self) -> tuple[str, ...]:
+        return tuple(f"{unit}^2" for unit in self._rate_units())
+
     def flow(self, at: Nodes, u: Array) -> tuple[Array, Array]:
         return self.reduced.at(at.q, at.w).v, u
 
@@ -240,6 +255,9 @@ class DynamicModel(ActionModel):
 
     def _input_names(self) -> tuple[str, ...]:
         return tuple(self.reduced.actuation.names)
+
+    def _input_units(self) -> tuple[str, ...]:
+        return tuple(self.reduced.actuation.units)
 
     def flow(self, at: Nodes, u: Array) -> tuple[Array, Array]:
         state = self.reduced.at(at.q, at.w)

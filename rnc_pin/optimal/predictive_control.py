@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -43,12 +44,43 @@ class PredictiveState(NamedTuple):
     """Updates that were not used: too late, not finite, or at a singular configuration."""
 
 
+@dataclass(frozen=True)
+class UpdateSchedule:
+    """Updates of the motion of a predictive controller.
+
+    Args:
+        period: time between updates [s].
+        iterations: iterations of an update.
+        delay: time from a measurement to its input [s].
+        budget: processor time of an update [s]; None for no limit, which gives repeatable runs.
+
+    Raises:
+        ConfigurationError: an argument has an invalid value.
+
+    Example:
+        >>> rnc.optimal.UpdateSchedule(delay=0.01)
+        UpdateSchedule(period=0.05, iterations=1, delay=0.01, budget=None)
+    """
+
+    period: float = 0.05
+    iterations: int = 1
+    delay: float = 0.0
+    budget: float | None = None
+
+    def __post_init__(self) -> None:
+        if not (self.period > 0 and self.delay >= 0 and self.iterations >= 1):
+            raise ConfigurationError("period has to be positive, delay not negative, and iterations at least 1")
+
+
+_EVERY_50_MS = UpdateSchedule()
+
+
 class PredictiveController(ReprMixin):
     """Model-predictive control (MPC) of a reduced system in the forms "acceleration" and "dynamic".
 
-    Every ``period`` a fixed number of iterations improves the motion over the horizon. It starts from the last motion,
+    At every update, a fixed number of iterations improves the motion over the horizon. It starts from the last motion,
     shifted in time. Between updates, the feedback gains of the motion act on the measured state. An update that exceeds
-    ``budget`` or fails is not used: the last motion and its feedback continue, and after its end its last node is held.
+    its budget or fails is not used: the last motion and its feedback continue, and after its end its last node is held.
 
     The motion starts at the state that is predicted for the end of the delay. The controller reads the model. Reads
     from the measurement ``q, v2``.
@@ -60,13 +92,10 @@ class PredictiveController(ReprMixin):
         form: "acceleration" or "dynamic".
         bounds: hard bounds.
         nodes: number of intervals.
-        period: time between updates [s].
-        iterations: iterations of an update.
-        delay: time from a measurement to its input [s].
-        budget: processor time of an update [s]; None for no limit, which gives repeatable runs.
+        updates: schedule of the updates.
 
     Raises:
-        ConfigurationError: an argument has an invalid value.
+        ConfigurationError: the form is "kinematic".
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
@@ -91,17 +120,12 @@ class PredictiveController(ReprMixin):
         form: Form = "dynamic",
         bounds: Sequence[BoundKind] = (),
         nodes: int = 20,
-        period: float = 0.05,
-        iterations: int = 1,
-        delay: float = 0.0,
-        budget: float | None = None,
+        updates: UpdateSchedule = _EVERY_50_MS,
     ) -> None:
         if form == "kinematic":
             raise ConfigurationError("form 'kinematic': a predictive controller needs 'acceleration' or 'dynamic'")
-        if not (period > 0 and delay >= 0 and iterations >= 1):
-            raise ConfigurationError("period has to be positive, delay not negative, and iterations at least 1")
         self._reduced, self._solver_settings = reduced, SolverSettings(nodes=nodes)
-        self.horizon, self.period, self.iterations, self.delay, self.budget = horizon, period, iterations, delay, budget
+        self.horizon, self.updates = horizon, updates
         self._model = action_model(reduced, form)
         start = initial_node(self._model, reduced.robot.configuration())
         self._problem = build_problem(self._model, start, None, horizon, costs, bounds, nodes)
@@ -128,10 +152,7 @@ class PredictiveController(ReprMixin):
             "form": self._model.form,
             "horizon": self.horizon,
             "nodes": self._solver_settings.nodes,
-            "period": self.period,
-            "iterations": self.iterations,
-            "delay": self.delay,
-            "budget": self.budget,
+            **asdict(self.updates),
         }
 
     def initial_state(self, measurement: Measurement) -> PredictiveState:
@@ -145,20 +166,20 @@ class PredictiveController(ReprMixin):
         now = Nodes(np.asarray(measurement.q)[None], np.asarray(measurement.v2)[None])
         if t >= state.next_update - 1e-9:
             state = self._updated(t, now, state)
-        u = self._input(t + self.delay, self._predicted(t, now, state), state)
+        u = self._input(t + self.updates.delay, self._predicted(t, now, state), state)
         if self._model.form == "dynamic":
             return Command(T=u), state
         return Command(F=self._reduced.inverse_dynamics(now.q[0], now.w[0], u)), state
 
     def _updated(self, t: float, now: Nodes, state: PredictiveState) -> PredictiveState:
         """State after an update of the motion, or with one more missed update."""
-        limit, begin = self.budget, time.process_time()
-        waiting = state._replace(next_update=t + self.period)
+        limit, begin = self.updates.budget, time.process_time()
+        waiting = state._replace(next_update=t + self.updates.period)
         try:
-            at = self._shifted(t + self.delay, self._predicted(t, now, state), state)
-            self._problem.begin = t + self.delay
+            at = self._shifted(t + self.updates.delay, self._predicted(t, now, state), state)
+            self._problem.begin = t + self.updates.delay
             solver = SequentialQuadratic(self._problem, self._solver_settings)
-            for _ in range(self.iterations):
+            for _ in range(self.updates.iterations):
                 found = solver.iterate(at)
                 if found is None:
                     break
@@ -170,15 +191,15 @@ class PredictiveController(ReprMixin):
         if late or not (np.isfinite(at.u).all() and np.isfinite(gains).all()):
             return waiting._replace(missed=state.missed + 1)
         return PredictiveState(
-            t + self.delay, at.q, at.w, at.u, gains, t + self.period, state.updates + 1, state.missed
+            t + self.updates.delay, at.q, at.w, at.u, gains, t + self.updates.period, state.updates + 1, state.missed
         )
 
     def _predicted(self, t: float, now: Nodes, state: PredictiveState) -> Nodes:
         """State at the end of the delay, under the inputs of the last motion."""
-        if self.delay == 0.0:
+        if self.updates.delay == 0.0:
             return now
-        parts = max(1, int(np.ceil(self.delay / self._h)))
-        step = self.delay / parts
+        parts = max(1, int(np.ceil(self.updates.delay / self._h)))
+        step = self.updates.delay / parts
         for k in range(parts):
             u = self._input(t + k * step, now, state)
             now = self._model.step(now, u[None], np.array([step]))

@@ -1,12 +1,12 @@
 """Exports of ``rnc_pin.plants``, which ``__init__.py`` imports at their first use."""
 
+from .faults import ChangingPlant as ChangingPlant
 from .faults import Faults as Faults
 from .faults import FaultyPlant as FaultyPlant
-from .model_changes import ChangingPlant as ChangingPlant
-from .model_changes import MassErrors as MassErrors
-from .model_changes import Payload as Payload
-from .model_changes import StuckJoint as StuckJoint
-from .model_changes import TimedChange as TimedChange
+from .faults import MassErrors as MassErrors
+from .faults import Payload as Payload
+from .faults import StuckJoint as StuckJoint
+from .faults import TimedChange as TimedChange
 from .plant import Plant as Plant
 from .reduced import ContactEvent as ContactEvent
 from .reduced import ContactPlant as ContactPlant

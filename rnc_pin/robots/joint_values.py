@@ -12,6 +12,14 @@ from rnc_pin.errors import ModelError, nearest
 
 JointValue = float | Sequence[float] | np.ndarray
 
+_QUATERNION = ("qx", "qy", "qz", "qw")
+_COORDINATES = {
+    "JointModelPlanar": ("x", "y", "cos", "sin"),
+    "JointModelFreeFlyer": ("x", "y", "z", *_QUATERNION),
+    "JointModelSpherical": _QUATERNION,
+}
+"""Coordinates of joints whose entries of q are no coordinates of their velocity."""
+
 NO_LIMIT = 1e10
 """Value above which a number of a robot file means that there is no limit; Pinocchio writes the largest float."""
 
@@ -174,6 +182,30 @@ class NamedModel:
             size = self.model.joints[index].nv
             names += [name] if size == 1 else [f"{name}[{k}]" for k in range(size)]
         return tuple(names)
+
+    @property
+    def configuration_entries(self) -> tuple[tuple[str, str], ...]:
+        """Name and unit of each entry of ``q``: the joint name, with the coordinate if the joint has several entries.
+
+        A planar base has ``[x]``, ``[y]``, ``[cos]`` and ``[sin]``; a free base a position and a quaternion. Entries of
+        other joints with several coordinates have numbers. Cosines, sines and quaternions have the unit "-".
+        """
+        found: list[tuple[str, str]] = []
+        units = [unit.removesuffix("/s") for unit in self.velocity_units]
+        for name, joint in zip(self.joint_names, list(self.model.joints)[1:], strict=True):
+            own = units[joint.idx_v : joint.idx_v + joint.nv]
+            if joint.nq == 1:
+                found.append((name, own[0]))
+                continue
+            if _goes_round(joint):
+                entries = [("cos", "-"), ("sin", "-")]
+            elif joint.shortname() in _COORDINATES:
+                entries = [(each, "m" if each in "xyz" else "-") for each in _COORDINATES[joint.shortname()]]
+            else:
+                units_known = own if joint.nq == joint.nv else ["-"] * joint.nq
+                entries = [(str(k), unit) for k, unit in enumerate(units_known)]
+            found += [(f"{name}[{entry}]", unit) for entry, unit in entries]
+        return tuple(found)
 
     @property
     def velocity_units(self) -> tuple[str, ...]:

@@ -10,9 +10,9 @@ from numpy import ndarray as Array
 
 from rnc_pin.analysis import NormalForces
 from rnc_pin.math.linear_algebra import apply, apply_transposed
+from rnc_pin.model.cached_property import once_per_model
 from rnc_pin.model.compiled import evaluator_for
 from rnc_pin.model.numpy_evaluator import NumPyEvaluator
-from rnc_pin.model.once_per_model import once_per_model
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import best_entries
 from rnc_pin.model.state_evaluation import StateEvaluation

@@ -10,9 +10,9 @@ import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
+from rnc_pin.model.cached_property import once_per_model
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.mechanisms import GroundContact
-from rnc_pin.model.once_per_model import once_per_model
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
 

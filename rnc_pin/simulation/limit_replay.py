@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from types import MappingProxyType
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
@@ -28,7 +27,6 @@ from rnc_pin.simulation.trajectory import Trajectory
 ROUNDING = 1e-9
 """Largest excess over a limit that counts as rounding, as a share of its range."""
 
-_NO_EFFORTS: Mapping[str, float] = MappingProxyType({})
 
 LimitKind = Literal["position", "velocity", "effort", "acceleration"]
 LIMIT_KINDS: tuple[LimitKind, ...] = get_args(LimitKind)
@@ -157,6 +155,30 @@ class LimitReplay:
         return max((use for use in self.uses if use.kind == kind), key=lambda use: use.excess, default=None)
 
 
+@dataclass(frozen=True)
+class FurtherLimits:
+    """Limits that a robot's file cannot have: of accelerations, and of forces on frames.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> push = rnc.FrameForce("sleigh", "x", limit=5.0)
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], [push]).reduce()
+        >>> further = rnc.simulation.FurtherLimits(efforts=reduced.actuation.stated_limits)
+        >>> run = rnc.free_motion(reduced, robot.configuration(), [1.0, 0.0], duration=0.1, inputs=[6.0])
+        >>> [use.name for use in rnc.simulation.replay_limits(robot, run, further=further).violations]
+        ['force(sleigh.x)']
+    """
+
+    accelerations: Sequence[LimitedAcceleration] = ()
+    """Limits of accelerations, such as those of a whole-body program. The acceleration is the change of the velocity
+    from sample to sample over the time between them."""
+    efforts: Mapping[str, float] = field(default_factory=dict)
+    """Limits by name of actuators that are not joints, such as ``stated_limits`` of an actuation [N or N m]."""
+
+
+_NO_LIMITS = FurtherLimits()
+
+
 def replay_limits(
     robot: Robot,
     trajectory: Trajectory,
@@ -165,13 +187,11 @@ def replay_limits(
     step: float = 0.0,
     within: float = 0.05,
     exact: float | None = None,
-    accelerations: Sequence[LimitedAcceleration] = (),
-    efforts: Mapping[str, float] = _NO_EFFORTS,
+    further: FurtherLimits = _NO_LIMITS,
 ) -> LimitReplay:
     """Replay a trajectory and return how much of each limit it uses, and the smallest distances of pairs.
 
-    Limits of position and velocity, and those of the effort of driven joints, come from the robot's file. A robot's
-    file has no limits of acceleration, and none of forces on frames.
+    Limits of position and velocity, and those of the effort of driven joints, come from the robot's file.
 
     Args:
         robot: robot of the trajectory.
@@ -182,9 +202,7 @@ def replay_limits(
             Smallest distances are those of the whole motion, whose joints move at constant rate from sample to sample.
         within: distance up to which distances are exact [m].
         exact: distance up to which samples have no tolerance, as in ``continuous_distances`` [m].
-        accelerations: limits of accelerations, such as those of a whole-body program. The acceleration is the change
-            of the velocity from sample to sample over the time between them.
-        efforts: limits by name of actuators that are not joints, such as ``stated_limits`` of an actuation [N or N m].
+        further: limits that the robot's file does not have.
 
     Raises:
         InputError: the trajectory has no samples, or belongs to another robot.
@@ -201,8 +219,8 @@ def replay_limits(
         raise InputError(f"q has {trajectory.q.shape[1]} entries, but nq of the robot is {robot.nq}")
     if not len(trajectory.time):
         raise InputError("the run has no samples")
-    found = [*_positions(robot, trajectory), *_rates(robot, trajectory), *_efforts(robot, trajectory, efforts)]
-    found += _accelerations(trajectory, accelerations)
+    found = [*_positions(robot, trajectory), *_rates(robot, trajectory), *_efforts(robot, trajectory, further.efforts)]
+    found += _accelerations(trajectory, further.accelerations)
     every = _spaced(trajectory.time, step)
     time, uses = trajectory.time[every], tuple(use for use, _ in found)
     excesses = np.array([excess[every] for _, excess in found]).reshape(len(found), len(every)).T

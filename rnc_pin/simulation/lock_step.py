@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from itertools import compress
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -49,7 +49,7 @@ class _Answer(NamedTuple):
 
     command: Command
     """Fields (B, ...); NaN in the rows of the runs without a value."""
-    states: Any
+    states: State
     """States of the controllers after the step."""
     failed: Array
     """Mask (B,) of the runs whose controller raised an error, or gave another command than expected."""
@@ -65,7 +65,7 @@ class _Controllers:
 
     def __init__(self, controllers: Sequence[Controller], states: Sequence[State]) -> None:
         self._each, self._shared = list(controllers), False
-        self.states: Any = list(states)
+        self.states: State = list(states)
         if accepts_batches(controllers[0]) and all(each is controllers[0] for each in controllers):
             with suppress(NotStackable):
                 self.states, self._shared = stack_states(states), True
@@ -100,14 +100,14 @@ class _Controllers:
 
     def _in_turn(self, t: float, measurement: Measurement, before: Sequence[State]) -> _Answer:
         """Commands of one controller after the other."""
-        commands: list[Command] = []
+        commands: list[object] = []
         states: list[State] = []
         failed = np.zeros(len(before), dtype=bool)
         for place, (controller, state) in enumerate(zip(self._each, before, strict=True)):
             seen = measurement_of_run(measurement, place)
             if seen.input_deficit is not None and not seen.input_deficit.any():
                 seen = seen._replace(input_deficit=None, force_deficit=None)
-            command: Any = None
+            command: object = None
             try:
                 command, state = controller.step(t, seen, state)
             except Exception:  # alone it raises the same error
@@ -289,7 +289,7 @@ def _of_shapes(command: Command, measurement: Measurement) -> bool:
     return all(value is None or np.shape(value) == (count, sizes[name]) for name, value in given.items())
 
 
-def _together(commands: Sequence[Command], failed: Array, measurement: Measurement) -> tuple[Command, Array]:
+def _together(commands: Sequence[object], failed: Array, measurement: Measurement) -> tuple[Command, Array]:
     """Command of all runs, and the mask (B,) of those whose own has another form."""
     count, misfits = len(commands), np.zeros(len(commands), dtype=bool)
     present = [name for name in Command._fields if any(getattr(each, name, None) is not None for each in commands)]

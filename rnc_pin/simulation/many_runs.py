@@ -1,10 +1,13 @@
-"""Simulation of many runs: those that fit together advance in lock-step, the others one after the other."""
+"""Simulation of many runs and their results.
+
+Runs that fit together advance in lock-step, the others one after the other.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import TypeVar, cast, overload
 
 import numpy as np
 from numpy import ndarray as Array
@@ -14,53 +17,133 @@ from rnc_pin.errors import ConfigurationError, InputError, RncError
 from rnc_pin.interruption import interruptible, uninterrupted
 from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.plants import Plant, ReducedPlant
+from rnc_pin.plants import Plant
+from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 from rnc_pin.simulation.ending import Progress, complete_run, outcome_of
 from rnc_pin.simulation.lock_step import LockStep
 from rnc_pin.simulation.run_info import Outcome
 from rnc_pin.simulation.sampled_run import SampledRun
-from rnc_pin.simulation.simulation_options import SimulationOptions
+from rnc_pin.simulation.simulation_options import RunArguments, SimulationOptions
 from rnc_pin.simulation.trajectory import Trajectory
-from rnc_pin.simulation.trajectory_batch import RunResult
+
+_Each = TypeVar("_Each")
 
 
-class RunArguments(NamedTuple):
-    """Arguments of one run, as for ``simulate``, with a number of samples instead of a duration."""
+class RunResult:
+    """Result of one run of a batch.
 
-    reduced: ReducedModel
-    controller: Controller
-    q0: Array
-    dt: float
-    samples: int
-    v2_0: Array | None
-    plant: Plant | None
-    options: SimulationOptions
+    Args:
+        outcome: outcome of the run.
+        error: error that ended it early, if any.
+        trajectory: the run, or a function that returns it; None if the run could not start.
+    """
 
-    def started(self, capacity: int) -> SampledRun:
-        """Return the run before its first sample."""
-        reduced, controller, q0, dt, _, v2_0, plant, options = self
-        return SampledRun(reduced, controller, q0, dt, capacity, v2_0=v2_0, plant=plant, options=options)
+    def __init__(
+        self, outcome: Outcome, error: Exception | None, trajectory: Trajectory | Callable[[], Trajectory] | None
+    ) -> None:
+        self.outcome, self.error, self._trajectory = outcome, error, trajectory
 
     @property
-    def lock_step_key(self) -> Hashable | None:
-        """Key that runs have in common if they can advance together; None for a run that has to be alone."""
-        reduced, plant, options, substeps, limits = self.reduced, self.plant, self.options, 1, False
-        if not isinstance(reduced, ReducedModel) or not isinstance(options, SimulationOptions):
-            return None  # refused at its start
-        if plant is not None:
-            if type(plant) is not ReducedPlant or plant.reduced is not reduced or plant.dissipates:
-                return None
-            substeps, limits = plant.substeps, plant.actuator_limits
-        data = reduced.reduction_data
-        if options.observer is not None or options.loop or options.stop.lift_off:
-            return None
-        if not reduced.evaluator.measures or data.rheonomic or data.affine:
-            return None
-        return id(reduced), type(self.controller), self.samples, self.dt, substeps, limits, options.stop
+    def started(self) -> bool:
+        """True if the run has a trajectory."""
+        return self._trajectory is not None
 
-    def on_own_plant(self) -> RunArguments:
-        """Return these arguments with a new ``ReducedPlant`` of equal options, for a run with a ``lock_step_key``."""
-        return self._replace(plant=self.plant.twin()) if isinstance(self.plant, ReducedPlant) else self
+    @property
+    def trajectory(self) -> Trajectory:
+        """The run so far.
+
+        Raises:
+            Exception: the error of a run that could not start.
+        """
+        if self._trajectory is None:
+            assert self.error is not None
+            raise self.error
+        if not isinstance(self._trajectory, Trajectory):
+            self._trajectory = self._trajectory()
+        return self._trajectory
+
+    def __getstate__(self) -> dict[str, object]:
+        return {**vars(self), "_trajectory": None if self._trajectory is None else self.trajectory}
+
+
+class TrajectoryBatch(SummaryMixin, Sequence[Trajectory]):
+    """Runs of ``simulate`` with many initial states, controllers or plants, in their order.
+
+    ``runs[3]`` is a ``Trajectory``, and ``runs[:4]`` a batch. Forces, energies and residuals of a run are computed when
+    they are first read.
+
+    Args:
+        results: result of each run.
+
+    Attributes:
+        outcomes: outcome of each run.
+        errors: error that ended each run early; None for the others.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> actuators = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
+        >>> system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], actuators)
+        >>> reduced = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+        >>> target = rnc.control.ReducingOutputController(reduced, rnc.planning.Hold([0.5, 0.0]))
+        >>> starts, tracker = [[0.1, 0.0], [0.2, 0.0], [2e3, 0.0]], rnc.control.VelocityTracker(target)
+        >>> runs = rnc.simulate(reduced, tracker, robot.configuration(), 1.0, dt=0.01, v2_0=starts)
+        >>> runs
+        TrajectoryBatch of 3 runs: 2 completed, 1 diverged
+        >>> [str(outcome) for outcome in runs.outcomes], runs[1].v2[0].tolist()
+        (['completed', 'completed', 'diverged'], [0.2, 0.0])
+        >>> runs.stack("v2").shape  # NaN after the end of a run
+        (3, 101, 2)
+    """
+
+    def __init__(self, results: Sequence[RunResult]) -> None:
+        self._results = tuple(results)
+        self.outcomes = tuple(result.outcome for result in self._results)
+        self.errors = tuple(result.error for result in self._results)
+
+    def __len__(self) -> int:
+        return len(self._results)
+
+    @overload
+    def __getitem__(self, index: int) -> Trajectory: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> TrajectoryBatch: ...
+
+    def __getitem__(self, index: int | slice) -> Trajectory | TrajectoryBatch:
+        if isinstance(index, slice):
+            return TrajectoryBatch(self._results[index])
+        return self._results[index].trajectory
+
+    def __iter__(self) -> Iterator[Trajectory]:
+        return (result.trajectory for result in self._results)
+
+    def stack(self, name: str) -> Array:
+        """Array (B, N, ...) of all runs, such as "q" or "time"; NaN after the end of a run, and if it could not start.
+
+        Raises:
+            InputError: no run has an array of that name, or their shapes differ.
+        """
+        started = [result for result in self._results if result.started]
+        arrays = {id(result): getattr(result.trajectory, name, None) for result in started}
+        found = [array for array in arrays.values() if isinstance(array, np.ndarray)]
+        if not found or len(found) < len(started) or len({array.shape[1:] for array in found}) > 1:
+            raise InputError(f"no array '{name}' of one shape in all runs")
+        stacked = np.full((len(self), max(map(len, found)), *found[0].shape[1:]), np.nan)
+        for row, result in zip(stacked, self._results, strict=True):
+            array = arrays.get(id(result))
+            if array is not None:
+                row[: len(array)] = array
+        return stacked
+
+    def _summary(self) -> ObjectSummary:
+        counts = {str(outcome): self.outcomes.count(outcome) for outcome in Outcome}
+        said = ", ".join(f"{count} {outcome}" for outcome, count in counts.items() if count)
+        return ObjectSummary(f"TrajectoryBatch of {len(self)} runs: {said or 'none'}", [])
+
+    def _full_summary(self) -> ObjectSummary:
+        short = self._summary()
+        errors = [Item(f"run {run}", str(error)) for run, error in enumerate(self.errors) if error is not None]
+        return ObjectSummary(short.title, [("errors", errors[:20])] if errors else [])
 
 
 def is_batch(controller: object, q0: object, v2_0: object, plant: object, options: object) -> bool:
@@ -122,8 +205,8 @@ def runs_of_batch(
         said = ", ".join(f"{name} has {number}" for name, number in counts.items())
         raise InputError(f"the arguments need the same number of runs, at least one: {said}")
 
-    def of_runs(value: Any) -> list[Any]:
-        return list(value) if isinstance(value, list | tuple) else [value] * count
+    def of_runs(value: _Each | Sequence[_Each]) -> list[_Each]:
+        return list(value) if isinstance(value, list | tuple) else [cast(_Each, value)] * count
 
     every = [options] * count
     if isinstance(state, list):
@@ -154,7 +237,7 @@ def simulate_many(runs: Sequence[RunArguments], raises: tuple[type[RncError], ..
         for number in numbers:
             run = runs[number].on_own_plant() if together else runs[number]
             try:
-                started[number] = run.started(1 if together else run.samples)
+                started[number] = SampledRun(run, capacity=1 if together else None)
             except RncError as error:
                 if isinstance(error, raises):
                     raise error.within(f"run {number}") from None

@@ -169,7 +169,7 @@ class PushingForces:
         forces = self._normal.at(state, T, external)
         if not self._rows:
             return forces
-        return np.concatenate([forces, -self._signs * state.contact_forces(T, external)[self._rows]])
+        return np.concatenate([forces, self._signs * state.contact_forces(T, external)[self._rows]])
 
 
 class LiftOffMonitor:

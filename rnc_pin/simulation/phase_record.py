@@ -65,15 +65,16 @@ def joined(parts: Sequence[PhasePart], dt: float, outcome: Outcome, message: str
         same = len({array.shape[1] for array in found}) == 1
         arrays[each] = np.concatenate([array if same else np.zeros((len(array), 0)) for array in found])
     first = runs[0].info
-    units = {
-        name: unit for run in runs for name, unit in zip(run.info.outputs.T, run.info.outputs.T_units, strict=True)
-    }
+    units = {f"{each}_units": _units(runs, each, names[each]) for each in ("T", "multipliers", "contact_forces")}
     outputs = OutputNames(
         x1=columns_of(stacks["x1"]),
         x2=columns_of(stacks["x2"]),
+        q=first.outputs.q,
+        q_units=first.outputs.q_units,
         v=first.outputs.v,
+        v_units=first.outputs.v_units,
         ground_poses=common,
-        T_units=tuple(units[name] for name in names["T"]),
+        **units,
         **{each: names[each] for each in _BY_NAME},
     )
     goals = tuple(
@@ -95,6 +96,15 @@ def joined(parts: Sequence[PhasePart], dt: float, outcome: Outcome, message: str
         _missed_updates([run.info.missed_updates for run in runs]),
     )
     return judged_by(Trajectory(**arrays, info=info), parts[0].reduced)
+
+
+def _units(runs: Sequence[Trajectory], array: str, names: Sequence[str]) -> tuple[str, ...]:
+    """Units of the columns of an array by their names."""
+    known: dict[str, str] = {}
+    for run in runs:
+        outputs = run.info.outputs
+        known |= zip(getattr(outputs, array), getattr(outputs, f"{array}_units"), strict=True)
+    return tuple(known[name] for name in names)
 
 
 def _fallback(uses: Sequence[FallbackUse | None]) -> FallbackUse | None:

@@ -31,7 +31,7 @@ from rnc_pin.simulation.phase_record import PhasePart, joined
 from rnc_pin.simulation.run_info import Outcome, PhaseInfo
 from rnc_pin.simulation.sampled_run import SampledRun
 from rnc_pin.simulation.simulate import sample_count
-from rnc_pin.simulation.simulation_options import DEFAULT_OPTIONS, SimulationOptions
+from rnc_pin.simulation.simulation_options import DEFAULT_OPTIONS, RunArguments, SimulationOptions
 from rnc_pin.simulation.trajectory import Trajectory
 
 _REBOUND = 1e-6  # velocity against a row that counts as a rebound, relative to the speed
@@ -222,12 +222,10 @@ class _PhasedRun:
             self._work -= jump.loss
         capacity = sample_count(phase.duration, self._dt)
         v2 = self._v2_0 if jump is None else phase.reduced.at(self._q, v=jump.v, t=0.0).v2
-        self._run = SampledRun(
-            phase.reduced, phase.controller or ZeroInput(phase.reduced), self._q, self._dt, capacity, v2_0=v2,
-            plant=phase.plant or ReducedPlant(phase.reduced), options=self._options, start=self._time,
-        )  # fmt: skip
-        self._reduced = phase.reduced
         name, controller = self._name(number, phase), phase.controller or ZeroInput(phase.reduced)
+        plant = phase.plant or ReducedPlant(phase.reduced)
+        arguments = RunArguments(phase.reduced, controller, self._q, self._dt, capacity, v2, plant, self._options)
+        self._run, self._reduced = SampledRun(arguments, start=self._time), phase.reduced
         self._info = PhaseInfo(name, self._samples, self._time, controller=describe(controller))
         if jump is not None and jump.changes_velocity:
             self._info = replace(self._info, impulses=dict(jump.impulses), energy_loss=jump.loss)

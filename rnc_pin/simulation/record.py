@@ -13,7 +13,7 @@ import pinocchio as pin
 from rnc_pin.analysis import NormalForces
 from rnc_pin.control.controller import Command
 from rnc_pin.errors import InputError
-from rnc_pin.model.once_per_model import once_per_model
+from rnc_pin.model.cached_property import once_per_model
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -33,7 +33,6 @@ from rnc_pin.simulation.run_info import (
 from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.version import __version__
 
-_NOTHING = np.zeros(0)
 _GOALS = ("v2_desired", "x1_desired", "x2_desired")
 _OPTIONAL = ("estimates", "prediction_error", "v_measured", "friction_used")
 
@@ -138,14 +137,10 @@ class Record:
         command: Command,
         T: np.ndarray,
         work: float,
-        v_measured: np.ndarray = _NOTHING,
-        friction_used: np.ndarray = _NOTHING,
         outputs: tuple[np.ndarray, np.ndarray] | None = None,
+        sensed: tuple[np.ndarray, ...] = (),
     ) -> None:
-        """Add one sample.
-
-        ``v_measured`` and ``friction_used`` are empty if there is no data; ``outputs`` are x1 and x2, if known.
-        """
+        """Add one sample. ``outputs`` are x1 and x2, if known; ``sensed`` are measured velocity and friction use."""
         if self.count == self.capacity:  # without a call of ``moves``
             self._grow()
         row, given = self._rows[self.count], (command.v2_desired, command.x1_desired, command.x2_desired)
@@ -156,20 +151,17 @@ class Record:
         x1, x2 = state.outputs(integrals) if outputs is None else outputs
         row[0], row[1] = t, work
         np.concatenate((state.q, state.v, state.v2, x1, x2, state.v1, T, integrals, *goals), out=row[2:])
-        self.add_optional(command.estimates, command.prediction_error, v_measured, friction_used)
+        self.add_optional(command.estimates, command.prediction_error, *sensed)
         self.count += 1
 
     def add_optional(self, *values: np.ndarray | None) -> None:
-        """Add the values of the present sample that not every run has, in the order of their names."""
+        """Add arrays of the next sample that not every run has, in the order of their names; None or empty without."""
         for name, value in zip(_OPTIONAL, values, strict=False):
-            if value is not None and np.size(value):
-                self._add_optional(name, value)
-
-    def _add_optional(self, name: str, value: np.ndarray) -> None:
-        """Add an array that not every run has."""
-        if not self.arrays[name].shape[1]:
-            self.arrays[name] = np.full((self.capacity, np.size(value)), np.nan)
-        self.arrays[name][self.count] = _expect(name, value, self.arrays[name].shape[1:])
+            if value is None or not np.size(value):
+                continue
+            if not self.arrays[name].shape[1]:
+                self.arrays[name] = np.full((self.capacity, np.size(value)), np.nan)
+            self.arrays[name][self.count] = _expect(name, value, self.arrays[name].shape[1:])
 
     def extend(
         self, times: np.ndarray, states: StateEvaluation, integrals: np.ndarray, T: np.ndarray, work: np.ndarray
@@ -220,12 +212,17 @@ class Record:
             if not np.isnan(column[first:]).any()
         )
         _fill_desired(a["x2_desired"], a["v2_desired"], a["x2"], dt)
-        rows = self._row_names()
+        rows, own = self._row_names(), [output_names(model) for model in self._plant_models()]
+        units: dict[str, str] = {}
+        for each in own:
+            units |= zip(each.contact_forces, each.contact_forces_units, strict=True)
         info = RunInfo(
             replace(
-                output_names(reduced),
+                own[0],
                 multipliers=rows.multipliers,
+                multipliers_units=tuple(units[name] for name in rows.multipliers),
                 contact_forces=rows.contact_forces,
+                contact_forces_units=tuple(units[name] for name in rows.contact_forces),
                 friction_used=self._contacts,
                 normal_forces=rows.normal_forces,
                 ground_poses=tuple(body.name for body in bodies),
@@ -341,7 +338,16 @@ def output_names(reduced: ReducedModel) -> OutputNames:
         multipliers=tuple(reduced.constraints.names),
         contact_forces=tuple(reduced.all_constraints.names),
         v=tuple(reduced.robot.velocity_names),
+        v_units=tuple(reduced.robot.velocity_units),
+        q=tuple(name for name, _ in reduced.robot.configuration_entries),
+        q_units=tuple(unit for _, unit in reduced.robot.configuration_entries),
+        multipliers_units=tuple(_FORCE_UNITS.get(unit, "") for unit in reduced.constraints.units),
+        contact_forces_units=tuple(_FORCE_UNITS.get(unit, "") for unit in reduced.all_constraints.units),
     )
+
+
+_FORCE_UNITS = {"m/s": "N", "rad/s": "N m"}
+"""Unit of the force of a constraint row by the unit of its rate."""
 
 
 def columns_of(outputs: OutputStack) -> Columns:

@@ -96,7 +96,10 @@ class OutputNames:
         friction_used: contacts with friction.
         normal_forces: contacts with a normal force.
         ground_poses: bodies that move on the ground.
-        T_units: "N" or "N m" per actuator, "" if unknown; the tuple is empty in files of older versions.
+        q: entries of the configuration.
+        T_units: "N" or "N m" per actuator, "" if unknown; empty in files of older versions, as the tuples below.
+        multipliers_units, contact_forces_units: the same per constraint row.
+        q_units, v_units: units of the entries of configuration and velocity, "-" for numbers.
     """
 
     x1: Columns = Columns()
@@ -109,6 +112,11 @@ class OutputNames:
     normal_forces: tuple[str, ...] = ()
     ground_poses: tuple[str, ...] = ()
     T_units: tuple[str, ...] = ()
+    q: tuple[str, ...] = ()
+    multipliers_units: tuple[str, ...] = ()
+    contact_forces_units: tuple[str, ...] = ()
+    q_units: tuple[str, ...] = ()
+    v_units: tuple[str, ...] = ()
 
     def of(self, kind: str) -> Columns:
         """Columns of "x1" or "x2"."""
@@ -279,11 +287,11 @@ class RunInfo:
     def to_json(self) -> dict[str, Json]:
         """Return the JSON form."""
         outputs = self.outputs
-        columns: dict[str, dict[str, Any]] = {
+        columns: dict[str, dict[str, object]] = {
             part: {"x1": getattr(outputs.x1, part), "x2": getattr(outputs.x2, part)} for part in _names(Columns)
         }
         columns["names"] |= {array: getattr(outputs, array) for array in _OTHER_ARRAYS}
-        columns["units"] |= {"T": outputs.T_units}
+        columns["units"] |= {array: getattr(outputs, f"{array}_units") for array in _WITH_UNITS}
         content = {
             **columns,
             "goals": self.goals,
@@ -314,7 +322,8 @@ class RunInfo:
             Columns(**{part: getattr(columns, part).get(kind, ()) for part in _names(Columns)}) for kind in ("x1", "x2")
         )
         others = {array: columns.names.get(array, ()) for array in _OTHER_ARRAYS}
-        outputs = OutputNames(x1, x2, **others, T_units=columns.units.get("T", ()))
+        units = {f"{array}_units": columns.units.get(array, ()) for array in _WITH_UNITS}
+        outputs = OutputNames(x1, x2, **others, **units)
         return _read(cls, {**content, "outputs": outputs, "provenance": Provenance.from_json(content)})
 
 
@@ -329,7 +338,8 @@ class _ColumnNames:
     quasi: Mapping[str, tuple[Flag, ...]] = field(default_factory=dict)
 
 
-_OTHER_ARRAYS = ("T", "multipliers", "contact_forces", "v", "friction_used", "ground_poses", "normal_forces")
+_WITH_UNITS = ("T", "multipliers", "contact_forces", "q", "v")
+_OTHER_ARRAYS = (*_WITH_UNITS, "friction_used", "ground_poses", "normal_forces")
 
 
 def provenance_of(meta: Provenance | Mapping[str, Json] | None) -> Provenance:

@@ -3,41 +3,165 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from rnc_pin.control.controller import Command, Controller, limited_accelerations
-from rnc_pin.errors import ConfigurationError, InputError
+from rnc_pin.control.controller import Command, limited_accelerations
+from rnc_pin.errors import ConfigurationError, DivergenceError, InputError
 from rnc_pin.loop import ControlLoop, LoopOptions, LoopState, VelocityInputLoop
 from rnc_pin.loop.options import admit_controller, admit_model, type_name
 from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plants import Plant, ReducedPlant
+from rnc_pin.plants import ContactEvent, Plant, ReducedPlant
 from rnc_pin.plants.plant import takes_velocities
 from rnc_pin.plants.reduced import Checkpoint, integrated_outputs
 from rnc_pin.simulation.ending import MODEL, Progress
 from rnc_pin.simulation.judgement import judged_by
 from rnc_pin.simulation.phase_events import lift_off_monitor
-from rnc_pin.simulation.plant_adapter import PlantAdapter
 from rnc_pin.simulation.record import Record
-from rnc_pin.simulation.run_info import FallbackUse, MissedUpdates, Outcome, provenance_of
-from rnc_pin.simulation.simulation_options import DEFAULT_OPTIONS, Sample, SimulationOptions
+from rnc_pin.simulation.run_info import FallbackUse, MissedUpdates, Outcome, PhaseInfo, provenance_of
+from rnc_pin.simulation.simulation_options import RunArguments, Sample, SimulationOptions
 from rnc_pin.simulation.stop import StopMonitor
 from rnc_pin.simulation.trajectory import Trajectory
 
+_EMPTY = np.zeros(0)
+_ROUNDING = 1e-6  # of a time, in sampling periods
 _ASSEMBLED = 1e-4  # largest residual of holonomic rows that counts as rounding of an initial configuration
 _METHODS = ("reset", "read", "apply", "advance")
+
+
+class PlantAdapter:
+    """Adapter of a plant: its state in the outputs of a model.
+
+    These attributes of a plant are optional:
+
+    * ``actual()``: true configuration and velocity, if ``read()`` returns sensor values,
+    * ``applied``: applied inputs,
+    * ``work``: work since the start,
+    * ``friction_used()``: friction use of the contacts ``wheel_names``,
+    * ``reduced``: reduced model of the plant,
+    * ``external``: generalized forces in addition to the inputs,
+    * ``contact_events``: contacts that opened and closed since the start,
+    * ``takes_velocities`` and ``effort``: see ``Plant``.
+
+    Args:
+        plant: the plant.
+        reduced: reduced model of the controller.
+    """
+
+    def __init__(self, plant: Plant, reduced: ReducedModel) -> None:
+        self.plant, self._reduced = plant, reduced
+        self._exact = plant if isinstance(plant, ReducedPlant) and plant.reduced is reduced else None
+        self._measured: tuple[np.ndarray, np.ndarray] = (_EMPTY, _EMPTY)
+        self.friction_names: tuple[str, ...] = tuple(getattr(plant, "wheel_names", ()))
+
+    @property
+    def loop_options(self) -> LoopOptions:
+        """Default options of the control loop on this plant."""
+        if self._exact is None:
+            return {"fallback": "zero" if takes_velocities(self.plant) else "hold", "limits": False}
+        return {"fallback": "raise", "limits": self._exact.actuator_limits}
+
+    def read_state(self, t: float) -> StateEvaluation:
+        """Read the sensors at time t [s] and return the true state. Call it once per sample.
+
+        Raises:
+            DivergenceError: the state is not finite.
+        """
+        if self._exact is not None:
+            return self._exact.state
+        self._measured = self.plant.read()
+        q, v = self.plant.actual() if hasattr(self.plant, "actual") else self._measured
+        if not (np.isfinite(q).all() and np.isfinite(v).all()):
+            raise DivergenceError("plant state is not finite")
+        return self._reduced.at(q, v=v, t=t)
+
+    def restore(self, checkpoint: Checkpoint) -> None:
+        """Return a ``ReducedPlant`` of the controller's model to the state of a checkpoint."""
+        assert self._exact is not None
+        self._exact.rollback(checkpoint)
+
+    def compute_input(self, loop: ControlLoop, t: float) -> np.ndarray:
+        """Return the inputs (p,) of a loop for the last measurement."""
+        if self._exact is not None:
+            return loop.compute_input(t, self._exact.state, self._exact.integrals)
+        return loop.step(t, *self._measured)
+
+    def apply(self, loop: ControlLoop, T: np.ndarray) -> np.ndarray:
+        """Apply inputs to the plant, report the applied ones to the loop, and return them; of servos their efforts."""
+        self.plant.apply(T)
+        if takes_velocities(self.plant):
+            effort: np.ndarray = self.plant.effort  # type: ignore[attr-defined]
+            return effort
+        applied: np.ndarray = getattr(self.plant, "applied", T)
+        loop.report_applied_input(applied)
+        return applied
+
+    @property
+    def v_measured(self) -> np.ndarray:
+        """Measured velocity (nv,); empty if measurements are exact."""
+        return self._measured[1]
+
+    @property
+    def work(self) -> float:
+        """Work since the start [J]; NaN if the plant does not provide it."""
+        return float(getattr(self.plant, "work", np.nan))
+
+    @property
+    def model(self) -> ReducedModel | None:
+        """Reduced model of the plant; None if it has none."""
+        return self._reduced if self._exact is not None else getattr(self.plant, "reduced", None)
+
+    @property
+    def external(self) -> np.ndarray | None:
+        """Generalized forces (nv,) in addition to the inputs; None without them."""
+        return getattr(self.plant, "external", None)
+
+    def phases(self, start: float, dt: float) -> tuple[PhaseInfo, ...]:
+        """Intervals between the contact events of the plant, as phases of a run; empty if its contacts do not switch.
+
+        Args:
+            start: time of the first sample [s].
+            dt: sampling period [s].
+        """
+        events: tuple[ContactEvent, ...] = getattr(self.plant, "contact_events", ())
+        ends = [*(event.cause for event in events[1:]), None]
+        return tuple(
+            PhaseInfo(
+                " + ".join(event.closed) or "flight",
+                int(np.ceil(event.time / dt - _ROUNDING)),
+                start + event.time,
+                dict(event.impulses),
+                event.energy_loss,
+                end,
+            )
+            for event, end in zip(events, ends[: len(events)], strict=True)
+        )
+
+    @property
+    def friction_used(self) -> np.ndarray:
+        """Friction use (w,) of the contacts: friction force over its limit."""
+        friction_used = getattr(self.plant, "friction_used", None)
+        return _EMPTY if friction_used is None or not self.friction_names else np.asarray(friction_used())
+
+
+@runtime_checkable
+class _Updating(Protocol):
+    """State of a controller with updates that can be late or fail."""
+
+    missed: int
+    updates: int
 
 
 class SampledRun:
     """Run whose samples somebody else calls: a loop over a duration, or one that follows a clock.
 
     Args:
-        reduced, controller, q0, dt, v2_0, plant, options: as for ``simulate``.
-        capacity: expected number of samples; the record grows beyond it.
+        arguments: arguments of the run.
+        capacity: initial size of the record, which grows; the number of samples by default.
         start: time of the first sample in messages and in the record [s]; the time of the controller starts at zero.
 
     Attributes:
@@ -51,19 +175,8 @@ class SampledRun:
         RncError: as ``simulate``.
     """
 
-    def __init__(
-        self,
-        reduced: ReducedModel,
-        controller: Controller,
-        q0: np.ndarray,
-        dt: float,
-        capacity: int,
-        *,
-        v2_0: np.ndarray | None = None,
-        plant: Plant | None = None,
-        options: SimulationOptions = DEFAULT_OPTIONS,
-        start: float = 0.0,
-    ) -> None:
+    def __init__(self, arguments: RunArguments, capacity: int | None = None, start: float = 0.0) -> None:
+        reduced, controller, q0, dt, samples, v2_0, plant, options = arguments
         _check_arguments(reduced, controller, plant, options)
         self.controller = controller
         self._provenance, self._observer = provenance_of(options.meta), options.observer
@@ -82,7 +195,7 @@ class SampledRun:
         if state is None:
             state = controller.initial_state(adapter.read_state(0.0).measure(zeros))
         self.loop.resume(LoopState(begin=0.0, controller=state))
-        self.record = Record(reduced, capacity, integrated_outputs(reduced), adapter.friction_names)
+        self.record = Record(reduced, capacity or samples, integrated_outputs(reduced), adapter.friction_names)
         self.record.start = start
 
     @property
@@ -139,7 +252,7 @@ class SampledRun:
         self.record.moves(adapter.model, adapter.external)
         outputs = (measurement.x1, measurement.x2) if measurement.q is state.q else None  # not of a sensor's state
         sensed = adapter.v_measured, adapter.friction_used
-        self.record.add(t, state, integrals, command, T, adapter.work, *sensed, outputs)
+        self.record.add(t, state, integrals, command, T, adapter.work, outputs, sensed)
         return measurement, command
 
     def continue_from(self, samples: int, checkpoint: Checkpoint, state: LoopState) -> None:
@@ -199,14 +312,14 @@ class SampledRun:
         return judged_by(run, self._reduced, self._accelerations)
 
 
-def _missed_updates(state: Any) -> MissedUpdates | None:
+def _missed_updates(state: object) -> MissedUpdates | None:
     """Late and failed updates of a predictive controller, by its state or that of the controller within it."""
-    while state is not None and not hasattr(state, "missed"):
+    while state is not None and not isinstance(state, _Updating):
         state = getattr(state, "target", None)
     return MissedUpdates(state.missed, state.updates) if state is not None and state.missed else None
 
 
-def _check_arguments(reduced: Any, controller: Any, plant: Any, options: Any) -> None:
+def _check_arguments(reduced: object, controller: object, plant: object, options: object) -> None:
     admit_model(reduced)
     admit_controller(controller)
     missing = [each for each in _METHODS if not callable(getattr(plant, each, None))]

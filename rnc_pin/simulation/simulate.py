@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import cast
 
 import numpy as np
 
@@ -11,11 +11,10 @@ from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants import Plant
 from rnc_pin.simulation.ending import complete_run
-from rnc_pin.simulation.many_runs import is_batch, runs_of_batch, simulate_many
+from rnc_pin.simulation.many_runs import TrajectoryBatch, is_batch, runs_of_batch, simulate_many
 from rnc_pin.simulation.sampled_run import SampledRun
-from rnc_pin.simulation.simulation_options import DEFAULT_OPTIONS, SimulationOptions
+from rnc_pin.simulation.simulation_options import DEFAULT_OPTIONS, RunArguments, SimulationOptions
 from rnc_pin.simulation.trajectory import Trajectory
-from rnc_pin.simulation.trajectory_batch import TrajectoryBatch
 
 _MOST_SAMPLES = 10_000_000
 
@@ -98,7 +97,7 @@ def simulate(
     samples = sample_count(duration, dt)
     if is_batch(controller, q0, v2_0, plant, options):
         runs = runs_of_batch(reduced, controller, q0, dt, samples, v2_0, plant, options)
-        batch: Any = TrajectoryBatch(simulate_many(runs, (InputError, ConfigurationError)))
-        return batch
-    run = SampledRun(reduced, controller, q0, dt, samples, v2_0=v2_0, plant=plant, options=options)
+        batch = TrajectoryBatch(simulate_many(runs, (InputError, ConfigurationError)))
+        return cast(Trajectory, batch)  # for type checkers, which cannot tell one row from many
+    run = SampledRun(RunArguments(reduced, controller, q0, dt, samples, v2_0, plant, options))
     return complete_run(lambda progress: run.run_to(samples, progress), run.finish)

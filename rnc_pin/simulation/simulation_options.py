@@ -1,19 +1,21 @@
-"""Options of ``simulate`` and the samples that it passes to an observer."""
+"""Arguments and options of ``simulate``, and the samples that it passes to an observer."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
-from rnc_pin.control.controller import Command, State
+from rnc_pin.control.controller import Command, Controller, State
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.io.json import Json
 from rnc_pin.loop import LoopOptions
 from rnc_pin.loop.options import type_name
 from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.plants import Plant, ReducedPlant
 from rnc_pin.simulation.run_info import Provenance
 from rnc_pin.simulation.stop import DEFAULT_STOP, Stop
 
@@ -87,3 +89,38 @@ class SimulationOptions:
 
 
 DEFAULT_OPTIONS = SimulationOptions()
+
+
+class RunArguments(NamedTuple):
+    """Arguments of one run, as for ``simulate``, with a number of samples instead of a duration."""
+
+    reduced: ReducedModel
+    controller: Controller
+    q0: np.ndarray
+    dt: float
+    samples: int
+    """Number of samples, or the expected one if the caller ends the run."""
+    v2_0: np.ndarray | None = None
+    plant: Plant | None = None
+    options: SimulationOptions = DEFAULT_OPTIONS
+
+    @property
+    def lock_step_key(self) -> Hashable | None:
+        """Key that runs have in common if they can advance together; None for a run that has to be alone."""
+        reduced, plant, options, substeps, limits = self.reduced, self.plant, self.options, 1, False
+        if not isinstance(reduced, ReducedModel) or not isinstance(options, SimulationOptions):
+            return None  # refused at its start
+        if plant is not None:
+            if type(plant) is not ReducedPlant or plant.reduced is not reduced or plant.dissipates:
+                return None
+            substeps, limits = plant.substeps, plant.actuator_limits
+        data = reduced.reduction_data
+        if options.observer is not None or options.loop or options.stop.lift_off:
+            return None
+        if not reduced.evaluator.measures or data.rheonomic or data.affine:
+            return None
+        return id(reduced), type(self.controller), self.samples, self.dt, substeps, limits, options.stop
+
+    def on_own_plant(self) -> RunArguments:
+        """Return these arguments with a new ``ReducedPlant`` of equal options, for a run with a ``lock_step_key``."""
+        return self._replace(plant=self.plant.twin()) if isinstance(self.plant, ReducedPlant) else self

@@ -51,6 +51,13 @@ class StopMonitor:
     Args:
         stop: stop conditions.
         robot: robot with the position limits.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
+        >>> monitor = rnc.simulation.StopMonitor(rnc.Stop(speed=2.0), robot)
+        >>> monitor.stopped(reduced.at(np.tile(robot.configuration(), (2, 1)), [[1.0, 0.0], [5.0, 0.0]])).tolist()
+        [False, True]
     """
 
     def __init__(self, stop: Stop, robot: Robot) -> None:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy import ndarray as Array
@@ -24,6 +23,8 @@ from rnc_pin.verdict import Verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from rnc_pin.figures import Size
 
 
 @dataclass(frozen=True, repr=False)
@@ -67,9 +68,9 @@ class Trajectory(SummaryMixin):
     T: Float[Array, "N p"]
     """Actuator inputs."""
     multipliers: Float[Array, "N m"]
-    """Lagrange multipliers of the kept constraint rows; NaN at samples that needed other rows."""
+    """Multipliers of the kept constraint rows, minus their forces on the robot; NaN where other rows were needed."""
     contact_forces: Float[Array, "N c"]
-    """Forces of all constraint rows, including dropped ones; minimum norm if they are not unique."""
+    """Forces of all constraint rows on the robot, dropped rows included; of least norm if they are not unique."""
     energy: Float[Array, " N"]
     """Energy of the plant, with the plant's masses [J]."""
     work: Float[Array, " N"]
@@ -114,14 +115,14 @@ class Trajectory(SummaryMixin):
 
     if not TYPE_CHECKING:  # only for arrays that are not computed yet
 
-        def __getattr__(self, name: str) -> Any:
+        def __getattr__(self, name: str) -> object:
             if "_derive" in vars(self) and name in type(self).__dataclass_fields__:
                 vars(self).update(self._derive())
                 del vars(self)["_derive"]
                 return vars(self)[name]
             raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         state = {each.name: getattr(self, each.name) for each in fields(self)}
         if self.info.verdict is None and "_judge" in vars(self):
             state["_judge"] = vars(self)["_judge"]  # a copy is judged like the run
@@ -189,23 +190,61 @@ class Trajectory(SummaryMixin):
 
     def plot(
         self,
+        outputs: Sequence[str] | str | None = None,
+        *,
         title: str | None = None,
         comparisons: Mapping[str, Trajectory] | None = None,
+        size: Size | None = None,
+        labels: Mapping[str, str] | None = None,
+        name: str | None = None,
+        file: str | Path | None = None,
     ) -> Figure:
-        """Plot outputs, errors, inputs and distance from singularity over time.
+        """Plot the run: paths from above, and outputs, errors, inputs and distance from singularity over time.
 
         Args:
+            outputs: names of outputs and of quantities, in the order of the panels; all by default. Quantities are
+                "top_view", "rates", "outputs", "errors", "inputs", "estimates", "prediction_error", "normal_forces"
+                and "margin".
             title: title above the plots.
             comparisons: other runs by label, dashed.
+            size: "column" or "page" of a paper (3.4 and 7 inches wide), or width and height [inches]. Text has 8
+                points on these. By default the figure is for the screen, and its size follows from its panels.
+            labels: text by name of an output, an input, a run or an axis, such as ``{"joint_1": r"$\\theta_1$"}``.
+            name: legend entry of this run beside others; the name of its scenario by default.
+            file: file to write: .png, .pdf or .svg. An existing one is replaced.
 
         Returns:
             Matplotlib figure.
 
         Raises:
-            InputError: the run has fewer than two samples.
+            InputError: the run has fewer than two samples, a name is unknown, or the panels do not fit the size.
+            ConfigurationError: the file has another ending.
         """
-        plots = import_module("rnc_pin.visualization.plots")  # a later layer, and Matplotlib takes a second to import
-        return plots.plot_run(self, title, comparisons)
+        from rnc_pin.figures.style import save  # Matplotlib takes a second to import
+        from rnc_pin.simulation.run_figure import plot_run
+
+        figure = plot_run(self, outputs, title, comparisons or {}, size, labels or {}, name)
+        if file is not None:
+            save(figure, file)
+        return figure
+
+    def export(self, file: str | Path, arrays: Sequence[str] | None = None) -> None:
+        """Write the run for other programs. An existing file is replaced.
+
+        A ``.csv`` file has one header per column, such as ``x2.tip_x [m]``: array, name and unit. A ``.mat`` file has
+        the arrays, and the names and units of their columns as cell arrays, such as ``names.x2`` and ``units.x2``.
+
+        Args:
+            file: name that ends in .csv or .mat.
+            arrays: names of the arrays, such as ``["x2", "T"]``; ``time`` is always written. All by default.
+
+        Raises:
+            ConfigurationError: the file has another ending.
+            InputError: unknown array.
+        """
+        from rnc_pin.simulation.export import export_run
+
+        export_run(self, file, arrays)
 
     def save(self, path: str | Path) -> None:
         """Write a compressed ``.npz`` file to a path, for ``load``. An error leaves no partial file."""
@@ -296,8 +335,12 @@ def _check(arrays: dict[str, np.ndarray], outputs: OutputNames) -> None:
             raise _Unfit(f"'meta' does not name the columns of '{kind}'")
         if len(columns.quasi) not in (0, len(columns.names)):
             raise _Unfit(f"'meta' does not name the quasi-velocities of '{kind}'")
-    if len(outputs.T) != arrays["T"].shape[1] or len(outputs.T_units) not in (0, len(outputs.T)):
-        raise _Unfit("'meta' does not name the columns of 'T'")
+    for kind in ("T", "multipliers", "contact_forces", "q", "v"):
+        names, units = getattr(outputs, kind), getattr(outputs, f"{kind}_units")
+        if len(names) not in ({arrays[kind].shape[1]} if kind == "T" else {0, arrays[kind].shape[1]}):
+            raise _Unfit(f"'meta' does not name the columns of '{kind}'")
+        if len(units) not in (0, len(names)):
+            raise _Unfit(f"'meta' does not have the units of the columns of '{kind}'")
     if 3 * len(outputs.ground_poses) != arrays["ground_poses"].shape[1]:
         raise _Unfit("'meta' does not name the columns of 'ground_poses'")
     if not all(np.isfinite(arrays[name]).all() for name in ("time", "q", "v2")):

@@ -36,7 +36,7 @@ class LayerEntry(NamedTuple):
     layer: str
     color: int
     sign: str = "line"
-    """"line", "dashed", "arrow" or "dot"."""
+    """"line", "dashed", "dotted", "arrow" or "dot"."""
 
 
 @dataclass(eq=False)
@@ -74,7 +74,7 @@ class FixedPath(Element):
     width: float
 
     def build(self, scene: MeshcatScene) -> None:
-        scene.path(self.node, self.points, self.entry.color, self.width, self.entry.sign == "dashed")
+        scene.path(self.node, self.points, self.entry.color, self.width, self.entry.sign)
 
     def update(self, scene: MeshcatScene, state: DrawnState) -> None:
         pass
@@ -103,7 +103,7 @@ class Trail(Element):
         if len(self._points) <= self.piece:
             return
         node = f"{self.node}/{self._count:03d}"
-        scene.path(node, np.stack(self._points), self.entry.color, self.width, self.entry.sign == "dashed")
+        scene.path(node, np.stack(self._points), self.entry.color, self.width, self.entry.sign)
         scene.appear(node)
         self._points, self._count = self._points[-1:], self._count + 1
 

@@ -12,6 +12,7 @@ from rnc_pin.visualization.browser.scene_window import SceneWindow
 from rnc_pin.visualization.camera import FIELD_OF_VIEW
 from rnc_pin.visualization.meshcat_library import meshcat, mg
 
+_DASHES = {"dashed": (6.0, 3.2), "dotted": (3.0, 0.8)}  # period of a line and its drawn part, over its width
 _MAX_DOTS = 2000
 
 _SAME_VALUE = 1e-7
@@ -202,14 +203,23 @@ class MeshcatScene:
         material = mg.MeshLambertMaterial(color=color, opacity=opacity, transparent=opacity < 1.0)
         self.root[name].set_object(shape, material)
 
-    def path(self, name: str, points: np.ndarray, color: int, width: float, dashed: bool = False) -> None:
-        """Draw a path through points (N, 3) [m]; slashes in the name group paths in Meshcat's controls."""
+    def path(self, name: str, points: np.ndarray, color: int, width: float, line: str = "line") -> None:
+        """Draw a path through points (N, 3) [m]; slashes in the name group paths in Meshcat's controls.
+
+        Args:
+            name: name of the object.
+            points: points (N, 3) [m].
+            color: colour.
+            width: width of the line [m].
+            line: "line", "dashed" or "dotted".
+        """
         # WebGL draws all lines one pixel wide, so a path is a row of dots that touch each other.
         length = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
         dots = max(2, min(_MAX_DOTS, int(length[-1] / (0.4 * width)) + 1))
         along = np.linspace(0.0, length[-1], dots)
-        if dashed:
-            along = along[np.mod(along, 6.0 * width) < 3.2 * width]
+        if line in _DASHES:
+            period, drawn = _DASHES[line]
+            along = along[np.mod(along, period * width) < drawn * width]
         vertices = np.stack([np.interp(along, length, column) for column in points.T]).astype(np.float32)
         shade = np.array([color >> 16 & 255, color >> 8 & 255, color & 255], dtype=np.float32) / 255
         colors = np.tile(shade[:, None], (1, len(along)))

@@ -219,7 +219,7 @@ class RunScene:
     def _references(self, first: DrawnState) -> list[e.Element]:
         found: list[e.Element] = []
         run = self.shown.trajectory
-        line = e.LayerEntry("reference", "reference", e.BLACK, "dashed")
+        line = e.LayerEntry("reference", "reference", e.BLACK, "dotted")
         goal = e.LayerEntry("goal", "goal", e.BLACK, "dot")
         for frame, columns in self.tracked.items():
             pose = self._desired(frame, columns)

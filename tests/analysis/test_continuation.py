@@ -6,8 +6,9 @@ import pytest
 
 import rnc_pin as rnc
 from benchmarks.validation.bicycle import REAR, REFERENCE, bicycle, upright
+from bodies import add_body
 from rnc_pin.analysis.symmetry import find_symmetries
-from rnc_pin.model.differences import gradient
+from rnc_pin.model.user_functions import gradient
 from systems import ALL
 from textbook_systems import tractor_trailers, vertical_disk, wheeled_pendulum
 
@@ -18,10 +19,8 @@ def hoop(rate):
     """A bead on a hoop of radius L that turns about the vertical: a pendulum in a plane that turns."""
     model = pin.Model()
     model.name = "hoop"
-    plane = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "plane")
-    model.appendBodyToJoint(plane, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
-    bead = model.addJoint(plane, pin.JointModelRY(), pin.SE3.Identity(), "bead")
-    model.appendBodyToJoint(bead, pin.Inertia(0.3, np.array([0.0, 0.0, -L]), np.zeros((3, 3))), pin.SE3.Identity())
+    plane = add_body(model, "plane", "RZ", 1.0)
+    add_body(model, "bead", "RY", pin.Inertia(0.3, np.array([0.0, 0.0, -L]), np.zeros((3, 3))), plane)
     turned = rnc.Pfaffian(
         lambda q: np.array([[1.0, 0.0]]),
         lambda q, v: np.zeros((1, 2)),
@@ -146,9 +145,7 @@ def test_a_wheel_that_is_unbalanced_may_be_named():
 def free_body(inertia, gravity=(0, 0, 0)):
     model = pin.Model()
     model.name = "body"
-    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
-    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.diag(inertia)), pin.SE3.Identity())
-    model.addFrame(pin.Frame("body", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    add_body(model, "root_joint", "FreeFlyer", 1.0, moments=inertia, frame="body")
     model.gravity.linear = np.array(gravity, float)
     return rnc.NonholonomicSystem(rnc.Robot(model), [])
 

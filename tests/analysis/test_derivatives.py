@@ -1,4 +1,4 @@
-"""Derivatives of the dynamics, beside differences, those of bodies and inputs written out, and of both paths."""
+"""Derivatives of the dynamics, beside differences and those of bodies and inputs written out."""
 
 import numpy as np
 import pinocchio as pin
@@ -6,27 +6,21 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 
 import rnc_pin as rnc
+from kinds import ILL_SCALED, KINDS
 from random_systems import TOUCHING, recipes, reduced_of
 from rnc_pin.analysis.derivatives import _at_one_state as at_one_state
 from rnc_pin.analysis.derivatives import state_derivatives
-from rnc_pin.model.differences import directional_derivative, gradient
+from rnc_pin.model.user_functions import directional_derivative, gradient
 from systems import (
-    ackermann_car,
     bicycle,
-    bodies_on_bodies,
     fire_truck,
-    four_bar,
-    free_flying_panda,
-    leaning_wheel,
     mecanum,
     mobile_manipulator,
     random_states,
-    rolling_bodies,
     sleigh,
     spinning_space_robot,
     sprung_arm,
     tiago,
-    wheels_on_moving_ground,
 )
 from textbook_systems import rail_sliders
 
@@ -162,85 +156,12 @@ def test_nothing_changes_along_no_way():
     assert not zero.any()
 
 
-# ---------------------------------------------------------------------- every built-in kind, both ways
-
-BESIDE = (0.1, -0.2, 0.3)
-CONSTRAINTS = {
-    "wheels": [rnc.RollingWheel("rear", 0.3), rnc.RollingWheel("front", 0.3)],
-    "roller": [rnc.RollingWheel("front", 0.3, roller=-np.pi / 4)],
-    "skid": [rnc.RollingWheel("rear", 0.3, lateral=False), rnc.NoSideSlip("front", "x", at=BESIDE)],
-    "side slip": [rnc.NoSideSlip("frame", "z", at=BESIDE), rnc.NoSideSlip("rear", "y")],
-    "caster": [rnc.Caster("front", 0.05), rnc.RollingBall("rear", 0.3)],
-    "point of the world": [rnc.LoopClosure("universe", "front", "point", BESIDE, (0.0, 0.1, -0.4))],
-    "point of a wheel": [rnc.LoopClosure("front", "universe", "point", BESIDE)],
-    "frame of the world": [rnc.LoopClosure("universe", "rear", "frame", BESIDE, (0.0, 0.1, -0.4), (0.3, -0.5, 1.1))],
-    "frame of a wheel": [rnc.LoopClosure("front", "universe", "frame", BESIDE, (0.0, 0.1, -0.4), (0.3, -0.5, 1.1))],
-    "gear": [rnc.JointCoupling("front_wheel", "rear_wheel", 0.5), rnc.NoSideSlip("frame", "y")],
-}
-TURNS = [rnc.FrameAngularVelocity("frame", axis) for axis in "xyz"]
-SPEEDS = [rnc.FrameSpeed("rear", axis) for axis in "xyz"]
-JOINTS = [rnc.JointPosition(name) for name in ("rear_wheel", "steer", "front_wheel")]
-OUTPUTS = {
-    "position": [rnc.FramePosition("front", "xyz"), *TURNS, *JOINTS],
-    "orientation": [*SPEEDS, rnc.FrameOrientation("front"), *JOINTS],
-    "yaw and tilt": [*SPEEDS, TURNS[1], rnc.FrameYaw("front", "z"), rnc.FrameTilt("rear", "x"), *JOINTS],
-    "distance": [*SPEEDS, *TURNS, rnc.JointPosition("rear_wheel"), rnc.Distance("box", "front"), JOINTS[2]],
-}
+# ---------------------------------------------------------------------- every built-in kind
 
 
-def two_wheeler(constraints, outputs=(), gravity=True):
-    """The robot of the bicycle with a frame of the world, driven at a joint and at two frames; heavy by default."""
-    model = bicycle().robot.model.copy()
-    model.addFrame(pin.Frame("box", 0, 0, pin.SE3(np.eye(3), np.array([0.3, 1.1, -0.4])), pin.FrameType.OP_FRAME))
-    model.gravity.linear = np.array([0.0, 0.0, -9.81 * gravity])
-    actuators = ["steer", rnc.FrameTorque("frame", "x"), rnc.FrameForce("front", "z")]
-    return rnc.NonholonomicSystem(rnc.Robot(model), constraints, actuators).reduce(*([outputs] if outputs else []))
-
-
-def momenta(value):
-    """Arm on a base that is free or planar, whose momentum is given; no gravity."""
-    model = (free_flying_panda() if np.size(value) == 6 else planar_arm()).robot.model
-    robot = rnc.Robot(model)
-    first, *others = robot.joint_names
-    closed = [rnc.MomentumConservation(first, value)]
-    return rnc.NonholonomicSystem(robot, closed, list(others)).reduce([rnc.JointPosition(name) for name in others])
-
-
-def planar_arm():
-    model = pin.Model()
-    joint = model.addJoint(0, pin.JointModelPlanar(), pin.SE3(np.eye(3), np.array([0.4, -0.3, 0.0])), "root_joint")
-    for name in ("shoulder", "elbow"):
-        model.appendBodyToJoint(joint, pin.Inertia(2.0, np.array([0.2, 0.3, 0.0]), np.eye(3)), pin.SE3.Identity())
-        joint = model.addJoint(joint, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array([0.5, 0.1, 0.2])), name)
-    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.array([0.3, 0.1, 0.0]), np.eye(3)), pin.SE3.Identity())
-    model.gravity.linear = np.zeros(3)
-    return rnc.NonholonomicSystem(rnc.Robot(model), []).reduce()
-
-
-SYSTEMS = {
-    **{name: lambda rows=rows: two_wheeler(rows) for name, rows in CONSTRAINTS.items()},
-    **{name: lambda rows=rows: two_wheeler([], rows) for name, rows in OUTPUTS.items()},
-    "momentum of a free base": lambda: momenta((0.5, -0.2, 0.3, 0.1, 0.4, -0.6)),
-    "no momentum of a free base": lambda: momenta(np.zeros(6)),
-    "momentum of a planar base": lambda: momenta((0.5, -0.2, 0.3)),
-    "no momentum of a planar base": lambda: momenta(np.zeros(3)),
-    "momentum of a platform": spinning_space_robot,
-    "steering": ackermann_car,
-    "loop": four_bar,
-    "disk that leans": leaning_wheel,
-    "bodies that roll": rolling_bodies,
-    "bodies on bodies": bodies_on_bodies,
-    "wheels on moving ground": wheels_on_moving_ground,
-}
-ILL_SCALED = ("distance", "momentum of a free base", "steering")  # rows of different lengths
 BLOCKS = ("v", "v2_dot", "v_q", "v_v2", "v2_dot_q", "v2_dot_v2", "v2_dot_T")
 BOTH_WAYS = 1e-10  # the two paths, relative
 EXACT = 1e-9  # eighth-order differences of the dynamics, relative
-
-
-def both_ways(reduced, q, v2, T):
-    """Derivatives of one state as usual, and without the kernel."""
-    return state_derivatives(reduced, q, v2, T), at_one_state(reduced, reduced.at(q, v2), T)
 
 
 def near(found, expected, tolerance, what=""):
@@ -261,17 +182,15 @@ def check_differences(reduced, found, q, v2, T, tolerance=EXACT, step=1e-3):
     near(found.v2_dot_T, np.reshape(pushed, (reduced.p, reduced.r)).T, tolerance, "v2_dot_T")
 
 
-@pytest.mark.parametrize("name", SYSTEMS)
+@pytest.mark.parametrize("name", [name for name in KINDS if name != "forces"])
 def test_every_built_in_kind_is_in_closed_form(name):
-    """The compiled kernel, NumPy, and differences of the dynamics, in motion and under inputs."""
-    reduced = SYSTEMS[name]()
+    """Beside differences of the dynamics, in motion and under inputs."""
+    reduced = KINDS[name]()
     assert rnc.kernel == "numpy" or reduced.evaluator.compiled
     for q, v2 in random_states(reduced, 2, condition=300.0 if name in ILL_SCALED else 50.0):
         T = np.linspace(-1.0, 2.0, reduced.p)
-        found, plain = both_ways(reduced, q, v2, T)
-        assert found.difference_error == plain.difference_error == 0.0
-        for each in BLOCKS:
-            near(getattr(found, each), getattr(plain, each), BOTH_WAYS, each)
+        found = state_derivatives(reduced, q, v2, T)
+        assert found.difference_error == 0.0
         check_differences(reduced, found, q, v2, T)
 
 
@@ -285,31 +204,17 @@ def test_derivatives_of_whole_robots_are_those_of_differences(make):
 
 
 def test_forces_of_every_kind_are_in_closed_form():
-    """The compiled kernel, NumPy, and differences of the dynamics. Friction is not quadratic in v2."""
+    """Beside differences of the dynamics. Friction is not quadratic in v2."""
     reduced = sprung_arm()
     q, v2 = random_states(reduced, 1)[0]
     T = np.linspace(-1.0, 1.0, reduced.p)
-    found, expected = both_ways(reduced, q, v2, T)
-    for name in BLOCKS:
-        near(getattr(found, name), getattr(expected, name), BOTH_WAYS, name)
+    found = state_derivatives(reduced, q, v2, T)
     assert found.difference_error == 0.0
     by_q = gradient(reduced.robot.model, lambda p: reduced.forward_dynamics(p, v2, T), q, 1e-3)
     near(found.v2_dot_q, by_q, 1e-7, "v2_dot_q")
     steps = 1e-4 * np.eye(reduced.r)
     by_v2 = [reduced.forward_dynamics(q, v2 + h, T) - reduced.forward_dynamics(q, v2 - h, T) for h in steps]
     near(found.v2_dot_v2, np.transpose(by_v2) / 2e-4, 1e-7, "v2_dot_v2")
-
-
-def test_forces_conjugate_to_outputs_are_in_closed_form():
-    robot = two_wheeler([]).robot
-    outputs = [rnc.Distance("front", "rear"), rnc.RelativeAngle("front", "rear", "x", "y")]
-    drives = [*map(rnc.OutputForce, outputs), rnc.OutputForce(rnc.RelativeAngularVelocity("front", "frame", "z"))]
-    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("rear")], [*drives, "steer"]).reduce()
-    for q, v2 in random_states(reduced, 2, condition=50.0):
-        T = np.linspace(-1.0, 2.0, reduced.p)
-        found = state_derivatives(reduced, q, v2, T)
-        assert found.difference_error == 0.0
-        check_differences(reduced, found, q, v2, T)
 
 
 @settings(max_examples=12, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
@@ -324,7 +229,7 @@ def test_derivatives_of_random_systems(recipe):
     assume(np.linalg.cond(reduced.at(q).H) < 1e4)
     v2 = v2 / np.maximum(1.0, np.abs(reduced.at(q, v2).v).max())
     T = np.ones(reduced.p)
-    found, plain = both_ways(reduced, q, v2, T)
+    found, plain = state_derivatives(reduced, q, v2, T), at_one_state(reduced, reduced.at(q, v2), T)
     for each in BLOCKS:
         near(getattr(found, each), getattr(plain, each), BOTH_WAYS, each)
     assert plain.difference_error == 0.0 or {"rows", "belt", "skate", *TOUCHING} & {*recipe.constraints}

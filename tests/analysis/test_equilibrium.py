@@ -10,16 +10,7 @@ import rnc_pin as rnc
 import systems
 from rnc_pin.analysis.equilibrium import _Search
 from systems import ALL, four_bar, random_states
-from textbook_systems import (
-    RESTING,
-    SPEED,
-    G,
-    acrobot,
-    angle_of,
-    hanging_chain,
-    sideways_pendulum,
-    wheeled_pendulum,
-)
+from textbook_systems import RESTING, SPEED, G, acrobot, angle_of, hanging_chain, sideways_pendulum, wheeled_pendulum
 
 
 def check(reduced, found):

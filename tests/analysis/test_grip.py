@@ -11,17 +11,8 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.model.rows import Rows
 from rnc_pin.planning import MinimumJerk, Slowed, TaskReference
 from rnc_pin.simulation import grip_along, within_grip
-from systems import (
-    random_states,
-    rolling_base,
-)
-from textbook_systems import (
-    BLADE,
-    PLACES,
-    WHEEL,
-    G,
-    cart_robot,
-)
+from systems import random_states, rolling_base
+from textbook_systems import BLADE, PLACES, WHEEL, G, cart_robot
 
 
 @pytest.fixture(scope="module")

@@ -10,20 +10,8 @@ import rnc_pin as rnc
 from rnc_pin.analysis import growth, growth_vector
 from rnc_pin.analysis.frame_bracket import frame_bracket
 from rnc_pin.analysis.growth import MARGIN, generic_growth, grow
-from systems import (
-    fire_truck,
-    free_flying_panda,
-    leaning_wheel,
-    random_states,
-    space_robot,
-    tiago,
-)
-from textbook_systems import (
-    sliders_with_rows,
-    tractor_trailers,
-    unicycle,
-    unicycle_with_trailers,
-)
+from systems import fire_truck, free_flying_panda, leaning_wheel, random_states, space_robot, tiago
+from textbook_systems import sliders_with_rows, tractor_trailers, unicycle, unicycle_with_trailers
 
 # ---------------------------------------------------------------------- the bracket of a joint's own axes
 

@@ -7,20 +7,12 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.analysis import integrability
 from rnc_pin.analysis.growth import Growth
 from rnc_pin.analysis.integrability import Combination, _pivots
-from systems import (
-    ackermann_car,
-    free_flying_panda,
-    leaning_wheel,
-    random_states,
-)
-from textbook_systems import (
-    planar_model,
-    rail_sliders,
-    unicycle,
-)
+from systems import ackermann_car, free_flying_panda, leaning_wheel, random_states
+from textbook_systems import planar_model, rail_sliders, unicycle
 from tolerances import ROUNDING
 
 
@@ -182,9 +174,7 @@ def two_upright_wheels():
     """
     model, joint = planar_model("differential drive")
     for name, y in (("left", 0.3), ("right", -0.3)):
-        wheel = model.addJoint(joint, pin.JointModelRY(), pin.SE3(np.eye(3), np.array([0.0, y, 0.1])), name)
-        model.appendBodyToJoint(wheel, pin.Inertia(0.5, np.zeros(3), 0.01 * np.eye(3)), pin.SE3.Identity())
-        model.addFrame(pin.Frame(f"{name}_hub", wheel, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+        add_body(model, name, "RY", 0.5, joint, moments=0.01, at=(0.0, y, 0.1), frame=f"{name}_hub")
     wheels = [rnc.RollingWheel(f"{name}_hub", 0.1) for name in ("left", "right")]
     system = rnc.NonholonomicSystem(rnc.Robot(model), wheels, ["left", "right"])
     return system.reduce([rnc.FrameSpeed("body"), rnc.FrameYaw("body")])
@@ -196,8 +186,7 @@ def three_sliders(rows, rows_dot, names):
     model.name = "sliders"
     parent = 0
     for name, joint in (("x", pin.JointModelPX()), ("y", pin.JointModelPY()), ("z", pin.JointModelPZ())):
-        parent = model.addJoint(parent, joint, pin.SE3.Identity(), name)
-        model.appendBodyToJoint(parent, pin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
+        parent = add_body(model, name, joint, 1.0, parent, moments=0.1)
     return rnc.NonholonomicSystem(rnc.Robot(model), [rnc.Pfaffian(rows, rows_dot, names)], ["x", "y"])
 
 

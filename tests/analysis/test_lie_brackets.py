@@ -8,6 +8,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.analysis import lie_brackets
 from rnc_pin.analysis.lie_brackets import PIECES, BracketJets, ComplexRows, has_complex_rows
 from systems import ALL, random_states, rolling_base
@@ -83,8 +84,7 @@ def in_plain_coordinates(count):
         model.addJoint(model.njoints - 1, joint, pin.SE3.Identity(), name)
     model.appendBodyToJoint(3, moving.inertias[1], pin.SE3.Identity())
     for k in range(2, moving.njoints):
-        joint = model.addJoint(k + 1, pin.JointModelRZ(), moving.jointPlacements[k], moving.names[k])
-        model.appendBodyToJoint(joint, moving.inertias[k], pin.SE3.Identity())
+        joint = add_body(model, moving.names[k], "RZ", moving.inertias[k], k + 1, at=moving.jointPlacements[k])
     frames = ["body", *(f"axle_{k}" for k in range(1, count + 1))]
     for name in frames:
         frame = moving.frames[moving.getFrameId(name)]

@@ -7,11 +7,11 @@ from scipy.optimize import minimize
 
 import rnc_pin as rnc
 from rnc_pin.analysis import NormalForces, first_lift_off
-from rnc_pin.analysis.normal_forces import balanced, nonnegative
+from rnc_pin.analysis.normal_forces import balanced
+from rnc_pin.math.linear_algebra import nonnegative
 from rnc_pin.planning import MinimumJerk
 from rnc_pin.plants import FaultyPlant
 from rnc_pin.simulation import ReducedPlant, margins_along
-from rnc_pin.visualization.plots import plot_run
 
 WHEELS = ["left_wheel_joint", "right_wheel_joint"]
 G = 9.81
@@ -47,7 +47,7 @@ def test_forces_from_the_motion_are_the_multipliers_of_a_free_base():
     ours = NormalForces(planar).at(planar.at(np.tile(q_planar, (20, 1)), v2), T)
     state = free.at(np.tile(q_free, (20, 1)), v2)
     vertical = [name.startswith("vertical") for name in free.all_constraints.names]
-    np.testing.assert_allclose(ours, -state.contact_forces(T)[:, vertical], atol=1e-9 * 215.0)
+    np.testing.assert_allclose(ours, state.contact_forces(T)[:, vertical], atol=1e-9 * 215.0)
     np.testing.assert_allclose(NormalForces(free).at(state, T), ours, atol=1e-9 * 215.0)
     assert (ours < 0).any()
 
@@ -94,7 +94,7 @@ def test_normal_forces_are_kept_in_files_and_drawn(tmp_path):
     again = rnc.Trajectory.load(tmp_path / "run.npz")
     np.testing.assert_array_equal(again.normal_forces, run.normal_forces)
     assert again.info.outputs.normal_forces == run.info.outputs.normal_forces
-    panel = next(axes for axes in plot_run(run).axes if axes.get_ylabel() == "normal force [N]")
+    panel = next(axes for axes in run.plot().axes if axes.get_ylabel() == "normal force [N]")
     for line, column in zip(panel.get_lines(), run.normal_forces.T, strict=True):
         np.testing.assert_array_equal(line.get_ydata(), column)
     with np.load(tmp_path / "run.npz") as file:

@@ -6,16 +6,8 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.analysis import classify
 from rnc_pin.analysis.redundancy_class import _full_row_rank
-from systems import (
-    fire_truck,
-    space_robot,
-)
-from textbook_systems import (
-    prismatic,
-    sliders_with_rows,
-    turreted,
-    unicycle,
-)
+from systems import fire_truck, space_robot
+from textbook_systems import prismatic, sliders_with_rows, turreted, unicycle
 
 # ---------------------------------------------------------------------- classes of redundancy
 

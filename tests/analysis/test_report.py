@@ -7,17 +7,8 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.analysis import boundedness, classify, lemma_1_residuals
-from systems import (
-    ALL,
-    mobile_manipulator,
-    sleigh,
-    space_robot,
-    space_robot_in_joints,
-)
-from textbook_systems import (
-    planar_model,
-    rail_sliders,
-)
+from systems import ALL, mobile_manipulator, sleigh, space_robot, space_robot_in_joints
+from textbook_systems import planar_model, rail_sliders
 from tolerances import ROUNDING
 
 

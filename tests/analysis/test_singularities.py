@@ -7,13 +7,7 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.analysis import boundedness
 from rnc_pin.analysis.singularities import Singularity, stack_singularities, task_singularities
-from systems import (
-    four_bar,
-    leaning_wheel,
-    random_states,
-    sleigh,
-    spinning_space_robot,
-)
+from systems import four_bar, leaning_wheel, random_states, sleigh, spinning_space_robot
 from textbook_systems import planar_model, rail_sliders
 
 

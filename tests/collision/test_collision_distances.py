@@ -6,7 +6,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin import _kernel
+from bodies import add_body
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection, ground_shape
 from tolerances import ROUNDING
 
@@ -184,22 +184,6 @@ def test_results_do_not_depend_on_the_history(tiago):
     assert not one.distance.flags.writeable
 
 
-def test_numpy_and_the_kernel_agree_along_a_path(tiago, monkeypatch):
-    """Rows to rounding, and the same pairs: bounds that the kernel moves leave out none of them."""
-    reduced = rnc.NonholonomicSystem(tiago).reduce()
-    direction = np.random.default_rng(4).standard_normal(tiago.nv)
-    path = [pin.integrate(tiago.model, tiago.configuration(), s * direction) for s in (0.0, 0.02, 0.2, 0.21)]
-    found = []
-    for library in (_kernel.library, _kernel.NUMPY_ALONE):
-        monkeypatch.setattr(_kernel, "library", library)
-        distances = CollisionDistances(tiago, obstacles((0.6, 0.0, 0.6)))
-        found.append([distances.at(reduced.at(q), 0.5, within=0.2) for q in path])
-    for one, other in zip(*found, strict=True):
-        np.testing.assert_array_equal(one.pairs, other.pairs)
-        np.testing.assert_array_equal(one.distance, other.distance)
-        np.testing.assert_allclose(one.jacobian, other.jacobian, atol=1e-13)
-
-
 def test_pairs_that_touch_at_the_start_are_reported(tiago):
     omitted = {each.names: each.reason for each in CollisionDistances(tiago).omitted}
     assert omitted["torso_fixed_column_link", "arm_1_link"] == "overlap by 0.0115 m at the reference configuration"
@@ -248,8 +232,7 @@ def test_distances_to_a_slope_are_heights(tiago, within):
 
 def test_a_box_over_a_floor_has_a_gap_at_each_corner():
     model, geometry = pin.Model(), pin.GeometryModel()
-    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "free")
-    model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+    joint = add_body(model, "free", "FreeFlyer", pin.Inertia.FromSphere(1.0, 0.1))
     frame = model.addFrame(pin.Frame("box", joint, 0, pin.SE3.Identity(), pin.FrameType.BODY))
     geometry.addGeometryObject(pin.GeometryObject("box_0", joint, frame, pin.SE3.Identity(), coal.Box(0.4, 0.6, 0.2)))
     robot = rnc.Robot(model, geometry, geometry)

@@ -6,6 +6,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from drawn_motions import DenseReplay, drawn_motion
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection, continuous_distances
 from rnc_pin.collision.continuous_distances import default_tolerance
@@ -145,8 +146,7 @@ def test_same_motion_gives_the_same_bits():
 
 def test_tolerance_follows_the_size_of_the_robot():
     model, geometry = pin.Model(), pin.GeometryModel()
-    joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "slide")
-    model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+    joint = add_body(model, "slide", "PX", pin.Inertia.FromSphere(1.0, 0.1))
     frame = model.addFrame(pin.Frame("bead", joint, 0, pin.SE3.Identity(), pin.FrameType.BODY))
     geometry.addGeometryObject(pin.GeometryObject("bead_0", joint, frame, pin.SE3.Identity(), coal.Sphere(0.01)))
     bead = CollisionDistances(rnc.Robot(model, geometry, geometry))

@@ -1,8 +1,12 @@
 """Hulls of meshes with more edges at a corner than coal takes."""
 
+import coal
 import numpy as np
+import pinocchio as pin
 import pytest
 
+import rnc_pin as rnc
+from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
 from rnc_pin.collision.convex_shapes import hull_of
 
 ANGLES = np.linspace(0.0, 2 * np.pi, 400, endpoint=False)
@@ -20,3 +24,55 @@ def test_the_tip_of_a_fine_cone_gets_a_box_that_contains_it():
     hull = hull_of(np.vstack([RING, [[0.0, 0.0, 1.0]]]), "cone")
     assert hull.num_points == 8
     assert hull.computeVolume() == pytest.approx(4.0)
+
+
+def wheel_on_an_axle(shape, placement):
+    """A shape on a revolute joint about an axis that is not one of the frame, 0.5 m beside a small ball."""
+    model, geometry = pin.Model(), pin.GeometryModel()
+    axle = pin.JointModelRevoluteUnaligned(np.array([0.0, 0.6, 0.8]))
+    joint = model.addJoint(0, axle, pin.SE3(pin.rpy.rpyToMatrix(0.3, 0.2, 0.1), np.array([0.0, 0.0, 1.0])), "axle")
+    model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+    frame = model.addFrame(pin.Frame("wheel", joint, 0, pin.SE3.Identity(), pin.FrameType.BODY))
+    geometry.addGeometryObject(pin.GeometryObject("wheel_0", joint, frame, placement, shape))
+    ball = Obstacle(coal.Sphere(0.1), position=(0.5, 0.4, 0.9), name="ball")
+    return CollisionDistances(rnc.Robot(model, geometry, geometry), [ball], PairSelection(links=False))
+
+
+ALONG = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.6, 0.8])).toRotationMatrix()
+
+
+@pytest.mark.parametrize(
+    "shape", [coal.Cylinder(0.3, 0.1), coal.Capsule(0.1, 0.3), coal.Cone(0.3, 0.2), coal.Sphere(0.3)]
+)
+def test_a_wheel_keeps_its_distance_and_its_pose_without_spin(shape):
+    distances = wheel_on_an_axle(shape, pin.SE3(ALONG, 0.05 * ALONG[:, 2]))
+    assert distances.spinning.shapes.tolist() == [0]
+    assert distances.spinning.wobble[0] < 1e-15
+    placed = [distances.place(np.array([[angle]]), np.zeros(1)).still[0, 0] for angle in (0.0, 1.0, 2.0)]
+    np.testing.assert_allclose(placed[1], placed[0], atol=1e-14)
+    measured = [distances.smallest([angle], beyond=9.0)[0] for angle in np.linspace(-3.0, 3.0, 7)]
+    assert np.ptp(measured) < 1e-7
+
+
+def test_the_wobble_bounds_what_rounded_angles_change():
+    """A wheel whose angles have five digits: its distances change, by less than twice the wobble."""
+    tilted = ALONG @ pin.rpy.rpyToMatrix(4e-6, 0.0, 0.0)
+    distances = wheel_on_an_axle(coal.Cylinder(0.3, 0.1), pin.SE3(tilted, np.zeros(3)))
+    wobble = distances.spinning.wobble[0]
+    assert 1e-6 < wobble < 2e-6
+    measured = [distances.smallest([angle], beyond=9.0)[0] for angle in np.linspace(-3.0, 3.0, 40)]
+    assert 1e-7 < np.ptp(measured) < 2.0 * wobble
+
+
+@pytest.mark.parametrize(
+    ("shape", "placement"),
+    [
+        (coal.Cylinder(0.3, 0.1), pin.SE3(ALONG @ pin.rpy.rpyToMatrix(1e-3, 0.0, 0.0), np.zeros(3))),
+        (coal.Cylinder(0.3, 0.1), pin.SE3(ALONG, np.array([1e-3, 0.0, 0.0]))),
+        (coal.Sphere(0.3), pin.SE3(ALONG, np.array([1e-3, 0.0, 0.0]))),
+        (coal.Box(0.3, 0.3, 0.1), pin.SE3(ALONG, np.zeros(3))),
+    ],
+    ids=["tilted", "eccentric", "eccentric ball", "box"],
+)
+def test_other_bodies_spin(shape, placement):
+    assert not len(wheel_on_an_axle(shape, placement).spinning.shapes)

@@ -5,11 +5,9 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.analysis import lemma_1_residuals
-from rnc_pin.control import (
-    ComputedTorque,
-    RedundancyController,
-)
+from rnc_pin.control import ComputedTorque, RedundancyController
 from rnc_pin.integrators import LieRungeKutta4
 from rnc_pin.model.output_gradients import kinematic_gradient
 from rnc_pin.planning import MinimumJerk
@@ -83,8 +81,7 @@ def test_a_pivot_keeps_its_angular_momentum():
     joint = model.addJoint(0, pin.JointModelSpherical(), placement, "pivot")
     principal = np.array([1.0, 2.0, 3.0])
     model.appendBodyToJoint(joint, pin.Inertia(5.0, np.zeros(3), np.diag(principal)), pin.SE3.Identity())
-    wheel = model.addJoint(joint, pin.JointModelRZ(), pin.SE3.Identity(), "wheel")
-    model.appendBodyToJoint(wheel, pin.Inertia(1.0, np.zeros(3), 0.5 * np.eye(3)), pin.SE3.Identity())
+    add_body(model, "wheel", "RZ", 1.0, joint, moments=0.5)
     momentum = np.array([0.5, -1.0, 2.0])
     system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.MomentumConservation("pivot", momentum)], ["wheel"])
     reduced = system.reduce([rnc.JointPosition("wheel")])

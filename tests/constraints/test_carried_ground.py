@@ -7,7 +7,8 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.model.kinematics import OWN_AXES, Kinematics
 from rnc_pin.model.relative_rows import RelativeKinematics
-from rolling import check_rates, rigid_body
+from rolling import rigid_body
+from row_kinds import CARRIED, drawn
 from systems import free_bodies
 from tolerances import KKT, ROUNDING
 
@@ -102,40 +103,10 @@ def test_mujoco_refuses_it_by_name():
 
 # ---------------------------------------------------------------------- kinematics relative to a body
 
-PLATE = rnc.GroundPlane(frame="plate")
-TURNING = rnc.GroundPlane((0.2, -0.3, 1.0), (0.1, 0.2, 0.3), spin=-0.7, frame="plate")
-EGG = rnc.Ellipsoid((0.4, 0.2, 0.1))
-KINDS = {
-    "ball": rnc.RollingBall("body", 0.2, ground=PLATE),
-    "ball on a plate that turns": rnc.RollingBall("body", 0.2, ground=TURNING),
-    "egg without pivoting": rnc.RollingBody("body", EGG, pivoting=False, ground=TURNING),
-    "wheel": rnc.RollingWheel("body", 0.2, "y", ground=PLATE),
-    "wheel on a plate that turns": rnc.RollingWheel("body", 0.2, "y", ground=TURNING),
-    "wheel in a bowl": rnc.RollingWheel("body", 0.2, "y", ground=rnc.SphericalGround(2.0, (0, 0, 1.9), frame="plate")),
-    "egg on an egg": rnc.RollingBody("body", EGG, ground=rnc.BodySurface(EGG, "plate", (0.1, 0.2, 0), (0.3, 0.2, 0))),
-    "ball on a tyre": rnc.RollingBall("body", 0.2, ground=rnc.BodySurface(rnc.Torus(0.5, 0.1, "y"), "plate")),
-    "caster": rnc.Caster("body", 0.2, ground=PLATE),
-    "knife edge": rnc.NoSideSlip("body", "y", ground=PLATE),
-    "knife edge beside its frame": rnc.NoSideSlip("body", "x", at=(0.1, -0.2, 0.3), ground=PLATE),
-    "knife edge on a plate that turns": rnc.NoSideSlip("body", "z", ground=TURNING),
-}  # fmt: skip
-
 
 @pytest.fixture(scope="module")
 def robot():
     return free_bodies("plate", "body")
-
-
-def drawn(robot, seed):
-    generator = np.random.default_rng(seed)
-    q = pin.integrate(robot.model, robot.configuration(), 0.4 * generator.normal(size=robot.nv))
-    q[:3], q[7:10] = (0.1, 0.2, -0.3), (0.3, 0.1, 0.4)
-    return q, generator.normal(size=robot.nv)
-
-
-@pytest.mark.parametrize("name", KINDS)
-def test_rates_and_gradients_are_those_of_differences(name, robot):
-    check_rates(KINDS[name].bind(robot), robot, *drawn(robot, 1))
 
 
 def test_other_axes_than_those_of_the_carrier_are_refused(robot):
@@ -149,8 +120,8 @@ def test_other_axes_than_those_of_the_carrier_are_refused(robot):
 def test_a_carrier_that_is_the_world_changes_nothing(robot):
     q, v = drawn(robot, 3)
     at = Kinematics(robot).position(q).with_velocity(v)
-    for name in ("ball", "wheel on a plate that turns", "knife edge beside its frame"):
-        kind = KINDS[name]
+    for name in ("ball on a plate", "wheel on a plate that turns", "knife edge beside its frame"):
+        kind = CARRIED[name]
         ground = rnc.GroundPlane(kind.ground.normal, kind.ground.point, spin=kind.ground.spin)
         inner = type(kind)(**{**vars(kind), "ground": ground}).bind(robot)
         outer = type(kind)(**{**vars(kind), "ground": rnc.GroundPlane(**{**vars(ground), "frame": "universe"})}).bind(

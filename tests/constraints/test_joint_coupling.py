@@ -9,10 +9,7 @@ import rnc_pin as rnc
 from rnc_pin.model.coupling import CouplingRow, mimic_row
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.robots.sources.description import Mimic
-from systems import (
-    four_bar_robot,
-    sleigh,
-)
+from systems import four_bar_robot, sleigh
 from textbook_systems import sliders
 
 

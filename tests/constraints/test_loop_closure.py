@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.model import assembly
 from rnc_pin.model.kinematics import Kinematics
 from simple_controllers import Idle
@@ -20,7 +21,7 @@ from systems import (
     random_states,
     tiago,
 )
-from tolerances import FINITE_DIFFERENCE, KKT, ROUNDING
+from tolerances import KKT, ROUNDING
 
 # ---------------------------------------------------------------------- four-bar linkage, closed form
 
@@ -104,8 +105,7 @@ def test_the_rank_is_that_of_closed_loops():
     model.name = "bennett"
     joint, placement = 0, pin.SE3.Identity()
     for k in range(4):
-        joint = model.addJoint(joint, pin.JointModelRZ(), placement, f"joint_{k}")
-        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
+        joint = add_body(model, f"joint_{k}", "RZ", 1.0, joint, moments=0.1, at=placement)
         bend = pin.SE3(pin.utils.rpyToMatrix(twist[k % 2], 0, 0), np.array([lengths[k % 2], 0, 0]))
         placement = bend
     model.addFrame(pin.Frame("end", joint, 0, placement, pin.FrameType.OP_FRAME))
@@ -122,8 +122,7 @@ def test_a_floating_loop_with_conserved_momentum_agrees_with_kkt():
     model = pin.Model()
     model.name = "floating four-bar"
     model.gravity.linear = np.zeros(3)
-    base = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
-    model.appendBodyToJoint(base, pin.Inertia(3.0, np.array([0.4, 0, 0]), np.eye(3)), pin.SE3.Identity())
+    base = add_body(model, "root_joint", "FreeFlyer", 3.0, com=(0.4, 0, 0))
     model.addJointFrame(base)
     linkage = four_bar_robot().model
     whole = pin.appendModel(model, linkage, model.getFrameId("root_joint"), pin.SE3.Identity())
@@ -141,31 +140,6 @@ def test_a_floating_loop_with_conserved_momentum_agrees_with_kkt():
         vdot = pin.forwardDynamics(whole, data, q, t.v, B @ [0.4], J, t.A_dot[6:] @ t.v)
         ours = t.R @ reduced.forward_dynamics(q, v2, [0.4]) + t.R_dot @ v2 + t.b_dot
         np.testing.assert_allclose(ours, vdot, atol=KKT * max(1, np.abs(vdot).max()))
-
-
-@pytest.mark.parametrize("kind", ["frame", "point"])
-@pytest.mark.parametrize("other", ["universe", "panda_link3"])
-def test_rates_of_closure_rows_are_exact_open_or_closed(kind, other):
-    robot = rnc.Robot.from_example("panda", lock={"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0})
-    rows = rnc.LoopClosure("panda_hand", other, kind).bind(robot)
-    generator, kinematics, h = np.random.default_rng(0), Kinematics(robot), 1e-6
-
-    def at(q, what):
-        return what(kinematics.position(q))
-
-    for _ in range(4):
-        q, v = robot.random_configuration(generator, 1.0), generator.normal(size=robot.nv)
-        ahead, behind = (pin.integrate(robot.model, q, sign * h * v) for sign in (1, -1))
-        rates = kinematics.position(q).with_velocity(v)
-        J, J_dot, bias_acceleration = rows.jacobian(rates), rows.jacobian_dot(rates), rows.bias_acceleration(rates)
-        difference = (at(ahead, rows.jacobian) - at(behind, rows.jacobian)) / (2 * h)
-        np.testing.assert_allclose(J_dot, difference, atol=1e-8 * (1 + np.abs(J_dot).max()))
-        np.testing.assert_allclose(bias_acceleration, J_dot @ v, atol=1e-11 * (1 + np.abs(bias_acceleration).max()))
-        both = at(np.stack([ahead, behind]), rows.residual)
-        np.testing.assert_array_equal(both, [at(ahead, rows.residual), at(behind, rows.residual)])
-        if kind == "point":  # of a frame only where it is closed, below
-            rate = (at(ahead, rows.residual) - at(behind, rows.residual)) / (2 * h)
-            np.testing.assert_allclose(J @ v, rate, atol=FINITE_DIFFERENCE)
 
 
 @pytest.mark.parametrize("make", [four_bar, four_bar_with_knee, leaning_wheel, bicycle])
@@ -240,8 +214,7 @@ def geared(first, second, ratio, offset=0.0):
     model = pin.Model()
     model.name = "gears"
     for name, joint, inertia in (("motor", first, 2.0), ("wheel", second, 0.5)):
-        index = model.addJoint(0, joint, pin.SE3.Identity(), name)
-        model.appendBodyToJoint(index, pin.Inertia(1.0, np.zeros(3), inertia * np.eye(3)), pin.SE3.Identity())
+        add_body(model, name, joint, 1.0, moments=inertia)
     coupling = rnc.JointCoupling("wheel", "motor", ratio, offset)
     return rnc.NonholonomicSystem(rnc.Robot(model), [coupling], ["motor"]).reduce([rnc.JointPosition("motor")])
 
@@ -351,8 +324,7 @@ def test_user_rows_with_a_residual_keep_their_position():
     """A bead on a parabola, written by hand: z = x^2 / 2, energy kept and residual gone."""
     model = pin.Model()
     model.name = "bead"
-    joint = model.addJoint(0, pin.JointModelTranslation(), pin.SE3.Identity(), "bead")
-    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.zeros((3, 3))), pin.SE3.Identity())
+    add_body(model, "bead", "Translation", pin.Inertia(1.0, np.zeros(3), np.zeros((3, 3))))
     wire = rnc.Pfaffian(
         lambda q: np.array([[-q[0], 0.0, 1.0], [0.0, 1.0, 0.0]]),
         lambda q, v: np.array([[-v[0], 0.0, 0.0], [0.0, 0.0, 0.0]]),

@@ -8,6 +8,7 @@ import pytest
 import scipy
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.control import ZeroInput
 from rnc_pin.control.whole_body.tasks import DampingTask, OutputTask
 from rnc_pin.model.kinematics import Kinematics
@@ -25,8 +26,7 @@ def rng():
 def pendulum():
     """Pendulum on a pivot that slides vertically; at angle zero it stands upright."""
     model = pin.Model()
-    pivot = model.addJoint(0, pin.JointModelPZ(), pin.SE3.Identity(), "pivot")
-    model.appendBodyToJoint(pivot, pin.Inertia(0.5, np.zeros(3), 1e-3 * np.eye(3)), pin.SE3.Identity())
+    pivot = add_body(model, "pivot", "PZ", 0.5, moments=1e-3)
     hinge = model.addJoint(pivot, pin.JointModelRY(), pin.SE3.Identity(), "hinge")
     bob = pin.Inertia(MASS, np.array([0.0, 0.0, LENGTH]), 1e-9 * np.eye(3))
     model.appendBodyToJoint(hinge, bob, pin.SE3.Identity())
@@ -130,8 +130,7 @@ OUTPUTS = {
 def test_rates_of_the_rows_are_those_of_their_residual_over_time(name, rng):
     """On a free-flying body, along a motion that satisfies the rows: differences over time of all that has a rate."""
     model = pin.Model()
-    body = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
-    model.appendBodyToJoint(body, pin.Inertia(2.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    body = add_body(model, "root_joint", "FreeFlyer", 2.0)
     place = pin.SE3(pin.exp3(np.array([0.3, -0.5, 0.9])), np.array([0.2, 0.1, -0.4]))
     model.addFrame(pin.Frame("hand", body, 0, place, pin.FrameType.OP_FRAME))
     robot, (output, size) = rnc.Robot(model), OUTPUTS[name]
@@ -221,8 +220,7 @@ def test_a_knife_edge_that_turns_over_time_draws_a_circle(derived):
     """No force acts along the edge, so the speed is constant and the direction turns at the given rate."""
     model = pin.Model()
     x = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "x")
-    y = model.addJoint(x, pin.JointModelPY(), pin.SE3.Identity(), "y")
-    model.appendBodyToJoint(y, pin.Inertia(2.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    add_body(model, "y", "PY", 2.0, x)
     robot, rate, speed = rnc.Robot(model), 1.7, 0.8
     rates = None if derived else lambda q, v, t: rate * np.array([[np.cos(rate * t), np.sin(rate * t)]])
     edge = rnc.Pfaffian(

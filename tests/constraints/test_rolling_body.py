@@ -7,22 +7,9 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.kinematics import Kinematics
-from rolling import GRAVITY, check_rates, rigid_body
+from rolling import GRAVITY, rigid_body
+from row_kinds import ROLLING
 from tolerances import ROUNDING
-
-TURNTABLE = rnc.GroundPlane(spin=1.3, point=(0.2, -0.1, 0.0), velocity=(0.3, -0.2, 0.0))
-SLOPE = rnc.GroundPlane(normal=(0.2, -0.3, 1.0), point=(0.1, 0.2, 0.3), spin=-0.7)
-BODIES = {
-    "sphere": rnc.RollingBody("body", rnc.Sphere(0.3)),
-    "sphere beside its frame": rnc.RollingBody("body", rnc.Sphere(0.3), at=(0.05, -0.02, 0.08)),
-    "ellipsoid": rnc.RollingBody("body", rnc.Ellipsoid((0.4, 0.2, 0.1)), rpy=(0.2, 0.1, -0.5), at=(0.0, 0.01, 0.03)),
-    "tyre": rnc.RollingBody("body", rnc.Torus(0.3, 0.05, "y")),
-    "disk": rnc.RollingBody("body", rnc.Torus(0.3, axis="x"), at=(0.1, 0.0, 0.0)),
-    "no pivoting": rnc.RollingBody("body", rnc.Ellipsoid((0.4, 0.2, 0.1)), pivoting=False),
-    "turntable": rnc.RollingBody("body", rnc.Ellipsoid((0.4, 0.2, 0.1)), ground=TURNTABLE),
-    "turntable without pivoting": rnc.RollingBody("body", rnc.Torus(0.3, 0.05), pivoting=False, ground=TURNTABLE),
-    "slope": rnc.RollingBody("body", rnc.Ellipsoid((0.4, 0.2, 0.1)), ground=SLOPE),
-}
 
 
 def states(reduced, count=3):
@@ -34,10 +21,10 @@ def states(reduced, count=3):
         yield q, generator.normal(size=reduced.r)
 
 
-@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize("name", ROLLING)
 def test_rows_are_the_velocity_of_the_lowest_point(name):
-    """The lowest point is searched; rates and gradients are those of differences."""
-    kind, robot = BODIES[name], rigid_body()
+    """The lowest point is searched."""
+    kind, robot = ROLLING[name], rigid_body()
     plane = kind.ground or rnc.GroundPlane()
     kinematics = Kinematics(robot)
     rows = kind.bind(robot)
@@ -66,36 +53,6 @@ def test_rows_are_the_velocity_of_the_lowest_point(name):
         assert slip[2] == pytest.approx((body - ground) @ normal, abs=ROUNDING)
         if not kind.pivoting:
             assert slip[3] == pytest.approx(velocity[3:] @ normal - plane.spin, abs=ROUNDING)
-        check_rates(rows, robot, q, v)
-
-
-@pytest.mark.parametrize("lever", [(0.0, 0.0, 0.0), (0.03, -0.02, 0.05)])
-def test_a_sphere_is_the_rolling_ball(lever):
-    robot = rigid_body(lever=lever)
-    body, ball = (
-        rnc.NonholonomicSystem(robot, [kind]).reduce()
-        for kind in (rnc.RollingBody("body", rnc.Sphere(0.3)), rnc.RollingBall("body", 0.3))
-    )
-    for q, v2 in states(ball):
-        v = ball.at(q, v2).v
-        found = body.at(q, v=v)
-        np.testing.assert_allclose(
-            found.v_dot(found.v2_dot([])), ball.at(q, v=v).v_dot(ball.at(q, v=v).v2_dot([])), atol=1e-11
-        )
-
-
-def test_a_thin_torus_is_the_rolling_disk():
-    robot = rigid_body()
-    body, wheel = (
-        rnc.NonholonomicSystem(robot, [kind]).reduce()
-        for kind in (rnc.RollingBody("body", rnc.Torus(0.3, axis="y")), rnc.RollingWheel("body", 0.3, axis="y"))
-    )
-    for q, v2 in states(wheel):
-        v = wheel.at(q, v2).v
-        found, expected = body.at(q, v=v), wheel.at(q, v=v)
-        np.testing.assert_allclose(
-            found.v_dot(found.v2_dot([])), expected.v_dot(expected.v2_dot([])), rtol=1e-9, atol=1e-9
-        )
 
 
 def newton_and_euler(semi_axes, mass, inertia, rise, R, w):
@@ -152,55 +109,6 @@ def test_a_chaplygin_ball_keeps_its_angular_momentum_about_the_contact():
         arm = np.array([0.0, 0.0, 0.3])  # from the contact to the centre
         momenta.append(R @ (np.array([0.03, 0.05, 0.07]) * v[3:]) + 2.0 * np.cross(arm, np.cross(w, arm)))
     np.testing.assert_allclose(momenta, np.tile(momenta[0], (len(momenta), 1)), atol=1e-8)
-
-
-def test_a_ball_on_a_turntable_goes_round_at_two_sevenths_of_its_rate():
-    """Earnshaw (1844); Weltner, Am. J. Phys. 47 (1979): any start gives a circle, at 2/7 of the rate."""
-    m, radius, spin = 1.5, 0.4, 2.0
-    robot = rigid_body(m, (0.4 * m * radius**2,) * 3)
-    ground = rnc.GroundPlane(spin=spin)
-    reduced = rnc.NonholonomicSystem(robot, [rnc.RollingBody("body", rnc.Sphere(radius), ground=ground)]).reduce()
-    q0 = reduced.assembled(robot.configuration({"root_joint": [0.4, 0.1, radius, 0, 0, 0, 1]}))
-    period = 2 * np.pi / (2 / 7 * spin)
-    run = rnc.free_motion(reduced, q0, np.array([0.3, -0.5, 0.7])[: reduced.r], period, period / 8, rtol=1e-8)
-    np.testing.assert_allclose(run.q[-1, :3], run.q[0, :3], atol=1e-6)
-    opposite = (run.q[:4, :2] + run.q[4:8, :2]) / 2  # the centre of the circle
-    np.testing.assert_allclose(opposite, np.tile(opposite[0], (4, 1)), atol=1e-6)
-    radii = np.linalg.norm(run.q[:, :2] - opposite[0], axis=1)
-    np.testing.assert_allclose(radii, radii[0], rtol=1e-6)
-    assert radii[0] > 0.01
-
-
-@pytest.mark.parametrize(("moments", "share"), [((0.4,) * 3, 5 / 7), ((2 / 3,) * 3, 3 / 5)])
-def test_balls_roll_down_a_slope(moments, share):
-    """A solid ball and a hollow one: 5/7 and 3/5 of the acceleration without friction."""
-    angle, radius = 0.3, 0.2
-    robot = rigid_body(3.0, tuple(3.0 * radius**2 * np.array(moments)))
-    ground = rnc.GroundPlane(normal=(np.sin(angle), 0.0, np.cos(angle)), point=(0.0, 0.0, 1.0))
-    reduced = rnc.NonholonomicSystem(robot, [rnc.RollingBody("body", rnc.Sphere(radius), ground=ground)]).reduce()
-    q = reduced.assembled(robot.configuration({"root_joint": [0.0, 0.0, 1.3, 0, 0, 0, 1]}))
-    state = reduced.at(q, np.zeros(reduced.r))
-    down = share * 9.81 * np.sin(angle) * np.array([np.cos(angle), 0.0, -np.sin(angle)])
-    np.testing.assert_allclose(state.v_dot(state.v2_dot([]))[:3], down, atol=1e-12)
-
-
-def test_a_cylinder_on_its_side_rolls_on_both_rims_down_a_slope():
-    """At 2/3 g sin a; of the six rows, that of the second rim along the axis follows from the others."""
-    mass, radius, length, angle = 2.0, 0.1, 0.5, 0.3
-    across = mass * (radius**2 / 4 + length**2 / 12)
-    robot = rigid_body(mass, (mass * radius**2 / 2, across, across))
-    for side, name in ((-1, "left"), (1, "right")):
-        place = pin.SE3(np.eye(3), np.array([side * length / 2, 0.0, 0.0]))
-        robot.model.addFrame(pin.Frame(name, 1, place, pin.FrameType.OP_FRAME))
-    robot = rnc.Robot(robot.model)
-    ground = rnc.GroundPlane(normal=(0.0, np.sin(angle), np.cos(angle)))
-    rims = [rnc.RollingBody(name, rnc.Torus(radius, axis="x"), ground=ground) for name in ("left", "right")]
-    reduced = rnc.NonholonomicSystem(robot, rims).reduce()
-    assert (reduced.r, [row.name for row in reduced.dropped_rows]) == (1, ["rolling_x(right)"])
-    state = reduced.at(reduced.assembled(robot.configuration({"root_joint": [0, 0, 0.15, 0, 0, 0, 1]})), [0.0])
-    downhill = [0.0, np.cos(angle), -np.sin(angle)]
-    gained = -2 / 3 * GRAVITY[2] * np.sin(angle)
-    np.testing.assert_allclose(state.v_dot(state.v2_dot([]))[:3], gained * np.array(downhill), atol=1e-9)
 
 
 def test_a_body_without_pivoting_has_the_momentum_of_rolling_alone():

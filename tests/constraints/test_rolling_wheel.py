@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.model.kinematics import Kinematics
 from simple_controllers import Idle
 from systems import bicycle, random_states
@@ -19,9 +20,7 @@ def ball(gravity=(0.0, 0.0, -9.81)):
     model = pin.Model()
     model.name = "ball"
     model.gravity.linear = np.array(gravity)
-    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
-    model.appendBodyToJoint(joint, pin.Inertia(MASS, np.zeros(3), SOLID * np.eye(3)), pin.SE3.Identity())
-    model.addFrame(pin.Frame("ball", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    add_body(model, "root_joint", "FreeFlyer", MASS, moments=SOLID, frame="ball")
     return rnc.Robot(model)
 
 
@@ -163,11 +162,8 @@ def test_an_upright_bicycle_turns_as_its_geometry_says():
     model.addFrame(pin.Frame("axle", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
     steering = np.array([-np.sin(rake), 0.0, np.cos(rake)])
     front = pin.SE3(np.eye(3), np.array([base, 0, radius]))
-    fork = model.addJoint(joint, pin.JointModelRevoluteUnaligned(steering), front, "steer")
-    model.appendBodyToJoint(fork, pin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
-    wheel = model.addJoint(fork, pin.JointModelRY(), pin.SE3.Identity(), "wheel")
-    model.appendBodyToJoint(wheel, pin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
-    model.addFrame(pin.Frame("wheel", wheel, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    fork = add_body(model, "steer", pin.JointModelRevoluteUnaligned(steering), 1.0, joint, moments=0.1, at=front)
+    add_body(model, "wheel", "RY", 1.0, fork, moments=0.1, frame="wheel")
     robot = rnc.Robot(model)
     rows = rnc.RollingWheel("wheel", radius).bind(robot)
     kinematics, generator = Kinematics(robot), np.random.default_rng(0)
@@ -192,15 +188,10 @@ def test_a_caster_follows_its_trail():
     model = pin.Model()
     model.name = "caster"
     length, trail, radius = 0.8, 0.07, 0.05
-    joint = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "root_joint")
-    model.appendBodyToJoint(joint, pin.Inertia(5.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
-    model.addFrame(pin.Frame("axle", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
-    fork = model.addJoint(joint, pin.JointModelRUBZ(), pin.SE3(np.eye(3), np.array([length, 0, 0.1])), "fork")
-    model.appendBodyToJoint(fork, pin.Inertia(0.5, np.zeros(3), 0.01 * np.eye(3)), pin.SE3.Identity())
+    joint = add_body(model, "root_joint", "Planar", 5.0, frame="axle")
+    fork = add_body(model, "fork", "RUBZ", 0.5, joint, moments=0.01, at=(length, 0, 0.1))
     below = pin.SE3(np.eye(3), np.array([-trail, 0, -0.05]))
-    wheel = model.addJoint(fork, pin.JointModelRY(), below, "caster")
-    model.appendBodyToJoint(wheel, pin.Inertia(0.2, np.zeros(3), 0.001 * np.eye(3)), pin.SE3.Identity())
-    model.addFrame(pin.Frame("caster", wheel, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    add_body(model, "caster", "RY", 0.2, fork, moments=0.001, at=below, frame="caster")
     system = rnc.NonholonomicSystem(
         rnc.Robot(model),
         [rnc.NoSideSlip("axle"), rnc.RollingWheel("caster", radius)],
@@ -217,8 +208,6 @@ def test_a_caster_follows_its_trail():
 
 def test_a_wheel_on_a_joint_that_slides():
     model = differential_drive().model
-    joint = model.addJoint(1, pin.JointModelPX(), pin.SE3.Identity(), "slide")
-    model.appendBodyToJoint(joint, pin.Inertia(0.1, np.zeros(3), 0.01 * np.eye(3)), pin.SE3.Identity())
-    model.addFrame(pin.Frame("skid", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    add_body(model, "slide", "PX", 0.1, 1, moments=0.01, frame="skid")
     with pytest.raises(rnc.ConstraintError, match="joint of wheel 'skid' is not revolute: give the axle"):
         rnc.NonholonomicSystem(rnc.Robot(model), [rnc.RollingWheel("skid", 0.1)])

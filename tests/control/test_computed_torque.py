@@ -2,10 +2,7 @@
 
 import numpy as np
 
-from rnc_pin.control import (
-    ComputedTorque,
-    VelocityTarget,
-)
+from rnc_pin.control import ComputedTorque, VelocityTarget
 from systems import random_states, space_robot
 
 

@@ -5,11 +5,7 @@ import pytest
 
 import rnc_pin as rnc
 from controlled_tasks import Cubic
-from rnc_pin.control import (
-    JacobianTransposeController,
-    PositionTracker,
-    effective_inertia,
-)
+from rnc_pin.control import JacobianTransposeController, PositionTracker, effective_inertia
 from systems import random_states, space_robot
 
 ON = ["joint_3", "joint_1"]

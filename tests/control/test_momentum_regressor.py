@@ -5,15 +5,9 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.control import (
-    MomentumRegressor,
-    UnknownMass,
-)
-from systems import (
-    drifting_manipulator,
-    free_flying_panda,
-    space_robot,
-)
+from bodies import add_body
+from rnc_pin.control import MomentumRegressor, UnknownMass
+from systems import drifting_manipulator, free_flying_panda, space_robot
 
 
 @pytest.mark.parametrize(
@@ -64,8 +58,7 @@ def arm_on_base(base=None, light=False):
         inertia = np.diag([0.4, 0.5, 0.6]) * mass
         model.appendBodyToJoint(parent, pin.Inertia(mass, generator.uniform(-0.1, 0.1, 3), inertia), pin.SE3.Identity())
     if light:
-        tip = model.addJoint(parent, pin.JointModelRY(), pin.SE3.Identity(), "tip")
-        model.appendBodyToJoint(tip, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+        add_body(model, "tip", "RY", 1.0, parent)
     return rnc.Robot(model)
 
 

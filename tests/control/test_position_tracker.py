@@ -7,19 +7,11 @@ import pytest
 
 import rnc_pin as rnc
 from controlled_tasks import ARM_START, Cubic, learnt_over
-from rnc_pin.control import (
-    JacobianTransposeController,
-    PositionGains,
-    PositionTracker,
-    effective_inertia,
-)
+from rnc_pin.control import JacobianTransposeController, PositionGains, PositionTracker, effective_inertia
 from rnc_pin.control.position_tracker import PositionState
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import Harmonic, Hold, MinimumJerk
-from systems import (
-    space_robot,
-    space_robot_in_joints,
-)
+from systems import space_robot, space_robot_in_joints
 
 
 def waves(center):
@@ -199,28 +191,3 @@ def test_a_position_tracker_starts_at_rest_with_nothing_learnt():
     np.testing.assert_allclose(command.F, gains.k2 * 1.7**2 * e + [0.3, -2.0], rtol=1e-11)
     said = tracker.describe()
     assert said == {"type": "PositionTracker", "gains": gains.describe(), "gravity_compensation": [0.3, -2.0]}
-
-
-@pytest.mark.parametrize("zone", [0.0, 0.3])
-@pytest.mark.parametrize("saturated", [False, True])
-def test_one_state_is_tracked_as_a_stack_of_one(zone, saturated):
-    """The kernel computes one state. Outputs are chosen out of order, one is an angle, and some force is cut off."""
-    generator = np.random.default_rng(5)
-    times, points = [0.0, 1.0, 2.0], generator.uniform(-1, 1, (3, 2))
-    gains = PositionGains(k1=np.array([10.0, 6.0]), beta=np.array([8.0, 12.0]), dead_zone=zone)
-    held = np.array([0.4, -0.7])
-    tracker = PositionTracker(rnc.planning.ViaPoints(times, points), gains, [2, 0], [True, False], held)
-    one = many = None
-    for t in np.linspace(0.0, 1.0, 60):
-        x2 = generator.uniform(-1, 1, 3) + np.array([0.0, 0.0, 2 * np.pi])
-        deficit = generator.normal(size=3) if saturated else None
-        measured = rnc.Measurement(x2=x2, force_deficit=deficit)
-        stacked = rnc.Measurement(x2=x2[None], force_deficit=None if deficit is None else deficit[None])
-        one = tracker.initial_state(measured) if one is None else one
-        many = tracker.initial_state(stacked) if many is None else many
-        command, one = tracker.step(t, measured, one)
-        expected, many = tracker.step(t, stacked, many)
-        for name in ("F", "v2_desired", "x2_desired"):
-            np.testing.assert_allclose(getattr(command, name), getattr(expected, name)[0], rtol=1e-12, atol=1e-12)
-        for name in ("z", "f", "A", "B", "e"):
-            np.testing.assert_allclose(getattr(one, name), getattr(many, name)[0], rtol=1e-12, atol=1e-12)

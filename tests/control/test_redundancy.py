@@ -4,21 +4,12 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from controlled_tasks import (
-    Cubic,
-    task_at,
-    wide,
-)
-from rnc_pin import _kernel
-from rnc_pin.control import (
-    RedundancyController,
-)
+from controlled_tasks import Cubic, task_at, wide
+from rnc_pin.control import RedundancyController
 from rnc_pin.control.redundancy import check_freedom
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import Hold
-from systems import (
-    space_robot,
-)
+from systems import space_robot
 
 K3, K21, WEIGHTS = np.array([1.7, 0.6]), np.array([0.9, 2.3]), np.array([0.5, 3.0, 1.3])
 PRIMARY, VERTICAL, ORDERS = [3, 0], [2, 0], np.random.default_rng(7).uniform(-1, 1, (2, 4, 2))
@@ -87,29 +78,6 @@ def test_the_class_1_law_is_the_cheapest_way_to_its_vertical_rates(redundant, se
         assert np.isnan(np.delete(target.x2[at], PRIMARY)).all()
         assert np.isnan(np.delete(alone.x1, VERTICAL)).all()
         assert (alone.x1.shape, alone.x2.shape) == ((3,), (r,))
-
-
-@pytest.mark.skipif(
-    _kernel.library is _kernel.NUMPY_ALONE, reason="NumPy evaluates: no library, or RNC_PIN_KERNEL=numpy"
-)
-@pytest.mark.parametrize("redundant", [[2, 1], [4, 1, 2]])
-def test_the_compiled_kernel_computes_the_class_1_law(redundant, monkeypatch):
-    chosen = task_at(PRIMARY, redundant, VERTICAL)
-    law = RedundancyController(chosen, *(Cubic(*orders) for orders in ORDERS), K3, K21)
-    one = seen((*(each[0] for each in drawn((1,), 2 + len(redundant), True, 4)[:-1]), True), 0.0)
-    points, idle = (law.primary.at(0.4), law.vertical.at(0.4)), (None, None)
-    formulas = law._pursued(*points, idle, one)
-
-    def refuse(*_):
-        raise AssertionError("NumPy computes it")
-
-    monkeypatch.setattr(law, "_pursued", refuse)
-    compiled = law.step(0.4, one)[0]
-    np.testing.assert_allclose(compiled.v2, formulas.v2, rtol=1e-12)
-    np.testing.assert_allclose(compiled.v2_dot, formulas.v2_dot, rtol=1e-9)
-    monkeypatch.undo()
-    monkeypatch.setattr(_kernel, "library", _kernel.NUMPY_ALONE)
-    np.testing.assert_array_equal(law.step(0.4, one)[0].v2_dot, formulas.v2_dot)
 
 
 def test_the_class_1_law_gives_up_where_its_rates_exceed_what_it_has_to_do_a_hundred_million_times():

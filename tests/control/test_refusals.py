@@ -6,9 +6,7 @@ import pytest
 
 import rnc_pin as rnc
 from controlled_tasks import TASK
-from rnc_pin.control import (
-    SlitheringReference,
-)
+from rnc_pin.control import SlitheringReference
 from systems import fire_truck, mobile_manipulator
 
 

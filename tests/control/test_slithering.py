@@ -9,19 +9,12 @@ from scipy.optimize import brentq
 import rnc_pin as rnc
 from controlled_tasks import TASK
 from places import ROOT
-from rnc_pin import _kernel
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.control import (
-    DrivenPath,
-    SlitheringReference,
-    SteeringController,
-)
+from rnc_pin.control import DrivenPath, SlitheringReference, SteeringController
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import CarPath
 from rnc_pin.robots.robot_files import find_urdf
-from systems import (
-    fire_truck,
-)
+from systems import fire_truck
 
 
 def truck_with_kingpin_ahead(folder):
@@ -501,20 +494,3 @@ def test_a_length_along_the_path_is_positive(size):
         with pytest.raises(rnc.ConfigurationError) as caught:
             reference(**{name: size})
         assert str(caught.value) == f"{name} of a slithering reference has to be positive, found {size}"
-
-
-def test_the_compiled_reference_is_that_of_numpy_on_a_noisy_path(monkeypatch):
-    """And it forgets the same places."""
-    generator, law, found = np.random.default_rng(8), reference(), []
-    driven = np.arange(0.0, 4.0, law.spacing)
-    path = np.column_stack([2.0 * np.sin(driven / 2), 2.0 - 2.0 * np.cos(driven / 2), driven / 2, driven])
-    path[:, :3] += 1e-4 * generator.standard_normal((len(path), 3))
-    here = measured(path[-1, :2] + [0.004, 0.003], path[-1, 2], (0.7, 0.4), (0.3, -0.2))
-    for library in (_kernel.library, _kernel.NUMPY_ALONE):
-        monkeypatch.setattr(_kernel, "library", library)
-        point, after = law.step(*here, DrivenPath(path, path[-1, 2] - 0.25))
-        found.append(np.concatenate([*point[:3], [after.heading]]))
-        np.testing.assert_array_equal(after.path, path[len(path) - len(after.path) :])
-        found[-1] = np.append(found[-1], len(after.path))
-    np.testing.assert_allclose(found[0], found[1], rtol=1e-9)
-    assert found[0][-1] < len(path)

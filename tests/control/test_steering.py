@@ -8,9 +8,7 @@ import pytest
 
 import rnc_pin as rnc
 from controlled_tasks import Cubic, task_at, truck_task
-from rnc_pin.control import (
-    SteeringController,
-)
+from rnc_pin.control import SteeringController
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.output_gradients import kinematic_gradient
 from rnc_pin.planning import Hold

@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.control import (
     Estimator,
     PositionGains,
@@ -33,9 +34,7 @@ def two_wheels():
 
 
 def add_joint(model, carrier, name, kind, place, mass, inertia, centre=(0.0, 0.0, 0.0)):
-    joint = model.addJoint(carrier, kind, pin.SE3(np.eye(3), np.array(place)), name)
-    model.appendBodyToJoint(joint, pin.Inertia(mass, np.array(centre), inertia * np.eye(3)), pin.SE3.Identity())
-    return joint
+    return add_body(model, name, kind, mass, carrier, com=centre, moments=inertia, at=place)
 
 
 def add_frame(model, joint, name, place=(0.0, 0.0, 0.0)):

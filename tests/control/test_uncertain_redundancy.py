@@ -169,26 +169,6 @@ def test_figure_6_at_the_papers_gains():
     assert missed[1.0] < 0.4 * missed[0.0]
 
 
-def test_nonsense_is_refused():
-    reduced, controller, _, _ = uncertain()
-    regressor = MomentumRegressor(reduced.robot, "platform", LINKS)
-    for initial, bounds, words in (
-        ((1.0, 1.0), (0.1, 9.0), "2 initial estimates for 3"),
-        ((1.0, 1.0, 99.0), (0.1, 9.0), "mass behind joint_3, 99, has to be within its bounds 0.1 and 9"),
-        ((1.0, 1.0, 1.0), (0.0, 9.0), "positive and in order"),
-        ((1.0, 1.0, 1.0), (1.0, [9.0, 1.0, 9.0]), "positive and in order"),
-        ((1.0, 1.0, 1.0), (0.1, [9.0, 8.0]), "2 values for 3 unknown"),
-    ):
-        with pytest.raises(rnc.ConfigurationError, match=words):
-            UncertainRedundancyController(reduced, controller, regressor, initial, bounds)
-    with pytest.raises(rnc.ModelError, match="did you mean 'joint_"):
-        MomentumRegressor(reduced.robot, "platform", [UnknownMass("joint_9")])
-    with pytest.raises(rnc.ConfigurationError, match="no body of known mass turns with joint 'platform'"):
-        MomentumRegressor(reduced.robot, "platform", [UnknownMass("platform"), *LINKS])
-    with pytest.raises(rnc.ConstraintError, match="not conserved"):
-        MomentumRegressor(reduced.robot, "joint_2", LINKS)
-
-
 def masses_as_believed(p):
     """The space robot with other masses of its links, built anew: what the estimates mean."""
     model = rnc.Robot.from_urdf("space_robot.urdf").model

@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.control import (
-    UnicycleStabilizer,
-)
+from rnc_pin.control import UnicycleStabilizer
 from rnc_pin.control.unicycle_stabilizer import DrivingState
 from rnc_pin.model.measurement import Measurement
 from tolerances import ROUNDING

@@ -5,19 +5,10 @@ import pytest
 
 import rnc_pin as rnc
 from controlled_tasks import gains_along, learnt_over, space_robot_task
-from rnc_pin.control import (
-    ReducingOutputController,
-    TrackerState,
-    VelocityGains,
-    VelocityTarget,
-    VelocityTracker,
-)
+from rnc_pin.control import ReducingOutputController, TrackerState, VelocityGains, VelocityTarget, VelocityTracker
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import Harmonic, Hold
-from rnc_pin.plants.reduced import ConstrainedDynamics
-from systems import (
-    space_robot_in_joints,
-)
+from systems import space_robot_in_joints
 
 
 class Oscillation:
@@ -108,24 +99,6 @@ def test_small_steps_are_the_papers_laws():
 # ---------------------------------------------------------------------- protocol
 
 
-def test_a_loop_of_ones_own_is_the_simulation_to_the_bit():
-    """Controllers keep nothing to themselves, so a plain loop gives the same numbers; so does resuming half-way."""
-    reduced, kinematic, q0 = space_robot_task(duration=1.0)
-    tracker = VelocityTracker(kinematic, gains_along(reduced, kinematic, q0, 1.0))
-    run = rnc.simulate(reduced, tracker, q0, 0.4, 0.002)
-    q, plant = q0, ConstrainedDynamics(reduced)
-    y = plant.initial(q, np.zeros(reduced.n))
-    state = tracker.initial_state(reduced.at(q, np.zeros(3)).measure())
-    for sample in range(201):
-        measurement = reduced.at(q, v=plant.in_reduction(q, y).v).measure()
-        command, state = tracker.step(sample * 0.002, measurement, state)
-        T = reduced.allocate(q, command.F)
-        np.testing.assert_array_equal(T, run.T[sample])
-        np.testing.assert_array_equal(q, run.q[sample])
-        y = plant.recentre(q, y)[1]
-        q, y = plant.advance(q, y, T, 0.002, 1)
-
-
 def test_a_tuned_tracker_is_what_one_would_write_by_hand():
     reduced, kinematic, q0 = space_robot_task()
     tracker = rnc.tuned_tracker(reduced, kinematic, q0, 2.0, dt=0.004, step=0.1, adaptation=3.0)
@@ -180,12 +153,6 @@ def test_a_velocity_tracker_takes_the_step_of_its_law_output_by_output(sigma, zo
         found = np.concatenate([[after.g[i, j]], after.C[i, j], after.D[i, j]])
         np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-13)
         np.testing.assert_allclose(command.F[i, j], expected @ w + k[j] * error + held[j], rtol=1e-12)
-    for i in range(6):  # the compiled kernel serves single states, NumPy a batch
-        alone = VelocityTracker(Said(v2d[i], v2d_dot[i]), VelocityGains(k, beta, sigma, zone), held)
-        measured = Measurement(v2=v2[i], force_deficit=excess[i] if clipped else None)
-        single, learnt = alone.step(2.35, measured, TrackerState(2.0, g[i], C[i], D[i], 5))
-        for one, all_of_them in zip((single.F, *learnt[1:4]), (command.F, *after[1:4]), strict=True):
-            np.testing.assert_allclose(one, all_of_them[i], rtol=1e-12, atol=1e-13)
     assert kinds == ({False, True} if clipped or np.any(zone) else {False})
     assert command.v2_desired is v2d
     assert (command.x1_desired.tolist(), command.x2_desired.tolist()) == ([7.0], [8.0, 9.0])

@@ -5,15 +5,10 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.control import (
-    UnknownRadius,
-    UnknownTrack,
-    WheelRegressor,
-)
+from bodies import add_body
+from rnc_pin.control import UnknownRadius, UnknownTrack, WheelRegressor
 from rnc_pin.control.wheel_regressor import _axles
-from systems import (
-    random_states,
-)
+from systems import random_states
 from textbook_systems import DRIVE, differential_drive, reduced_cart, two_wheeled_cart
 from tolerances import ROUNDING
 
@@ -68,24 +63,21 @@ def assert_track(robot, wheels, exists, otherwise):
     assert str(caught.value) == f"unknown track: wheels '{first}' and '{second}' {otherwise}"
 
 
-def test_wheels_have_a_track_from_a_billionth_of_a_metre_on():
-    here = np.array([0.1, 0.3, 0.2])
-    for apart in (1.01e-9, 0.99e-9):
+def test_wheels_at_one_place_or_off_their_axles_have_no_track():
+    here, words = np.array([0.1, 0.3, 0.2]), "have the same position: the direction of their axle is undefined"
+    for apart in (1e-6, 0.0):
         robot = two_wheeled_cart(left=here, right=here + np.array([0.0, 0.0, apart]))
-        words = "have the same position: the direction of their axle is undefined"
-        assert_track(robot, ("left", "right"), apart > 1e-9, words)
-    for aside in ((0.99e-9, 0.4, 0.0), (0.0, -0.4, -0.99e-9), (1.01e-9, 0.4, 0.0), (0.0, 0.0, -1.01e-9)):
+        assert_track(robot, ("left", "right"), apart > 0, words)
+    for aside in ((0.0, 0.4, 0.0), (0.01, 0.4, 0.0), (0.0, 0.0, -0.01)):
         words = "have no fixed track: frame 'left' is not on the axis of its joint"
-        assert_track(two_wheeled_cart(off=aside), ("right", "left"), max(map(abs, aside[::2])) < 1e-9, words)
+        assert_track(two_wheeled_cart(off=aside), ("right", "left"), not any(aside[::2]), words)
 
 
 @pytest.mark.parametrize("joint", [pin.JointModelSpherical(), pin.JointModelPlanar(), pin.JointModelPY()])
 def test_a_wheel_that_does_more_than_turn_about_its_axle_has_no_fixed_track(joint):
     """On a ball it turns about all axes, in a plane it moves, on a rail it only slides."""
     model = two_wheeled_cart().model.copy()
-    ball = model.addJoint(1, joint, TURNED, "ball")
-    model.appendBodyToJoint(ball, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
-    model.addFrame(pin.Frame("loose", ball, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    add_body(model, "ball", joint, 1.0, 1, at=TURNED, frame="loose")
     with pytest.raises(rnc.ConfigurationError, match="frame 'loose' is not on the axis of its joint"):
         _axles(rnc.Robot(model), 0, "left", "loose")
 
@@ -94,9 +86,7 @@ def test_two_wheels_of_one_joint_or_of_two_bodies_have_no_track():
     model = two_wheeled_cart().model.copy()
     model.addFrame(pin.Frame("outer", 2, 0, pin.SE3(np.eye(3), np.array([0.0, 0.1, 0.0])), pin.FrameType.OP_FRAME))
     arm = model.addJoint(1, pin.JointModelRZ(), pin.SE3.Identity(), "arm")
-    far = model.addJoint(arm, pin.JointModelRY(), TURNED, "far_joint")
-    model.appendBodyToJoint(far, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
-    model.addFrame(pin.Frame("far", far, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    add_body(model, "far_joint", "RY", 1.0, arm, at=TURNED, frame="far")
     robot = rnc.Robot(model)
     for pair in (("left", "outer"), ("outer", "left"), ("left", "far"), ("far", "right")):
         with pytest.raises(rnc.ConfigurationError) as caught:
@@ -130,6 +120,8 @@ def test_unknown_wheels_say_which_rows_they_enter_and_no_others():
         ([], "name at least one unknown radius or track"),
         ([UnknownTrack([left])], r"unknown track: expected two wheels, found \['left_wheel'\]"),
         ([UnknownTrack([left, right, left])], "unknown track: expected two wheels, found"),
+        ([UnknownTrack([left, left])], "named twice"),
+        ([UnknownTrack([left, right]), UnknownTrack([right, left])], "named twice"),
         ([UnknownTrack(left)], "unknown track: expected two wheels, found 'left_wheel'"),
         ([UnknownRadius([])], r"unknown radius: expected a list of wheels, found \[\]"),
         ([UnknownRadius([left, left])], "unknown radius: wheel 'left_wheel' is named twice"),

@@ -9,7 +9,7 @@ from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ConstraintError, InputError
 from rnc_pin.forces import Damper, ForceFunction, ForceLaw, SmoothFriction, Spring, Wrench
-from rnc_pin.model.differences import gradient
+from rnc_pin.model.user_functions import gradient
 from systems import random_states
 from textbook_systems import rail_sliders
 

@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.control import Command
 from rnc_pin.integrators import ExponentialCoordinates
 from rnc_pin.plants.reduced import ConstrainedDynamics
@@ -21,10 +22,7 @@ JOINTS = {
 
 def one_joint(kind):
     model = pin.Model()
-    joint = model.addJoint(0, JOINTS[kind][0](), pin.SE3.Identity(), "root_joint")
-    model.appendBodyToJoint(
-        joint, pin.Inertia(1.0, np.array([0.1, 0.2, 0.3]), np.diag([1.0, 1.5, 2.0])), pin.SE3.Identity()
-    )
+    add_body(model, "root_joint", JOINTS[kind][0](), 1.0, com=(0.1, 0.2, 0.3), moments=(1.0, 1.5, 2.0))
     return rnc.Robot(model)
 
 

@@ -11,10 +11,7 @@ DT = 0.02
 
 
 def differential_drive(speed=0.4, turn=0.3):
-    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
-    wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
-    system = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"])
-    reduced = system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
+    reduced = systems.differential_drive()
     way = rnc.planning.Hold([speed, turn])
     return reduced, rnc.control.ReducingOutputController(reduced, way)
 

@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from plain_kinematics import ROBOTS, Plain, near, states
 from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.frame_velocity import axis_index
@@ -145,8 +146,7 @@ def sliders(B):
     model = pin.Model()
     model.name = "sliders"
     for axis, kind in zip("xyz", (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ), strict=True):
-        joint = model.addJoint(model.njoints - 1, kind(), pin.SE3.Identity(), axis)
-        model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+        add_body(model, axis, kind(), pin.Inertia.FromSphere(1.0, 0.1), model.njoints - 1)
     return rnc.NonholonomicSystem(rnc.Robot(model), [], B).reduce()
 
 
@@ -231,8 +231,7 @@ def test_a_force_needs_one_output_that_the_base_does_not_move():
 def test_a_cylinder_lifts_a_boom_with_the_force_of_its_lever():
     """A boom of length 1 on a hinge, a cylinder from a point below the hinge to the middle of the boom."""
     model = pin.Model()
-    joint = model.addJoint(0, pin.JointModelRY(), pin.SE3.Identity(), "boom")
-    model.appendBodyToJoint(joint, pin.Inertia(10.0, np.array([1.0, 0, 0]), 0.1 * np.eye(3)), pin.SE3.Identity())
+    joint = add_body(model, "boom", "RY", 10.0, com=(1.0, 0, 0), moments=0.1)
     for name, parent, place in (("foot", 0, (0.0, 0.0, -0.5)), ("middle", joint, (0.5, 0.0, 0.0))):
         model.addFrame(pin.Frame(name, parent, pin.SE3(np.eye(3), np.array(place)), pin.FrameType.OP_FRAME))
     reduced = rnc.NonholonomicSystem(rnc.Robot(model), [], [rnc.OutputForce(rnc.Distance("foot", "middle"))]).reduce()

@@ -17,9 +17,7 @@ from rnc_pin.model.reduction_data import ReductionData, VelocityRows
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import check_defined
 from rnc_pin.model.state_evaluation import StateEvaluation
-from systems import (
-    sleigh,
-)
+from systems import sleigh
 
 
 class Rails(VelocityRows):
@@ -236,10 +234,10 @@ def test_short_rows_bear_forces_and_rounded_ones_do_not(count):
             forces, multipliers = held(rows, T, [size, size * short, 1.0], count=count)
             lead = np.array([7.0 / size, -4.0 / (size * short)])
             np.testing.assert_allclose(multipliers, np.broadcast_to(lead, multipliers.shape), rtol=1e-9)
-            np.testing.assert_allclose(forces, np.broadcast_to(lead * [1, bears], forces.shape), rtol=1e-9)
+            np.testing.assert_allclose(forces, np.broadcast_to(-lead * [1, bears], forces.shape), rtol=1e-9)
     rows = np.array([[1.0, 0, 0], [0, 1.0, 0], [1.0, 0, 1e-7]])
     forces, _ = held(rows, T, np.ones(4), count=count)
-    np.testing.assert_allclose(forces, np.broadcast_to([3.5, -4.0, 3.5], forces.shape), atol=1e-5)
+    np.testing.assert_allclose(forces, np.broadcast_to([-3.5, 4.0, -3.5], forces.shape), atol=1e-5)
 
 
 def pushed(columns, count=None):

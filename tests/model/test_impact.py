@@ -8,6 +8,7 @@ import pytest
 
 import rnc_pin as rnc
 import systems
+from bodies import add_body
 from tolerances import ROUNDING
 
 LENGTH, MASS = 1.4, 3.0
@@ -17,8 +18,7 @@ def bodies(*inertias):
     """Free planar bodies, each with a frame at its centre and one at (LENGTH / 2, 0, 0)."""
     model = pin.Model()
     for k, (mass, turning) in enumerate(inertias):
-        joint = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), f"body_{k}_joint")
-        model.appendBodyToJoint(joint, pin.Inertia(mass, np.zeros(3), turning * np.eye(3)), pin.SE3.Identity())
+        joint = add_body(model, f"body_{k}_joint", "Planar", mass, moments=turning)
         for name, x in (("center", 0.0), ("end", LENGTH / 2), ("tail", -LENGTH / 2)):
             place = pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
             model.addFrame(pin.Frame(f"{name}_{k}", joint, 0, place, pin.FrameType.OP_FRAME))
@@ -78,9 +78,7 @@ def test_grasp_of_a_free_body_conserves_the_total_momentum(elastic):
     """Hand of a floating arm and a drifting body; the impulses are internal."""
     arm = rnc.Robot.from_urdf("floating_arm.urdf", base="planar", gravity=(0, 0, 0))
     model = arm.model.copy()
-    joint = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "target_joint")
-    model.appendBodyToJoint(joint, pin.Inertia(6.0, np.array([0.1, 0.05, 0.0]), 0.7 * np.eye(3)), pin.SE3.Identity())
-    model.addFrame(pin.Frame("handle", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    add_body(model, "target_joint", "Planar", 6.0, com=(0.1, 0.05, 0.0), moments=0.7, frame="handle")
     robot = rnc.Robot(model)
     held = rnc.NonholonomicSystem(robot, [rnc.LoopClosure("hand", "handle")])
     q = held.assembled(robot.configuration({"shoulder": 0.4, "elbow": 0.9}), hold=["root_joint", "shoulder", "elbow"])

@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduction_data import VelocityRows
 from rnc_pin.model.row_stack import OutputStack, RowStack
@@ -111,18 +112,14 @@ def test_velocity_rows_are_combinations_without_a_value():
 def tilted(angle):
     """A body whose own x axis stands up, but for an angle."""
     model = pin.Model()
-    joint = model.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "body")
-    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
-    model.addFrame(pin.Frame("top", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    add_body(model, "body", "Spherical", 1.0, frame="top")
     q = pin.Quaternion(pin.rpy.rpyToMatrix(0.0, angle - np.pi / 2, 0.7)).coeffs()
     return rnc.Robot(model), q
 
 
 def apart(distance):
     model = pin.Model()
-    joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "slide")
-    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
-    model.addFrame(pin.Frame("end", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    add_body(model, "slide", "PX", 1.0, frame="end")
     return rnc.Robot(model), np.array([distance])
 
 

@@ -8,18 +8,12 @@ import pytest
 import scipy.linalg
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.model.reduction_data import best_entries
 from rnc_pin.model.rows import Rows, check_defined
 from rnc_pin.model.system import _is_loose
 from rnc_pin.robots.sources.description import Mimic
-from systems import (
-    leaning_wheel,
-    random_states,
-    rolling_base,
-    sleigh,
-    space_robot,
-    tiago,
-)
+from systems import leaning_wheel, rolling_base, sleigh, space_robot, tiago
 from textbook_systems import Bound, Flat, Turning, coupling, sliders
 from tolerances import ROUNDING
 
@@ -155,15 +149,6 @@ def test_next_to_a_singular_configuration_the_answer_is_still_right():
     assert np.linalg.norm(back - F) < 1e-5 * np.linalg.norm(F)
 
 
-def test_lists_and_one_configuration_for_many_velocities_are_welcome():
-    reduced = space_robot()
-    q, _ = random_states(reduced, 1)[0]
-    v2, T = np.random.default_rng(0).normal(size=(2, 5, 3))
-    batch = reduced.forward_dynamics(q.tolist(), v2, T)
-    assert batch.shape == (5, 3)
-    np.testing.assert_allclose(batch[3], reduced.forward_dynamics(q, v2[3].tolist(), T[3].tolist()), rtol=1e-10)
-
-
 @pytest.mark.parametrize(
     ("joint", "units"),
     [
@@ -179,10 +164,8 @@ def test_lists_and_one_configuration_for_many_velocities_are_welcome():
 def test_momentum_has_the_unit_of_the_motion_that_it_belongs_to(joint, units):
     model = pin.Model()
     model.gravity.linear = np.zeros(3)
-    base = model.addJoint(0, joint, pin.SE3.Identity(), "base")
-    model.appendBodyToJoint(base, pin.Inertia(2.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
-    arm = model.addJoint(base, pin.JointModelRZ(), pin.SE3.Identity(), "arm")
-    model.appendBodyToJoint(arm, pin.Inertia(1.0, np.array([0.3, 0.0, 0.0]), np.eye(3)), pin.SE3.Identity())
+    base = add_body(model, "base", joint, 2.0)
+    add_body(model, "arm", "RZ", 1.0, base, com=(0.3, 0.0, 0.0))
     assert rnc.MomentumConservation("base").bind(rnc.Robot(model)).units == units
 
 

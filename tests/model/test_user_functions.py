@@ -7,8 +7,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.model.differences import directional_derivative
-from rnc_pin.model.user_functions import DerivedRate, check_rate, configuration_rate
+from rnc_pin.model.user_functions import DerivedRate, check_rate, configuration_rate, directional_derivative
 
 
 @pytest.fixture

@@ -82,15 +82,7 @@ def positive(generator, *shape):
     return root @ root.mT + 0.1 * np.eye(shape[-1])
 
 
-@pytest.fixture(params=["c", "numpy"])
-def path(request, monkeypatch):
-    if request.param == "numpy":
-        monkeypatch.setattr(_kernel, "library", _kernel.NUMPY_ALONE)
-    elif _kernel.library is _kernel.NUMPY_ALONE:
-        pytest.skip("no compiled kernel in this installation")
-
-
-def test_solution_is_that_of_the_dense_equations(path):
+def test_solution_is_that_of_the_dense_equations():
     """The whole problem in one matrix: costs of all stages, and multipliers of the dynamics."""
     generator = np.random.default_rng(0)
     AB, H, end = generator.normal(size=(N, NX, NX + NU)), positive(generator, N, NX + NU), positive(generator, NX)
@@ -112,7 +104,9 @@ def test_solution_is_that_of_the_dense_equations(path):
     np.testing.assert_allclose(costate[1:].reshape(-1, M), found[count + NX :], atol=1e-9)
 
 
-def test_a_problem_that_is_not_convex_is_refused(path):
+@pytest.mark.parametrize("library", [_kernel.library, _kernel.NUMPY_ALONE])
+def test_a_problem_that_is_not_convex_is_refused(library, monkeypatch):
+    monkeypatch.setattr(_kernel, "library", library)
     generator = np.random.default_rng(0)
     H = positive(generator, N, NX + NU)
     H[2, NX:, NX:] -= 100 * np.eye(NU)

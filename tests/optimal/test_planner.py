@@ -125,11 +125,13 @@ def test_the_figure_shows_inputs_and_the_bounds_that_are_near():
     goal = sleigh_goal(1.0, 0.0, 0.0)
     plan = rnc.optimal.plan(reduced, reduced.robot.configuration(), goal, 2.0, bounds=bounds, settings=few)
     axes = plan.plot(["sleigh_speed_x"]).axes
-    outputs, rates, inputs = ([line.get_ydata() for line in each.get_lines()] for each in axes)
+    outputs, rates, *inputs = ([line.get_ydata() for line in each.get_lines()] for each in axes)
     assert len(outputs) == 1
     assert len(rates) == 2
     np.testing.assert_allclose(rates[1], 0.8)
-    np.testing.assert_array_equal(inputs[0][:-1], plan.u[:, 0])
+    for k, lines in enumerate(inputs):  # of accelerations along x and about z, which share no axis
+        np.testing.assert_array_equal(lines[0][:-1], plan.u[:, k])
+    assert len(inputs) == 2
     with pytest.raises(ConfigurationError, match="no output 'sleigh_z'"):
         plan.plot(["sleigh_z"])
 

@@ -5,7 +5,7 @@ import pytest
 
 import rnc_pin as rnc
 import systems
-from rnc_pin.optimal import EffortCost, InputBound, OutputCost, PredictiveController, VelocityCost
+from rnc_pin.optimal import EffortCost, InputBound, OutputCost, PredictiveController, UpdateSchedule, VelocityCost
 
 
 def controller_of(reduced, **options):
@@ -28,7 +28,7 @@ def test_the_sleigh_reaches_its_goal_within_the_input_bounds():
 def test_a_missed_budget_keeps_the_feedback_of_the_last_motion():
     """Without time for a single update, the first motion stands still, and so does the sleigh."""
     reduced = systems.sleigh()
-    controller = controller_of(reduced, budget=0.0)
+    controller = controller_of(reduced, updates=UpdateSchedule(budget=0.0))
     measurement = reduced.at(reduced.robot.configuration(), np.zeros(2)).measure(np.zeros(2))
     state = controller.initial_state(measurement)
     for k in range(3):
@@ -43,7 +43,7 @@ def test_missed_updates_reach_the_verdict():
 
     class Late(PredictiveController):
         def step(self, t, measurement, state):
-            self.budget = 0.0 if self.always or round(t / 0.05) % 2 else None
+            self.updates = UpdateSchedule(budget=0.0 if self.always or round(t / 0.05) % 2 else None)
             return super().step(t, measurement, state)
 
     for always, word in ((False, "degraded"), (True, "failed")):
@@ -83,7 +83,7 @@ def test_bounds_of_accelerations_are_limits_of_the_run(mass, word):
 def test_prediction_over_the_delay_is_the_simulated_state():
     """The first node of a motion with delay is where the sleigh is at the end of the delay."""
     reduced = systems.sleigh()
-    controller = controller_of(reduced, delay=0.1, period=0.5)
+    controller = controller_of(reduced, updates=UpdateSchedule(delay=0.1, period=0.5))
     moving = reduced.at(reduced.robot.configuration(), np.array([0.4, 0.0])).measure(np.zeros(2))
     _, state = controller.step(0.0, moving, controller.initial_state(moving))
     np.testing.assert_allclose(state.q[0][:2], [0.04, 0.0], atol=1e-3)  # coasting: no inputs before

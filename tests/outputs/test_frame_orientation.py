@@ -7,11 +7,8 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.control import (
-    ComputedTorque,
-    PositionTracker,
-    RedundancyController,
-)
+from bodies import add_body
+from rnc_pin.control import ComputedTorque, PositionTracker, RedundancyController
 from rnc_pin.math.coordinates import Coordinates, left_jacobian
 from rnc_pin.planning import Harmonic, Hold, MinimumJerk
 from rnc_pin.planning.relative_references import RelativeMinimumJerk
@@ -25,15 +22,11 @@ def reaction_wheels():
     """A satellite that three wheels turn while an antenna moves: class 1 with no singular configuration."""
     model = pin.Model()
     model.name = "satellite"
-    base = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
-    model.appendBodyToJoint(base, pin.Inertia(50.0, np.zeros(3), np.diag([5.0, 7.0, 6.0])), pin.SE3.Identity())
-    model.addFrame(pin.Frame("bus", base, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    base = add_body(model, "root_joint", "FreeFlyer", 50.0, moments=(5.0, 7.0, 6.0), frame="bus")
     kinds = {"x": pin.JointModelRX, "y": pin.JointModelRY, "z": pin.JointModelRZ}
     for axis, kind in kinds.items():
-        joint = model.addJoint(base, kind(), pin.SE3.Identity(), f"wheel_{axis}")
-        model.appendBodyToJoint(joint, pin.Inertia(2.0, np.zeros(3), 0.5 * np.eye(3)), pin.SE3.Identity())
-    joint = model.addJoint(base, pin.JointModelRY(), pin.SE3(np.eye(3), np.array([0.5, 0, 0])), "antenna")
-    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.array([0.2, 0, 0.1]), 0.05 * np.eye(3)), pin.SE3.Identity())
+        add_body(model, f"wheel_{axis}", kind(), 2.0, base, moments=0.5)
+    add_body(model, "antenna", "RY", 1.0, base, com=(0.2, 0, 0.1), moments=0.05, at=(0.5, 0, 0))
     model.gravity.linear = np.zeros(3)
     wheels = [f"wheel_{axis}" for axis in kinds]
     system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.MomentumConservation("root_joint")], ["antenna", *wheels])

@@ -5,10 +5,9 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.model.kinematics import Kinematics
+from rolling import slope
 from tolerances import FINITE_DIFFERENCE, ROUNDING
 
-STEP = 1e-4  # [s]; differences of the fourth order
 AXES = "xyz"
 
 
@@ -27,15 +26,6 @@ def free_of(robot, output):
 def states(robot, count=5):
     generator = np.random.default_rng(3)
     return [(robot.random_configuration(generator), generator.uniform(-1, 1, robot.nv)) for _ in range(count)]
-
-
-def slope(function, model, q, v):
-    """Derivative along v by central differences."""
-    near, far = (
-        (function(pin.integrate(model, q, h * v)) - function(pin.integrate(model, q, -h * v))) / (2 * h)
-        for h in (STEP, 2 * STEP)
-    )
-    return (4 * near - far) / 3
 
 
 def rotation(robot, frame, q):
@@ -60,24 +50,6 @@ def test_a_tilt_is_the_angle_above_the_horizon(axis, arm):
     for q, _ in states(arm):
         height = rotation(arm, "hand", q)[2, AXES.index(axis)]
         np.testing.assert_allclose(reduced.at(q).outputs()[0], [np.arcsin(height)], atol=ROUNDING)
-
-
-@pytest.mark.parametrize("axis", AXES)
-def test_the_rate_of_a_tilt_and_the_rate_of_its_row(axis, arm):
-    reduced, column = free_of(arm, rnc.FrameTilt("hand", axis)), AXES.index(axis)
-    for q, v in states(arm):
-
-        def tilt(p):
-            return np.arcsin(rotation(arm, "hand", p)[2, column])
-
-        state = reduced.at(q, v)
-        assert state.v1[0] == pytest.approx(slope(tilt, arm.model, q, v), abs=FINITE_DIFFERENCE)
-        row = [slope(tilt, arm.model, q, each) for each in np.eye(arm.nv)]
-        np.testing.assert_allclose(state.A_star, [row], atol=FINITE_DIFFERENCE)
-        rate = slope(lambda p: reduced.at(p).A_star, arm.model, q, v)
-        np.testing.assert_allclose(state.A_star_dot, rate, atol=FINITE_DIFFERENCE)
-        at = Kinematics(arm).position(q).with_velocity(v)
-        np.testing.assert_allclose(reduced.vertical.bias_acceleration(at), rate @ v, atol=FINITE_DIFFERENCE)
 
 
 @pytest.mark.parametrize("lean", [-1.2, 0.0, 0.3])
@@ -116,19 +88,8 @@ def test_an_angular_velocity_is_in_the_frames_own_axes(axis, arm):
         state = reduced.at(q, v)
         np.testing.assert_allclose(state.A_star, frame_jacobian(arm, "hand", q)[[3 + row]], atol=ROUNDING)
         here = rotation(arm, "hand", q)
-        turned = slope(lambda p, here=here: pin.log3(here.T @ rotation(arm, "hand", p)), arm.model, q, v)
+        turned = slope(arm.model, lambda p, here=here: pin.log3(here.T @ rotation(arm, "hand", p)), q, v)
         assert state.v1[0] == pytest.approx(turned[row], abs=FINITE_DIFFERENCE)
-
-
-@pytest.mark.parametrize("axis", AXES)
-def test_the_rate_of_an_angular_velocity_row_and_its_bias_acceleration(axis, arm):
-    row = AXES.index(axis)
-    reduced = free_of(arm, rnc.FrameAngularVelocity("hand", axis))
-    for q, v in states(arm):
-        rate = slope(lambda p: frame_jacobian(arm, "hand", p)[[3 + row]], arm.model, q, v)
-        np.testing.assert_allclose(reduced.at(q, v).A_star_dot, rate, atol=FINITE_DIFFERENCE)
-        at = Kinematics(arm).position(q).with_velocity(v)
-        np.testing.assert_allclose(reduced.vertical.bias_acceleration(at), rate @ v, atol=FINITE_DIFFERENCE)
 
 
 def test_the_roll_rate_of_a_rolling_disk():

@@ -6,6 +6,7 @@ import pytest
 import scipy
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.planning.bounded_descent import Residuals, TangentBounds, descend
 
 
@@ -13,8 +14,7 @@ def slides(kinds):
     """Model of joints of one or three slides."""
     model = pin.Model()
     for k, kind in enumerate(kinds):
-        joint = model.addJoint(k, kind, pin.SE3.Identity(), f"joint_{k}")
-        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+        add_body(model, f"joint_{k}", kind, 1.0, k)
     return rnc.Robot(model).model
 
 

@@ -9,6 +9,7 @@ import pytest
 
 import rnc_pin as rnc
 import systems
+from bodies import add_body
 from rnc_pin.collision import CollisionDistances, Obstacle
 from rnc_pin.planning.inverse_kinematics import _Problem
 from rnc_pin.planning.output_targets import OutputTargets
@@ -245,8 +246,7 @@ def test_obstacles_are_avoided_and_reported():
 def test_a_goal_behind_a_wall_is_approached_as_near_as_the_weights_say():
     """A ball of radius r on a slider: ``(goal - x)^2 + 9 (clearance + 1 mm - (wall - r - x))^2`` is least."""
     model = pin.Model()
-    joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "slider")
-    model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+    joint = add_body(model, "slider", "PX", pin.Inertia.FromSphere(1.0, 0.1))
     frame = model.addFrame(pin.Frame("ball", joint, pin.SE3.Identity(), pin.FrameType.BODY))
     shapes = pin.GeometryModel()
     shapes.addGeometryObject(pin.GeometryObject("ball", joint, frame, pin.SE3.Identity(), coal.Sphere(0.1)))

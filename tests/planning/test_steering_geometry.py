@@ -6,6 +6,7 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import InfeasibleError
@@ -143,8 +144,7 @@ def test_the_table_ends_where_the_curvature_no_longer_grows():
     """A steering wheel at an angle a makes the path of curvature ``sin(a) / L``, at most 1 / L."""
     robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
     model = robot.model.copy()
-    wheel = model.addJoint(1, pin.JointModelRZ(), pin.SE3.Identity(), "wheel")
-    model.appendBodyToJoint(wheel, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    add_body(model, "wheel", "RZ", 1.0, 1)
     still = np.zeros((1, 4))
     turning = rnc.Pfaffian(
         lambda q: np.array([[-np.sin(q[4]), 0.0, WHEELBASE, 0.0]]),

@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.plants.reduced.contact_modes import ContactImpacts
 from rnc_pin.plants.reduced.unilateral_contact import BoundContact
 from simple_controllers import Idle
@@ -24,8 +25,7 @@ FEET = {
 def cart():
     """A tall body with six feet."""
     model = pin.Model()
-    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
-    model.appendBodyToJoint(joint, pin.Inertia(MASS, np.zeros(3), np.diag([0.5, 0.4, 0.2])), pin.SE3.Identity())
+    joint = add_body(model, "root_joint", "FreeFlyer", MASS, moments=(0.5, 0.4, 0.2))
     for name, (x, y) in FEET.items():
         model.addFrame(pin.Frame(name, joint, 0, pin.SE3(np.eye(3), np.array([x, y, -0.5])), pin.FrameType.OP_FRAME))
     return rnc.NonholonomicSystem(rnc.Robot(model))

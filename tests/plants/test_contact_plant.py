@@ -9,6 +9,7 @@ import pytest
 import scipy
 
 import rnc_pin as rnc
+from bodies import add_body
 from simple_controllers import Idle, Inputs
 
 G = 9.81
@@ -17,8 +18,7 @@ G = 9.81
 def body(mass, inertia, **frames):
     """A free body with frames at given places."""
     model = pin.Model()
-    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
-    model.appendBodyToJoint(joint, pin.Inertia(mass, np.zeros(3), np.diag(inertia)), pin.SE3.Identity())
+    joint = add_body(model, "root_joint", "FreeFlyer", mass, moments=inertia)
     for name, place in frames.items():
         model.addFrame(pin.Frame(name, joint, 0, pin.SE3(np.eye(3), np.array(place)), pin.FrameType.OP_FRAME))
     return rnc.Robot(model)
@@ -178,11 +178,8 @@ def test_hopper_as_scipy_integrates_it_with_events():
     """Two masses and a spring: it lands, is compressed, lifts off and lands again."""
     upper, lower, k, length = 1.5, 0.4, 400.0, 0.5
     model = pin.Model()
-    first = model.addJoint(0, pin.JointModelPZ(), pin.SE3.Identity(), "body")
-    model.appendBodyToJoint(first, pin.Inertia(upper, np.zeros(3), 1e-3 * np.eye(3)), pin.SE3.Identity())
-    leg = model.addJoint(first, pin.JointModelPZ(), pin.SE3(np.eye(3), np.array([0, 0, -length])), "leg")
-    model.appendBodyToJoint(leg, pin.Inertia(lower, np.zeros(3), 1e-3 * np.eye(3)), pin.SE3.Identity())
-    model.addFrame(pin.Frame("foot", leg, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    first = add_body(model, "body", "PZ", upper, moments=1e-3)
+    add_body(model, "leg", "PZ", lower, first, moments=1e-3, at=(0, 0, -length), frame="foot")
     system = rnc.NonholonomicSystem(rnc.Robot(model), forces=[rnc.forces.Spring(rnc.JointPosition("leg"), k)])
     plant = rnc.ContactPlant(system, [rnc.UnilateralContact(rnc.Caster("foot", 0.0))], substeps=4)
     plant.reset(np.array([length + 0.3, 0.0]), np.zeros(2))

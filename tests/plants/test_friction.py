@@ -6,6 +6,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.integrators import phi_functions
 from rnc_pin.plants import FaultyPlant, ReducedPlant
 from simple_controllers import Inputs
@@ -20,8 +21,7 @@ def slider(damping=0.0, friction=0.0):
     """A mass on a slide."""
     model = pin.Model()
     model.name = "slider"
-    joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "slide")
-    model.appendBodyToJoint(joint, pin.Inertia(MASS, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    add_body(model, "slide", "PX", MASS)
     model.damping, model.upperDryFrictionLimit = np.array([damping]), np.array([friction])
     return rnc.NonholonomicSystem(rnc.Robot(model), [], ["slide"]).reduce()
 
@@ -244,10 +244,10 @@ def test_contact_forces_count_damping_and_friction():
         reduced, Inputs(lambda t: np.zeros(2)), q0, 0.2, 0.02, v2_0=v2, plant=ReducedPlant(reduced, **DAMPED)
     )
     rolling = [name.startswith("rolling") for name in idle.info.outputs.contact_forces]
-    pushing = idle.contact_forces[:, rolling].sum(axis=1)  # of both wheels, with the sign of multipliers
+    pushing = idle.contact_forces[:, rolling].sum(axis=1)  # of both wheels, on the robot
     mass = sum(inertia.mass for inertia in list(reduced.robot.model.inertias)[1:])
     slowing = np.gradient(idle.v[:, 0], idle.time)
-    np.testing.assert_allclose(pushing[1:-1], -mass * slowing[1:-1], rtol=1e-2)
+    np.testing.assert_allclose(pushing[1:-1], mass * slowing[1:-1], rtol=1e-2)
     plant = FaultyPlant(ReducedPlant(differential_drive()), rnc.Faults(friction=0.3), reduced, 0.02)
     rubbed = rnc.simulate(reduced, Inputs(lambda t: [0.3, 0.3]), q0, 0.2, 0.02, v2_0=v2, plant=plant)
     np.testing.assert_allclose(rubbed.v2, 2.0, atol=1e-12)

@@ -14,15 +14,8 @@ from rnc_pin.plants.mujoco import MuJoCoPlant, MuJoCoSettings
 FAST = {"step": 0.002, "integrator": "implicitfast"}
 
 
-def differential_drive():
-    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
-    wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
-    system = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"])
-    return system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
-
-
 def test_a_differential_drive_moves_as_commanded_with_little_slip():
-    reduced = differential_drive()
+    reduced = systems.differential_drive()
     plant = MuJoCoPlant(reduced, MuJoCoSettings(servo_time=0.02, integrator="implicitfast"))
     plant.set_actuator_friction(0.05)
     way = rnc.planning.MinimumJerk(np.zeros(2), [0.8, 0.6], duration=2.0)
@@ -82,7 +75,7 @@ def test_the_hand_of_a_mobile_manipulator_follows_with_friction():
 
 def test_limits_of_a_velocity_program_hold_in_mujoco():
     """Wheel speeds and a wall in front of the base limit the motion; the outer wheel turns faster in the curve."""
-    reduced = differential_drive()
+    reduced = systems.differential_drive()
     wanted = [
         rnc.control.tasks.OutputTask(
             rnc.FrameSpeed("base"),
@@ -109,7 +102,7 @@ def test_limits_of_a_velocity_program_hold_in_mujoco():
 
 
 def test_effort_limits_of_servos_hold():
-    reduced = differential_drive()  # 20 N m each
+    reduced = systems.differential_drive()  # 20 N m each
     plant = MuJoCoPlant(reduced, MuJoCoSettings(servo_time=0.02, effort_limits=True, **FAST))
     plant.reset(reduced.robot.configuration(), np.zeros(5))
     plant.apply(np.array([25.0, 25.0]))
@@ -119,7 +112,7 @@ def test_effort_limits_of_servos_hold():
 
 
 def test_a_step_that_is_too_long_for_the_servos_is_refused():
-    reduced = differential_drive()
+    reduced = systems.differential_drive()
     with pytest.raises(rnc.ConfigurationError, match=r"servo_time 0.0005 s is too short for integrator 'RK4'.*step"):
         MuJoCoPlant(reduced, MuJoCoSettings(servo_time=0.0005))
     MuJoCoPlant(reduced, MuJoCoSettings(servo_time=0.0005, integrator="implicitfast"))

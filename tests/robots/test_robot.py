@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from tolerances import ROUNDING
 
 SHIPPED = ["space_robot.urdf", "mobile_manipulator.urdf", "fire_truck.urdf"]
@@ -340,8 +341,7 @@ def test_a_wrong_argument_is_refused_in_one_line(call, words, capfd):
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_a_model_with_an_inertia_that_is_not_finite_is_refused(bad, capfd):
     model = pin.Model()
-    joint = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "hinge")
-    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.array([bad, 0.0, 0.0]), np.eye(3)), pin.SE3.Identity())
+    add_body(model, "hinge", "RZ", 1.0, com=(bad, 0.0, 0.0))
     assert "'hinge' is not finite" in refusal(lambda: rnc.Robot(model), capfd)
 
 

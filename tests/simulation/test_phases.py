@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from simple_controllers import Inputs
 
 G, MASS, RADIUS, HEIGHT = 9.81, 2.0, 0.1, 0.3
@@ -162,10 +163,8 @@ def test_a_motion_that_starts_with_its_phase_conserves_momentum():
     """Cart that coasts to x = 0.3, where a motor starts to move a weight on it: ``(M + m) X' + m s' = P``."""
     cart, weight, speed, amplitude, rate = 2.0, 0.5, 0.4, 0.1, 1.0
     model = pin.Model()
-    first = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "cart")
-    model.appendBodyToJoint(first, pin.Inertia(cart, np.zeros(3), 1e-3 * np.eye(3)), pin.SE3.Identity())
-    second = model.addJoint(first, pin.JointModelPX(), pin.SE3.Identity(), "weight")
-    model.appendBodyToJoint(second, pin.Inertia(weight, np.zeros(3), 1e-3 * np.eye(3)), pin.SE3.Identity())
+    first = add_body(model, "cart", "PX", cart, moments=1e-3)
+    add_body(model, "weight", "PX", weight, first, moments=1e-3)
     robot = rnc.Robot(model)
     locked = rnc.NonholonomicSystem(robot, [rnc.Pfaffian(lambda q: np.array([[0.0, 1.0]]))]).reduce()
     motion = rnc.planning.Harmonic([0.0], [amplitude], rate, ramp=0.0)

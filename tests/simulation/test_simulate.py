@@ -16,14 +16,7 @@ from rnc_pin.simulation import derived_quantities
 from rnc_pin.simulation.record import Record
 from rnc_pin.simulation.run_info import Provenance
 from simple_controllers import Inputs
-from systems import (
-    ALL,
-    four_bar,
-    mobile_manipulator,
-    random_states,
-    space_robot,
-    space_robot_in_joints,
-)
+from systems import ALL, four_bar, mobile_manipulator, random_states, space_robot, space_robot_in_joints
 from tolerances import REFERENCE_SIMULATION
 
 

@@ -101,10 +101,6 @@ def truck_task(**changes):
     return reduced, path, task, SteeringController(reduced, task, path.reference, vertical, **changes), q0
 
 
-def chain_rate(x, u):
-    return np.concatenate([[u[0], u[1]], x[1:-1] * u[0]])
-
-
 def learnt_over(elapsed, sigma, before, drive):
     """Return the solution of ``ydot = -sigma y + drive`` after a time."""
     fade = np.exp(-sigma * elapsed)

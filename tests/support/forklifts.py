@@ -8,7 +8,6 @@ import rnc_pin as rnc
 from benchmarks.forklift_sweep import URDF
 
 BASE, LOAD, OFFSET = (1.6, 0.9, 1.0), (0.9, 0.8, 0.6), (1.3, 0.0, 0.35)
-LIFT_SPEED = 0.5
 
 
 def forklift(folder, effort=3000):

@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 
 import rnc_pin as rnc
+from bodies import add_body
 
 STEP = 1e-5  # of central differences
 
@@ -34,8 +35,9 @@ def tree():
 def slider():
     """One degree of freedom, of which Pinocchio gives vectors in place of matrices."""
     model = pin.Model()
-    joint = model.addJoint(0, pin.JointModelRX(), pin.SE3(pin.rpy.rpyToMatrix(0.2, 0.3, 0.4), np.ones(3)), "turn")
-    model.appendBodyToJoint(joint, pin.Inertia(2.0, np.array([0.1, 0.2, 0.3]), np.eye(3)), pin.SE3.Identity())
+    joint = add_body(
+        model, "turn", "RX", 2.0, com=(0.1, 0.2, 0.3), at=pin.SE3(pin.rpy.rpyToMatrix(0.2, 0.3, 0.4), np.ones(3))
+    )
     place = pin.SE3(pin.rpy.rpyToMatrix(0.5, -0.3, 0.7), np.array([0.3, -0.4, 0.6]))
     model.addFrame(pin.Frame("on_turn", joint, 0, place, pin.FrameType.OP_FRAME))
     return rnc.Robot(model)

@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 
 
 @cache
@@ -49,6 +50,14 @@ def mobile_manipulator() -> rnc.ReducedModel:
         [rnc.FramePosition("tip", "xy"), rnc.FrameSpeed("base"), rnc.FrameYaw("base")],
         [rnc.Distance("base", "tip"), rnc.FramePosition("base", "xy")],
     )
+
+
+@cache
+def differential_drive() -> rnc.ReducedModel:
+    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+    wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
+    system = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"])
+    return system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
 
 
 @cache
@@ -100,9 +109,7 @@ def leaning_wheel() -> rnc.ReducedModel:
     """A free disk that rolls and leans, under gravity: the contact arm and its rate depend on q."""
     model = pin.Model()
     model.name = "disk"
-    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
-    model.appendBodyToJoint(joint, pin.Inertia(2.0, np.zeros(3), np.diag([0.05, 0.09, 0.05])), pin.SE3.Identity())
-    model.addFrame(pin.Frame("disk", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    add_body(model, "root_joint", "FreeFlyer", 2.0, moments=(0.05, 0.09, 0.05), frame="disk")
     system = rnc.NonholonomicSystem(
         rnc.Robot(model),
         [rnc.RollingWheel("disk", 0.3, axis="y")],
@@ -283,8 +290,7 @@ def ackermann_robot(first: str = "left", base: str = "planar") -> rnc.Robot:
     for side in ("left", "right") if first == "left" else ("right", "left"):
         sign, kind, axes = kinds[side]
         pivot = pin.SE3(axes, np.array([WHEELBASE, sign * TRACK / 2, 0.0]))
-        knuckle = model.addJoint(carrier, kind, pivot, f"{side}_steer")
-        model.appendBodyToJoint(knuckle, pin.Inertia(0.8, np.array([0, 0.03, 0]), 0.01 * np.eye(3)), pin.SE3.Identity())
+        knuckle = add_body(model, f"{side}_steer", kind, 0.8, carrier, com=(0, 0.03, 0), moments=0.01, at=pivot)
         add_wheel(model, knuckle, f"f{side[0]}", pin.SE3(np.eye(3), np.array([0.0, SCRUB, 0.0])), WHEEL)
     return rnc.Robot(model)
 

@@ -6,21 +6,18 @@ import numpy as np
 import pinocchio as pin
 
 import rnc_pin as rnc
+from bodies import add_body
 from places import DATA
 from rnc_pin.analysis.linearization import Linearization
 from rnc_pin.model.rows import ConstantRows, Rows
 from rnc_pin.robots.vehicles import tractor_trailers_urdf
-from systems import (
-    rolling_base,
-)
+from systems import rolling_base
 
 
 def planar_model(name="vehicle"):
     model = pin.Model()
     model.name = name
-    joint = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "root_joint")
-    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
-    model.addFrame(pin.Frame("body", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    joint = add_body(model, "root_joint", "Planar", 1.0, moments=0.1, frame="body")
     return model, joint
 
 
@@ -49,9 +46,7 @@ def unicycle_with_trailers(count):
 def turreted():
     """A unicycle with a turret, whose heading is tracked by its own joint."""
     model, joint = planar_model("turreted")
-    turret = model.addJoint(joint, pin.JointModelRZ(), pin.SE3.Identity(), "turret")
-    model.appendBodyToJoint(turret, pin.Inertia(0.5, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
-    model.addFrame(pin.Frame("gun", turret, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    add_body(model, "turret", "RZ", 0.5, joint, moments=0.1, frame="gun")
     system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.NoSideSlip("body")], np.eye(4)[:, [0, 2, 3]])
     return system.reduce(
         [rnc.FrameSpeed("body"), rnc.FrameYaw("body"), rnc.JointPosition("turret")],
@@ -63,8 +58,7 @@ def prismatic(A5, A5_gradient):
     """Four bodies on four rails, ``x11dot = 0.3 x21dot + x22dot, x12dot = A5(q) x21dot``, q = (x11, x12, x21, x22)."""
     model = pin.Model()
     for name in ("x11", "x12", "x21", "x22"):
-        joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), name)
-        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+        add_body(model, name, "PX", 1.0)
     rows = rnc.Pfaffian(
         lambda q: np.array([[1.0, 0.0, -0.3, -1.0], [0.0, 1.0, -A5(q), 0.0]]),
         lambda q, v: np.array([[0.0, 0.0, 0.0, 0.0], [0.0, 0.0, -A5_gradient(q) @ v, 0.0]]),
@@ -78,8 +72,7 @@ def rail_sliders(count):
     model = pin.Model()
     model.name = "sliders"
     for k in range(count):
-        joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), f"s{k}")
-        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+        add_body(model, f"s{k}", "PX", 1.0)
     return rnc.Robot(model)
 
 
@@ -97,8 +90,7 @@ def cart_robot(base="planar", gravity=-G):
     for name in ("nose", "tail"):
         place = pin.SE3(np.eye(3), np.array([*PLACES[name], 0.0]))
         model.addFrame(pin.Frame(name, carrier, 0, place, pin.FrameType.OP_FRAME))
-    mast = model.addJoint(carrier, pin.JointModelRZ(), pin.SE3.Identity(), "mast")
-    model.appendBodyToJoint(mast, pin.Inertia(9.0, np.array([0.4, 0.0, 0.2]), np.eye(3)), pin.SE3.Identity())
+    add_body(model, "mast", "RZ", 9.0, carrier, com=(0.4, 0.0, 0.2))
     return rnc.Robot(model)
 
 
@@ -108,8 +100,7 @@ def hanging_chain(actuators, count=3):
     model.name = "chain"
     parent, place = 0, pin.SE3.Identity()
     for k in range(count):
-        parent = model.addJoint(parent, pin.JointModelRY(), place, f"hinge_{k}")
-        model.appendBodyToJoint(parent, pin.Inertia(1.0, np.array([0, 0, -0.5]), 0.1 * np.eye(3)), pin.SE3.Identity())
+        parent = add_body(model, f"hinge_{k}", "RY", 1.0, parent, com=(0, 0, -0.5), moments=0.1, at=place)
         place = pin.SE3(np.eye(3), np.array([0, 0, -1.0]))
     return rnc.NonholonomicSystem(rnc.Robot(model), [], actuators).reduce()
 
@@ -137,8 +128,7 @@ def acrobot(actuators=("elbow",)):
     model.name = "acrobot"
     parent, place = 0, pin.SE3.Identity()
     for name in ("shoulder", "elbow"):
-        parent = model.addJoint(parent, pin.JointModelRY(), place, name)
-        model.appendBodyToJoint(parent, pin.Inertia(1.0, np.array([0, 0, -0.5]), 0.1 * np.eye(3)), pin.SE3.Identity())
+        parent = add_body(model, name, "RY", 1.0, parent, com=(0, 0, -0.5), moments=0.1, at=place)
         place = pin.SE3(np.eye(3), np.array([0, 0, -1.0]))
     system = rnc.NonholonomicSystem(rnc.Robot(model), [], list(actuators))
     return system.reduce([rnc.JointPosition("shoulder"), rnc.JointPosition("elbow")])
@@ -208,8 +198,7 @@ def sliders(kinds="XXX", masses=(2.0, 3.0, 5.0), chain=True):
     model.name = "sliders"
     for name, kind, mass in zip("abcdef", kinds, masses, strict=False):
         joint = getattr(pin, "JointModel" + {"X": "PX", "R": "RX", "U": "RUBX"}[kind])()
-        index = model.addJoint(model.njoints - 1 if chain else 0, joint, pin.SE3.Identity(), name)
-        model.appendBodyToJoint(index, pin.Inertia(mass, np.zeros(3), mass * np.eye(3)), pin.SE3.Identity())
+        add_body(model, name, joint, mass, model.njoints - 1 if chain else 0, moments=mass)
     return rnc.Robot(model)
 
 
@@ -252,11 +241,9 @@ def two_wheeled_cart(base=None, left=(0.1, 0.3, 0.2), right=(0.1, -0.3, 0.2), of
     """Two wheels on a body; the left one's frame is off the axis of its joint by this much."""
     model = pin.Model()
     model.name = "cart"
-    body = model.addJoint(0, base or pin.JointModelPX(), pin.SE3.Identity(), "body")
-    model.appendBodyToJoint(body, pin.Inertia(5.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    body = add_body(model, "body", base or pin.JointModelPX(), 5.0)
     for name, place, aside in (("left", left, off), ("right", right, (0.0, 0.0, 0.0))):
-        joint = model.addJoint(body, pin.JointModelRY(), pin.SE3(np.eye(3), np.array(place)), f"{name}_joint")
-        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), 0.01 * np.eye(3)), pin.SE3.Identity())
+        joint = add_body(model, f"{name}_joint", "RY", 1.0, body, moments=0.01, at=place)
         model.addFrame(pin.Frame(name, joint, 0, pin.SE3(np.eye(3), np.array(aside)), pin.FrameType.OP_FRAME))
     return rnc.Robot(model)
 

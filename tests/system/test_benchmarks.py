@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from benchmarks import __main__ as entry
-from benchmarks import latency, reduction, scaling
+from benchmarks import latency, recording, reduction, scaling, sweeps
 from benchmarks.doorway_circle import doorway_robot
 from benchmarks.doorway_path import doorway_path, whole_configuration
 from benchmarks.states import regular_states
@@ -197,3 +197,35 @@ def test_one_command_lists_and_runs_all_benchmarks(monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["benchmarks"])
     entry.main()
     assert "reduction" in capsys.readouterr().out
+
+
+def test_parts_of_the_cost_of_a_run_are_less_than_the_whole(monkeypatch):
+    monkeypatch.setattr(sweeps, "BATCH", 2)
+    cost = sweeps.run_cost(1)
+    assert 0 < cost["prepare"] < cost["anew"]
+    assert 0 < cost["summary columns"] < cost["simulate"] < cost["anew"]
+
+
+def test_the_page_of_results_is_what_the_records_say():
+    assert recording.PAGE.read_text(encoding="utf-8") == recording.page(entry.benchmarks()), (
+        "python -m benchmarks --record"
+    )
+
+
+def test_a_record_states_command_date_machine_and_load(tmp_path, monkeypatch, capsys):
+    """A benchmark that fails leaves the earlier record as it is."""
+    monkeypatch.setattr(recording, "FOLDER", tmp_path)
+    recording.record("inverse_kinematics", ["ur5_robot", "--targets", "2"])
+    kept = (tmp_path / "inverse_kinematics.txt").read_text()
+    head, _, output = kept.partition("\n\n")
+    facts = dict(line.split(": ", 1) for line in head.splitlines())
+    assert facts["command"] == "python -m benchmarks inverse_kinematics ur5_robot --targets 2"
+    assert set(facts) == {"command", "date", "machine", "commit", "load", "duration"}
+    assert output.strip()
+    shown = recording.page({"inverse_kinematics": "Success."})
+    assert "## inverse_kinematics\n\nSuccess." in shown
+    assert facts["machine"] in shown
+    assert output in shown
+    with pytest.raises(SystemExit, match="nothing is recorded"):
+        recording.record("inverse_kinematics", ["no_such_robot"])
+    assert (tmp_path / "inverse_kinematics.txt").read_text() == kept

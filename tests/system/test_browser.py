@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from browsing import changed, children, opened, picture, place, visit, vivid
+from browsing import changed, children, picture, place, visit, vivid
 from patience import PATIENCE, eventually
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.saved_run import view_of
@@ -23,12 +23,6 @@ from rnc_pin.visualization.view import View
 
 SINGLE_PRECISION = 1e-5  # [m]; what WebGL computes in, over a few metres
 VIEW = View(trail=["tip"], ground=-1.3)
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with opened() as launched:
-        yield launched
 
 
 @pytest.fixture(scope="module")

@@ -34,7 +34,7 @@ from rnc_pin.visualization.drawn_model import DrawnModel
 MOST_STATEMENTS = 10
 INTERNAL = (
     *(f"rnc_pin.applications.{room}" for room in ("command_line", "init", "scenario")),
-    *(f"rnc_pin.{room}" for room in ("io", "math", "model", "robots", "visualization")),
+    *(f"rnc_pin.{room}" for room in ("figures", "io", "math", "model", "robots", "visualization")),
 )
 NEEDED = [name for name, thing in NAMED.items() if name.count(".") == 1 or called_by_users(thing)]
 EXAMPLES = [name for name in NAMED if name in NEEDED or statements(name)]

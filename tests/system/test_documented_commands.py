@@ -50,11 +50,12 @@ def options_of_source(text):
 
 
 def source_of(words):
-    """File of a script or a module of this repository; None of other programs."""
+    """File of a script or a module of this repository; None of other programs. ``benchmarks NAME`` runs ``NAME``."""
     name = words[2].replace(".", "/") if words[1] == "-m" else words[1]
-    found = [ROOT / name, ROOT / f"{name}.py", ROOT / name / "__main__.py"]
     if name.split("/")[0] not in ("benchmarks", "docs", "tests", "tools"):
         return None
+    names = [f"benchmarks/{words[3]}", name] if name == "benchmarks" and len(words) > 3 else [name]
+    found = [path for each in names for path in (ROOT / each, ROOT / f"{each}.py", ROOT / each / "__main__.py")]
     return next((path for path in found if path.is_file()), found[0])
 
 
@@ -192,7 +193,7 @@ def without_waiting(patch):
     for command in ("run", "drive"):
         patch.setattr(f"rnc_pin.applications.command_line.commands.{command}.draw_pictures", lambda *_: Drawn())
     patch.setattr("rnc_pin.applications.command_line.commands.run.processor_count", lambda: 1)
-    patch.setattr("rnc_pin.applications.sweep.reports.write_distributions", lambda *_: None)
+    patch.setattr("rnc_pin.applications.sweep.reports.draw_distributions", lambda *_: None)
     patch.setattr("rnc_pin.visualization.live.LiveView.wait_for_browser", lambda *_: False)
     patch.setattr(scenario_candidate, "_PATIENCE", 0.0)
 

@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.control import PositionTracker, ReducingOutputController, VelocityGains, VelocityTracker
 from rnc_pin.planning import Hold
 from systems import tiago
@@ -132,9 +133,7 @@ def test_what_cannot_be_mounted_is_refused():
 def _renamed():
     model = pin.Model()
     model.name = "other"
-    joint = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "turn")
-    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
-    model.addFrame(pin.Frame("satellite", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    add_body(model, "turn", "RZ", 1.0, frame="satellite")
     return (model,)
 
 

@@ -7,8 +7,8 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from places import DIRT
-from rnc_pin.model.independence import select_independent
 from simple_controllers import Idle
 from systems import ALL
 
@@ -69,9 +69,7 @@ def four_wheels(angle):
     inertia = model.inertias[model.getJointId("left_axle")]
     for name, y in (("left", 0.15), ("right", -0.15)):
         place = pin.SE3(pin.rpy.rpyToMatrix(-angle, 0, 0), np.array([0.2, y, 0.05 + 3e-6 * (y > 0)]))
-        joint = model.addJoint(1, pin.JointModelRZ(), place, f"front_{name}_axle")
-        model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
-        model.addFrame(pin.Frame(f"front_{name}_wheel", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+        add_body(model, f"front_{name}_axle", "RZ", inertia, 1, at=place, frame=f"front_{name}_wheel")
     return rnc.Robot(model)
 
 
@@ -127,21 +125,6 @@ def test_a_loop_of_rounded_hinges_keeps_its_freedoms():
     same = rnc.simulate(exact.reduce(map(rnc.JointPosition, hips)), Idle(2), exact.assembled(q), 0.3, 0.01)
     np.testing.assert_allclose(run.q, same.q, atol=1e-3)
     assert np.abs(run.q[-1] - run.q[0]).max() > 0.1  # it fell
-
-
-def test_a_sample_near_a_singular_configuration_changes_nothing():
-    good = np.array([[1.0, 0, 0], [0, 1, 0]])
-    close = np.array([[1.0, 0, 0], [1, 1e-6, 0]])
-    found = select_independent(np.stack([good, close]), ["a", "b"])
-    assert found.kept == [0, 1]
-    assert found.margin == 1.0
-    both = np.stack([good, np.array([[1.0, 0, 0], [1, 0, 0]])])
-    with pytest.raises(rnc.ConstraintError, match="changes with the configuration, from 1 to 2"):
-        select_independent(both, ["a", "b"])
-    # Dependent but for rounding, more or less so: no change of the rank.
-    found = select_independent(np.stack([close, np.array([[1.0, 0, 0], [1, 1e-9, 0]])]), ["a", "b"])
-    assert found.kept == [0]
-    assert found.dropped[0].rounding == pytest.approx(1e-6, rel=1e-3)
 
 
 @pytest.mark.parametrize("name", ALL)

@@ -8,13 +8,14 @@ import pytest
 from scipy.special import ellipk
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.applications.init import draft
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import read_yaml
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import Command, MomentumRegressor, UnknownMass
-from rnc_pin.model.differences import gradient
+from rnc_pin.model.user_functions import gradient
 from rnc_pin.planning import Hold, TaskReference
 from tolerances import FINITE_DIFFERENCE, ROUNDING
 
@@ -253,8 +254,7 @@ def test_analysis_of_one_joint(swing):
 def test_momentum_of_one_joint_is_regressed():
     model = pin.Model()
     for name in ("base", "arm"):
-        joint = model.addJoint(model.njoints - 1, pin.JointModelRZ(), pin.SE3.Identity(), name)
-        model.appendBodyToJoint(joint, pin.Inertia.FromSphere(2.0, 0.3), pin.SE3.Identity())
+        add_body(model, name, "RZ", pin.Inertia.FromSphere(2.0, 0.3), model.njoints - 1)
     regressor = MomentumRegressor(rnc.Robot(model), "base", [UnknownMass("arm")])
     q, v = np.array([0.3, 0.7]), np.array([-0.5, 1.0])  # without momentum: both spheres are alike
     y, Y = regressor.regress(q, v)

@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import find_scenario, read_yaml, with_options
 from rnc_pin.applications.scenario.scenario import Scenario
@@ -135,12 +136,10 @@ def cambered():
     """A free body on two wheels that lean outwards: track and radii enter every row."""
     model = pin.Model()
     model.name = "cambered"
-    base = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
-    model.appendBodyToJoint(base, pin.Inertia(5.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    base = add_body(model, "root_joint", "FreeFlyer", 5.0)
     for name, side in (("left", 1.0), ("right", -1.0)):
         placement = pin.SE3(pin.rpy.rpyToMatrix(side * 0.2, 0.1, 0.0), np.array([0.1, side * 0.3, 0.05]))
-        joint = model.addJoint(base, pin.JointModelRUBY(), placement, f"{name}_joint")
-        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), 0.01 * np.eye(3)), pin.SE3.Identity())
+        joint = add_body(model, f"{name}_joint", "RUBY", 1.0, base, moments=0.01, at=placement)
         along = pin.SE3(np.eye(3), np.array([0.0, side * 0.02, 0.0]))
         model.addFrame(pin.Frame(name, joint, 0, along, pin.FrameType.OP_FRAME))
     return rnc.Robot(model)
@@ -208,47 +207,6 @@ def test_at_the_true_wheels_it_is_the_class_1_controller():
         target, _ = estimating.step(1.0, measured, estimating.initial_state(measured))
         np.testing.assert_allclose(target.v2, exact.v2, atol=1e-9 * (1 + np.abs(exact.v2).max()))
         np.testing.assert_allclose(target.v2_dot, exact.v2_dot, atol=1e-8 * (1 + np.abs(exact.v2_dot).max()))
-
-
-def test_nonsense_is_refused():
-    reduced = drive()
-    left, right = DRIVE
-    cases = [
-        ([], "at least one unknown"),
-        ([UnknownRadius(["wheel_left"])], "unknown radius: no rolling wheel 'wheel_left'; did you mean 'left_wheel'"),
-        ([UnknownRadius([left, left])], "unknown radius: wheel 'left_wheel' is named twice"),
-        ([UnknownRadius([left]), UnknownRadius(DRIVE)], "wheel 'left_wheel' is named twice"),
-        ([UnknownRadius("left_wheel")], "expected a list of wheels, found 'left_wheel'"),
-        ([UnknownTrack([left])], "unknown track: expected two wheels"),
-        ([UnknownTrack([left, left])], "named twice"),
-        ([UnknownTrack(DRIVE), UnknownTrack((right, left))], "named twice"),
-    ]
-    for unknown, words in cases:
-        with pytest.raises(rnc.ConfigurationError, match=words):
-            WheelRegressor(reduced, unknown)
-
-
-def test_a_pair_without_a_track_is_refused():
-    """Wheels on one joint, on different bodies, or centred off their axis have no distance that stays."""
-    model = cambered().model.copy()
-    model.addFrame(pin.Frame("outer", 2, 0, pin.SE3(np.eye(3), np.array([0.0, 0.1, 0.0])), pin.FrameType.OP_FRAME))
-    model.addFrame(pin.Frame("rim", 2, 0, pin.SE3(np.eye(3), np.array([0.1, 0.0, 0.0])), pin.FrameType.OP_FRAME))
-    steering = model.addJoint(1, pin.JointModelRZ(), pin.SE3.Identity(), "steering")
-    model.appendBodyToJoint(steering, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
-    joint = model.addJoint(steering, pin.JointModelRY(), pin.SE3.Identity(), "front_joint")
-    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
-    model.addFrame(pin.Frame("front", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
-    robot = rnc.Robot(model)
-    for first, second, words in (
-        ("left", "outer", "do not turn on joints of their own on one body"),
-        ("left", "front", "do not turn on joints of their own on one body"),
-        ("right", "rim", "frame 'rim' is not on the axis of its joint"),
-    ):
-        system = rnc.NonholonomicSystem(robot, [rnc.RollingWheel(first, 0.2), rnc.RollingWheel(second, 0.2, axis="y")])
-        some = np.random.default_rng(3).normal(size=(system.r, robot.nv))
-        outputs = rnc.Output(None, lambda q, J=some: J, lambda q, v, J=some: 0 * J, [f"w{i}" for i in range(system.r)])
-        with pytest.raises(rnc.ConfigurationError, match=words):
-            WheelRegressor(system.reduce([outputs]), [UnknownTrack((first, second))])
 
 
 def wheels_of(unknown, folder):

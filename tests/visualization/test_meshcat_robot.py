@@ -13,7 +13,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from browsing import opened, place, visit
+from browsing import place, visit
 from patience import PATIENCE, eventually
 from places import DIRT
 from rnc_pin.applications.command_line.cli import main
@@ -26,7 +26,6 @@ from rnc_pin.visualization.drawn_state import DrawnState
 from rnc_pin.visualization.live import LiveView
 from rnc_pin.visualization.meshcat_robot import drawn_scale, drawn_triangles
 from rnc_pin.visualization.meshcat_scene import MeshcatScene
-from rnc_pin.visualization.plots import plot_outputs, plot_run
 from rnc_pin.visualization.recording import Recording
 from rnc_pin.visualization.view import View
 
@@ -35,12 +34,6 @@ SINGLE_PRECISION = 1e-6  # [m]; meshes are kept in it
 INERTIAL = """<inertial><origin xyz="0 0 0.1" rpy="0 0 0.3"/><mass value="12"/>
     <inertia ixx="0.13" iyy="0.1" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial>"""
 BOX = '<geometry><box size="1 1 1"/></geometry>'
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with opened() as launched:
-        yield launched
 
 
 def mesh(name, kind="visual"):
@@ -267,7 +260,7 @@ def test_what_fails_in_drawing_costs_the_drawing_alone(tmp_path, monkeypatch, ca
 
     # With one processor, what is printed is read in one process.
     monkeypatch.setattr("rnc_pin.applications.command_line.commands.run.processor_count", lambda: 1)
-    monkeypatch.setattr(plot_files, "plot_run", fail)
+    monkeypatch.setattr(plot_files, "_overview", fail)
     monkeypatch.setattr(animation_file, "Recording", fail)
     status, out, err = called(monkeypatch, capfd, *RUN, tmp_path / "out")
     assert status == 0
@@ -417,7 +410,7 @@ def test_lines_of_many_joints_look_different_and_have_room_beside_their_legends(
     reference = rnc.planning.MinimumJerk(np.zeros(20), np.linspace(-0.4, 0.5, 20), 0.3)
     controller = rnc.control.ComputedTorque(reduced, rnc.control.ReducingOutputController(reduced, reference))
     run = rnc.simulate(reduced, controller, robot.configuration(), duration=0.4, dt=0.01)
-    for figure in (plot_outputs(run, list(run.info.outputs.x2.names)), plot_run(run)):
+    for figure in (run.plot(["outputs"]), run.plot()):
         figure.draw_without_rendering()
         whole = figure.get_window_extent()
         for axes in figure.axes:

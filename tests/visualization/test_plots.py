@@ -21,20 +21,13 @@ import rnc_pin as rnc
 from browsing import changed, give_up
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.visualization import plot_style, plots
+from rnc_pin.figures import GroundPath, save, style
+from rnc_pin.figures.panel import split_names
+from rnc_pin.simulation import ground_paths
+from rnc_pin.simulation.run_panels import learning_panels, panels
 from rnc_pin.visualization import recording as capture
-from rnc_pin.visualization.panels import learning_panels, panels, split_names
-from rnc_pin.visualization.plots import (
-    draw_footprints,
-    footprints,
-    plot_learning,
-    plot_outputs,
-    plot_run,
-    plot_top_view,
-    write_plots,
-)
 from rnc_pin.visualization.recording import Recording
-from rnc_pin.visualization.top_view import GroundPath, ground_paths
+from rnc_pin.visualization.top_view import draw_footprints, footprints, plot_top_view
 from systems import mecanum
 
 
@@ -55,40 +48,39 @@ def test_an_overview_cuts_no_title_of_a_scenario_off(run, tmp_path):
     """The longest, broken into lines, is within the picture."""
     builtin = Path(rnc.__file__).parent / "applications" / "scenario" / "builtin"
     titles = [yaml.safe_load(path.read_text())["title"] for path in builtin.glob("*.yaml")]
-    figure = plot_run(run, max(titles, key=len))
-    path = plot_style.save(figure, tmp_path / "overview.png")
+    figure = run.plot(title=max(titles, key=len), file=(path := tmp_path / "overview.png"))
     assert image.imread(path).shape[1] == 2800
     assert 0.02 < ink(path) < 0.5
-    shown = figure.axes[0].get_title(loc="left")
+    shown = figure.get_suptitle()
     assert shown.replace("\n", " ").replace("\\", "") == max(titles, key=len)
     extent = next(text for text in figure.findobj(Text) if text.get_text() == shown).get_window_extent()
     assert 0 <= extent.x0 <= extent.x1 <= figure.bbox.width
 
 
 def test_a_plot_of_outputs(run, tmp_path):
-    path = plot_style.save(plot_outputs(run, ["tip_x", "tip_y", "platform"], "Tip & platform"), tmp_path / "plot.png")
+    run.plot(["tip_x", "tip_y", "platform"], title="Tip & platform", file=(path := tmp_path / "plot.png"))
     assert image.imread(path).shape[1] == 1600
     assert 0.02 < ink(path) < 0.5
 
 
 def test_every_comparison_is_drawn(run):
     others = {f"run {k}": replace(run, x2=run.x2 + 0.1 * k) for k in range(1, 6)}
-    (axes,) = plot_outputs(run, ["tip_x"], comparisons=others).axes[:1]
+    (axes,) = run.plot("tip_x", comparisons=others).axes[:1]
     drawn = [line.get_ydata() for line in axes.get_lines()]
     for each in others.values():
         assert any(np.array_equal(line, each.x2[:, 0]) for line in drawn)
 
 
 def test_any_run_plots_itself(run):
-    figure = run.plot("Space robot", {"slower": run})
+    figure = run.plot(title="Space robot", comparisons={"slower": run})
     labels = [axes.get_ylabel() for axes in figure.axes]
-    over_time = ["position [m]", "angle [rad]", "error [m]", "error [rad]", "torque [N m]", "singularity\nmargin [-]"]
+    over_time = ["position [m]", "angle [rad]", "error [m]", "error [rad]", "torque [N m]", "singularity margin [-]"]
     assert labels == ["y [m]", *over_time]
     assert figure.axes[-1].get_xlabel() == "time [s]"
     np.testing.assert_array_equal(figure.axes[1].get_lines()[0].get_ydata(), run.x2[:, 0])
     assert figure._repr_png_().startswith(b"\x89PNG")
     labelled = [text.get_text() for text in figure.axes[1].get_legend().get_texts()]
-    assert labelled == ["tip x", "tip y", "slower", "desired"]
+    assert labelled == ["tip x", "tip y", "space robot", "slower", "desired"]
 
 
 def test_what_is_learnt_is_plotted():
@@ -96,35 +88,34 @@ def test_what_is_learnt_is_plotted():
     learning = execute(Scenario.load("space-robot-uncertain", options)).trajectory
     labels = [axes.get_ylabel() for axes in learning.plot().axes]
     assert any(label.startswith("estimate [") for label in labels)
-    assert any(label.startswith("measured less\npredicted rate [") for label in labels)
-    assert len(plot_learning(learning, "estimates").axes[0].get_lines()) == 3
+    assert any(label.startswith("prediction error [") for label in labels)
+    assert len(learning.plot("estimates").axes[0].get_lines()) == 3
     (panel,) = learning_panels(learning, {}, "estimates")
-    assert panel.label == "estimate [kg]"  # the paper counts masses in units of 10 kg
+    assert (panel.quantity, panel.unit) == ("estimate", "kg")  # the paper counts masses in units of 10 kg
     np.testing.assert_array_equal(panel.series[1].values, 10.0 * learning.estimates[:, 1])
 
 
 def test_series_differ_without_colour(run):
     """In grey, and for people who see colours differently: marker and lightness tell series apart."""
     arm = replace(run, info=replace(run.info, goals=()))
-    lines = [line for axes in plot_outputs(arm, ["tip_x", "tip_y", "platform"]).axes for line in axes.get_lines()]
+    lines = [line for axes in arm.plot(["tip_x", "tip_y", "platform"]).axes for line in axes.get_lines()]
     assert [line.get_marker() for line in lines] == ["o", "s", "o"]
-    grey = [float(np.dot(to_rgb(color), [0.299, 0.587, 0.114])) for color in plot_style.COLORS]
+    grey = [float(np.dot(to_rgb(color), [0.299, 0.587, 0.114])) for color in style.COLORS]
     assert min(abs(one - other) for one, other in pairwise(grey)) > 0.05
 
 
 def test_a_run_of_one_sample_has_nothing_to_plot(run):
     short = replace(run, **{each.name: getattr(run, each.name)[:1] for each in fields(run) if each.name != "info"})
     with pytest.raises(rnc.InputError, match="too few samples to plot: 1, expected at least 2"):
-        plot_run(short)
+        short.plot()
 
 
-@pytest.mark.parametrize("ending", ["png", "pdf", "svg"])
-def test_plots_are_written_by_their_ending(run, tmp_path, ending, monkeypatch):
-    monkeypatch.setattr(plots, "plot_run", lambda *_: Figure(figsize=(1, 1)))
-    path = write_plots(run, tmp_path / f"plots.{ending}", "Run")
-    assert path.read_bytes()[:5] in (b"\x89PNG\r", b"%PDF-", b"<?xml")
+@pytest.mark.parametrize(("ending", "start"), [("png", b"\x89PNG\r"), ("pdf", b"%PDF-"), ("svg", b"<?xml")])
+def test_plots_are_written_by_their_ending(tmp_path, ending, start):
+    path = save(Figure(figsize=(1, 1)), tmp_path / f"plots.{ending}")
+    assert path.read_bytes()[:5] == start
     with pytest.raises(rnc.ConfigurationError, match=r"ends in .png, .pdf or .svg"):
-        write_plots(run, tmp_path / "plots.doc", "Run")
+        save(Figure(figsize=(1, 1)), tmp_path / "plots.doc")
 
 
 # ---------------------------------------------------------------------- what a run shows by default
@@ -179,9 +170,11 @@ def test_vehicles_are_seen_from_above_with_their_headings(drive):
     axes = plot_top_view(run).axes[0]
     assert (axes.get_xlabel(), axes.get_ylabel(), axes.get_aspect()) == ("x [m]", "y [m]", 1.0)
     named = [text.get_text() for text in axes.get_legend().get_texts()]
-    assert named == ["tractor", "trailer 1", "trailer 2", "trailer 3", "desired"]
+    assert named == ["planned path", "tractor", "trailer 1", "trailer 2", "trailer 3", "desired"]
     x, y = column(run, "x1", "axle_3_x"), column(run, "x1", "axle_3_y")
-    last = next(line for line in axes.get_lines() if np.allclose(line.get_xdata(), x) and len(line.get_xdata()) > 1)
+    last = next(
+        line for line in axes.get_lines() if len(line.get_xdata()) == len(x) and np.allclose(line.get_xdata(), x)
+    )
     np.testing.assert_allclose(last.get_ydata(), y, atol=1e-12)
     marks = [line for line in axes.get_lines() if isinstance(line.get_marker(), MarkerPath)]
     own = [mark for mark in marks if mark.get_color() == last.get_color()]
@@ -249,7 +242,7 @@ def test_a_robot_that_stays_in_the_air_has_no_view_from_above(run):
 def test_legends_show_the_lines_as_they_are(drive):
     """Colour and dashes of every entry are those of lines in the axes, also of runs that are compared."""
     run, other = drive
-    for figure in (run.plot(None, {"further": other}), plot_top_view(run, None, {"further": other})):
+    for figure in (run.plot(comparisons={"further": other}), plot_top_view(run, None, {"further": other})):
         figure.draw_without_rendering()
         for axes in figure.axes:
             drawn = {(line.get_color(), line._dash_pattern[1] and len(line._dash_pattern[1])) for line in axes.lines}
@@ -261,12 +254,12 @@ def test_legends_show_the_lines_as_they_are(drive):
 
 def test_a_compared_path_is_visible_where_it_coincides_with_that_of_the_run(drive):
     """Around the run's own line, also in print: a run beside itself has pixels of the lighter colour along its path."""
-    run, _ = drive
+    run, _ = drive  # without its planned path, beside which one and a half seconds are short
+    run = replace(run, info=replace(run.info, provenance=replace(run.info.provenance, path=None)))
     alone, both = plot_top_view(run), plot_top_view(run, None, {"itself": run})
-    name = plot_style.color_of(0, len(ground_paths(run)), 0)
+    name = style.color_of(0, len(ground_paths(run)), 0)
     color, lighter = (
-        np.array([int(each[k : k + 2], 16) for k in (1, 3, 5)])
-        for each in (plot_style.COLORS[0], plot_style.pale(name))
+        np.array([int(each[k : k + 2], 16) for k in (1, 3, 5)]) for each in (style.COLORS[0], style.pale(name))
     )
     assert lighter.mean() > color.mean() + 30
     pixels = [_pixels_of(figure, lighter) for figure in (alone, both)]
@@ -301,9 +294,9 @@ def test_of_a_hundred_joints_those_are_shown_that_move_most(run):
     info = replace(run.info, outputs=replace(run.info.outputs, x2=columns), goals=())
     none = dict.fromkeys(("x2_desired", "v2", "v2_desired", "F"), np.full_like(x2, np.nan))
     crowd = replace(run, info=info, x2=x2, **none)
-    angles = [panel for panel in panels(crowd) if panel.label == "angle [rad]"]
+    angles = [panel for panel in panels(crowd) if panel.quantity == "angle"]
     assert [panel.note for panel in angles] == ["18 of 101, moving most"] * 3
-    assert [each.name for panel in angles for each in panel.series] == [f"joint {k}" for k in range(82, 100)]
+    assert [each.name for panel in angles for each in panel.series] == [f"joint_{k}" for k in range(82, 100)]
 
 
 def test_joints_of_a_limb_stay_together():
@@ -382,7 +375,7 @@ def test_integrals_of_speeds_are_no_path_on_the_ground():
     reduced = mecanum()
     run = rnc.free_motion(reduced, reduced.robot.configuration(), [0.5, 0.2, 1.0], duration=0.2)
     assert reduced.reducing.names[:2] == ("base_speed_x", "base_speed_y")
-    assert [path.name for path in ground_paths(run)] == ["root joint"]
+    assert [path.name for path in ground_paths(run)] == ["root_joint"]
 
 
 # ---------------------------------------------------------------------- outlines of a robot from above
@@ -404,4 +397,4 @@ def test_outlines_move_with_the_robot_and_keep_their_area():
         assert np.isclose(area(before), area(after))
     np.testing.assert_allclose(np.sort(moved[0][:, 1]), np.sort(at_origin[0][:, 0]) + 1.0, atol=1e-12)
     (entry,) = draw_footprints(Figure().subplots(), robot, np.repeat(robot.configuration()[None], 3, axis=0))
-    assert entry.name == "robot"
+    assert entry.text == "robot"

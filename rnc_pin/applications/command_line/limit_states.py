@@ -47,7 +47,7 @@ def examine_limits(scenario: Scenario, run: Path | None) -> ExaminedLimits:
     try:
         experiment = scenario.experiment
     except RncError as error:
-        return ExaminedLimits((), f"the controller cannot be built: {str(error).removeprefix(f'{scenario.source}: ')}")
+        return ExaminedLimits((), f"the controller cannot be built: {error}")
     states = [(0.0, experiment.q0, experiment.v2_0)] if run is None else _along(run, experiment)
     reduced = experiment.reduced
     try:

@@ -235,6 +235,8 @@ def schema() -> None:
 @click.option("--video", type=click.Path(path_type=Path), help="Write an .mp4 or .gif; needs ffmpeg.")
 @click.option("--rate", type=click.FloatRange(1, 60), default=25.0, help="Frames per second of frames and videos.")
 @click.option("--plot", type=click.Path(path_type=Path), help="Write plots: .png, .pdf or .svg.")
+@click.option("--output", "outputs", metavar="NAME", multiple=True, help="With --plot: an output or a quantity.")
+@click.option("--size", metavar="SIZE", help="With --plot: column, page or WIDTHxHEIGHT [inches].")
 @click.option("--aside", is_flag=True, help="Show the runs side by side, not overlaid.")
 @_accept
 @_force
@@ -243,6 +245,17 @@ def replay(**given: Given) -> int:
     """Replay runs: folders of ``run``, or their trajectory.npz. Further runs are compared with the first."""
     announce(f"{', '.join(map(str, given['sources']))}: reading", quiet=True)
     return _command("replay_runs")(**given)
+
+
+@cli.command(context_settings=_HELP)
+@click.argument("source", type=click.Path(path_type=Path))
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--array", "arrays", metavar="NAME", multiple=True, help="An array, such as x2 or T; all by default.")
+@click.option("--force", is_flag=True, help="Replace an existing file.")
+@_debug
+def export(**given: Given) -> None:
+    """Write a run, a folder of ``run`` or its trajectory.npz, as a FILE.csv or FILE.mat with names and units."""
+    _command("export_file")(**given)
 
 
 @cli.command(context_settings=_HELP)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from rnc_pin.applications.drive.controls import Range
 from rnc_pin.applications.drive.goals import DriveGoals
 from rnc_pin.applications.drive.log import CommandQueue
 from rnc_pin.applications.drive.preparation import PreparedDrive
@@ -215,7 +216,7 @@ def controls_entry(prepared: PreparedDrive, ground: float) -> dict[str, Json]:
     """Controls of a run as ``drive.js`` reads them."""
     controls = prepared.controls
 
-    def ranges(given: Mapping[str, Any]) -> dict[str, Json]:
+    def ranges(given: Mapping[str, Range]) -> dict[str, Json]:
         return {name: asdict(each) for name, each in given.items()}
 
     base = controls.base

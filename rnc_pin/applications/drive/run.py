@@ -17,7 +17,7 @@ from rnc_pin.applications.drive.status import DriveStatus, ProgressMonitor
 from rnc_pin.applications.scenario.execution import Result
 from rnc_pin.applications.scenario.run_verdict import judged_summary
 from rnc_pin.errors import RncError
-from rnc_pin.simulation import Sample, Trajectory
+from rnc_pin.simulation import RunArguments, Sample, Trajectory
 from rnc_pin.simulation.ending import Progress, complete_run
 from rnc_pin.simulation.sampled_run import SampledRun
 
@@ -66,7 +66,7 @@ def _driven(
     watcher: DriveWatcher | None,
 ) -> tuple[Trajectory, RncError | None]:
     experiment, settings = prepared.scenario.experiment, prepared.scenario.experiment.simulation
-    run = SampledRun(
+    arguments = RunArguments(
         experiment.reduced,
         experiment.controller,
         experiment.q0,
@@ -75,6 +75,7 @@ def _driven(
         plant=experiment.plant,
         options=prepared.scenario.options(experiment),
     )
+    run = SampledRun(arguments)
     observe = _observer(prepared, run, queue, clock, watcher)
 
     def advance(progress: Progress) -> str | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import deepcopy
-from typing import Any
 
 import numpy as np
 from gymnasium import Env, spaces
@@ -15,7 +14,7 @@ from gymnasium.vector.utils import batch_space
 from rnc_pin.applications.gym.episode_batch import EpisodeBatch
 from rnc_pin.errors import ConfigurationError, nearest
 
-Info = dict[str, Any]
+Info = dict[str, object]
 
 
 def autoreset_of(mode: str | AutoresetMode) -> AutoresetMode:
@@ -42,7 +41,7 @@ class ScenarioEnv(Env[np.ndarray, np.ndarray]):
         batch: a batch of one episode.
     """
 
-    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012
+    metadata: dict[str, object] = {"render_modes": []}  # noqa: RUF012
 
     def __init__(self, batch: EpisodeBatch) -> None:
         self.batch = batch

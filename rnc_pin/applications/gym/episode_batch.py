@@ -15,8 +15,7 @@ from rnc_pin.math import wrapped
 from rnc_pin.model import StateEvaluation, scaled_rows
 from rnc_pin.plants import ReducedPlant, ReducedPlantBatch
 from rnc_pin.plants.reduced import Checkpoint
-from rnc_pin.simulation.distance_findings import PENETRATION
-from rnc_pin.simulation.stop import Stop, StopMonitor
+from rnc_pin.simulation import PENETRATION, Stop, StopMonitor
 
 
 class Transition(NamedTuple):

@@ -1,4 +1,4 @@
-"""Limits of inputs, velocities and outputs: the boxes of an environment's spaces."""
+"""Limits of an environment: the boxes of its spaces, and the distance to singular configurations."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rnc_pin.applications.scenario.controllers.context import MIN_SINGULAR_VALUE
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import InputError
@@ -31,6 +32,7 @@ class EpisodeLimits:
             the model hold too.
         speed: largest reduced velocities (r,), or one number; a larger one ends the episode as diverged.
         output: largest outputs x1 and x2 (k + r,), or one number; larger observations are clipped. Angles have pi.
+        singular_value: smallest singular value of ``E = [A; J2]`` with scaled rows; below it the episode ends.
 
     Example:
         >>> rnc.gym.EpisodeLimits(input=20.0, speed=4.0, output=[1.0, 1.0, 3.0]).speed
@@ -40,6 +42,7 @@ class EpisodeLimits:
     input: ArrayLike | None = None
     speed: ArrayLike | None = None
     output: ArrayLike | None = None
+    singular_value: float = MIN_SINGULAR_VALUE
 
     def completed(self, reduced: ReducedModel, scenario: str, options: Mapping[str, Json]) -> SpaceBounds:
         """Return all limits as arrays; a run of the scenario gives the missing ones.

@@ -20,8 +20,7 @@ from rnc_pin.applications.scenario.schema.sweep_settings import Distribution, Di
 from rnc_pin.collision import CollisionDistances, PairSelection
 from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError, SingularityError
 from rnc_pin.io import Json, to_json_mapping
-from rnc_pin.simulation import sample_count
-from rnc_pin.simulation.sampled_run import assembled_start
+from rnc_pin.simulation import assembled_start, sample_count
 
 _MOST_DRAWS = 20  # largest number of draws for one start
 _DRAWN = ("initial", "reference")

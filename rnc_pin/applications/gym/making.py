@@ -16,9 +16,6 @@ from rnc_pin.io import Json
 if TYPE_CHECKING:
     from rnc_pin.applications.gym.environments import ScenarioEnv, ScenarioVectorEnv
 
-MIN_SINGULAR_VALUE = 0.01
-"""Smallest singular value below which an episode ends, by default; the check before a run warns there too."""
-
 
 def make(
     scenario: str,
@@ -28,7 +25,6 @@ def make(
     period: float | None = None,
     limits: EpisodeLimits | None = None,
     reward: Reward | None = None,
-    min_singular_value: float = MIN_SINGULAR_VALUE,
 ) -> ScenarioEnv:
     """Make one environment of a scenario; ``make_vec`` makes many at a time.
 
@@ -38,9 +34,8 @@ def make(
         draws: dotted keys under ``initial`` or ``reference``, with ranges for random starts; by default the ``sweep``
             of the scenario, ``{}`` for one start.
         period: time between two actions [s], a multiple of ``simulation.dt``; ten of them by default.
-        limits: limits of inputs, velocities and outputs; those left out have the defaults of ``EpisodeLimits``.
+        limits: limits of an episode; those left out have the defaults of ``EpisodeLimits``.
         reward: function of a ``Transition``; by default ``EpisodeBatch.tracking_reward``.
-        min_singular_value: smallest singular value of ``E = [A; J2]`` with scaled rows below which an episode ends.
 
     Raises:
         ConfigurationError: Gymnasium is missing, or an environment does not support the scenario.
@@ -53,7 +48,7 @@ def make(
         Box(-5.0, 5.0, (3,), float64)
     """
     from_gymnasium = _environments()
-    return from_gymnasium.ScenarioEnv(_batch(scenario, options, draws, period, limits, reward, min_singular_value, 1))
+    return from_gymnasium.ScenarioEnv(_batch(scenario, options, draws, period, limits, reward, 1))
 
 
 def make_vec(
@@ -65,13 +60,12 @@ def make_vec(
     period: float | None = None,
     limits: EpisodeLimits | None = None,
     reward: Reward | None = None,
-    min_singular_value: float = MIN_SINGULAR_VALUE,
     autoreset_mode: str = "NextStep",
 ) -> ScenarioVectorEnv:
     """Make many environments of a scenario, each equal to that of ``make`` to the bit.
 
     Args:
-        scenario, options, draws, period, limits, reward, min_singular_value: as for ``make``.
+        scenario, options, draws, period, limits, reward: as for ``make``.
         num_envs: number of environments.
         autoreset_mode: "NextStep", "SameStep" or "Disabled", as in ``gymnasium.vector.AutoresetMode``.
 
@@ -91,7 +85,7 @@ def make_vec(
     if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
         raise ConfigurationError(f"num_envs: expected a positive integer, found {num_envs!r}")
     mode = from_gymnasium.autoreset_of(autoreset_mode)
-    batch = _batch(scenario, options, draws, period, limits, reward, min_singular_value, num_envs)
+    batch = _batch(scenario, options, draws, period, limits, reward, num_envs)
     return from_gymnasium.ScenarioVectorEnv(batch, mode)
 
 
@@ -102,12 +96,12 @@ def _batch(
     period: float | None,
     limits: EpisodeLimits | None,
     reward: Reward | None,
-    min_singular_value: float,
     size: int,
 ) -> EpisodeBatch:
     changes = dict(options or {})
-    task = EpisodeTask(scenario, changes, draws, period, min_singular_value)
-    bounds = (limits or EpisodeLimits()).completed(task.reduced, scenario, changes)
+    chosen = limits or EpisodeLimits()
+    task = EpisodeTask(scenario, changes, draws, period, chosen.singular_value)
+    bounds = chosen.completed(task.reduced, scenario, changes)
     return EpisodeBatch(task, bounds, size, reward)
 
 

@@ -1,7 +1,5 @@
 """Draft of a first scenario from a robot's file, with a remark on each assumption."""
 
-from rnc_pin.applications.init.decision import DraftDecision
-from rnc_pin.applications.init.draft import DraftedScenario, draft, draft_with_decisions
-from rnc_pin.applications.init.source import DraftOptions, with_choices
+from rnc_pin.lazy_exports import lazy_exports
 
-__all__ = ["DraftDecision", "DraftOptions", "DraftedScenario", "draft", "draft_with_decisions", "with_choices"]
+__getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rnc_pin.simulation import Trajectory
-from rnc_pin.simulation.summary import tracking_errors
+from rnc_pin.simulation import Trajectory, tracking_errors
 from rnc_pin.verdict import Finding, Verdict
 
 FAR = 0.2

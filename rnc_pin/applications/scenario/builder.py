@@ -24,6 +24,7 @@ from rnc_pin.applications.scenario.schema.obstacles import build_obstacles
 from rnc_pin.applications.scenario.start_findings import start_findings, warnings_of
 from rnc_pin.collision import Obstacle, check_ignored_links
 from rnc_pin.control import Controller, ZeroInput, describe
+from rnc_pin.control.whole_body import WholeBodyProgram, program_of
 from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError, RncError, nearest
 from rnc_pin.io import Json
 from rnc_pin.loop import LoopOptions
@@ -31,10 +32,19 @@ from rnc_pin.model import NonholonomicSystem, ReducedModel, Task
 from rnc_pin.optimal import MotionPlan
 from rnc_pin.planning import Reference, Slowed, continued_back, path_distances
 from rnc_pin.plants import Plant
-from rnc_pin.simulation import Outcome, Phase, Provenance, SimulationOptions, TaskNames, sample_count, simulate
-from rnc_pin.simulation.friction_demand import iterate_time_scale
-from rnc_pin.simulation.phases import PhaseStart
-from rnc_pin.simulation.run_info import provenance_of
+from rnc_pin.simulation import (
+    PLOTTED_QUANTITIES,
+    Outcome,
+    Phase,
+    PhaseStart,
+    Provenance,
+    SimulationOptions,
+    TaskNames,
+    iterate_time_scale,
+    provenance_of,
+    sample_count,
+    simulate,
+)
 from rnc_pin.verdict import Finding, FindingKind, Severity
 from rnc_pin.visualization import DrawnModel
 
@@ -104,6 +114,11 @@ class Experiment:
         told = [each for each in (*self.model_warnings, *self.warnings) if each not in known]
         notes = (Finding(FindingKind.MODEL, "", None, "", None, Severity.NOTE, each) for each in told)
         return (*(() if self.plan is None else self.plan.verdict.findings), *self.start_findings, *notes)
+
+    @property
+    def program(self) -> WholeBodyProgram | None:
+        """Whole-body program of the controller, if it has one."""
+        return program_of(self.controller)
 
     @property
     def loop(self) -> LoopOptions:
@@ -381,8 +396,9 @@ def off_tracking(experiment: Experiment, configurations: np.ndarray) -> float | 
 
 
 def check_plots(scenario: ScenarioFile, models: Sequence[ReducedModel]) -> None:
-    """Raise an error if a plot names an output that no model of the run has."""
-    valid = tuple(name for reduced in models for name in (*reduced.reducing.names, *reduced.vertical.names))
+    """Raise an error if a plot names an output that no model of the run has, and that is no quantity."""
+    names = tuple(name for reduced in models for name in (*reduced.reducing.names, *reduced.vertical.names))
+    valid = (*names, *PLOTTED_QUANTITIES)
     for plot, settings in scenario.plots.items():
         for name in settings.outputs:
             if name not in valid:

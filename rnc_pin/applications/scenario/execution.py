@@ -15,8 +15,7 @@ from rnc_pin.applications.scenario.scenario import Scenario, Simulated, slug
 from rnc_pin.applications.scenario.shared_tasks import Report, SharedTasks
 from rnc_pin.errors import RncError
 from rnc_pin.io import dump_json
-from rnc_pin.simulation import LimitReplay, Observer, Outcome, Sample, Summary, Trajectory
-from rnc_pin.simulation.summary import Compared
+from rnc_pin.simulation import Compared, LimitReplay, Observer, Outcome, Sample, Summary, Trajectory
 
 _PLAN = "plan.npz"
 _REPORTS = 400  # progress reports of a run

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from functools import cache
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from pydantic import BaseModel, TypeAdapter
 
@@ -45,19 +45,22 @@ def admitted(model: type[_Model], raw: Mapping[str, Json], source: str) -> _Mode
 
 def constraint_of(entry: Mapping[str, Json] | str) -> ConstraintKind:
     """Constraint of one valid entry of ``constraints``."""
-    kind: ConstraintKind = _validator(ConstraintItem).validate_python(entry)
-    return kind
+    return _constraint_validator().validate_python(entry)
 
 
 def output_of(entry: Mapping[str, Json]) -> OutputKind:
     """Output of one valid entry of ``outputs``."""
-    kind: OutputKind = _validator(OutputItem).validate_python(entry)
-    return kind
+    return _output_validator().validate_python(entry)
 
 
 @cache  # building a validator takes 30 ms
-def _validator(item: Any) -> TypeAdapter[Any]:
-    return TypeAdapter(item)
+def _constraint_validator() -> TypeAdapter[ConstraintKind]:
+    return TypeAdapter(ConstraintItem)
+
+
+@cache
+def _output_validator() -> TypeAdapter[OutputKind]:
+    return TypeAdapter(OutputItem)
 
 
 def schema() -> dict[str, Json]:

@@ -19,8 +19,7 @@ from rnc_pin.constraints import GroundPlane, LoopClosure, PrescribedMotion
 from rnc_pin.errors import ConfigurationError, InputError, RncError
 from rnc_pin.model import ConstraintKind, Kinematics, NonholonomicSystem, OffsetFrame, ReducedModel
 from rnc_pin.robots import Robot
-from rnc_pin.simulation import Phase, sample_count
-from rnc_pin.simulation.phases import PhaseStart
+from rnc_pin.simulation import Phase, PhaseStart, sample_count
 
 _OWN = ("constraints", "outputs", "task", "reference", "controller")
 

@@ -46,9 +46,11 @@ class Drawn:
 
 def picture_names(scenario: Scenario) -> list[str]:
     """Names of the pictures that a run can write."""
-    plots = dict.fromkeys(f"{name}.png" for name in scenario.content.plots)
-    own = ["overview.png", "top_view.png", "limits.png", *(["plan.png"] if scenario.experiment.plan else []), ANIMATION]
-    return list(plots | dict.fromkeys(own))
+    content = scenario.content
+    formats = {name: plot.formats or content.figures.formats for name, plot in content.plots.items()}
+    own = ["overview", "top_view", "limits", *(["plan"] if scenario.experiment.plan else [])]
+    formats |= dict.fromkeys(own, content.figures.formats)
+    return list(dict.fromkeys([*(f"{name}.{each}" for name, found in formats.items() for each in found), ANIMATION]))
 
 
 @dataclass(frozen=True)

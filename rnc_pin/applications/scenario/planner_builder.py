@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple, cast
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import NamedTuple, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rnc_pin.applications.scenario.controllers.plan_feedback import PlanFeedbackSettings
 from rnc_pin.applications.scenario.frame_poses import frame_poses
@@ -35,7 +36,7 @@ from rnc_pin.optimal import (
     goal_configuration,
     tvlqr,
 )
-from rnc_pin.planning import Reference
+from rnc_pin.planning import OutputTarget, Reference
 from rnc_pin.robots import Robot
 from rnc_pin.simulation import PlannedPath
 
@@ -130,14 +131,14 @@ def planned_path(found: MotionPlan, reduced: ReducedModel, frame: str) -> Planne
     return PlannedPath(frame, None, tuple((x, y, heading) for x, y, heading in rows), kept)
 
 
-def _goal(scenario: ScenarioFile, reduced: ReducedModel, names: Sequence[str]) -> dict[Any, Any]:
+def _goal(scenario: ScenarioFile, reduced: ReducedModel, names: Sequence[str]) -> dict[OutputTarget, ArrayLike]:
     """Goal by output: rows of one output together, so that orientations are whole."""
     assert scenario.planner is not None
     given = scenario.planner.goal
     for name in given:
         if name not in names:
             raise ConfigurationError(f"goal: no output '{name}'{nearest(name, names)}")
-    goal: dict[Any, Any] = {}
+    goal: dict[OutputTarget, ArrayLike] = {}
     rest, rows = dict(given), iter(names)
     for output in scenario.listed_outputs:
         own = [next(rows) for _ in output.bind(reduced.robot).names]
@@ -178,7 +179,7 @@ def _bounds(
             yield DistanceBound(distances, settings.clearance)
 
 
-def _check_names(key: str, given: Sequence[str] | Mapping[str, Any], names: Sequence[str]) -> None:
+def _check_names(key: str, given: Iterable[str], names: Sequence[str]) -> None:
     for name in given:
         if name not in names:
             raise ConfigurationError(f"{key}: no output '{name}'{nearest(name, names)}")
@@ -190,7 +191,9 @@ def _limits(given: Mapping[str, Limits]) -> tuple[dict[str, float], dict[str, fl
     return lower, {name: np.inf if high is None else float(high) for name, (_, high) in given.items()}
 
 
-def _guess(settings: OptimalPlanner, reduced: ReducedModel, start: Start, goal: Any) -> np.ndarray:
+def _guess(
+    settings: OptimalPlanner, reduced: ReducedModel, start: Start, goal: Mapping[OutputTarget, ArrayLike] | None
+) -> np.ndarray:
     """Configurations (n, nq) of the first guess."""
     guess = settings.guess
     assert guess is not None

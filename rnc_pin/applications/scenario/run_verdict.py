@@ -11,11 +11,12 @@ import numpy as np
 from rnc_pin.analysis import Grip
 from rnc_pin.applications.scenario.builder import Experiment, off_tracking
 from rnc_pin.control import limited_accelerations
-from rnc_pin.control.whole_body import InverseDynamicsQP, program_of
+from rnc_pin.control.whole_body import InverseDynamicsQP
 from rnc_pin.control.whole_body.limits import CollisionAvoidance
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.simulation import (
     SHORTFALL,
+    FurtherLimits,
     LimitReplay,
     Outcome,
     Summary,
@@ -146,14 +147,16 @@ def _replay(experiment: Experiment, run: Trajectory, asked: float | None) -> Lim
         step=step,
         within=within,
         exact=near,
-        accelerations=[each._replace(until=end) for each in limited_accelerations(experiment.controller)],
-        efforts=reduced.actuation.stated_limits,
+        further=FurtherLimits(
+            [each._replace(until=end) for each in limited_accelerations(experiment.controller)],
+            reduced.actuation.stated_limits,
+        ),
     )
 
 
 def _grip(experiment: Experiment, run: Trajectory) -> Grip | None:
     """Stated friction of the ground; None without one, or if contacts appear and vanish."""
-    stated, program, reduced = experiment.scenario.grip, program_of(experiment.controller), experiment.reduced
+    stated, program, reduced = experiment.scenario.grip, experiment.program, experiment.reduced
     grip = None if stated is None else stated.build(reduced)
     if grip is None and isinstance(program, InverseDynamicsQP) and program.friction is not None:
         with suppress(ConfigurationError):  # nothing grips
@@ -165,7 +168,7 @@ def _grip(experiment: Experiment, run: Trajectory) -> Grip | None:
 
 def _asked(experiment: Experiment) -> float | None:
     """Distance from obstacles that the planner or the controller has to keep [m]; None if none is asked for."""
-    planner, program = experiment.scenario.planner, program_of(experiment.controller)
+    planner, program = experiment.scenario.planner, experiment.program
     limits = () if program is None else program.limits
     asked = [each.clearance for each in limits if isinstance(each, CollisionAvoidance) and each.obstacles]
     if planner is not None and planner.clearance is not None and experiment.obstacles:

@@ -84,11 +84,16 @@ def compared(runs: Sequence[Run]) -> dict[str, Trajectory]:
                 f"{other.source}: is of robot '{other.reduced.robot.name}', "
                 f"{first.source} of '{first.reduced.robot.name}': one scene shows one robot"
             )
+    return {name: run.trajectory for name, run in zip(run_names(runs)[1:], runs[1:], strict=True)}
+
+
+def run_names(runs: Sequence[Run]) -> list[str]:
+    """Unique names of runs, from those of their files."""
     names = [
         each.source.stem.removeprefix("trajectory_") if each.source.is_file() else each.source.name for each in runs
     ]
     shown = [name if names.count(name) == 1 else str(run.source) for name, run in zip(names, runs, strict=True)]
-    return {name.replace("_", " "): run.trajectory for name, run in zip(shown[1:], runs[1:], strict=True)}
+    return [name.replace("_", " ") for name in shown]
 
 
 def animation_of(runs: Sequence[Run], aside: bool = False) -> Recording:

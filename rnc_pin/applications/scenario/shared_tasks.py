@@ -16,7 +16,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection, Pipe, wait
-from typing import Any, Generic, Self, TypeVar
+from typing import Generic, Self, TypeVar
 
 from rnc_pin.interruption import interruptible
 
@@ -198,7 +198,7 @@ class SharedTasks(Generic[P, T]):
         def report(number: int, done: float) -> None:
             channel.send((number, done, [], None, None))
 
-        common: Any = None
+        common: tuple[P] | None = None
         while (number := self._next()) is not None:
             if common is None:
                 common = (pickle.loads(os.pread(self._input, os.fstat(self._input).st_size, 0)),)

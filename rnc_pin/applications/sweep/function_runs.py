@@ -89,12 +89,12 @@ def check_names(draw: Draw) -> None:
             raise ConfigurationError(f"draws: {name!r} is the name of a result; choose another one")
 
 
-def canonical(draw: Draw) -> dict[str, Any]:
+def canonical(draw: Draw) -> dict[str, object]:
     """Drawn values as JSON content: arrays become lists, and NumPy's numbers those of Python."""
     return {name: _plain(value) for name, value in draw.items()}
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     if isinstance(value, Mapping):

@@ -15,6 +15,9 @@ from rnc_pin.applications.sweep.swept_run import LIMITS, SUCCESSFUL, Row, verdic
 from rnc_pin.io import atomic_file, dump_json
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from rnc_pin.figures import Size
     from rnc_pin.visualization import Histogram
 
 _MOST_PANELS = 24
@@ -41,7 +44,7 @@ def write_reports(results: SweepResults) -> None:
             file.writelines(f"{line}\n" for row in results.failures() for line in failure_lines(results, row))
     else:
         failures.unlink(missing_ok=True)
-    write_distributions(results, results.path / "distributions.png")
+    draw_distributions(results, None, results.path / "distributions.png")
 
 
 def failure_lines(results: SweepResults, row: Row) -> Iterator[str]:
@@ -54,18 +57,23 @@ def failure_lines(results: SweepResults, row: Row) -> Iterator[str]:
         yield f"{results.specification['build']}({json.dumps(drawn)})"
 
 
-def write_distributions(results: SweepResults, path: Path) -> None:
-    """Draw the distributions of results, and the share of each finding over drawn values."""
-    from rnc_pin.visualization import plot_distributions, save
+def draw_distributions(results: SweepResults, size: Size | None, file: str | Path | None) -> Figure | None:
+    """Figure of ``SweepResults.plot``, also as a file; None if no column has two different numbers."""
+    from rnc_pin.figures import save
+    from rnc_pin.visualization import plot_distributions
 
     names = [name for name in results.columns if name.startswith("final_error.")]
     names += [name for name in _DRAWN_RESULTS if name in results.columns]
     names += [name for name in results.columns if name.startswith(LIMITS)]
     names += [name for name in results.drawn if name != "seed"]
     panels = [panel for name in names[:_MOST_PANELS] if (panel := _histogram(results, name)) is not None]
-    if panels:
-        of = str(results.specification.get("scenario") or results.specification.get("build"))
-        save(plot_distributions(panels, f"{Path(of).stem}: {len(results)} runs"), path)
+    if not panels:
+        return None
+    of = str(results.specification.get("scenario") or results.specification.get("build"))
+    figure = plot_distributions(panels, f"{Path(of).stem}: {len(results)} runs" if size is None else "", size)
+    if file is not None:
+        save(figure, file)
+    return figure
 
 
 def _histogram(results: SweepResults, name: str) -> Histogram | None:

@@ -7,14 +7,14 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import yaml
 
 from rnc_pin.applications.sweep.row_tables import common_schema, fitted, plain_rows, read_part, schema_of, table_of
 from rnc_pin.applications.sweep.run_store import BLOCK, block_rows, blocks_of, part_file
-from rnc_pin.applications.sweep.specification import RUNS, read_specification
+from rnc_pin.applications.sweep.specification import RUNS, Specification, read_specification
 from rnc_pin.applications.sweep.swept_run import (
     SUCCESSFUL,
     Row,
@@ -31,6 +31,9 @@ from rnc_pin.simulation import Trajectory
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    from matplotlib.figure import Figure
+
+    from rnc_pin.figures import Size
 
 
 class _Blocks(NamedTuple):
@@ -76,7 +79,7 @@ class SweepResults(SummaryMixin):
         found = read_specification(self.path)
         if found is None:
             raise ConfigurationError(f"{self.path}: holds no sweep")
-        self.specification: dict[str, Any] = found
+        self.specification: Specification = found
 
     @cached_property
     def _blocks(self) -> _Blocks:
@@ -186,6 +189,24 @@ class SweepResults(SummaryMixin):
             counts.update(label(*values) for values in zip(*(each.to_pylist() for each in table.columns), strict=True))
         return dict(counts)
 
+    def plot(self, *, size: Size | None = None, file: str | Path | None = None) -> Figure:
+        """Plot the distributions of results, and the share of each finding over drawn values.
+
+        Args:
+            size: size of the figure, as for ``rnc.Trajectory.plot``.
+            file: file to write: .png, .pdf or .svg. An existing one is replaced.
+
+        Raises:
+            InputError: no column has two different numbers, or the panels do not fit the size.
+            ConfigurationError: the file has another ending.
+        """
+        from rnc_pin.applications.sweep.reports import draw_distributions
+
+        figure = draw_distributions(self, size, file)
+        if figure is None:
+            raise InputError(f"{self.path}: the runs are too few or too much alike to plot their distributions")
+        return figure
+
     def row(self, run: int) -> Row:
         """Return a run as a mapping by column; columns without a value are missing.
 
@@ -200,7 +221,7 @@ class SweepResults(SummaryMixin):
                 return {name: value for name, value in row.items() if value is not None}
         raise InputError(f"no finished run {run} in {self.path}")
 
-    def draw(self, run: int) -> dict[str, Any]:
+    def draw(self, run: int) -> dict[str, object]:
         """Return the drawn values of a run.
 
         Args:

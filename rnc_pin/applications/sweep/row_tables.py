@@ -6,10 +6,11 @@ import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
-from rnc_pin.applications.sweep.swept_run import Row, is_result_column
+from rnc_pin.applications.sweep.swept_run import RESULTS, Row, is_result_column
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.io import atomic_file
 
@@ -20,20 +21,11 @@ if TYPE_CHECKING:
 Kinds: TypeAlias = dict[str, str]
 """Kind of each drawn value: "bool", "integer", "number", "numbers", "text" or "json"."""
 
-_TEXTS = ("outcome", "verdict", "finding", "message", "warnings")
-_INTEGERS = ("run", "redrawn", "goals_missed")
-_LAST = (
-    "seed",
-    "outcome",
-    "verdict",
-    "finding",
-    "message",
-    "warnings",
-    "redrawn",
-)  # drawn values go before them, other results behind
+_HEAD = ("seed", *takewhile("duration".__ne__, RESULTS))
+"""Columns between drawn values and results that are numbers."""
 
 
-def kind_of(value: Any) -> str | None:
+def kind_of(value: object) -> str | None:
     """Kind of a value; None of a missing one."""
     if value is None:
         return None
@@ -53,7 +45,7 @@ def common_kind(one: str | None, other: str | None) -> str | None:
     return "json"
 
 
-def kind_of_all(values: Sequence[Any]) -> str | None:
+def kind_of_all(values: Sequence[object]) -> str | None:
     """Kind of a column of values."""
     kind: str | None = None
     for value in values:
@@ -71,9 +63,9 @@ def table_of(rows: Sequence[Row], kinds: Mapping[str, str]) -> pa.Table:
     import pyarrow as pa
 
     names = dict.fromkeys(key for row in rows for key in row)
-    drawn = [name for name in names if not is_result_column(name) and name not in _LAST]
-    results = [name for name in names if is_result_column(name) and name not in ("run", "wall_time", *_LAST)]
-    ordered = ["run", *drawn, *(name for name in _LAST if name in names), *results, "wall_time"]
+    drawn = [name for name in names if not is_result_column(name) and name not in _HEAD]
+    results = [name for name in names if is_result_column(name) and name not in ("run", "wall_time", *_HEAD)]
+    ordered = ["run", *drawn, *(name for name in _HEAD if name in names), *results, "wall_time"]
     fields, columns = [], []
     for name in ordered:
         values = [row.get(name) for row in rows]
@@ -87,13 +79,11 @@ def table_of(rows: Sequence[Row], kinds: Mapping[str, str]) -> pa.Table:
     return pa.Table.from_arrays(columns, schema=pa.schema(fields))
 
 
-def _kind_of_column(name: str, values: Sequence[Any], kinds: Mapping[str, str]) -> str | None:
-    if name in _TEXTS:
-        return "text"
-    if name in _INTEGERS:
+def _kind_of_column(name: str, values: Sequence[object], kinds: Mapping[str, str]) -> str | None:
+    if name == "run":
         return "integer"
     if is_result_column(name):
-        return "number"
+        return RESULTS.get(name, "number")
     return kinds.get(name) or kind_of_all(values)
 
 

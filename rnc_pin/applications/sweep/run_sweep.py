@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from rnc_pin.applications.scenario.files import apply_options, find_scenario, read_yaml
 from rnc_pin.applications.scenario.loading import validate
@@ -23,7 +23,7 @@ from rnc_pin.applications.sweep.specification import (
     specification_of,
     sweep_folder,
 )
-from rnc_pin.applications.sweep.swept_run import Numbered, Runs
+from rnc_pin.applications.sweep.swept_run import Numbered, Row, Runs
 from rnc_pin.applications.sweep.worker_pool import finished_runs
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.extras import check_extra
@@ -52,7 +52,7 @@ def sweep(
     jobs: int = 1,
     distributions: Mapping[str, object] | None = None,
     seed: int | None = None,
-    options: Mapping[str, Any] | None = None,
+    options: Mapping[str, object] | None = None,
     scheduler: str | None = None,
     trajectories: bool = False,
     progress: SweepProgress | None = None,
@@ -132,7 +132,7 @@ def _scenario_sweep(
     draws: int | Iterable[Draw],
     distributions: Mapping[str, object] | None,
     seed: int | None,
-    options: Mapping[str, Any] | None,
+    options: Mapping[str, object] | None,
     folder: str | None,
 ) -> _Sweep:
     shared = to_json_mapping(options or {}, "options")
@@ -155,7 +155,7 @@ def _function_sweep(
     draws: int | Iterable[Draw],
     distributions: Mapping[str, object] | None,
     seed: int | None,
-    options: Mapping[str, Any] | None,
+    options: Mapping[str, object] | None,
     folder: str | None,
 ) -> _Sweep:
     if options:
@@ -198,7 +198,7 @@ def _missing(whole: _Sweep, store: RunStore, folder: Path) -> Iterator[Numbered]
             raise ConfigurationError(f"{folder}: holds run {store.last()}, more than {whole.runs_known} runs")
         yield from ((run, None) for run in range(whole.runs_known) if run not in store)
         return
-    recorded: dict[int, Mapping[str, Any]] = {}
+    recorded: dict[int, Row] = {}
     run = -1
     for run, draw in enumerate(whole.given):
         if not isinstance(draw, Mapping):
@@ -227,7 +227,7 @@ def _note_kinds(run: int, values: Mapping[str, Json], kinds: Kinds) -> None:
             kinds[name] = common
 
 
-def _check_recorded(run: int, values: Mapping[str, Json], row: Mapping[str, Any], folder: Path) -> None:
+def _check_recorded(run: int, values: Mapping[str, Json], row: Row, folder: Path) -> None:
     """Raise an error if a finished run had other values."""
     for name, value in values.items():
         if row.get(name) != value and repr(row.get(name)) != repr(value):

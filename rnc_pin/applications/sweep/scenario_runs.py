@@ -7,7 +7,7 @@ import time
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
-from typing import Any, NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -23,11 +23,9 @@ from rnc_pin.applications.sweep.swept_run import (
     save_trajectory,
     with_options_of_sweeps,
 )
-from rnc_pin.control.whole_body import program_of
 from rnc_pin.errors import InfeasibleError, RncError, SingularityError
 from rnc_pin.io import Json
-from rnc_pin.simulation import sample_count
-from rnc_pin.simulation.many_runs import RunArguments, simulate_many
+from rnc_pin.simulation import RunArguments, sample_count, simulate_many
 
 MOST_DRAWS = 20
 """Largest number of draws for one run; then its outcome is "infeasible"."""
@@ -63,7 +61,7 @@ class ScenarioRuns:
         self._options, self._draws, self._seed, self._trajectories = dict(options), draws, seed, trajectories
         self._models: dict[str, BuiltModel] = {}
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         return {**self.__dict__, "_models": {}}
 
     def row(self, run: int, draw: Draw | None = None) -> Row:
@@ -91,7 +89,11 @@ class ScenarioRuns:
 
     def options_of(self, run: int, drawn: Draw) -> dict[str, Json]:
         """Options of a run with drawn values, which ``rnc-pin run`` takes too."""
-        options: dict[str, Json] = {**with_options_of_sweeps(self._options), "seed": self._seed, **drawn}
+        options: dict[str, Json] = {
+            **with_options_of_sweeps(self._options),
+            "seed": self._seed,
+            **cast(Mapping[str, Json], drawn),
+        }
         parts = {*self._file.raw, *(key.partition(".")[0] for key in options)}
         if "seed" not in drawn and "faults" in parts:
             options["seed"] = int(np.random.SeedSequence([self._seed, run]).generate_state(1)[0])
@@ -180,7 +182,7 @@ def _executed_alone(scenario: Scenario) -> list[Result | RncError]:
 def batch_key(scenario: Scenario) -> Hashable | None:
     """Key that scenarios have in common if ``execute_together`` takes them; None for one that has to be alone."""
     experiment = scenario.experiment
-    if scenario.comparisons or experiment.phases or program_of(experiment.controller) is not None:
+    if scenario.comparisons or experiment.phases or experiment.program is not None:
         return None
     return _arguments(scenario).lock_step_key
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from rnc_pin.applications.scenario.schema.sweep_settings import ChoiceDistributi
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.io import Json, to_json_mapping
 
-Draw: TypeAlias = Mapping[str, Any]
+Draw: TypeAlias = Mapping[str, object]
 """Values of a run by name; in sweeps of a scenario, options by dotted key."""
 
 
@@ -45,7 +45,7 @@ class SeededDraws:
         while True:
             yield {key: each.draw(generator) for key, each in self.distributions.items()}
 
-    def examples(self, name: str) -> list[Any]:
+    def examples(self, name: str) -> list[Json]:
         """Values that decide the type of a drawn value: all of a choice, the ends of others."""
         distribution = self.distributions[name]
         values = list(distribution.examples())

@@ -9,7 +9,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from rnc_pin._kernel import kernel
 from rnc_pin.applications.scenario.files import find_scenario, is_built_in, read_yaml
@@ -74,7 +74,11 @@ def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()[:16]
 
 
-def read_specification(folder: Path) -> dict[str, Any] | None:
+Specification: TypeAlias = dict[str, Any]
+"""Specification of a sweep as JSON content: its runs, their source, distributions and kinds of values."""
+
+
+def read_specification(folder: Path) -> Specification | None:
     """Specification of the sweep in a folder; None if there is none.
 
     Raises:
@@ -130,7 +134,7 @@ def sweep_folder(path: Path, specification: Mapping[str, Json], force: bool) -> 
             os.close(lock)
 
 
-def _check_same(path: Path, earlier: Mapping[str, Any], now: Mapping[str, Any]) -> None:
+def _check_same(path: Path, earlier: Specification, now: Specification) -> None:
     """Raise an error unless a folder holds the same sweep, with at most as many runs."""
     for key in dict.fromkeys([*now, *earlier]):
         if key not in _FREE and earlier.get(key) != now.get(key):

@@ -8,6 +8,7 @@ from typing import Any, Protocol, TypeAlias
 
 from rnc_pin.applications.sweep.seeded_draws import Draw
 from rnc_pin.errors import RncError
+from rnc_pin.io import Json
 from rnc_pin.simulation import Summary, Trajectory
 
 Row: TypeAlias = dict[str, Any]
@@ -17,26 +18,22 @@ ERRORS = ("final_error", "max_error", "rms_error")
 """Results by output; a column has the name of the output behind a point."""
 LIMITS = "limit_excess"
 """Largest excess over joint limits, as a share of their range; a column has the kind of the limit behind a point."""
-RESULTS = (
-    "outcome",
-    "verdict",
-    "finding",
-    "message",
-    "warnings",
-    "redrawn",
-    "duration",
-    "min_singular_value",
-    "constraint_residual_max",
-    "position_residual_max",
-    "energy_drift",
-    "off_tracking_max",
-    "goals_missed",
-    "lowest_normal_force",
-    "smallest_distance",
-    "smallest_own_distance",
-    "wall_time",
-)
-"""Other columns of results."""
+RESULTS = {
+    **dict.fromkeys(("outcome", "verdict", "finding", "message", "warnings"), "text"),
+    "redrawn": "integer",
+    "duration": "number",
+    "min_singular_value": "number",
+    "constraint_residual_max": "number",
+    "position_residual_max": "number",
+    "energy_drift": "number",
+    "off_tracking_max": "number",
+    "goals_missed": "integer",
+    "lowest_normal_force": "number",
+    "smallest_distance": "number",
+    "smallest_own_distance": "number",
+    "wall_time": "number",
+}
+"""Kinds of the other columns of results, by name."""
 
 
 Numbered: TypeAlias = tuple[int, Draw | None]
@@ -119,6 +116,6 @@ def save_trajectory(trajectory: Trajectory, folder: str | None, run: int) -> Non
         trajectory.save(path)
 
 
-def with_options_of_sweeps(options: Mapping[str, Any]) -> dict[str, Any]:
+def with_options_of_sweeps(options: Mapping[str, Json]) -> dict[str, Json]:
     """Options of every run of a sweep: no comparisons and plots, and preflight refuses instead of warning."""
     return {"preflight": "refuse", **options, "comparisons": {}, "plots": {}}

@@ -19,7 +19,10 @@ from typing import Any, NamedTuple, cast
 
 import cloudpickle
 from joblib import cpu_count
-from joblib.executor import get_memmapping_executor  # the pool of joblib.Parallel, which fails beside another kind
+from joblib.executor import (
+    MemmappingExecutor,
+    get_memmapping_executor,
+)  # the pool of joblib.Parallel, which fails beside another kind
 
 from rnc_pin._kernel import kernel
 from rnc_pin.applications.sweep.swept_run import Numbered, Row, Runs
@@ -180,7 +183,7 @@ def _once_more(batch: _Batch) -> _Batch:
 
 @contextmanager
 def _local_pool(jobs: int) -> Iterator[tuple[Callable[[], Executor], Callable[[], int]]]:
-    def executor() -> Any:
+    def executor() -> MemmappingExecutor:
         return get_memmapping_executor(jobs, timeout=300, env=_THREADS)  # a new one if the last one broke
 
     try:

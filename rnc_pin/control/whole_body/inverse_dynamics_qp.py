@@ -106,7 +106,7 @@ class ContactCones:
         """Equations ``effects y = offset + gain T`` for multipliers, upward forces and couples, y = [lambda; f; u]."""
         p = self._reduced.p
         inputs = np.vstack([np.zeros(p), np.eye(p)])
-        needed = state.constraint_forces(inputs)  # A^T lambda
+        needed = -state.constraint_forces(inputs)  # A^T lambda
         effects = state.all_rows.T
         balance = self._normal.plane_balance(state, inputs)
         if balance is not None:

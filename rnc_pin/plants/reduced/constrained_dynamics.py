@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -141,11 +140,9 @@ class ConstrainedDynamics:
     def _chart_at(self, q: np.ndarray, t: float | None) -> VelocityChart:
         return VelocityChart(self.reduced.evaluator, q, self._integrands, t)
 
-    def time(self, y: np.ndarray) -> Any:
-        """Times (...) of states [s]; None if the constraints do not depend on it."""
-        if not self.reduced.rheonomic:
-            return None
-        return float(y[-2]) if y.ndim == 1 else y[..., -2]
+    def time(self, y: np.ndarray) -> float | None:
+        """Time of a state [s]; None if the constraints do not depend on it."""
+        return float(y[-2]) if self.reduced.rheonomic else None
 
     def integrals(self, y: np.ndarray) -> np.ndarray:
         """Integrals of the reducing velocities, (..., r); zero for those without one."""
@@ -157,7 +154,8 @@ class ConstrainedDynamics:
 
     def at(self, q: np.ndarray, y: np.ndarray) -> StateEvaluation:
         """States (...,) in the current chart."""
-        return StateEvaluation.at(self.chart.evaluator, q, np.ascontiguousarray(y[..., : self._r]), t=self.time(y))
+        t = self.time(y) if y.ndim == 1 or not self.reduced.rheonomic else y[..., -2]
+        return StateEvaluation.at(self.chart.evaluator, q, np.ascontiguousarray(y[..., : self._r]), t=t)
 
     def integral_rows(self, state: StateEvaluation) -> np.ndarray:
         """Jacobian (k, nv) of the integrals."""

@@ -12,8 +12,8 @@ from types import MappingProxyType
 import numpy as np
 import scipy
 
-from rnc_pin.analysis.normal_forces import nonnegative
 from rnc_pin.errors import ConstraintError, SimulationError
+from rnc_pin.math.linear_algebra import nonnegative
 from rnc_pin.model.impact import Impact, impact
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.reduced_model import ReducedModel
@@ -197,7 +197,7 @@ class ContactModes:
         """
         rows = self.plant(closed).reduced.all_constraints.names
         up = [rows.index(self.contacts[number].row) for number in sorted(closed)]
-        return _shared(-state.contact_forces(T, external)[up], state.all_rows, up)
+        return _shared(state.contact_forces(T, external)[up], state.all_rows, up)
 
     def after_impact(self, touching: Closed, q: np.ndarray, v: np.ndarray, t: float) -> tuple[Closed, Impact]:
         """Contacts that are closed after an impact, and the impact.
@@ -290,4 +290,4 @@ def _shared(forces: np.ndarray, rows: np.ndarray, up: list[int]) -> np.ndarray:
     """Forces of the height rows, shared so that none is below zero if that is possible."""
     if not (forces < 0).any():
         return forces
-    return np.asarray(nonnegative(forces, scipy.linalg.null_space(rows.T, rcond=_SMALL)[up]))
+    return nonnegative(forces, scipy.linalg.null_space(rows.T, rcond=_SMALL)[up])

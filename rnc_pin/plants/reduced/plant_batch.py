@@ -12,7 +12,7 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.errors import InputError
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.input_validation import numbers_of
-from rnc_pin.model.runs import NumPyRuns, RunRecords
+from rnc_pin.model.numpy_evaluator import NumPyRuns, RunRecords
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.reduced.constrained_dynamics import MAX_GROWTH, VelocityChart
 from rnc_pin.plants.reduced.reduced_plant import Checkpoint, ReducedPlant

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from browsing import listening, opened, place, visit
+from browsing import listening, place, visit
 from drives import in_real_time, prepared
 from patience import PATIENCE, eventually
 from rnc_pin.applications.drive.log import CommandQueue
@@ -100,12 +100,6 @@ SLOW = {
     "type": "qp", "tracker": "computed_torque", "tasks": [{"damping": {}}],
     "limits": {"joint_velocity": {"joints": ["joint_1"], "limit": 0.2}},
 }  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with opened() as launched:
-        yield launched
 
 
 def test_a_user_drives_from_a_real_browser(browser):

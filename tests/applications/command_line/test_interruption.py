@@ -14,9 +14,9 @@ import pytest
 import rnc_pin as rnc
 from benchmarks.processes import alive, children
 from patience import PATIENCE, eventually
-from rnc_pin.applications.scenario import plot_files
 from rnc_pin.control import Command
 from rnc_pin.interruption import interruptible, uninterrupted
+from rnc_pin.simulation import run_figure
 from rnc_pin.simulation.record import Record
 from systems import sleigh
 
@@ -227,7 +227,7 @@ def test_a_run_that_is_asked_to_end_keeps_its_results(tmp_path):
 
 
 def test_ctrl_c_while_pictures_are_drawn_costs_pictures_alone(tmp_path, call, monkeypatch):
-    monkeypatch.setattr(plot_files, "plot_run", lambda *arguments: signal.raise_signal(signal.SIGINT))
+    monkeypatch.setattr(run_figure, "plot_run", lambda *arguments: signal.raise_signal(signal.SIGINT))
     # With one processor, so the overview is the first picture.
     monkeypatch.setattr("rnc_pin.applications.command_line.commands.run.processor_count", lambda: 1)
     arguments = [*RUN, "--set", "simulation.duration=0.02", "--out", tmp_path]

@@ -2,6 +2,7 @@
 
 import re
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -132,7 +133,8 @@ def test_an_episode_ends_at_a_position_limit():
 
 def test_an_episode_ends_near_a_singularity():
     """The forearm turns towards its singular position, and the smallest singular value passes its limit."""
-    env = rnc.gym.make("space-robot", draws={}, min_singular_value=0.08, **SETTINGS)
+    settings = {**SETTINGS, "limits": replace(LIMITS, singular_value=0.08)}
+    env = rnc.gym.make("space-robot", draws={}, **settings)
     reduced = EpisodeTask("space-robot", SHORT, {}, 0.05, 0.0).reduced
     env.reset(seed=0)
     values, failed = [], False
@@ -160,7 +162,7 @@ def test_an_episode_ends_near_a_singularity():
 def test_failures_are_the_findings_of_a_run(failure, name, options, inputs, limits):
     """The same inputs in a run of ``simulate``, with the limits of the environment as conditions to stop."""
     smallest = 0.08 if failure == "singular" else 0.01
-    settings = {"options": options, "period": 0.05, "limits": limits, "min_singular_value": smallest}
+    settings = {"options": options, "period": 0.05, "limits": replace(limits, singular_value=smallest)}
     env = rnc.gym.make(name, draws={}, **settings)
     env.reset(seed=0)
     failed = False
@@ -254,10 +256,10 @@ REFUSED = {
     "give a function as 'reward'": ("space-robot", {"options": {"reference": {}}, "draws": {}, "limits": LIMITS}),
     "limits.speed: expected a number or 3": ("space-robot", {"limits": rnc.gym.EpisodeLimits(speed=[1.0, 2.0])}),
     "limits.input: expected positive": ("space-robot", {"limits": rnc.gym.EpisodeLimits(input=0.0)}),
-    "nearly singular": ("space-robot", {"min_singular_value": 0.9}),
+    "nearly singular": ("space-robot", {"limits": replace(LIMITS, singular_value=0.9)}),
     "none of 20 draws": (
         "space-robot",
-        {"draws": {"initial.q.joint_3": [0, 1e-4]}, "min_singular_value": 0.05, "limits": LIMITS},
+        {"draws": {"initial.q.joint_3": [0, 1e-4]}, "limits": replace(LIMITS, singular_value=0.05)},
     ),
 }
 

@@ -7,7 +7,7 @@ from rnc_pin.applications.init import DraftOptions, with_choices
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ConfigurationError, ModelError
-from rnc_pin.visualization.top_view import ground_paths
+from rnc_pin.simulation import ground_paths
 from urdf_parts import BOX, caster, joint, link, pivot, plugin, robot, transmissions, wheel
 
 pytestmark = [pytest.mark.filterwarnings("ignore::rnc_pin.ModelWarning"), pytest.mark.usefixtures("brief")]

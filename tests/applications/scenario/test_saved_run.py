@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.visualization import plots, recording
+from rnc_pin.simulation import run_figure
+from rnc_pin.visualization import recording
 
 SHORT = ["--set", "simulation.duration=0.1", "--set", "simulation.dt=0.01"]
 
@@ -68,7 +69,7 @@ def test_what_cannot_be_written_is_one_line(arguments, words, run, call, tmp_pat
 @pytest.fixture
 def stills(monkeypatch):
     """Pictures without a browser, and empty plots; what is in them is of no interest here."""
-    monkeypatch.setattr(plots, "plot_run", lambda *arguments: Figure(figsize=(1, 1)))
+    monkeypatch.setattr(run_figure, "plot_run", lambda *arguments: Figure(figsize=(1, 1)))
     monkeypatch.setattr(recording, "take_pictures", lambda *arguments: iter([b"one", b"two"]))
 
 

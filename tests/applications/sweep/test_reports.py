@@ -1,10 +1,10 @@
 """Panels of the picture of a sweep: results in words, and shares of findings over what was drawn."""
 
 import numpy as np
+import pytest
 
 import rnc_pin as rnc
 from rnc_pin import visualization
-from rnc_pin.applications.sweep.reports import write_distributions
 
 
 def test_shares_have_bins_of_many_runs_and_no_seeds(tmp_path, monkeypatch):
@@ -16,9 +16,13 @@ def test_shares_have_bins_of_many_runs_and_no_seeds(tmp_path, monkeypatch):
     drawn = []
     draw = visualization.plot_distributions
     monkeypatch.setattr(
-        visualization, "plot_distributions", lambda panels, title: (drawn.extend(panels), draw(panels, title))[1]
+        visualization, "plot_distributions", lambda panels, *more: (drawn.extend(panels), draw(panels, *more))[1]
     )
-    write_distributions(results, tmp_path / "picture.png")
+    figure = results.plot(file=tmp_path / "picture.png")
+    assert figure.get_figwidth() == pytest.approx(10.0)  # for the screen: three panels side by side
+    assert results.plot(size="column").get_figwidth() == 3.4
+    with pytest.raises(rnc.InputError, match=r"panels need a height of [\d.]+ inches"):
+        results.plot(size=(7.0, 1.0))
     panels = {panel.name: panel for panel in drawn}
     assert {"final error of tip_x [m or rad]", "smallest singular value of E", *draws} <= set(panels)
     assert {name for name, panel in panels.items() if panel.shares} == set(draws)

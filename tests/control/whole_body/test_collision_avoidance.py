@@ -7,14 +7,13 @@ import pytest
 import scipy
 
 import rnc_pin as rnc
+from bodies import add_body
 from carts import WHEELS, cart_with_arm
-from rnc_pin import _kernel
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection, ground_shape
 from rnc_pin.control.whole_body import ControlSample, InverseDynamicsQP
 from rnc_pin.control.whole_body.limits import CollisionAvoidance
 from rnc_pin.control.whole_body.limits.collision_avoidance import approach_speed
 from rnc_pin.control.whole_body.tasks import OutputTask
-from rnc_pin.model.state_evaluation import StateEvaluation
 
 DT = 0.01
 
@@ -145,8 +144,7 @@ def slider(solid, pitch, turn):
     """Body that moves along x and turns about an axis through its centre: configurations add up exactly."""
     model = pin.Model()
     along = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "along")
-    angle = model.addJoint(along, turn, pin.SE3.Identity(), "angle")
-    model.appendBodyToJoint(angle, pin.Inertia.FromSphere(1.0, 0.2), pin.SE3.Identity())
+    angle = add_body(model, "angle", turn, pin.Inertia.FromSphere(1.0, 0.2), along)
     frame = model.addFrame(pin.Frame("body", angle, 0, pin.SE3.Identity(), pin.FrameType.BODY))
     geometry = pin.GeometryModel()
     placed = pin.SE3(pin.rpy.rpyToMatrix(0.0, pitch, 0.0), np.zeros(3))
@@ -189,8 +187,7 @@ def test_an_approach_needs_no_more_than_its_deceleration():
 def weak_cart(effort):
     """Ball of 1 kg on a rail along x that can push itself with a limited force."""
     model = pin.Model()
-    joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "rail")
-    model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+    joint = add_body(model, "rail", "PX", pin.Inertia.FromSphere(1.0, 0.1))
     model.upperEffortLimit[:] = effort
     frame = model.addFrame(pin.Frame("cart", joint, 0, pin.SE3.Identity(), pin.FrameType.BODY))
     geometry = pin.GeometryModel()
@@ -233,17 +230,3 @@ def test_unusable_settings_are_refused():
     for deceleration in (np.inf, 0.0, -0.5):
         with pytest.raises(rnc.ConfigurationError, match="deceleration"):
             CollisionAvoidance(deceleration=deceleration)
-
-
-def test_numpy_and_the_kernel_plan_the_same_decelerations(monkeypatch):
-    reduced, q0 = differential_drive_with_arm()
-    bound = CollisionAvoidance(influence=0.3, q0=q0).bind(reduced)
-    sample = ControlSample(reduced, 0.0, q0, np.linspace(-0.4, 0.4, reduced.r), DT)
-    with monkeypatch.context() as kernel_alone:
-        if _kernel.library is not _kernel.NUMPY_ALONE:
-            kernel_alone.delattr(StateEvaluation, "row_accelerations")  # the other path needs it
-        rows = [bound.rows(sample)]
-    monkeypatch.setattr(_kernel, "library", _kernel.NUMPY_ALONE)
-    rows.append(bound.rows(sample))
-    assert len(rows[0].lower) > 3
-    np.testing.assert_allclose(rows[0].lower, rows[1].lower, rtol=1e-12)

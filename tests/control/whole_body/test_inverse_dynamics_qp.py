@@ -5,12 +5,14 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.control import ControlSample, InverseDynamicsQP, limits, tasks
 from rnc_pin.control.whole_body import inverse_dynamics_qp
 from rnc_pin.control.whole_body.inverse_dynamics_qp import ContactCones, solve_within
 from rnc_pin.planning import Hold, MinimumJerk
 from rnc_pin.plants.mujoco import MuJoCoPlant, MuJoCoSettings
 from systems import (
+    differential_drive,
     four_bar,
     free_flying_panda,
     mobile_manipulator,
@@ -119,8 +121,7 @@ def test_friction_stays_in_its_cone():
 def high_cart():
     """A cart of two axles, one metre apart, with its mass one metre above the ground."""
     model = pin.Model()
-    base = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "root_joint")
-    model.appendBodyToJoint(base, pin.Inertia(10.0, np.array([0.0, 0.0, 1.0]), 0.5 * np.eye(3)), pin.SE3.Identity())
+    base = add_body(model, "root_joint", "Planar", 10.0, com=(0.0, 0.0, 1.0), moments=0.5)
     for name, x in (("base", 0.0), ("front", 0.5), ("rear", -0.5)):
         place = pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
         model.addFrame(pin.Frame(name, base, 0, place, pin.FrameType.OP_FRAME))
@@ -155,14 +156,10 @@ def test_friction_bounds_the_input_to_both_sides(wheeled, omega):
     """
     mass, J, radius, friction, v = 10.0, 0.4, 0.2, 0.3, 1.5
     model = pin.Model()
-    base = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "root_joint")
-    model.appendBodyToJoint(base, pin.Inertia(mass, np.array([0.0, 0.0, 0.5]), 0.5 * np.eye(3)), pin.SE3.Identity())
-    model.addFrame(pin.Frame("base", base, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    base = add_body(model, "root_joint", "Planar", mass, com=(0.0, 0.0, 0.5), moments=0.5, frame="base")
     contact, drive, push, level = rnc.NoSideSlip("base"), rnc.FrameForce("base", "y"), mass * v * omega, mass
     if wheeled:
-        axle = model.addJoint(base, pin.JointModelRY(), pin.SE3.Identity(), "axle")
-        model.appendBodyToJoint(axle, pin.Inertia(2.0, np.zeros(3), np.diag([0.3, J, 0.3])), pin.SE3.Identity())
-        model.addFrame(pin.Frame("wheel", axle, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+        add_body(model, "axle", "RY", 2.0, base, moments=(0.3, J, 0.3), frame="wheel")
         contact, drive = rnc.RollingWheel("wheel", radius, lateral=False), "axle"
         push, level = 0.0, (mass + 2.0) * radius + J / radius
     x2 = [rnc.FrameSpeed("base"), rnc.FrameYaw("base")] + ([rnc.FrameSpeed("base", "y")] if wheeled else [])
@@ -197,11 +194,8 @@ def test_one_program_is_enough_far_from_limits_of_motion(monkeypatch):
 def test_the_pyramid_of_friction_touches_its_cone_at_eight_edges():
     """Opposite sides add up to twice their distance from the axis, neighbours to a friction force along an edge."""
     model = pin.Model()
-    base = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "root_joint")
-    model.appendBodyToJoint(base, pin.Inertia(10.0, np.zeros(3), 0.5 * np.eye(3)), pin.SE3.Identity())
-    axle = model.addJoint(base, pin.JointModelRY(), pin.SE3.Identity(), "axle")
-    model.appendBodyToJoint(axle, pin.Inertia(2.0, np.zeros(3), np.diag([0.3, 0.4, 0.3])), pin.SE3.Identity())
-    model.addFrame(pin.Frame("wheel", axle, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    base = add_body(model, "root_joint", "Planar", 10.0, moments=0.5)
+    add_body(model, "axle", "RY", 2.0, base, moments=(0.3, 0.4, 0.3), frame="wheel")
     system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.RollingWheel("wheel", 0.2)], ["axle"])
     reduced = system.reduce([rnc.FrameSpeed("wheel"), rnc.FrameYaw("wheel")])
     bounds = ContactCones(reduced, 0.3).at(reduced.at(reduced.robot.configuration(), np.array([1.5, 0.7])))
@@ -221,10 +215,8 @@ def test_fewer_actuators_than_motions_need_nothing_special():
 
 
 def test_wheels_on_ice_do_not_slip_in_mujoco():
-    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
-    wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
-    system = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"])
-    reduced = system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
+    reduced = differential_drive()
+    robot = reduced.robot
     hurry = tasks.OutputTask(rnc.FrameSpeed("base"), MinimumJerk([0.0], [3.0], 0.5))
     slips = []
     for friction in (0.04, None):

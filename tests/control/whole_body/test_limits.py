@@ -7,9 +7,7 @@ import pytest
 
 import rnc_pin as rnc
 from driven import drive
-from rnc_pin import _kernel
 from rnc_pin.control import VelocityQP, limits, tasks
-from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.limits.joint_position_limit import velocity_to_stop
 from rnc_pin.planning import Hold
 from systems import mecanum, mobile_manipulator, space_robot_in_joints, tiago
@@ -130,20 +128,6 @@ def test_a_joint_stops_before_its_margin_at_its_own_deceleration(fastest, decele
     assert np.median(slower[(v[:-1] < 0.8 * v.max()) & (v[:-1] > 0.2 * v.max())]) == pytest.approx(
         deceleration, rel=1e-6
     )
-
-
-def test_numpy_and_the_kernel_give_the_same_velocities_to_stop(monkeypatch):
-    """Inside the range, at its ends and beyond them: the same bits."""
-    reduced = manipulator_in_joints()
-    bound = limits.JointPositionLimit(deceleration=2.0).bind(reduced)
-    found = []
-    for library in (_kernel.library, _kernel.NUMPY_ALONE):
-        monkeypatch.setattr(_kernel, "library", library)
-        for angle in (-9.0, -1.0, 0.3, 2.0, 9.0):
-            q = reduced.robot.configuration({"joint_1": angle, "joint_2": 0.5 * angle})
-            rows = bound.rows(ControlSample(reduced, 0.0, q, np.array([0.1, 0.2, -0.6, 0.9]), DT))
-            found.append([rows.lower, rows.upper])
-    np.testing.assert_array_equal(found[:5], found[5:])
 
 
 def test_the_velocity_to_stop_solves_its_equation():

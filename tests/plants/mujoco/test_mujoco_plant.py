@@ -9,8 +9,10 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
 from rnc_pin.extras import missing_extra
 from rnc_pin.plants import Plant
+from systems import differential_drive
 
 mujoco = pytest.importorskip("mujoco", reason="comes with the extra mujoco")
 
@@ -56,19 +58,11 @@ def floating_panda():
 def massless_rotor():
     """A reaction wheel pendulum, its rotor idealised to a moment of inertia without mass."""
     model = pin.Model()
-    hinge = model.addJoint(0, pin.JointModelRY(), pin.SE3.Identity(), "hinge")
-    model.appendBodyToJoint(hinge, pin.Inertia(2.0, np.array([0.5, 0, 0]), 0.1 * np.eye(3)), pin.SE3.Identity())
+    hinge = add_body(model, "hinge", "RY", 2.0, com=(0.5, 0, 0), moments=0.1)
     motor = model.addJoint(hinge, pin.JointModelRY(), pin.SE3(np.eye(3), np.array([0.5, 0, 0])), "motor")
     model.inertias[motor] = pin.Inertia(0.0, np.zeros(3), np.diag([0.01, 0.02, 0.03]))
     with pytest.warns(rnc.ModelWarning, match="zero mass behind motor"):
         return rnc.Robot(model)
-
-
-def differential_drive():
-    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
-    wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
-    system = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"])
-    return system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
 
 
 ROBOTS = {
@@ -201,8 +195,7 @@ def test_steered_wheels_turn_about_one_centre():
     model, mass = pin.Model(), pin.Inertia(1.0, np.zeros(3), np.eye(3))
     for name, side in (("left", 0.5), ("right", -0.5)):
         kind = pin.JointModelRZ() if name == "left" else pin.JointModelRevoluteUnaligned(np.array([0.0, 0.0, -1.0]))
-        joint = model.addJoint(0, kind, pin.SE3(np.eye(3), np.array([1.5, side, 0.0])), name)
-        model.appendBodyToJoint(joint, mass, pin.SE3.Identity())
+        add_body(model, name, kind, mass, at=(1.5, side, 0.0))
     system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.AckermannSteering("left", "right", "universe")], ["left"])
     reduced = system.reduce()
     plant, q, v = driven(reduced, np.zeros(2), np.zeros(1), np.array([0.5]), 2.0)
@@ -274,8 +267,7 @@ def test_what_stands_on_points_or_balls_stands_as_high_as_they_say(radius):
     """A table on three casters, points or balls, whose frames are turned in all directions."""
     model = pin.Model()
     model.name = "table"
-    root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
-    model.appendBodyToJoint(root, pin.Inertia(3.0, np.array([0.02, 0.01, 0.1]), 0.1 * np.eye(3)), pin.SE3.Identity())
+    root = add_body(model, "root_joint", "FreeFlyer", 3.0, com=(0.02, 0.01, 0.1), moments=0.1)
     corners = {"front": (0.4, 0.0, 0.0), "left": (-0.3, 0.3, np.pi), "right": (-0.3, -0.3, 0.5 * np.pi)}
     for name, (x, y, roll) in corners.items():
         place = pin.SE3(pin.rpy.rpyToMatrix(roll, 0.0, 0.3), np.array([x, y, -0.5]))
@@ -428,8 +420,7 @@ def test_what_it_has_not_is_refused_by_name():
         MuJoCoPlant(rnc.NonholonomicSystem(robot, [level], ["joint_1"]).reduce())
 
     model = pin.Model()
-    joint = model.addJoint(0, pin.JointModelHX(0.1), pin.SE3.Identity(), "spindle")
-    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    add_body(model, "spindle", pin.JointModelHX(0.1), 1.0)
     with pytest.raises(rnc.ConfigurationError, match=r"no joint like 'spindle' \(JointModelHX\)"):
         MuJoCoPlant(rnc.NonholonomicSystem(rnc.Robot(model), [], ["spindle"]).reduce())
 

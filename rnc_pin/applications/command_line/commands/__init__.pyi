@@ -2,6 +2,7 @@
 
 from .compare import compare_log as compare_log
 from .drive import drive_robot as drive_robot
+from .export import export_file as export_file
 from .init import draft_scenario as draft_scenario
 from .inspect import inspect_system as inspect_system
 from .list import list_scenarios as list_scenarios

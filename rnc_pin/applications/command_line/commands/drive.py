@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from typing import TypedDict, Unpack
 
 import click
 from rich.console import Console
@@ -30,17 +31,23 @@ _COMMANDS = "commands.json"
 _WAIT = 15.0  # [s] for a browser before the run starts
 
 
+class NewDrive(TypedDict):
+    """Options of a new drive; a replayed one takes them from its file."""
+
+    options: tuple[str, ...]
+    frames: tuple[str, ...]
+    duration: float | None
+
+
 def drive_robot(
     source: str | None,
     replayed: Path | None,
     out: Path | None,
-    options: tuple[str, ...],
-    frames: tuple[str, ...],
-    duration: float | None,
     browser: bool,
     as_json: bool,
     force: bool,
-    accept: tuple[str, ...] = (),
+    accept: tuple[str, ...],
+    **new: Unpack[NewDrive],
 ) -> int:
     """Drive a robot in the browser, or replay the commands of a drive; write its folder and return the exit status."""
     if (source is None) == (replayed is None):
@@ -48,20 +55,20 @@ def drive_robot(
     record = None
     if replayed is not None:
         record = read_drive(replayed)
-        _check_replay(options, frames, duration)
+        _check_replay(new)
         record = replace(record, config={**record.config, **accept_option(record.config, {}, accept)})
         prepared = _rebuilt(record, replayed)
     else:
-        given = parse_options(options)
+        given = parse_options(new["options"])
         scenario = read_source(str(source), given)
-        prepared = prepare_drive(scenario.with_options(accept_option(scenario.raw, {}, accept)), given, frames)
+        prepared = prepare_drive(scenario.with_options(accept_option(scenario.raw, {}, accept)), given, new["frames"])
     for warning in prepared.scenario.experiment.warnings:
         warn(warning)
     names = [*data_names(), _COMMANDS, *picture_names(prepared.scenario)]
     name = prepared.scenario.name.strip(".") or "scenario"
     path = out or Path("runs") / (f"{name}-drive" if record is None else f"{name}-drive-replay")
     with uninterrupted(), OutputFolder(path, force, names) as target:
-        result = _replayed(prepared, record) if record is not None else _driven(prepared, duration, browser)
+        result = _replayed(prepared, record) if record is not None else _driven(prepared, new["duration"], browser)
         try:
             with target.writing() as fresh:
                 files = write(prepared.scenario, result, fresh)
@@ -120,8 +127,8 @@ def _driven(prepared: PreparedDrive, duration: float | None, browser: bool) -> R
 # ------------------------------------------------------------------ replay
 
 
-def _check_replay(options: tuple[str, ...], frames: tuple[str, ...], duration: float | None) -> None:
-    if options or frames or duration is not None:
+def _check_replay(new: NewDrive) -> None:
+    if new["options"] or new["frames"] or new["duration"] is not None:
         raise ConfigurationError(
             "--replay: takes scenario, frames and duration from its file; remove the other options"
         )

@@ -7,6 +7,7 @@ import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TypedDict, Unpack
 
 import click
 
@@ -18,27 +19,32 @@ from rnc_pin.errors import ConfigurationError
 from rnc_pin.io import atomic_file
 
 
+class Stated(TypedDict):
+    """Choices of a ``DraftOptions`` that need no reading."""
+
+    base: str | None
+    package_dirs: tuple[Path, ...]
+    driven: tuple[str, ...]
+    passive: tuple[str, ...]
+    momentum: tuple[str, ...]
+    balance: bool | None
+    rollers: bool | None
+
+
 def draft_scenario(
     robot: str,
     out: Path | None,
-    base: str | None,
     arguments: tuple[str, ...],
-    package_dirs: tuple[Path, ...],
     lock: tuple[str, ...],
-    driven: tuple[str, ...],
-    passive: tuple[str, ...],
-    momentum: tuple[str, ...],
-    balance: bool | None,
-    rollers: bool | None,
     force: bool,
+    **stated: Unpack[Stated],
 ) -> None:
     """Write a draft scenario for a robot; on a terminal, ask what the file leaves open."""
     path = out or Path(Path(robot).name.split(".")[0] + ".yaml")
     own = os.path.isfile(path) and path.resolve() == Path(robot).resolve()
     check_new_file("--out", path, force or own)
     xacro = parse_options(arguments)
-    stated = (driven, passive, momentum, balance, rollers)
-    wishes = DraftOptions(base, xacro, package_dirs, _held(lock), *stated, report=_report)
+    wishes = DraftOptions(xacro_arguments=xacro, lock=_held(lock), report=_report, **stated)
     found = draft_with_decisions(robot, path.parent, wishes)
     answered: list[str] = []
     while found.questions and _on_a_terminal():  # an answer can raise the next question

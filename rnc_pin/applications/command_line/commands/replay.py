@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TypedDict, Unpack, cast
 
 import click
 
@@ -12,11 +15,26 @@ from rnc_pin.applications.command_line.run_end import report_findings
 from rnc_pin.applications.command_line.status import DONE
 from rnc_pin.applications.command_line.tables import print_summary
 from rnc_pin.applications.command_line.watching import close, live_view
-from rnc_pin.applications.scenario.saved_run import Run, animation_of, compared, load_run, view_of
+from rnc_pin.applications.scenario.saved_run import Run, animation_of, compared, load_run, run_names, view_of
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.simulation import add_verdict, judge, replay_limits, summarize
+from rnc_pin.figures import Size, save
+from rnc_pin.simulation import FurtherLimits, Trajectory, add_verdict, judge, replay_limits, summarize
 from rnc_pin.verdict import Verdict
-from rnc_pin.visualization import recorded_states, write_frames, write_plots, write_video
+from rnc_pin.visualization import recorded_states, write_frames, write_video
+
+
+class ReplayFiles(TypedDict):
+    """Files that a replay writes."""
+
+    html: Path | None
+    frames: Path | None
+    video: Path | None
+    rate: float
+    plot: Path | None
+    outputs: tuple[str, ...]
+    size: str | None
+    aside: bool
+    force: bool
 
 
 def replay_runs(
@@ -25,51 +43,73 @@ def replay_runs(
     speed: float,
     browser: bool,
     host: str,
-    html: Path | None,
-    frames: Path | None,
-    video: Path | None,
-    rate: float,
-    plot: Path | None,
-    aside: bool,
-    force: bool,
-    accept: tuple[str, ...] = (),
+    accept: tuple[str, ...],
+    **files: Unpack[ReplayFiles],
 ) -> int:
     """Write the requested files of runs, show them, or print their summaries and verdicts. Return the exit status."""
-    judges = not show and frames is None and not any((html, video, plot))
+    judges = not show and not any((files["html"], files["frames"], files["video"], files["plot"]))
     if accept and not judges:
         raise ConfigurationError("--accept: a replay judges runs only if it prints their summaries; remove the option")
+    if files["plot"] is None and (files["outputs"] or files["size"]):
+        raise ConfigurationError("--output, --size: only a plot has them; add --plot FILE")
     runs = [load_run(source) for source in sources]
-    first = runs[0]
     others = compared(runs)
-    files = {"--html": html, "--video": video, "--plot": plot}
-    for option, path in files.items():
+    _check_new(files)
+    _write(runs, others, files)
+    if show:
+        _show(runs[0], speed, browser, host)
+    return max([_judged(run, accept) for run in runs]) if judges else DONE
+
+
+def _check_new(files: ReplayFiles) -> None:
+    """Check that the files can be written, before anything is drawn."""
+    force, frames = files["force"], files["frames"]
+    for option, path in {"--html": files["html"], "--video": files["video"], "--plot": files["plot"]}.items():
         if path is not None:
             check_new_file(option, path, force)
-    if (
-        frames is not None
-        and os.path.exists(frames)
-        and (not os.path.isdir(frames) or any(frames.iterdir()))
-        and not force
-    ):
+    if frames is None or force or not os.path.exists(frames):
+        return
+    if not os.path.isdir(frames) or any(frames.iterdir()):
         raise ConfigurationError(f"--frames {frames}: exists and is not empty; choose another name or add --force")
+
+
+def _write(runs: list[Run], others: Mapping[str, Trajectory], files: ReplayFiles) -> None:
+    html, frames, video = files["html"], files["frames"], files["video"]
+    plot, force = files["plot"], files["force"]
     try:
         if html is not None or frames is not None or video is not None:
-            recording = animation_of(runs, aside)
+            recording = animation_of(runs, files["aside"])
         if html is not None:
             recording.save(html, force)
             click.echo(f"wrote {html} ({html.stat().st_size / 1e6:.1f} MB)")
         if frames is not None:
-            click.echo(f"wrote {len(write_frames(recording, frames, rate, replace=force))} frames into {frames}")
+            count = len(write_frames(recording, frames, files["rate"], replace=force))
+            click.echo(f"wrote {count} frames into {frames}")
         if video is not None:
-            write_video(recording, video, rate, replace=force)
+            write_video(recording, video, files["rate"], replace=force)
             click.echo(f"wrote {video} ({video.stat().st_size / 1e6:.1f} MB)")
         if plot is not None:
-            click.echo(f"wrote {write_plots(first.trajectory, plot, first.title, others, force)}")
+            first, size = runs[0], files["size"]
+            figure = first.trajectory.plot(
+                files["outputs"] or None,
+                title=first.title if size is None else None,  # a figure of a paper has a caption
+                comparisons=others,
+                size=_figure_size(size),
+                labels=first.scenario.figures.labels,
+                name=run_names(runs)[0],
+            )
+            click.echo(f"wrote {save(figure, plot, force)}")
     except OSError as error:
         raise ConfigurationError(f"{error.filename}: cannot be written: {error.strerror}") from None
-    if show:
-        _show(first, speed, browser, host)
-    return max([_judged(run, accept) for run in runs]) if judges else DONE
+
+
+def _figure_size(size: str | None) -> Size | None:
+    """Size of a figure from ``column``, ``page`` or ``WIDTHxHEIGHT`` [inches]; other texts are refused with it."""
+    match = re.fullmatch(r"([\d.]+)x([\d.]+)", size or "")
+    try:
+        return cast("Size | None", size) if match is None else (float(match[1]), float(match[2]))
+    except ValueError:
+        raise ConfigurationError(f"--size {size}: expected 'column', 'page' or WIDTHxHEIGHT in inches") from None
 
 
 def _judged(run: Run, accept: tuple[str, ...]) -> int:
@@ -84,8 +124,8 @@ def _judged(run: Run, accept: tuple[str, ...]) -> int:
 def _verdict(run: Run) -> Verdict:
     """Verdict of the run's file; else a new one, without the goals and obstacles of its scenario."""
     stored, reduced = run.trajectory.info.verdict, run.reduced
-    efforts = reduced.actuation.stated_limits
-    return stored or judge(run.trajectory, replay_limits(reduced.robot, run.trajectory, efforts=efforts))
+    further = FurtherLimits(efforts=reduced.actuation.stated_limits)
+    return stored or judge(run.trajectory, replay_limits(reduced.robot, run.trajectory, further=further))
 
 
 def _show(run: Run, speed: float, browser: bool, host: str) -> None:

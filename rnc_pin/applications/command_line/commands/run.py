@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TypedDict, Unpack
 
 from rich.console import Console
 
@@ -22,18 +23,24 @@ from rnc_pin.interruption import uninterrupted
 from rnc_pin.simulation import Observer
 
 
+class Watching(TypedDict):
+    """Options of the live view."""
+
+    speed: float
+    browser: bool
+    host: str
+
+
 def run_scenario(
     scenario: str,
     out: Path | None,
     options: tuple[str, ...],
     plant: str | None,
     show: bool,
-    speed: float,
-    browser: bool,
-    host: str,
     as_json: bool,
     force: bool,
-    accept: tuple[str, ...] = (),
+    accept: tuple[str, ...],
+    **watching: Unpack[Watching],
 ) -> int:
     """Run a scenario, write its folder and return the exit status."""
     given = parse_options(options)
@@ -53,7 +60,7 @@ def run_scenario(
         Artists(prepared, processes) as artists,
     ):
         if show:
-            result = _watched(prepared, speed, browser, host, quiet=as_json)
+            result = _watched(prepared, watching, quiet=as_json)
         else:
             result = _executed(prepared, None, quiet=as_json, processes=processes)
         try:
@@ -88,7 +95,7 @@ def _drawn(prepared: Scenario, result: Result, folder: Path, artists: Artists, q
         return draw_pictures(prepared, result, folder, bar, artists)
 
 
-def _watched(prepared: Scenario, speed: float, browser: bool, host: str, quiet: bool) -> Result:
+def _watched(prepared: Scenario, watching: Watching, quiet: bool) -> Result:
     """Execute the run with a live view."""
     from rnc_pin.applications.command_line.watching import close, live_view  # Meshcat takes a second to import
     from rnc_pin.visualization import DrawnModel
@@ -96,7 +103,7 @@ def _watched(prepared: Scenario, speed: float, browser: bool, host: str, quiet: 
     experiment = prepared.experiment
     title = prepared.content.title or prepared.name
     drawn = DrawnModel(experiment.reduced.robot, experiment.reduced, experiment.obstacles)
-    live = live_view(drawn, prepared.content.view, experiment.provenance, title, speed, browser, host)
+    live = live_view(drawn, prepared.content.view, experiment.provenance, title, **watching)
     try:
         return _executed(prepared, live, quiet)
     finally:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import islice
 from pathlib import Path
+from typing import TypedDict, Unpack
 
 import click
 from rich.console import Console
@@ -22,18 +23,24 @@ from rnc_pin.errors import SimulationError
 _SHOWN = 5  # failures on the terminal
 
 
+class _Passed(TypedDict):
+    """Options that ``sweep`` takes as they are."""
+
+    jobs: int
+    scheduler: str | None
+    trajectories: bool
+    force: bool
+
+
 def sweep_scenario(
     scenario: str,
     runs: int,
-    jobs: int,
-    scheduler: str | None,
     out: Path,
-    trajectories: bool,
     options: tuple[str, ...],
     plant: str | None,
     as_json: bool,
-    force: bool,
-    accept: tuple[str, ...] = (),
+    accept: tuple[str, ...],
+    **passed: Unpack[_Passed],
 ) -> int:
     """Run a scenario many times with drawn values, write a data set and return the exit status."""
     given = parse_options(options)
@@ -53,12 +60,9 @@ def sweep_scenario(
                 scenario,
                 runs,
                 out=out,
-                jobs=jobs,
                 options={**plant_option(scenario, plant), **given, **accept_option(scenario, given, accept)},
-                scheduler=scheduler,
-                trajectories=trajectories,
                 progress=progress,
-                force=force,
+                **passed,
             )
     except KeyboardInterrupt:
         complain(f"interrupted after {reached} of {runs} runs, which are in {out}; the same command continues")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from functools import partial
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
@@ -53,7 +53,7 @@ class _EstimatedParameters(Strict):
 class UnknownMasses(_EstimatedParameters, _OF_MASSES.model, _BASE.model, _UNIT.model):  # type: ignore[name-defined, misc]
     """Unknown masses of bodies."""
 
-    entry: ClassVar[Entry[Any]] = _OF_MASSES
+    entry: ClassVar[Entry[Estimator]] = _OF_MASSES
 
     initial: Annotated[dict[str, float], Field(min_length=1)]
     """First estimates: joint that carries the body to mass, in ``unit``."""
@@ -77,7 +77,7 @@ class _WheelLength(_WHEELS.model):  # type: ignore[name-defined, misc]
 class UnknownWheels(_EstimatedParameters, _OF_WHEELS.model):  # type: ignore[name-defined, misc]
     """Unknown radii and tracks of wheels."""
 
-    entry: ClassVar[Entry[Any]] = _OF_WHEELS
+    entry: ClassVar[Entry[Estimator]] = _OF_WHEELS
 
     radii: list[_WheelLength] = []
     """Unknown radii; each is common to its wheels."""

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import AfterValidator, Discriminator
 
 from rnc_pin.io import LIST as LIST
+from rnc_pin.io import Json
 from rnc_pin.io import Numbers as Numbers
 from rnc_pin.io import Strict as Strict
 from rnc_pin.io import attribute_texts as attribute_texts
 from rnc_pin.io import wrong as wrong
 from rnc_pin.model import Positive as Positive
+
+if TYPE_CHECKING:
+    Content = Json
+else:
+    Content = object  # pydantic resolves no recursive alias
 
 
 def _file_name(name: str) -> str:

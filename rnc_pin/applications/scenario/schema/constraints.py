@@ -22,6 +22,7 @@ from rnc_pin.constraints import (
     Cylinder,
     CylindricalGround,
     Ellipsoid,
+    FixedOutput,
     GroundPlane,
     JointCoupling,
     LoopClosure,
@@ -78,6 +79,7 @@ ConstraintItem = Annotated[
         ackermann=AckermannSteering,
         joint_coupling=JointCoupling,
         loop_closure=LoopClosure,
+        fixed_output=Entry(FixedOutput, forms={"output": OutputItem, "value": float | Numbers}),
         prescribed_motion=Entry(
             PrescribedMotion,
             forms={"output": OutputItem, "motion": Annotated[_MotionArguments, AfterValidator(_motion)]},

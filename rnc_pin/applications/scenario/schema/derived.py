@@ -37,7 +37,7 @@ from pydantic_core import CoreSchema, core_schema
 from rnc_pin.applications.scenario.schema.base import BY_KIND, NAME, PLAIN, Numbers, Strict, attribute_texts
 from rnc_pin.errors import RncError, nearest
 
-T = TypeVar("T")
+T = TypeVar("T", covariant=True)
 
 
 class _Parameter(NamedTuple):
@@ -113,7 +113,7 @@ class Entry(Generic[T]):
         """
         return PartialCall(self.kind, self.given(said)).build(**others)
 
-    def given(self, said: object) -> dict[str, Any]:
+    def given(self, said: object) -> dict[str, object]:
         """Arguments that a file gives, by name."""
         if not isinstance(said, BaseModel):
             return {str(self.only): said}
@@ -234,7 +234,7 @@ def _parameters(kind: Callable[..., object]) -> list[_Parameter]:
     return [_Parameter(name, types[name], default) for name, default in found]
 
 
-def one_of(names: bool = False, /, **entries: type | Entry[Any]) -> object:
+def one_of(names: bool = False, /, **entries: type | Entry[object]) -> object:
     """Return a reader of one of several classes, each a mapping with one key: ``{key: {field: value, ...}}``.
 
     Args:
@@ -246,7 +246,7 @@ def one_of(names: bool = False, /, **entries: type | Entry[Any]) -> object:
     return _ReadAs(Annotated[_either([Annotated[str, Tag(NAME)]] * names + items), BY_KIND])
 
 
-def plain_or(plain: type, /, **entries: type | Entry[Any]) -> object:
+def plain_or(plain: type, /, **entries: type | Entry[object]) -> object:
     """Return a reader of a dataclass ``{field: value, ...}``, or of another one as a mapping with its key."""
 
     def tag(raw: object) -> str:
@@ -277,7 +277,7 @@ class _ReadAs:
         return handler.generate_schema(self.form)
 
 
-def _keyed(key: str, kind: type | Entry[Any]) -> object:
+def _keyed(key: str, kind: type | Entry[object]) -> object:
     """Mapping with one key that contains an entry, or another mapping of a file."""
     if isinstance(kind, type) and issubclass(kind, Strict):
         title, text, content = kind.__name__, summary(kind), cast(object, kind)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -13,8 +13,7 @@ from rnc_pin.applications.scenario.schema.derived import Entry, one_of
 from rnc_pin.applications.scenario.schema.outputs import OutputItem, Outputs, TaskOutputs
 from rnc_pin.applications.scenario.schema.reference_settings import References
 from rnc_pin.model import ReducedModel
-from rnc_pin.simulation import ContactLoss, OutputCrossing, Phase
-from rnc_pin.simulation.phase_events import Event
+from rnc_pin.simulation import ContactLoss, Event, OutputCrossing, Phase
 
 EventItem = Annotated[
     Event,
@@ -59,6 +58,6 @@ class PhaseSettings(_PHASE.model):  # type: ignore[name-defined, misc]
     """Largest distance [m] of the frames of a loop closure at which it joins them in the pose that they then have. By
     default, frames have to coincide."""
 
-    def build(self, reduced: ReducedModel, **others: Any) -> Phase:
+    def build(self, reduced: ReducedModel, **others: object) -> Phase:
         """Phase of a model; the arguments are those of ``Phase`` that the file does not give."""
         return _PHASE.build(self, reduced=reduced, **others)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -127,7 +127,7 @@ class OptimalPlanner(_PLAN.model, _SOLVER.model):  # type: ignore[name-defined, 
     guess: GuessSettings | None = None
     """First guess; the straight line by default."""
 
-    def build(self, reduced: ReducedModel, **others: Any) -> MotionPlan:
+    def build(self, reduced: ReducedModel, **others: object) -> MotionPlan:
         """Plan a motion; the arguments are those of ``plan`` that the file does not give."""
         duration = tuple(self.duration) if isinstance(self.duration, list) else self.duration
         return _PLAN.build(

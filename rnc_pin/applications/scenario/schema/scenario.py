@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Annotated, Any, Literal, cast
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from rnc_pin.applications.scenario.controllers import ControllerItem
-from rnc_pin.applications.scenario.schema.base import FileName, Strict
+from rnc_pin.applications.scenario.schema.base import Content, FileName, Strict
 from rnc_pin.applications.scenario.schema.constraints import ConstraintItem, ContactItem, GroundItem, with_ground
 from rnc_pin.applications.scenario.schema.derived import Entry
 from rnc_pin.applications.scenario.schema.forces import ActuatorItem, ForceItem
@@ -23,6 +23,7 @@ from rnc_pin.applications.scenario.schema.simulation_settings import GripSetting
 from rnc_pin.applications.scenario.schema.sweep_settings import Distribution
 from rnc_pin.constraints import GroundPlane
 from rnc_pin.errors import nearest
+from rnc_pin.figures import Sheet
 from rnc_pin.model import NonholonomicSystem, OutputKind, Positive, ReducedModel
 from rnc_pin.verdict import FindingKind
 from rnc_pin.visualization import View
@@ -38,23 +39,43 @@ class Initial(Strict):
     """Reducing output to initial rate; zero for outputs that are not listed."""
 
 
+_Formats = Annotated[list[Literal["png", "pdf", "svg"]], Field(min_length=1)]
+
+
+def _checked_size(value: Any) -> Any:
+    Sheet.of(tuple(value) if isinstance(value, list) else value)
+    return value
+
+
+_FigureSize = Annotated[Literal["column", "page"] | tuple[Positive, Positive] | None, BeforeValidator(_checked_size)]
+
+
+class FigureSettings(Strict):
+    """Form of the pictures of a run."""
+
+    formats: _Formats = ["png"]
+    """File formats. Each picture is written in all of them."""
+    size: _FigureSize = None
+    """Width of a column (3.4 inches) or of a page (7 inches) of a paper, or width and height [inches]. By default
+    pictures are for the screen. ``overview`` always is."""
+    labels: dict[str, str] = {}
+    """Text by name of an output, an input or an axis, such as ``{joint_1: "$\\theta_1$"}``."""
+
+
 class PlotSettings(Strict):
     """Plot of quantities over time."""
 
-    outputs: list[str] = []
-    """Names of outputs, such as ``tip_x``."""
-    quantity: Literal["outputs", "estimates", "prediction_error"] = "outputs"
-    """Plotted quantity: the named outputs, all estimated parameters, or all prediction errors of the estimator."""
+    outputs: Annotated[list[str], Field(min_length=1)]
+    """Names of outputs, such as ``tip_x``, or quantities: ``top_view``, ``rates``, ``outputs``, ``errors``, ``inputs``,
+    ``estimates``, ``prediction_error``, ``normal_forces``, ``margin``."""
     title: str | None = None
     """Title of the plot."""
     comparisons: list[str] | None = None
     """Labels of the comparisons in the plot; all by default."""
-
-    @model_validator(mode="after")
-    def _something_to_show(self) -> PlotSettings:
-        if bool(self.outputs) != (self.quantity == "outputs"):
-            raise ValueError("expected 'outputs', or a 'quantity' other than outputs")
-        return self
+    formats: _Formats | None = None
+    """File formats of this plot; those of ``figures`` by default."""
+    size: _FigureSize = None
+    """Size of this plot; that of ``figures`` by default."""
 
 
 class ScenarioFile(Strict):
@@ -112,20 +133,22 @@ class ScenarioFile(Strict):
     """Kinds of findings that do not fail a run, such as ``lift_off``. Say in a comment why they are acceptable."""
     seed: Annotated[int, Field(ge=0)] = 0
     """Seed of all random numbers."""
-    comparisons: dict[str, dict[str, Any]] = {}
+    comparisons: dict[str, dict[str, Content]] = {}
     """Additional runs for comparison: label to dotted keys and their values."""
-    presets: dict[Literal["paper", "normalised", "scaled"], dict[str, Any]] = {}
+    presets: dict[Literal["paper", "normalised", "scaled"], dict[str, Content]] = {}
     """Values for each preset of the controller: preset to dotted keys and their values. Options of the command line
     take precedence."""
     variant: str | None = None
     """Name of the entry of ``variants`` to run; none by default."""
-    variants: dict[str, dict[str, Any]] = {}
+    variants: dict[str, dict[str, Content]] = {}
     """Variants of the scenario, such as other coordinates or another task: name to dotted keys and their values."""
     sweep: dict[str, Distribution] = {}
     """Values that ``rnc-pin sweep`` draws for each run: dotted key to [minimum, maximum] of a uniform distribution, or
     to another distribution."""
     plots: dict[FileName, PlotSettings] = {}
     """Plots to write: file name without extension to plot."""
+    figures: FigureSettings = FigureSettings()
+    """Formats, size and labels of the pictures."""
     view: Annotated[View, Entry(View)] = View()
     """Camera and layers of the animation."""
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from pydantic import Discriminator, Field, RootModel, Tag, model_validator
 
-from rnc_pin.applications.scenario.schema.base import LIST, NAME, Positive, Strict
+from rnc_pin.applications.scenario.schema.base import LIST, NAME, Content, Positive, Strict
 
 Ends = Annotated[list[float], Field(min_length=2, max_length=2)]
 _MOST_DEVIATIONS = 6.0  # distance from the mean, in standard deviations, that a bound may leave out
@@ -141,13 +141,13 @@ class IntegerDistribution(Strict):
 class ChoiceDistribution(Strict):
     """Choice among values, all equally probable."""
 
-    choice: Annotated[list[Any], Field(min_length=1)]
+    choice: Annotated[list[Content], Field(min_length=1)]
     """Values: numbers, texts, lists or mappings."""
 
-    def draw(self, generator: np.random.Generator) -> Any:
+    def draw(self, generator: np.random.Generator) -> Content:
         return self.choice[int(generator.integers(len(self.choice)))]
 
-    def examples(self) -> Sequence[Any]:
+    def examples(self) -> Sequence[Content]:
         return self.choice
 
 

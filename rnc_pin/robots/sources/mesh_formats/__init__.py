@@ -18,10 +18,8 @@ from rnc_pin.robots.sources.mesh_formats.mesh import (
     checked_mesh,
     convex_hull,
 )
-from rnc_pin.robots.sources.mesh_formats.msh import read_msh
-from rnc_pin.robots.sources.mesh_formats.obj import read_obj
 from rnc_pin.robots.sources.mesh_formats.ply import read_ply
-from rnc_pin.robots.sources.mesh_formats.stl import read_stl
+from rnc_pin.robots.sources.mesh_formats.simple_formats import read_msh, read_obj, read_stl
 
 __all__ = ["FARTHEST", "FORMATS", "Mesh", "MeshError", "check_thickness", "checked_mesh", "convex_hull", "read_mesh"]
 

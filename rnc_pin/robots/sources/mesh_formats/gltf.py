@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -13,6 +13,7 @@ import pinocchio as pin
 from rnc_pin.robots.sources.mesh_formats.mesh import Mesh, MeshError, SceneTriangles, check_counts, checked_mesh, fans
 
 _Json: TypeAlias = Mapping[str, Any]
+_Entry = TypeVar("_Entry")
 _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC3": 3}
 _JSON, _BINARY = 0x4E4F534A, 0x004E4942  # chunk types
@@ -163,7 +164,7 @@ def _polygons(corners: np.ndarray, mode: int) -> np.ndarray:
     return strip
 
 
-def _item(items: Sequence[Any], index: int) -> Any:
+def _item(items: Sequence[_Entry], index: int) -> _Entry:
     if isinstance(index, bool) or not isinstance(index, int) or not 0 <= index < len(items):
         raise MeshError("an index out of range")
     return items[index]

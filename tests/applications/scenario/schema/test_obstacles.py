@@ -10,11 +10,11 @@ from matplotlib.figure import Figure
 
 import rnc_pin as rnc
 from places import ROOT
-from rnc_pin.applications.scenario import plot_files
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.pictures import draw_pictures
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.collision import CollisionDistances
+from rnc_pin.simulation import run_figure
 from rnc_pin.visualization.drawn_model import DrawnModel
 from rnc_pin.visualization.recording import Recording
 from rnc_pin.visualization.surroundings import corners_over_time, outline, surface_points
@@ -110,7 +110,7 @@ def test_summary_has_the_smallest_distance_and_the_worst_limits(tmp_path, monkey
     share = np.abs(run.v) / robot.model.upperVelocityLimit
     assert velocity["excess"] == pytest.approx(share.max() - 1.0)
     assert velocity["joint"] == robot.joint_names[int(share.max(axis=0).argmax())]
-    monkeypatch.setattr(plot_files, "plot_run", lambda *_: Figure(figsize=(1, 1)))
+    monkeypatch.setattr(run_figure, "plot_run", lambda *_: Figure(figsize=(1, 1)))
     drawn = draw_pictures(ready, result, tmp_path)
     assert not drawn.failures
     assert {"limits.png", "animation.html"} <= {*drawn.written}

@@ -1,0 +1,362 @@
+"""Velocities of wheels and steering joints for a commanded twist of a base, of any kind that its constraint rows state.
+
+A pivot that turns by d changes its guide ``c`` to ``c cos(d) + c' sin(d)``. So a twist w aims it at
+``d = -arctan(c w / c' w)``, or half a turn further, where the wheel rolls backwards. While pivots are not there yet,
+the base slows or waits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Float
+from rnc_pin.control.actuator_velocity import driven_joints, velocity_limits
+from rnc_pin.control.twist_command import FeasibleTwist, Twist, TwistCommand, TwistCut, TwistState
+from rnc_pin.control.wheeled_base import BaseMotion, WheeledBase
+from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
+from rnc_pin.control.whole_body.limits.limited_joints import limited_positions
+from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError
+from rnc_pin.math.coordinates import wrapped
+from rnc_pin.model.input_validation import ConfigurationValidator
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.printing import ReprMixin
+
+_STILL = 1e-9  # share of a twist that rounding causes
+_UNDECIDED = 0.1  # [rad] about a quarter turn within which a pivot goes on in its last direction
+_HALF_TURNS = np.pi * np.arange(-2, 3)[:, None]  # half turns between the solutions of one pivot
+_MOVING = 0.1  # share of the command below which a base counts as standing
+_HALVINGS = 12
+_MOST = 6  # steered wheels with limits for which all choices of rolling are compared
+_ITERATIONS = 50
+_SETTLED = 1e-12  # [rad]
+
+
+class TwistController(ReprMixin):
+    """Planar twist of a base to velocities of its joints, for any drafted base.
+
+    The rows tell which joints steer (``WheeledBase``). Each takes the shorter way to one of its two angles within its
+    limits. A base that drives changes its twist only as fast as all pivots follow together. One that stands is slowed
+    until they are there. With a zero command it stands, and the pivots complete the last command.
+
+    The twist is the nearest that the rows allow: the yaw rate counts times the base's length. Limits of velocity and
+    position scale it as a whole, so its centre of rotation stays. A wheel whose trail is not zero does not count as
+    steered: it follows the base at once, as a powered caster. Motors' accelerations are not limited.
+
+    Args:
+        reduced: the model; only its kinematics is used.
+        frame: frame of the base that has the twist, x forward and z up.
+        dt: sampling period [s].
+        limits: True for the velocity limits of the robot's file, False for none; or limits (nv,) of the velocity v.
+            Position limits are always those of the file.
+        length: length that weights yaw rates beside speeds [m]; by default the largest lever of a wheel.
+        slip: side slip that a pivot may have on its way, as a share of the speed. Beyond it the base waits.
+
+    Attributes:
+        joints: names of the joints in ``TwistCommand.joints``: those that the actuators drive.
+        steering: names of the joints that steer.
+
+    Raises:
+        ModelError: unknown frame.
+        ConfigurationError: an option is invalid, the actuators do not determine the motion, or the frame is not on a
+            base in the plane.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+        >>> wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
+        >>> system = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"])
+        >>> controller = rnc.control.TwistController(system.reduce(), "base")
+        >>> command, state = controller.step(robot.configuration(), [0.5, 0.2, 0.0], controller.initial_state())
+        >>> command.joints.round(6), command.twist.round(6) + 0.0
+        (array([5., 5.]), array([0.5, 0. , 0. ]))
+        >>> str(command.cuts[0])
+        'the rows forbid 0.2 m/s of the twist of base'
+    """
+
+    def __init__(
+        self,
+        reduced: ReducedModel,
+        frame: str,
+        dt: float = 0.02,
+        *,
+        limits: bool | Float[Array, " nv"] = True,
+        length: float | None = None,
+        slip: float = 0.02,
+    ) -> None:
+        if not (0 < dt < np.inf and 0 < slip < 1):
+            raise ConfigurationError(f"a twist controller needs dt > 0 and 0 < slip < 1, found {dt!r} and {slip!r}")
+        self.base, self.dt, self.slip = WheeledBase(reduced, frame, length), float(dt), float(slip)
+        self.frame, self.joints = frame, driven_joints(reduced)
+        self._reduced = reduced
+        self._names = reduced.robot.velocity_names
+        self.steering = tuple(str(self._names[each]) for each in self.base.pivots)
+        self._limits = velocity_limits(reduced, limits)
+        self._entries = np.array([reduced.robot.velocity_indices(name).start for name in self.joints], dtype=int)
+        self._scale = np.array([1.0, 1.0, self.base.length])
+        self._solver = LeastDistanceSolver()
+        self._validator = ConfigurationValidator(reduced.robot)
+        ranged = limited_positions(reduced.robot, None)
+        self._places, self._lower = np.zeros(reduced.n, dtype=int), np.full(reduced.n, -np.inf)
+        self._upper = -self._lower
+        self._places[ranged.v], self._lower[ranged.v], self._upper[ranged.v] = ranged.q, ranged.lower, ranged.upper
+        self._lower[self.base.base], self._upper[self.base.base] = -np.inf, np.inf
+
+    def initial_state(self) -> TwistState:
+        """Return the state of a base that stands and has no command."""
+        return TwistState(np.zeros(3), np.zeros(3), np.zeros(len(self.base.pivots)))
+
+    def step(self, q: Float[Array, " nq"], twist: Twist, state: TwistState) -> tuple[TwistCommand, TwistState]:
+        """Return the velocities for the next sampling period, and the new state.
+
+        Args:
+            q: measured configuration (nq,); the place of the base does not matter.
+            twist: commanded twist (vx, vy, wz) of the frame in its own axes [m/s, m/s, rad/s]. None leaves an entry
+                free, such as vy of a frame that is not on the axle of a car.
+            state: state of the last step; at first ``initial_state()``.
+
+        Raises:
+            InputError: q or the twist has another shape, or is not finite.
+        """
+        q, wanted = self._admitted(q, twist)
+        motion, bounds = self.base.at(q), self._bounds(q, self.dt, self._limits)
+        goal, beyond = self._in_range(motion, q, motion.allowed(wanted), state.rates)
+        aim = goal if goal.any() else motion.allowed(state.aim * self._scale)
+        turn = aimed = self._turns(motion, q, aim, state.rates).turn
+        share, _ = _largest_share(motion.turning @ turn / self.dt, 0.0, bounds)
+        if share < 1.0 and goal.any():
+            goal, turn = self._followed(motion, q, goal, state, turn, bounds)
+            share, _ = _largest_share(motion.turning @ turn / self.dt, 0.0, bounds)
+        rates = share * turn / self.dt
+        if rates.any():  # velocities that fit the angles halfway
+            motion = self.base.at(pin.integrate(self._reduced.robot.model, q, 0.5 * self.dt * (motion.turning @ rates)))
+            rates = rates * _largest_share(motion.turning @ rates, 0.0, bounds)[0]
+        offset = motion.turning @ rates
+        allowed = self._nearest(motion, goal, waits=share > _STILL)
+        along = motion.moving @ allowed
+        scale, joint = _largest_share(along, offset, bounds)
+        v, reached = scale * along + offset, scale * allowed / self._scale
+        cuts: tuple[TwistCut, ...] = ()
+        if np.nan_to_num(wanted).any():
+            left = np.abs(aimed - self.dt * rates)
+            stopped = left * (share < _STILL)  # another joint of the linkage is at its limit
+            cuts = (
+                *self._cuts(motion, wanted, left - stopped, np.maximum(beyond, stopped)),
+                *self._scaling(scale, joint, along, bounds),
+            )
+        u = self._reduced.actuation.matrix(motion.position).T @ v
+        return TwistCommand(v[self._entries], reached, v, u, cuts), TwistState(aim / self._scale, reached, rates)
+
+    def feasible(self, q: Float[Array, " nq"], twist: Twist) -> FeasibleTwist:
+        """Return the twist that the base reaches under a constant command, when its pivots have turned.
+
+        Args:
+            q: configuration (nq,) from which the pivots turn.
+            twist: commanded twist (vx, vy, wz) of the frame in its own axes [m/s, m/s, rad/s]. None leaves an entry
+                free, such as vy of a frame that is not on the axle of a car.
+
+        Raises:
+            InputError: q or the twist has another shape, or is not finite.
+            InfeasibleError: no angles of the pivots were found.
+        """
+        q, wanted = self._admitted(q, twist)
+        resting, unlimited = np.zeros(len(self.base.pivots)), np.full(self._reduced.n, np.inf)
+        for _ in range(_ITERATIONS):
+            motion = self.base.at(q)
+            goal, beyond = self._in_range(motion, q, motion.allowed(wanted), resting)
+            left = self._turns(motion, q, goal, resting).turn
+            moved = motion.turning @ left
+            share, _ = _largest_share(moved, 0.0, self._bounds(q, 1.0, unlimited))
+            if share * np.abs(left).max(initial=0.0) < _SETTLED:
+                break
+            q = np.asarray(pin.integrate(self._reduced.robot.model, q, share * moved))
+            if self._reduced.assembly.size:
+                q = self._reduced.assembled(q, hold=self.steering)
+        else:
+            raise InfeasibleError(f"no angles of {', '.join(self.steering)} found for twist {twist} of '{self.frame}'")
+        allowed, bounds = self._nearest(motion, goal, waits=False), self._bounds(q, self.dt, self._limits)
+        along = motion.moving @ allowed
+        scale, joint = _largest_share(along, 0.0, bounds)
+        cuts = (
+            *self._cuts(motion, wanted, 0.0 * left, np.maximum(beyond, np.abs(left))),
+            *self._scaling(scale, joint, along, bounds),
+        )
+        return FeasibleTwist(scale * allowed / self._scale, q, scale * along, cuts)
+
+    # ------------------------------------------------------------------ one sample
+
+    def _admitted(self, q: Array, twist: Twist) -> tuple[Array, Array]:
+        """Return the configuration, and the scaled twist."""
+        try:
+            wanted = np.array(twist, dtype=float)  # None is NaN
+        except (TypeError, ValueError):
+            wanted = np.empty(0)
+        if wanted.shape != (3,) or np.isinf(wanted).any() or np.isnan(wanted).all():
+            raise InputError(f"a twist is (vx, vy, wz): three finite numbers, or None for a free one; found {twist!r}")
+        q = self._validator.validate(q)
+        if q.ndim != 1:
+            raise InputError(f"a twist controller takes one configuration at a time, found shape {q.shape}")
+        return q, wanted * self._scale
+
+    def _bounds(self, q: Array, dt: float, limits: Array) -> tuple[Array, Array]:
+        """Smallest and largest velocities (nv,) within limits, and within position limits after dt."""
+        at = q[self._places]
+        low = np.maximum(-limits, np.minimum(self._lower - at, 0.0) / dt)
+        return low, np.minimum(limits, np.maximum(self._upper - at, 0.0) / dt)
+
+    def _turns(self, motion: BaseMotion, q: Array, aim: Array, rates: Array) -> _Turns:
+        """Turns of the pivots to the angles of a scaled twist, the shorter of both where limits admit it."""
+        pivots, aims = self.base.pivots, self.base.aims
+        if not len(pivots):
+            return _Turns(np.zeros(0), np.zeros(0))
+        across, along = motion.guides[aims] @ aim, motion.slopes[aims] @ aim
+        size = np.hypot(across, along)
+        shortest = np.arctan2(-across * np.where(along < 0.0, -1.0, 1.0), np.abs(along))
+        low, high = self._lower[pivots] - q[self._places[pivots]], self._upper[pivots] - q[self._places[pivots]]
+        found = shortest + _HALF_TURNS
+        undecided = np.abs(shortest) > np.pi / 2 - _UNDECIDED
+        cost = np.abs(found) + 4.0 * _UNDECIDED * (undecided & (found * rates < 0.0))
+        cost[(found < low - _SETTLED) | (found > high + _SETTLED)] = np.inf
+        best, columns = np.argmin(cost, axis=0), np.arange(len(pivots))
+        turn, beyond, outside = found[best, columns], np.zeros(len(pivots)), np.isinf(cost[best, columns])
+        if outside.any():
+            ends = np.stack([low[outside], high[outside]])
+            missed = np.abs(across[outside] * np.cos(ends) + along[outside] * np.sin(ends))
+            end = ends[np.argmin(missed + _STILL * size[outside] * np.abs(ends), axis=0), np.arange(outside.sum())]
+            turn[outside], beyond[outside] = end, np.abs(found[:, outside] - end).min(axis=0)
+        through = size <= _STILL * np.linalg.norm(aim)  # the centre of rotation is on the axis of the pivot
+        turn[through] = beyond[through] = 0.0
+        return _Turns(turn, beyond)
+
+    def _in_range(self, motion: BaseMotion, q: Array, goal: Array, rates: Array) -> tuple[Array, Array]:
+        """Return the nearest scaled twist for which all pivots are within their limits, and the angles beyond them.
+
+        At an angle within its limits, a wheel rolls forwards or backwards. With one choice for each wheel, the guide
+        at both limits has opposite signs: linear bounds of the twist. The nearest of all choices is the result, and
+        among equal ones that with the smaller turns.
+        """
+        beyond = self._turns(motion, q, goal, rates).beyond
+        if not beyond.any():
+            return goal, beyond
+        pivots, aims = self.base.pivots, self.base.aims
+        at = q[self._places[pivots]]
+        ends = np.stack([self._lower[pivots] - at, self._upper[pivots] - at])
+        narrow = ends[1] - ends[0] < np.pi
+        ends = ends[:, narrow, None]
+        across, along = (each[aims][narrow] @ motion.free for each in (motion.guides, motion.slopes))
+        low, high = across * np.cos(ends) + along * np.sin(ends)
+        part, bounds = motion.free.T @ goal, np.zeros(2 * len(low))
+        found = []
+        for ways in _choices((low - high) @ part):
+            rows = np.vstack([ways[:, None] * low, -ways[:, None] * high])
+            nearest = self._solver.solve(part, rows, bounds, np.full(len(bounds), np.inf))
+            if nearest is not None:
+                twist = motion.free @ nearest.point
+                turns = np.abs(self._turns(motion, q, twist, rates).turn).max()
+                found.append((round(float(np.linalg.norm(nearest.point - part)), 9), float(turns), twist))
+        twist = min(found, key=lambda each: each[:2])[2]
+        return np.where(np.abs(twist) > _STILL * np.linalg.norm(goal), twist, 0.0), beyond
+
+    def _followed(
+        self, motion: BaseMotion, q: Array, wanted: Array, state: TwistState, turn: Array, bounds: tuple[Array, Array]
+    ) -> tuple[Array, Array]:
+        """Return the twist nearest to the wanted one, on the way from the last, that all pivots can follow; and turns.
+
+        All pivots then have the same centre of rotation at each sample. Otherwise the base goes on with the wanted
+        twist and its turns: if it stands, if its pivots do not fit the last twist, or if a pivot that followed would
+        not come to the angle of its turn, but half a turn away.
+        """
+        last = state.twist * self._scale
+        slowest = _MOVING * np.linalg.norm(wanted)
+        if not np.linalg.norm(last) > slowest:
+            return wanted, turn
+        if last @ wanted < 0.0:  # wheels at the same angles, that roll back slowly
+            last = -last * min(1.0, 2.0 * slowest / np.linalg.norm(last))
+        start = self._turns(motion, q, last, state.rates).turn
+        across, along = (each[self.base.aims] @ np.stack([last, wanted]).T for each in (motion.guides, motion.slopes))
+        before, after = np.arctan2(-across, along).T
+        seen = np.hypot(across, along).min(axis=1) > _STILL * np.linalg.norm(wanted)
+        follows = np.abs(start + wrapped(after - before) - turn) < 0.5 * np.pi
+        if not (self._can_turn(motion, start, bounds) and follows[seen].all()):
+            return wanted, turn
+        fits, fails, found = 0.0, 1.0, (wanted, turn)
+        for _ in range(_HALVINGS):
+            share = 0.5 * (fits + fails)
+            goal = (1.0 - share) * last + share * wanted
+            turns = self._turns(motion, q, goal, state.rates).turn
+            if self._can_turn(motion, turns, bounds):
+                fits, found = share, (goal, turns)
+            else:
+                fails = share
+        return found
+
+    def _can_turn(self, motion: BaseMotion, turn: Array, bounds: tuple[Array, Array]) -> bool:
+        """True if the pivots can turn within one sample."""
+        return _largest_share(motion.turning @ turn / self.dt, 0.0, bounds)[0] == 1.0
+
+    def _nearest(self, motion: BaseMotion, wanted: Array, waits: bool) -> Array:
+        """Scaled twist nearest to a wanted one that the rows allow at the present angles, up to the side slip.
+
+        It minimizes ``|w - wanted|^2 + |guides w / slip|^2``. So it is continuous where guides become dependent.
+        A base that waits for its pivots is slowed by the cosine of twice the angle between w and the wanted twist:
+        beyond 45 degrees it stands, because it would go elsewhere.
+        """
+        part = motion.free.T @ wanted
+        if len(motion.guides) and part.size:
+            _, values, axes = np.linalg.svd(motion.guides @ motion.free)
+            weights = np.ones(part.size)
+            weights[: len(values)] = 1.0 / (1.0 + (values / self.slip) ** 2)
+            size, part = part @ part, axes.T @ (weights * (axes @ part))
+            if waits and size > 0.0:
+                part = part * max(2.0 * (part @ part) / size - 1.0, 0.0)
+        return np.asarray(motion.free @ part)
+
+    # ------------------------------------------------------------------ report
+
+    def _cuts(self, motion: BaseMotion, wanted: Array, left: Array, beyond: Array) -> Iterator[TwistCut]:
+        """Cuts by rows, by pivots that have angles left to turn, and by pivots whose angles are beyond their limits."""
+        forbidden = float(np.linalg.norm(np.nan_to_num(wanted - motion.allowed(wanted))))
+        if forbidden > _STILL * np.linalg.norm(np.nan_to_num(wanted)):
+            yield TwistCut("constraint", self.frame, forbidden)
+        for name, turn, cut in zip(self.steering, left.tolist(), beyond.tolist(), strict=True):
+            if turn > _STILL:
+                yield TwistCut("steering", name, turn)
+            if cut > _STILL:
+                yield TwistCut("angle", name, cut)
+
+    def _scaling(self, scale: float, joint: int, along: Array, bounds: tuple[Array, Array]) -> Iterator[TwistCut]:
+        """Cut by the limit of a joint that scales the twist, whose whole velocity is ``along``."""
+        if scale < 1.0:
+            bound = bounds[1][joint] if along[joint] > 0.0 else -bounds[0][joint]
+            yield TwistCut("range" if bound < self._limits[joint] else "speed", str(self._names[joint]), scale)
+
+
+class _Turns(NamedTuple):
+    """Turns of the pivots [rad], and the angles (k,) that their limits cut [rad]."""
+
+    turn: Array
+    beyond: Array
+
+
+def _choices(favoured: Array) -> Iterable[Array]:
+    """Signs of rolling of some wheels, (k,): all choices, or the favoured one for more wheels than vehicles have."""
+    if len(favoured) > _MOST:
+        return [np.where(favoured < 0.0, -1.0, 1.0)]
+    return (np.array(signs) for signs in product((1.0, -1.0), repeat=len(favoured)))
+
+
+def _largest_share(along: Array, offset: Array | float, bounds: tuple[Array, Array]) -> tuple[float, int]:
+    """Return the largest share s in [0, 1] with ``s along + offset`` within bounds, and the entry that limits it."""
+    total = along + offset
+    above, below = total > bounds[1] + _STILL, total < bounds[0] - _STILL
+    if not (above | below).any():
+        return 1.0, -1
+    room = np.where(above, bounds[1], bounds[0]) - offset
+    shares = np.where(above | below, 0.0, 1.0)  # 0: the offset is beyond a bound
+    np.divide(room, along, out=shares, where=(above | below) & (along != 0.0))
+    joint = int(np.argmin(shares))
+    return float(np.clip(shares[joint], 0.0, 1.0)), joint

@@ -1,0 +1,238 @@
+"""Kinematics of a base on wheels, found from its constraint rows: joints that steer it, and joints that follow it.
+
+The velocity has three parts: the base, its pivots, and the followers. A row of ``A v = 0`` is a guide if no other joint
+than the base moves in it: it limits the twist itself, such as the row against side slip of an axle. A joint is a pivot
+if a guide depends on its angle, and if it turns while the base rests. All other joints follow: wheels, linkages,
+hitches. Names do not matter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Float
+from rnc_pin.constraints.ground_plane import GroundPlane
+from rnc_pin.constraints.wheel_rows import RollingRows, WheelDisk
+from rnc_pin.control.actuator_velocity import check_velocity_actuation
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.model.frame_velocity import FrameVelocityRows
+from rnc_pin.model.kinematics import OWN_AXES, Kinematics, PositionKinematics
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.row_stack import RowStack
+from rnc_pin.robots.robot import Robot
+
+_SAMPLES = 3
+_ROUNDED = 1e-3  # slope of an axle, or trail of a wheel in lengths of the base, that rounding in a file may cause
+_ZERO = 1e-9  # effect of a joint on a row of unit length that rounding of numbers may cause
+_RANK = 1e-5  # smallest relative singular value of the followers' columns
+_PLANAR, _LIFT = (0, 1, 5), (2, 3, 4)  # rows of a frame's velocity in the plane of its x and y axes, and out of it
+
+
+class BaseMotion(NamedTuple):
+    """Admissible motion at one configuration. In scaled twists the yaw rate is multiplied by the base's length."""
+
+    position: PositionKinematics
+    """Kinematics of the configuration."""
+    free: Float[Array, "3 d"]
+    """Orthonormal basis of the scaled twists that the rows without pivots allow."""
+    guides: Float[Array, "g 3"]
+    """Guides with pivots, per scaled twist; their linear parts have length one."""
+    slopes: Float[Array, "g 3"]
+    """Derivatives of the guides with respect to the angles of their pivots [1/rad]."""
+    turning: Float[Array, "nv k"]
+    """Velocities while one pivot turns at unit rate and the base rests."""
+    moving: Float[Array, "nv 3"]
+    """Velocities per scaled twist while the pivots rest; admissible for the twists that the rows allow."""
+
+    def allowed(self, twist: Float[Array, " 3"]) -> Float[Array, " 3"]:
+        """Scaled twist that the rows without pivots allow, nearest to one whose entries may be free (NaN)."""
+        given = np.isfinite(twist)
+        if given.all():
+            return np.asarray(self.free @ (self.free.T @ twist))
+        return np.asarray(self.free @ np.linalg.lstsq(self.free[given], twist[given], rcond=None)[0])
+
+
+class WheeledBase:
+    """Base of a reduced model, for the planar twist (vx, vy, wz) of one of its frames.
+
+    A steered wheel whose lateral row is switched off gets a guide here, so that its pivot is aimed too.
+
+    Args:
+        reduced: the model; only its kinematics is used.
+        frame: frame of the base, whose own x and y axes are level.
+        length: length that weights yaw rates beside speeds [m]; None for the largest lever of a wheel
+            about the frame.
+
+    Attributes:
+        frame: name of the frame.
+        base: indices in v of the base's velocities, (3,).
+        pivots: indices in v of the joints that steer, (k,).
+        aims: for each pivot, the index of the guide that aims it, (k,).
+        length: length of the base [m].
+
+    Raises:
+        ModelError: unknown frame.
+        ConfigurationError: the constraints are affine, the actuators do not determine the motion, or the frame does not
+            move in the plane with three velocities of a base.
+    """
+
+    def __init__(self, reduced: ReducedModel, frame: str, length: float | None = None) -> None:
+        robot = reduced.robot
+        if reduced.affine:
+            raise ConfigurationError("the twist of a base assumes A v = 0, and these constraints are affine (A v = mu)")
+        self.reduced, self.frame, self.base = reduced, frame, _base_entries(robot, frame)
+        self._twist = FrameVelocityRows(robot, frame, _PLANAR, OWN_AXES)
+        self._kinematics = Kinematics(robot)
+        generator = np.random.default_rng(0)
+        samples = [self._kinematics.position(reduced.random_configuration(generator)) for _ in range(_SAMPLES)]
+        self._check_plane(samples)
+        check_velocity_actuation(reduced)
+        self._others = np.setdiff1d(np.arange(reduced.n), self.base)
+        self.length = 1.0
+        self._own = reduced.all_constraints.size
+        self._use(RowStack.joined(reduced.all_constraints, RowStack(_missing_lateral_rows(reduced))), samples)
+        self.length = self._lever(np.ones(len(self._scales), dtype=bool))  # for tolerances
+        self._find_pivots(samples)
+        self.length = self._lever(self._belongs) if length is None else float(length)
+        if not 0 < self.length < np.inf:
+            raise ConfigurationError(f"the length of a base has to be positive, found {length!r} m")
+
+    def at(self, q: Float[Array, " nq"]) -> BaseMotion:
+        """Evaluate the rows at a configuration (nq,)."""
+        state = self.reduced.at(q)
+        position, hard = state.position, ~self._is_guide[state.kept]
+        rows, to_base = state.A[hard] * self._scales[state.kept[hard]], self._to_base(position)
+        guides, slopes = np.zeros((2, self._weights.size, 3))
+        if len(self.pivots):
+            turned = position.with_velocity(self._turned)
+            guides = (self._guides.jacobian(position) * self._weights)[:, self.base] @ to_base
+            slopes = (self._guides.jacobian_dot(turned) * self._weights)[:, self.base] @ to_base
+        U, values, Vt = np.linalg.svd(rows[:, self._followers])
+        rank = int((values > _RANK * values[0]).sum()) if len(values) else 0
+        solved = (Vt[:rank].T / values[:rank]) @ U[:, :rank].T
+        by_base = rows[:, self.base] @ to_base
+        _, limits, directions = np.linalg.svd(U[:, rank:].T @ by_base)
+        moving, turning = np.zeros((self.reduced.n, 3)), np.zeros((self.reduced.n, len(self.pivots)))
+        moving[self.base], moving[self._followers] = to_base, -solved @ by_base
+        turning[self.pivots, np.arange(len(self.pivots))] = 1.0
+        turning[self._followers] = -solved @ rows[:, self.pivots]
+        free = directions[int((limits > _ROUNDED).sum()) :].T
+        return BaseMotion(position, free, guides, slopes, turning, moving)
+
+    def rows(self, q: Float[Array, " nq"]) -> tuple[Float[Array, "m nv"], Float[Array, "3 3"]]:
+        """Independent rows (m, nv) at a configuration (nq,), scaled, and the base's velocities (3, 3) per twist."""
+        state = self.reduced.at(q)
+        return state.A * self._scales[state.kept], self._to_base(state.position) * [1.0, 1.0, self.length]
+
+    # ------------------------------------------------------------------ structure
+
+    def _check_plane(self, samples: Sequence[PositionKinematics]) -> None:
+        lift = FrameVelocityRows(self.reduced.robot, self.frame, _LIFT, OWN_AXES)
+        for position in samples:
+            twist = self._twist.jacobian(position)[:, self.base]
+            if np.abs(lift.jacobian(position)[:, self.base]).max() > _ROUNDED or np.linalg.cond(twist) > 1.0 / _ZERO:
+                raise ConfigurationError(
+                    f"frame '{self.frame}' has no planar twist: expected a frame with level x and y axes on a base "
+                    "that moves in the plane"
+                )
+
+    def _to_base(self, position: PositionKinematics) -> Array:
+        """Velocities of the base per scaled twist, (3, 3)."""
+        return np.asarray(np.linalg.inv(self._twist.jacobian(position)[:, self.base]) / [1.0, 1.0, self.length])
+
+    def _use(self, rows: RowStack, samples: Sequence[PositionKinematics]) -> None:
+        """Use rows, scaled by the linear part of their twist; those without one by their whole length."""
+        self._rows = rows
+        found = [rows.jacobian(each) for each in samples]
+        twists = [A[:, self.base] @ self._to_base(each) for A, each in zip(found, samples, strict=True)]
+        whole = np.max(np.linalg.norm(found, axis=2), axis=0)
+        linear = np.max(np.linalg.norm(np.array(twists)[:, :, :2], axis=2), axis=0)
+        typical = np.where(linear > _ROUNDED * whole, linear, whole)
+        self._scales = np.divide(1.0, typical, out=np.zeros_like(typical), where=typical > _ZERO)[:, None]
+
+    def _lever(self, chosen: Array) -> float:
+        """Largest lever of chosen rows about the frame [m], with all joints at zero; 1 m if there is none."""
+        position = self._kinematics.position(self.reduced.robot.configuration())
+        twist = (self._rows.jacobian(position) * self._scales)[chosen][:, self.base] @ self._to_base(position)
+        twist[:, 2] *= self.length
+        lever = float(np.abs(twist[np.linalg.norm(twist[:, :2], axis=1) > 0.5, 2]).max(initial=0.0))
+        return lever if lever > _ROUNDED else 1.0
+
+    def _rates(self, position: PositionKinematics, v: Array) -> Array:
+        """Rates of the scaled rows along a velocity v (nv,), for the base's velocities only."""
+        return (self._rows.jacobian_dot(position.with_velocity(v)) * self._scales)[:, self.base]
+
+    def _find_pivots(self, samples: Sequence[PositionKinematics]) -> None:
+        found = np.array([self._rows.jacobian(each) * self._scales for each in samples])
+        moved = np.abs(found[:, :, self._others]).max(axis=(0, 2), initial=0.0)
+        still = np.abs(found[:, :, self.base]).max(axis=(0, 2)) <= _ZERO
+        is_guide = (moved <= _ROUNDED * self.length) & ~still
+        rows, unit = found[:, : self._own][:, ~is_guide[: self._own]], np.eye(found.shape[2])
+        depends = np.zeros((found.shape[1], found.shape[2]), dtype=bool)
+        for joint in self._others:
+            slopes = [self._rates(each, unit[joint]) @ self._to_base(each) for each in samples]
+            depends[:, joint] = np.abs(slopes).max(axis=(0, 2)) > _ZERO
+        steers = [joint for joint in self._others if depends[is_guide, joint].any() and self._turns(rows, joint, [])]
+        pivot_of = {  # the last joint is the nearest to the wheel
+            int(row): max(joints)
+            for row in np.flatnonzero(is_guide)
+            if (joints := [joint for joint in steers if depends[row, joint]])
+        }
+        towed = np.setdiff1d(self._others, steers)
+        self._belongs = np.asarray(
+            ~depends[:, towed].any(axis=1)
+        )  # rows of wheels on the base, not on trailers and casters
+        driven = np.abs(self.reduced.actuation.matrix(samples[0])).max(axis=1, initial=0.0) > 0
+        aim_of: dict[int, int] = {}
+        for row in sorted(pivot_of, key=lambda row: (row >= self._own, not driven[pivot_of[row]], row)):
+            joint = pivot_of[row]
+            if joint not in aim_of and self._turns(rows, joint, list(aim_of)):
+                aim_of[joint] = row
+        # A guide that aims no pivot follows from the others, unless the system keeps it.
+        guides = sorted({*aim_of.values(), *(row for row in pivot_of if row in self.reduced.reduction_data.kept)})
+        self.pivots = np.array(sorted(aim_of), dtype=int)
+        self.aims = np.array([guides.index(aim_of[joint]) for joint in self.pivots], dtype=int)
+        self._followers = np.setdiff1d(self._others, self.pivots)
+        self._turned = unit[self.pivots].sum(axis=0)
+        self._guides, self._weights = self._rows.selected(tuple(guides)), self._scales[guides]
+        self._is_guide = np.isin(np.arange(self._own), list(pivot_of))
+
+    def _turns(self, rows: Array, joint: int, resting: Sequence[int]) -> bool:
+        """True if a joint turns while the base and some joints rest."""
+        free = [each for each in self._others if each != joint and each not in resting]
+        for A in rows:
+            answer = A[:, free] @ np.linalg.lstsq(A[:, free], -A[:, joint], rcond=_RANK)[0]
+            if np.abs(answer + A[:, joint]).max(initial=0.0) > _ROUNDED * self.length:
+                return False
+        return True
+
+
+def _base_entries(robot: Robot, frame: str) -> Array:
+    """Indices in v of the joints that carry a frame."""
+    model = robot.model
+    chain = [int(joint) for joint in model.supports[model.frames[robot.frame_id(frame)].parentJoint] if joint > 0]
+    entries = [index for each in chain for index in range(model.idx_vs[each], model.idx_vs[each] + model.nvs[each])]
+    if len(entries) != 3:
+        carried = ", ".join(str(model.names[each]) for each in chain) or "no joint"
+        raise ConfigurationError(
+            f"frame '{frame}' is carried by {carried} with {len(entries)} velocities: expected a frame of a base with "
+            "three velocities in the plane, such as base='planar'"
+        )
+    return np.array(entries)
+
+
+def _missing_lateral_rows(reduced: ReducedModel) -> list[RollingRows]:
+    """Lateral rows of the wheels without rollers that have none."""
+    lateral = np.array([[0.0, 1.0, 0.0]])
+    found = []
+    for block, *_ in reduced.all_constraints.places:
+        parts = {name.partition("(")[0] for name in block.names}
+        if isinstance(block, RollingRows) and "rolling" in parts and "lateral" not in parts:
+            disk = WheelDisk(block.wheel, block.radius, block.axle, ("lateral",), lateral)
+            plane = block.ground if isinstance(block.ground, GroundPlane) else GroundPlane()
+            found.append(RollingRows(disk, "all", plane, reduced.robot))
+    return found

@@ -1,0 +1,13 @@
+"""Exports of ``rnc_pin.figures``, which ``__init__.py`` imports at their first use."""
+
+from .ground_path import GroundPath as GroundPath
+from .ground_path import draw_paths as draw_paths
+from .panel import Labels as Labels
+from .panel import Panel as Panel
+from .panel import Series as Series
+from .panel import readable_name as readable_name
+from .panel_figure import PlaneView as PlaneView
+from .panel_figure import panel_figure as panel_figure
+from .sheet import Sheet as Sheet
+from .sheet import Size as Size
+from .style import save as save

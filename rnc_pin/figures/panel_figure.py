@@ -1,0 +1,214 @@
+"""Figure of panels over time, with one rule for its layout at any size."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from rnc_pin.figures import style as st
+from rnc_pin.figures.legend import Legend
+from rnc_pin.figures.panel import MAX_LINES, Labels, Panel, Series
+from rnc_pin.figures.sheet import LABEL_ROOM, Grid, Sheet
+
+
+class PlaneView(NamedTuple):
+    """Picture that is no function of time.
+
+    Attributes:
+        draw: function that draws it into axes and returns its legend entries.
+        aspect: its height over its width.
+    """
+
+    draw: Callable[[Axes], Sequence[st.LegendEntry]]
+    aspect: float
+
+
+_CHARACTER, _LINE = 0.62, 1.5  # width of a bold character and height of a line, over the size of the text
+_TITLE_LINES = 3  # largest number of lines of a title
+_ACTIVE_WIDTH = 5.0  # width of the pale line at active samples [points]
+
+
+def panel_figure(
+    panels: Sequence[Panel],
+    time: np.ndarray,
+    sheet: Sheet,
+    *,
+    title: str | None = None,
+    labels: Labels | None = None,
+    name: str = "",
+    compared: Mapping[str, np.ndarray] | None = None,
+    view: PlaneView | None = None,
+) -> Figure:
+    """Draw panels over time: actual solid, desired dotted, compared runs dashed.
+
+    Args:
+        panels: the panels.
+        time: times (N,) of their samples [s].
+        sheet: size of the figure.
+        title: title above the panels.
+        labels: texts that replace names.
+        name: legend entry of the run if others are compared with it.
+        compared: times of the samples of compared runs, by label [s].
+        view: picture before the panels.
+
+    Raises:
+        InputError: the panels do not fit the height of the sheet.
+    """
+    texts = labels or Labels()
+    grid, above = sheet.grid_of(len(panels), None if view is None else view.aspect)
+    with mpl.rc_context(st.style(sheet.font)):
+        figure = st.PrintFigure((grid.width, sheet.height or 4.0))
+        spec = figure.add_gridspec(grid.rows, grid.columns)
+        legends: list[tuple[int, Legend]] = []
+        room = grid.width / grid.columns - LABEL_ROOM * sheet.font / 72.0
+
+        def add(axes: Axes, row: int, entries: Sequence[st.LegendEntry], note: str) -> None:
+            legends.append((row, Legend(axes, entries, note, sheet.is_beside(grid), room)))
+
+        drawn: Axes | None = None
+        if view is not None:
+            drawn = figure.add_subplot(spec[:above, 0])
+            add(drawn, 0, view.draw(drawn), "")
+        timed: list[Axes] = []
+        for place, panel in enumerate(panels, start=above):
+            row = place % grid.rows
+            axes = figure.add_subplot(spec[row, place // grid.rows], sharex=timed[0] if timed else None)
+            timed.append(axes)
+            entries, note = _draw(axes, panel, time, compared or {}, texts, name)
+            add(axes, row, entries, note)
+            last = row == grid.rows - 1 or panel is panels[-1]
+            if last:
+                axes.set_xlabel(f"{texts.text('time')} [s]")
+            axes.tick_params(labelbottom=last)
+        rows = _arrange(figure, sheet, grid, legends, title)
+        for axes, panel in zip(timed, panels, strict=True):
+            axes.set_ylabel(_axis_label(panel, texts, min(rows)))
+        if drawn is not None:
+            _layout_once(figure)
+        figure.align_labels_of(timed)
+    return figure
+
+
+def _arrange(
+    figure: Figure, sheet: Sheet, grid: Grid, legends: Sequence[tuple[int, Legend]], title: str | None
+) -> list[float]:
+    """Give the figure its height and its rows their shares, which are returned, and draw legends and title."""
+    lines = _title_lines(title, sheet.in_text(grid.width))
+    above = [max((legend.height for place, legend in legends if place == row), default=0.0) for row in range(grid.rows)]
+    height, rows = sheet.heights(grid, above, _LINE * len(lines))
+    figure.set_size_inches(grid.width, height)
+    axes = figure.axes
+    if axes:
+        spec = axes[0].get_subplotspec()
+        assert spec is not None
+        spec.get_gridspec().set_height_ratios(rows)
+    for _, legend in legends:
+        legend.draw()
+    if lines:
+        figure.suptitle("\n".join(map(st.escape, lines)), x=0.01, ha="left")
+    return rows
+
+
+def _title_lines(title: str | None, width: float) -> list[str]:
+    """Lines of a title within a width [sizes of the text]."""
+    if not title:
+        return []
+    return textwrap.wrap(title, max(20, int(width / _CHARACTER)), max_lines=_TITLE_LINES, placeholder="...")
+
+
+def _axis_label(panel: Panel, texts: Labels, height: float) -> str:
+    """Label of the vertical axis, in lines within a height [sizes of the text]."""
+    quantity, unit = texts.text(panel.quantity), st.unit_text(panel.unit)
+    if panel.quantity in texts.given:
+        return f"{quantity} [{unit}]"
+    lines = textwrap.wrap(f"{quantity} [{unit.replace(' ', chr(160))}]", max(14, int(height / 0.6)))
+    return "\n".join(lines).replace(chr(160), " ")
+
+
+def _layout_once(figure: Figure) -> None:
+    """Run the layout once before drawing: equal scales change the ticks. The next layout makes room for the labels."""
+    layout = figure.get_layout_engine()
+    assert layout is not None
+    layout.execute(figure)
+
+
+def _draw(
+    axes: Axes, panel: Panel, time: np.ndarray, compared: Mapping[str, np.ndarray], texts: Labels, name: str
+) -> tuple[list[st.LegendEntry], str]:
+    """Draw a panel. Return the entries and the title of its legend: lines by name, then runs."""
+    count, note = len(panel.series), st.escape(panel.note)
+    own = [_draw_series(axes, series, k, count, time) for k, series in enumerate(panel.series)]
+    entries = [
+        st.LegendEntry(texts.of(series) + (" (active)" if _is_active(series) else ""), [line])
+        for series, line in zip(panel.series, own, strict=True)
+    ]
+    runs = []
+    for number, (dashes, label) in enumerate(st.dashes(compared)):
+        lines = []
+        for k, series in enumerate(panel.series):
+            if label in series.compared:
+                color = st.color_of(k, count, number)
+                lines += axes.plot(compared[label], series.compared[label], color=color, ls=dashes, lw=st.points(1.4))
+        if lines:
+            runs.append(st.LegendEntry(texts.text(label), lines))
+    if runs:
+        if count == 1:
+            note, entries = ", ".join(filter(None, (texts.of(panel.series[0]), note))), []
+        entries += [st.LegendEntry(texts.text(name), own), *runs]
+    # Desired lines are drawn last: a solid line that follows them closely would hide them.
+    desired = [
+        axes.plot(time, series.desired, color="black", ls=st.DOTS, lw=st.points(1.3))[0]
+        for series in panel.series
+        if series.desired is not None
+    ]
+    if desired:
+        entries.append(st.LegendEntry(texts.text("desired"), desired[:1]))
+    if panel.zero:
+        axes.axhline(0.0, color="black", lw=st.points(0.8))
+    axes.margins(x=0.01)
+    _limit_axis(axes, panel)
+    return entries, note
+
+
+def _draw_series(axes: Axes, series: Series, k: int, count: int, time: np.ndarray) -> Line2D:
+    """Draw the k-th line of a panel with its active samples and bounds."""
+    line = st.line(axes, k, MAX_LINES if series.active is not None else count, _time(series, time), series.values)
+    color = line.get_color()
+    if series.is_held:
+        line.set_drawstyle("steps-post")
+    if series.active is not None and _is_active(series):
+        marked = np.where(series.active, series.values, np.nan)
+        axes.plot(time, marked, color=color, lw=st.points(_ACTIVE_WIDTH), alpha=0.4, solid_capstyle="round")
+    for bound in series.bounds:
+        axes.axhline(bound, color=color, ls=st.DASHES[2], lw=st.points(0.9), alpha=0.8)
+    return line
+
+
+def _time(series: Series, time: np.ndarray) -> np.ndarray:
+    return time if series.time is None else series.time
+
+
+def _is_active(series: Series) -> bool:
+    return series.active is not None and bool(series.active.any())
+
+
+def _limit_axis(axes: Axes, panel: Panel) -> None:
+    """Set the range of the vertical axis where the values alone give none that can be read."""
+    if panel.log:
+        axes.set_yscale("log")
+    if panel.bottom is not None:
+        drawn = [values for each in panel.series for values in (each.values, *each.compared.values())]
+        top = max((float(np.nanmax(values, initial=0.0)) for values in drawn), default=0.0)
+        axes.set_ylim(panel.bottom, max(2 * top, 100 * panel.bottom) if panel.log else max(1.1 * top, 1e-3))
+    elif not panel.log:
+        low, high = axes.get_ylim()
+        least = 1e-6 * max(1.0, abs(low), abs(high))  # a smaller range would show only rounding errors
+        if high - low < least:
+            axes.set_ylim((low + high - least) / 2, (low + high + least) / 2)

@@ -1,0 +1,248 @@
+"""Style of every picture, for screen and print: readable in greyscale and with colour vision deficiency."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+from functools import wraps
+from io import BytesIO
+from itertools import cycle
+from pathlib import Path
+from typing import Any, NamedTuple, ParamSpec
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.lines import Line2D
+from matplotlib.transforms import ScaledTranslation
+
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.io.atomic_write import atomic_file
+
+# Palette of Okabe and Ito, ordered so that neighbours also differ in lightness.
+COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9")
+FORMATS = (".png", ".pdf", ".svg")
+MARKERS = "os^Dvp<>hPX*"
+Dashes = tuple[int, tuple[float, ...]]
+"""Offset of a dash pattern, and lengths of its lines and gaps [points]."""
+
+DOTS: Dashes = (0, (1, 1.6))
+DASHES: list[Dashes] = [(0, (6, 3)), (0, (6, 2, 1, 2)), (0, (3, 2)), (0, (8, 2, 1, 2, 1, 2)), (0, (1, 4)), (0, (10, 4))]
+_MAX_LAYOUTS = 3  # layouts of a figure at most
+_SAME_DISTANCE = 0.01  # distance of labels that needs no other layout [inches]
+_BETWEEN = 0.04  # distance between columns of axes, over their width
+_MARKERS_PER_LINE = 7  # number of markers on a line
+_SCREEN = 10.0  # size of text for which lengths in points are given [points]
+_DPI = 200
+_NOTEBOOK_WIDTH = 800  # of small figures [pixels]
+_PRINT_DPI = 300  # of figures with smaller text
+
+P = ParamSpec("P")
+
+
+def style(font: float = _SCREEN) -> dict[Any, Any]:
+    """Settings of Matplotlib for text of a size [points]. Sizes are numbers, so that a later ``savefig`` keeps them."""
+    part = font / _SCREEN
+    sizes = ("font.size", "axes.labelsize", "xtick.labelsize", "ytick.labelsize")
+    return {
+        **dict.fromkeys(sizes, font),
+        **dict.fromkeys(("axes.titlesize", "figure.titlesize"), 1.1 * font),
+        **dict.fromkeys(("axes.titleweight", "figure.titleweight"), "bold"),
+        **dict.fromkeys(("legend.fontsize", "legend.title_fontsize"), 0.9 * font),
+        "axes.grid": True,
+        "grid.color": "0.88",
+        "grid.linewidth": 0.6 * part,
+        "axes.linewidth": 0.8 * part,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.axisbelow": True,
+        "axes.formatter.useoffset": False,
+        **{f"{axis}tick.major.{part_of}": length * part for axis in "xy"
+           for part_of, length in (("size", 3.5), ("width", 0.8), ("pad", 3.5))},
+        "lines.linewidth": 1.8 * part,
+        "lines.markersize": 5.0 * part,
+        "legend.frameon": False,
+        "figure.dpi": _DPI if font >= _SCREEN else _PRINT_DPI,
+        "savefig.dpi": "figure",
+        "pdf.fonttype": 42,
+        "svg.fonttype": "none",
+    }  # fmt: skip
+
+
+STYLE = style()
+
+
+def points(length: float) -> float:
+    """Length of a line, a dash or a marker [points] in the current style, from that beside text of 10 points."""
+    return length * float(mpl.rcParams["font.size"]) / _SCREEN
+
+
+class AlignedLayout(ConstrainedLayoutEngine):
+    """Constrained layout with aligned labels of vertical axes.
+
+    Matplotlib's ``align_ylabels`` measures all tick labels of a column for the label of each of its axes, several times
+    for a picture. This layout measures each once before it places the axes, and once after. It repeats that if the
+    size of the axes gave them wider tick labels, for which there was no room.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(wspace=_BETWEEN)
+        self._columns: list[list[Axes]] = []
+
+    def align(self, axes: Iterable[Axes]) -> None:
+        """Align the labels of these axes, which start in one column of a grid or in several."""
+        columns: dict[int, list[Axes]] = {}
+        for each in axes:
+            place = each.get_subplotspec()
+            columns.setdefault(0 if place is None else place.colspan.start, []).append(each)
+        self._columns += columns.values()
+
+    def execute(self, fig: Figure) -> None:
+        """Place the axes of a figure, and the labels of their vertical axes."""
+        room = self._place_labels(fig)
+        for _ in range(_MAX_LAYOUTS):
+            super().execute(fig)
+            needed = self._place_labels(fig)
+            if all(distance <= given + _SAME_DISTANCE for distance, given in zip(needed, room, strict=True)):
+                break
+            room = needed
+
+    def _place_labels(self, fig: Figure) -> list[float]:
+        """Place the labels and return the distance of each column from its axes [inches]."""
+        distances = []
+        for column in self._columns:
+            distance = max(_label_distance(axes) for axes in column) / fig.dpi
+            distances.append(distance)
+            for axes in column:
+                away = ScaledTranslation(-distance, 0.0, fig.dpi_scale_trans)
+                axes.yaxis.set_label_coords(0.0, 0.5, axes.transAxes + away)
+        return distances
+
+
+def _label_distance(axes: Axes) -> float:
+    """Distance of the label of a vertical axis from the axes [pixels]."""
+    axis = axes.yaxis
+    axis.label.set_visible(False)
+    ticks = axis.get_tightbbox()
+    axis.label.set_visible(True)
+    figure = axes.get_figure()
+    assert figure is not None
+    wide = 0.0 if ticks is None else max(0.0, float(axes.bbox.x0 - ticks.x0))
+    return wide + axis.labelpad * figure.dpi / 72.0
+
+
+class PrintFigure(Figure):
+    """Figure that notebooks display automatically.
+
+    Args:
+        figsize: width and height [inches].
+    """
+
+    def __init__(self, figsize: tuple[float, float]) -> None:
+        self._layout = AlignedLayout()
+        super().__init__(figsize=figsize, layout=self._layout)
+
+    def align_labels_of(self, axes: Iterable[Axes]) -> None:
+        """Align the labels of the vertical axes of a column, or of several."""
+        self._layout.align(axes)
+
+    def _repr_png_(self) -> bytes:
+        buffer = BytesIO()
+        self.savefig(buffer, format="png", dpi=float(np.clip(_NOTEBOOK_WIDTH / self.get_figwidth(), 100, _DPI)))
+        return buffer.getvalue()
+
+
+def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
+    """Decorator: draw the figure in this style, without changing Matplotlib's global settings."""
+
+    @wraps(draw)
+    def wrapped(*args: P.args, **kwargs: P.kwargs) -> Figure:
+        with mpl.rc_context(STYLE):
+            return draw(*args, **kwargs)
+
+    return wrapped
+
+
+def save(figure: Figure, path: str | Path, replace: bool = True) -> Path:
+    """Write a figure as .png, .pdf or .svg, by the suffix of the name. A failure leaves no partial file.
+
+    Args:
+        figure: the figure.
+        path: name of the file.
+        replace: True replaces an existing file.
+
+    Raises:
+        ConfigurationError: the name has another suffix.
+        OSError: the file cannot be written.
+    """
+    if Path(path).suffix not in FORMATS:
+        raise ConfigurationError(f"{path}: expected a name that ends in .png, .pdf or .svg")
+    layout = figure.get_layout_engine()
+    with mpl.rc_context(STYLE), atomic_file(Path(path), replace) as partial:
+        if layout is None:
+            figure.savefig(partial)
+            return Path(path)
+        layout.execute(figure)
+        figure.set_layout_engine("none")  # with an engine, Matplotlib draws twice, the first time for the layout only
+        try:
+            figure.savefig(partial)
+        finally:
+            figure.set_layout_engine(layout)
+    return Path(path)
+
+
+class LegendEntry(NamedTuple):
+    """Legend entry: its text, with escaped characters, and its lines. The legend shows their colours and dashes."""
+
+    text: str
+    lines: Sequence[Line2D]
+
+
+def line(axes: Axes, k: int, count: int, time: np.ndarray, values: np.ndarray) -> Line2D:
+    """Draw the k-th of ``count`` series. Markers of different series are at different samples."""
+    step = max(1, len(time) // _MARKERS_PER_LINE)
+    color, marker = line_style(k)
+    start = (2 * k + 1) * step // (2 * max(count, 1))
+    return axes.plot(
+        time, values, color=color, lw=points(1.6), marker=marker, markevery=(start, step), markeredgecolor="white",
+        markeredgewidth=points(0.6),
+    )[0]  # fmt: skip
+
+
+def line_style(k: int) -> tuple[str, str]:
+    """Colour and marker of the k-th line of a panel."""
+    return COLORS[k % len(COLORS)], MARKERS[k % len(MARKERS)]
+
+
+def color_of(k: int, count: int, run: int) -> str:
+    """Colour of the k-th of ``count`` series of a compared run. A single series has the colour of its run."""
+    return COLORS[k % len(COLORS)] if count > 1 else COLORS[(run + 1) % len(COLORS)]
+
+
+def pale(color: str) -> str:
+    """Colour half way to white."""
+    red, green, blue = (int(color[k : k + 2], 16) for k in (1, 3, 5))
+    return f"#{(red + 255) // 2:02x}{(green + 255) // 2:02x}{(blue + 255) // 2:02x}"
+
+
+def scaled(style: Dashes, width: float) -> Dashes:
+    """Dash pattern with dashes as long on a line of this width [points] as on one of 1.5 points."""
+    return style[0], tuple(1.5 * length / width for length in style[1])
+
+
+def dashes(labels: Iterable[str]) -> Iterable[tuple[Dashes, str]]:
+    """Pairs of dash pattern and label."""
+    return zip(cycle(DASHES), labels, strict=False)
+
+
+def unit_text(unit: str) -> str:
+    """Unit of an axis in upright letters, with powers: "rad/s^2" becomes "rad/s$^2$"."""
+    return re.sub(r"\^(-?\d+)", r"$^{\1}$", escape(unit))
+
+
+def escape(text: str) -> str:
+    """Escape the characters that Matplotlib, or LaTeX if ``text.usetex`` is on, would read as commands."""
+    special = "&%$#_{}" if mpl.rcParams["text.usetex"] else "$"
+    return "".join("\\" + each if each in special else each for each in text)

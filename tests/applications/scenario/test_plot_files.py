@@ -1,0 +1,55 @@
+"""Pictures of a run in the formats, sizes and with the labels that its scenario states."""
+
+import re
+
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.applications.scenario.scenario import Scenario
+
+SHORT = ["--set", "simulation.duration=0.1", "--set", "comparisons={}"]
+MEDIA_BOX = re.compile(rb"/MediaBox \[ ?0 0 ([\d.]+) ([\d.]+) ?\]")
+
+
+def test_a_run_keeps_its_vector_pictures(call, tmp_path):
+    """One plot as PDF for a column, the others as SVG; texts of SVG files are texts."""
+    options = (
+        "figures.formats=[svg]",
+        "figures.labels={platform: $\\phi$, time: t, joint_1: first}",
+        "plots={angle: {outputs: [platform, inputs], formats: [pdf, png], size: column}}",
+    )
+    arguments = [each for option in options for each in ("--set", option)]
+    status, _, error = call("run", "space-robot", *SHORT, *arguments, "--out", tmp_path / "out")
+    assert (status, "drawn" in error) == (0, False)
+    names = {path.name for path in (tmp_path / "out").iterdir() if path.suffix in (".png", ".pdf", ".svg")}
+    assert names == {"angle.pdf", "angle.png", "overview.svg", "top_view.svg", "limits.svg"}
+    width, _ = MEDIA_BOX.search((tmp_path / "out" / "angle.pdf").read_bytes()).groups()
+    assert float(width) == pytest.approx(3.4 * 72.0)
+    overview = (tmp_path / "out" / "overview.svg").read_text()
+    assert ">first</text>" in overview
+    assert ">t [s]</text>" in overview
+    status, _, error = call("run", "space-robot", *SHORT, *arguments, "--out", tmp_path / "out")
+    assert (status, "did not create" in error) == (0, False)  # it replaces its own files
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "message"),
+    [
+        ("figures.size", "colum", "figures.size: size 'colum': .*did you mean 'column'"),
+        ("figures.size", [3.4], "figures.size: size .3.4,.: expected"),
+        ("figures.formats", ["eps"], "figures.formats.0.: expected 'png', 'pdf' or 'svg', found 'eps'"),
+        ("figures.formats", [], "figures.formats: expected at least 1 item"),
+        ("plots.figure_4a.outputs", ["input"], "plots.figure_4a.outputs: no output 'input'; did you mean 'inputs'"),
+        ("plots.figure_4a.outputs", [], "plots.figure_4a.outputs: expected at least 1 item"),
+    ],
+)
+def test_other_forms_are_refused(option, value, message):
+    with pytest.raises(rnc.ConfigurationError, match=message):
+        Scenario.load("space-robot", {option: value}).build()
+
+
+def test_a_label_of_nothing_fails_the_pictures_with_its_name(call, tmp_path):
+    options = ["--set", "figures.labels={platfrm: x}", "--set", "plots={}"]
+    _, _, error = call("run", "space-robot", *SHORT, *options, "--out", tmp_path / "out")
+    assert "overview.png could not be drawn: labels: nothing is named 'platfrm'; did you mean 'platform'?" in error
+    assert (tmp_path / "out" / "trajectory.npz").exists()

@@ -1,0 +1,491 @@
+"""Twist in, wheels out: closed forms of all kinds of bases, limits, standstill, and loops around a velocity plant."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from driven_bases import KINDS, RADIUS, SENSOR, STEERING_RATE, KinematicPlant, drafted_model, tracks, turret
+from rnc_pin.applications.init import scenario_candidate
+from rnc_pin.control import TwistController, TwistState
+from systems import ackermann_car, bicycle, fire_truck, mobile_manipulator, spinning_space_robot
+from textbook_systems import differential_drive
+
+DT = 0.04
+# Place of the axle whose wheels have no pivot, ahead of the frame "base"; a twist with vy = -x w suits it.
+AXLE = {
+    "differential drive": 0.0,
+    "tricycle, driven in front": -0.4,
+    "tricycle, driven behind": -0.4,
+    "forklift": 0.3,
+    "car": -0.3,
+    "car with trailer": -0.3,
+    "six wheels, four steered": 0.0,
+}
+STEERED = {
+    "differential drive": 0,
+    "Mecanum": 0,
+    "turret": 1,
+    "two steered drives": 2,
+    "two steered drives side by side": 2,
+    "four steered drives": 4,
+    "four-wheel steering": 4,
+}
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    """Function from the name of a kind to its drafted model."""
+    found = {}
+
+    def of(name):
+        if name not in found:
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setattr(scenario_candidate, "_PATIENCE", 0.0)  # drafts are tried out for a moment
+                found[name] = drafted_model(KINDS[name], tmp_path_factory.mktemp("unit"))
+        return found[name]
+
+    return of
+
+
+def start(reduced):
+    return reduced.assembled(reduced.robot.configuration())
+
+
+def suitable(name, forward=0.4, turn=0.3, left=0.1):
+    """A twist of the frame "base" that a kind can have."""
+    return np.array([forward, -AXLE[name] * turn if name in AXLE else left, turn])
+
+
+def expected_wheels(name, twist, angles):
+    """Side slip [m/s] and rolling rate [rad/s] of each wheel for a twist of the frame "base" and angles of pivots.
+
+    A wheel at (x, y) has the velocity (vx - w y, vy + w x). Its heading is (cos, sin) of the angle.
+    """
+    vx, vy, w = twist
+    rates, slips = {}, {}
+    for joint, each in KINDS[name].wheels.items():
+        across, along = vy + w * each.x, vx - w * each.y
+        if joint in KINDS[name].rollers:
+            rates[joint], slips[joint] = (along + across * np.tan(KINDS[name].rollers[joint])) / RADIUS, 0.0
+            continue
+        c, s = (1.0, 0.0) if each.pivot is None else (np.cos(angles[each.pivot]), np.sin(angles[each.pivot]))
+        rates[joint] = (c * along + s * across - w * each.beside) / RADIUS
+        slips[joint] = c * across - s * along
+    return rates, slips
+
+
+def twist_of(reduced, v, frame="base"):
+    """Twist of a frame by Pinocchio alone, with the base at its origin."""
+    robot, data = reduced.robot, reduced.robot.model.createData()
+    pin.forwardKinematics(robot.model, data, robot.configuration(), v)
+    velocity = pin.getFrameVelocity(robot.model, data, robot.frame_id(frame), pin.ReferenceFrame.LOCAL)
+    return np.array([*velocity.linear[:2], velocity.angular[2]])
+
+
+# ---------------------------------------------------------------------- closed forms
+
+
+@pytest.mark.parametrize("forward", [0.4, -0.4])
+@pytest.mark.parametrize("name", KINDS)
+def test_wheels_and_pivots_have_the_closed_forms_of_their_base(name, forward, model):
+    reduced, twist = model(name), suitable(name, forward)
+    controller = TwistController(reduced, "base", DT)
+    found = controller.feasible(start(reduced), twist)
+    np.testing.assert_allclose(found.twist, twist, atol=1e-9)
+    assert found.cuts == ()
+    assert len(controller.steering) == STEERED.get(name, 1)
+    rates, slips = expected_wheels(name, twist, reduced.robot.joint_values(found.q))
+    for joint, rate in rates.items():
+        assert found.v[reduced.robot.velocity_indices(joint).start] == pytest.approx(rate, abs=1e-6)
+    assert max(map(abs, slips.values())) < 1e-6
+    np.testing.assert_allclose(twist_of(reduced, found.v), twist, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_the_frame_of_the_twist_may_be_anywhere_on_the_base(name, model):
+    """A twist of a sensor, beside the axle and turned, moves the wheels as that of the base does."""
+    reduced, twist = model(name), suitable(name)
+    x, y, heading = SENSOR
+    there = twist[:2] + twist[2] * np.array([-y, x])
+    c, s = np.cos(heading), np.sin(heading)
+    wanted = np.array([c * there[0] + s * there[1], c * there[1] - s * there[0], twist[2]])
+    by_base = TwistController(reduced, "base").feasible(start(reduced), twist)
+    by_sensor = TwistController(reduced, "sensor").feasible(start(reduced), wanted)
+    np.testing.assert_allclose(by_sensor.v, by_base.v, atol=1e-7)
+    np.testing.assert_allclose(by_sensor.twist, wanted, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", AXLE)
+def test_a_free_entry_leaves_speed_and_turning_rate_as_they_are(name, model):
+    """Cars are told vx and wz; vy of a frame that is not on the axle follows."""
+    found = TwistController(model(name), "base").feasible(start(model(name)), [0.4, None, 0.3])
+    np.testing.assert_allclose(found.twist, suitable(name), atol=1e-9)
+    assert found.cuts == ()
+
+
+def test_the_nearest_twist_weights_turning_by_the_length(model):
+    """On the line vy = a w the nearest to (0, 0, w) has the share l^2 / (l^2 + a^2) of w."""
+    reduced = model("car")
+    for length in (0.2, 0.3, 1.0):
+        controller = TwistController(reduced, "base", length=length)
+        found = controller.feasible(start(reduced), [1.0, 0.0, 0.3])
+        share = length**2 / (length**2 + 0.3**2)
+        np.testing.assert_allclose(found.twist, [1.0, 0.3 * 0.3 * share, 0.3 * share], atol=1e-9)
+        (cut,) = found.cuts
+        assert (cut.kind, cut.name) == ("constraint", "base")
+        assert cut.amount == pytest.approx(0.3 * length * np.sqrt(1 - share), rel=1e-9)
+
+
+def test_the_left_knuckle_of_a_linkage_has_its_angle_and_the_right_one_follows():
+    """Ackermann: cot(left) = (1 / k - y) / L for the curvature k."""
+    reduced = ackermann_car()
+    controller = TwistController(reduced, "base")
+    found = controller.feasible(start(reduced), [0.5, 0.0, 0.3])
+    values = reduced.robot.joint_values(found.q)
+    assert controller.steering == ("left_steer",)
+    assert values["left_steer"] == pytest.approx(np.arctan(1.1 / (0.5 / 0.3 - 0.3)), abs=1e-9)
+    assert -values["right_steer"] == pytest.approx(np.arctan(1.1 / (0.5 / 0.3 + 0.3)), abs=1e-9)  # its axis points down
+    np.testing.assert_allclose(found.twist, [0.5, 0.0, 0.3], atol=1e-9)
+
+
+def test_a_steered_trailer_axle_steers_no_tractor():
+    """The rear steering of the fire truck moves its trailer only: the twist of the tractor leaves it alone."""
+    controller = TwistController(fire_truck(), "tractor")
+    assert controller.steering == ("front_steering",)
+    found = controller.feasible(start(fire_truck()), [0.5, 0.0, 0.2])
+    assert fire_truck().robot.joint_values(found.q)["front_steering"] == pytest.approx(np.arctan(0.2 / 0.5), abs=1e-9)
+    assert found.v[fire_truck().robot.velocity_indices("rear_steering")] == 0.0
+
+
+def test_a_pivot_ahead_of_its_axle_follows_as_a_powered_caster(tmp_path, monkeypatch):
+    """The axle 0.1 m behind the pivot has no side slip: the pivot turns at v / 0.1 - w, and nothing has to be aimed."""
+    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
+    reduced = drafted_model(turret(behind=0.1), tmp_path)
+    controller = TwistController(reduced, "base", limits=False)
+    assert controller.steering == ()
+    angle, (vx, vy, w) = 0.7, (0.2, 0.3, 0.4)
+    q = reduced.robot.configuration({"turn_joint": angle})
+    command, _ = controller.step(q, [vx, vy, w], controller.initial_state())
+    ahead, left = vx, vy + 0.05 * w  # at the pivot
+    along, across = ahead * np.cos(angle) + left * np.sin(angle), left * np.cos(angle) - ahead * np.sin(angle)
+    turning = across / 0.1
+    expected = {"turn_joint": turning - w}
+    expected |= {f"drive_{side}_joint": (along - turning * y) / RADIUS for side, y in (("l", 0.15), ("r", -0.15))}
+    np.testing.assert_allclose(command.joints, [expected[name] for name in controller.joints], atol=1e-7)
+    np.testing.assert_allclose(command.twist, [vx, vy, w], atol=1e-9)
+
+
+def test_tracks_have_one_speed_a_side(tmp_path, monkeypatch):
+    """The drafted equivalent axle is in the middle, and the couplings drive the other wheels."""
+    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
+    reduced = drafted_model(tracks(), tmp_path)
+    found = TwistController(reduced, "base").feasible(reduced.robot.configuration(), [0.4, 0.0, 0.6])
+    np.testing.assert_allclose(found.twist, [0.4, 0.0, 0.6], atol=1e-9)
+    for joint, place in tracks().wheels.items():
+        rate = found.v[reduced.robot.velocity_indices(joint).start]
+        assert rate == pytest.approx((0.4 - 0.6 * place.y) / RADIUS, abs=1e-6)
+
+
+def test_an_arm_on_the_base_rests():
+    reduced = mobile_manipulator()
+    controller = TwistController(reduced, "base")
+    command, _ = controller.step(reduced.robot.configuration(), [0.5, 0.0, 0.2], controller.initial_state())
+    np.testing.assert_allclose(command.v[3:], 0.0, atol=1e-15)
+    np.testing.assert_allclose(command.u, [0.5, 0.2, 0.0, 0.0], atol=1e-12)
+
+
+def test_a_base_on_joints_of_the_file_is_a_base(tmp_path):
+    """Two sliding joints and a turning one carry the body; its own axes turn with it."""
+    from urdf_parts import joint, link, robot, wheel
+
+    parts = [link("world"), link("sx", 0.1), link("sy", 0.1), link("base", 5.0)]
+    parts += [joint("x", "world", "sx", (0, 0, 0), "1 0 0", "prismatic", limits=(-9, 9))]
+    parts += [joint("y", "sx", "sy", (0, 0, 0), "0 1 0", "prismatic", limits=(-9, 9))]
+    parts += [joint("yaw", "sy", "base", (0, 0, 0.1), "0 0 1", "revolute", limits=(-9, 9))]
+    parts += [wheel(side, "base", (0, y, 0)) for side, y in (("left", 0.2), ("right", -0.2))]
+    (tmp_path / "own.urdf").write_text(robot(*parts))
+    model = rnc.Robot.from_urdf(tmp_path / "own.urdf")
+    wheels = [rnc.RollingWheel(side, 0.1) for side in ("left", "right")]
+    reduced = rnc.NonholonomicSystem(model, wheels, ["left_joint", "right_joint"]).reduce()
+    controller = TwistController(reduced, "base")
+    q = model.configuration({"x": 1.0, "y": -2.0, "yaw": 0.7})
+    command, _ = controller.step(q, [0.4, 0.0, 0.5], controller.initial_state())
+    np.testing.assert_allclose(command.joints, [3.0, 5.0], atol=1e-9)
+    np.testing.assert_allclose(command.v[:3], [0.4 * np.cos(0.7), 0.4 * np.sin(0.7), 0.5], atol=1e-9)
+    odometry = rnc.control.WheelOdometry(reduced, "base")
+    after = model.configuration({"left_joint": 0.3, "right_joint": 0.5})
+    np.testing.assert_allclose(odometry.step([0, 0, 0], model.configuration(), after).pose[2], 0.05, atol=1e-12)
+
+
+# ---------------------------------------------------------------------- loops
+
+
+def driven(controller, plant, twist, state, samples):
+    """Commands of a constant twist, one a sample, after which the plant has moved; and the state."""
+    commands = []
+    for _ in range(samples):
+        command, state = controller.step(plant.q, twist, state)
+        plant.advance(command.u, DT, hold=controller.steering)
+        commands.append(command)
+    return commands, state
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_the_base_reaches_the_feasible_twist_within_limits_and_without_slip(name, model):
+    """The plant has the motors' velocities only. It may miss some, and wheels without a lateral row may slip."""
+    reduced = model(name)
+    controller = TwistController(reduced, "base", DT)
+    plant, state = KinematicPlant(reduced, start(reduced)), controller.initial_state()
+    pivots = [reduced.robot.velocity_indices(joint).start for joint in controller.steering]
+    motors = {reduced.actuation.names[k]: k for k in range(reduced.p)}
+    fastest = suitable(name, 3.0, 0.3) if name == "car with trailer" else [2.0] * 3  # too much for wheels or pivots
+    for twist in (suitable(name), suitable(name, 0.3, -0.4, -0.1), np.zeros(3), suitable(name, -0.3, 0.2), fastest):
+        reachable = controller.feasible(plant.q, twist)
+        for _ in range(40):
+            command, state = controller.step(plant.q, twist, state)
+            plant.advance(command.u, DT, hold=controller.steering)
+            assert np.abs(command.v[pivots]).max(initial=0.0) <= STEERING_RATE + 1e-6
+            assert np.abs(command.joints).max() <= 20.0 + 1e-6
+            missed = np.abs(reduced.at(plant.middle).B.T @ plant.v - command.u)
+            _, across = expected_wheels(name, twist_of(reduced, plant.v), reduced.robot.joint_values(plant.middle))
+            speed = RADIUS * max(abs(command.u[k]) for joint, k in motors.items() if joint in KINDS[name].wheels)
+            allowed = (controller.slip + 0.5 * STEERING_RATE * DT) * speed + 1e-9  # angles change during a sample
+            assert (
+                max(missed[k] * (RADIUS if joint in KINDS[name].wheels else 1.0) for joint, k in motors.items())
+                < allowed
+            )
+            assert max(map(abs, across.values())) < allowed
+        if name == "car with trailer":  # the speed of the trailer's wheels depends on the hitch
+            reachable = controller.feasible(plant.q, twist)
+        np.testing.assert_allclose(command.twist, reachable.twist, atol=1e-7)
+        np.testing.assert_allclose(twist_of(reduced, plant.v), reachable.twist, atol=1e-7)
+        assert {each.kind for each in command.cuts} == {each.kind for each in reachable.cuts}
+
+
+@pytest.mark.parametrize("name", ["two steered drives", "four steered drives", "turret", "tricycle, driven in front"])
+def test_pivots_complete_the_command_while_the_base_stands(name, model):
+    """Two samples of a command, then none: the base stands at once, the pivots turn on to their angles and stay."""
+    reduced, controller = model(name), TwistController(model(name), "base", DT)
+    plant, twist = KinematicPlant(reduced, start(reduced)), suitable(name, 0.3, 0.3, 0.3)
+    commands, state = driven(controller, plant, twist, controller.initial_state(), 2)
+    aimed = reduced.robot.joint_values(controller.feasible(plant.q, twist).q)
+    commands, state = driven(controller, plant, np.zeros(3), state, 30)
+    for command in commands:
+        np.testing.assert_allclose(command.twist, 0.0, atol=1e-12)
+    now = reduced.robot.joint_values(plant.q)
+    for joint in controller.steering:
+        assert np.sin(now[joint] - aimed[joint]) == pytest.approx(0.0, abs=1e-6)  # either of both angles
+        assert abs(now[joint]) > 0.1
+    command, _ = controller.step(plant.q, twist, state)  # it goes on with the full twist, and no pivot moves
+    np.testing.assert_allclose(command.twist, twist, atol=1e-6)
+    assert command.cuts == ()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_base_whose_modules_point_anywhere_waits_until_they_are_aimed(seed, model):
+    """No wheel slips sideways by more than the stated share of the fastest wheel, those without a row included."""
+    name, generator = "four steered drives", np.random.default_rng(seed)
+    reduced, controller = model(name), TwistController(model(name), "base", DT)
+    q = reduced.robot.configuration({joint: generator.uniform(-3.0, 3.0) for joint in controller.steering})
+    plant, state, twist = KinematicPlant(reduced, q), controller.initial_state(), suitable(name)
+    commands = []
+    for _ in range(30):
+        (command,), state = driven(controller, plant, twist, state, 1)
+        rates, slips = expected_wheels(name, twist_of(reduced, plant.v), reduced.robot.joint_values(plant.middle))
+        allowed = (controller.slip + 0.5 * STEERING_RATE * DT) * RADIUS * max(map(abs, rates.values())) + 1e-9
+        assert max(map(abs, slips.values())) < allowed
+        commands.append(command)
+    assert np.abs(commands[0].twist).max() < 1e-2
+    assert {each.kind for each in commands[0].cuts} == {"steering"}
+    np.testing.assert_allclose(commands[-1].twist, twist, atol=1e-9)
+
+
+def test_a_slow_stop_and_a_start_are_continuous(model):
+    """A command that passes through zero: pivots and wheels change by no more than the command's rate explains."""
+    name = "four steered drives"
+    reduced, controller = model(name), TwistController(model(name), "base", DT)
+    plant, direction = KinematicPlant(reduced, start(reduced)), np.array([0.3, 0.2, 0.4])
+    _, state = driven(controller, plant, direction, controller.initial_state(), 40)
+    last, q = None, plant.q
+    for share in np.linspace(1.0, -1.0, 41):
+        (command,), state = driven(controller, plant, share * direction, state, 1)
+        np.testing.assert_allclose(command.twist, share * direction, atol=1e-9)
+        if last is not None:
+            assert np.abs(command.joints - last).max() < 0.06 * 0.6 / RADIUS
+        last = command.joints
+    for joint in controller.steering:
+        assert reduced.robot.joint_values(plant.q)[joint] == pytest.approx(
+            reduced.robot.joint_values(q)[joint], abs=1e-9
+        )
+
+
+def test_a_swerve_module_takes_the_shorter_way_and_rolls_backwards(model):
+    """From straight ahead to 170 degrees: it turns by -10 degrees in one sample, and the wheels roll backwards."""
+    name = "two steered drives"
+    reduced, controller = model(name), TwistController(model(name), "base", DT, limits=False)
+    angle = np.deg2rad(170.0)
+    plant = KinematicPlant(reduced, start(reduced))
+    commands, _ = driven(controller, plant, [np.cos(angle), np.sin(angle), 0.0], controller.initial_state(), 2)
+    turned = DT * commands[0].v[[reduced.robot.velocity_indices(joint).start for joint in controller.steering]]
+    np.testing.assert_allclose(np.rad2deg(turned), -10.0, atol=1e-9)
+    wheels = [commands[1].joints[controller.joints.index(joint)] for joint in KINDS[name].wheels]
+    np.testing.assert_allclose(wheels, -1.0 / RADIUS, rtol=1e-9)
+
+
+def test_a_turn_by_a_right_angle_does_not_hesitate(model):
+    """Both ways are equally long, and noise of the angle prefers now one, now the other."""
+    reduced, controller = model("turret"), TwistController(model("turret"), "base", DT)
+    state, generator = controller.initial_state(), np.random.default_rng(3)
+    pivot = reduced.robot.velocity_indices("turn_joint").start
+    velocities = []
+    for _ in range(12):
+        noise = np.zeros(reduced.n)
+        noise[pivot] = generator.normal(0.0, 0.02)
+        q = pin.integrate(reduced.robot.model, start(reduced), noise)  # as of a pivot that has not moved yet
+        command, state = controller.step(q, [0.0, 0.3, 0.0], state)
+        velocities.append(command.v[pivot])
+    np.testing.assert_allclose(velocities, np.sign(velocities[0]) * STEERING_RATE, rtol=1e-6)
+
+
+def test_noise_does_not_turn_the_base_where_the_axles_are_in_line(model):
+    """Two drives side by side: exact rows of angles with noise would turn the base about any point of the axle."""
+    name = "two steered drives side by side"
+    reduced, controller = model(name), TwistController(model(name), "base", DT)
+    generator, state = np.random.default_rng(3), controller.initial_state()
+    pivots = [reduced.robot.velocity_indices(joint).start for joint in controller.steering]
+    for _ in range(20):
+        noise = np.zeros(reduced.n)
+        noise[pivots] = generator.normal(0.0, 3e-4, len(pivots))
+        q = pin.integrate(reduced.robot.model, start(reduced), noise)
+        command, state = controller.step(q, [0.4, 0.0, 0.3], state)
+        np.testing.assert_allclose(command.twist, [0.4, 0.0, 0.3], atol=0.01)
+
+
+# ---------------------------------------------------------------------- limits
+
+
+def rolls_within(twist, name, largest):
+    """True if each wheel on a pivot has an angle of at most ``largest``, forwards or backwards."""
+    for each in KINDS[name].wheels.values():
+        if each.pivot is not None:
+            along, across = twist[0] - twist[2] * each.y, twist[1] + twist[2] * each.x
+            if abs(across) > np.tan(largest) * abs(along) + 1e-9:
+                return False
+    return True
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_nearest_twist_within_limits_of_angle_beats_all_others(seed, model):
+    """Four pivots with limits of 1 rad: no twist of a dense search is nearer to the command and within all limits."""
+    name, generator = "four-wheel steering", np.random.default_rng(seed)
+    reduced, controller = model(name), TwistController(model(name), "base", DT, limits=False)
+    scale = np.array([1.0, 1.0, controller.base.length])
+    wanted = generator.normal(size=3) * [0.5, 1.0, 1.0] / scale
+    found = controller.feasible(start(reduced), wanted)
+    assert rolls_within(found.twist, name, 1.0 + 1e-7)
+    assert ("angle" in {each.kind for each in found.cuts}) == (not rolls_within(wanted, name, 1.0))
+    distance = np.linalg.norm(scale * (found.twist - wanted))
+    spread = distance * generator.normal(size=(20_000, 3)) / scale
+    for other in wanted + spread:
+        if np.linalg.norm(scale * (other - wanted)) < distance - 1e-6:
+            assert not rolls_within(other, name, 1.0)
+
+
+def test_a_tight_turn_stops_at_the_limit_of_the_angle(model):
+    """A tricycle with a limit of 1 rad: its curvature at the axle is at most tan(1) / L."""
+    name = "tricycle, driven in front"
+    reduced, controller = model(name), TwistController(model(name), "base", DT)
+    plant = KinematicPlant(reduced, start(reduced))
+    commands, _ = driven(controller, plant, suitable(name, 0.1, 0.5), controller.initial_state(), 30)
+    vx, _, w = commands[-1].twist
+    assert w / vx == pytest.approx(np.tan(1.0) / 0.9, rel=1e-6)
+    (cut,) = commands[-1].cuts
+    assert (cut.kind, cut.name) == ("angle", "turn_front_joint")
+    assert cut.amount == pytest.approx(np.arctan(0.9 * 5.0) - 1.0, abs=1e-6)
+    assert str(cut) == "turn_front_joint is at its limit, 0.352 rad before the angle of the twist"
+
+
+def test_a_pivot_between_its_limits_goes_the_long_way_if_it_has_to(model):
+    """From a bend in reverse to a tight one ahead: the short way is beyond the limit, so the truck stops and steers."""
+    name = "forklift"
+    reduced, controller = model(name), TwistController(model(name), "base", DT)
+    plant = KinematicPlant(reduced, start(reduced))
+    _, state = driven(controller, plant, suitable(name, -0.35, 0.42), controller.initial_state(), 40)
+    commands, _ = driven(controller, plant, suitable(name, 0.35, 0.42), state, 40)
+    assert min(np.abs(each.twist).max() for each in commands) < 1e-9
+    np.testing.assert_allclose(commands[-1].twist, suitable(name, 0.35, 0.42), atol=1e-9)
+    assert commands[-1].cuts == ()
+
+
+def test_a_limit_of_speed_scales_the_twist_as_a_whole():
+    """Wheels of 0.1 m at 0.2 m: at (1, 0, 2) the right one needs 14 rad/s; a limit of 7 halves the twist."""
+    wheels = [rnc.RollingWheel(f"{side}_wheel", 0.1) for side in ("left", "right")]
+    robot = differential_drive()
+    reduced = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"]).reduce()
+    limits = np.full(reduced.n, np.inf)
+    limits[robot.velocity_indices("right_wheel_joint").start] = 7.0
+    controller = TwistController(reduced, "base", limits=limits)
+    command, _ = controller.step(robot.configuration(), [1.0, 0.0, 2.0], controller.initial_state())
+    np.testing.assert_allclose(command.twist, [0.5, 0.0, 1.0], atol=1e-9)
+    assert [str(each) for each in command.cuts] == [
+        "right_wheel_joint is at its velocity limit: the twist is scaled by 0.5"
+    ]
+
+
+def test_a_trailer_at_the_limit_of_its_hitch_stops_the_car(model):
+    """Backwards on a circle the hitch folds up to its limit of 1.2 rad, and not beyond."""
+    name = "car with trailer"
+    reduced, controller = model(name), TwistController(model(name), "base", DT)
+    plant = KinematicPlant(reduced, start(reduced))
+    commands, _ = driven(controller, plant, suitable(name, -0.5, 0.5), controller.initial_state(), 100)
+    assert abs(reduced.robot.joint_values(plant.q)["hitch"]) == pytest.approx(1.2, abs=2e-3)
+    assert np.abs(commands[-1].twist).max() < 0.02
+    assert ("range", "hitch") in {(each.kind, each.name) for each in commands[-1].cuts}
+
+
+# ---------------------------------------------------------------------- refusals
+
+
+@pytest.mark.parametrize(
+    ("twist", "found"),
+    [([1.0, 0.0], "1.0, 0.0"), ([1.0, 0.0, np.inf], "inf"), ([None] * 3, "None"), (["a", 0, 0], "'a'")],
+)
+def test_a_twist_is_three_numbers(twist, found):
+    reduced = ackermann_car()
+    controller = TwistController(reduced, "base")
+    with pytest.raises(rnc.InputError, match=rf"twist is \(vx, vy, wz\).*{found}"):
+        controller.step(start(reduced), twist, controller.initial_state())
+
+
+def test_a_base_has_three_velocities_in_the_plane_and_enough_motors():
+    with pytest.raises(rnc.ModelError, match="did you mean 'base'"):
+        TwistController(ackermann_car(), "bass")
+    with pytest.raises(
+        rnc.ConfigurationError, match=r"left_steer, fl_spin with 5 velocities: expected a frame of a base"
+    ):
+        TwistController(ackermann_car(), "fl")
+    with pytest.raises(rnc.ConfigurationError, match="affine"):
+        TwistController(spinning_space_robot(), spinning_space_robot().robot.model.frames[-1].name)
+    wheels = [rnc.RollingWheel(f"{side}_wheel", 0.1) for side in ("left", "right")]
+    idle = rnc.NonholonomicSystem(differential_drive(), wheels, ["left_wheel_joint"]).reduce()
+    with pytest.raises(rnc.ConfigurationError, match=r"velocities of the actuators .* determine 1 of 2"):
+        TwistController(idle, "base")
+    with pytest.raises(rnc.ConfigurationError, match="expected a frame"):
+        TwistController(bicycle(), "rear")
+    with pytest.raises(rnc.ConfigurationError, match=r"dt > 0 and 0 < slip < 1, found 0 and 0\.02"):
+        TwistController(ackermann_car(), "base", 0)
+    with pytest.raises(rnc.ConfigurationError, match="length of a base has to be positive, found -1"):
+        TwistController(ackermann_car(), "base", length=-1)
+
+
+def test_the_state_is_the_only_memory(model):
+    """The same state and configuration give the same bits, whatever came between."""
+    reduced, controller = model("four steered drives"), TwistController(model("four steered drives"), "base", DT)
+    plant = KinematicPlant(reduced, start(reduced))
+    _, state = driven(controller, plant, [0.3, 0.1, 0.2], controller.initial_state(), 5)
+    first, after = controller.step(plant.q, [0.1, 0.4, -0.3], state)
+    controller.step(start(reduced), [-1.0, 0.0, 0.0], TwistState(np.ones(3), np.ones(3), np.ones(4)))
+    again, same = controller.step(plant.q, [0.1, 0.4, -0.3], state)
+    assert (again.v == first.v).all()
+    assert all((one == other).all() for one, other in zip(after, same, strict=True))

@@ -1,0 +1,111 @@
+"""Odometry by the rows: exact arcs, all kinds of bases, hidden joints, slip."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from driven_bases import KINDS, RADIUS, KinematicPlant, drafted_model
+from rnc_pin.applications.init import scenario_candidate
+from rnc_pin.control import TwistController, WheelOdometry
+from systems import mobile_manipulator
+from textbook_systems import differential_drive
+
+
+def cart():
+    robot = differential_drive()
+    wheels = [rnc.RollingWheel(f"{side}_wheel", 0.1) for side in ("left", "right")]
+    return rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"]).reduce()
+
+
+def pose_of(reduced, q, frame="base"):
+    data = reduced.robot.model.createData()
+    pin.framesForwardKinematics(reduced.robot.model, data, q)
+    placed = data.oMf[reduced.robot.frame_id(frame)]
+    return np.array([*placed.translation[:2], np.arctan2(placed.rotation[1, 0], placed.rotation[0, 0])])
+
+
+@pytest.mark.parametrize("turn", [0.0, 1e-9, 0.3, 1.0, -1.3])
+def test_one_step_of_any_size_is_an_arc(turn):
+    """Wheels at 0.2 m: the arc has the length (l + r) R / 2 and the angle (r - l) R / 0.4. A full circle returns."""
+    reduced, length = cart(), 0.04
+    mean, half = length / RADIUS, 0.2 * turn / RADIUS
+    after = reduced.robot.configuration({"left_wheel_joint": mean - half, "right_wheel_joint": mean + half})
+    found = WheelOdometry(reduced, "base").step([1.0, 2.0, 0.5], reduced.robot.configuration(), after)
+    chord = length * np.sinc(turn / 2 / np.pi)
+    expected = [1.0 + chord * np.cos(0.5 + turn / 2), 2.0 + chord * np.sin(0.5 + turn / 2), 0.5 + turn]
+    np.testing.assert_allclose(found.pose, expected, atol=1e-12)
+    assert found.slip < 1e-12
+
+
+def driven_errors(reduced, frame, dt):
+    """Largest error of the pose by odometry after 1 s of a bent path with turning pivots, and the way [m]."""
+    q = reduced.assembled(reduced.robot.configuration())
+    controller, odometry = TwistController(reduced, frame, dt), WheelOdometry(reduced, frame)
+    assert {*odometry.measured} <= {*reduced.actuation.names}
+    plant, state = KinematicPlant(reduced, q), controller.initial_state()
+    first = pose = pose_of(reduced, q, frame)
+    for k in range(round(1.0 / dt)):
+        before = plant.q
+        command, state = controller.step(plant.q, [0.5, None, 0.4 * np.sin(4.0 * dt * k)], state)
+        plant.advance(command.u, dt, hold=controller.steering)
+        pose = odometry.step(pose, before, plant.q).pose
+    true = pose_of(reduced, plant.q, frame)
+    error = (pose - true + np.pi) % (2 * np.pi) - np.pi
+    return np.abs(error).max(), np.linalg.norm(true[:2] - first[:2])
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_encoders_of_the_motors_follow_the_base(name, tmp_path, monkeypatch):
+    """The plant is integrated by smaller steps, in the plane of the world."""
+    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
+    error, way = driven_errors(drafted_model(KINDS[name], tmp_path), "sensor", 0.02)
+    assert way > 0.2
+    assert error < 2e-4
+
+
+def test_odometry_is_of_second_order_while_the_steering_turns(tmp_path, monkeypatch):
+    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
+    reduced = drafted_model(KINDS["tricycle, driven in front"], tmp_path)
+    coarse, fine = (driven_errors(reduced, "base", dt)[0] for dt in (0.04, 0.02))
+    assert 3.0 < coarse / fine < 5.5
+
+
+def test_a_caster_shows_the_motion_without_the_motors(tmp_path, monkeypatch):
+    """Any joints do, if their rows determine the base: here the swivel and the roll of a caster, with one wheel."""
+    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
+    reduced = drafted_model(KINDS["differential drive"], tmp_path)
+    joints = [name for name in reduced.robot.joint_names if "swivel" in name]
+    odometry = WheelOdometry(reduced, "base", [*joints, "left_joint"])
+    q = reduced.robot.configuration()
+    h, controller = 1e-3, TwistController(reduced, "base")
+    v = controller.step(q, [0.5, 0.0, 0.8], controller.initial_state())[0].v
+    found = odometry.step(
+        np.zeros(3),
+        pin.integrate(reduced.robot.model, q, -0.5 * h * v),
+        pin.integrate(reduced.robot.model, q, 0.5 * h * v),
+    )
+    np.testing.assert_allclose(found.pose / h, [0.5, 0.0, 0.8], atol=1e-3)
+
+
+def test_slip_is_the_motion_that_no_motion_of_the_base_explains():
+    """Four Mecanum wheels have one motion in which all slip: fl and br against fr and bl."""
+    from systems import WHEEL, mecanum
+
+    reduced = mecanum()
+    after = reduced.robot.configuration({"fl_spin": 0.1, "fr_spin": 0.1, "bl_spin": -0.1, "br_spin": -0.1})
+    found = WheelOdometry(reduced, "base").step(np.zeros(3), reduced.robot.configuration(), after)
+    np.testing.assert_allclose(found.pose, 0.0, atol=1e-12)
+    assert found.slip == pytest.approx(0.1 * WHEEL * np.cos(np.pi / 4), rel=1e-9)  # along each roller
+
+
+def test_joints_that_do_not_show_the_base_are_refused():
+    with pytest.raises(rnc.ConfigurationError, match="positions of left_wheel_joint do not show the motion of 'base'"):
+        WheelOdometry(cart(), "base", ["left_wheel_joint"])
+    with pytest.raises(rnc.ConfigurationError, match="positions of joint_1, joint_2 do not show"):
+        WheelOdometry(mobile_manipulator(), "base")  # forces drive its base
+    with pytest.raises(rnc.ModelError, match="did you mean 'left_wheel_joint'"):
+        WheelOdometry(cart(), "base", ["left_wheel_joit"])
+    q = cart().robot.configuration()
+    with pytest.raises(rnc.InputError, match="pose"):
+        WheelOdometry(cart(), "base").step([0.0, 1.0], q, q)

@@ -1,0 +1,129 @@
+"""Runs for other programs: the files say with names and units what the run has, to the last digit."""
+
+import csv
+from dataclasses import fields, replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.io import loadmat
+
+import rnc_pin as rnc
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.robots.joint_values import NamedModel
+
+
+@pytest.fixture(scope="module")
+def run():
+    """Fire truck: a planar base, continuous joints, quasi-velocities, forces and torques, bodies on the ground."""
+    options = {"simulation.duration": 0.2, "simulation.dt": 0.02, "comparisons": {}}
+    return execute(Scenario.load("fire-truck", options)).trajectory
+
+
+def arrays(run):
+    return [each.name for each in fields(run) if each.name != "info"]
+
+
+def test_a_table_has_a_name_and_a_unit_for_each_column(run, tmp_path):
+    run.export(tmp_path / "run.csv")
+    with open(tmp_path / "run.csv", newline="") as file:
+        header, *rows = csv.reader(file)
+    values = np.array(rows, dtype=float)
+    np.testing.assert_array_equal(values, np.column_stack([getattr(run, name) for name in arrays(run)]))
+    assert len(set(header)) == len(header) == values.shape[1]
+    for name, wanted in {
+        "time [s]": run.time,
+        "q.root_joint[cos] [-]": run.q[:, 2],
+        "v.root_joint[2] [rad/s]": run.v[:, 2],
+        "x1.tractor_x [m]": run.x1[:, 0],
+        "v2.tractor_speed_x [m/s]": run.v2[:, 0],
+        "x2.tractor_speed_x [m]": run.x2[:, 0],
+        "F.front_steering [N m]": run.F[:, 1],
+        "T.force(tractor.x) [N]": run.T[:, 0],
+        "multipliers.no_side_slip(rear_axle.y) [N]": run.multipliers[:, 2],
+        "slip.no_side_slip(rear_axle.y) [m/s]": run.slip[:, 2],
+        "energy [J]": run.energy,
+        "ground_poses.trailer.heading [rad]": run.ground_poses[:, 5],
+    }.items():
+        np.testing.assert_array_equal(values[:, header.index(name)], wanted, err_msg=name)
+
+
+def test_the_reader_of_another_program_finds_the_same(run, tmp_path):
+    """SciPy reads MAT files as MATLAB does: arrays, and cell arrays of names and units."""
+    run.export(tmp_path / "run.mat")
+    found = loadmat(tmp_path / "run.mat", simplify_cells=True)
+    stored = loadmat(tmp_path / "run.mat")
+    for name in arrays(run):
+        values = getattr(run, name)
+        np.testing.assert_array_equal(stored[name], values.reshape(len(values), -1) if values.size else values)
+    assert list(found["names"]["T"]) == list(run.info.outputs.T)
+    assert list(found["units"]["T"]) == ["N", "N m", "N m"]
+    assert list(found["units"]["q"]) == ["m", "m", "-", "-", "rad", "rad", "rad"]
+    assert found["scenario"] == "fire-truck"
+
+
+def test_chosen_arrays_are_written_after_the_time(run, tmp_path):
+    run.export(tmp_path / "run.csv", ["T", "energy"])
+    header = (tmp_path / "run.csv").read_text().splitlines()[0]
+    assert header == "time [s],T.force(tractor.x) [N],T.front_steering [N m],T.rear_steering [N m],energy [J]"
+    with pytest.raises(rnc.InputError, match="arrays: the run has no 'energi'; did you mean 'energy'"):
+        run.export(tmp_path / "other.csv", ["energi"])
+    with pytest.raises(rnc.ConfigurationError, match=r"run.xls: expected a name that ends in .csv or .mat"):
+        run.export(tmp_path / "run.xls")
+    assert [path.name for path in tmp_path.iterdir()] == ["run.csv"]
+
+
+def test_names_with_commas_and_quotes_stay_one_column(run, tmp_path):
+    outputs = replace(run.info.outputs, T=('a,"b', "front,", "rear\nsteering"))
+    replace(run, info=replace(run.info, outputs=outputs)).export(tmp_path / "run.csv", ["T"])
+    with open(tmp_path / "run.csv", newline="") as file:
+        header, *rows = csv.reader(file)
+    assert header == ["time [s]", 'T.a,"b [N]', "T.front, [N m]", "T.rear\nsteering [N m]"]
+    assert {len(row) for row in rows} == {4}
+
+
+def test_files_keep_the_names_and_those_without_have_numbers(run, tmp_path):
+    run.save(tmp_path / "run.npz")
+    assert rnc.Trajectory.load(tmp_path / "run.npz").info.outputs == run.info.outputs
+    older = replace(run, info=replace(run.info, outputs=replace(run.info.outputs, q=(), q_units=())))
+    older.export(tmp_path / "run.csv", ["q"])
+    header = (tmp_path / "run.csv").read_text().splitlines()[0]
+    assert header == "time [s]," + ",".join(f"q.{k}" for k in range(7))
+
+
+def test_units_of_constraint_forces_follow_those_of_their_rows():
+    """A momentum has no unit of force; a closed loop has forces and torques."""
+    options = {"simulation.duration": 0.1, "comparisons": {}}
+    run = execute(Scenario.load("space-robot", options)).trajectory
+    assert run.info.outputs.multipliers_units == ("",)
+    assert run.info.outputs.q == run.info.outputs.v == ("platform", "joint_1", "joint_2", "joint_3")
+
+
+def test_entries_of_a_configuration_have_names_and_units():
+    model = pin.Model()
+    joints = (
+        pin.JointModelFreeFlyer(), pin.JointModelRUBZ(), pin.JointModelPX(), pin.JointModelSpherical(),
+        pin.JointModelTranslation(), pin.JointModelRY(),
+    )  # fmt: skip
+    for k, joint in enumerate(joints):
+        parent = model.addJoint(k, joint, pin.SE3.Identity(), f"j{k}")
+        model.appendBodyToJoint(parent, pin.Inertia.Random(), pin.SE3.Identity())
+    entries = NamedModel(model).configuration_entries
+    assert len(entries) == model.nq
+    quaternion = [(f"[{each}]", "-") for each in ("qx", "qy", "qz", "qw")]
+    assert entries[:7] == tuple((f"j0{n}", u) for n, u in [("[x]", "m"), ("[y]", "m"), ("[z]", "m"), *quaternion])
+    assert entries[7:10] == (("j1[cos]", "-"), ("j1[sin]", "-"), ("j2", "m"))
+    assert entries[10:14] == tuple((f"j3{n}", u) for n, u in quaternion)
+    assert entries[14:] == (("j4[0]", "m"), ("j4[1]", "m"), ("j4[2]", "m"), ("j5", "rad"))
+
+
+def test_the_command_replaces_no_file_unasked(run, tmp_path, call):
+    run.save(tmp_path / "trajectory.npz")
+    file = tmp_path / "run.csv"
+    file.write_text("mine")
+    status, _, error = call("export", tmp_path, file, "--array", "T")
+    assert (status, file.read_text()) == (2, "mine")
+    assert "exists; choose another name or add --force" in error
+    assert call("export", tmp_path, file, "--array", "T", "--force")[0] == 0
+    assert file.read_text().startswith("time [s],T.force(tractor.x) [N]")

@@ -1,0 +1,31 @@
+"""Bodies of a Pinocchio model that is made in a test."""
+
+import numpy as np
+import pinocchio as pin
+
+
+def add_body(model, name, kind, body, parent=0, *, com=(0, 0, 0), moments=1.0, at=None, frame=None):
+    """Add a joint that carries a body, and return the index of the joint.
+
+    Args:
+        model: the model.
+        name: name of the joint.
+        kind: joint model, or what follows ``pin.JointModel`` in its name.
+        body: mass of the body [kg], or its inertia in the axes of the joint.
+        parent: index of the joint before it, 0 for the world.
+        com: center of mass [m].
+        moments: moments of inertia about the center of mass, one for all axes or three [kg m^2].
+        at: placement of the joint, or its place [m]; that of its parent by default.
+        frame: name of a frame at the joint, None for none.
+    """
+    here = pin.SE3.Identity()
+    if isinstance(kind, str):
+        kind = getattr(pin, f"JointModel{kind}")()
+    if not isinstance(body, pin.Inertia):
+        body = pin.Inertia(body, np.array(com, float), np.diag(np.broadcast_to(moments, 3).astype(float)))
+    place = here if at is None else at if isinstance(at, pin.SE3) else pin.SE3(np.eye(3), np.array(at, float))
+    joint = model.addJoint(parent, kind, place, name)
+    model.appendBodyToJoint(joint, body, here)
+    if frame is not None:
+        model.addFrame(pin.Frame(frame, joint, 0, here, pin.FrameType.OP_FRAME))
+    return joint

@@ -1,0 +1,196 @@
+"""Bases on wheels of all kinds: files, drafted models, and a plant that takes velocities of motors."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+import rnc_pin as rnc
+from rnc_pin.applications.init import DraftOptions, draft_with_decisions
+from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.control.actuator_velocity import velocity_from_actuators
+from urdf_parts import BOX, caster, joint, link, pivot, robot, transmissions, wheel
+
+RADIUS = 0.1
+STEERING_RATE = 2.0  # largest rate of a pivot [rad/s]
+SENSOR = (0.31, -0.12, 0.7)
+"""Pose (x, y, heading) of the frame "sensor" on each base."""
+
+
+class Wheel(NamedTuple):
+    """Wheel at a place on the base, or on a vertical pivot there."""
+
+    x: float
+    y: float
+    pivot: str | None = None
+    beside: float = 0.0
+    """Place of the wheel to the left of its pivot."""
+
+
+class Base(NamedTuple):
+    """URDF with its wheels, and angles of rollers from the heading, by joint."""
+
+    urdf: str
+    wheels: dict[str, Wheel]
+    rollers: dict[str, float]
+
+
+def _base(*parts, driven, wheels, rollers=()):
+    x, y, heading = SENSOR
+    sensor = f"""<link name="sensor"/><joint name="sensor_mount" type="fixed"><parent link="base"/>
+        <child link="sensor"/><origin xyz="{x} {y} 0.2" rpy="0 0 {heading}"/></joint>"""
+    rates = {"turn": f'velocity="{STEERING_RATE}"', "swivel": 'velocity="1e3"'}  # of wheels: 20 rad/s
+    for named, limit in rates.items():
+        parts = [each.replace('velocity="20"', limit) if f'name="{named}' in each else each for each in parts]
+    text = robot(link("base", 20.0, BOX), *parts, sensor, transmissions(*driven))
+    return Base(text, wheels, dict(rollers))
+
+
+def _fixed(**places):
+    """Parts and table of wheels on the base itself."""
+    return (
+        [wheel(name, "base", (x, y, 0), RADIUS) for name, (x, y) in places.items()],
+        {f"{name}_joint": Wheel(x, y) for name, (x, y) in places.items()},
+    )
+
+
+def _steered(turns_round=False, **places):
+    """Parts and table of wheels on one pivot each."""
+    parts, table = [], {}
+    for name, (x, y) in places.items():
+        parts += [pivot(f"turn_{name}", "base", (x, y, 0), turns_round=turns_round)]
+        parts += [wheel(name, f"turn_{name}", (0, 0, 0), RADIUS)]
+        table[f"{name}_joint"] = Wheel(x, y, f"turn_{name}_joint")
+    return parts, table
+
+
+def differential():
+    parts, wheels = _fixed(left=(0.0, 0.2), right=(0.0, -0.2))
+    swivel = caster("swivel", "base", (0.3, 0.0, -0.05))
+    return _base(*parts, swivel, driven=wheels, wheels=wheels)
+
+
+def tricycle(driven_front=True):
+    """Two wheels behind, one in front on a pivot with limits."""
+    back, wheels = _fixed(left=(-0.4, 0.2), right=(-0.4, -0.2))
+    front, more = _steered(front=(0.5, 0.0))
+    motors = ["front_joint"] if driven_front else ["left_joint", "right_joint"]
+    return _base(*back, *front, driven=[*motors, "turn_front_joint"], wheels=wheels | more)
+
+
+def forklift():
+    """Load wheels in front, a driven wheel on a pivot behind, beside the middle."""
+    front, wheels = _fixed(left=(0.3, 0.25), right=(0.3, -0.25))
+    rear, more = _steered(drive=(-0.8, 0.1))
+    return _base(*front, *rear, driven=["drive_joint", "turn_drive_joint"], wheels=wheels | more)
+
+
+def car(trailer=False):
+    back, wheels = _fixed(left=(-0.3, 0.2), right=(-0.3, -0.2))
+    front, more = _steered(fl=(0.3, 0.2), fr=(0.3, -0.2))
+    towed = []
+    if trailer:
+        towed = [
+            link("trailer", 5.0, at="-0.5 0 0"),
+            joint("hitch", "base", "trailer", (-0.5, 0, 0), "0 0 1", "revolute", 0.0, (-1.2, 1.2)),
+            wheel("tow_l", "trailer", (-0.6, 0.2, 0)),
+            wheel("tow_r", "trailer", (-0.6, -0.2, 0)),
+        ]
+    driven = ["left_joint", "right_joint", "turn_fl_joint"]
+    return _base(*back, *front, *towed, driven=driven, wheels=wheels | more)
+
+
+def rover():
+    """Six wheels, of which the four at the corners are steered."""
+    middle, wheels = _fixed(ml=(0.0, 0.3), mr=(0.0, -0.3))
+    corners, more = _steered(fl=(0.5, 0.3), fr=(0.5, -0.3), bl=(-0.4, 0.3), br=(-0.4, -0.3))
+    table = wheels | more
+    return _base(*middle, *corners, driven=[*table, *(each.pivot for each in more.values())], wheels=table)
+
+
+def swerve(*places, turns_round=True):
+    parts, wheels = _steered(turns_round, **{f"w{k}": place for k, place in enumerate(places)})
+    return _base(*parts, driven=[*wheels, *(each.pivot for each in wheels.values())], wheels=wheels)
+
+
+def mecanum():
+    parts, wheels = _fixed(fl=(0.3, 0.25), fr=(0.3, -0.25), bl=(-0.3, 0.25), br=(-0.3, -0.25))
+    side = {"fl_joint": -np.pi / 4, "fr_joint": np.pi / 4, "bl_joint": np.pi / 4, "br_joint": -np.pi / 4}
+    return _base(*parts, driven=wheels, wheels=wheels, rollers=side)
+
+
+def turret(behind=0.0):
+    """A body on casters; a driven pivot carries two driven wheels, below it or some way behind."""
+    parts = [
+        caster(f"swivel{k}", "base", (0.3 * np.cos(a), 0.3 * np.sin(a), -0.05)) for k, a in enumerate((0.5, 2.6, 4.7))
+    ]
+    parts += [pivot("turn", "base", (0.05, 0, 0), turns_round=True)]
+    parts += [wheel(f"drive_{side}", "turn", (-behind, y, 0)) for side, y in (("l", 0.15), ("r", -0.15))]
+    wheels = {
+        "drive_l_joint": Wheel(0.05, 0.0, "turn_joint", 0.15),
+        "drive_r_joint": Wheel(0.05, 0.0, "turn_joint", -0.15),
+    }
+    return _base(*parts, driven=["turn_joint", *wheels], wheels=wheels)
+
+
+def tracks():
+    """Five wheels on each side, coupled by a track."""
+    places = {f"w_{side}{k}": (0.2 * k - 0.4, y) for side, y in (("l", 0.25), ("r", -0.25)) for k in range(5)}
+    parts, wheels = _fixed(**places)
+    return _base(*parts, driven=[], wheels=wheels)
+
+
+KINDS = {
+    "differential drive": differential(),
+    "tricycle, driven in front": tricycle(),
+    "tricycle, driven behind": tricycle(driven_front=False),
+    "forklift": forklift(),
+    "car": car(),
+    "car with trailer": car(trailer=True),
+    "six wheels, four steered": rover(),
+    "four-wheel steering": swerve((0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2), turns_round=False),
+    "two steered drives": swerve((0.3, 0.2), (-0.3, -0.2)),
+    "two steered drives side by side": swerve((0.0, 0.3), (0.0, -0.3)),
+    "four steered drives": swerve((0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2)),
+    "Mecanum": mecanum(),
+    "turret": turret(),
+}
+
+
+def drafted_model(base: Base, folder: Path) -> rnc.ReducedModel:
+    """Reduced model of the scenario that ``rnc-pin init`` drafts."""
+    file = folder / "unit.urdf"
+    file.write_text(base.urdf)
+    wishes = {"rollers": True} if base.rollers else {}
+    (folder / "unit.yaml").write_text(draft_with_decisions(str(file), folder, DraftOptions(**wishes)).text)
+    return Scenario.load(str(folder / "unit.yaml")).experiment.reduced
+
+
+class KinematicPlant:
+    """Base with velocity servos: its motion follows from the motors alone, by the independent rows.
+
+    Args:
+        reduced: the model.
+        q: initial configuration (nq,).
+        substeps: steps of the midpoint rule for one sample.
+
+    Attributes:
+        q: configuration (nq,).
+        v: velocity (nv,) of the last step, at the configuration ``middle``.
+    """
+
+    def __init__(self, reduced, q, substeps=2):
+        self.reduced, self.q, self.v, self._substeps = reduced, q, np.zeros(reduced.n), substeps
+        self.middle = q
+
+    def advance(self, u, dt, hold=()):
+        """Hold velocities u of the motors for dt [s]."""
+        h = dt / self._substeps
+        for _ in range(self._substeps):
+            half = velocity_from_actuators(self.reduced.at(self.q), u)
+            self.middle = pin.integrate(self.reduced.robot.model, self.q, 0.5 * h * half)
+            self.v = velocity_from_actuators(self.reduced.at(self.middle), u)
+            self.q = pin.integrate(self.reduced.robot.model, self.q, h * self.v)
+            if self.reduced.assembly.size:
+                self.q = self.reduced.assembled(self.q, hold=hold)

@@ -1,0 +1,180 @@
+"""A reduction for each kind of row and force that the compiled kernel knows, and whole robots beside them."""
+
+from functools import cache
+
+import numpy as np
+import pinocchio as pin
+
+import rnc_pin as rnc
+from systems import (
+    ackermann_car,
+    bicycle,
+    bodies_on_bodies,
+    drifting_manipulator,
+    fire_truck,
+    four_bar,
+    free_arm,
+    free_flying_panda,
+    leaning_wheel,
+    mecanum,
+    mobile_manipulator,
+    rolling_bodies,
+    spinning_space_robot,
+    sprung_arm,
+    tiago,
+    tumbling_panda,
+    wheels_on_moving_ground,
+)
+
+BESIDE = (0.1, -0.2, 0.3)
+CONSTRAINTS = {
+    "wheels": [rnc.RollingWheel("rear", 0.3), rnc.RollingWheel("front", 0.3)],
+    "roller": [rnc.RollingWheel("front", 0.3, roller=-np.pi / 4)],
+    "skid": [rnc.RollingWheel("rear", 0.3, lateral=False), rnc.NoSideSlip("front", "x", at=BESIDE)],
+    "side slip": [rnc.NoSideSlip("frame", "z", at=BESIDE), rnc.NoSideSlip("rear", "y")],
+    "caster": [rnc.Caster("front", 0.05), rnc.RollingBall("rear", 0.3)],
+    "point of the world": [rnc.LoopClosure("universe", "front", "point", BESIDE, (0.0, 0.1, -0.4))],
+    "point of a wheel": [rnc.LoopClosure("front", "universe", "point", BESIDE)],
+    "frame of the world": [rnc.LoopClosure("universe", "rear", "frame", BESIDE, (0.0, 0.1, -0.4), (0.3, -0.5, 1.1))],
+    "frame of a wheel": [rnc.LoopClosure("front", "universe", "frame", BESIDE, (0.0, 0.1, -0.4), (0.3, -0.5, 1.1))],
+    "fixed outputs": [
+        rnc.FixedOutput(rnc.FrameYaw("front", "z"), 0.3),
+        rnc.FixedOutput(rnc.JointPosition("steer"), 0.2),
+    ],
+    "gear": [rnc.JointCoupling("front_wheel", "rear_wheel", 0.5), rnc.NoSideSlip("frame", "y")],
+}
+TURNS = [rnc.FrameAngularVelocity("frame", axis) for axis in "xyz"]
+SPEEDS = [rnc.FrameSpeed("rear", axis) for axis in "xyz"]
+JOINTS = [rnc.JointPosition(name) for name in ("rear_wheel", "steer", "front_wheel")]
+OUTPUTS = {
+    "position": [rnc.FramePosition("front", "xyz"), *TURNS, *JOINTS],
+    "orientation": [*SPEEDS, rnc.FrameOrientation("front"), *JOINTS],
+    "yaw and tilt": [*SPEEDS, TURNS[1], rnc.FrameYaw("front", "z"), rnc.FrameTilt("rear", "x"), *JOINTS],
+    "distance": [*SPEEDS, *TURNS, rnc.JointPosition("rear_wheel"), rnc.Distance("box", "front"), JOINTS[2]],
+}
+
+
+def two_wheeler(constraints=(), outputs=(), vertical=(), gravity=True):
+    """The robot of the bicycle with a frame of the world, driven at a joint and at two frames; heavy by default."""
+    model = bicycle().robot.model.copy()
+    model.addFrame(pin.Frame("box", 0, 0, pin.SE3(np.eye(3), np.array([0.3, 1.1, -0.4])), pin.FrameType.OP_FRAME))
+    model.gravity.linear = np.array([0.0, 0.0, -9.81 * gravity])
+    actuators = ["steer", rnc.FrameTorque("frame", "x"), rnc.FrameForce("front", "z")]
+    system = rnc.NonholonomicSystem(rnc.Robot(model), constraints, actuators)
+    return system.reduce(outputs or None, vertical)
+
+
+def relative_outputs():
+    """Of the front wheel: its angular velocity relative to the frame, its distance to the rear one."""
+    spin = rnc.RelativeAngularVelocity("front", "frame", "z")
+    return two_wheeler([rnc.NoSideSlip("rear")], vertical=[spin, rnc.Distance("front", "rear")])
+
+
+def linear_drives():
+    """Forces that are conjugate to outputs."""
+    outputs = [rnc.Distance("front", "rear"), rnc.RelativeAngle("front", "rear", "x", "y")]
+    drives = [*map(rnc.OutputForce, outputs), rnc.OutputForce(rnc.RelativeAngularVelocity("front", "frame", "z"))]
+    return rnc.NonholonomicSystem(two_wheeler().robot, [rnc.NoSideSlip("rear")], [*drives, "steer"]).reduce()
+
+
+def momenta(value):
+    """Arm on a base that is free or planar, whose momentum is given; no gravity."""
+    robot = rnc.Robot((free_flying_panda() if np.size(value) == 6 else planar_arm()).robot.model)
+    first, *others = robot.joint_names
+    closed = [rnc.MomentumConservation(first, value)]
+    return rnc.NonholonomicSystem(robot, closed, list(others)).reduce([rnc.JointPosition(name) for name in others])
+
+
+@cache
+def planar_arm():
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelPlanar(), pin.SE3(np.eye(3), np.array([0.4, -0.3, 0.0])), "root_joint")
+    for name in ("shoulder", "elbow"):
+        model.appendBodyToJoint(joint, pin.Inertia(2.0, np.array([0.2, 0.3, 0.0]), np.eye(3)), pin.SE3.Identity())
+        joint = model.addJoint(joint, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array([0.5, 0.1, 0.2])), name)
+    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.array([0.3, 0.1, 0.0]), np.eye(3)), pin.SE3.Identity())
+    model.gravity.linear = np.zeros(3)
+    return rnc.NonholonomicSystem(rnc.Robot(model), []).reduce()
+
+
+KINDS = {
+    **{name: lambda rows=rows: two_wheeler(rows) for name, rows in CONSTRAINTS.items()},
+    **{name: lambda rows=rows: two_wheeler([], rows) for name, rows in OUTPUTS.items()},
+    "relative outputs": relative_outputs,
+    "linear drives": linear_drives,
+    "momentum of a free base": lambda: momenta((0.5, -0.2, 0.3, 0.1, 0.4, -0.6)),
+    "no momentum of a free base": lambda: momenta(np.zeros(6)),
+    "momentum of a planar base": lambda: momenta((0.5, -0.2, 0.3)),
+    "no momentum of a planar base": lambda: momenta(np.zeros(3)),
+    "momentum of a platform": spinning_space_robot,
+    "steering": ackermann_car,
+    "loop": four_bar,
+    "disk that leans": leaning_wheel,
+    "bodies that roll": rolling_bodies,
+    "bodies on bodies": bodies_on_bodies,
+    "wheels on moving ground": wheels_on_moving_ground,
+    "forces": sprung_arm,
+}
+"""Reductions that need no Python after their description."""
+ILL_SCALED = ("distance", "momentum of a free base", "steering")
+"""Reductions whose rows have different lengths."""
+
+
+def outputs_of_all_kinds():
+    """Free base: outputs of every kind, a point with an offset, a caster, a force on a frame, and rows of the user."""
+    robot = rnc.Robot(free_arm())
+    row = np.linspace(0.2, 1.0, robot.nv)[None]
+
+    def turning(q):
+        return row * np.cos(q[0])
+
+    def turning_rate(q, v):
+        heading = pin.Quaternion(q[3:7]).matrix()[0]
+        return -row * np.sin(q[0]) * (heading @ v[:3])
+
+    constraints = [
+        rnc.NoSideSlip("base", "y", at=(0.2, -0.1, 0.3)),
+        rnc.Caster("upper", 0.1),
+        rnc.Pfaffian(turning, turning_rate, names=["row"]),
+    ]
+    actuators = [rnc.FrameForce("tip", "x"), rnc.FrameTorque("base", "z"), "arm", "hand", rnc.FrameForce("base", "y")]
+    vertical = [
+        rnc.FrameOrientation("tip"),
+        rnc.FrameYaw("tip", "y"),
+        rnc.FrameTilt("tip", "x"),
+        rnc.Distance("base", "tip"),
+        rnc.FramePosition("tip", "zx"),
+        rnc.FrameAngularVelocity("base", "z"),
+        rnc.FrameSpeed("upper", "z"),
+        rnc.Output(None, turning, turning_rate, ["own"]),
+    ]
+    return rnc.NonholonomicSystem(robot, constraints, actuators).reduce(vertical=vertical)
+
+
+def driven_arm():
+    """Arm on a free base: a joint, the tilt of a frame and its speed move as prescribed, above a turntable."""
+    robot, swing = rnc.Robot(free_arm()), rnc.planning.Harmonic([0.1], amplitude=[0.3], frequency=0.5, phase=0.4)
+    rows = [
+        rnc.NoSideSlip("base", "y", at=(0.2, -0.1, 0.3), ground=rnc.GroundPlane(spin=0.7)),
+        rnc.PrescribedMotion(rnc.JointPosition("arm"), swing),
+        rnc.PrescribedMotion(rnc.FrameTilt("tip", "x"), swing),
+        rnc.PrescribedMotion(rnc.FrameSpeed("upper", "z"), swing),
+    ]
+    return rnc.NonholonomicSystem(robot, rows, [rnc.FrameForce("tip", "x"), rnc.FrameTorque("base", "z"), "hand"])
+
+
+ROBOTS = {
+    make.__name__: make
+    for make in (
+        bicycle,
+        drifting_manipulator,
+        fire_truck,
+        free_flying_panda,
+        mecanum,
+        mobile_manipulator,
+        outputs_of_all_kinds,
+        tiago,
+        tumbling_panda,
+    )
+}
+"""Whole robots, and rows of a user."""
