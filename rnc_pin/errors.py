@@ -145,6 +145,10 @@ class InfeasibleError(ConfigurationError):
 
     Attributes:
         plan: best ``MotionPlan`` that ``rnc.optimal.plan`` found, whose verdict says what it violates; else None.
+        q, time: configuration (nq,) of a motion that is the cause, and its time on the reference [s]; else None.
+        rows: names of the constraint and output rows that are nearest to dependent there.
+        singular_value: smallest singular value of ``E = [A; J2]`` there, of scaled rows; else None.
+        of_motion: True if the motion of a controller is refused, so that another controller or reference may help.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
@@ -157,6 +161,11 @@ class InfeasibleError(ConfigurationError):
     """
 
     plan: PartialPlan | None = None
+    q: np.ndarray | None = None
+    time: float | None = None
+    rows: tuple[str, ...] = ()
+    singular_value: float | None = None
+    of_motion: bool = False
 
 
 class InputError(RncError, ValueError):

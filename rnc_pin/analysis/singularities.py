@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError, SingularityError
+from rnc_pin.math.linear_algebra import weakest_rows
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.robots.robot import Robot
@@ -21,8 +22,7 @@ _PAIRS = 8
 _HALVINGS = 50
 _VANISHES = 1e-7  # smallest singular value, with unit rows, that counts as zero
 _WORST = 3
-_TAKES_PART = 0.1  # weight in the weakest combination, relative to the largest, above which a row takes part
-_PRESENT = 1e-6  # the same, above which a weight at a point on a singular surface is not zero by its structure
+_PRESENT = 1e-6  # weight, relative to the largest, below which the structure of a singular surface makes it zero
 
 MatrixOf = Callable[[np.ndarray], np.ndarray]
 SignOf = Callable[[np.ndarray], float]
@@ -98,7 +98,7 @@ def _search(
     def found(q: np.ndarray, value: np.ndarray, located: bool) -> tuple[Singularity, Support]:
         left, values, _ = np.linalg.svd(value)
         weights = np.abs(left[:, len(values) - 1])
-        rows = tuple(name for name, weight in zip(names, weights, strict=True) if weight > _TAKES_PART * weights.max())
+        rows = weakest_rows(value, names)
         support = frozenset(np.flatnonzero(weights > _PRESENT * weights.max()).tolist()) if located else None
         return Singularity(what, rows, float(values[-1]), located, reduced.robot.joint_values(q)), support
 

@@ -47,6 +47,7 @@ from .twist_command import TwistCommand as TwistCommand
 from .twist_command import TwistCut as TwistCut
 from .twist_command import TwistState as TwistState
 from .twist_controller import TwistController as TwistController
+from .typical_inertia import gravity_loads as gravity_loads
 from .uncertain import UncertainController as UncertainController
 from .uncertain import UncertainRedundancyController as UncertainRedundancyController
 from .unicycle_stabilizer import UnicycleStabilizer as UnicycleStabilizer

@@ -13,17 +13,20 @@ from typing import Literal, NamedTuple, Self, TypeVar
 import numpy as np
 
 from rnc_pin.control.controller import Description, check_known, listed
+from rnc_pin.control.typical_inertia import (
+    adaptation_rate,
+    fastest_rate,
+    gravity_loads,
+    inertia_of_modes,
+    inertia_of_outputs,
+    no_gains,
+)
 from rnc_pin.errors import ConfigurationError, InfeasibleError
 from rnc_pin.model.parameter_types import NotNegative, Positive
 from rnc_pin.model.reduced_model import ReducedModel
 
 Gain = float | np.ndarray
 Preset = Literal["paper", "normalised", "scaled"]
-
-MAX_RATE_TIMES_PERIOD = 0.2
-"""Largest product of a closed-loop rate and the sampling period that the sampled tracker tolerates."""
-MAX_RATE_TIMES_DELAY = np.pi / 4
-"""Largest product of a closed-loop rate and the age of the feedback signal: half of pi / 2."""
 
 
 class OuterGains(NamedTuple):
@@ -67,8 +70,9 @@ class TrackerGains:
         return cls()
 
     def describe(self) -> Description:
-        """Return the gains by name; the dead zone only if there is one."""
-        return {name: listed(value) for name, value in vars(self).items() if name != "dead_zone" or np.any(value)}
+        """Return the gains by name; dead zone and modes only if there are some."""
+        optional = ("dead_zone", "modes")
+        return {name: listed(value) for name, value in vars(self).items() if name not in optional or np.any(value)}
 
 
 @dataclass(frozen=True)
@@ -81,12 +85,15 @@ class VelocityGains(TrackerGains):
         sigma: leak rate of the adapted values [1/s].
         dead_zone: velocity error below which adaptation stops, as large as the velocity noise [m/s or rad/s]; zero in
             the paper (``control.adaptation``). One number, or one for each reducing output.
+        modes: matrix S (r, r). The tracker then works on the mode velocities ``S^T v2`` with mode forces F', and
+            ``F = S F'``: ``k`` and ``beta`` are those of the modes. None for gains of single outputs.
     """
 
     k: Gain = 10.0
     beta: Gain = 10.0
     sigma: NotNegative = 0.1
     dead_zone: Gain = 0.0
+    modes: np.ndarray | None = None
 
     @classmethod
     def normalised(cls, bound: Gain | None, bandwidth: float = 4.0, adaptation: float = 1.0) -> VelocityGains:
@@ -121,15 +128,21 @@ class VelocityGains(TrackerGains):
         bandwidth: float | None = None,
         slowest: float = 4.0,
         outputs: np.ndarray | None = None,
-        adaptation: float = 1.0,
+        adaptation: float | None = None,
         delay: float = 0.0,
+        times: np.ndarray | None = None,
+        combine: bool = True,
     ) -> VelocityGains:
-        """Return diagonal gains ``K = bandwidth diag(H)`` for the inertia over a region.
+        """Return gains ``K = bandwidth D`` for a typical inertia D over a region.
 
         The method reads the model's inertia once, beforehand; the controller never reads it. The closed velocity loop
         has rates ``eig(H^-1 K)``. They have to be slow for the sampling (rate times dt below
         ``MAX_RATE_TIMES_PERIOD``) and fast for the outer loop (at least ``slowest``). These limits are a window for the
         bandwidth; the default is its upper end.
+
+        D is the diagonal of H if this window is not empty: one gain for each output. Else D is a typical H itself, with
+        its modes. An arm needs this: the motion of one joint accelerates the others, so that H is far from diagonal.
+        Lemma 3 holds for the modes too, since they are fixed combinations of the reduced velocities.
 
         A delay limits the rates too. The applied force is ``delay`` old, plus half a sample on average for the hold.
         With ``age = delay + dt / 2``, ``edot = -rate e(t - age)`` has solutions ``exp(s t)`` with
@@ -144,30 +157,34 @@ class VelocityGains(TrackerGains):
             bandwidth: [rad/s]; by default the largest that the sampling allows.
             slowest: lowest accepted closed-loop rate [1/s]; about twice the outer loop's gain.
             outputs: indices of the reducing outputs of these gains; all by default.
-            adaptation: ``beta / k`` [1/s]. Use 30 if gravity is large for the inertia that it acts on, as at a light
-                wrist: adaptation must then be as fast as the gravity force changes.
+            adaptation: ``beta / k`` [1/s]; by default 1. Where gravity loads the outputs, it is 20, or less with a
+                delay: adaptation must be as fast as the gravity force changes. Use 30 for a light wrist.
             delay: time from a measurement to the force that answers it, without sampling [s].
+            times: times (count,) of the configurations [s], for error messages.
+            combine: False for gains of single outputs only.
 
         Raises:
-            InfeasibleError: the window is empty; the message gives its limits.
+            InfeasibleError: the window is empty. The message gives its limits, and the configuration that causes it.
             ConfigurationError: ``bandwidth`` is outside the window, or the delay is negative.
         """
         _check_delay(delay)
-        H = reduced.at(np.atleast_2d(configurations)).H
-        diagonal, eigenvalues = _normalise_inertia(H if outputs is None else H[:, outputs][:, :, outputs])
-        max_rate = min(MAX_RATE_TIMES_PERIOD / dt, MAX_RATE_TIMES_DELAY / (delay + dt / 2))
-        low, high = slowest * float(eigenvalues.max()), max_rate * float(eigenvalues.min())
+        region = np.atleast_2d(configurations)
+        H = reduced.at(region).H
+        H = H if outputs is None else H[:, outputs][:, :, outputs]
+        fastest = fastest_rate(dt, delay)
+        inertia = single = inertia_of_outputs(H)
+        low, high = inertia.window(slowest, fastest)
+        if low > high and combine:
+            inertia = inertia_of_modes(H)
+            low, high = inertia.window(slowest, fastest)
         if low > high:
-            raise InfeasibleError(
-                f"no velocity gains suit this region: closed-loop rates of at least {slowest:g}/s need a bandwidth of "
-                f"{low:.3g} rad/s, sampling every {dt:g} s{_late(delay)} allows {high:.3g}; sample faster or keep "
-                "clear of configurations where the inertia is so uneven "
-                f"(eigenvalues {eigenvalues.min():.3g} to {eigenvalues.max():.3g})"
-            )
+            raise no_gains(reduced, region, times, (single, inertia if combine else None), slowest, dt, delay)
         if bandwidth is not None and not low <= bandwidth <= high:
             raise ConfigurationError(f"bandwidth {bandwidth:g} rad/s is outside the window {low:.3g} to {high:.3g}")
-        k = (high if bandwidth is None else bandwidth) * diagonal
-        return cls(k=k, beta=adaptation * k)
+        k = (high if bandwidth is None else bandwidth) * inertia.weights
+        if adaptation is None:
+            adaptation = adaptation_rate(gravity_loads(reduced, region, outputs), dt, delay)
+        return cls(k=k, beta=adaptation * k, modes=inertia.modes)
 
 
 @dataclass(frozen=True)
@@ -244,7 +261,7 @@ class PositionGains(TrackerGains):
             ConfigurationError: the delay is negative.
         """
         _check_delay(delay)
-        diagonal, eigenvalues = _normalise_inertia(inertia)
+        diagonal, _, eigenvalues = inertia_of_outputs(inertia)
         square = gamma / (dt + 2.0 * delay) * float(eigenvalues.min())
         kappa2 = rate * square / (2.0 * gamma**3)
         kappa1 = (square - kappa2 * gamma**2) / gamma**4
@@ -269,6 +286,7 @@ def design_velocity_gains(
     adaptation: Positive | None = None,
     delay: NotNegative | None = None,
     overrides: Mapping[str, Gain | None] | None = None,
+    times: np.ndarray | None = None,
 ) -> VelocityGains:
     """Return the gains of a velocity tracker: those of a preset, or overrides in their place.
 
@@ -281,9 +299,12 @@ def design_velocity_gains(
         inertia_bound: for "normalised": upper bound of the reduced inertia, ``diag(inertia_bound) - H >= 0``
             [kg, kg m^2]; a number, or one for each of these outputs.
         bandwidth: for "scaled": bandwidth of the velocity loop [rad/s]; by default the largest that sampling allows.
-        adaptation: for "scaled": adaptation rate ``beta / k`` [1/s]; 1 by default.
+        adaptation: for "scaled": adaptation rate ``beta / k`` [1/s]; by default 1, and up to 20 where gravity loads the
+            outputs.
         delay: for "scaled": time from a measurement to its force, without sampling [s]; 0 by default.
         overrides: fields of ``VelocityGains`` by name, in place of those of the preset; None leaves the preset's.
+            ``k`` and ``beta`` are gains of single outputs, also with the preset "scaled".
+        times: times (count,) of the configurations [s], for error messages.
 
     Raises:
         InfeasibleError: no gains fit both the inertia and the sampling.
@@ -310,8 +331,10 @@ def design_velocity_gains(
             dt,
             bandwidth,
             outputs=outputs,
-            adaptation=1.0 if adaptation is None else adaptation,
+            adaptation=adaptation,
             delay=0.0 if delay is None else delay,
+            times=times,
+            combine=all((overrides or {}).get(name) is None for name in ("k", "beta")),
         )
     return _override(gains, overrides)
 
@@ -376,12 +399,3 @@ def _check_delay(delay: float) -> None:
 
 def _late(delay: float) -> str:
     return f" with a delay of {delay:g} s" if delay else ""
-
-
-def _normalise_inertia(H: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Typical diagonal D (k,) of inertia matrices H (count, k, k), and the eigenvalues of D^-1/2 H D^-1/2."""
-    H = 0.5 * (H + H.mT)  # an effective inertia need not be symmetric
-    entries = np.einsum("...ii->...i", H).reshape(-1, H.shape[-1])
-    diagonal = np.sqrt(entries.min(axis=0) * entries.max(axis=0))
-    scale = np.sqrt(diagonal)
-    return diagonal, np.linalg.eigvalsh(H / np.multiply.outer(scale, scale))

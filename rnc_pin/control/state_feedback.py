@@ -61,7 +61,7 @@ class StateFeedback(ReprMixin):
             if name not in reducing.names:
                 raise ConfigurationError(f"no reducing output '{name}'{nearest(name, reducing.names)}")
         self._of = np.array([reducing.names.index(name) for name in self.outputs], dtype=int)
-        self._coordinates = reducing.coordinates.choose(self._of, reducing.names)
+        self._coordinates = reducing.coordinates.choose(self._of)
         rates = [name if reducing.quasi[i] else f"{name}_dot" for name, i in zip(self.outputs, self._of, strict=True)]
         values = [name if not reducing.quasi[i] else "" for name, i in zip(self.outputs, self._of, strict=True)]
         self._values = [(k, states.index(name)) for k, name in enumerate(values) if name in states]

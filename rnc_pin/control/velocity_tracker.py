@@ -51,6 +51,9 @@ class VelocityTracker(DescribedMixin):
     below z. For an output with saturated actuators, the learnt force does not grow in the saturated direction
     (``control.adaptation``).
 
+    With modes S in the gains, all of this holds for the mode velocities ``S^T v2``, with ``F = S F'``: F' follows from
+    the same law, and so do its learnt gains. The power ``F^T v2`` is that of the modes.
+
     Reads from the measurement: ``v2``, ``force_deficit`` if available, and the quantities that its kinematic
     controller reads.
 
@@ -83,11 +86,17 @@ class VelocityTracker(DescribedMixin):
     ) -> None:
         self.target = target
         self.gains = VelocityGains.paper() if gains is None else gains
-        self._has_dead_zone = bool(np.any(self.gains.dead_zone))
         self.gravity_compensation = (
             0.0 if gravity_compensation is None else np.asarray(gravity_compensation, dtype=float)
         )
-        rows = self.gains.k, self.gains.beta, self.gains.dead_zone, self.gravity_compensation
+        self._dead_zone, self._offset = np.asarray(self.gains.dead_zone), self.gravity_compensation
+        self._modes = S = self.gains.modes
+        if S is not None:
+            r = len(S)
+            self._dead_zone = np.abs(S.T) @ np.broadcast_to(self._dead_zone, r)  # bound on the noise of a mode
+            self._offset = np.linalg.solve(S, np.broadcast_to(self._offset, r))
+        self._has_dead_zone = bool(np.any(self._dead_zone))
+        rows = self.gains.k, self.gains.beta, self._dead_zone, self._offset
         self._table = np.stack(np.broadcast_arrays(*map(np.atleast_1d, rows))).astype(float)
 
     @property
@@ -115,7 +124,12 @@ class VelocityTracker(DescribedMixin):
         """
         elapsed = elapsed_time(t, state.time)
         target, target_state = self.target.step(t, measurement, state.target)
-        F, g, C, D = self._learnt(elapsed, measurement, target, state)
+        S = self._modes
+        if S is None:
+            F, g, C, D = self._learnt(elapsed, measurement, target, state)
+        else:
+            F, g, C, D = self._learnt(elapsed, _measured_modes(S, measurement), _desired_modes(S, target), state)
+            F = apply(S, F)
         return command_towards(target, F), TrackerState(t, g, C, D, target_state)
 
     def _learnt(self, elapsed: float, measurement: Measurement, target: VelocityTarget, state: TrackerState) -> _Learnt:
@@ -153,7 +167,7 @@ class VelocityTracker(DescribedMixin):
         gain = leak_time * beta / (1.0 + leak_time * beta * square[..., None] / k)
         step = gain * error
         if self._has_dead_zone:
-            reduced_error = apply_dead_zone(error, self.gains.dead_zone)
+            reduced_error = apply_dead_zone(error, self._dead_zone)
             step, decay = gain * reduced_error, np.where(reduced_error == 0.0, 1.0, decay)
         if measurement.force_deficit is not None:
             frozen = saturation_mask(measurement.force_deficit, error)
@@ -161,5 +175,16 @@ class VelocityTracker(DescribedMixin):
         g = decay * state.g + step
         C = decay[..., None] * state.C + step[..., :, None] * target.v2_dot[..., None, :]
         D = decay[..., None] * state.D + step[..., :, None] * products[..., None, :]
-        F = apply(C, target.v2_dot) + apply(D, products) + g + k * error + self.gravity_compensation
+        F = apply(C, target.v2_dot) + apply(D, products) + g + k * error + self._offset
         return F, g, C, D
+
+
+def _measured_modes(S: np.ndarray, measurement: Measurement) -> Measurement:
+    """Mode velocities, and the mode forces that saturation cut off."""
+    deficit = measurement.force_deficit
+    lost = None if deficit is None else np.linalg.solve(S, deficit[..., None])[..., 0]
+    return Measurement(v2=apply(S.T, measurement.v2), force_deficit=lost)
+
+
+def _desired_modes(S: np.ndarray, target: VelocityTarget) -> VelocityTarget:
+    return VelocityTarget(apply(S.T, target.v2), apply(S.T, target.v2_dot))

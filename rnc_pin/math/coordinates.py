@@ -31,9 +31,13 @@ class Coordinates:
     Args:
         angular: True for angles, which are compared modulo a full turn, (k,).
         rotations: index of the first entry of every rotation vector.
+        names: names of the outputs for error messages, (k,); empty if they are not known.
     """
 
-    def __init__(self, angular: Sequence[bool] | np.ndarray, rotations: Sequence[int] = ()) -> None:
+    def __init__(
+        self, angular: Sequence[bool] | np.ndarray, rotations: Sequence[int] = (), names: Sequence[str] = ()
+    ) -> None:
+        self.names = tuple(names)
         self.angular = np.asarray(angular, dtype=bool)
         self.rotations = tuple(int(first) for first in rotations)
         self.size = len(self.angular)
@@ -44,7 +48,7 @@ class Coordinates:
         for triple in self._triples:
             self.kinds[triple] = 2.0
 
-    def choose(self, places: np.ndarray, names: Sequence[str] = ()) -> Coordinates:
+    def choose(self, places: np.ndarray) -> Coordinates:
         """Coordinate types of the outputs at some indices, in this order.
 
         Raises:
@@ -58,10 +62,11 @@ class Coordinates:
                 continue
             start = chosen.index(first) if first in chosen else -1
             if start < 0 or chosen[start : start + 3] != triple:
-                label = f"'{names[first].removesuffix('_x')}'" if len(names) else f"at {first}"
+                label = f"'{self.names[first].removesuffix('_x')}'" if self.names else f"at {first}"
                 raise ConfigurationError(f"the three components of orientation {label} have to stay together, in order")
             rotations.append(start)
-        return Coordinates(self.angular[chosen], sorted(rotations))
+        names = [self.names[place] for place in chosen] if self.names else ()
+        return Coordinates(self.angular[chosen], sorted(rotations), names)
 
     def difference(self, desired: np.ndarray, actual: np.ndarray) -> np.ndarray:
         """``desired - actual`` (..., k): angles in (-pi, pi]; ``log(Rd R^T)`` in world axes for rotations."""

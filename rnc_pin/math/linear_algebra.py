@@ -6,7 +6,7 @@ A stack uses NumPy's batched routines. The algorithm is the same.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 
 import numpy as np
@@ -174,6 +174,16 @@ def complex_step(function: Callable[..., np.ndarray], *parts: tuple[np.ndarray, 
     """
     moved = function(*(value + 1e-30j * gradient.T for value, gradient in parts))
     return np.asarray(np.imag(moved).T / 1e-30)
+
+
+def weakest_rows(matrix: np.ndarray, names: Sequence[str]) -> tuple[str, ...]:
+    """Names of the rows of a matrix (k, n) that take part in its weakest combination.
+
+    A row takes part if its weight is at least a tenth of the largest one.
+    """
+    left, values, _ = np.linalg.svd(matrix)
+    weights = np.abs(left[:, min(len(values), len(left)) - 1])
+    return tuple(name for name, weight in zip(names, weights, strict=True) if weight > 0.1 * weights.max())
 
 
 def nonnegative(values: np.ndarray, free: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConstraintError, InputError, SingularityError
 from rnc_pin.math.components import Component
-from rnc_pin.math.linear_algebra import apply, apply_transposed, inverse, product
+from rnc_pin.math.linear_algebra import apply, apply_transposed, inverse, product, weakest_rows
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.evaluator import ArraysAtQ, Evaluator, filled_for_q, solved_for_q
 from rnc_pin.model.factorization import Factorization, factorize, row_lengths
@@ -318,15 +318,22 @@ class ConfigurationEvaluation:
     def _singularity(self, regular: Array) -> SingularityError:
         """Error for the first state that is not regular."""
         first = np.unravel_index(int(np.argmin(regular)), regular.shape) if regular.ndim else ()
-        left, values, _ = np.linalg.svd(self.scaled_stack[first])
-        weights = np.abs(left[:, -1])
-        names = (*(self._data.rows.names[row] for row in self.kept_rows[first]), *self._data.reducing.names)
+        values = self._singular_values[first]
         return SingularityError(
             "singular configuration",
             q=self.q[first].copy(),
             condition=float(values[0] / max(values[-1], 1e-300)),
-            rows=[name for name, weight in zip(names, weights, strict=True) if weight > 0.1 * weights.max()],
+            rows=self.dependent_rows(first),
         )
+
+    def dependent_rows(self, state: int | tuple[np.intp, ...] = ()) -> tuple[str, ...]:
+        """Names of the rows of E that take part in its smallest singular value.
+
+        Args:
+            state: index of the state, for many states.
+        """
+        names = (*(self._data.rows.names[row] for row in self.kept_rows[state]), *self._data.reducing.names)
+        return weakest_rows(self.scaled_stack[state], names)
 
 
 def no_time(data: ReductionData) -> InputError:

@@ -184,7 +184,7 @@ class OutputStack(RowStack):
         self.has_quasi = bool(self.quasi.any())
         self._values = [(block, where) for block, where, _ in self.places if isinstance(block, OutputRows)]
         rotations = [where.start for block, where in self._values if block.rotation]
-        self.coordinates = Coordinates(self.angular, rotations)
+        self.coordinates = Coordinates(self.angular, rotations, self.names)
 
     def value(self, at: PositionKinematics) -> np.ndarray:
         """Values of the outputs, (..., size)."""

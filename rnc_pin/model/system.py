@@ -24,11 +24,13 @@ from rnc_pin.model.reduction_data import ReductionData, VelocityRows, best_entri
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import ConstraintKind, OutputKind, Rows, parts_of
 from rnc_pin.printing import ObjectSummary, SummaryMixin
+from rnc_pin.robots.joint_values import base_of, fixed_base
 from rnc_pin.robots.robot import Robot
 
 _Kind = TypeVar("_Kind", ConstraintKind, OutputKind, ForceKind)
 
 _SAMPLES = 12
+_AT_REST = 1e-12  # largest entry of a row that no joint moves
 _THIN = 1e-3  # smallest singular value of unit rows below which a warning is given
 
 
@@ -113,8 +115,9 @@ class NonholonomicSystem(SummaryMixin):
             hint = (
                 f"; {few(coupled)} come from the robot's file, mimic=False (mimic: false) omits them" if coupled else ""
             )
+            still = _still(self.rows, robot, self._samples)
             raise ConstraintError(
-                f"{self.m} independent constraint rows leave no motion of {self.n} degrees of freedom{hint}"
+                f"{self.m} independent constraint rows leave no motion of {self.n} degrees of freedom{hint}{still}"
             )
         kinematics = Kinematics(robot)
         check_actuators(blocks, self.actuation, kinematics, self._samples)
@@ -193,7 +196,7 @@ class NonholonomicSystem(SummaryMixin):
             _check_unique((*self.constraints.names, *x2.names, *x1.names), "output")
             raise ConstraintError(
                 f"{x2.size} reducing outputs ({', '.join(x2.names) or 'none'}), expected {self.r}: "
-                f"{self.n} degrees of freedom less {self.m} of the constraints"
+                f"{self.n} degrees of freedom less {self.m} of the constraints{_still(x2, self.robot, self._samples)}"
             )
         reduced = self._reduced(x2, x1, singularity_limit)
         self._check_regular(reduced)
@@ -241,7 +244,7 @@ class NonholonomicSystem(SummaryMixin):
                 failures.append(error)
         raise ConstraintError(
             "the reducing outputs do not parametrise the motion: at every sampled configuration the rows "
-            f"{', '.join(failures[0].rows)} are dependent"
+            f"{', '.join(failures[0].rows)} are dependent{_still(reduced.reducing, self.robot, self._samples)}"
         )
 
 
@@ -307,6 +310,19 @@ def _sample_rows(rows: RowStack, robot: Robot, configurations: np.ndarray) -> tu
     if not samples:
         raise ConstraintError(f"constraints {', '.join(rows.names)} are undefined at every sampled configuration")
     return np.stack(samples), np.stack(rates)
+
+
+def _still(rows: RowStack, robot: Robot, configurations: np.ndarray) -> str:
+    """Hint if the base is fixed and rows are zero at all configurations (count, nq), because their links rest."""
+    if base_of(robot.model) != "fixed":
+        return ""
+    kinematics = Kinematics(robot)
+    moving = np.zeros(rows.size, dtype=bool)
+    for q in configurations:
+        with suppress(SingularityError):
+            moving |= np.abs(rows.jacobian(kinematics.position(q))).max(axis=1, initial=0.0) > _AT_REST
+    names = [name for name, moves in zip(rows.names, moving, strict=True) if not moves]
+    return f"; no joint moves {few(names)}: {fixed_base(robot.model)}" if names else ""
 
 
 def _lengths(rows: RowStack, samples: np.ndarray) -> np.ndarray:

@@ -84,9 +84,9 @@ class Task(ReprMixin):
             primary_names=tuple(primary),
             redundant_names=tuple(redundant),
             vertical_names=chosen,
-            primary_coordinates=x2.coordinates.choose(first, x2.names),
-            redundant_coordinates=x2.coordinates.choose(second, x2.names),
-            vertical_coordinates=x1.coordinates.choose(rows, x1.names),
+            primary_coordinates=x2.coordinates.choose(first),
+            redundant_coordinates=x2.coordinates.choose(second),
+            vertical_coordinates=x1.coordinates.choose(rows),
             r=reduced.r,
         )
 

@@ -29,7 +29,7 @@ class SelectedOutputs:
     """
 
     def __init__(self, chosen: Sequence[tuple[OutputStack, np.ndarray]]) -> None:
-        self._parts = [(stack, rows, stack.coordinates.choose(rows, stack.names)) for stack, rows in chosen]
+        self._parts = [(stack, rows, stack.coordinates.choose(rows)) for stack, rows in chosen]
         self.names = tuple(stack.names[row] for stack, rows, _ in self._parts for row in rows)
         self.size = len(self.names)
         ends = np.cumsum([len(rows) for _, rows, _ in self._parts]).tolist()

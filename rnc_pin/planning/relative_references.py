@@ -51,7 +51,9 @@ class RelativeMinimumJerk(RelativeReference):
             raise ConfigurationError("expected one of 'to' and 'by'")
 
     def from_start(self, start: Float[Array, " k"], coordinates: Coordinates) -> Reference:
-        goal = _sized(self.to, start) if self.by is None else coordinates.moved(start, _sized(self.by, start))
+        goal = (
+            _sized(self.to, coordinates) if self.by is None else coordinates.moved(start, _sized(self.by, coordinates))
+        )
         if coordinates.rotations:
             return Geodesic(start, goal, self.duration, coordinates, self.begin)
         return MinimumJerk(start, goal, self.duration, self.begin)
@@ -74,7 +76,7 @@ class RelativeViaPoints(RelativeReference):
                 f"via_points.times: the initial value is the point at time 0, so the first time is greater than 0;"
                 f" found {self.times[0]:g}"
             )
-        return ViaPoints([0.0, *self.times], [start, *(_sized(point, start) for point in self.points)])
+        return ViaPoints([0.0, *self.times], [start, *(_sized(point, coordinates) for point in self.points)])
 
 
 @dataclass(frozen=True)
@@ -93,8 +95,8 @@ class RelativeHarmonic(RelativeReference):
     """Time over which the amplitude grows from zero [s]."""
 
     def from_start(self, start: Float[Array, " k"], coordinates: Coordinates) -> Reference:
-        center = start if self.center is None else _sized(self.center, start)
-        return Harmonic(center, _sized(self.amplitude, start), self.frequency, self.phase, self.ramp)
+        center = start if self.center is None else _sized(self.center, coordinates)
+        return Harmonic(center, _sized(self.amplitude, coordinates), self.frequency, self.phase, self.ramp)
 
 
 @dataclass(frozen=True)
@@ -105,11 +107,20 @@ class RelativeHold(RelativeReference):
     """Constant value; the initial value by default."""
 
     def from_start(self, start: Float[Array, " k"], coordinates: Coordinates) -> Reference:
-        return Hold(start if self.value is None else _sized(self.value, start))
+        return Hold(start if self.value is None else _sized(self.value, coordinates))
 
 
-def _sized(values: Sequence[float] | None, like: np.ndarray) -> np.ndarray:
-    array = np.asarray(values, dtype=float)
-    if array.shape != like.shape:
-        raise ConfigurationError(f"a reference has {array.size} values for {like.size} outputs")
-    return array
+def _sized(values: Sequence[float] | None, coordinates: Coordinates) -> np.ndarray:
+    """Values of a reference as an array (k,).
+
+    Raises:
+        ConfigurationError: their number is not k; the message names the outputs without a value.
+    """
+    array, names, size = np.asarray(values, dtype=float), coordinates.names, coordinates.size
+    if array.shape == (size,):
+        return array
+    wrong = f"a reference has {array.size} values for {size} outputs"
+    if names and array.ndim == 1:
+        wrong += f" ({', '.join(names)})"
+        wrong += f"; add a value of {', '.join(names[array.size :])}" if array.size < size else ""
+    raise ConfigurationError(wrong)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError, nearest
+from rnc_pin.errors import ModelError, argument, nearest
 
 JointValue = float | Sequence[float] | np.ndarray
 
@@ -23,11 +23,25 @@ _COORDINATES = {
 NO_LIMIT = 1e10
 """Value above which a number of a robot file means that there is no limit; Pinocchio writes the largest float."""
 
+_BASES = {"JointModelPlanar": "planar", "JointModelFreeFlyer": "free"}
+
+
+def base_of(model: pin.Model) -> str:
+    """Kind of the joint between the root link and the world: "fixed", "planar" or "free"."""
+    return _BASES.get(model.joints[1].shortname(), "fixed") if model.njoints > 1 else "fixed"
+
+
+def fixed_base(model: pin.Model) -> str:
+    """Part of an error message about a robot whose base is fixed by mistake."""
+    return f"the base of robot '{model.name}' is fixed; {argument('base', 'planar')} or 'free' lets it move"
+
 
 def joint_index(model: pin.Model, name: str) -> int:
     """Index of a joint. An unknown name raises ModelError with the nearest name."""
     valid = list(model.names)[1:]
     if name not in valid:
+        if name == "root_joint" and base_of(model) == "fixed":
+            raise ModelError(f"no joint 'root_joint' in robot '{model.name}': {fixed_base(model)}")
         raise ModelError(f"no joint '{name}' in robot '{model.name}'{nearest(str(name), valid)}")
     return model.getJointId(name)
 

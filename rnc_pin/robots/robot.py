@@ -16,7 +16,7 @@ from rnc_pin.errors import ModelError, ModelWarning, argument
 from rnc_pin.printing import ObjectSummary, SummaryMixin, counted, items
 from rnc_pin.robots import robot_files
 from rnc_pin.robots.derived_models import AttachedModel, LazyGeometry, LinkMass, LockedModel, with_link_masses
-from rnc_pin.robots.joint_values import JointValue, NamedModel
+from rnc_pin.robots.joint_values import JointValue, NamedModel, base_of
 from rnc_pin.robots.model_checks import Massless, UselessInertia, check_model, check_model_size, massless, remedy
 from rnc_pin.robots.sources.description import Closure, Description, Mimic
 from rnc_pin.robots.sources.numeric_checks import check_acceleration
@@ -24,8 +24,6 @@ from rnc_pin.robots.sources.urdf import read_urdf
 from rnc_pin.robots.sources.urdf_links import STAND_IN
 
 Base = Literal["fixed", "planar", "free"]
-
-_BASES = {"JointModelPlanar": "planar", "JointModelFreeFlyer": "free"}
 
 
 class Robot(NamedModel, SummaryMixin):
@@ -357,6 +355,5 @@ class Robot(NamedModel, SummaryMixin):
     # ------------------------------------------------------------------ print
 
     def _summary(self) -> ObjectSummary:
-        base = _BASES.get(self.model.joints[1].shortname(), "fixed")
-        title = f"Robot '{self.name}': {counted(self.nv, 'degree')} of freedom, {base} base"
+        title = f"Robot '{self.name}': {counted(self.nv, 'degree')} of freedom, {base_of(self.model)} base"
         return ObjectSummary(title, [("joints", items(self.joint_names))])

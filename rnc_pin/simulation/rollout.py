@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,6 +15,7 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.control import KinematicController, RedundancyController
 from rnc_pin.control.gain_design import OUTER_GAINS
 from rnc_pin.integrators import LieRungeKutta4
+from rnc_pin.math.linear_algebra import weakest_rows
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.input_validation import vector
@@ -106,11 +108,13 @@ class Margin:
         value: smallest singular value of the stack E with unit rows, or of A4.
         time: time of the minimum [s].
         q: configuration (nq,) of the minimum.
+        rows: names of the rows that are almost dependent there: constraints and outputs of E, or vertical outputs.
     """
 
     value: float
     time: float
     q: np.ndarray
+    rows: tuple[str, ...] = ()
 
 
 class RolloutEvaluation:
@@ -187,12 +191,15 @@ class RolloutEvaluation:
 
     def stack_margin(self) -> Margin:
         """Return the smallest singular value of ``E = [A; J2]`` with scaled rows."""
-        return self._margin(np.asarray(self.configurations.smallest_singular_value))
+        at = self.configurations
+        return self._margin(np.asarray(at.smallest_singular_value), at.dependent_rows)
 
     def A4_margin(self, task: Task) -> Margin:
         """Return the smallest singular value of a task's A4."""
         A4 = self.configurations.A_star[:, task.vertical][:, :, task.redundant]
-        return self._margin(np.linalg.svd(A4, compute_uv=False)[:, -1])
+        return self._margin(
+            np.linalg.svd(A4, compute_uv=False)[:, -1], lambda index: weakest_rows(A4[index], task.vertical_names)
+        )
 
     def lift_off(self, normal: NormalForces) -> LiftOff | None:
         """Return the first contact that lifts off the ground; None if none does.
@@ -204,6 +211,6 @@ class RolloutEvaluation:
             return None
         return first_lift_off(self.inner_times, normal.at(self.states, self.inputs), normal.names)
 
-    def _margin(self, values: np.ndarray) -> Margin:
+    def _margin(self, values: np.ndarray, rows: Callable[[int], tuple[str, ...]]) -> Margin:
         index = int(np.argmin(values))
-        return Margin(float(values[index]), float(self._times[index]), self._path[index])
+        return Margin(float(values[index]), float(self._times[index]), self._path[index], rows(index))

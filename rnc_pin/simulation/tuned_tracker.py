@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rnc_pin.control import KinematicController, VelocityTracker, design_velocity_gains
+from rnc_pin.control.typical_inertia import gravity_loads
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.simulation.rollout import kinematic_rollout
 
@@ -19,8 +20,8 @@ def tuned_tracker(
     along: KinematicController | None = None,
     step: float = 0.05,
     bandwidth: float | None = None,
-    adaptation: float = 1.0,
-    gravity_compensation: bool = False,
+    adaptation: float | None = None,
+    gravity_compensation: bool | None = None,
     delay: float = 0.0,
     dead_zone: float | np.ndarray = 0.0,
 ) -> VelocityTracker:
@@ -38,9 +39,10 @@ def tuned_tracker(
         along: kinematic controller for the roll-out instead of ``kinematic``, if that one is adaptive.
         step: step of the roll-out [s].
         bandwidth: bandwidth of the velocity loop [rad/s]; by default the largest that the sampling allows.
-        adaptation: adaptation rate ``beta / k`` [1/s]; use 30 if gravity is large compared with the inertia.
+        adaptation: adaptation rate ``beta / k`` [1/s]; by default 1, and up to 20 where gravity loads the outputs. Use
+            30 if gravity is large compared with the inertia, as at a light wrist.
         gravity_compensation: True starts the tracker with the force that holds the system at rest at q0, as the
-            actuators would report it.
+            actuators would report it. This is the default where gravity loads the outputs.
         delay: delay between a measurement and its force, without the sampling [s]. It limits the bandwidth.
         dead_zone: velocity error below which adaptation stops; a number, or one per reducing output.
 
@@ -59,10 +61,19 @@ def tuned_tracker(
         >>> bool(abs(run.x2[-1, 0] - 0.5) < 0.01)
         True
     """
-    _, region = kinematic_rollout(reduced, along or kinematic, q0, duration, step)
+    times, region = kinematic_rollout(reduced, along or kinematic, q0, duration, step)
     gains = design_velocity_gains(
-        reduced, region, dt, bandwidth=bandwidth, adaptation=adaptation, delay=delay, overrides={"dead_zone": dead_zone}
+        reduced,
+        region,
+        dt,
+        bandwidth=bandwidth,
+        adaptation=adaptation,
+        delay=delay,
+        overrides={"dead_zone": dead_zone},
+        times=times,
     )
+    if gravity_compensation is None:
+        gravity_compensation = gravity_loads(reduced, q0)
     rest = np.zeros(reduced.r)
     force = reduced.inverse_dynamics(q0, rest, rest) if gravity_compensation else None
     return VelocityTracker(kinematic, gains, force)

@@ -1,5 +1,6 @@
 """Gains that are scaled to an inertia, beside their closed forms."""
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,8 +8,9 @@ import pytest
 
 import rnc_pin as rnc
 from controlled_tasks import space_robot_task
-from rnc_pin.control import PositionGains, VelocityGains
+from rnc_pin.control import PositionGains, VelocityGains, gravity_loads
 from rnc_pin.control.gain_design import OUTER_GAINS, design_position_gains, design_velocity_gains
+from rnc_pin.control.typical_inertia import adaptation_rate, fastest_rate, inertia_of_modes
 from tolerances import ROUNDING
 
 
@@ -22,9 +24,9 @@ def test_gains_are_given_up_to_the_edge_of_their_windows():
     slow = PositionGains.normalised(2.0, gamma=1.0, rate=0.3)
     assert 2 * slow.k2 == pytest.approx(0.3 * (slow.k1 + slow.k2))
     assert slow.k1 + slow.k2 == pytest.approx(2.0 * 1.2**2)
-    assert VelocityGains.scaled(SimpleNamespace(at=lambda q: SimpleNamespace(H=one)), np.zeros(1), 0.1, 2.0, 2.0).k == [
-        2.0
-    ]
+    assert VelocityGains.scaled(
+        SimpleNamespace(at=lambda q: SimpleNamespace(H=one)), np.zeros(1), 0.1, 2.0, 2.0, adaptation=1.0
+    ).k == [2.0]
     region = np.array([[[2.0, 0.5], [0.5, 1.0]], [[3.0, -0.2], [-0.2, 4.0]], [[0.7, 0.1], [0.3, 5.0]]])
     flat = PositionGains.scaled(region, 0.002)
     grid = PositionGains.scaled(region[None], 0.002)
@@ -51,14 +53,14 @@ def test_presets_are_known_by_their_letters():
     """Gains of words that a program puts together, and of a model that only "scaled" reads."""
     one = np.array([[[1.0]]])
     still = SimpleNamespace(at=lambda q: SimpleNamespace(H=one))
-    velocity, position = VelocityGains.scaled(still, one[0], 0.01), PositionGains.scaled(one, 0.01)
+    velocity, position = VelocityGains.scaled(still, one[0], 0.01, adaptation=1.0), PositionGains.scaled(one, 0.01)
     for letters, of_velocity, of_position in (
         ("paper", VelocityGains.paper(), PositionGains.paper()),
         ("normalised", VelocityGains.normalised(3.0), PositionGains.normalised(3.0)),
         ("scaled", velocity, position),
     ):
         preset = "".join(list(letters))
-        found = design_velocity_gains(still, one[0], 0.01, preset=preset, inertia_bound=3.0)
+        found = design_velocity_gains(still, one[0], 0.01, preset=preset, inertia_bound=3.0, adaptation=1.0)
         assert (found.k, found.beta) == (of_velocity.k, of_velocity.beta)
         found = design_position_gains(lambda q: one, one[0], 0.01, preset=preset, inertia_bound=3.0)
         np.testing.assert_array_equal([found.k1, found.k2], [of_position.k1, of_position.k2])
@@ -106,19 +108,18 @@ def test_gains_scaled_to_an_inertia_are_those_of_the_window():
         np.testing.assert_allclose(gains.beta, 3.0 * gains.k, rtol=1e-12)
         assert gains.sigma == 0.1
     for bandwidth in (4.0 * (1 + 1e-12), 35.0 * (1 - 1e-12)):
-        assert VelocityGains.scaled(reduced, region, 0.002, bandwidth, 2.0).k == pytest.approx(bandwidth * D)
+        assert VelocityGains.scaled(reduced, region, 0.002, bandwidth, 2.0, adaptation=1.0).k == pytest.approx(
+            bandwidth * D
+        )
     for bandwidth in (3.999, 35.001):
         with pytest.raises(rnc.ConfigurationError, match="rad/s is outside the window 4 to 35"):
             VelocityGains.scaled(reduced, region, 0.002, bandwidth, 2.0)
-    one = VelocityGains.scaled(reduced, region, 0.002, outputs=np.array([1]))
+    one = VelocityGains.scaled(reduced, region, 0.002, outputs=np.array([1]), adaptation=1.0)
     assert one.k == pytest.approx([0.5 * 100.0 * 8.0])
     alone = VelocityGains.scaled(
-        SimpleNamespace(at=lambda q: SimpleNamespace(H=UNEVEN[1:][: len(q)])), np.zeros(3), 0.002
+        SimpleNamespace(at=lambda q: SimpleNamespace(H=UNEVEN[1:][: len(q)])), np.zeros(3), 0.002, adaptation=1.0
     )
     assert alone.k == pytest.approx([400.0, 1600.0])
-    words = r"at least 20/s need a bandwidth of 40 rad/s, sampling every 0.002 s with a delay of 0.5 s allows 0.549; "
-    with pytest.raises(rnc.InfeasibleError, match=words + r"sample faster .*\(eigenvalues 0.35 to 2\)"):
-        VelocityGains.scaled(reduced, region, 0.002, slowest=20.0, delay=0.5)
     for delay in (-1e-9, np.inf, np.nan):
         with pytest.raises(rnc.ConfigurationError, match=r"delay of a loop has to be a time \[s\], not negative"):
             VelocityGains.scaled(reduced, region, 0.002, delay=delay)
@@ -162,3 +163,95 @@ def test_gains_of_a_bound_are_those_of_the_closed_form_and_describe_themselves()
     assert PositionGains.paper().describe() == PositionGains().describe() == plain
     assert PositionGains(dead_zone=0.02).describe() == {**plain, "dead_zone": 0.02}
     assert VelocityGains(dead_zone=np.array([0.0, 0.1])).describe()["dead_zone"] == [0.0, 0.1]
+
+
+def test_gains_of_modes_have_the_rates_of_the_window_where_single_outputs_have_none():
+    """Joints of an arm at 100 Hz: one gain for each joint fits no sampling, gains of modes are ``bandwidth H``."""
+    robot = rnc.Robot.from_example("ur5_robot")
+    reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce()
+    q0 = robot.configuration({"shoulder_lift_joint": -1.2, "elbow_joint": 1.5, "wrist_2_joint": 1.0})
+    with pytest.raises(rnc.InfeasibleError, match="no velocity gains suit this region"):
+        VelocityGains.scaled(reduced, q0, 0.01, combine=False)
+    gains = VelocityGains.scaled(reduced, q0, 0.01)
+    K = gains.modes @ np.diag(gains.k) @ gains.modes.T
+    np.testing.assert_allclose(K, 20.0 * reduced.at(q0).H, rtol=1e-9, atol=1e-12)
+    region = q0 + np.random.default_rng(3).uniform(-0.3, 0.3, (9, robot.nq))
+    gains = VelocityGains.scaled(reduced, region, 0.01)
+    K = gains.modes @ np.diag(gains.k) @ gains.modes.T
+    rates = np.linalg.eigvals(np.linalg.solve(reduced.at(region).H, np.broadcast_to(K, (9, 6, 6)))).real
+    assert rates.max() == pytest.approx(20.0)
+    assert rates.min() >= 4.0
+    asked = design_velocity_gains(reduced, region, 0.01, bandwidth=10.0)
+    np.testing.assert_allclose(asked.modes @ np.diag(asked.k) @ asked.modes.T, K * (asked.k / gains.k)[0], rtol=1e-9)
+    with pytest.raises(rnc.InfeasibleError, match="no velocity gains suit this region"):
+        design_velocity_gains(reduced, region, 0.01, overrides={"k": 5.0})  # a gain of single outputs
+
+
+def test_the_typical_inertia_is_the_geometric_mean_of_both_means():
+    """``X P^-1 X = Q``; of a single matrix it is that matrix."""
+    generator = np.random.default_rng(8)
+    roots = generator.normal(size=(5, 4, 4)) + 2.0 * np.eye(4)
+    H = roots @ roots.mT
+    found = inertia_of_modes(H)
+    X = found.modes @ np.diag(found.weights) @ found.modes.T
+    P, Q = H.mean(axis=0), np.linalg.inv(np.linalg.inv(H).mean(axis=0))
+    np.testing.assert_allclose(X @ np.linalg.solve(P, X), Q, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(found.eigenvalues, np.sort(np.linalg.eigvals(np.linalg.solve(X, H)).real, axis=1))
+    alone = inertia_of_modes(H[:1])
+    np.testing.assert_allclose(alone.eigenvalues, np.ones((1, 4)))
+
+
+@pytest.mark.parametrize(("dt", "delay"), [(0.002, 0.0), (0.01, 0.0), (0.01, 0.02), (0.002, 0.05), (0.01, 0.15)])
+def test_default_adaptation_under_gravity_leaves_a_phase_margin(dt, delay):
+    """Phase of ``rate (s + a) / s^2 exp(-age s)`` where its magnitude is one, for all rates that the design accepts."""
+    age, a = delay + dt / 2, adaptation_rate(True, dt, delay)
+    for rate in np.linspace(4.0, max(4.0, fastest_rate(dt, delay)), 50):
+        w = np.sqrt((rate**2 + np.sqrt(rate**4 + 4.0 * (rate * a) ** 2)) / 2.0)
+        assert abs(rate * (1j * w + a) / (1j * w) ** 2) == pytest.approx(1.0)
+        assert np.degrees(np.arctan(w / a) - w * age) > 20.0
+    assert adaptation_rate(False, dt, delay) == 1.0
+    assert adaptation_rate(True, 0.01, 0.0) == 20.0
+
+
+def test_gravity_loads_the_outputs_that_lift_something():
+    arm = rnc.Robot.from_urdf("space_robot.urdf", gravity=(0, -9.81, 0))
+    lifting = rnc.NonholonomicSystem(arm).reduce()
+    level = rnc.NonholonomicSystem(rnc.Robot.from_urdf("space_robot.urdf")).reduce()
+    q = arm.configuration({"joint_1": 0.3})
+    assert gravity_loads(lifting, q)
+    assert not gravity_loads(level, q)
+    robot = rnc.Robot.from_urdf("space_robot.urdf", gravity=(0, 0, -9.81))
+    assert not gravity_loads(rnc.NonholonomicSystem(robot).reduce(), q)  # all axes are vertical
+
+
+def test_refused_gains_tell_when_where_and_which_rows_are_nearly_singular():
+    """An arm that is straight at 0.5 s: E of its tip loses rank there, as the determinant of its Jacobian does."""
+    robot = rnc.Robot.from_urdf("space_robot.urdf", lock={"platform": 0.0, "joint_1": 0.0})
+    reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce([rnc.FramePosition("tip", "xy")])
+    times = np.linspace(0.0, 1.0, 11)
+    region = np.array([robot.configuration({"joint_2": 0.4, "joint_3": 0.5 - t + 1e-4}) for t in times])
+    with pytest.raises(rnc.InfeasibleError) as caught:
+        VelocityGains.scaled(reduced, region, 0.002, times=times)
+    error, index = caught.value, int(np.argmin(np.abs(region[:, -1])))
+    assert error.time == times[index]
+    np.testing.assert_array_equal(error.q, region[index])
+    assert error.rows == ("tip_x", "tip_y")
+    values = np.linalg.svd(reduced.at(region[index]).scaled_stack, compute_uv=False)
+    assert error.singular_value == pytest.approx(values[-1])
+    assert f"nearly singular at t = {error.time:.2f} s at q = [0.4, " in str(error)
+    assert "tried gains on combinations of outputs" in str(error)
+    assert "a shorter sampling period does not help" in str(error)
+    assert "sample faster" not in str(error)
+
+
+def test_refused_gains_advise_a_sampling_period_only_if_it_has_gains():
+    reduced, kinematic, q0 = space_robot_task()
+    _, region = rnc.kinematic_rollout(reduced, kinematic, q0, 6.0, 0.1)
+    with pytest.raises(rnc.InfeasibleError, match=r"sample faster, at least every ([\d.]+) s") as caught:
+        VelocityGains.scaled(reduced, region, 0.2)
+    period = float(re.search(r"at least every ([\d.]+) s", str(caught.value))[1])
+    VelocityGains.scaled(reduced, region, 0.95 * period)
+    with pytest.raises(rnc.InfeasibleError):
+        VelocityGains.scaled(reduced, region, 1.1 * period)
+    with pytest.raises(rnc.InfeasibleError, match="does not help: the delay is too long for any"):
+        VelocityGains.scaled(reduced, region, 0.002, delay=0.5)

@@ -174,3 +174,43 @@ def test_a_velocity_tracker_starts_with_nothing_learnt_in_the_shape_of_what_it_s
         "target": {"type": "Said"},
     }
     assert VelocityTracker(Said(None, None)).describe()["gravity_compensation"] == 0.0
+
+
+def test_gains_of_modes_are_gains_of_outputs_that_combine_the_others():
+    """The tracker with modes S on joints moves as the tracker with single gains on the outputs ``S^T x2``."""
+    robot = rnc.Robot.from_urdf("space_robot.urdf", gravity=(0, -9.81, 0))
+    joints = robot.joint_names
+    system = rnc.NonholonomicSystem(robot, [], joints)
+    S = np.linalg.cholesky(np.cov(np.random.default_rng(2).normal(size=(4, 12)))) + 0.1
+    combined = rnc.Output(
+        lambda q: S.T @ q, lambda q: S.T, lambda q, v: np.zeros((4, 4)), [f"mode_{k}" for k in range(4)]
+    )
+    in_joints, in_modes = system.reduce([rnc.JointPosition(name) for name in joints]), system.reduce([combined])
+    q0 = robot.configuration({"joint_2": 1.2, "joint_3": -0.8})
+    k, beta, zone = np.array([60.0, 90.0, 40.0, 70.0]), np.array([200.0, 100.0, 300.0, 50.0]), 0.01
+    goal = q0 + np.array([0.3, -0.4, 0.5, 0.2])
+    swing = rnc.planning.MinimumJerk(q0, goal, duration=1.0)
+    turned = rnc.planning.MinimumJerk(S.T @ q0, S.T @ goal, duration=1.0)
+    force = np.array([3.0, -2.0, 1.0, 0.5])
+    of_modes = VelocityTracker(
+        ReducingOutputController(in_joints, swing, k2=2.0), VelocityGains(k, beta, 0.2, zone, S), force
+    )
+    alone = VelocityTracker(
+        ReducingOutputController(in_modes, turned, k2=2.0),
+        VelocityGains(k, beta, 0.2, np.abs(S.T) @ np.full(4, zone)),
+        np.linalg.solve(S, force),
+    )
+    limited = [rnc.ReducedPlant(each, actuator_limits=True) for each in (in_joints, in_modes)]
+    one = rnc.simulate(in_joints, of_modes, q0, 1.0, plant=limited[0])
+    other = rnc.simulate(in_modes, alone, q0, 1.0, plant=limited[1])
+    np.testing.assert_allclose(one.q, other.q, rtol=1e-7, atol=1e-8)
+    np.testing.assert_allclose(one.T, other.T, rtol=1e-5, atol=1e-5)
+    assert of_modes.describe()["gains"]["modes"] == S.tolist()
+    batch = np.stack([np.zeros(4), np.ones(4)])  # many states at a time
+    states = rnc.Measurement(v2=batch, x2=np.stack([q0, q0]))
+    command, _ = of_modes.step(0.0, states, of_modes.initial_state(states))
+    for index in range(2):
+        single = rnc.Measurement(v2=batch[index], x2=q0)
+        np.testing.assert_allclose(
+            of_modes.step(0.0, single, of_modes.initial_state(single))[0].F, command.F[index], rtol=1e-12
+        )

@@ -473,3 +473,42 @@ def test_what_is_no_list_of_kinds_is_refused_in_one_line(make, words):
     robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
     with pytest.raises(rnc.ConstraintError, match=words):
         make(robot)
+
+
+WHEELS = [rnc.RollingWheel("left_wheel", 0.2), rnc.RollingWheel("right_wheel", 0.2)]
+LETS_IT_MOVE = r"the base of robot '{}' is fixed; base='planar' \(robot: {{base: planar}}\) or 'free' lets it move"
+
+
+@pytest.mark.parametrize(
+    ("file", "build", "still"),
+    [
+        (
+            "mobile_manipulator",
+            lambda robot: rnc.NonholonomicSystem(robot).reduce(
+                [rnc.FrameSpeed("base"), rnc.FrameYaw("base"), rnc.JointPosition("joint_1")]
+            ),
+            "no joint moves base_speed_x, base_yaw: ",
+        ),
+        (
+            "mobile_manipulator",
+            lambda robot: rnc.NonholonomicSystem(robot).reduce([rnc.FrameSpeed("base"), rnc.JointPosition("joint_1")]),
+            "no joint moves base_speed_x: ",
+        ),
+        ("differential_drive", lambda robot: rnc.NonholonomicSystem(robot, WHEELS), r"lateral\(left_wheel\).*: "),
+        (
+            "space_robot",
+            lambda robot: robot.configuration({"root_joint": [0, 0, 0]}),
+            "no joint 'root_joint' in robot .*: ",
+        ),
+    ],
+)
+def test_a_base_that_is_fixed_by_mistake_is_named(file, build, still):
+    """It was explained by counts of outputs and rows."""
+    with pytest.raises(rnc.RncError, match=still + LETS_IT_MOVE.format(file)):
+        build(rnc.Robot.from_urdf(f"{file}.urdf"))
+
+
+def test_an_output_too_many_on_a_fixed_arm_says_nothing_about_its_base():
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    with pytest.raises(rnc.ConstraintError, match=r"expected 4: 4 degrees of freedom less 0 of the constraints$"):
+        rnc.NonholonomicSystem(robot).reduce([rnc.FramePosition("tip", "xy")])

@@ -68,6 +68,7 @@ LONG = {
     r"rnc-pin drive tiago": "TIAGo takes a quarter of a minute to load and prepare",
     r"python -m benchmarks": _MEASURES,
     r"python docs/make_scenario_keys": "it writes a page of the repository, which test_documents compares",
+    r"python docs/make_errors": "it writes a page of the repository, which test_errors_page compares",
     r"python docs/make_(gallery|moving|scenes|tutorial|zoo)": _MEASURES,
     r"python -m tools\.generate_rows": "it writes a file of the repository, which test_generated_rows compares",
     r"python -m tests\.derivations": "it derives equations for four minutes",

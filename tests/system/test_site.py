@@ -6,7 +6,6 @@ import tomllib
 
 import pytest
 
-import rnc_pin as rnc
 from places import ROOT, docs_script
 from rnc_pin.applications.scenario.files import built_in_names
 
@@ -35,16 +34,6 @@ def test_links_and_files_of_the_site_are_no_fault(tmp_path):
 
 def test_an_empty_site_is_a_fault(tmp_path):
     assert list(docs_script("check_site").faults_of_site(tmp_path)) == [f"{tmp_path}: no page"]
-
-
-def test_every_public_error_has_causes_and_remedies():
-    text = (ROOT / "docs" / "errors.md").read_text()
-    sections = dict(re.findall(r"^## (\w+)\n(.*?)(?=^## |\Z)", text, flags=re.DOTALL | re.MULTILINE))
-    public = [
-        name for name in rnc.__all__ if isinstance(kind := getattr(rnc, name), type) and issubclass(kind, Exception)
-    ]
-    assert sorted(sections) == sorted(public)
-    assert all("remedy" in sections[name] for name in {*public} - {"RncError", "SimulationError"})
 
 
 def test_the_maintainers_page_has_the_layers_and_paths_of_the_code():

@@ -34,7 +34,7 @@ from rnc_pin.applications.init.scenario_candidate import ScenarioCandidate
 from rnc_pin.applications.init.snake_base import find_snake, snake_base
 from rnc_pin.applications.init.source import DraftOptions, Source
 from rnc_pin.applications.init.spherical_base import find_shell, spherical_base
-from rnc_pin.applications.init.start_values import mimic_doubts, start_values
+from rnc_pin.applications.init.start_values import edge_remarks, mimic_doubts, start_values
 from rnc_pin.applications.init.steered_drives import is_swerve, is_turret, swerve_base, turret_base
 from rnc_pin.applications.init.trial import Trial
 from rnc_pin.applications.init.wheel_detection import find_raised_wheels, find_wheels, stand_below_body
@@ -116,7 +116,7 @@ def _drafted(source: Source, folder: Path) -> DraftedScenario:
             with warnings.catch_warnings(record=True) as heard:  # those of rejected candidates are not of interest
                 warnings.simplefilter("always")
                 attempt = ScenarioCandidate(mobility, source, at_start, folder)
-                mobility.notes += [*source.remarks, *mimic_doubts(robot), *failures]
+                mobility.notes += [*source.remarks, *edge_remarks(robot, start), *mimic_doubts(robot), *failures]
                 written = attempt.written()
         except RncError as error:
             first = first or error

@@ -35,7 +35,8 @@ _Values = dict[str, float]
 def start_values(robot: Robot) -> _Values:
     """Start values of joints with one degree of freedom [rad or m].
 
-    A joint starts at zero if this is well within its limits, else in their middle; limits of its mimic joints count.
+    A joint starts at zero if its limits admit that, else in their middle; limits of its mimic joints count. Zero at an
+    edge of the limits is moved inside by a small share of their range: motions may overshoot.
     Mimic joints take the values that their leaders give them. Joints of loops start at zero, or as the file draws them,
     or near the middle of their limits: at the first of these configurations that closes the loops within the limits.
     """
@@ -45,12 +46,23 @@ def start_values(robot: Robot) -> _Values:
             continue
         low, high = joint_range(robot, name)
         margin = _MARGIN * (high - low) if np.isfinite(high - low) else 0.0
-        inside = low + margin < 0 < high - margin
-        start[name] = 0.0 if inside else _middle(robot, name)
+        inside = round(float(min(max(0.0, low + margin), high - margin)), 4) + 0.0
+        start[name] = inside if low <= 0.0 <= high else _middle(robot, name)
     start = _with_mimics(robot, start)
     with suppress(RncError):  # loops that cannot be closed are an error of the draft
         return _closed(robot, start)
     return start
+
+
+def edge_remarks(robot: Robot, start: Mapping[str, float]) -> list[str]:
+    """Return a line on the joints that start beside zero, because zero is at an edge of their limits."""
+    edges = [
+        f"{name} at {value:g}"
+        for name, value in start.items()
+        for low, high in [joint_range(robot, name)]
+        if low <= 0.0 <= high and 0.0 < abs(value) <= 1.01 * _MARGIN * (high - low)
+    ]
+    return [f"start beside zero, which is at an edge of their limits: {few(edges)}"] if edges else []
 
 
 def mimic_doubts(robot: Robot) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
@@ -26,6 +26,7 @@ from rnc_pin.applications.scenario.files import apply_options, find_scenario, is
 from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.phase_builder import build_phased
 from rnc_pin.applications.scenario.planner_builder import Plans
+from rnc_pin.applications.scenario.remedies import Refused, try_remedies
 from rnc_pin.applications.scenario.run_verdict import judged_summary
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.obstacles import build_obstacles
@@ -33,7 +34,7 @@ from rnc_pin.applications.scenario.start_findings import collected_model_warning
 from rnc_pin.collision import Obstacle
 from rnc_pin.control import Controller, State
 from rnc_pin.control.whole_body import report_within
-from rnc_pin.errors import ConfigurationError, RncError
+from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError
 from rnc_pin.io import Json
 from rnc_pin.model import NonholonomicSystem, ReducedModel, Task
 from rnc_pin.planning import Reference
@@ -144,13 +145,18 @@ class Scenario(SummaryMixin):
         made.__dict__.update({name: value for name, value in given.items() if value is not None})
         return made
 
-    def build(self) -> Scenario:
+    def build(self, *, remedies: bool = False) -> Scenario:
         """Build all objects of the run and of its comparisons now, and return the scenario.
+
+        Args:
+            remedies: True to try remedies for a motion that is refused. The error then has their results.
 
         Raises:
             RncError: a part of the scenario does not fit the robot.
         """
-        _ = self.experiment, self.comparisons
+        with self._remedied() if remedies else nullcontext():
+            _ = self.experiment
+        _ = self.comparisons
         return self
 
     # ------------------------------------------------------------------ objects
@@ -302,13 +308,36 @@ class Scenario(SummaryMixin):
 
         Raises:
             RncError: the scenario cannot be built, or the run failed; ``trajectory`` of the error has what it reached.
+                The error of a motion that is refused has the remedies that were tried, with their results.
         """
+        with self._remedied():
+            _ = self.experiment
+        return self._run(observer)
+
+    def _run(self, observer: Observer | None) -> Trajectory:
         with np.errstate(over="ignore", invalid="ignore"):  # diverged values
             run = self.simulated(self.experiment, observer)
             judged_summary(self.experiment, run.trajectory, run.gave_way)
         if run.error is not None:
             raise run.error
         return run.trajectory
+
+    @contextmanager
+    def _remedied(self) -> Iterator[None]:
+        """Try remedies for a motion that is refused inside."""
+        try:
+            yield
+        except InfeasibleError as error:
+            controller = self.content.controller
+            if not error.of_motion or controller is None or self.content.phases:
+                raise
+            x1, x2 = self.reduced.at(self.q0).outputs()
+            task = self.task
+            starts = {"primary": x2[task.primary], "redundant": x2[task.redundant], "vertical": x1[task.vertical]}
+            raise try_remedies(Refused(self.raw, controller, self.system, task, starts, error), self._trial) from None
+
+    def _trial(self, raw: Mapping[str, Json], observer: Observer) -> Trajectory:
+        return replace(self, raw=dict(raw), show_warnings=False)._run(observer)
 
     def simulated(self, experiment: Experiment, observer: Observer | None = None) -> Simulated:
         """Simulate the run or one of its comparisons. An error that ends it early is part of the result.

@@ -7,7 +7,7 @@ import yaml
 import rnc_pin as rnc
 from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate
 from rnc_pin.applications.init.joint_properties import joint_limits
-from rnc_pin.applications.init.start_values import mimic_doubts, start_values
+from rnc_pin.applications.init.start_values import edge_remarks, mimic_doubts, start_values
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from urdf_parts import joint, link, robot
@@ -90,6 +90,21 @@ def test_joints_outside_a_loop_start_as_before_and_a_loop_that_no_limit_admits_i
         draft(str(tmp_path / "finger.xml"), tmp_path, DraftOptions())
 
 
+@pytest.mark.parametrize(
+    ("limits", "expected"),
+    [((0.0, 0.5), 0.01), ((-0.5, 0.0), -0.01), ((-0.001, 0.499), 0.009), ((-0.3, 0.5), 0.0), ((0.1, 0.5), 0.3)],
+)
+def test_a_zero_at_an_edge_of_the_limits_is_moved_inside_by_the_least_and_told(limits, expected, tmp_path):
+    """It was replaced by the middle of the limits."""
+    lower, upper = limits
+    (tmp_path / "jaws.urdf").write_text(jaws(lower=lower, upper=upper))
+    found = rnc.Robot.from_urdf(tmp_path / "jaws.urdf")
+    start = start_values(found)
+    assert start == pytest.approx({"lead": expected})
+    told = [f"start beside zero, which is at an edge of their limits: lead at {expected:g}"]
+    assert edge_remarks(found, start) == (told if 0.0 < abs(expected) < 0.1 else [])
+
+
 # ---------------------------------------------------------------------- mimic joints
 
 
@@ -107,8 +122,8 @@ def jaws(*followers, lower=0.0, upper=0.5):
 @pytest.mark.parametrize(
     ("followers", "expected", "doubt"),
     [
-        ([(1, 0, 0, 0.5)], 0.25, ""),
-        ([(-1, 0, -0.5, 0), (2, 0, 0, 0.6)], 0.15, ""),  # half of the range of the second
+        ([(1, 0, 0, 0.5)], 0.01, ""),  # two percent of the range inside of zero
+        ([(-1, 0, -0.5, 0), (2, 0, 0, 0.6)], 0.006, ""),  # the range of the second
         ([(-1, 0, 0, 0.5)], 0.0, "kept only at 0 in the range of lead: jaw_0"),
         ([(1, 1, 0, 0.5)], 0.25, "kept nowhere in the range of lead: jaw_0"),
     ],
@@ -130,8 +145,8 @@ def test_the_motion_of_a_leader_keeps_the_limits_of_its_mimic_joints(tmp_path):
     text = draft(str(tmp_path / "jaws.urdf"), tmp_path, DraftOptions())
     (tmp_path / "jaws.yaml").write_text(text)
     content = yaml.safe_load(text)
-    assert content["initial"]["q"]["lead"] == 0.1  # the middle of 0 and 0.2
-    assert content["reference"]["primary"]["minimum_jerk"]["by"] == [0.03]
+    assert content["initial"]["q"]["lead"] == 0.004  # inside of 0 and 0.2
+    assert content["reference"]["primary"]["minimum_jerk"]["by"] == [0.0588]  # 0.3 of the way to 0.2
     assert execute(Scenario.load(str(tmp_path / "jaws.yaml"))).trajectory.verdict.succeeded
 
 

@@ -101,7 +101,9 @@ def test_loops_can_be_asked_for_and_are_closed_at_the_start(tmp_path):
 
 
 def test_momentum_can_have_a_value(tmp_path):
-    reduced = plan_of({"constraints.0": {"momentum": {"joint": "platform", "value": 2.5}}}, tmp_path).experiment.reduced
+    reduced = plan_of(
+        {"constraints.0": {"momentum": {"joint": "platform", "momentum": 2.5}}}, tmp_path
+    ).experiment.reduced
     assert reduced.affine
     v = reduced.at(reduced.robot.configuration({"joint_2": 1.8, "joint_3": -1.1}), np.zeros(3)).v
     np.testing.assert_allclose(
@@ -238,11 +240,11 @@ BROKEN = {
     "constraints that are a word": ({"constraints": "momentum"}, ["constraints: expected", "list"]),
     "constraint twice": ({"constraints": 2 * [{"momentum": "platform"}]}, ["momentum(platform)", "duplicate"]),
     "momentum without a joint": (
-        {"constraints.0": {"momentum": {"value": 3}}},
+        {"constraints.0": {"momentum": {"momentum": 3}}},
         ["constraints[0].momentum.joint: is missing"],
     ),
     "momentum of two values": (
-        {"constraints.0": {"momentum": {"joint": "platform", "value": [1, 2]}}},
+        {"constraints.0": {"momentum": {"joint": "platform", "momentum": [1, 2]}}},
         ["momentum of joint 'platform' takes 1 finite number, found"],
     ),
     "loop of unknown kind": (

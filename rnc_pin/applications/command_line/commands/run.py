@@ -45,7 +45,7 @@ def run_scenario(
     """Run a scenario, write its folder and return the exit status."""
     given = parse_options(options)
     chosen = {**plant_option(scenario, plant), **given, **accept_option(scenario, given, accept)}
-    prepared = Scenario.load(scenario, chosen).build()
+    prepared = Scenario.load(scenario, chosen).build(remedies=True)
     if show and prepared.experiment.phases:
         raise ConfigurationError("--show: a live view does not support phases; omit it and open animation.html")
     for warning in prepared.experiment.warnings:

@@ -27,6 +27,7 @@ from rnc_pin.control import (
     VelocityGains,
     ZeroInput,
     design_velocity_gains,
+    gravity_loads,
 )
 from rnc_pin.errors import ConfigurationError
 
@@ -148,7 +149,8 @@ class AdaptationSettings(InertiaBoundSettings, _RATES.model, _DEAD_ZONE.model, _
     scaled_only: ClassVar[tuple[str, ...]] = ("adaptation", "delay")
 
     gravity_compensation: bool | None = None
-    """True if the actuators hold the robot against gravity before the run. Trackers then start with that force."""
+    """True if the actuators hold the robot against gravity before the run. Trackers then start with that force. By
+    default with preset "scaled", for a run that starts at rest where gravity loads the outputs."""
     unknown: Unknown | None = None
     """Masses, or radii and tracks of wheels, to estimate."""
 
@@ -167,7 +169,11 @@ class AdaptationSettings(InertiaBoundSettings, _RATES.model, _DEAD_ZONE.model, _
 
     def holding_force(self, context: ControllerContext) -> np.ndarray | None:
         """Reduced force that holds the robot at rest at ``q0``, (r,); None without gravity compensation."""
-        if not self.gravity_compensation:
+        wanted = self.gravity_compensation
+        if wanted is None:
+            starts_at_rest = context.v2_0 is None or not context.v2_0.any()
+            wanted = self.preset == "scaled" and starts_at_rest and gravity_loads(context.reduced, context.q0)
+        if not wanted:
             return None
         rest = np.zeros(context.reduced.r)
         return context.reduced.inverse_dynamics(context.q0, rest, rest)

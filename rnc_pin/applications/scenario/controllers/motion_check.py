@@ -6,6 +6,7 @@ from rnc_pin.applications.scenario.controllers.context import MIN_SINGULAR_VALUE
 from rnc_pin.applications.scenario.controllers.task_goals import TaskGoals
 from rnc_pin.control import KinematicController, VelocityQP, VelocityTarget
 from rnc_pin.control.whole_body import ProgramState
+from rnc_pin.errors import InfeasibleError
 from rnc_pin.model import Measurement, Task
 from rnc_pin.simulation import Margins, margins_along, obstacles_passed
 
@@ -48,7 +49,14 @@ def check_motion(
     given_up: tuple[str, ...] = ()
     if goals is not None and margins.singular is None:
         doubts, given_up = goals.doubts(float(margins.time[-1]), margins.q[-1], context.goal_tolerance)
-    return margins, refuse_or_warn(context.preflight, complaints, given_up), doubts
+    try:
+        return margins, refuse_or_warn(context.preflight, complaints, given_up), doubts
+    except InfeasibleError as error:
+        error.of_motion, weakest = True, margins.stack
+        if weakest.value < MIN_SINGULAR_VALUE:
+            error.q, error.time, error.rows = weakest.q, weakest.time, weakest.rows
+            error.singular_value = weakest.value
+        raise
 
 
 class _OncePerSample:

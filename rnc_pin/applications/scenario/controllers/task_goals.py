@@ -123,7 +123,9 @@ def goal_values(call: PartialCall[ControlTask], reduced: ReducedModel, q: Array)
     robot = reduced.robot
     axes = [axis_index(axis) for axis in call.given.get("axes", CenterOfMassTask.axes)]
     center = pin.centerOfMass(robot.model, robot.model.createData(), q)
-    return np.array(center[axes]), Coordinates([False] * len(axes))
+    return np.array(center[axes]), Coordinates(
+        [False] * len(axes), names=[f"center_of_mass_{'xyz'[axis]}" for axis in axes]
+    )
 
 
 def goal_stack(call: PartialCall[ControlTask], reduced: ReducedModel) -> OutputStack | None:

@@ -118,7 +118,7 @@ class VelocityTrackerSettings(AdaptationSettings, _BANDWIDTH.model, _GAINS.model
                 servos = ActuatorVelocityController(reduced, kinematic)
             return BuiltController(servos, complaints, time_scale=time_scale, goals=goals, doubts=doubts)
         # The results of a run are useful even if it ends in a singular configuration.
-        region = margins.q if margins.singular is None else q0[None]
+        region, times = (margins.q, margins.time) if margins.singular is None else (q0[None], None)
         with at_key("controller"):
             gains = design_velocity_gains(
                 reduced,
@@ -130,6 +130,7 @@ class VelocityTrackerSettings(AdaptationSettings, _BANDWIDTH.model, _GAINS.model
                 adaptation=self.adaptation,
                 delay=self.delay,
                 overrides=self.tracker_gains(VelocityGains, reduced.r),
+                times=times,
             )
         tracker = VelocityTracker(kinematic, gains, self.holding_force(context))
         return BuiltController(tracker, complaints, time_scale=time_scale, goals=goals, doubts=doubts)

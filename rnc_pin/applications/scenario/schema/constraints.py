@@ -70,7 +70,7 @@ def _motion(given: _MotionArguments) -> Reference:
 ConstraintItem = Annotated[
     ConstraintKind,
     one_of(
-        momentum=Entry(MomentumConservation, short="joint", keys={"momentum": "value"}),
+        momentum=Entry(MomentumConservation, short="joint"),
         no_side_slip=Entry(NoSideSlip, forms={"ground": _Plane}),
         rolling_wheel=Entry(RollingWheel, forms={"ground": GroundItem}),
         rolling_ball=Entry(RollingBall, forms={"ground": GroundItem}),

@@ -35,7 +35,8 @@ class _Placed(_OBSTACLE.model):  # type: ignore[name-defined, misc]
 
     def build(self, folder: Path, default_name: str) -> Obstacle:
         name = self.name or default_name
-        start, places = np.array([*self.position, self.yaw]), Coordinates([False, False, False, True])
+        start = np.array([*self.position, self.yaw])
+        places = Coordinates([False, False, False, True], names=["x", "y", "z", "yaw"])
         try:
             motion = None if self.motion is None else self.motion.from_start(start, places)
             return _OBSTACLE.build(self, shape=self.shape(folder), name=name, motion=motion)

@@ -1,6 +1,7 @@
 """Whole-body control from a scenario file: references start at the initial values, limits of the file apply."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 import yaml
 
@@ -54,6 +55,74 @@ def test_the_hand_follows_its_reference_within_the_limits(tmp_path):
     assert np.abs(trajectory.x1[-1] - goals[-1]).max() < 0.01
     assert np.abs(trajectory.v[:, 3:]).max() <= 0.25
     assert trajectory.q[:, 0].max() <= 0.25 + 1e-3
+
+
+REACHING = {
+    "ur5_robot": (
+        "tool0",
+        {"shoulder_lift_joint": -1.2, "elbow_joint": 1.5, "wrist_1_joint": -0.5, "wrist_2_joint": 1},
+    ),
+    "z1": ("link06", {"joint2": 1.2, "joint3": -1.2, "joint4": 0.3, "joint5": 0.4}),
+    "panda": ("panda_hand", {"panda_joint2": 0.3, "panda_joint4": -1.8, "panda_joint6": 1.8}),
+}
+"""Arms of example-robot-data: the hand, and joints at the start."""
+
+
+@pytest.mark.parametrize("name", REACHING)
+@pytest.mark.parametrize("by", [[0.1, 0.1, 0.05], [-0.1, 0.15, 0.1]])
+def test_the_default_tracker_reaches_with_a_published_arm_at_100_hz(name, by, tmp_path):
+    """No velocity gains suited any of them, and gravity pulled the arms that had gains. Both programs end alike."""
+    hand, start = REACHING[name]
+    lock = {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02} if name == "panda" else {}
+    joints = rnc.Robot.from_example(name, lock=lock).joint_names
+    position = {"frame_position": {"frame": hand, "axes": "xyz"}}
+    goal = {"output": position, "reference": {"minimum_jerk": {"by": by, "duration": 2.5}}, "weight": 100}
+    raw = {
+        "robot": {"example": name, "lock": lock},
+        "actuators": list(joints),
+        "outputs": {"reducing": [{"joint": each} for each in joints], "vertical": [position]},
+        "initial": {"q": start},
+        "controller": {"type": "qp", "tasks": [{"output": goal}, {"damping": {"weight": 0.1}}]},
+        "simulation": {"duration": 4, "dt": 0.01},
+    }
+    ends = {}
+    for kind in ("qp", "inverse_dynamics"):
+        raw["controller"]["type"] = kind
+        path = tmp_path / f"{kind}.yaml"
+        path.write_text(yaml.safe_dump(raw))
+        run = Scenario.load(path).run()
+        ends[kind] = run.x1[-1] - run.x1[0]
+    gains = Scenario.load(tmp_path / "qp.yaml").controller.gains
+    assert gains.modes is not None
+    assert gains.beta == pytest.approx(20.0 * gains.k)  # gravity loads the arm
+    np.testing.assert_allclose(ends["qp"], by, atol=0.01)
+    np.testing.assert_allclose(ends["qp"], ends["inverse_dynamics"], atol=0.01)
+
+
+def test_gravity_is_compensated_from_the_start_unless_the_file_says_otherwise(tmp_path):
+    """Without contact forces the arm at rest needs what Pinocchio computes; in motion nothing holds it."""
+    robot = rnc.Robot.from_example("ur5_robot")
+    joints = robot.joint_names
+    raw = {
+        "robot": {"example": "ur5_robot"},
+        "actuators": list(joints),
+        "outputs": {"reducing": [{"joint": each} for each in joints]},
+        "initial": {"q": REACHING["ur5_robot"][1]},
+        "controller": {"type": "reducing_outputs"},
+        "simulation": {"duration": 1, "dt": 0.01},
+    }
+    path = tmp_path / "ur5.yaml"
+    path.write_text(yaml.safe_dump(raw))
+    q0 = robot.configuration(raw["initial"]["q"])
+    torque = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), q0)
+    np.testing.assert_allclose(Scenario.load(path).controller.gravity_compensation, torque, atol=1e-12)
+    for options in (
+        {"controller.gravity_compensation": False},
+        {"initial.v2": {"elbow_joint": 0.1}},
+        {"controller.preset": "paper"},
+        {"robot.gravity": [0, 0, 0]},
+    ):
+        assert Scenario.load(path, options).controller.gravity_compensation == 0.0
 
 
 def test_every_task_and_limit_is_built(tmp_path):

@@ -29,7 +29,6 @@ TAKE_FUNCTIONS = {rnc.HeightField, rnc.Pfaffian, rnc.Output}  # which no file ca
 PARTS_OF_KINDS = {rnc.GroundPlane}  # which stand under a key of another kind
 KINDS = [kind for kind in KINDS if kind not in TAKE_FUNCTIONS | PARTS_OF_KINDS] + [rnc.FrameForce, rnc.FrameTorque]
 ALONE = {rnc.JointPosition: "joint", rnc.FrameOrientation: "frame", rnc.FrameYaw: "frame"}  # {frame_yaw: base}
-KEYS = {(rnc.MomentumConservation, "momentum"): "value"}
 REQUIRED = {(rnc.FrameAngularVelocity, "axis"), (rnc.FrameTilt, "axis")}
 PARTS = json.loads(SCHEMA.read_text())["$defs"]
 
@@ -42,7 +41,7 @@ def said_default(value):
 
 
 def check_fields(kind, part):
-    assert list(part["properties"]) == [KEYS.get((kind, each.name), each.name) for each in dataclasses.fields(kind)]
+    assert list(part["properties"]) == [each.name for each in dataclasses.fields(kind)]
     for each, (name, field) in zip(dataclasses.fields(kind), part["properties"].items(), strict=True):
         assert field["description"], name
         optional = each.default is not dataclasses.MISSING and (kind, each.name) not in REQUIRED

@@ -76,7 +76,10 @@ def test_every_shape_is_built(tmp_path):
         ("  - mesh: {file: none.stl}", "none.stl"),
         ("  - cone: {radius: 1}", "cone"),
         ("  - ground: {ignored_links: [panda_link_0]}", "ignored_links: no link 'panda_link_0'.*'panda_link0'"),
-        ("  - sphere: {radius: 1, motion: {minimum_jerk: {by: [1, 2], duration: 1}}}", "2 values for 4"),
+        (
+            "  - sphere: {radius: 1, motion: {minimum_jerk: {by: [1, 2, 0], duration: 1}}}",
+            r"3 values for 4 outputs \(x, y, z, yaw\); add a value of yaw",
+        ),
     ],
 )
 def test_unusable_obstacles_are_refused(tmp_path, text, words):

@@ -1,0 +1,100 @@
+"""The page of errors has each message of the package, in a family with what to do."""
+
+import inspect
+import io
+import re
+import tokenize
+
+import rnc_pin as rnc
+from places import ROOT, docs_script
+
+make_errors = docs_script("make_errors")
+TEXT = (ROOT / "docs" / "errors.md").read_text(encoding="utf-8")
+SECTIONS = dict(re.findall(r"^## ([^\n]+)\n(.*?)(?=^## |\Z)", TEXT, flags=re.DOTALL | re.MULTILINE))
+PUBLIC = [name for name in rnc.__all__ if isinstance(kind := getattr(rnc, name), type) and issubclass(kind, Exception)]
+
+
+def test_messages_are_current():
+    assert make_errors.page(TEXT) == TEXT, "run python docs/make_errors.py"
+
+
+def test_each_message_has_a_family_and_each_path_of_a_family_has_messages():
+    prefixes = make_errors.prefixes_of(TEXT)
+    assert len(prefixes) == len(set(prefixes))
+    families = [make_errors.family_of(each, prefixes) for each in make_errors.messages()]
+    assert None not in families
+    assert set(families) == set(prefixes)
+
+
+def test_each_family_has_causes_and_what_to_do():
+    for title, section in SECTIONS.items():
+        if "<!-- messages" in section:
+            meaning, _, rest = section.strip().partition("\n")
+            assert re.search("[a-z]", meaning), title
+            rows = re.findall(r"^\| [^-|].* \| .+ \|$", rest, flags=re.MULTILINE)
+            assert len(rows) >= 3, title  # the head and two causes
+
+
+def test_every_public_error_is_explained():
+    rows = re.findall(r"^\| `(\w+)` \|", SECTIONS["Classes"], flags=re.MULTILINE)
+    assert sorted(rows) == sorted(PUBLIC)
+
+
+def _raised_texts():
+    """First words of messages that stand behind ``raise SomeError(``, found by the tokens of each module."""
+    for path in sorted((ROOT / "rnc_pin").rglob("*.py")):
+        tokens = list(tokenize.generate_tokens(io.StringIO(path.read_text(encoding="utf-8")).readline))
+        solid = [each for each in tokens if each.type not in (tokenize.NL, tokenize.COMMENT, tokenize.NEWLINE)]
+        for raised, name, bracket, begin, first in zip(*(solid[k:] for k in range(5)), strict=False):
+            if (raised.string, bracket.string) != ("raise", "(") or not issubclass(
+                getattr(rnc, name.string, int), rnc.RncError
+            ):
+                continue
+            if begin.type == getattr(tokenize, "FSTRING_START", None):  # since Python 3.12
+                text = first.string if first.type == tokenize.FSTRING_MIDDLE else ""
+            else:
+                text = begin.string.lstrip("f").strip("\"'").partition("{")[0] if begin.type == tokenize.STRING else ""
+            if re.search("[a-z]{4}", text):
+                yield path, begin.start[0], text
+
+
+def test_no_raised_message_is_missing():
+    """Beside the syntax trees that the page is made of: the tokens behind each ``raise``."""
+    shown = " ".join(re.sub("[`…]", " ", TEXT).split())
+    found = list(_raised_texts())
+    assert len(found) > 300
+    missing = [(path.name, line, text) for path, line, text in found if " ".join(text.split())[:60] not in shown]
+    assert missing == []
+
+
+def test_messages_are_read_from_every_form_that_makes_them(tmp_path, monkeypatch):
+    module = tmp_path / "forms.py"
+    module.write_text(
+        inspect.cleandoc('''
+        class OddError(Exception):
+            """An error."""
+
+        def _hint(name):
+            return f"; did you mean '{name}'?"
+
+        def check(x, names):
+            words = [f"first part of {x}", "second"]
+            raise OddError("; ".join(words))
+
+        def other(x):
+            text = "a text " + "in two parts"
+            if x:
+                return OddError(text)
+            raise OddError(f"no joint '{x}'{_hint(x)}")
+
+        def forward(error):
+            raise OddError(str(error)) from None
+        ''')
+    )
+    monkeypatch.setattr(make_errors, "PACKAGE", tmp_path)
+    make_errors.error_classes.cache_clear()
+    try:
+        texts = [each.text for each in make_errors.messages()]
+    finally:
+        make_errors.error_classes.cache_clear()
+    assert texts == ["first part of …", "a text in two parts", "no joint '…'; did you mean '…'?"]
