@@ -17,7 +17,7 @@ Place = str | Annotated[int, Field(ge=0)]
 Positive = Annotated[float, Field(gt=0)]
 
 
-class Column(Strict):
+class ColumnKeys(Strict):
     """Numbers of one column: ``scale * number + offset``, or ``scale * 2 pi * count / ticks + offset``."""
 
     column: Place
@@ -36,7 +36,7 @@ def _column(raw: object) -> object:
     return {"column": raw} if isinstance(raw, str | int) and not isinstance(raw, bool) else raw
 
 
-AColumn = Annotated[Column, BeforeValidator(_column)]
+AColumn = Annotated[ColumnKeys, BeforeValidator(_column)]
 
 
 class JointColumns(Strict):
@@ -137,8 +137,8 @@ class LogMapping(Strict):
         4096.0
     """
 
-    time: AColumn = Column(column="time")
-    """Column of the time stamps [s]."""
+    time: AColumn = ColumnKeys(column="time")
+    """ColumnKeys of the time stamps [s]."""
     separator: Literal["comma", "semicolon", "tab", "space"] = "comma"
     """Separator of a text table; ``space`` is any number of blanks."""
     comment: str = "#"

@@ -17,7 +17,7 @@ from rnc_pin.io.safe_read import open_regular
 from rnc_pin.io.strict_mapping import Strict
 from rnc_pin.logs.channel import Channel, Quantity
 from rnc_pin.logs.encoder import unwrapped
-from rnc_pin.logs.mapping import Column, LogMapping, Place
+from rnc_pin.logs.mapping import ColumnKeys, LogMapping, Place
 
 _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "space": None}
 _MISSING = ("", "na", "n/a", "null", "none", "nan", "-nan")
@@ -45,13 +45,13 @@ def read_table(path: Path, mapping: LogMapping) -> list[Channel]:
     return [*_channels(path, mapping, time, numbers)]
 
 
-def _columns(mapping: LogMapping) -> Iterator[Column]:
+def _columns(mapping: LogMapping) -> Iterator[ColumnKeys]:
     for group in (mapping.joints, mapping.frames, mapping.twists, mapping.imus):
         for keys in group.values():
             yield from _given(keys).values()
 
 
-def _given(keys: Strict) -> dict[str, Column]:
+def _given(keys: Strict) -> dict[str, ColumnKeys]:
     """Columns that a mapping gives, by key."""
     return {name: column for name in type(keys).model_fields if (column := getattr(keys, name)) is not None}
 
@@ -62,7 +62,7 @@ def _channels(
     # Counters are unwrapped in the order of time, and without the samples that have no number.
     order = np.argsort(time, kind="stable")
 
-    def value(column: Column, what: str) -> np.ndarray:
+    def value(column: ColumnKeys, what: str) -> np.ndarray:
         found = numbers[column.column].copy()
         if column.wrap is not None:
             whole = order[np.isfinite(found[order])]
