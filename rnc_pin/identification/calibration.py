@@ -15,7 +15,7 @@ from rnc_pin.identification.rolled_path import rotated
 from rnc_pin.identification.rolling_motion import RollingMotion, UnknownNumber, radii_of
 from rnc_pin.identification.unknowns import SensorPlace, Unknown
 from rnc_pin.identification.urdf_places import write_urdf
-from rnc_pin.identification.window_fit import Fit, WindowFit, Windows
+from rnc_pin.identification.window_fit import Fit, WindowFit, Windows, correlation_of
 from rnc_pin.logs.channel import Channel
 from rnc_pin.logs.log import Log
 from rnc_pin.model.rows import ConstraintKind
@@ -23,7 +23,7 @@ from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 
 _FEWEST = 4  # samples of a window
-_FIRST, _LAST = 1.0, 1e-3  # precision of the first windows and of the last ones, in standard deviations
+_FIRST, _LAST = 1.0, 0.03  # precision of the first windows and of the last ones, in standard deviations
 _FAR = 5.0  # standard deviations of an outlier
 _NAMED = 0.1  # share of a combination below which a parameter is not named
 
@@ -212,7 +212,7 @@ def calibrate(
         raise ConfigurationError(f"the log has fewer than {_FEWEST} poses of '{sensor}' while its joints are measured")
     if not converged:
         raise InfeasibleError("the calibration did not converge: give fewer parameters, or shorter windows")
-    correlation = _correlation(fit, chosen, heading)
+    correlation = correlation_of(fit)
     scales = np.maximum(problem.scales, np.abs(p))
     covariance, combinations = _precision(fit, motion.parameters, scales, correlation, resolution)
     errors = {
@@ -302,23 +302,6 @@ class PoseProblem:
         return PathError(
             float(distance.mean()), float(np.sqrt(np.mean(distance**2))), float(distance.max()), angle, len(distance)
         )
-
-
-def _correlation(fit: Fit, windows: Windows, heading: bool) -> float:
-    """Number of samples over which residuals are correlated: one plus twice the sum of their first correlations."""
-    worst = 1.0
-    for column in range(3 if heading else 2):
-        r = fit.residuals[:, column] - fit.residuals[:, column].mean()
-        limit = len(r) // 2
-        size = 2 ** int(np.ceil(np.log2(2 * len(r))))
-        spectrum = np.abs(np.fft.rfft(r, size)) ** 2
-        product = np.fft.irfft(spectrum, size)[:limit]
-        if product[0] <= 0:
-            continue
-        rho = product[1:] / product[0]
-        stops = np.flatnonzero(rho <= 2 / np.sqrt(len(r)))
-        worst = max(worst, float(1 + 2 * rho[: stops[0] if len(stops) else limit].sum()))
-    return worst
 
 
 def _precision(

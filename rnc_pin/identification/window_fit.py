@@ -130,6 +130,23 @@ def cost(fit: Fit, deviations: np.ndarray) -> float:
     return total
 
 
+def correlation_of(fit: Fit) -> float:
+    """Number of samples over which residuals are correlated: one plus twice the sum of their first correlations."""
+    worst = 1.0
+    for column in range(3):
+        r = fit.residuals[:, column] - fit.residuals[:, column].mean()
+        limit = len(r) // 2
+        size = 2 ** int(np.ceil(np.log2(2 * len(r))))
+        spectrum = np.abs(np.fft.rfft(r, size)) ** 2
+        product = np.fft.irfft(spectrum, size)[:limit]
+        if product[0] <= 0:
+            continue
+        rho = product[1:] / product[0]
+        stops = np.flatnonzero(rho <= 2 / np.sqrt(len(r)))
+        worst = max(worst, float(1 + 2 * rho[: stops[0] if len(stops) else limit].sum()))
+    return worst
+
+
 class WindowFit:
     """Least squares of a predicted path over windows.
 
@@ -169,7 +186,8 @@ class WindowFit:
             p: first parameters (P,).
             scales: typical sizes of the parameters (P,).
             valid: function that returns False for parameters that no robot has.
-            precision: step at which the iteration ends, in standard deviations of the parameters.
+            precision: step at which the iteration ends, in standard deviations of the parameters for the correlation
+                of the residuals.
 
         Returns:
             Parameters, their fit, and True if the iteration converged.
@@ -193,6 +211,6 @@ class WindowFit:
                 if damping > _MOST_DAMPING:
                     return p, fit, True  # no descent is left but rounding
             p, fit, damping = other, self._settled(poses, slopes, found), damping * relax
-            if np.abs(step).max(initial=0.0) < _STEP or step @ H @ step < precision**2:
+            if np.abs(step).max(initial=0.0) < _STEP or step @ H @ step < precision**2 * correlation_of(fit):
                 return p, fit, True
         return p, fit, False
