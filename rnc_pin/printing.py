@@ -1,17 +1,33 @@
-"""Object summaries: a title and a few lines in a terminal, a small table in a notebook."""
+"""Printed objects: one line as ``repr``, a title and a few lines as ``str``, a small table in a notebook."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import fields, is_dataclass
+from enum import Enum
 from html import escape
-from typing import NamedTuple
+from numbers import Number
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
+WIDTH = 120
+"""Longest printed line."""
 _MOST = 8  # items per line of text
+_MOST_LINES = 29  # of text, with the title
 _CELL = 'style="text-align: left; vertical-align: top"'
+
+_RATE, _FORCE = "rad/s or m/s", "N or N m"
+_UNITS = {
+    **dict.fromkeys(("time", "duration", "begin", "dt"), "s"),
+    **dict.fromkeys(("v", "v1", "v2", "v2_desired", "w"), _RATE),
+    **dict.fromkeys(("q", "x1", "x2", "x1_desired", "x2_desired"), "rad or m"),
+    **dict.fromkeys(("T", "F", "requested"), _FORCE),
+    "v2_dot": "rad/s^2 or m/s^2",
+    "energy": "J",
+}
+"""Units of numbers by their symbols; ``printed`` has other ones."""
 
 
 class Item(NamedTuple):
@@ -36,7 +52,10 @@ class ObjectSummary(NamedTuple):
 
     def text(self) -> str:
         """Return text for a terminal; long lists are shortened and end in the number of omitted items."""
-        return "\n".join([self.title, *(f"  {label}: {_listed(listed)}" for label, listed in self.lines)])
+        shown = [self.title, *(f"  {label}: {_listed(listed, WIDTH - len(label) - 4)}" for label, listed in self.lines)]
+        if len(shown) > _MOST_LINES:
+            shown = [*shown[:_MOST_LINES], f"  and {counted(len(shown) - _MOST_LINES, 'more line')}"]
+        return "\n".join(map(shortened, shown))
 
     def html(self) -> str:
         """Return HTML for a notebook: a table with all items."""
@@ -44,21 +63,93 @@ class ObjectSummary(NamedTuple):
         return f"<div><b>{escape(self.title)}</b></div><table>{rows}</table>"
 
 
+class _Pretty(Protocol):
+    """Printer of IPython."""
+
+    def text(self, text: str) -> None: ...
+
+
 class SummaryMixin(ABC):
-    """Mixin that prints the summary of an object: as text, and in notebooks as a table."""
+    """Mixin that prints an object: its title as ``repr``, its summary as ``str``, and a table in notebooks."""
 
     @abstractmethod
     def _summary(self) -> ObjectSummary: ...
 
-    def _full_summary(self) -> ObjectSummary:
-        """Return the summary for notebooks, which may be longer."""
-        return self._summary()
-
     def __repr__(self) -> str:
+        return shortened(self._summary().title)
+
+    def __str__(self) -> str:
         return self._summary().text()
 
     def _repr_html_(self) -> str:
-        return self._full_summary().html()
+        return self._summary().html()
+
+    def _repr_pretty_(self, printer: _Pretty, cycle: bool) -> None:
+        printer.text(str(self))
+
+
+Record = TypeVar("Record")
+
+
+def printed(**units: str) -> Callable[[type[Record]], type[Record]]:
+    """Class decorator of records, which are dataclasses and named tuples: they print their fields, with units.
+
+    The title is the name of the class. A ``__str__`` that the class itself defines remains.
+
+    Args:
+        units: units of fields by name, beside those of the usual symbols (q, v2, T, time, ...).
+    """
+
+    def decorated(kind: type[Record]) -> type[Record]:
+        def summary(self: object) -> ObjectSummary:
+            return record_summary(self, units)
+
+        methods = {
+            "_summary": summary,
+            "__repr__": lambda self: shortened(_call(kind, {name: _outline(value) for name, value in _fields(self)})),
+            "__str__": SummaryMixin.__str__,
+            "_repr_html_": SummaryMixin._repr_html_,
+            "_repr_pretty_": SummaryMixin._repr_pretty_,
+        }
+        for name, method in methods.items():
+            if name != "__str__" or name not in vars(kind):
+                setattr(kind, name, method)
+        return kind
+
+    return decorated
+
+
+def record_summary(record: object, units: Mapping[str, str]) -> ObjectSummary:
+    """Return the summary of a record: one line for each public field that is not None.
+
+    Args:
+        record: a dataclass or a named tuple.
+        units: units of fields by name, beside those of the usual symbols.
+    """
+    lines: list[Line] = []
+    for name, value in _fields(record):
+        usual = _UNITS.get(name) if isinstance(value, Number | np.ndarray) else None
+        unit = units.get(name, usual)
+        if value is not None:
+            lines.append((f"{name} [{unit}]" if unit else name, described(value)))
+    return ObjectSummary(type(record).__name__, lines)
+
+
+def described(value: object) -> Sequence[Item]:
+    """Return the items that describe a value: numbers, names, ranges of large arrays, titles of objects."""
+    if isinstance(value, np.ndarray):
+        return [Item(each) for each in _numbers(value)]
+    if isinstance(value, Mapping):
+        return [Item(str(name), _value(each)) for name, each in value.items()]
+    if isinstance(value, Collection) and not (isinstance(value, str) or _is_record(value) or _prints(value)):
+        return [Item(_line_of(each)) for each in value]
+    return [Item(_line_of(value))]
+
+
+def shortened(line: str, width: int = WIDTH) -> str:
+    """Return a text as one line of at most ``width`` characters."""
+    line = " ".join(line.split()) if "\n" in line else line
+    return line if len(line) <= width else line[: width - 4] + " ..."
 
 
 class ReprMixin:
@@ -86,9 +177,14 @@ def significant(value: float, digits: int = 2) -> float:
     return float(f"{value:.{digits}g}")
 
 
-def _listed(listed: Sequence[Item]) -> str:
-    more = f" and {len(listed) - _MOST} more" if len(listed) > _MOST else ""
-    return (", ".join(map(str, listed[:_MOST])) or "none") + more
+def _listed(listed: Sequence[Item], width: int) -> str:
+    shown = list(map(str, listed[:_MOST]))
+    while True:
+        more = f" and {len(listed) - len(shown)} more" if len(listed) > len(shown) else ""
+        text = (", ".join(shown) or "none") + more
+        if len(text) <= width or len(shown) < 2:
+            return shortened(text, width)
+        shown.pop()
 
 
 def _rows(label: str, listed: Sequence[Item]) -> str:
@@ -106,19 +202,77 @@ def _call(kind: type, settings: Mapping[str, object]) -> str:
 
 
 def _value(value: object) -> str:
-    if isinstance(value, str):
-        return value
-    if isinstance(value, bool | int | np.integer | np.bool_):
-        return str(value)
-    if isinstance(value, float | np.floating):
-        return f"{value:.4g}"
-    if isinstance(value, np.ndarray):
-        return np.array2string(value, precision=4, threshold=_MOST, edgeitems=3, max_line_width=1000)
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(map(_value, value))}]"
+    """Value in one line, as a part of another one."""
     if isinstance(value, ReprMixin):
         return repr(value)
-    if is_dataclass(value):
-        settings = {each.name: getattr(value, each.name) for each in fields(value) if each.repr}
-        return _call(type(value), settings)
+    if isinstance(value, str | Enum | Number | np.generic):
+        return _line_of(value)
+    if isinstance(value, np.ndarray):
+        if value.ndim == 1:
+            return np.array2string(value, precision=4, threshold=_MOST, edgeitems=3, max_line_width=1000)
+        return f"[{' x '.join(map(str, value.shape))}]"
+    if isinstance(value, list | tuple) and not (_is_record(value) or _prints(value)):
+        return f"[{', '.join(map(_value, value))}]"
+    if isinstance(value, Mapping) and not _prints(value):
+        return ", ".join(f"{name} {_value(each)}" for name, each in value.items()) or "none"
+    if _is_record(value) and not isinstance(value, SummaryMixin):
+        return _call(type(value), dict(_fields(value)))
     return type(value).__name__
+
+
+def _outline(value: object) -> object:
+    """Value, but only the name of a record; a part of a record would hide the rest of a line."""
+    if _is_record(value):
+        return f"{type(value).__name__}(...)"
+    return list(map(_outline, value)) if isinstance(value, list | tuple) else value
+
+
+def _line_of(value: object) -> str:
+    """Value in one line, alone."""
+    if isinstance(value, bool | int | np.integer | np.bool_):
+        return str(value)
+    if isinstance(value, Enum):
+        return str(value.value)
+    if isinstance(value, Number | np.generic):
+        return _number(value)
+    if isinstance(value, str):
+        return shortened(value)
+    if _prints(value) and not isinstance(value, np.ndarray):
+        text = str(value)
+        return shortened(repr(value) if "\n" in text else text)
+    return _value(value)
+
+
+def _prints(value: object) -> bool:
+    """True if a value has a text of its own, beside that of dataclasses, tuples and collections."""
+    return isinstance(value, ReprMixin | Exception) or type(value).__str__ is not object.__str__
+
+
+def _is_record(value: object) -> bool:
+    return is_dataclass(value) or hasattr(value, "_fields")
+
+
+def _fields(record: object) -> Sequence[tuple[str, object]]:
+    """Names and values of the public fields of a dataclass or a named tuple."""
+    if is_dataclass(record):
+        names = [each.name for each in fields(record) if each.repr]
+    else:
+        names = list(getattr(record, "_fields", ()))
+    return [(name, getattr(record, name)) for name in names if not name.startswith("_")]
+
+
+def _numbers(array: np.ndarray) -> Sequence[str]:
+    """Numbers of a short list; of another array its shape and range."""
+    if array.ndim <= 1 and array.size <= _MOST and array.dtype != object:
+        return [_line_of(each) for each in np.atleast_1d(array)]
+    shape = f"{len(array)} values" if array.ndim == 1 else " x ".join(map(str, array.shape))
+    finite = array[np.isfinite(array)] if array.dtype.kind in "fiu" else np.empty(0)
+    if not finite.size:
+        return [shape]
+    return [f"{shape}, from {finite.min() + 0.0:.4g} to {finite.max() + 0.0:.4g}"]
+
+
+def _number(value: object) -> str:
+    if isinstance(value, complex | np.complexfloating):
+        return f"{value.real:.4g}{value.imag:+.4g}j" if value.imag else f"{value.real:.4g}"
+    return f"{value:.4g}"

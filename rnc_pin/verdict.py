@@ -14,11 +14,12 @@ from typing import Any
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.finding_kinds import FindingKind, Severity
 from rnc_pin.io.json import Json
-from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
+from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, printed
 
 __all__ = ["Finding", "FindingKind", "Severity", "Verdict", "finding_kind", "weight_of"]
 
 
+@printed()
 @dataclass(frozen=True)
 class Finding:
     """One result of a check.

@@ -20,6 +20,7 @@ from rnc_pin.math.linear_algebra import sorted_eigenvalues
 from rnc_pin.model.input_validation import vector
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.printing import printed
 
 _GROWS = (
     1e-6  # real part above which a mode grows, relative to the size of A: double zeros are known to its square root
@@ -31,6 +32,7 @@ _DEPENDENT = 1e-9
 Family = ReducedModel | Callable[[float], ReducedModel]
 
 
+@printed(eigenvalues="1/s")
 @dataclass(frozen=True)
 class SteadyMotion:
     """An equilibrium or a steady motion at one value of a parameter, and its stability under constant inputs.

@@ -18,8 +18,10 @@ from rnc_pin.model.row_stack import RowStack
 from rnc_pin.model.rows import Rows
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.user_functions import gradient_with_error
+from rnc_pin.printing import printed
 
 
+@printed()
 @dataclass(frozen=True)
 class StateDerivatives:
     """Derivatives of ``v = R v2 + b`` and ``v2_dot`` at states, along the tangent space at q.

@@ -21,6 +21,7 @@ from rnc_pin.errors import ConstraintError, InputError, ModelError, nearest
 from rnc_pin.model.input_validation import vector
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.printing import printed
 
 _STEPS, _HALVINGS = 100, 12
 _LONGEST = 0.3  # longest step [rad or m]
@@ -31,6 +32,7 @@ _DEPENDENT = 1e-9
 _UNACTUATED = 1e-10
 
 
+@printed(residual="N or N m")
 class Equilibrium(NamedTuple):
     """Equilibrium or steady motion of a reduced system, and the inputs that hold it.
 

@@ -13,11 +13,12 @@ from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.model.parameter_types import Positive
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.printing import ObjectSummary, SummaryMixin, counted, items
 
 _SMALL = 1e-9
 
 
-class Grip:
+class Grip(SummaryMixin):
     """Friction that constraints need: the norm of their force along the ground over ``friction`` times the load.
 
     A contact is any constraint against slip along the ground: ``NoSideSlip``, wheels, balls. Its force is the
@@ -62,6 +63,11 @@ class Grip:
             if not load > 0:
                 raise ConfigurationError(f"load of '{name}' has to be positive, found {load}")
             self._known[self.names.index(name)] = load
+
+    def _summary(self) -> ObjectSummary:
+        known = [f"{load:.4g} N" if np.isfinite(load) else "load from statics" for load in self._known]
+        title = f"Grip of {counted(len(self.names), 'contact')} with friction {self.friction:.4g}"
+        return ObjectSummary(title, [("contacts", items(self.names, known))])
 
     def forces(self, q: Array, v2: Array, T: Array) -> Float[Array, "*batch w"]:
         """Return the contact forces along the ground [N].

@@ -20,6 +20,7 @@ from rnc_pin.analysis.lie_brackets import BracketJets, Jets
 from rnc_pin.errors import InfeasibleError, InputError, SingularityError
 from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.printing import printed
 
 MARGIN = 1e3  # smallest ratio of a direction's singular value to the error and to the rejected singular values
 _ZERO = 10.0  # ratio to the same values below which a singular value is clearly zero
@@ -52,6 +53,7 @@ class Growth:
     """True if the search ended at the deepest brackets, with directions missing that other configurations have."""
 
 
+@printed()
 @dataclass(frozen=True)
 class GrowthEvidence:
     """Growth vectors of sampled configurations, and their margins over errors.

@@ -16,6 +16,7 @@ import scipy
 from rnc_pin.analysis.growth import Growth, GrowthEvidence, generic_growth
 from rnc_pin.math.linear_algebra import unit_rows
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.printing import printed
 
 _TOLERANCE = 1e-5  # for unit rows; the closure is as accurate as the brackets
 _TAKES_PART = 1e-3  # share of the largest entries below which those of a row are too small for a pivot
@@ -44,6 +45,7 @@ class Combination:
         return text
 
 
+@printed()
 @dataclass(frozen=True)
 class Integrability:
     """Integrable and nonholonomic constraint rows, with the growth vector.

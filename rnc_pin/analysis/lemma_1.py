@@ -13,6 +13,7 @@ from rnc_pin.analysis.singularities import Singularity
 from rnc_pin.errors import ConstraintError, SingularityError
 from rnc_pin.math.linear_algebra import unit_rows
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.printing import printed
 
 _STEP = 5e-4  # of the finite differences, along the direction of the velocity
 _SHARES = 10.0 ** np.linspace(-1.0, -3.0, 7)  # fractions of the way from a singular configuration to the nearest sample
@@ -63,6 +64,7 @@ def _worst(array: np.ndarray) -> float:
     return float(array.max(initial=0.0))
 
 
+@printed(distances="rad or m")
 @dataclass(frozen=True)
 class Approach:
     """Growth of H and V towards a configuration where E is singular.
@@ -84,6 +86,7 @@ class Approach:
     bounded: bool
 
 
+@printed()
 @dataclass(frozen=True)
 class Boundedness:
     """Norms of H, V and G over the samples, and their growth towards singular configurations.

@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rnc_pin.errors import InputError
+from rnc_pin.printing import printed
 
 
+@printed()
 @dataclass(frozen=True)
 class LimitEffect:
     """Effect of limits at one state.

@@ -21,6 +21,7 @@ from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.rows import OutputKind
+from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, counted, described, items
 
 _STEADY = 1e-8  # largest acceleration that counts as zero, relative to the accelerations that gravity causes
 _CLOSED = (
@@ -31,8 +32,8 @@ _INDEPENDENT = 1e-10
 Coordinate = str | OutputKind
 
 
-@dataclass(frozen=True)
-class Linearization:
+@dataclass(frozen=True, repr=False)
+class Linearization(SummaryMixin):
     """``x' = A x + B u`` for small deviations ``x = (coordinates, v2 - v2_0)`` and ``u = T - T_0``.
 
     The arrays are what python-control's ``ss(A, B, C, D)`` and ``scipy.linalg.solve_continuous_are`` take.
@@ -77,6 +78,21 @@ class Linearization:
         """Return the state x (s,) at q (nq,) and v2 (r,), for a feedback ``T = T_0 - K x``."""
         rates = (np.asarray(v2, float) - self.v2)[self._kept]
         return np.concatenate([self._read.deviation(np.asarray(q, float), self.q), rates])
+
+    def _summary(self) -> ObjectSummary:
+        states, inputs = counted(len(self.state_names), "state"), counted(len(self.input_names), "input")
+        lines: list[Line] = [
+            ("states", items(self.state_names)),
+            ("inputs", items(self.input_names)),
+            ("eigenvalues [1/s]", described(self.eigenvalues)),
+            ("A", described(self.A)),
+            ("B", described(self.B)),
+            ("q [rad or m]", described(self.q)),
+            ("v2 [rad/s or m/s]", described(self.v2)),
+            ("T [N or N m]", described(self.T)),
+            ("error of finite differences", [Item(f"{self.difference_error:.2g}")]),
+        ]
+        return ObjectSummary(f"Linearization x' = A x + B u: {states}, {inputs}", lines)
 
 
 def linearize(

@@ -20,6 +20,7 @@ from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import Place
 from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.printing import printed
 
 _UNITS = np.eye(6)
 _SMALL = 1e-9
@@ -43,6 +44,7 @@ class Contact(NamedTuple):
     point: int
 
 
+@printed(force="N", lowest="N")
 @dataclass(frozen=True)
 class LiftOff:
     """Lift-off of a contact: its normal force is below zero.

@@ -11,6 +11,7 @@ from rnc_pin.model.output_gradients import kinematic_gradient
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.task import Task
+from rnc_pin.printing import printed
 
 _ZERO = 1e-9
 _RANK = 1e-9  # of the largest singular value of all outputs' Jacobian
@@ -18,6 +19,7 @@ _POSSIBLE = 1e-6  # largest motion of outputs that must not move
 _STEERING = "d(A3 v21)/dx22"
 
 
+@printed()
 @dataclass(frozen=True)
 class Spread:
     """Smallest, median and largest value of a quantity over the samples."""
@@ -32,6 +34,7 @@ class Spread:
         return cls(float(values.min()), float(np.median(values)), float(values.max()))
 
 
+@printed()
 @dataclass(frozen=True)
 class Block:
     """Size and singular values of a block of A*, or of ``d(A3 v21)/dx22``.
@@ -60,6 +63,7 @@ class Block:
         return to_json_mapping({**known, "shape": self.shape}, self.name)
 
 
+@printed()
 @dataclass(frozen=True)
 class Evidence:
     """Numbers that decide on a class.
@@ -90,6 +94,7 @@ class Evidence:
         return to_json_mapping({**known, "blocks": [block.to_dict() for block in self.blocks]}, "evidence")
 
 
+@printed()
 @dataclass(frozen=True)
 class Redundancy:
     """Redundancy class of a task, its partition of x1, and the reason.

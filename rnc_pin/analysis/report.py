@@ -19,14 +19,15 @@ from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.model.independence import DroppedRow
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
+from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, counted, items
 
 _LEMMA_TOLERANCE = 1e-6
 _RANK = 1e-10  # of the largest singular value of R^T B
 _MISSING = 1e-6  # limit of the missing part of a unit force
 
 
-@dataclass(frozen=True)
-class Report:
+@dataclass(frozen=True, repr=False)
+class Report(SummaryMixin):
     """Result of ``analyze``.
 
     Attributes:
@@ -93,6 +94,51 @@ class Report:
         """Plain lists, numbers and strings, ready for JSON."""
         own = {"redundancy": self.redundancy.to_dict(), "growth_evidence": self.growth_evidence.to_dict()}
         return to_json_mapping({**asdict(self), **own}, "report")
+
+    def _summary(self) -> ObjectSummary:
+        less = counted(self.rank, "independent row")
+        title = f"Report: {self.n} degrees of freedom less {less} leave {self.r}"
+        task, short = self.redundancy, self.r - self.actuation_rank
+        reach = (
+            "completely nonholonomic"
+            if self.completely_nonholonomic
+            else f"at most {self.growth_vector[-1]} of {self.n}"
+        )
+        vector = f"({', '.join(map(str, self.growth_vector))}), {self.growth_evidence}"
+        kinds = ["integrable" if row in self.integrable_rows else "nonholonomic" for row in self.kept_rows]
+        full = f"{self.actuation_rank} of {self.r} reduced forces" + (", not fully actuated: " if short else "")
+        named = f"class {self.redundancy_class}" if self.redundancy_class else "no redundancy class"
+        conditions = [Item(f"{name} {value:.3g}") for name, value in self.condition.items()]
+        residuals = [Item(f"{name} {value:.1e}") for name, value in self.lemma1.items()]
+        singular = [
+            Item(
+                f"{each.matrix}: {', '.join(each.rows)}", f"smallest singular value {each.smallest_singular_value:.2g}"
+            )
+            for each in self.singularities
+        ]
+        limited = [
+            Item(f"t = {each.time:g} s: {', '.join(each.active)}", f"{each.freedom} of {self.r} free")
+            for each in self.limit_effects
+            if each.active
+        ]
+        return ObjectSummary(
+            title,
+            [
+                ("constraint rows", items(self.kept_rows, kinds)),
+                ("rows dropped", [Item(each.name, each.reason) for each in self.dropped_rows]),
+                ("integrable combinations", items(self.integrable_combinations)),
+                ("reach", [Item(reach, f"growth vector {vector}")]),
+                (f"actuation, {counted(self.p, 'input')}", [Item(full + ", ".join(self.unactuated))]),
+                ("redundancy", [Item(named, task.reason)]),
+                ("outputs that redundant motions steer", items(task.tracked)),
+                ("outputs that follow from primary motions", items(task.driven)),
+                (f"condition of E at {counted(self.samples - self.singular_samples, 'sample')}", conditions),
+                ("singular samples", [Item(f"{self.singular_samples} of {self.samples}")]),
+                ("singular or worst configurations", singular),
+                (f"Lemma 1 {'holds' if self.lemma1_holds else 'DOES NOT HOLD'}, residuals", residuals),
+                *([("limits that change the motion", limited)] if self.limit_effects else []),
+            ],
+        )
 
 
 def analyze(

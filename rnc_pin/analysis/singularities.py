@@ -16,6 +16,7 @@ from rnc_pin.errors import ConstraintError, SingularityError
 from rnc_pin.math.linear_algebra import weakest_rows
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
+from rnc_pin.printing import printed
 from rnc_pin.robots.robot import Robot
 
 _PAIRS = 8
@@ -29,6 +30,7 @@ SignOf = Callable[[np.ndarray], float]
 Support = frozenset[int] | None  # rows with a weight in the dependence; None for a sample beside a surface
 
 
+@printed(configuration="rad or m")
 @dataclass(frozen=True)
 class Singularity:
     """Configuration at which a matrix is singular, or the worst sample.

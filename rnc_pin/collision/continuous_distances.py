@@ -11,7 +11,7 @@ a segment contains further samples, or where an obstacle moves.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy import ndarray as Array
@@ -22,6 +22,7 @@ from rnc_pin.collision.distance_bounds import PlacedBodies
 from rnc_pin.collision.motion_segments import SampledMotion
 from rnc_pin.collision.pair_bounds import PairBounds, PairEnds
 from rnc_pin.errors import InputError
+from rnc_pin.printing import printed
 
 TOLERANCE = 1e-3
 """Default tolerance of smallest distances [m]."""
@@ -34,6 +35,7 @@ _UNCHANGED = 1e-5  # [m]; range of distances of a pair that counts as constant
 _CHUNK = 100_000  # pairs at places that are measured at a time: bounds memory
 
 
+@printed(smallest="m", within="m", tolerance="m")
 @dataclass(frozen=True)
 class ContinuousDistances:
     """Smallest distances of all pairs along a motion.
@@ -56,7 +58,7 @@ class ContinuousDistances:
     uncertain: Bool[Array, " k"]
     within: float
     tolerance: float
-    curves: DistanceCurves
+    curves: DistanceCurves = field(repr=False)
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.io.json import Json
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning.references import Reference
-from rnc_pin.printing import ReprMixin
+from rnc_pin.printing import ReprMixin, printed
 
 State: TypeAlias = Any
 """State of a controller from one sample to the next; only the controller knows its content."""
@@ -32,6 +32,7 @@ Description: TypeAlias = Mapping[str, Json]
 """Description of a controller: its ``type``, its gains, and the descriptions of the controllers that it contains."""
 
 
+@printed()
 class VelocityTarget(NamedTuple):
     """Desired motion of the reducing outputs from a kinematic controller, with leading batch axes."""
 
@@ -51,6 +52,7 @@ class VelocityTarget(NamedTuple):
     """Rates for a robot that holds its command over the sample: the mean of the planned rates. None for v2."""
 
 
+@printed()
 class Command(NamedTuple):
     """Output of a controller: F or T; the other fields are for the record only."""
 
@@ -67,20 +69,77 @@ class Command(NamedTuple):
 
 @runtime_checkable
 class Controller(Protocol):
-    """Controller that computes a command once per sample."""
+    """Controller that computes a command once per sample; any object with these two methods is one.
 
-    def initial_state(self, measurement: Measurement) -> State: ...
+    It holds gains only. What it learns is in the state, which ``step`` takes and returns without changing it. The
+    command has ``F``, a reduced force (r,), or ``T``, inputs of the actuators (p,); others are for the record.
 
-    def step(self, t: float, measurement: Measurement, state: State) -> tuple[Command, State]: ...
+    The measurement has q (nq,), v2 (r,), the outputs x1 (k,) and x2 (r,), A_star (k, r), and more; see ``Measurement``.
+    ``describe()`` is optional: type and gains for the record of a run.
+
+    Example:
+        >>> class Brake:
+        ...     def __init__(self, gain):
+        ...         self.gain = gain  # [N s/m or N m s/rad]
+        ...     def initial_state(self, measurement):
+        ...         return None
+        ...     def step(self, t, measurement, state):
+        ...         return rnc.control.Command(F=-self.gain * measurement.v2), state
+        >>> isinstance(Brake(5.0), rnc.control.Controller)
+        True
+        >>> Brake(5.0).step(0.0, rnc.Measurement(v2=np.array([1.0, 0.5])), None)[0].F
+        array([-5. , -2.5])
+    """
+
+    def initial_state(self, measurement: Measurement) -> State:
+        """Return the state before the first sample.
+
+        Args:
+            measurement: first measurement.
+        """
+
+    def step(self, t: float, measurement: Measurement, state: State) -> tuple[Command, State]:
+        """Return the command, and the state for the next sample.
+
+        Args:
+            t: time of the sample [s].
+            measurement: measurement at that time.
+            state: state from the last sample; it is not changed.
+        """
 
 
 @runtime_checkable
 class KinematicController(Protocol):
-    """Kinematic controller that computes a velocity target once per sample."""
+    """Controller that computes a velocity target once per sample; it reads no masses.
 
-    def initial_state(self, measurement: Measurement) -> State: ...
+    Its methods are those of ``Controller``, with a ``VelocityTarget`` in place of the command: v2 (r,) and its
+    derivative. Trackers, such as ``VelocityTracker``, turn the target into forces.
 
-    def step(self, t: float, measurement: Measurement, state: State) -> tuple[VelocityTarget, State]: ...
+    Example:
+        >>> class Cruise:
+        ...     def initial_state(self, measurement):
+        ...         return None
+        ...     def step(self, t, measurement, state):
+        ...         return rnc.control.VelocityTarget(v2=np.array([1.0, 0.0]), v2_dot=np.zeros(2)), state
+        >>> isinstance(Cruise(), rnc.control.KinematicController)
+        True
+    """
+
+    def initial_state(self, measurement: Measurement) -> State:
+        """Return the state before the first sample.
+
+        Args:
+            measurement: first measurement.
+        """
+
+    def step(self, t: float, measurement: Measurement, state: State) -> tuple[VelocityTarget, State]:
+        """Return the velocity target, and the state for the next sample.
+
+        Args:
+            t: time of the sample [s].
+            measurement: measurement at that time.
+            state: state from the last sample; it is not changed.
+        """
 
 
 @runtime_checkable
@@ -171,6 +230,7 @@ def command_towards(target: VelocityTarget, F: np.ndarray | None = None, T: np.n
     )
 
 
+@printed(until="s")
 class LimitedAcceleration(NamedTuple):
     """Limits of one entry of an acceleration.
 

@@ -24,6 +24,7 @@ from rnc_pin.control.typical_inertia import (
 from rnc_pin.errors import ConfigurationError, InfeasibleError
 from rnc_pin.model.parameter_types import NotNegative, Positive
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.printing import printed
 
 Gain = float | np.ndarray
 Preset = Literal["paper", "normalised", "scaled"]
@@ -75,6 +76,7 @@ class TrackerGains:
         return {name: listed(value) for name, value in vars(self).items() if name not in optional or np.any(value)}
 
 
+@printed(k="force per velocity", sigma="1/s", dead_zone="m/s or rad/s")
 @dataclass(frozen=True)
 class VelocityGains(TrackerGains):
     """Gains of (10).
@@ -187,6 +189,7 @@ class VelocityGains(TrackerGains):
         return cls(k=k, beta=adaptation * k, modes=inertia.modes)
 
 
+@printed(gamma="1/s", sigma="1/s")
 @dataclass(frozen=True)
 class PositionGains(TrackerGains):
     """Gains of (8)-(9).

@@ -13,6 +13,7 @@ from matplotlib.transforms import Affine2D
 
 from rnc_pin.figures import style as st
 from rnc_pin.figures.panel import Labels
+from rnc_pin.printing import printed
 
 _MARKS = 12  # heading marks along a path: eleven equal parts, so that marks of two laps do not coincide
 _TURN_LENGTH = 0.15  # distance between marks that is equivalent to a rotation of 1 rad, over the extent of the path
@@ -22,6 +23,7 @@ _PLAN = "#8a8a8a"  # colour of the planned path
 _POINTER = Path([(1.2, 0.0), (-0.8, 0.62), (-0.45, 0.0), (-0.8, -0.62), (1.2, 0.0)], closed=True)
 
 
+@printed(points="m", headings="rad", desired="m")
 @dataclass(frozen=True)
 class GroundPath:
     """Path of a point in the plane.
@@ -62,6 +64,7 @@ class GroundPath:
         return np.unique(np.searchsorted(distance, np.linspace(0.0, distance[-1], _MARKS)).clip(max=len(distance) - 1))
 
 
+@printed(planned="m")
 @dataclass(frozen=True)
 class GroundPaths:
     """Paths of a run, the planned path, and the paths of compared runs.

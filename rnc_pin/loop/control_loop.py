@@ -36,12 +36,14 @@ from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.parameter_types import NotNegative, Positive
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.printing import printed
 
 _TIME_TOLERANCE = 1 + 1e-9  # tolerance of a time that is a sum of steps, relative
 _FALLBACKS = ("hold", "brake", "zero", "raise")
 _VELOCITIES = ("measured", "filtered", "observer")
 
 
+@printed()
 class Decision(NamedTuple):
     """Result of the last step, for a record. Its arrays are never overwritten."""
 

@@ -24,6 +24,7 @@ from rnc_pin.loop.options import input_of, unpack_step
 from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.printing import printed
 
 _MAX_VALUE = 1e15
 """Largest valid absolute value of a time, velocity or input."""
@@ -42,6 +43,7 @@ class VelocityEstimate(NamedTuple):
     """Filter: output of its first stage [rad/s, m/s]. Observer: estimated acceleration [rad/s^2, m/s^2]."""
 
 
+@printed(invalid_since="s")
 class LoopState(NamedTuple):
     """All data that a control loop keeps from one step to the next.
 

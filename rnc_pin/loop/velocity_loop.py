@@ -25,6 +25,7 @@ from rnc_pin.loop.loop_state import LoopState
 from rnc_pin.loop.options import ControllerOrFactory, LoopOptions, admit_controller, admit_model, check_choice
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.printing import printed
 
 KinematicControllerOrFactory = KinematicController | Callable[[Measurement], KinematicController]
 """Kinematic controller, or a function from the first measurement to one."""
@@ -45,6 +46,7 @@ class BaseTwist(NamedTuple):
     """About z [rad/s]."""
 
 
+@printed(u="rad/s or m/s", joints="rad/s or m/s")
 class VelocityCommand(NamedTuple):
     """Velocities for the drives of a robot. Its arrays are copies."""
 

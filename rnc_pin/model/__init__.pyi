@@ -7,6 +7,7 @@ from .actuation import OutputForce as OutputForce
 from .configuration_evaluation import ConfigurationEvaluation as ConfigurationEvaluation
 from .configuration_evaluation import scaled_rows as scaled_rows
 from .frame_velocity import axis_index as axis_index
+from .input_validation import vector as vector
 from .kinematics import Kinematics as Kinematics
 from .measurement import Measurement as Measurement
 from .mechanisms import Phrases as Phrases

@@ -30,7 +30,7 @@ class FrameForce:
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
         >>> thruster = rnc.FrameForce("sleigh", "x", limit=2.0)
-        >>> rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], [thruster])
+        >>> print(rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], [thruster]))
         NonholonomicSystem of 'chaplygin_sleigh': 3 degrees of freedom less 1 independent row leave 2
           rows kept: no_side_slip(sleigh.y)
           actuators: force(sleigh.x)

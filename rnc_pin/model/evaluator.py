@@ -19,8 +19,10 @@ from rnc_pin.math.components import Component
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.reduction_data import ReductionData
+from rnc_pin.printing import printed
 
 
+@printed()
 @dataclass(frozen=True)
 class ReducedTerms:
     """All matrices of the reduced system at a state; batch axes lead."""
@@ -49,6 +51,7 @@ class ReducedTerms:
     b_dot: Float[Array, "*batch nv"]
 
 
+@printed()
 @dataclass(frozen=True)
 class LagrangianTerms:
     """Matrices of the system before reduction, paper (1)."""
@@ -59,6 +62,7 @@ class LagrangianTerms:
     B: Float[Array, "*batch nv p"]
 
 
+@printed()
 class StateDerivative(NamedTuple):
     """Time derivative of a state, with the power of all forces."""
 

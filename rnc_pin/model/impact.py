@@ -80,7 +80,7 @@ class Impact(SummaryMixin):
     def _summary(self) -> ObjectSummary:
         title = f"Impact: {self.loss:.4g} J of {self.energy_before:.4g} J are lost"
         impulses = [Item(name, f"{value:.4g}") for name, value in self.impulses.items()]
-        return ObjectSummary(title, [("impulses", impulses)])
+        return ObjectSummary(title, [("impulses [N s or N m s]", impulses)])
 
 
 def impact(

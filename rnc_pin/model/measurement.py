@@ -7,10 +7,12 @@ from typing import NamedTuple, cast
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
+from rnc_pin.printing import printed
 
 _ABSENT = cast(Array, None)  # a field may be absent if the controller does not read it
 
 
+@printed()
 class Measurement(NamedTuple):
     """Outputs, their rates and the kinematics between them, without inertia.
 

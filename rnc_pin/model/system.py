@@ -20,7 +20,7 @@ from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.mechanisms import FrameAnchor
 from rnc_pin.model.passive_forces import ForceKind, PassiveForces
 from rnc_pin.model.reduced_model import ReducedModel, system_headline, system_lines
-from rnc_pin.model.reduction_data import ReductionData, VelocityRows, best_entries, row_scales
+from rnc_pin.model.reduction_data import ReductionData, SystemParts, VelocityRows, best_entries, row_scales
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import ConstraintKind, OutputKind, Rows, parts_of
 from rnc_pin.printing import ObjectSummary, SummaryMixin
@@ -88,8 +88,8 @@ class NonholonomicSystem(SummaryMixin):
         self.robot = robot
         self.actuation = Actuation(actuators, robot)
         self.forces = PassiveForces(_kinds(forces, "forces"), robot)
-        constraints = parts_of(_kinds(constraints, "constraints"))
-        self._given = constraints, actuators, mimic, tuple(forces)
+        self._given = SystemParts(tuple(_kinds(constraints, "constraints")), actuators, mimic, tuple(forces))
+        constraints = parts_of(self._given.constraints)
         blocks = _numbered([_bound(kind, robot) for kind in constraints])
         if mimic and robot.mimics:
             blocks += _not_implied(mimic_rows(robot, blocks), robot, blocks)
@@ -132,7 +132,7 @@ class NonholonomicSystem(SummaryMixin):
         Args:
             constraints: constraints in addition to those of this system.
         """
-        given, actuators, mimic, forces = self._given
+        given, actuators, mimic, forces, *_ = self._given
         return NonholonomicSystem(self.robot, [*given, *constraints], actuators, mimic, forces)
 
     @property
@@ -188,17 +188,19 @@ class NonholonomicSystem(SummaryMixin):
         Raises:
             ConstraintError: not n - m reducing outputs, a duplicate output, or outputs that are dependent everywhere.
         """
-        x1 = OutputStack([kind.bind(self.robot) for kind in _kinds(vertical, "vertical outputs")])
+        given = self._given._replace(vertical=tuple(_kinds(vertical, "vertical outputs")))
+        x1 = OutputStack([kind.bind(self.robot) for kind in given.vertical])
         if reducing is None:
-            return self._reduced(self._entries(), x1, singularity_limit, free=True)
-        x2 = OutputStack([kind.bind(self.robot) for kind in _kinds(reducing, "reducing outputs")])
+            return self._reduced(self._entries(), x1, singularity_limit, given)
+        given = given._replace(reducing=tuple(_kinds(reducing, "reducing outputs")))
+        x2 = OutputStack([kind.bind(self.robot) for kind in given.reducing or ()])
         if x2.size != self.r:
             _check_unique((*self.constraints.names, *x2.names, *x1.names), "output")
             raise ConstraintError(
                 f"{x2.size} reducing outputs ({', '.join(x2.names) or 'none'}), expected {self.r}: "
                 f"{self.n} degrees of freedom less {self.m} of the constraints{_still(x2, self.robot, self._samples)}"
             )
-        reduced = self._reduced(x2, x1, singularity_limit)
+        reduced = self._reduced(x2, x1, singularity_limit, given)
         self._check_regular(reduced)
         return reduced
 
@@ -207,12 +209,12 @@ class NonholonomicSystem(SummaryMixin):
         lines = system_lines(self.constraints, self.dropped_rows, self.actuation, self.forces)
         return ObjectSummary(title, lines)
 
-    def _reduced(self, x2: OutputStack, x1: OutputStack, limit: float, free: bool = False) -> ReducedModel:
+    def _reduced(self, x2: OutputStack, x1: OutputStack, limit: float, given: SystemParts) -> ReducedModel:
         _check_unique((*self.constraints.names, *x2.names, *x1.names), "output")
         lengths = row_scales(self.robot, self.rows, x2, self._samples)
-        workspace, kept = Kinematics(self.robot), tuple(self.kept)
+        workspace, kept, free = Kinematics(self.robot), tuple(self.kept), given.reducing is None
         parts = ReductionData(
-            self.robot, self.rows, kept, self.actuation, x2, x1, limit, lengths, workspace, self.forces, free
+            self.robot, self.rows, kept, self.actuation, x2, x1, limit, lengths, workspace, self.forces, given, free
         )
         return ReducedModel(parts, self.assembly, self.dropped_rows)
 

@@ -17,6 +17,7 @@ from rnc_pin.figures.panel import Panel, Series, split_names
 from rnc_pin.io.atomic_write import atomic_file
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
 from rnc_pin.planning.references import PiecewisePolynomial
+from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, counted, described, items, printed
 from rnc_pin.verdict import Finding, Verdict
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ _INPUTS = {
 _ARRAYS = ("time", "q", "w", "u", "K", "position", "velocity", "acceleration")
 
 
+@printed(at="s")
 @dataclass(frozen=True)
 class Integration:
     """Result of one re-integration of a plan with a fine step.
@@ -55,6 +57,7 @@ class Integration:
     deviation: float
 
 
+@printed()
 @dataclass(frozen=True)
 class PlanVerification:
     """Results of re-integrations of a plan with a fine step: of the inputs alone, and with feedback.
@@ -95,6 +98,7 @@ class PlanVerification:
         return self.decisive.deviation
 
 
+@printed()
 @dataclass(frozen=True)
 class PlanInfo:
     """Description of a plan: names, cost, outcome and verification.
@@ -175,8 +179,8 @@ class PlannedOutputs(PiecewisePolynomial):
         super().__init__(coefficients, time, float(time[0]), float(time[-1]))
 
 
-@dataclass(frozen=True)
-class MotionPlan:
+@dataclass(frozen=True, repr=False)
+class MotionPlan(SummaryMixin):
     """Planned motion over K intervals. ``rnc.optimal.plan`` returns it.
 
     Attributes:
@@ -213,12 +217,30 @@ class MotionPlan:
         for name in _ARRAYS:
             getattr(self, name).setflags(write=False)
 
-    def __repr__(self) -> str:
+    def _summary(self) -> ObjectSummary:
         i = self.info
-        return (
-            f"MotionPlan: {i.outcome}, {i.form}, {self.duration:.4g} s in {len(self.u)} intervals, cost {i.cost:.6g}, "
-            f"{i.iterations} iterations, violation {i.verification.violation:.2g} after verification"
+        title = (
+            f"MotionPlan: {i.outcome}, {i.form}, {self.duration:.4g} s in {len(self.u)} intervals, cost {i.cost:.6g}"
         )
+        checked = f"violation {i.verification.violation:.2g}"
+        if i.verification.name:
+            checked += f" of {i.verification.name} at t = {i.verification.at:.3g} s"
+        lines: list[Line] = [
+            ("inputs", items(i.input_names)),
+            (
+                "outputs at the end [m or rad]",
+                items(i.output_names, [f"{value:.4g}" for value in self.position[-1, 1]]),
+            ),
+            ("configuration at the end [rad or m]", described(self.q[-1])),
+            ("after verification", [Item(checked, f"accepted to {i.accuracy:.2g}")]),
+            (
+                "iterations",
+                [Item(str(i.iterations), f"{i.solutions} of {counted(i.guesses, 'guess')} led to a motion")],
+            ),
+            ("verdict", [Item(self.verdict.word)]),
+            ("findings", items([each.message for each in i.findings])),
+        ]
+        return ObjectSummary(title, [line for line in lines if line[1]])
 
     @property
     def duration(self) -> float:

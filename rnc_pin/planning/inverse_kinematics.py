@@ -72,7 +72,7 @@ class IkResult(SummaryMixin):
         missed = [f"{error:.2g}" for error in self.residuals.values()]
         apart = [f"{distance:.3g} m" for distance in self.collisions.values()]
         lines: list[Line] = [
-            ("q", items([f"{number:.4g}" for number in self.q])),
+            ("q [rad or m]", items([f"{number:.4g}" for number in self.q])),
             ("error of targets", items(list(self.residuals), missed)),
             ("not reached", items(list(self.unreachable))),
             ("at a limit", items(self.active_limits)),

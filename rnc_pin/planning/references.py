@@ -20,10 +20,13 @@ from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import InputError
 from rnc_pin.math.coordinates import Coordinates, rotation_vector_rates
+from rnc_pin.planning.reference_summary import ReferenceSummary
+from rnc_pin.printing import printed
 
 _GROWN = np.array([1.0, 0.0, 0.0, 0.0])  # full amplitude, which no longer changes
 
 
+@printed()
 class ReferencePoint(NamedTuple):
     """Value of a reference at one time, (k,) each."""
 
@@ -35,16 +38,34 @@ class ReferencePoint(NamedTuple):
 
 @runtime_checkable
 class Reference(Protocol):
-    """Desired trajectory of k outputs."""
+    """Desired trajectory of k outputs; any object with these two attributes and this method is one.
+
+    Attributes:
+        size: number of outputs, k.
+        duration: time after which the reference rests [s]; infinite if it never rests, zero for a constant.
+
+    Example:
+        >>> class Ramp:
+        ...     size, duration = 1, np.inf
+        ...     def at(self, t):
+        ...         zero = np.zeros(1)
+        ...         return rnc.planning.ReferencePoint(np.array([0.1 * t]), np.array([0.1]), zero, zero)
+        >>> isinstance(Ramp(), rnc.planning.Reference), Ramp().at(2.0).position
+        (True, array([0.2]))
+    """
 
     size: int
     duration: float
-    """Time after which the reference rests [s]; infinite if it never rests, zero for a constant."""
 
-    def at(self, t: float) -> ReferencePoint: ...
+    def at(self, t: float) -> ReferencePoint:
+        """Return position, velocity, acceleration and jerk, (k,) each.
+
+        Args:
+            t: time [s].
+        """
 
 
-class Hold:
+class Hold(ReferenceSummary):
     """Constant reference.
 
     Args:
@@ -67,7 +88,7 @@ class Hold:
         return self._point
 
 
-class PiecewisePolynomial:
+class PiecewisePolynomial(ReferenceSummary):
     """Reference of piecewise polynomials on [begin, end], at rest before and after.
 
     Args:
@@ -189,7 +210,7 @@ class ViaPoints(PiecewisePolynomial):
         super().__init__(coefficients, columns[0].x, float(knots[0]), float(knots[-1]))
 
 
-class Harmonic:
+class Harmonic(ReferenceSummary):
     """``center + amplitude sin(2 pi frequency t + phase)``; the amplitude grows from zero, at rest at the center.
 
     Args:
@@ -248,6 +269,7 @@ class Harmonic:
         )
 
 
+@printed()
 class TaskReference(NamedTuple):
     """References of a task."""
 
@@ -262,7 +284,7 @@ class TaskReference(NamedTuple):
         return max(self.primary.duration, self.vertical.duration)
 
 
-class Joined:
+class Joined(ReferenceSummary):
     """Concatenation of several references: outputs of all parts in one vector."""
 
     def __init__(self, references: Sequence[Reference]) -> None:
@@ -275,7 +297,7 @@ class Joined:
         return ReferencePoint(*(np.concatenate(each) for each in zip(*points, strict=True)))
 
 
-class InTurn:
+class InTurn(ReferenceSummary):
     """Sequence of references of the same outputs; each runs until it rests, then the next one takes over.
 
     Args:
@@ -297,7 +319,7 @@ class InTurn:
         return next((part for part in self._parts if t < part.duration), self._parts[-1]).at(t)
 
 
-class Slowed:
+class Slowed(ReferenceSummary):
     """Another reference on a slower time scale: rates divided by the factor, accelerations by its square.
 
     Args:
@@ -332,7 +354,7 @@ def _admit(value: ArrayLike, what: str) -> np.ndarray:
     return array
 
 
-class Geodesic:
+class Geodesic(ReferenceSummary):
     """Minimum-jerk motion from start to goal, rotations about one axis: ``R(t) = exp(s(t) log(R1 R0^T)) R0``.
 
     Outputs on lines and circles move as in ``MinimumJerk``. Positions of rotations are rotation vectors of at most a

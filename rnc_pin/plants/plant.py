@@ -15,7 +15,7 @@ class Plant(Protocol):
     """Controlled system: the integrated reduced model, another simulator, or hardware.
 
     Configurations and velocities are those of the loaded robot, in Pinocchio's order and conventions. Velocities are
-    those of the plant and need not satisfy the constraints.
+    those of the plant and need not satisfy the constraints. Any object with these four methods is a plant.
 
     A plant with velocity servos has two more attributes: ``takes_velocities`` is True, its inputs are then velocities
     ``u = B^T v`` of the actuators, and ``effort`` has the present efforts (p,) of the servos.

@@ -13,11 +13,13 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning, argument
+from rnc_pin.io.json import Json
 from rnc_pin.printing import ObjectSummary, SummaryMixin, counted, items
 from rnc_pin.robots import robot_files
 from rnc_pin.robots.derived_models import AttachedModel, LazyGeometry, LinkMass, LockedModel, with_link_masses
 from rnc_pin.robots.joint_values import JointValue, NamedModel, base_of
 from rnc_pin.robots.model_checks import Massless, UselessInertia, check_model, check_model_size, massless, remedy
+from rnc_pin.robots.source_entry import source_entry
 from rnc_pin.robots.sources.description import Closure, Description, Mimic
 from rnc_pin.robots.sources.numeric_checks import check_acceleration
 from rnc_pin.robots.sources.urdf import read_urdf
@@ -46,13 +48,14 @@ class Robot(NamedModel, SummaryMixin):
         far_packages: those of ``packages`` that were found by ``package_dirs`` or the environment, not in the folders
             above the file.
         folders: folders whose files the description may name: its own, its packages' and those of ``package_dirs``.
+        source: entry ``robot`` of a scenario file that loads this robot; None for a model that was made otherwise.
 
     Raises:
         ModelError: a mass or inertia is not physical, two joints share a name, or a joint moves no mass.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")  # one that comes along; any path will do
-        >>> robot
+        >>> print(robot)
         Robot 'space_robot': 4 degrees of freedom, fixed base
           joints: platform, joint_1, joint_2, joint_3
         >>> q = robot.configuration({"joint_1": 0.3})
@@ -77,6 +80,7 @@ class Robot(NamedModel, SummaryMixin):
         self.packages: Mapping[str, Path] = {}
         self.far_packages: Mapping[str, Path] = {}
         self.folders: tuple[Path, ...] = ()
+        self.source: dict[str, Json] | None = None
         check_model(model)
 
     # ------------------------------------------------------------------ construction
@@ -124,9 +128,21 @@ class Robot(NamedModel, SummaryMixin):
         Raises:
             ModelError: the file is missing, is not a URDF, or describes an impossible robot.
         """
-        path = robot_files.find_urdf(path)
+        given, path = str(path), robot_files.find_urdf(path)
         read = read_urdf(path, base, package_dirs, xacro_arguments, snap=snap, masses=masses)
-        return cls._from_description(path, read, lock, gravity)
+        robot = cls._from_description(path, read, lock, gravity)
+        shipped = path == robot_files.shipped_directory() / given
+        robot.source = source_entry(
+            urdf=given if shipped else str(path),
+            base=base,
+            package_dirs=package_dirs,
+            xacro_arguments=xacro_arguments,
+            lock=lock,
+            masses=masses,
+            snap=snap,
+            gravity=gravity,
+        )
+        return robot
 
     @classmethod
     def massless_joints(
@@ -198,7 +214,11 @@ class Robot(NamedModel, SummaryMixin):
         from rnc_pin.robots.sources.mjcf import read_mjcf  # not for those who read a URDF
 
         read = read_mjcf(path, base, [Path(each) for each in package_dirs], snap=snap)
-        return cls._from_description(path, read, lock, gravity)
+        robot = cls._from_description(path, read, lock, gravity)
+        robot.source = source_entry(
+            mjcf=str(path), base=base, package_dirs=package_dirs, lock=lock, snap=snap, gravity=gravity
+        )
+        return robot
 
     @classmethod
     def _from_description(
@@ -259,7 +279,9 @@ class Robot(NamedModel, SummaryMixin):
             ModelError: there is no such example.
         """
         path, packages = robot_files.find_example(name)
-        return cls.from_urdf(path, base, [packages], lock, gravity, snap=snap, masses=masses)
+        robot = cls.from_urdf(path, base, [packages], lock, gravity, snap=snap, masses=masses)
+        robot.source = source_entry(example=name, base=base, lock=lock, masses=masses, snap=snap, gravity=gravity)
+        return robot
 
     def attach(self, other: Robot, frame: str, placement: pin.SE3 | None = None) -> Robot:
         """Return a new robot with another robot mounted on a frame of this one, e.g. an arm on a satellite.
@@ -319,6 +341,7 @@ class Robot(NamedModel, SummaryMixin):
         check_model(model)
         robot = copy(self)
         robot.model, robot.locked, robot._geometry = model, dict(self.locked), copy(self._geometry)
+        robot.source = None
         return robot
 
     # ------------------------------------------------------------------ geometry

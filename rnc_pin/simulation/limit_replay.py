@@ -20,6 +20,7 @@ from rnc_pin.collision import (
 )
 from rnc_pin.control.controller import LimitedAcceleration
 from rnc_pin.errors import InputError
+from rnc_pin.printing import printed
 from rnc_pin.robots.joint_values import NO_LIMIT
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation.trajectory import Trajectory
@@ -32,6 +33,7 @@ LimitKind = Literal["position", "velocity", "effort", "acceleration"]
 LIMIT_KINDS: tuple[LimitKind, ...] = get_args(LimitKind)
 
 
+@printed()
 class LimitUse(NamedTuple):
     """Largest use of a joint limit in a run.
 
@@ -67,6 +69,7 @@ class LimitUse(NamedTuple):
         )
 
 
+@printed(distance="m")
 class Clearance(NamedTuple):
     """Smallest distance of a pair in a run.
 
@@ -92,6 +95,7 @@ class Clearance(NamedTuple):
         return f"{' / '.join(self.names)}: {words} {1e3 * abs(self.distance):.3g} mm at t = {self.time:.3f} s"
 
 
+@printed(within="m", tolerance="m")
 @dataclass(frozen=True)
 class LimitReplay:
     """Result of ``replay_limits``.
@@ -115,7 +119,7 @@ class LimitReplay:
     excesses: np.ndarray
     within: float
     tolerance: float = 0.0
-    curves: DistanceCurves | None = None
+    curves: DistanceCurves | None = field(default=None, repr=False)
     pairs: tuple[int, ...] = ()
 
     @cached_property

@@ -138,12 +138,9 @@ class TrajectoryBatch(SummaryMixin, Sequence[Trajectory]):
     def _summary(self) -> ObjectSummary:
         counts = {str(outcome): self.outcomes.count(outcome) for outcome in Outcome}
         said = ", ".join(f"{count} {outcome}" for outcome, count in counts.items() if count)
-        return ObjectSummary(f"TrajectoryBatch of {len(self)} runs: {said or 'none'}", [])
-
-    def _full_summary(self) -> ObjectSummary:
-        short = self._summary()
         errors = [Item(f"run {run}", str(error)) for run, error in enumerate(self.errors) if error is not None]
-        return ObjectSummary(short.title, [("errors", errors[:20])] if errors else [])
+        title = f"TrajectoryBatch of {len(self)} runs: {said or 'none'}"
+        return ObjectSummary(title, [("errors", errors[:20])] if errors else [])
 
 
 def is_batch(controller: object, q0: object, v2_0: object, plant: object, options: object) -> bool:

@@ -16,6 +16,7 @@ from rnc_pin.errors import ConstraintError, DivergenceError, InfeasibleError, Si
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.task import Task
 from rnc_pin.planning import Slowed, TaskReference
+from rnc_pin.printing import printed
 from rnc_pin.simulation.rollout import Margin, Rollout, RolloutEvaluation, class_1_controller, kinematic_rollout
 
 _LARGEST_TIME_SCALE = 64.0
@@ -25,6 +26,7 @@ _FEWEST = 5  # smallest number of configurations for accelerations by difference
 _Attempt = TypeVar("_Attempt")
 
 
+@printed()
 @dataclass(frozen=True)
 class FrictionDemand:
     """Friction demand of a motion.
@@ -179,6 +181,7 @@ def iterate_time_scale(
     return motion, time_scale
 
 
+@printed()
 @dataclass(frozen=True)
 class Margins:
     """Result of a preflight.

@@ -23,9 +23,11 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.task import Task
 from rnc_pin.planning import TaskReference
+from rnc_pin.printing import printed
 from rnc_pin.simulation.ending import run_error
 
 
+@printed()
 class Rollout(NamedTuple):
     """Sampled motion of a kinematic roll-out."""
 
@@ -100,6 +102,7 @@ def class_1_controller(task: Task, reference: TaskReference) -> RedundancyContro
     return RedundancyController(task, reference.primary, reference.vertical, k3=gains.k3, k21=gains.k21)
 
 
+@printed()
 @dataclass(frozen=True)
 class Margin:
     """Smallest singular value along a reference.

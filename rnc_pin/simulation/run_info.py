@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast
 from rnc_pin.errors import ConfigurationError, printable
 from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.math.coordinates import Coordinates
+from rnc_pin.printing import printed
 from rnc_pin.verdict import Verdict
 
 _Record = TypeVar("_Record")
@@ -56,6 +57,7 @@ class Outcome(StrEnum):
     FAILED = "failed"
 
 
+@printed()
 @dataclass(frozen=True)
 class Columns:
     """Metadata of the columns of the vertical or the reducing outputs.
@@ -83,6 +85,7 @@ class Columns:
         return bool(self.quasi) and self.quasi[column]
 
 
+@printed()
 @dataclass(frozen=True)
 class OutputNames:
     """Names of the columns of a run's arrays.
@@ -155,6 +158,7 @@ class PlannedPath:
     heights: tuple[float, ...] = ()
 
 
+@printed()
 @dataclass(frozen=True)
 class Provenance:
     """Origin of a run, as given by its caller.
@@ -254,6 +258,7 @@ class MissedUpdates:
     updates: Whole
 
 
+@printed()
 @dataclass(frozen=True)
 class RunInfo:
     """Metadata and outcome of a run.

@@ -16,10 +16,12 @@ from rnc_pin.loop.options import type_name
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants import Plant, ReducedPlant
+from rnc_pin.printing import printed
 from rnc_pin.simulation.run_info import Provenance
 from rnc_pin.simulation.stop import DEFAULT_STOP, Stop
 
 
+@printed()
 class Sample(NamedTuple):
     """Argument of an observer, once per sample. Its arrays are never overwritten."""
 

@@ -2,18 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import NotRequired, TypedDict
+from collections.abc import Mapping, Sequence
+from itertools import zip_longest
+from typing import NotRequired, TypedDict, cast
 
 import numpy as np
 
 from rnc_pin.analysis import first_lift_off
 from rnc_pin.io.json import Json
+from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, described
 from rnc_pin.simulation.limit_replay import LIMIT_KINDS, Clearance, LimitReplay
+from rnc_pin.simulation.run_info import OutputNames
 from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.verdict import Verdict
 
 _CONSTANT = 1e-6  # range of the energy, relative to its size, that counts as the error of the integration
+
+_LABELS = {
+    "wall_time": "computing time [s]",
+    "lift_off": "lift off [s, N]",
+    "smallest_distance": "smallest distance [m, s]",
+}
+_UNPRINTED = {"scenario", "outcome", "duration", "samples", "findings", "versions", "files"}
 
 
 class Learning(TypedDict, total=False):
@@ -201,7 +211,48 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> Summary
         ]
     if trajectory.estimates.shape[1] and len(trajectory.time):
         _add_learning(summary, trajectory)
-    return summary
+    return cast(Summary, PrintedSummary(summary, info.outputs))
+
+
+class PrintedSummary(SummaryMixin, dict[str, object]):
+    """Mapping of a summary that prints itself, with units.
+
+    Args:
+        content: the mapping.
+        outputs: names and units of outputs and actuators.
+    """
+
+    def __init__(self, content: Mapping[str, object], outputs: OutputNames) -> None:
+        super().__init__(content)
+        self._outputs = outputs
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return PrintedSummary, (dict(self), self._outputs)
+
+    @property
+    def _input_units(self) -> dict[str, str]:
+        return dict(zip_longest(self._outputs.T, self._outputs.T_units, fillvalue=""))
+
+    @property
+    def _output_units(self) -> dict[str, str]:
+        both = self._outputs.x2, self._outputs.x1
+        return {name: unit for each in both for name, unit in zip(each.names, each.units, strict=True)}
+
+    def _summary(self) -> ObjectSummary:
+        of = f" of '{self['scenario']}'" if self["scenario"] else ""
+        title = f"Summary{of}: {self['outcome']}, {self['duration']:g} s in {self['samples']} samples"
+        lines = [
+            (_LABELS.get(name, name.replace("_", " ")), self._described(name, value))
+            for name, value in self.items()
+            if name not in _UNPRINTED and not (value is None or value in ({}, []))
+        ]
+        return ObjectSummary(title, lines)
+
+    def _described(self, key: str, value: object) -> Sequence[Item]:
+        if isinstance(value, Mapping) and all(isinstance(each, float) for each in value.values()):
+            units = self._input_units if key == "max_input" else self._output_units
+            return [Item(name, f"{each:.4g} {units.get(name, '')}".rstrip()) for name, each in value.items()]
+        return described(value)
 
 
 def add_verdict(summary: Summary, verdict: Verdict) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import chain, zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,7 @@ from rnc_pin.io.atomic_write import atomic_file
 from rnc_pin.io.json import Json, dump_json
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
 from rnc_pin.math.coordinates import Coordinates
-from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
+from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin
 from rnc_pin.simulation.run_info import Outcome, OutputNames, RunInfo
 from rnc_pin.verdict import Verdict
 
@@ -286,27 +287,27 @@ class Trajectory(SummaryMixin):
 
     def _summary(self) -> ObjectSummary:
         duration = self.time[-1] if len(self.time) else 0.0
-        scenario, message = self.info.provenance.scenario, self.info.message
+        scenario, message, outputs = self.info.provenance.scenario, self.info.message, self.info.outputs
         of = f" of '{scenario}'" if scenario else ""
         title = f"Trajectory{of}: {self.outcome}, {duration:g} s in {len(self.time)} samples"
-        return ObjectSummary(title, [("message", [Item(message)])] if message else [])
-
-    def _full_summary(self) -> ObjectSummary:
-        short, outputs = self._summary(), self.info.outputs
+        lines: list[Line] = [("message", [Item(message)])] if message else []
         if not len(self.time):
-            return short
+            return ObjectSummary(title, lines)
+        both = outputs.x2, outputs.x1
+        names, units = (tuple(chain.from_iterable(each)) for each in ([x.names for x in both], [x.units for x in both]))
         values = {
-            "outputs at the end": zip(
-                (*outputs.x2.names, *outputs.x1.names), (*self.x2[-1], *self.x1[-1]), strict=True
-            ),
-            "largest input": zip(outputs.T, np.abs(self.T).max(axis=0), strict=True),
+            "outputs at the end": zip_longest(names, (*self.x2[-1], *self.x1[-1]), units, fillvalue=""),
+            "largest input": zip_longest(outputs.T, np.abs(self.T).max(axis=0), outputs.T_units, fillvalue=""),
             "checks": (
-                ("constraint residual, largest", self.constraint_residual.max()),
-                ("singular value of E, smallest", self.singular_value.min()),
+                ("constraint residual, largest", self.constraint_residual.max(), ""),
+                ("singular value of E, smallest", self.singular_value.min(), ""),
             ),
         }
-        said = [(label, [Item(name, f"{x:.4g}") for name, x in pairs]) for label, pairs in values.items()]
-        return ObjectSummary(short.title, [*short.lines, *(line for line in said if line[1])])
+        said = [
+            (label, [Item(name, f"{x:.4g} {unit}".rstrip()) for name, x, unit in rows])
+            for label, rows in values.items()
+        ]
+        return ObjectSummary(title, [*lines, *(line for line in said if line[1])])
 
 
 class _Unfit(ValueError):

@@ -9,12 +9,14 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.printing import printed
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import OutputNames, Sample, Trajectory
 
 RATE = 25.0  # frames per second of a recording
 
 
+@printed()
 class DrawnState(NamedTuple):
     """State of a run at one time. Desired values are NaN for outputs without a goal."""
 
@@ -72,10 +74,13 @@ def recorded_states(
 
 
 def live_state(reduced: ReducedModel, sample: Sample) -> DrawnState:
-    """State at a sample of a live run."""
+    """State at a sample of a live run. Outputs that the measurement omits are computed; unknown inputs are NaN."""
     measurement, command = sample.measurement, sample.command
     q, v2 = measurement.q, measurement.v2
     state = reduced.at(q, v2, t=sample.time)
+    if measurement.x2 is None:
+        measurement = state.measure(np.full(reduced.r, np.nan))
+    known = np.isfinite(sample.T).all()
 
     def goal(name: str, size: int) -> np.ndarray:
         value = getattr(command, name)
@@ -89,7 +94,7 @@ def live_state(reduced: ReducedModel, sample: Sample) -> DrawnState:
         measurement.x2,
         goal("x1_desired", reduced.vertical.size),
         goal("x2_desired", reduced.r),
-        state.multipliers(sample.T),
+        state.multipliers(sample.T) if known else np.full(reduced.m, np.nan),
         float(state.smallest_singular_value),
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections import deque
@@ -16,7 +17,7 @@ from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import Provenance, RunInfo, Sample
 from rnc_pin.simulation.run_info import provenance_of
 from rnc_pin.visualization.browser.access import LOOPBACK
-from rnc_pin.visualization.browser.scene_server import Receiver
+from rnc_pin.visualization.browser.scene_server import ControlPanel
 from rnc_pin.visualization.browser.scene_window import SceneWindow
 from rnc_pin.visualization.drawn_model import DrawnModel
 from rnc_pin.visualization.drawn_state import DrawnState, live_state
@@ -37,7 +38,7 @@ class MeshcatViewer:
         info: information on the run.
         host: address to serve on.
         title: title of the page.
-        receive: function for the messages of the page's user; see ``SceneServer``.
+        panel: panel of controls; see ``SceneServer``.
     """
 
     def __init__(
@@ -47,14 +48,14 @@ class MeshcatViewer:
         info: RunInfo,
         host: str,
         title: str,
-        receive: Receiver | None = None,
+        panel: ControlPanel | None = None,
     ) -> None:
         self._model, self._view, self._info = drawn_model, view, info
         self.window = SceneWindow(title)
         self.scene = MeshcatScene(self.window)
         self._run_scene: RunScene | None = None
         self._next_values = 0.0
-        self.url = self.window.serve(host=host, receive=receive)
+        self.url = self.window.serve(host=host, panel=panel)
 
     @property
     def browsers(self) -> int:
@@ -135,14 +136,37 @@ class LiveView:
         self.problem: Exception | None = None
         self._thread.start()
         if open_browser:
-            self._viewer.open()
+            self.open()
 
     def wait_for_browser(self, timeout: float) -> bool:
         """Wait up to ``timeout`` [s] for a browser to connect. Return True if one is connected."""
         end = time.monotonic() + timeout
         while not self._viewer.browsers and time.monotonic() < end:
             time.sleep(0.05)
+        return self.watched
+
+    @property
+    def window(self) -> SceneWindow:
+        """Window of the page."""
+        return self._viewer.window
+
+    @property
+    def watched(self) -> bool:
+        """True if a browser is connected."""
         return bool(self._viewer.browsers)
+
+    @property
+    def closed(self) -> bool:
+        """True after ``close``."""
+        return self._over.is_set()
+
+    def open(self) -> None:
+        """Show the page in the user's browser."""
+        self._viewer.open()
+
+    def restart(self) -> None:
+        """Show the next sample whatever its time is, and count real time from it."""
+        self._started, self._next = None, -math.inf
 
     def __call__(self, sample: Sample | DrawnState) -> None:
         """Show a sample or a state, if the next frame is due at its time."""

@@ -17,7 +17,7 @@ from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.extras import missing_extra
 from rnc_pin.io.atomic_write import atomic_file, atomic_folder
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.printing import significant
+from rnc_pin.printing import ObjectSummary, SummaryMixin, items, significant
 from rnc_pin.robots.robot import Robot
 from rnc_pin.simulation import Trajectory
 from rnc_pin.visualization.browser.scene_window import SceneWindow
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 
-class Recording:
+class Recording(SummaryMixin):
     """Animation that needs only a browser. A notebook shows it if it is the last line of a cell.
 
     Args:
@@ -103,6 +103,12 @@ class Recording:
         with atomic_file(Path(path), replace) as partial:
             partial.write_text(self.html(), encoding="utf-8")
         return Path(path)
+
+    def _summary(self) -> ObjectSummary:
+        title = f"Recording '{self._scene.window.title}': {self.duration:g} s at {RATE:g} pictures per second"
+        return ObjectSummary(
+            title, [("to see it", items(["save(path) writes a page for a browser; a notebook shows it"]))]
+        )
 
     def _repr_html_(self) -> str:
         page = escape(self.html(), quote=True)

@@ -234,6 +234,6 @@ def test_a_force_on_a_conserved_momentum_is_refused():
     robot = rnc.Robot.from_urdf("space_robot.urdf")
     momentum, joints = [rnc.MomentumConservation("platform")], robot.joint_names[1:]
     within = Spring(rnc.Distance("platform_body", "tip"), 3.0)
-    assert "distance" in repr(rnc.NonholonomicSystem(robot, momentum, joints, forces=[within]))
+    assert "distance" in str(rnc.NonholonomicSystem(robot, momentum, joints, forces=[within]))
     with pytest.raises(ConstraintError, match=r"damper\(platform\) acts on momentum"):
         rnc.NonholonomicSystem(robot, momentum, joints, forces=[within, Damper(rnc.JointPosition("platform"), 1.0)])

@@ -16,6 +16,7 @@ import numpy as np
 
 import rnc_pin as rnc
 from places import docs_script
+from rnc_pin.visualization import LoopView
 
 MODULES = [rnc, *(importlib.import_module(f"rnc_pin.{package}") for package in docs_script("make_reference").PACKAGES)]
 PUBLIC = {
@@ -62,8 +63,8 @@ def run_example(name: str, between=lambda namespace: None) -> dict[str, object]:
 
 
 def own(namespace: dict[str, object]) -> dict[str, object]:
-    """Objects that an example made. A folder on the disk is none: it has one owner."""
-    others = ModuleType | tempfile.TemporaryDirectory
+    """Objects that an example made. A folder on the disk and a page in a browser are none: they have one owner."""
+    others = ModuleType | tempfile.TemporaryDirectory | LoopView
     return {
         name: thing for name, thing in namespace.items() if not name.startswith("__") and not isinstance(thing, others)
     }

@@ -246,3 +246,47 @@ def test_the_live_page_of_a_run_shows_goals_forces_and_figures(browser, fire_tru
     finally:
         live.close()
     assert live.problem is None
+
+
+def test_a_compared_run_in_the_same_place_does_not_flicker(browser, tmp_path):
+    """A camera that moves by a hair changes edges of the picture, and no surfaces."""
+    options = {"simulation.duration": 1.0, "simulation.dt": 0.01}
+    prepared = Scenario.load("space-robot", options).build()
+    result, changes = execute(prepared), []
+    for others in ({}, result.comparisons):
+        recording = Recording(prepared.experiment.reduced, result.trajectory, VIEW, "same", others)
+        page, problems = loaded(browser, recording, tmp_path / "page.html", begin=0.4)
+        first = picture(page)
+        page.evaluate("viewer.camera.position.multiplyScalar(1.00003); viewer.controls.update(); viewer.set_dirty()")
+        changes.append(changed(first, picture(page)))
+        assert problems == []
+        page.context.close()
+    assert changes[1] < 2 * changes[0] + 500
+
+
+def boxes(page, *selectors):
+    """Left, top, right and bottom of parts of a page [pixels]."""
+    return [
+        page.eval_on_selector(each, "part => { const b = part.getBoundingClientRect(); "
+                              "return [b.left, b.top, b.right, b.bottom]; }")
+        for each in selectors
+    ]  # fmt: skip
+
+
+def test_a_phone_shows_overlay_and_player_in_the_picture(browser, space_robot, tmp_path):
+    recording = Recording(space_robot[0].experiment.reduced, space_robot[1].trajectory, VIEW, "A title of some length")
+    page, problems = loaded(browser, recording, tmp_path / "page.html", begin=1.0)
+    wide = page.evaluate("viewer.camera.position.distanceTo(viewer.controls.target)")
+    page.set_viewport_size({"width": 390, "height": 844})
+    distance = "viewer.camera.position.distanceTo(viewer.controls.target)"
+    page.wait_for_function(f"{distance} > {1.5 * wide}", timeout=1000 * PATIENCE)  # the page has seen its new size
+    narrow = page.evaluate(distance)
+    assert narrow / wide == pytest.approx(1.5 * 844 / 390)  # the motion still fits
+    parts = boxes(page, "#overlay", "#legend", "#player")
+    for left, top, right, bottom in parts:
+        assert 0 <= left < right <= 390
+        assert 0 <= top < bottom <= 844
+    assert parts[0][3] < parts[1][1] < parts[1][3] <= parts[2][1]
+    assert not page.is_visible(".dg.main")
+    assert problems == []
+    page.context.close()

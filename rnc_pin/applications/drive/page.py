@@ -19,7 +19,7 @@ from rnc_pin.robots import Robot
 from rnc_pin.simulation import RunInfo, Sample
 from rnc_pin.verdict import Severity, Verdict, weight_of
 from rnc_pin.visualization import DrawnModel, DrawnState, LiveView, MeshcatViewer, View, mg
-from rnc_pin.visualization.browser import LOOPBACK
+from rnc_pin.visualization.browser import LOOPBACK, ControlPanel
 
 _GOAL = 0xE69F00
 _GOAL_SIZE = 0.06  # radius of the mark of the base's goal [m]
@@ -92,7 +92,7 @@ class DrivenViewer(MeshcatViewer):
         host: str,
         title: str,
     ) -> None:
-        super().__init__(drawn, view, info, host, title, queue.put)
+        super().__init__(drawn, view, info, host, title, ControlPanel("drive", queue.put))
         self.status: DriveStatus | None = None
         self._shown: DriveStatus | None = None
         self._prepared, self._drawn = prepared, drawn

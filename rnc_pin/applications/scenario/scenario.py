@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator, Mapping
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import yaml
+from numpy.typing import ArrayLike
 
 from rnc_pin.applications.scenario.builder import (
     Experiment,
@@ -21,8 +23,9 @@ from rnc_pin.applications.scenario.builder import (
     build_task,
     start_of,
 )
-from rnc_pin.applications.scenario.controllers import TYPES, owners
+from rnc_pin.applications.scenario.controllers import without_foreign_gains
 from rnc_pin.applications.scenario.files import apply_options, find_scenario, is_built_in, read_yaml, with_options
+from rnc_pin.applications.scenario.from_objects import FileForm, RunObjects, content_of, experiment_of
 from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.phase_builder import build_phased
 from rnc_pin.applications.scenario.planner_builder import Plans
@@ -30,26 +33,18 @@ from rnc_pin.applications.scenario.remedies import Refused, try_remedies
 from rnc_pin.applications.scenario.run_verdict import judged_summary
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.obstacles import build_obstacles
+from rnc_pin.applications.scenario.simulated_run import Simulated, simulated
 from rnc_pin.applications.scenario.start_findings import collected_model_warnings
 from rnc_pin.collision import Obstacle
-from rnc_pin.control import Controller, State
-from rnc_pin.control.whole_body import report_within
-from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError
+from rnc_pin.control import Controller
+from rnc_pin.errors import ConfigurationError, InfeasibleError, ModelWarning, RncError
 from rnc_pin.io import Json
-from rnc_pin.model import NonholonomicSystem, ReducedModel, Task
-from rnc_pin.planning import Reference
+from rnc_pin.model import NonholonomicSystem, ReducedModel, Task, vector
+from rnc_pin.planning import Reference, RelativeReference
 from rnc_pin.plants import Plant
 from rnc_pin.printing import ObjectSummary, SummaryMixin, items
 from rnc_pin.robots import Robot
-from rnc_pin.simulation import Observer, Sample, SimulationOptions, Trajectory, simulate, simulate_phases
-
-
-class Simulated(NamedTuple):
-    """Motion of a run, the error that ended it early, and the largest amounts by which limits gave way, by name."""
-
-    trajectory: Trajectory
-    error: RncError | None
-    gave_way: dict[str, float]
+from rnc_pin.simulation import Observer, SimulationOptions, Trajectory
 
 
 class BuiltModel(NamedTuple):
@@ -81,6 +76,7 @@ class Scenario(SummaryMixin):
         built_in: True for a scenario of the package; its record contains no folder of this computer.
         source: name of the scenario in errors.
         show_warnings: True to show warnings about the model, beside keeping them.
+        without_form: parts of a scenario from objects that have no form in a file, by key, and why.
     """
 
     name: str
@@ -89,6 +85,78 @@ class Scenario(SummaryMixin):
     built_in: bool = False
     source: str = ""
     show_warnings: bool = True
+    without_form: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls,
+        reduced: ReducedModel,
+        controller: Controller | FileForm,
+        q0: ArrayLike,
+        duration: float,
+        dt: float = 0.002,
+        *,
+        references: Mapping[str, Reference | RelativeReference | FileForm] | None = None,
+        task: Task | None = None,
+        v2_0: ArrayLike | None = None,
+        plant: Plant | FileForm | None = None,
+        obstacles: Sequence[Obstacle] = (),
+        settings: Mapping[str, Json] | None = None,
+        name: str = "scenario",
+    ) -> Scenario:
+        """Make a scenario from Python objects, which runs, and can be saved if every part has a form in a file.
+
+        Objects of this package have one, except controllers, references with an absolute start, and plants: give a
+        mapping in the form of a scenario file in their place. Functions of your own have none.
+
+        Args:
+            reduced: the reduced model, from ``NonholonomicSystem.reduce``.
+            controller: a controller, or its mapping: ``{"type": "reducing_outputs", "preset": "scaled"}``.
+            q0: initial configuration (nq,).
+            duration: simulated time [s].
+            dt: sampling period [s].
+            references: references by role, ``primary``, ``redundant`` and ``vertical``. A controller in a mapping
+                needs relative ones, such as ``RelativeMinimumJerk``.
+            task: roles of the outputs; by default all reducing outputs are primary.
+            v2_0: initial reduced velocity (r,) [rad/s or m/s]; at rest by default.
+            plant: a plant, or its mapping; by default the integrated reduced model.
+            obstacles: bodies in the world.
+            settings: other keys of a scenario file, such as ``{"goal_tolerance": 0.01}``.
+            name: name of the scenario.
+
+        Raises:
+            ConfigurationError: a mapping is not valid, a role is not known, or a controller in a mapping has references
+                or obstacles without a form in a file.
+            InputError: wrong shapes.
+
+        Example:
+            >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+            >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
+            >>> reduced = system.reduce([rnc.JointPosition(f"joint_{k}") for k in (1, 2, 3)])
+            >>> reach = {"primary": rnc.planning.RelativeMinimumJerk(to=[0.5, 0.4, -0.3], duration=1.0)}
+            >>> tracker = {"type": "reducing_outputs", "preset": "scaled"}
+            >>> scenario = rnc.Scenario.of(reduced, tracker, robot.configuration(), 1.5, references=reach)
+            >>> scenario.run().verdict.word, dict(scenario.without_form)
+            ('succeeded', {})
+        """
+        configuration = vector(np.asarray(q0), reduced.robot.nq, "q0")
+        velocity = None if v2_0 is None else vector(np.asarray(v2_0), reduced.r, "v2_0")
+        references = references or {}
+        given = RunObjects(reduced, controller, configuration, velocity, references, task, plant, obstacles)
+        more = dict(settings or {})
+        more["simulation"] = {**_mapping(more.get("simulation")), "duration": duration, "dt": dt}
+        raw, content, without_form = content_of(given, more, name)
+        made = cls(name, raw, Path.cwd(), source=name, without_form=without_form)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ModelWarning)  # the user has seen those of the system
+            system = NonholonomicSystem(reduced.robot, *reduced.given[:4])
+        made = made.built_with(content, BuiltModel(system, reduced, ()))
+        if not isinstance(controller, Mapping):
+            made.__dict__["obstacles"] = tuple(obstacles)
+            return made.built_with(experiment=experiment_of(content, given))
+        if plant is not None and not isinstance(plant, Mapping):
+            return made.built_with(experiment=replace(made.experiment, plant=plant))
+        return made
 
     @classmethod
     def load(cls, scenario: str | PathLike[str], options: Mapping[str, Json] | None = None) -> Scenario:
@@ -125,7 +193,12 @@ class Scenario(SummaryMixin):
 
         Args:
             options: dotted keys and values to replace.
+
+        Raises:
+            ConfigurationError: a part has no form in a file, so that no option can change the scenario.
         """
+        if options:
+            self._check_form("options need the form of a file")
         return replace(self, raw=apply_options(self.raw, options))
 
     def built_with(
@@ -191,7 +264,7 @@ class Scenario(SummaryMixin):
         slugs: dict[str, str] = {}
         for label, changes in self.content.comparisons.items():
             where = f"comparisons.{label}"
-            raw = with_options(_without_foreign_gains(self.raw, changes), {"preflight": "warn", **changes})
+            raw = with_options(without_foreign_gains(self.raw, changes), {"preflight": "warn", **changes})
             other = validate(raw, f"{self._label}: {where}")
             if slugs.setdefault(slug(label), label) != label:
                 names = f"'{label}' and '{slugs[slug(label)]}'"
@@ -346,31 +419,7 @@ class Scenario(SummaryMixin):
             experiment: objects of the run.
             observer: called with every ``Sample``.
         """
-        state: State = None
-
-        def watch(sample: Sample) -> None:
-            nonlocal state
-            state = sample.state
-            if observer is not None:
-                observer(sample)
-
-        error: RncError | None = None
-        try:
-            trajectory = self._simulated(experiment, self.options(experiment, watch))
-        except RncError as failure:
-            if not isinstance(failure.trajectory, Trajectory):
-                raise
-            trajectory, error = failure.trajectory, failure
-        report = report_within(experiment.controller, state)
-        return Simulated(trajectory, error, {} if report is None else dict(report.worst))
-
-    def _simulated(self, experiment: Experiment, options: SimulationOptions) -> Trajectory:
-        settings, v2_0 = experiment.simulation, experiment.v2_0
-        if experiment.phases:
-            return simulate_phases(experiment.phases, experiment.q0, settings.dt, v2_0=v2_0, options=options)
-        controlled = experiment.reduced, experiment.controller, experiment.q0
-        plant = experiment.plant
-        return simulate(*controlled, settings.duration, settings.dt, v2_0=v2_0, plant=plant, options=options)
+        return simulated(experiment, partial(self.options, experiment), observer)
 
     def options(self, experiment: Experiment, observer: Observer | None = None) -> SimulationOptions:
         """Options of the run or one of its comparisons, with its provenance.
@@ -383,7 +432,7 @@ class Scenario(SummaryMixin):
             experiment.provenance,
             scenario=self.name,
             seed=experiment.scenario.seed,
-            config=self.raw,
+            config=None if self.without_form else self.raw,
             folder=None if self.built_in else str(self.folder),
         )
         stop = experiment.simulation.stop
@@ -398,9 +447,16 @@ class Scenario(SummaryMixin):
             path: path of the file.
 
         Raises:
+            ConfigurationError: a part of a scenario from objects has no form in a file.
             OSError: the file cannot be written.
         """
+        self._check_form("it cannot be saved")
         Path(path).write_text(yaml.safe_dump(self._portable(), sort_keys=False), encoding="utf-8")
+
+    def _check_form(self, consequence: str) -> None:
+        if self.without_form:
+            parts = "; ".join(f"{key}: {why}" for key, why in self.without_form.items())
+            raise ConfigurationError(f"{self._label}: {consequence}: {parts}")
 
     def _portable(self) -> dict[str, Json]:
         source = self.raw.get("robot")
@@ -413,22 +469,21 @@ class Scenario(SummaryMixin):
 
     def _summary(self) -> ObjectSummary:
         content = self.content
-        controller = "none" if content.controller is None else content.controller.type
+        made = "none" if "controller" not in self.without_form else type(self.controller).__name__
+        controller = made if content.controller is None else content.controller.type
         settings = content.simulation
         time = "none" if settings is None else f"{settings.duration:g} s, dt {settings.dt:g} s"
         title = f"Scenario '{self.name}'" + (f": {content.title}" if content.title else "")
         said = content.robot.urdf or content.robot.mjcf or content.robot.example
         lines = [("robot", items([str(said)])), ("controller", items([controller])), ("simulation", items([time]))]
-        return ObjectSummary(title, [*lines, ("keys", items(list(self.raw)))])
+        lines.append(("keys", items(list(self.raw))))
+        if self.without_form:
+            lines.append(("without a form in a file", items(list(self.without_form))))
+        return ObjectSummary(title, lines)
 
 
-def _without_foreign_gains(raw: Mapping[str, Json], changes: Mapping[str, Json]) -> Mapping[str, Json]:
-    """Scenario whose controller has no settings that a comparison's other type of controller does not read."""
-    controller, kind = raw.get("controller"), changes.get("controller.type")
-    if not isinstance(controller, Mapping) or not isinstance(kind, str) or kind not in TYPES:
-        return raw
-    read = {key: value for key, value in controller.items() if not (types := owners(key)) or kind in types}
-    return {**raw, "controller": read}
+def _mapping(value: Json) -> Mapping[str, Json]:
+    return value if isinstance(value, Mapping) else {}
 
 
 def slug(label: str) -> str:

@@ -2,3 +2,4 @@
 
 from .access import LOOPBACK as LOOPBACK
 from .access import is_loopback as is_loopback
+from .scene_server import ControlPanel as ControlPanel

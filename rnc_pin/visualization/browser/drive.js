@@ -1,57 +1,27 @@
 // Controls of a driven run: keys, clicks and sliders become commands; the status of the run comes back.
 "use strict";
 (function () {
-  const make = (tag, parent, text, kind) => {
-    const made = document.createElement(tag);
-    if (text !== undefined) made.textContent = text;
-    if (kind) made.className = kind;
-    return parent.appendChild(made);
-  };
-
-  // ---- connection
-
-  const secret = location.hash.slice(1);
-  const socket = new WebSocket("ws://" + location.host + "/commands");
-  socket.onopen = () => socket.send(JSON.stringify({ secret }));
-  let offline = false;
-  socket.onclose = () => { offline = true; show_messages(); };
-  const send = (command) => {
-    if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(command));
-  };
+  const { make, send, slider, lines } = panel;
+  panel.refresh = show_messages;
   window.drive_command = send;
 
   // ---- panel
 
-  const panel = make("div", document.body);
-  panel.id = "drive";
   let controls = null, status = null, verdict = null, chosen = null, parts = {};
   const heights = {};  // z of the goals that clicks set [m]
 
-  function slider(parent, name, range, command) {
-    const line = make("label", parent, undefined, "slider");
-    make("span", line, name.replaceAll("_", " ")).title = name;
-    const input = make("input", line), shown = make("output", line);
-    Object.assign(input, { type: "range", min: range.lower, max: range.upper, step: (range.upper - range.lower) / 400 });
-    input.value = range.start;
-    const show = () => { shown.value = Number(input.value).toFixed(2) + (range.unit === "m" ? " m" : ""); };
-    input.addEventListener("input", () => { show(); send(command(Number(input.value))); });
-    input.addEventListener("change", () => input.blur());  // or the arrow keys would move the slider
-    show();
-    return (value) => { if (document.activeElement !== input) { input.value = value; show(); } };
-  }
-
   function build(given) {
     controls = given;
-    panel.replaceChildren();
+    panel.clear("drive");
     parts = { joints: {} };
-    const title = make("h2", panel, "Drive");
+    const title = make("h2", panel.element, "Drive");
     parts.factor = make("span", title, "1.00 x", "factor");
     parts.factor.title = "simulated time over real time";
     const targets = [...(given.base ? ["base"] : []), ...Object.keys(given.frames), ...Object.keys(given.obstacles)];
     if (targets.length) {
-      make("h2", panel, "A click on the ground moves");
+      make("h2", panel.element, "A click on the ground moves");
       for (const name of targets) {
-        const line = make("label", panel);
+        const line = make("label", panel.element);
         const radio = make("input", line);
         Object.assign(radio, { type: "radio", name: "target", value: name });
         radio.addEventListener("change", () => { chosen = name; radio.blur(); });
@@ -59,57 +29,41 @@
         if (chosen === null || chosen === name) { chosen = name; radio.checked = true; }
       }
     }
-    const buttons = make("div", panel, undefined, "buttons");
-    const button = (text, action, kind) => {
-      const made = make("button", buttons, text, kind);
-      made.addEventListener("click", () => { action(); made.blur(); });
-    };
+    const buttons = make("div", panel.element, undefined, "buttons");
+    const button = (text, action, kind) => panel.button(buttons, text, action, kind);
     button("Stop", stop, "stop");
     if (Object.keys(given.frames).length) {
       button("Release frames", () => { for (const frame in given.frames) send({ kind: "release_frame", frame }); });
     }
     button("End run", () => send({ kind: "end" }));
     if (given.base) {
-      const line = make("label", panel);
+      const line = make("label", panel.element);
       const box = make("input", line);
       box.type = "checkbox";
       box.addEventListener("change", () => { send({ kind: "hold_base", on: box.checked }); box.blur(); });
       make("span", line, "base stays while frames move");
-      make("p", panel, "Arrows or W A S D drive" + (given.base.slides ? ", Q E slide" : "") + ", space stops.", "hint");
+      make("p", panel.element, "Arrows or W A S D drive" + (given.base.slides ? ", Q E slide" : "") + ", space stops.", "hint");
     }
     if (Object.values(given.frames).some((axes) => axes[2])) {
-      make("p", panel, "R and F move the goal up and down.", "hint");
+      make("p", panel.element, "R and F move the goal up and down.", "hint");
     }
-    make("h2", panel, "Active limits");
-    parts.limits = make("ul", panel);
-    parts.limits.id = "limits";
-    parts.messages = make("ul", panel);
-    parts.messages.id = "messages";
+    make("h2", panel.element, "Active limits");
+    parts.limits = panel.list("limits");
+    parts.messages = panel.list("messages");
     if (Object.keys(given.joints).length) {
-      make("h2", panel, "Posture");
+      make("h2", panel.element, "Posture");
       for (const joint in given.joints) {
-        parts.joints[joint] = slider(panel, joint, given.joints[joint],
+        parts.joints[joint] = slider(panel.element, joint, given.joints[joint],
           (position) => ({ kind: "joint_goal", joint, position }));
       }
     }
-    const more = make("details", panel);
+    const more = make("details", panel.element);
     make("summary", more, "Gains and speeds");
     for (const gain in given.gains) {
       slider(more, gain, given.gains[gain], (value) => ({ kind: "gain", gain, value }));
     }
-    // Meshcat's own controls would cover this panel, with the button that stops the robot.
-    const scene = make("details", panel);
-    make("summary", scene, "Scene");
-    scene.append(viewer.gui.domElement);
-    viewer.gui.open();
+    panel.scene();
     show_messages();
-  }
-
-  function lines(list, texts, kind) {
-    const old = [...list.children].map((each) => each.textContent);
-    if (old.join("\n") === texts.join("\n")) return;
-    list.replaceChildren();
-    for (const text of texts) make("li", list, text, kind);
   }
 
   function show(given) {
@@ -126,7 +80,7 @@
   function show_messages() {
     if (!parts.messages) return;  // the controls have not come yet
     if (verdict) return lines(parts.messages, [verdict.headline, ...verdict.findings], verdict.word);
-    const ended = offline ? ["the run has ended, or this page may only watch"] : [];
+    const ended = panel.offline ? ["the run has ended, or this page may only watch"] : [];
     lines(parts.messages, [...ended, ...(status ? status.messages : [])], "goal");
   }
 
@@ -246,11 +200,9 @@
 
   // ---- what the run says
 
-  const others = viewer.handle_command.bind(viewer);
-  viewer.handle_command = (command) => {
-    if (command.type === "drive_controls") build(command.controls);
-    else if (command.type === "drive_status") show(command.status);
-    else if (command.type === "drive_verdict") { verdict = command.verdict; show_messages(); }
-    else others(command);
-  };
+  panel.listen({
+    drive_controls: (command) => build(command.controls),
+    drive_status: (command) => show(command.status),
+    drive_verdict: (command) => { verdict = command.verdict; show_messages(); },
+  });
 })();

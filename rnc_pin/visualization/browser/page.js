@@ -2,6 +2,11 @@
 "use strict";
 var viewer = new MeshCat.Viewer(document.getElementById("meshcat-pane"));
 viewer.gui.domElement.style.zIndex = 1;
+// Meshcat takes the height of the window, but a panel may leave less to the picture.
+viewer.set_3d_pane_size = function (width, height) {
+  const pane = this.dom_element;
+  MeshCat.Viewer.prototype.set_3d_pane_size.call(this, width ?? pane.offsetWidth, height ?? pane.offsetHeight);
+};
 
 (function () {
   const element = (tag, parent, text) => {
@@ -14,14 +19,38 @@ viewer.gui.domElement.style.zIndex = 1;
 
   // ---- commands in addition to Meshcat's
 
+  const WIDEST = 1.5;  // width over height of a picture that has room for the motion alone
+  let away = 1;  // distance of the camera over the one for a wide picture
+
+  const narrowness = () => Math.max(1, WIDEST / viewer.camera.aspect);
+
+  window.addEventListener("resize", () => {
+    const before = away, { position } = viewer.camera, { target } = viewer.controls;
+    away = narrowness();
+    position.sub(target).multiplyScalar(away / before).add(target);
+    viewer.controls.update();
+    viewer.set_dirty();
+  });
+
+  // Depths are accurate if the nearest visible depth is no tiny part of the distance; otherwise surfaces flicker.
+  function keep_depth() {
+    const near = Math.max(0.01, 0.02 * viewer.camera.position.distanceTo(viewer.controls.target));
+    if (Math.abs(near / viewer.camera.near - 1) < 0.05) return;
+    viewer.camera.near = near;
+    viewer.camera.updateProjectionMatrix();
+  }
+  viewer.controls.addEventListener("change", keep_depth);
+
   function look(command) {
     // The y axis of the camera's coordinates points up.
     const turned = ([x, y, z]) => [x, z, -y];
-    viewer.camera.position.set(...turned(command.position));
+    away = narrowness();
+    viewer.camera.position.set(...turned(command.position.map((at, k) => command.target[k] + away * (at - command.target[k]))));
     viewer.camera.fov = command.fov;
     viewer.camera.far = command.far;
     viewer.controls.target.set(...turned(command.target));
     viewer.controls.update();
+    keep_depth();
     const [x, y, z] = command.target;
     node("/Lights").object.position.set(x, y, z);
     followed = [0, 0, 0];
@@ -49,6 +78,8 @@ viewer.gui.domElement.style.zIndex = 1;
       made.transparent = true;
       made.opacity = command.opacity;
       made.depthWrite = command.opacity > 0.99;
+      // Where a copy and its source coincide, the source is in front; otherwise both would flicker.
+      Object.assign(made, { polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 8 });
       if (made.color) made.color.setHex(command.color);
       return made;
     };

@@ -16,7 +16,8 @@ VIEWER = Path(meshcat.__file__).parent / "viewer" / "dist" / "main.min.js"
 
 _PAGE = """<!DOCTYPE html>
 <html lang="en">
-<head><meta charset="utf-8"><title>{title}</title><style>
+<head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title}</title><style>
 {style}</style></head>
 <body>
 <div id="meshcat-pane"></div>
@@ -38,16 +39,17 @@ _PAGE = """<!DOCTYPE html>
 """
 
 
-def live_page(title: str, driven: bool = False) -> str:
+def live_page(title: str, panel: str | None = None) -> str:
     """Page that draws the commands from its web socket. It loads ``main.min.js`` from its server.
 
     Args:
         title: title of the page.
-        driven: True adds keys, clicks and controls that send commands of the user.
+        panel: name of the script, without ``.js``, that adds a panel of controls and sends messages of the user.
     """
-    parts = [_part("page.js"), *([_part("drive.js")] if driven else []), "viewer.connect();"]
+    scripts_of_panel = [] if panel is None else [_part("panel.js"), _part(f"{panel}.js")]
+    parts = [_part("page.js"), *scripts_of_panel, "viewer.connect();"]
     scripts = "\n".join(['<script src="main.min.js"></script>', *(f"<script>{part}</script>" for part in parts)])
-    style = _part("page.css") + (_part("drive.css") if driven else "")
+    style = _part("page.css") + ("" if panel is None else _part("panel.css"))
     return _PAGE.format(title=escape(title), style=style, scripts=scripts)
 
 

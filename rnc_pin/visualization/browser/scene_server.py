@@ -15,7 +15,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import tornado.httpserver
 import tornado.ioloop
@@ -31,6 +31,16 @@ from rnc_pin.visualization.browser.page import VIEWER, bundle, live_page
 
 Receiver: TypeAlias = Callable[[object], object]
 """Function for one message of a user, decoded from JSON and otherwise unchecked."""
+
+
+class ControlPanel(NamedTuple):
+    """ControlPanel of controls on a page."""
+
+    script: str
+    """Name of its script, without ``.js``."""
+    receive: Receiver
+    """Function for the messages of the page's user, called in the thread of the server."""
+
 
 _RATE, _BURST = 100.0, 200.0  # messages per second of one page, and at once
 
@@ -104,22 +114,22 @@ class SceneServer:
         latest: commands so far. The thread of the server owns them until ``close`` and adds those that are sent.
         port: port to listen on; 0 finds a free port.
         host: address to listen on; any address except loopback lets other computers watch.
-        receive: function for the messages of the page's user, called in the thread of the server; None for a page
-            that only shows. The address of the page then ends in ``#`` and a secret, which its messages need.
+        panel: panel of controls; None for a page that only shows. The address of a page with a panel ends in ``#`` and
+            a secret, which its messages need.
 
     Raises:
         ConfigurationError: the port is in use, or the address is not an address of this computer.
     """
 
-    def __init__(self, title: str, latest: Commands, port: int, host: str, receive: Receiver | None = None) -> None:
+    def __init__(self, title: str, latest: Commands, port: int, host: str, panel: ControlPanel | None = None) -> None:
         try:
             sockets = tornado.netutil.bind_sockets(port, host)
         except OSError as error:
             raise ConfigurationError(f"port {port} on {host} cannot be used: {error.strerror}") from None
         name = f"[{host}]" if ":" in host else host
         self.url = f"http://{name}:{sockets[0].getsockname()[1]}/static/"
-        self._receive, self._secret = receive, secrets.token_urlsafe(18)
-        if receive is not None:
+        self._panel, self._secret = panel, secrets.token_urlsafe(18)
+        if panel is not None:
             self.url += f"#{self._secret}"
         self._latest, self._watching = latest, set[_Browser]()
         self._started = threading.Event()
@@ -150,9 +160,9 @@ class SceneServer:
     async def _serve(self, title: str, host: str, sockets: list[socket.socket]) -> None:
         self._loop, self._stop = asyncio.get_running_loop(), asyncio.Event()
         self._wrapper = tornado.ioloop.IOLoop.current()
-        page, commands = live_page(title, self._receive is not None), []
-        if self._receive is not None:
-            commands = [(r"/commands", CommandSocket, {"receive": self._receive, "secret": self._secret})]
+        page, commands = live_page(title, None if self._panel is None else self._panel.script), []
+        if self._panel is not None:
+            commands = [(r"/commands", CommandSocket, {"receive": self._panel.receive, "secret": self._secret})]
         application = tornado.web.Application(
             [
                 (r"/static/", _StaticFile, {"kind": "text/html", "text": page.encode()}),

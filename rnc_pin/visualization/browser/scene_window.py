@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import webbrowser
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -15,7 +16,7 @@ from rnc_pin.visualization.browser.drawing_commands import Commands, Key, apply_
 from rnc_pin.visualization.browser.page import recorded_page
 
 if TYPE_CHECKING:
-    from rnc_pin.visualization.browser.scene_server import Receiver, SceneServer
+    from rnc_pin.visualization.browser.scene_server import ControlPanel, SceneServer
 
 _PACKED_FLOAT = np.dtype([("mark", "u1"), ("value", ">f8")])  # float64 in MessagePack
 
@@ -43,6 +44,7 @@ class SceneWindow:
         self.latest: Commands = {}
         self._heads: dict[str, bytes] = {}
         self._gathered: list[tuple[Key, bytes]] | None = None
+        self._sending = threading.Lock()  # a page with controls sends from several threads
         self._server: SceneServer | None = None
 
     # ------------------------------------------------------------------ drawing
@@ -80,15 +82,17 @@ class SceneWindow:
         try:
             yield
         finally:
-            gathered, self._gathered = self._gathered, None
+            with self._sending:
+                gathered, self._gathered = self._gathered, None
             self._pass_on(gathered)
 
     def put(self, key: Key, data: bytes) -> None:
         """Send a drawing command that is already packed in MessagePack."""
-        if self._gathered is None:
-            self._pass_on([(key, data)])
-        else:
-            self._gathered.append((key, data))
+        with self._sending:
+            if self._gathered is not None:
+                self._gathered.append((key, data))
+                return
+        self._pass_on([(key, data)])
 
     def _pass_on(self, commands: list[tuple[Key, bytes]]) -> None:
         if self._server is None:
@@ -102,11 +106,11 @@ class SceneWindow:
 
     # ------------------------------------------------------------------ serving
 
-    def serve(self, port: int = 0, host: str = LOOPBACK, receive: Receiver | None = None) -> str:
+    def serve(self, port: int = 0, host: str = LOOPBACK, panel: ControlPanel | None = None) -> str:
         """Serve the scene and return its address; see ``SceneServer``."""
         from rnc_pin.visualization.browser.scene_server import SceneServer
 
-        self._server = SceneServer(self.title, self.latest, port, host, receive)
+        self._server = SceneServer(self.title, self.latest, port, host, panel)
         self.web_url = self._server.url
         return self.web_url
 

@@ -187,6 +187,14 @@ def test_a_run_says_what_it_is_doing_and_how_long_it_took(first_run):
     assert elapsed > parsed((folder / "summary.json").read_text())["wall_time"]
 
 
+def test_a_run_says_that_it_plans_its_motion(call, tmp_path, no_pictures):
+    status, out, _ = call("run", "docking", *BARE, "--out", tmp_path / "out")
+    assert status in (0, 1)  # the goal is not reached in so short a run
+    said = [line for line in out.splitlines() if line.endswith(" ...")]
+    assert said[1] == "docking: planning the motion ..."
+    assert said[2].startswith("docking: simulating ")
+
+
 def test_printed_figures_have_units(first_run):
     """Those of the arrays in the file."""
     process, folder = first_run

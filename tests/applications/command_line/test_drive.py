@@ -191,3 +191,30 @@ def test_a_page_without_the_secret_may_watch_but_not_drive(browser):
         page.context.close()
     finally:
         page_.close()
+
+
+def test_a_phone_has_the_controls_below_the_picture(browser):
+    """Neither the panel nor the overlay nor the legend covers another, and all of the panel can be reached."""
+    drive_ = prepared("mobile-manipulator", **DT)
+    queue = CommandQueue(drive_.controls)
+    page_ = DrivePage(drive_, queue, "Drive", open_browser=False)
+    with in_real_time(drive_, queue, page_):
+        page, problems = visit(browser, page_.url)
+        page.set_viewport_size({"width": 390, "height": 844})
+        page.wait_for_selector("#drive button.stop", timeout=1000 * PATIENCE)
+        page.wait_for_selector("#overlay td.value", timeout=1000 * PATIENCE)
+        parts = ("#overlay", "#legend", "#drive")
+        overlay, legend, panel = (page.eval_on_selector(part, BOX) for part in parts)
+        for left, top, right, bottom in (overlay, legend, panel):
+            assert 0 <= left < right <= 390
+            assert 0 <= top < bottom <= 844
+        assert overlay[3] <= legend[1] < legend[3] <= panel[1]
+        assert eventually(lambda: page.eval_on_selector("#meshcat-pane canvas", BOX)[3] <= panel[1] + 1)
+        page.locator("#drive summary:has-text('Scene')").scroll_into_view_if_needed()
+        page.click("#drive summary:has-text('Scene')")
+        assert problems == []
+        queue.put({"kind": "end"})
+        page.context.close()
+
+
+BOX = "part => { const b = part.getBoundingClientRect(); return [b.left, b.top, b.right, b.bottom]; }"

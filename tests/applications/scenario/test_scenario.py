@@ -114,7 +114,7 @@ def test_copies_run_alike(duplicate):
 
 
 def test_it_prints_its_parts():
-    shown = repr(rnc.Scenario.load("unicycle"))
+    shown = str(rnc.Scenario.load("unicycle"))
     for part in ("unicycle.urdf", "controller", "22 s"):
         assert part in shown
 

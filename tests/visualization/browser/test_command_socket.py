@@ -19,7 +19,7 @@ from rnc_pin.visualization.browser.scene_window import SceneWindow
 def served():
     """Host, secret and received messages of a page that takes commands."""
     window, received = SceneWindow(), []
-    address, _, secret = window.serve(receive=received.append).partition("#")
+    address, _, secret = window.serve(panel=scene_server.ControlPanel("drive", received.append)).partition("#")
     yield address.split("/")[2], secret, received
     window.close()
 

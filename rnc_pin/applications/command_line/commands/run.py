@@ -7,7 +7,7 @@ from typing import TypedDict, Unpack
 
 from rich.console import Console
 
-from rnc_pin.applications.command_line.messages import complain, print_json, seconds_since_start, warn
+from rnc_pin.applications.command_line.messages import announce, complain, print_json, seconds_since_start, warn
 from rnc_pin.applications.command_line.progress import ProgressBar
 from rnc_pin.applications.command_line.run_end import report_verdict
 from rnc_pin.applications.command_line.status import FAILED
@@ -45,7 +45,10 @@ def run_scenario(
     """Run a scenario, write its folder and return the exit status."""
     given = parse_options(options)
     chosen = {**plant_option(scenario, plant), **given, **accept_option(scenario, given, accept)}
-    prepared = Scenario.load(scenario, chosen).build(remedies=True)
+    prepared = Scenario.load(scenario, chosen)
+    if prepared.content.planner is not None:  # which takes most of the time before the run
+        announce(f"{prepared.name}: planning the motion", as_json)
+    prepared = prepared.build(remedies=True)
     if show and prepared.experiment.phases:
         raise ConfigurationError("--show: a live view does not support phases; omit it and open animation.html")
     for warning in prepared.experiment.warnings:

@@ -5,6 +5,7 @@ To add a type, write its class in a module of its kind, and add it to ``_AnyType
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, get_args
 
 from pydantic import BeforeValidator, Field
@@ -23,8 +24,9 @@ from rnc_pin.applications.scenario.controllers.velocity_tracking import (
 from rnc_pin.applications.scenario.controllers.whole_body import InverseDynamicsSettings, VelocityProgramSettings
 from rnc_pin.applications.scenario.schema.base import wrong
 from rnc_pin.errors import nearest
+from rnc_pin.io import Json
 
-__all__ = ["TYPES", "BuiltController", "ControllerContext", "ControllerItem", "owners"]
+__all__ = ["TYPES", "BuiltController", "ControllerContext", "ControllerItem", "owners", "without_foreign_gains"]
 
 _AnyType = (
     RedundancySettings
@@ -72,3 +74,12 @@ def _check_keys(raw: object) -> object:
 
 
 ControllerItem = Annotated[_AnyType, Field(discriminator="type"), BeforeValidator(_check_keys)]
+
+
+def without_foreign_gains(raw: Mapping[str, Json], changes: Mapping[str, Json]) -> Mapping[str, Json]:
+    """Scenario whose controller has no settings that a comparison's other type of controller does not read."""
+    controller, kind = raw.get("controller"), changes.get("controller.type")
+    if not isinstance(controller, Mapping) or not isinstance(kind, str) or kind not in TYPES:
+        return raw
+    read = {key: value for key, value in controller.items() if not (types := owners(key)) or kind in types}
+    return {**raw, "controller": read}

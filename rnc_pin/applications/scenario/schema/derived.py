@@ -16,7 +16,19 @@ from dataclasses import MISSING, dataclass, field
 from functools import cached_property, reduce
 from operator import attrgetter, or_
 from types import GenericAlias, UnionType
-from typing import Annotated, Any, Generic, NamedTuple, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from typing import (
+    Annotated,
+    Any,
+    Generic,
+    NamedTuple,
+    TypeGuard,
+    TypeVar,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import numpy as np
 from pydantic import (
@@ -40,7 +52,9 @@ from rnc_pin.errors import RncError, nearest
 T = TypeVar("T", covariant=True)
 
 
-class _Parameter(NamedTuple):
+class EntryParameter(NamedTuple):
+    """Parameter of a class or function."""
+
     name: str
     kind: object
     default: object
@@ -118,8 +132,8 @@ class Entry(Generic[T]):
         if not isinstance(said, BaseModel):
             return {str(self.only): said}
         found = {}
-        for each in self._parameters:
-            key = self._key(each.name)
+        for each in self.parameters:
+            key = self.key(each.name)
             if key in said.model_fields_set or each.name in self.defaults:
                 value = getattr(said, key)
                 if value is not None or each.may_be_none:
@@ -145,25 +159,27 @@ class Entry(Generic[T]):
         return self.kind.__name__
 
     @cached_property
-    def _parameters(self) -> list[_Parameter]:
+    def parameters(self) -> list[EntryParameter]:
+        """Parameters that a file gives."""
         return [each for each in _parameters(self.kind) if each.name not in self.late]
 
-    def _key(self, name: str) -> str:
+    def key(self, name: str) -> str:
+        """Key in the file of a parameter."""
         return self.keys.get(name, name)
 
     @cached_property
     def model(self) -> type[Strict]:
         """Pydantic model of the mapping in a file."""
-        fields = {self._key(each.name): self._field(each) for each in self._parameters}
+        fields = {self.key(each.name): self._field(each) for each in self.parameters}
         made = _mapping(self.title, summary(self.kind), fields)
         made.texts_of_class = self._texts
         return made
 
     def _texts(self) -> dict[str, str]:
         texts = descriptions(self.kind)
-        return {self._key(each.name): texts[each.name] for each in self._parameters if each.name in texts}
+        return {self.key(each.name): texts[each.name] for each in self.parameters if each.name in texts}
 
-    def _field(self, each: _Parameter) -> tuple[object, object]:
+    def _field(self, each: EntryParameter) -> tuple[object, object]:
         """Type and default of a field of the mapping."""
         kind = self.forms.get(each.name, each.kind)
         parts = get_args(kind) if get_origin(kind) is Annotated else ()
@@ -182,7 +198,7 @@ class Entry(Generic[T]):
         if self.only is None:
             form = handler.generate_schema(self.model)
         else:
-            (kind,) = (each.kind for each in self._parameters if each.name == self.only)
+            (kind,) = (each.kind for each in self.parameters if each.name == self.only)
             form = handler.generate_schema(kind)
         if self.short is not None:
             form = core_schema.no_info_before_validator_function(self._spelled_out, form)
@@ -191,9 +207,9 @@ class Entry(Generic[T]):
     def _spelled_out(self, raw: object) -> object:
         assert self.short is not None
         if isinstance(raw, str):
-            return {self._key(self.short): raw}
+            return {self.key(self.short): raw}
         if not isinstance(raw, Mapping):
-            keys = [self._key(each.name) for each in self._parameters]
+            keys = [self.key(each.name) for each in self.parameters]
             raise ValueError(f"expected a {self.short}'s name or a mapping with {' and '.join(keys)}, found {raw!r}")
         return raw
 
@@ -217,7 +233,7 @@ def part(kind: Callable[..., T], *names: str, **options: Any) -> Entry[T]:
     return Entry(kind, late=tuple(each.name for each in _parameters(kind) if each.name not in names), **options)
 
 
-def _parameters(kind: Callable[..., object]) -> list[_Parameter]:
+def _parameters(kind: Callable[..., object]) -> list[EntryParameter]:
     """Parameters of a class or function."""
     if dataclasses.is_dataclass(kind):
         types = get_type_hints(kind, include_extras=True)
@@ -231,7 +247,7 @@ def _parameters(kind: Callable[..., object]) -> list[_Parameter]:
         types = get_type_hints(call, include_extras=True)
         signature = inspect.signature(kind).parameters.values()
         found = [(each.name, MISSING if each.default is each.empty else each.default) for each in signature]
-    return [_Parameter(name, types[name], default) for name, default in found]
+    return [EntryParameter(name, types[name], default) for name, default in found]
 
 
 def one_of(names: bool = False, /, **entries: type | Entry[object]) -> object:
@@ -243,7 +259,9 @@ def one_of(names: bool = False, /, **entries: type | Entry[object]) -> object:
             read as it is.
     """
     items = [_keyed(key, each) for key, each in entries.items()]
-    return _ReadAs(Annotated[_either([Annotated[str, Tag(NAME)]] * names + items), BY_KIND])
+    form: object = Annotated[_either([Annotated[str, Tag(NAME)]] * names + items), BY_KIND]
+    keyed: dict[str | None, Entry[Any]] = {key: _entry(each) for key, each in entries.items() if not _is_model(each)}
+    return ReadAs(form, keyed)
 
 
 def plain_or(plain: type, /, **entries: type | Entry[object]) -> object:
@@ -264,14 +282,18 @@ def plain_or(plain: type, /, **entries: type | Entry[object]) -> object:
         return raw
 
     items = [Annotated[plain, Entry(plain), Tag(PLAIN)], *(_keyed(key, each) for key, each in entries.items())]
-    return _ReadAs(Annotated[_either(items), Discriminator(tag), BeforeValidator(known)])
+    form: object = Annotated[_either(items), Discriminator(tag), BeforeValidator(known)]
+    keyed: dict[str | None, Entry[Any]] = {key: _entry(each) for key, each in entries.items()}
+    return ReadAs(form, {None: Entry(plain), **keyed})
 
 
-@dataclass(frozen=True)
-class _ReadAs:
+@dataclass(frozen=True, eq=False)
+class ReadAs:
     """Annotation of a value that a file writes in another form than its type."""
 
     form: object
+    entries: Mapping[str | None, Entry[Any]] = field(default_factory=dict)
+    """Entry of each key; that of None has no key."""
 
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         return handler.generate_schema(self.form)
@@ -279,13 +301,21 @@ class _ReadAs:
 
 def _keyed(key: str, kind: type | Entry[object]) -> object:
     """Mapping with one key that contains an entry, or another mapping of a file."""
-    if isinstance(kind, type) and issubclass(kind, Strict):
+    if _is_model(kind):
         title, text, content = kind.__name__, summary(kind), cast(object, kind)
     else:
-        entry = kind if isinstance(kind, Entry) else Entry(kind)
+        entry = _entry(kind)
         title, text, content = entry.title, summary(entry.kind), Annotated[object, entry]
     around = _mapping(f"{title}Entry", text, {key: (content, ...)})
     return Annotated[around, AfterValidator(attrgetter(key)), Tag(key)]
+
+
+def _is_model(kind: type | Entry[Any]) -> TypeGuard[type[Strict]]:
+    return isinstance(kind, type) and issubclass(kind, Strict)
+
+
+def _entry(kind: type | Entry[Any]) -> Entry[Any]:
+    return kind if isinstance(kind, Entry) else Entry(kind)
 
 
 def _mapping(name: str, text: str, fields: Mapping[str, tuple[object, object]]) -> type[Strict]:

@@ -1,0 +1,242 @@
+"""Scenario content from Python objects: what has a form in a file, and what has none."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, NamedTuple, cast
+
+import coal
+import numpy as np
+
+from rnc_pin.applications.scenario.builder import Experiment, build_task
+from rnc_pin.applications.scenario.loading import validate
+from rnc_pin.applications.scenario.plant_builder import build_plant
+from rnc_pin.applications.scenario.schema import ScenarioFile
+from rnc_pin.applications.scenario.schema.constraints import ConstraintItem
+from rnc_pin.applications.scenario.schema.forces import ActuatorItem, ForceItem
+from rnc_pin.applications.scenario.schema.outputs import OutputItem, Outputs
+from rnc_pin.applications.scenario.schema.reference_settings import ReferenceItem
+from rnc_pin.applications.scenario.schema.robot_source import RobotSource
+from rnc_pin.applications.scenario.schema.spelling import spelled
+from rnc_pin.applications.scenario.start_findings import start_findings, warnings_of
+from rnc_pin.collision import Obstacle, check_ignored_links
+from rnc_pin.control import Controller, describe
+from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.io import Json
+from rnc_pin.model import ReducedModel, Task
+from rnc_pin.planning import Reference, RelativeReference
+from rnc_pin.plants import Plant
+from rnc_pin.robots import Robot
+from rnc_pin.simulation import TaskNames, provenance_of
+
+ROLES = ("primary", "redundant", "vertical")
+
+FileForm = Mapping[str, Json]
+"""Part of a scenario in the form of a file."""
+
+
+@dataclass(frozen=True)
+class RunObjects:
+    """Objects of a run, each of which may be in the form of a file instead.
+
+    Attributes:
+        reduced: the reduced model.
+        controller: controller.
+        q0: initial configuration (nq,).
+        v2_0: initial reduced velocity (r,); None for rest.
+        references: references by role.
+        task: roles of the outputs; None if all reducing outputs are primary.
+        plant: plant; None for the integrated reduced model.
+        obstacles: bodies in the world.
+    """
+
+    reduced: ReducedModel
+    controller: Controller | FileForm
+    q0: np.ndarray
+    v2_0: np.ndarray | None = None
+    references: Mapping[str, Reference | RelativeReference | FileForm] = field(default_factory=dict)
+    task: Task | None = None
+    plant: Plant | FileForm | None = None
+    obstacles: Sequence[Obstacle] = ()
+
+
+class FileContent(NamedTuple):
+    """Content of a scenario from objects."""
+
+    raw: dict[str, Json]
+    """Mapping of the scenario file, without the parts that have no form."""
+    content: ScenarioFile
+    """Checked content, with the objects of the parts that have no form in a file."""
+    without_form: dict[str, str]
+    """Parts that have no form in a file, by key, and why."""
+
+
+def content_of(given: RunObjects, settings: Mapping[str, Json], name: str) -> FileContent:
+    """Return the content of a scenario from objects.
+
+    Args:
+        given: the objects.
+        settings: other keys of a scenario file, ``simulation`` among them.
+        name: name of the scenario in errors.
+
+    Raises:
+        ConfigurationError: a role is not known, settings are not valid, or a controller in the form of a file has
+            references or obstacles without such a form.
+    """
+    for role in given.references:
+        if role not in ROLES:
+            raise ConfigurationError(f"references: no role '{role}'{nearest(role, ROLES)}")
+    raw: dict[str, Json] = {}
+    without_form: dict[str, str] = {}
+
+    def put(key: str, item: object, value: Any) -> None:
+        """Put a value, or the values of a list, into the mapping if all have a form."""
+        try:
+            form = [spelled(item, each) for each in value] if isinstance(value, list) else spelled(item, value)
+        except ConfigurationError as error:
+            without_form[key] = str(error)
+        else:
+            raw[key] = form
+
+    robot, parts = given.reduced.robot, given.reduced.given
+    if (source := _source(robot)) is None:
+        without_form["robot"] = "it is not as a file has it"
+    else:
+        raw["robot"] = source
+    put("constraints", ConstraintItem, list(parts.constraints))
+    if isinstance(parts.actuators, Sequence):
+        put("actuators", ActuatorItem, list(parts.actuators))
+    else:
+        without_form["actuators"] = "a matrix has no form in a file"
+    put("forces", ForceItem, list(parts.forces))
+    raw["mimic"] = parts.mimic
+    if parts.reducing is not None:
+        _put_outputs(raw, without_form, parts.reducing, parts.vertical)
+    if given.task is not None:
+        roles = {role: list(getattr(given.task, f"{role}_names")) for role in ROLES}
+        raw["task"] = cast(Json, roles)
+    raw["initial"] = _initial(given)
+    for role, reference in given.references.items():
+        form = reference if isinstance(reference, Mapping) else _or_none(ReferenceItem, reference)
+        if form is None:
+            without_form[f"reference.{role}"] = f"a {type(reference).__name__} has no form in a file"
+        else:
+            raw["reference"] = {**cast(FileForm, raw.get("reference", {})), role: form}
+    try:
+        raw["obstacles"] = [_obstacle(each) for each in given.obstacles]
+    except ConfigurationError as error:
+        without_form["obstacles"] = str(error)
+    for key, value in (("controller", given.controller), ("plant", given.plant)):
+        if isinstance(value, Mapping):
+            raw[key] = dict(value)
+        elif value is not None:
+            without_form[key] = f"a {type(value).__name__} has no form in a file; its settings in a mapping have one"
+    if "controller" in raw:
+        for key in without_form:
+            if key.startswith(("reference", "obstacles")):
+                said = "a controller in the form of a file needs it in this form, too"
+                raise ConfigurationError(f"{name}: {key}: {without_form[key]}; {said}")
+    raw = {key: value for key, value in raw.items() if value not in ({}, [])} | dict(settings)
+    content = validate({"robot": {"urdf": robot.name or "robot"}, **raw}, name)
+    return FileContent(raw, _with_objects(content, given), without_form)
+
+
+def experiment_of(content: ScenarioFile, given: RunObjects) -> Experiment:
+    """Return the objects of a run whose controller is an object.
+
+    Args:
+        content: content of the scenario.
+        given: the objects.
+    """
+    reduced, controller, plant = given.reduced, given.controller, given.plant
+    assert not isinstance(controller, Mapping)
+    assert content.simulation is not None
+    check_ignored_links(given.obstacles, reduced.robot)
+    found, task = start_findings(content, reduced, given.q0), build_task(content, reduced)
+    return Experiment(
+        scenario=content,
+        reduced=reduced,
+        controller=controller,
+        plant=build_plant(content, reduced, given.q0, Path()) if plant is None or isinstance(plant, Mapping) else plant,
+        q0=given.q0,
+        v2_0=np.zeros(reduced.r) if given.v2_0 is None else given.v2_0,
+        simulation=content.simulation,
+        warnings=warnings_of(found),
+        start_findings=found,
+        provenance=replace(
+            provenance_of(None),
+            controller=describe(controller),
+            task=TaskNames(tuple(task.primary_names), tuple(task.redundant_names)),
+        ),
+        obstacles=tuple(given.obstacles),
+        references={role: each for role, each in given.references.items() if isinstance(each, Reference)},
+    )
+
+
+def _source(robot: Robot) -> dict[str, Json] | None:
+    """Entry ``robot`` of a file; None if the robot has none, or has changed since it was loaded."""
+    if robot.source is None:
+        return None
+    return robot.source if RobotSource.model_validate(robot.source).build(Path()).model == robot.model else None
+
+
+def _put_outputs(
+    raw: dict[str, Json], without_form: dict[str, str], reducing: Sequence[object], vertical: Sequence[object]
+) -> None:
+    try:
+        raw["outputs"] = {
+            "reducing": [spelled(OutputItem, each) for each in reducing],
+            "vertical": [spelled(OutputItem, each) for each in vertical],
+        }
+    except ConfigurationError as error:
+        without_form["outputs"] = str(error)
+
+
+def _initial(given: RunObjects) -> dict[str, Json]:
+    initial: dict[str, Json] = {"q": given.reduced.robot.joint_values(given.q0)}
+    if given.v2_0 is not None:
+        initial["v2"] = dict(zip(given.reduced.reducing.names, given.v2_0.tolist(), strict=True))
+    return initial
+
+
+def _or_none(item: object, value: object) -> Json:
+    try:
+        return spelled(item, value)
+    except ConfigurationError:
+        return None
+
+
+def _obstacle(obstacle: Obstacle) -> Json:
+    """Entry of ``obstacles`` in a file."""
+    shape = obstacle.shape
+    if isinstance(shape, coal.Box):
+        kind, size = "box", {"size": (2.0 * np.ravel(shape.halfSide)).tolist()}
+    elif isinstance(shape, coal.Sphere):
+        kind, size = "sphere", {"radius": float(shape.radius)}
+    elif isinstance(shape, coal.Cylinder | coal.Capsule):
+        kind = type(shape).__name__.lower()
+        size = {"radius": float(shape.radius), "length": 2.0 * float(shape.halfLength)}
+    elif isinstance(shape, coal.Halfspace) and np.array_equal(np.ravel(shape.n), [0.0, 0.0, 1.0]) and not shape.d:
+        kind, size = "ground", {}
+    else:
+        raise ConfigurationError(f"the {type(shape).__name__} of '{obstacle.name}' has no form in a file")
+    if obstacle.motion is not None:
+        kind_of_motion = type(obstacle.motion).__name__
+        raise ConfigurationError(f"the {kind_of_motion} of '{obstacle.name}' has no form in a file")
+    angles = {name: value for name in ("roll", "pitch", "yaw") if (value := float(getattr(obstacle, name)))}
+    ignored = {"ignored_links": list(obstacle.ignored_links)} if obstacle.ignored_links else {}
+    position = np.asarray(obstacle.position, dtype=float).tolist()
+    return {kind: {**size, "name": obstacle.name, "position": position, **angles, **ignored}}
+
+
+def _with_objects(content: ScenarioFile, given: RunObjects) -> ScenarioFile:
+    """Content with the parts of the model that it lacks, because they have no form in a file."""
+    parts = given.reduced.given
+    objects: dict[str, object] = {"constraints": list(parts.constraints), "forces": list(parts.forces)}
+    if isinstance(parts.actuators, Sequence):
+        objects["actuators"] = list(parts.actuators)
+    if content.outputs is None and parts.reducing is not None:
+        objects["outputs"] = Outputs.model_construct(reducing=list(parts.reducing), vertical=list(parts.vertical))
+    return content.model_copy(update=objects)

@@ -1,0 +1,320 @@
+"""Live view of a loop of one's own: states to draw, pause, single steps, and sliders for gains."""
+
+from __future__ import annotations
+
+import importlib
+import math
+import sys
+import threading
+import time
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Generic, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rnc_pin.control.controller import Command
+from rnc_pin.errors import InputError, RncError
+from rnc_pin.io.json import Json
+from rnc_pin.model.input_validation import vector
+from rnc_pin.model.measurement import Measurement
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
+from rnc_pin.robots.robot import Robot
+from rnc_pin.simulation import RunInfo, Sample
+from rnc_pin.visualization.browser.scene_server import ControlPanel
+from rnc_pin.visualization.drawn_model import DrawnModel
+from rnc_pin.visualization.live import LiveView, MeshcatViewer
+from rnc_pin.visualization.view import View
+
+Made = TypeVar("Made")
+
+_POLL = 0.1  # period at which a paused loop looks for a browser [s]
+_ABSENCE = 5.0  # time without a browser after which a paused loop continues [s]; a page may be loaded again
+
+
+class LoopView(SummaryMixin, Generic[Made]):
+    """Live view of a loop; ``rnc.show`` makes it.
+
+    Attributes:
+        url: address of the page.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> with rnc.show(robot, open_browser=False) as view:
+        ...     view.update(robot.configuration({"joint_1": 0.5}))
+        >>> view.running, view.url.startswith("http://127.0.0.1:")
+        (False, True)
+    """
+
+    def __init__(
+        self,
+        model: DrawnModel | ReducedModel | Robot,
+        gains: Mapping[str, tuple[float, float, float]],
+        controller: Callable[..., Made] | None,
+        view: View | None,
+        speed: float,
+        title: str,
+    ) -> None:
+        self._ranges = {name: _admit_range(name, values) for name, values in gains.items()}
+        self._gains = {name: start for name, (_, _, start) in self._ranges.items()}
+        self._make = controller
+        self._made = None if controller is None else controller(**self._gains)
+        self._made_of = dict(self._gains)
+        self._condition = threading.Condition()
+        self._running, self._paused, self._steps, self._message = True, False, 0, ""
+        self._last, self._begin = -math.inf, time.monotonic()
+        drawn = DrawnModel.of(model)
+        self._robot, self._reduced = drawn.robot, drawn.reduced
+
+        def viewer(drawn: DrawnModel, view: View, info: RunInfo, host: str, title: str) -> MeshcatViewer:
+            return MeshcatViewer(drawn, view, info, host, title, ControlPanel("loop", self._receive))
+
+        self._live = LiveView(drawn, view, speed=speed, open_browser=False, title=title, viewer=viewer)
+        self.url = self._live.url
+        ranges: dict[str, Json] = {
+            name: {"lower": lower, "upper": upper, "start": start}
+            for name, (lower, upper, start) in self._ranges.items()
+        }
+        self._post("controls", {"gains": ranges})
+        self._tell()
+
+    def __enter__(self) -> LoopView[Made]:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    # ------------------------------------------------------------------ for the loop
+
+    def update(
+        self,
+        q: ArrayLike,
+        v2: ArrayLike | None = None,
+        *,
+        t: float | None = None,
+        T: ArrayLike | None = None,
+        command: Command | None = None,
+    ) -> None:
+        """Show a state. While the page pauses the loop, this call waits; a step lets one call pass.
+
+        Args:
+            q: configuration (nq,).
+            v2: reduced velocity (r,) [rad/s or m/s]; zero by default. The view needs it for forces of constraints.
+            t: time of the state [s]. The loop is then no faster than real time times ``speed``; a time before the last
+                one starts again. By default the time since the view was made, without a wait.
+            T: actuator inputs (p,) [N or N m], for forces of constraints.
+            command: command of the controller; its desired outputs are shown as goals.
+
+        Raises:
+            InputError: a wrong shape, a number that is not finite, ``v2`` or ``T`` for a robot without a reduced
+                model, or the view is closed.
+        """
+        sample = self._sample(q, v2, t, T, command)
+        if sample.time < self._last:
+            self._live.restart()
+        self._last = sample.time
+        self._live(sample)
+        if self._paused:
+            self._wait(sample)
+
+    @property
+    def gains(self) -> Mapping[str, float]:
+        """Present values of the sliders by name."""
+        with self._condition:
+            return MappingProxyType(dict(self._gains))
+
+    @property
+    def controller(self) -> Made:
+        """Controller with the present gains; a new one after a slider has moved.
+
+        A controller holds gains only, and its state is explicit. So the loop continues with the state that it has.
+        If the function of the gains raises an RncError, the page shows it and the last controller remains.
+
+        Raises:
+            InputError: ``show`` got no controller.
+        """
+        if self._make is None or self._made is None:
+            raise InputError("the view has no controller: show(..., controller=function of the gains) gives it one")
+        gains = dict(self.gains)
+        if gains != self._made_of:
+            self._made_of = gains
+            try:
+                self._made, self._message = self._make(**gains), ""
+            except RncError as error:
+                self._message = str(error)
+            self._tell()
+        return self._made
+
+    @property
+    def running(self) -> bool:
+        """True until the user ends the loop on the page, or ``close`` is called."""
+        return self._running
+
+    @property
+    def paused(self) -> bool:
+        """True while the page pauses the loop."""
+        return self._paused
+
+    @property
+    def problem(self) -> Exception | None:
+        """Error that stopped the drawing, but not the loop."""
+        return self._live.problem
+
+    def wait_for_browser(self, timeout: float) -> bool:
+        """Wait for a browser. Return True if one is connected.
+
+        Args:
+            timeout: longest time to wait [s].
+        """
+        return self._live.wait_for_browser(timeout)
+
+    def open(self) -> None:
+        """Show the page: in a notebook under the cell, otherwise in the user's browser."""
+        if _in_notebook():
+            importlib.import_module("IPython.display").display(self)
+        else:
+            self._live.open()
+
+    def close(self) -> None:
+        """Draw the last state, and stop serving."""
+        with self._condition:
+            self._running = self._paused = False
+            self._condition.notify_all()
+        self._live.close()
+
+    # ------------------------------------------------------------------ inside
+
+    def _sample(
+        self, q: ArrayLike, v2: ArrayLike | None, t: float | None, T: ArrayLike | None, command: Command | None
+    ) -> Sample:
+        if not self._running and self._live.closed:
+            raise InputError("the view is closed")
+        configuration = vector(np.asarray(q), self._robot.nq, "q")
+        velocity, inputs = np.empty(0), np.empty(0)
+        if self._reduced is None:
+            if v2 is not None or T is not None:
+                raise InputError("a robot without a reduced model has no v2 and no T: show(reduced) has them")
+        else:
+            velocity = np.zeros(self._reduced.r) if v2 is None else vector(np.asarray(v2), self._reduced.r, "v2")
+            known = T is not None and v2 is not None
+            inputs = vector(np.asarray(T), self._reduced.p, "T") if known else np.full(self._reduced.p, np.nan)
+        at = time.monotonic() - self._begin if t is None else float(t)
+        if not math.isfinite(at):
+            raise InputError(f"t has to be finite, found {t}")
+        return Sample(at, Measurement(q=configuration, v2=velocity), command or Command(), inputs)
+
+    def _wait(self, sample: Sample) -> None:
+        """Show exactly this state, and wait until the page continues, takes a step, ends the loop, or is gone."""
+        self._live.restart()
+        self._live(sample)
+        begin = seen = time.monotonic()
+        with self._condition:
+            while self._paused and not self._steps:
+                self._condition.wait(_POLL)
+                if self._live.watched:
+                    seen = time.monotonic()
+                elif time.monotonic() - seen > _ABSENCE:
+                    self._paused = False
+            self._steps = max(0, self._steps - 1)
+        self._begin += time.monotonic() - begin
+        self._live.restart()
+
+    def _receive(self, message: object) -> None:
+        """Take a message of the page; anything that the page does not send is ignored."""
+        if not isinstance(message, dict):
+            return
+        kind, name, value = (message.get(key) for key in ("kind", "name", "value"))
+        with self._condition:
+            if kind == "pause" and isinstance(value, bool):
+                self._paused, self._steps = value and self._running, 0
+            elif kind == "step" and self._paused:
+                self._steps += 1
+            elif kind == "end":
+                self._running = self._paused = False
+            elif kind == "gain" and isinstance(name, str) and name in self._ranges:
+                lower, upper, _ = self._ranges[name]
+                if isinstance(value, int | float) and not isinstance(value, bool) and lower <= value <= upper:
+                    self._gains[name] = float(value)
+            self._condition.notify_all()
+        self._tell()
+
+    def _tell(self) -> None:
+        state: dict[str, Json] = {"paused": self._paused, "running": self._running, "message": self._message}
+        self._post("status", {**state, "gains": dict(self._gains)})
+
+    def _post(self, kind: str, content: dict[str, Json]) -> None:
+        self._live.window.post({"type": f"loop_{kind}", "path": f"/loop/{kind}", "content": content})
+
+    def _summary(self) -> ObjectSummary:
+        state = "paused" if self._paused else "running" if self._running else "ended"
+        gains = [Item(name, f"{value:.4g}") for name, value in self.gains.items()]
+        title = f"LoopView of '{self._robot.name}': {state}, {self.url}"
+        return ObjectSummary(title, [("gains", gains)] if gains else [])
+
+    def _repr_html_(self) -> str:
+        return f'<iframe src="{self.url}" style="width: 100%; height: 560px; border: 0"></iframe>'
+
+
+def show(
+    model: DrawnModel | ReducedModel | Robot,
+    *,
+    gains: Mapping[str, tuple[float, float, float]] | None = None,
+    controller: Callable[..., Made] | None = None,
+    view: View | None = None,
+    speed: float = 1.0,
+    title: str = "rnc_pin",
+    open_browser: bool = True,
+) -> LoopView[Made]:
+    """Show a loop of your own in a browser or a notebook, with pause, single steps and sliders.
+
+    The page is on this computer only. The loop never waits for drawing: states that come too fast are not drawn.
+
+    Args:
+        model: reduced model or robot; a reduced model also shows its constraints.
+        gains: sliders by name: smallest value, largest value, and value at the start.
+        controller: function of the gains, by name, that returns a controller; ``view.controller`` is its result for
+            the present gains.
+        view: view options.
+        speed: simulated time over real time, for states with a time; 0 does not wait.
+        title: title of the page.
+        open_browser: True to show the page immediately; in a notebook it is under the cell.
+
+    Raises:
+        InputError: the range of a gain is no range, or its start is outside.
+        ModelError: the robot has no visual geometry.
+
+    Example:
+        >>> import pinocchio as pin
+        >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")]).reduce()
+        >>> q, v2 = robot.configuration({"joint_2": 1.0}), np.array([0.0, 0.1, 0.0])
+        >>> with rnc.show(reduced, gains={"speed": (0.0, 2.0, 1.0)}, open_browser=False) as view:
+        ...     for k in range(3):
+        ...         view.update(q, v2, t=0.02 * k)
+        ...         q = pin.integrate(robot.model, q, 0.02 * view.gains["speed"] * reduced.at(q, v2).v)
+        >>> view.running
+        False
+    """
+    made = LoopView(model, gains or {}, controller, view, speed, title)
+    if open_browser:
+        made.open()
+    return made
+
+
+def _admit_range(name: str, values: tuple[float, float, float]) -> tuple[float, float, float]:
+    try:
+        lower, upper, start = (float(each) for each in values)
+    except (TypeError, ValueError):
+        raise InputError(f"gain '{name}': expected (smallest, largest, start), found {values!r}") from None
+    if not (math.isfinite(lower) and math.isfinite(upper) and lower < upper and lower <= start <= upper):
+        raise InputError(f"gain '{name}': expected smallest <= start <= largest, found {values!r}")
+    return lower, upper, start
+
+
+def _in_notebook() -> bool:
+    """True if this process is the kernel of a notebook."""
+    shell = sys.modules.get("IPython")
+    running = None if shell is None else shell.get_ipython()
+    return hasattr(running, "kernel")

@@ -1,0 +1,197 @@
+"""A loop of one's own in a real browser: states, pause, steps, sliders, and what is refused."""
+
+import threading
+import time
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from browsing import opened, place, visit
+from patience import PATIENCE, eventually
+from rnc_pin.control import ReducingOutputController, VelocityGains, VelocityTracker
+from rnc_pin.planning import Hold
+from systems import space_robot
+
+DT = 0.02
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with opened() as launched:
+        yield launched
+
+
+class Loop(threading.Thread):
+    """Loop of a user: the arm turns at the rate of a slider until the page ends it."""
+
+    def __init__(self, reduced, view):
+        super().__init__(daemon=True)
+        self.reduced, self.view, self.q, self.count = reduced, view, reduced.robot.configuration({"joint_2": 1.0}), 0
+
+    def run(self):
+        while self.view.running:
+            v2 = np.array([0.0, 0.0, self.view.gains["rate"]])
+            self.view.update(self.q, v2, t=DT * self.count)
+            self.q = pin.integrate(self.reduced.robot.model, self.q, DT * np.array(self.reduced.at(self.q, v2).v))
+            self.count += 1
+
+
+def joints():
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    return rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:]).reduce(
+        [rnc.JointPosition(f"joint_{k}") for k in (1, 2, 3)])  # fmt: skip
+
+
+def slide(page, name, value):
+    page.evaluate(
+        "([name, value]) => { const s = [...document.querySelectorAll('.slider')]"
+        ".find(each => each.querySelector('span').title === name).querySelector('input');"
+        "s.value = value; s.dispatchEvent(new Event('input')); }",
+        [name, value],
+    )
+
+
+def test_a_page_pauses_steps_and_tunes_a_loop(browser):
+    reduced = joints()
+    with rnc.show(reduced, gains={"rate": (-2.0, 2.0, 1.0)}, title="my loop", open_browser=False) as view:
+        page, problems = visit(browser, view.url)
+        loop = Loop(reduced, view)
+        loop.start()
+        page.wait_for_selector("#loop button", timeout=1000 * PATIENCE)
+        assert eventually(lambda: loop.count > 5)
+        page.click("#loop button:has-text('Pause')")
+        assert eventually(lambda: view.paused)
+        page.wait_for_selector("#loop button:has-text('Continue')", timeout=1000 * PATIENCE)
+        time.sleep(5 * DT)
+        count, q = loop.count, loop.q.copy()
+        time.sleep(5 * DT)
+        assert loop.count == count  # it stands
+        expected = shape_place(reduced.robot, q)
+        assert eventually(lambda: np.allclose(place(page, "robot", "visuals", "tip_0"), expected, atol=1e-4))
+        # One step is one more state, which the page shows.
+        page.click("#loop button:has-text('Step')")
+        assert eventually(lambda: loop.count == count + 1)
+        expected = shape_place(reduced.robot, loop.q)
+        assert eventually(lambda: np.allclose(place(page, "robot", "visuals", "tip_0"), expected, atol=1e-4))
+        # A slider changes the loop, a reloaded page shows its value, and messages out of range change nothing.
+        slide(page, "rate", -1.5)
+        assert eventually(lambda: view.gains["rate"] == pytest.approx(-1.5, abs=0.01))
+        page.reload()
+        page.wait_for_selector("#loop button:has-text('Continue')", timeout=1000 * PATIENCE)
+        assert float(page.eval_on_selector("#loop .slider input", "each => each.value")) == pytest.approx(
+            -1.5, abs=0.01
+        )
+        page.evaluate(
+            "panel.send({kind: 'gain', name: 'rate', value: 3.0}); panel.send({kind: 'gain', name: 'no', value: 1})"
+        )
+        before = loop.q[3]
+        page.keyboard.press("Space")
+        assert eventually(lambda: loop.count > count + 10)
+        assert view.gains["rate"] == pytest.approx(-1.5, abs=0.01)
+        assert loop.q[3] < before
+        page.click("#loop button:has-text('End loop')")
+        loop.join(PATIENCE)
+        assert not loop.is_alive()
+        assert problems == []
+        page.context.close()
+    assert view.problem is None
+
+
+def shape_place(robot, q):
+    geometry = robot.visual_model
+    data, shapes = robot.model.createData(), geometry.createData()
+    pin.updateGeometryPlacements(robot.model, data, geometry, shapes, q)
+    return shapes.oMg[geometry.getGeometryId("tip_0")].translation
+
+
+def test_a_slider_makes_another_controller_which_continues_with_the_state():
+    """The run equals the one of a loop without a view whose gains change at the same sample."""
+    reduced = space_robot()
+    q0 = reduced.robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1})
+    target = ReducingOutputController(reduced, Hold(reduced.at(q0).outputs()[1] + 0.1))
+
+    def tracker(k, beta):
+        return VelocityTracker(target, VelocityGains(k=k, beta=beta))
+
+    def run(controller_at):
+        plant, state = rnc.ReducedPlant(reduced), None
+        plant.reset(q0, np.zeros(reduced.robot.nv))
+        for sample in range(10):
+            q, v = plant.read()
+            measurement = reduced.at(q, v=v).measure(np.zeros(reduced.r))
+            controller = controller_at(sample, q)
+            state = controller.initial_state(measurement) if state is None else state
+            command, state = controller.step(DT * sample, measurement, state)
+            plant.apply(reduced.allocate(q, command.F))
+            plant.advance(DT)
+        return plant.read()[0]
+
+    expected = run(lambda sample, q: tracker(20.0, 10.0) if sample < 5 else tracker(35.0, 10.0))
+    ranges = {"k": (1.0, 50.0, 20.0), "beta": (0.0, 20.0, 10.0)}
+    with rnc.show(reduced, gains=ranges, controller=tracker, speed=0.0, open_browser=False) as view:
+
+        def shown(sample, q):
+            if sample == 5:
+                view._receive({"kind": "gain", "name": "k", "value": 35.0})
+            view.update(q, t=DT * sample)
+            return view.controller
+
+        first = view.controller
+        found = run(shown)
+        assert view.controller is not first
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_gains_that_a_controller_refuses_leave_the_last_one():
+    def made(k):
+        if k > 1.0:
+            raise rnc.ConfigurationError("k is too large")
+        return k
+
+    with rnc.show(joints(), gains={"k": (0.0, 2.0, 0.5)}, controller=made, open_browser=False) as view:
+        view._receive({"kind": "gain", "name": "k", "value": 1.5})
+        assert (view.controller, view.gains["k"]) == (0.5, 1.5)
+        view._receive({"kind": "gain", "name": "k", "value": 0.75})
+        assert view.controller == 0.75
+
+
+def test_a_loop_does_not_wait_for_ever_for_a_page_that_is_gone(monkeypatch):
+    monkeypatch.setattr("rnc_pin.visualization.loop_view._ABSENCE", 0.2)
+    reduced = joints()
+    with rnc.show(reduced, open_browser=False) as view:
+        view._receive({"kind": "pause", "value": True})
+        assert view.paused
+        view.update(reduced.robot.configuration())
+        assert not view.paused
+
+
+@pytest.mark.parametrize("message", [None, 3, [], {}, {"kind": "pause"}, {"kind": "gain", "name": "k", "value": "1"},
+    {"kind": "gain", "name": "k", "value": float("nan")}, {"kind": "gain", "name": ["k"], "value": 1.0}, {"kind": {}},
+    {"kind": "gain", "name": "k", "value": True}])  # fmt: skip
+def test_other_messages_change_nothing(message):
+    with rnc.show(joints(), gains={"k": (0.0, 2.0, 0.5)}, open_browser=False) as view:
+        view._receive(message)
+        assert (view.paused, view.running, dict(view.gains)) == (False, True, {"k": 0.5})
+
+
+def test_what_a_view_refuses():
+    reduced = joints()
+    for values in ((1.0, 0.0, 0.5), (0.0, 1.0, 2.0), (0.0, np.inf, 1.0), (0.0, 1.0)):
+        with pytest.raises(rnc.InputError, match="gain 'k'"):
+            rnc.show(reduced, gains={"k": values}, open_browser=False)
+    with rnc.show(reduced, open_browser=False) as view:
+        q = reduced.robot.configuration()
+        for arguments, words in (((q[:2],), r"q has shape \(2,\)"), ((q, [1.0]), r"v2 has shape \(1,\)"),
+                                 ((q * np.nan,), "q holds values that are not finite")):  # fmt: skip
+            with pytest.raises(rnc.InputError, match=words):
+                view.update(*arguments)
+        with pytest.raises(rnc.InputError, match="t has to be finite"):
+            view.update(q, t=np.nan)
+        with pytest.raises(rnc.InputError, match="no controller"):
+            _ = view.controller
+    with pytest.raises(rnc.InputError, match="the view is closed"):
+        view.update(q)
+    with rnc.show(reduced.robot, open_browser=False) as view, pytest.raises(rnc.InputError, match="without a reduced"):
+        view.update(q, np.zeros(3))

@@ -1,0 +1,172 @@
+"""Results print themselves: in a few lines with units, in one line as a part of others, as a table in a notebook."""
+
+import ast
+import importlib
+import inspect
+import re
+import textwrap
+from dataclasses import is_dataclass
+from xml.etree import ElementTree
+
+import coal
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+from rnc_pin.analysis import LiftOff, LimitEffect, boundedness, classify, integrability
+from rnc_pin.collision import CollisionDistances, Obstacle, continuous_distances
+from rnc_pin.control import PositionGains, ReducingOutputController, VelocityGains
+from rnc_pin.control.controller import LimitedAcceleration
+from rnc_pin.planning import Hold, InTurn, MinimumJerk, Slowed, TaskReference, ViaPoints
+from rnc_pin.printing import WIDTH, SummaryMixin
+from rnc_pin.simulation import Finding, FindingKind, Severity, grip_along, judge, obstacles_passed, replay_limits
+from rnc_pin.simulation.run_paths import compared_paths, ground_paths
+from rnc_pin.visualization import LoopView, Recording, recorded_states
+from systems import space_robot
+
+PACKAGES = ["", *(f".{name}" for name in ("analysis", "collision", "control", "loop", "model", "optimal", "planning",
+            "plants", "robots", "simulation", "visualization", "applications.sweep"))]  # fmt: skip
+MOST_LINES = 30
+
+
+def is_record(kind):
+    return is_dataclass(kind) or issubclass(kind, (SummaryMixin, tuple, dict))
+
+
+def returned_classes():
+    """Records that exported functions return, by the annotations of the functions."""
+    modules = [importlib.import_module(f"rnc_pin{name}") for name in PACKAGES]
+    exported = {name: getattr(module, name) for module in modules for name in module.__all__}
+    found = set()
+    for thing in filter(inspect.isfunction, exported.values()):
+        function = inspect.unwrap(thing)
+        for word in re.findall(r"\w+", str(function.__annotations__.get("return", ""))):
+            kind = function.__globals__.get(word, exported.get(word))
+            if isinstance(kind, type) and kind.__module__.startswith("rnc_pin") and is_record(kind):
+                found.add(kind)
+    return found
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """One object of each class, most of them results of a computation."""
+    reduced = space_robot()
+    robot, rng = reduced.robot, np.random.default_rng(0)
+    q0, still = robot.configuration({"joint_1": -0.4, "joint_2": 1.8, "joint_3": -1.1}), np.zeros(reduced.r)
+    task = rnc.Task.of(reduced, ["tip_x", "tip_y"], ["joint_1"])
+    x1, x2 = reduced.at(q0).outputs()
+    samples = np.stack([reduced.random_configuration(rng) for _ in range(8)])
+    outwards = MinimumJerk(x2[:2], 1.1 * x2[:2], duration=2.0)
+    reference = TaskReference(outwards, Hold(x1))
+    run = rnc.free_motion(reduced, q0, [0.1, 0.0, 0.1], 1.0, 0.05)
+    target = ReducingOutputController(reduced, Hold(x2))
+    loop = rnc.ControlLoop(reduced, rnc.control.VelocityTracker(target), 0.01)
+    loop.step(0.0, q0, np.zeros(reduced.robot.nv))
+
+    sled = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+    drives = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
+    system = rnc.NonholonomicSystem(sled, [rnc.NoSideSlip("sleigh")], drives)
+    sleigh = system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")], [rnc.FramePosition("sleigh", "xy")])
+    curve = rnc.free_motion(sleigh, sled.configuration(), [1.0, 0.5], 1.0, 0.05)
+    grip = rnc.Grip(sleigh, 0.5)
+    goal = {rnc.FramePosition("sleigh", "xy"): [1.0, 0.5]}
+    plan = rnc.optimal.plan(sleigh, sled.configuration(), goal, 2.0, form="kinematic")
+    ball = Obstacle(coal.Sphere(0.1), position=(2.0, 1.0, 0.0), name="ball")
+    near = continuous_distances(CollisionDistances(robot, [ball], q0=q0), run.time, run.q, within=10.0)
+    pendulum = rnc.Robot.from_urdf("wheeled_pendulum.urdf", base="planar")
+    wheels = [rnc.RollingWheel(f"{side}_wheel", 0.1) for side in ("left", "right")]
+    upright = rnc.NonholonomicSystem(pendulum, wheels, ["left_axle", "right_axle"]).reduce(
+        [rnc.FrameSpeed("base"), rnc.JointPosition("pitch"), rnc.FrameYaw("base")]
+    )
+    steady, *_ = rnc.continuation(upright, pendulum.configuration(), [0.0, 1.0], parameter="base_speed_x")
+    with rnc.show(robot, gains={"k": (0.0, 2.0, 1.0)}, open_browser=False) as view:
+        view.update(q0)
+    folder = tmp_path_factory.mktemp("sweep")
+    sweep = rnc.sweep("unicycle", [{"simulation.duration": 0.1}, {"simulation.duration": 0.2}], out=folder / "runs")
+    return [
+        *(rnc.analyze(reduced, ["tip_x", "tip_y"], ["joint_1"], samples=8), rnc.linearize(reduced, q0)),
+        *(rnc.equilibrium(reduced, q0), steady),
+        *(rnc.preflight(reduced, task, reference, q0), rnc.state_derivatives(reduced, q0, still, np.zeros(reduced.p))),
+        *(boundedness(reduced, samples), classify(reduced, task, samples), integrability(reduced, samples)),
+        *(run, curve, rnc.summarize(run), rnc.summarize(curve, 0.2), run.info, run.info.outputs, run.verdict),
+        run.info.provenance,
+        *(judge(curve), replay_limits(robot, run), rnc.kinematic_rollout(reduced, target, q0, 1.0, 0.1), near),
+        *(rnc.solve_ik(reduced, q0, {rnc.FramePosition("tip", "xy"): 1.1 * x2[:2]}), *obstacles_passed(
+            robot, run.time, run.q, [ball])),
+        *(rnc.impact(reduced, q0, rnc.free_motion(reduced, q0, [0.1, 0.0, 0.1], 0.1, 0.1).v[0]), sweep),
+        *(plan, plan.info, plan.info.verification, plan.reference()),
+        *(grip, grip_along(sleigh, grip, curve.time, curve.q)),
+        *(reference, outwards, Hold(x1), ViaPoints([0.0, 1.0], [x1, x1 + 1.0]), Slowed(outwards, 2.0)),
+        InTurn([outwards]),
+        *(ground_paths(curve)[0], compared_paths(curve, {})),
+        *(next(recorded_states(robot, run)), Recording(reduced, run, title="arm")),
+        *(PositionGains(), VelocityGains(), LimitedAcceleration("joint_1", "v", 1, -2.0, 2.0)),
+        *(loop.last, loop.state, loop.last.command, loop.last.measurement, reduced.terms(q0, still)),
+        *(reduced.lagrangian_terms(q0, still), LimitEffect(0.5, ("joint_1 position",), {}, 1, {"tip_x": 0.1})),
+        view,
+        LiftOff("left_wheel", 1.0, -2.0, -3.0),
+        Finding(FindingKind.GOAL, "tip", 0.03, "m", 2.0, Severity.FAILS, "the goal of tip is missed by 0.03 m at 2 s"),
+    ]  # fmt: skip
+
+
+def test_there_is_an_object_of_every_class_that_a_function_returns(results):
+    shown = {type(each) for each in results} | {rnc.simulation.Summary}  # a mapping, which PrintedSummary prints
+    assert {kind.__name__ for kind in returned_classes() - shown} == set()
+
+
+def test_a_result_prints_in_a_few_lines(results):
+    for each in results:
+        lines = str(each).splitlines()
+        assert len(lines) <= MOST_LINES, each
+        assert max(map(len, lines)) <= WIDTH, each
+        assert not re.search(r"array\(|<.* object at 0x|\w+=\w+\([^.]", str(each)), each
+
+
+def test_its_repr_is_one_line_that_names_its_class(results):
+    for each in results:
+        assert "\n" not in repr(each)
+        assert len(repr(each)) <= WIDTH
+        if not isinstance(each, (rnc.IkResult, rnc.simulation.Verdict)):  # their titles are sentences of their own
+            assert type(each).__name__.removeprefix("Printed") in repr(each)
+
+
+def test_a_notebook_shows_a_table(results):
+    for each in results:
+        html = each._repr_html_()
+        if not isinstance(each, Recording | LoopView):  # a page in a frame
+            assert ElementTree.fromstring(f"<body>{html}</body>").find("table") is not None
+
+
+def units_of_fields(kind):
+    """Unit of each field, from the documentation of the class: under the field, or among its attributes."""
+    [body] = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
+    documented = dict(re.findall(r"^    (\w+): ((?:.*\n(?:     +.*\n)*))", inspect.getdoc(kind) or "", re.M))
+    for field, text in zip(body.body, body.body[1:], strict=False):
+        if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant):
+            documented[field.target.id] = text.value.value
+    found = {name: re.search(r"\[([a-zA-Z][a-zA-Z0-9 ,/^]*)\]", text) for name, text in documented.items()}
+    return {name: re.split(", | or ", match[1])[0] for name, match in found.items() if match}
+
+
+def test_a_result_names_the_units_of_its_fields(results):
+    checked = 0
+    for each in results:
+        if isinstance(each, rnc.Trajectory | rnc.MotionPlan):  # they show the ends of their arrays
+            continue
+        fields = getattr(type(each), "_fields", getattr(type(each), "__dataclass_fields__", ()))
+        for name, unit in units_of_fields(type(each)).items():
+            if name in fields and getattr(each, name) is not None and unit not in ("its unit", "as the rows"):
+                assert re.search(rf"(?<!\w)m?{re.escape(unit)}(?!\w)", str(each)), (type(each).__name__, name, unit)
+                checked += 1
+    assert checked > 20
+
+
+def test_units_of_a_run_and_its_summary():
+    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+    drives = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
+    reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], drives).reduce(
+        [rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])  # fmt: skip
+    run = rnc.free_motion(reduced, robot.configuration(), [1.0, 0.5], 1.0, 0.1, np.array([2.0, 3.0]))
+    assert "  largest input: force(sleigh.x) [2 N], torque(sleigh.z) [3 N m]" in str(run).splitlines()
+    assert "sleigh_yaw [2 rad]" in str(run) or re.search(r"sleigh_yaw \[[\d.]+ rad\]", str(run))
+    assert "  max input: force(sleigh.x) [2 N], torque(sleigh.z) [3 N m]" in str(rnc.summarize(run)).splitlines()
