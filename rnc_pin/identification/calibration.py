@@ -87,7 +87,7 @@ class Calibration(SummaryMixin):
     errors: Mapping[str, PathError]
     """Errors of the whole open-loop path by name: "nominal", "fit", and of the part that was held out."""
     outliers: np.ndarray
-    """Times of measured poses that are more than five standard deviations away [s]."""
+    """Times in seconds of measured poses that are more than five standard deviations away."""
     deviations: np.ndarray
     """Standard deviations of the measured position [m] and heading [rad]."""
     correlation: float

@@ -43,7 +43,7 @@ class Log(SummaryMixin):
     Example:
         >>> time = np.linspace(0.0, 1.0, 101)
         >>> log = rnc.Log([rnc.logs.Channel("position", "wheel", time + 100.0, 3.0 * time[:, None])])
-        >>> log
+        >>> print(log)
         Log: 1 s, 1 channel
           position(wheel): 101 samples [0.01 s]
         >>> log.channel("position", "wheel").at([0.555])

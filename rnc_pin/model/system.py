@@ -137,8 +137,8 @@ class NonholonomicSystem(SummaryMixin):
 
     @property
     def kinds(self) -> tuple[ConstraintKind, ...]:
-        """Given constraints; a body that touches along a line is its two ends."""
-        return tuple(self._given[0])
+        """Given constraints."""
+        return self._given.constraints
 
     def with_robot(self, robot: Robot, constraints: Sequence[ConstraintKind]) -> NonholonomicSystem:
         """The same actuators and forces on another robot, e.g. one with calibrated numbers.
@@ -147,7 +147,7 @@ class NonholonomicSystem(SummaryMixin):
             robot: the robot, with the same names.
             constraints: its constraints.
         """
-        _, actuators, mimic, forces = self._given
+        _, actuators, mimic, forces, *_ = self._given
         return NonholonomicSystem(robot, constraints, actuators, mimic, forces)
 
     @property
