@@ -85,23 +85,20 @@ A change that means the same robot keeps the kind of its base, or the draft says
 `python -m benchmarks.perturbations` drafts each robot again after each of these changes. Its kind is the base, the
 family, the trailers, the wheels and the inputs of the base; names do not count.
 
-One draw of 128 robots on 26 November 2026: the shipped ones, those of the tests, those of example-robot-data, and the
-published ones above.
+One draw of 124 robots on 26 November 2026: the shipped ones, those of the tests, those of example-robot-data, and the
+published ones above whose draft is not refused.
 
 | change | kept, of tried | says why not | neither |
 |---|---|---|---|
-| noise of 1 mm and 0.1 degrees (normal) on all placements | 126 of 128 | 2 | 0 |
-| other names of links and joints | 125 of 128 | 2 | 1 |
-| another order of links and joints | 128 of 128 | 0 | 0 |
-| transmissions and plugins removed | 32 of 34 | 2 | 0 |
+| noise of 1 mm and 0.1 degrees (normal) on all placements | 123 of 124 | 1 | 0 |
+| other names of links and joints | 122 of 124 | 2 | 0 |
+| another order of links and joints | 124 of 124 | 0 | 0 |
+| transmissions and plugins removed | 28 of 30 | 2 | 0 |
 | drives on another axle | 9 of 9 | 0 | 0 |
-| a tenth of the size | 128 of 128 | 0 | 0 |
-| ten times the size | 127 of 128 | 1 | 0 |
-| mirrored, left for right | 128 of 128 | 0 | 0 |
-| all | 803 of 811 (99.0 %) | 7 | 1 |
-
-One change of names loses the kind without a word: only its name tells that a wheel with the inertia of a box is a
-wheel.
+| a tenth of the size | 124 of 124 | 0 | 0 |
+| ten times the size | 123 of 124 | 1 | 0 |
+| mirrored, left for right | 124 of 124 | 0 | 0 |
+| all | 777 of 783 (99.2 %) | 6 | 0 |
 """
 
 

@@ -23,6 +23,8 @@ from .linearization import linearize as linearize
 from .normal_forces import LiftOff as LiftOff
 from .normal_forces import NormalForces as NormalForces
 from .normal_forces import first_lift_off as first_lift_off
+from .privileged_coordinates import PrivilegedCoordinates as PrivilegedCoordinates
+from .privileged_coordinates import privileged_coordinates as privileged_coordinates
 from .redundancy_class import Block as Block
 from .redundancy_class import Evidence as Evidence
 from .redundancy_class import Redundancy as Redundancy

@@ -106,6 +106,11 @@ def growth_vector(reduced: ReducedModel, q: np.ndarray, *, deepest: int = DEEPES
         InfeasibleError: the search ended at ``deepest``, or the precision is not sufficient.
         InputError: ``deepest`` is not a positive integer.
     """
+    return filtration(reduced, q, deepest).vector
+
+
+def filtration(reduced: ReducedModel, q: np.ndarray, deepest: int = DEEPEST) -> Growth:
+    """Return the filtration at a configuration, singular ones included, with the errors of ``growth_vector``."""
     if not isinstance(deepest, int | np.integer) or deepest < 1:
         raise InputError(f"deepest: expected a positive integer, found {deepest!r}")
     found = grow(reduced, q, _generic_dimension(reduced, q), int(deepest))
@@ -114,7 +119,7 @@ def growth_vector(reduced: ReducedModel, q: np.ndarray, *, deepest: int = DEEPES
             f"growth vector: brackets up to depth {deepest + 1} give the dimensions {found.vector}, and generic "
             "configurations reach more: the others are deeper (raise 'deepest'), or too small for the precision"
         )
-    return found.vector
+    return found
 
 
 def _generic_dimension(reduced: ReducedModel, q: np.ndarray) -> int:

@@ -253,6 +253,29 @@ class LimitedAcceleration(NamedTuple):
     until: float = math.inf
 
 
+class MissedGoal(NamedTuple):
+    """Goal of a controller from which a robot is away at the end of a run.
+
+    Attributes:
+        name: name of the goal's row.
+        error: its error [m or rad].
+        tolerance: largest error that the goal allows.
+        reason: why, for the message of the verdict; "" if it is not known.
+    """
+
+    name: str
+    error: float
+    tolerance: float
+    reason: str = ""
+
+
+def missed_goals(controller: object, q: Float[Array, " nq"], v2: Float[Array, " r"]) -> tuple[MissedGoal, ...]:
+    """Goals that a controller, or the one within it as its ``target``, has missed if a run ends in a state."""
+    while controller is not None and not hasattr(controller, "missed_goals"):
+        controller = getattr(controller, "target", None)
+    return () if controller is None else tuple(controller.missed_goals(q, v2))
+
+
 def limited_accelerations(controller: object) -> tuple[LimitedAcceleration, ...]:
     """Accelerations that a controller limits, or that the one within it as its ``target`` limits."""
     while controller is not None and not hasattr(controller, "limited_accelerations"):

@@ -31,3 +31,7 @@ from .predictive_control import PredictiveController as PredictiveController
 from .predictive_control import PredictiveState as PredictiveState
 from .predictive_control import UpdateSchedule as UpdateSchedule
 from .sequential_quadratic import SolverSettings as SolverSettings
+from .set_point import SetPoint as SetPoint
+from .set_point import SetPointCost as SetPointCost
+from .set_point_controller import SetPointController as SetPointController
+from .set_point_controller import SetPointState as SetPointState

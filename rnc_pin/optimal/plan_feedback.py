@@ -274,11 +274,26 @@ def tvlqr(
     last = 10.0 * Q if final_cost is None else weights_of(final_cost, plan.info.state_names)
     if not (R > 0).all():
         raise ConfigurationError("input_cost: every input needs a positive weight")
-    h = np.diff(plan.time)
-    steps = model.step_derivatives(Nodes(plan.q[:-1], plan.w[:-1]), plan.u, h)
+    K = regulator_gains(model, Nodes(plan.q[:-1], plan.w[:-1]), plan.u, np.diff(plan.time), (Q, R, last))
+    return PlanFeedback(reduced, plan, K, end=end)
+
+
+def regulator_gains(
+    model: ActionModel, at: Nodes, u: Array, h: Array, weights: tuple[Array, Array, Array]
+) -> Float[Array, "K nu nx"]:
+    """Gains of a time-varying linear-quadratic regulator about a motion.
+
+    Args:
+        model: action model.
+        at: states at the begin of the intervals.
+        u: inputs (K, nu).
+        h: lengths of the intervals (K,) [s].
+        weights: of states, of inputs, and of the last state.
+    """
+    Q, R, last = weights
+    steps = model.step_derivatives(at, u, h)
     H = h[:, None, None] * np.diag(np.concatenate([Q, R]))
-    factors = RiccatiFactors(np.concatenate([steps.x, steps.u], axis=2), H, np.diag(last))
-    return PlanFeedback(reduced, plan, factors.K, end=end)
+    return RiccatiFactors(np.concatenate([steps.x, steps.u], axis=2), H, np.diag(last)).K
 
 
 def fitting_model(reduced: ReducedModel, plan: MotionPlan) -> ActionModel:

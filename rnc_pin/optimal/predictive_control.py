@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import NamedTuple
@@ -11,19 +12,22 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.controller import Command, Description, LimitedAcceleration
-from rnc_pin.errors import ConfigurationError, RncError
+from rnc_pin.control.controller import Command, Description, LimitedAcceleration, MissedGoal
+from rnc_pin.errors import ConfigurationError, ModelWarning, RncError
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.action_models import Form, Nodes, action_model
-from rnc_pin.optimal.bounds import BoundKind
+from rnc_pin.optimal.bounds import BoundKind, Goal, GoalRows
 from rnc_pin.optimal.costs import CostKind
 from rnc_pin.optimal.guesses import along
 from rnc_pin.optimal.problem_building import build_problem, initial_node
 from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic, SolverSettings
+from rnc_pin.optimal.set_point import SetPoint, SetPointBound
+from rnc_pin.optimal.stall import AT_REST, QUADRATIC, TOLERANCE, first_motion, quadratic_set_point, stalls
 from rnc_pin.optimal.transcription import Iterate
 from rnc_pin.printing import ReprMixin
 
+_LONGEST = 6  # how often the time until the next search doubles
 _HELD = 0.01  # of a limit; the force is held between two samples, so that the acceleration departs from its bound
 
 
@@ -42,6 +46,12 @@ class PredictiveState(NamedTuple):
     """Updates that were used."""
     missed: int
     """Updates that were not used: too late, not finite, or at a singular configuration."""
+    escapes: int = 0
+    """Motions that were replaced by the beginning of a plan, because they stalled."""
+    searches: int = 0
+    """Searches for such a plan."""
+    next_search: float = 0.0
+    """Time from which the next search may take place [s]."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +92,10 @@ class PredictiveController(ReprMixin):
     shifted in time. Between updates, the feedback gains of the motion act on the measured state. An update that exceeds
     its budget or fails is not used: the last motion and its feedback continue, and after its end its last node is held.
 
+    With a ``SetPointCost`` or a ``goal``, the first motion is the beginning of a plan to it. If later the robot stands
+    away from the goal, and its predicted motion does not lead nearer, another plan takes its place. Such an update is
+    late by the time of the search. A set point that is missed at the end of a run is in its verdict.
+
     The motion starts at the state that is predicted for the end of the delay. The controller reads the model. Reads
     from the measurement ``q, v2``.
 
@@ -93,9 +107,14 @@ class PredictiveController(ReprMixin):
         bounds: hard bounds.
         nodes: number of intervals.
         updates: schedule of the updates.
+        goal: values by output or a configuration (nq,), which hold at the end of the horizon, at rest. The horizon has
+            to be long enough to reach them; near the goal, motions are as short as the costs allow.
 
     Raises:
         ConfigurationError: the form is "kinematic".
+
+    Warns:
+        ModelWarning: quadratic costs at the end determine a set point beside which they stall.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
@@ -121,6 +140,7 @@ class PredictiveController(ReprMixin):
         bounds: Sequence[BoundKind] = (),
         nodes: int = 20,
         updates: UpdateSchedule = _EVERY_50_MS,
+        goal: Goal | None = None,
     ) -> None:
         if form == "kinematic":
             raise ConfigurationError("form 'kinematic': a predictive controller needs 'acceleration' or 'dynamic'")
@@ -128,7 +148,16 @@ class PredictiveController(ReprMixin):
         self.horizon, self.updates = horizon, updates
         self._model = action_model(reduced, form)
         start = initial_node(self._model, reduced.robot.configuration())
-        self._problem = build_problem(self._model, start, None, horizon, costs, bounds, nodes)
+        end = None if goal is None else GoalRows(self._model, goal, at_rest=True)
+        self._problem = build_problem(self._model, start, end, horizon, costs, bounds, nodes)
+        self._bounds = tuple(bounds)
+        points = [each.point for each in self._problem.costs if isinstance(each, SetPointBound)]
+        self.set_point = SetPoint(reduced, goal) if goal is not None else points[0] if points else None
+        self._stalls_at = None if self.set_point is not None else quadratic_set_point(self._model, costs)
+        if self._stalls_at is not None:
+            weights = ", ".join(map(str, self._stalls_at.coordinates.weights))
+            text = f"predictive control: weights {weights}: {QUADRATIC}"
+            warnings.warn(text, ModelWarning, stacklevel=2)
         self._h = horizon / nodes
 
     @property
@@ -155,6 +184,22 @@ class PredictiveController(ReprMixin):
             **asdict(self.updates),
         }
 
+    def missed_goals(self, q: Float[Array, " nq"], v2: Float[Array, " r"]) -> tuple[MissedGoal, ...]:
+        """Rows of the set point that a run misses which ends in this state, for its verdict.
+
+        Set points of quadratic costs count only for a robot at rest: it stalls.
+
+        Args:
+            q: configuration (nq,).
+            v2: reduced velocity (r,).
+        """
+        moving = float(np.abs(v2).max(initial=0.0)) > AT_REST
+        if self.set_point is not None:
+            return self.set_point.missed(q, TOLERANCE, "the run ends on the way" if moving else "no motion led to it")
+        if self._stalls_at is None or moving:
+            return ()
+        return self._stalls_at.missed(q, TOLERANCE, QUADRATIC)
+
     def initial_state(self, measurement: Measurement) -> PredictiveState:
         """Return a motion that stands at the measured configuration."""
         K, model = self._solver_settings.nodes, self._model
@@ -177,6 +222,11 @@ class PredictiveController(ReprMixin):
         waiting = state._replace(next_update=t + self.updates.period)
         try:
             at = self._shifted(t + self.updates.delay, self._predicted(t, now, state), state)
+            stalled = self._stalled(t, at, state)
+            if stalled:
+                limit, waiting = None, self._after_search(t, waiting)
+                at = self._escaped(at, state.searches) or at
+            escapes = state.escapes + int(stalled and not np.array_equal(at.q[-1], at.q[0]))
             self._problem.begin = t + self.updates.delay
             solver = SequentialQuadratic(self._problem, self._solver_settings)
             for _ in range(self.updates.iterations):
@@ -190,9 +240,26 @@ class PredictiveController(ReprMixin):
         late = limit is not None and time.process_time() - begin > limit
         if late or not (np.isfinite(at.u).all() and np.isfinite(gains).all()):
             return waiting._replace(missed=state.missed + 1)
-        return PredictiveState(
+        motion = PredictiveState(
             t + self.updates.delay, at.q, at.w, at.u, gains, t + self.updates.period, state.updates + 1, state.missed
         )
+        return motion._replace(escapes=escapes, searches=waiting.searches, next_search=waiting.next_search)
+
+    def _stalled(self, t: float, at: Iterate, state: PredictiveState) -> bool:
+        """True if it is time to search for another motion."""
+        if self.set_point is None or t < state.next_search - 1e-9:
+            return False
+        return stalls(self.set_point, Nodes(at.q[:1], at.w[:1]), at.q[-1])
+
+    def _after_search(self, t: float, state: PredictiveState) -> PredictiveState:
+        """State after a search; the time until the next one doubles."""
+        pause = self.horizon * 2.0 ** min(state.searches, _LONGEST)
+        return state._replace(searches=state.searches + 1, next_search=t + pause)
+
+    def _escaped(self, at: Iterate, seed: int) -> Iterate | None:
+        """Beginning of a plan from the start of a motion that stalls; None if none is found."""
+        assert self.set_point is not None
+        return first_motion(self._model, self.set_point, at.q[0], self.horizon, len(at.u), self._bounds, seed)
 
     def _predicted(self, t: float, now: Nodes, state: PredictiveState) -> Nodes:
         """State at the end of the delay, under the inputs of the last motion."""

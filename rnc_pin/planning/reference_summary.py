@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from abc import abstractmethod
+from typing import Protocol
+
+import numpy as np
 
 from rnc_pin.printing import ObjectSummary, SummaryMixin, counted, described
 
-if TYPE_CHECKING:
-    from rnc_pin.planning.references import ReferencePoint
+
+class _Point(Protocol):
+    @property
+    def position(self) -> np.ndarray: ...
 
 
 class ReferenceSummary(SummaryMixin):
@@ -17,8 +22,8 @@ class ReferenceSummary(SummaryMixin):
     size: int
     duration: float
 
-    def at(self, t: float) -> ReferencePoint:
-        raise NotImplementedError
+    @abstractmethod
+    def at(self, t: float) -> _Point: ...
 
     def _summary(self) -> ObjectSummary:
         end = "never rests" if math.isinf(self.duration) else f"rests from t = {self.duration:g} s on"

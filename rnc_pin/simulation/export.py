@@ -13,8 +13,8 @@ import numpy as np
 
 from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.io.atomic_write import atomic_file
+from rnc_pin.simulation.run_data import RunData
 from rnc_pin.simulation.run_info import OutputNames, RunInfo
-from rnc_pin.simulation.trajectory import Trajectory
 
 FORMATS = (".csv", ".mat")
 
@@ -26,7 +26,7 @@ class Column(NamedTuple):
     unit: str
 
 
-def export_run(run: Trajectory, path: str | Path, arrays: Sequence[str] | None = None, replace: bool = True) -> Path:
+def export_run(run: RunData, path: str | Path, arrays: Sequence[str] | None = None, replace: bool = True) -> Path:
     """Write the arrays of a run as ``Trajectory.export`` does. An error leaves no partial file.
 
     Args:
@@ -57,7 +57,7 @@ def export_run(run: Trajectory, path: str | Path, arrays: Sequence[str] | None =
     return path
 
 
-def columns_of_array(run: Trajectory, array: str) -> list[Column]:
+def columns_of_array(run: RunData, array: str) -> list[Column]:
     """Names and units of the columns of an array, one per column; the name is "" for an array of one dimension."""
     values, info = getattr(run, array), run.info
     if values.ndim == 1:
@@ -116,7 +116,7 @@ def _header(array: str, column: Column) -> str:
     return f"{name} [{column.unit}]" if column.unit else name
 
 
-def _write_table(path: Path, run: Trajectory, columns: dict[str, list[Column]]) -> None:
+def _write_table(path: Path, run: RunData, columns: dict[str, list[Column]]) -> None:
     """Write one row of headers, and a row per sample with all digits."""
     header = io.StringIO()
     names = [_header(array, each) for array, found in columns.items() for each in found]
@@ -127,7 +127,7 @@ def _write_table(path: Path, run: Trajectory, columns: dict[str, list[Column]]) 
         np.savetxt(file, table, fmt="%.17g", delimiter=",")
 
 
-def _write_mat(path: Path, run: Trajectory, columns: dict[str, list[Column]]) -> None:
+def _write_mat(path: Path, run: RunData, columns: dict[str, list[Column]]) -> None:
     """Write the arrays under their names, and cell arrays of their columns under ``names`` and ``units``."""
     from scipy.io import savemat  # half a second to import
 

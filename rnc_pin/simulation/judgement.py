@@ -9,7 +9,7 @@ import numpy as np
 
 from rnc_pin.analysis import Grip, first_lift_off
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.controller import LimitedAcceleration
+from rnc_pin.control.controller import LimitedAcceleration, MissedGoal
 from rnc_pin.errors import InputError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.robots.robot import Robot
@@ -223,22 +223,39 @@ def _given_way(amounts: Mapping[str, float]) -> Iterator[Finding]:
         yield Finding(FindingKind.LIMIT_GAVE_WAY, name, amount, "", None, Severity.DEGRADES, message)
 
 
-def judged_by(run: Trajectory, reduced: ReducedModel, accelerations: Sequence[LimitedAcceleration] = ()) -> Trajectory:
-    """Return a run whose verdict follows at its first use from its samples and from limits.
+def judged_by(
+    run: Trajectory,
+    reduced: ReducedModel,
+    accelerations: Sequence[LimitedAcceleration] = (),
+    missed: Sequence[MissedGoal] = (),
+) -> Trajectory:
+    """Return a run whose verdict follows at its first use from its samples, from limits and from missed goals.
 
     Args:
         run: the run.
         reduced: its model, with the limits of the robot's file and of actuators.
         accelerations: limits of accelerations, as of ``FurtherLimits``.
+        missed: goals of the controller that the run has missed at its end.
     """
     further = FurtherLimits(accelerations, reduced.actuation.stated_limits)
-    return run.judged_later(partial(_judged, reduced.robot, further))
+    return run.judged_later(partial(_judged, reduced.robot, further, missed))
 
 
-def _judged(robot: Robot, further: FurtherLimits, run: Trajectory) -> Verdict:
+def _judged(robot: Robot, further: FurtherLimits, missed: Sequence[MissedGoal], run: Trajectory) -> Verdict:
     if not len(run.time):
         return judge(run)
-    return judge(run, replay_limits(robot, run, exact=0.0, further=further))
+    replay = replay_limits(robot, run, exact=0.0, further=further)
+    return judge(run, replay, more=missed_goal_findings(run, missed))
+
+
+def missed_goal_findings(run: Trajectory, missed: Sequence[MissedGoal]) -> list[Finding]:
+    """Findings of goals that the controller of a run has missed at its end."""
+    found = []
+    for name, error, tolerance, reason in missed if run.outcome is Outcome.COMPLETED else ():
+        message = f"the set point of {name} is missed by {error:.3g}, allowed is {tolerance:g}"
+        message += f": {reason}" if reason else ""
+        found.append(Finding(FindingKind.GOAL, name, error, "m or rad", float(run.time[-1]), Severity.FAILS, message))
+    return found
 
 
 def distance_findings(

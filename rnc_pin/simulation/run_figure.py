@@ -13,13 +13,13 @@ from rnc_pin.figures.panel import Labels
 from rnc_pin.figures.panel_figure import PlaneView, panel_figure
 from rnc_pin.figures.sheet import Sheet, Size
 from rnc_pin.figures.style import LegendEntry
+from rnc_pin.simulation.run_data import RunData
 from rnc_pin.simulation.run_panels import QUANTITIES, TOP_VIEW, Others, panels
 from rnc_pin.simulation.run_paths import compared_paths
-from rnc_pin.simulation.trajectory import Trajectory
 
 
 def plot_run(
-    run: Trajectory,
+    run: RunData,
     outputs: Sequence[str] | str | None,
     title: str | None,
     comparisons: Others,
@@ -53,13 +53,13 @@ def plot_run(
     return panel_figure(shown, run.time, sheet, title=title, labels=texts, name=own, compared=times, view=drawn)
 
 
-def run_name(run: Trajectory, comparisons: Others) -> str:
+def run_name(run: RunData, comparisons: Others) -> str:
     """Legend entry of a run beside others: the name of its scenario if no other run has it."""
     name = (run.info.provenance.scenario or "this run").replace("-", " ")
     return name if name not in comparisons else "this run"
 
 
-def _label_names(run: Trajectory, comparisons: Others) -> list[str]:
+def _label_names(run: RunData, comparisons: Others) -> list[str]:
     """Names that labels of the figures of a run can replace: axes, lines, paths and runs."""
     words = [word for make in QUANTITIES.values() for panel in make(run, comparisons) for word in panel.words]
     outputs, origin = run.info.outputs, run.info.provenance

@@ -14,15 +14,14 @@ import numpy as np
 
 from rnc_pin.errors import InputError, nearest
 from rnc_pin.figures.panel import MAX_LINES, Panel, Series, split_names
+from rnc_pin.simulation.run_data import RunData
 from rnc_pin.simulation.run_info import Columns
-from rnc_pin.simulation.summary import tracking_errors
-from rnc_pin.simulation.trajectory import Trajectory
 
 _MAX_PANELS = 3  # largest number of panels of one quantity
 _ALWAYS_SHOWN = 6  # number of lines of one quantity that are always shown
 _MIN_ERROR = 1e-8  # smallest value on an error axis
 
-Others: TypeAlias = Mapping[str, Trajectory]
+Others: TypeAlias = Mapping[str, RunData]
 _Key = TypeVar("_Key")
 
 
@@ -33,7 +32,7 @@ class _Axis(NamedTuple):
     unit: str
 
 
-def panels(run: Trajectory, others: Others | None = None, chosen: Sequence[str] | None = None) -> list[Panel]:
+def panels(run: RunData, others: Others | None = None, chosen: Sequence[str] | None = None) -> list[Panel]:
     """Panels of a run: outputs with references, errors, inputs, estimates, normal forces, singularity margin.
 
     Args:
@@ -65,7 +64,7 @@ def panels(run: Trajectory, others: Others | None = None, chosen: Sequence[str] 
     return shown
 
 
-def outputs(run: Trajectory, others: Others, names: Sequence[str] | None = None) -> list[Panel]:
+def outputs(run: RunData, others: Others, names: Sequence[str] | None = None) -> list[Panel]:
     """Panels of the outputs with their references, grouped by quantity; of quasi-velocities the integrals.
 
     Args:
@@ -84,7 +83,7 @@ def outputs(run: Trajectory, others: Others, names: Sequence[str] | None = None)
     return shown
 
 
-def learning_panels(run: Trajectory, others: Others, quantity: str) -> list[Panel]:
+def learning_panels(run: RunData, others: Others, quantity: str) -> list[Panel]:
     """Panels of the controller's parameter estimates ("estimates") or prediction errors ("prediction_error")."""
     values: np.ndarray = getattr(run, quantity)
     origin = run.info.provenance
@@ -92,7 +91,7 @@ def learning_panels(run: Trajectory, others: Others, quantity: str) -> list[Pane
     units = {name: _in_si(unit) for name, unit in known.items()}
     names = list(units) or [f"{quantity} {column}" for column in range(values.shape[1])]
 
-    def column(of: Trajectory, name: str) -> np.ndarray:
+    def column(of: RunData, name: str) -> np.ndarray:
         scaled: np.ndarray = units.get(name, (1.0, ""))[0] * getattr(of, quantity)[:, names.index(name)]
         return scaled
 
@@ -127,14 +126,14 @@ def _in_si(unit: str) -> tuple[float, str]:
 # ---------------------------------------------------------------------- outputs
 
 
-def _find_output(run: Trajectory, name: str) -> tuple[str, Columns, int]:
+def _find_output(run: RunData, name: str) -> tuple[str, Columns, int]:
     place = run.info.outputs.find(name)
     if place is None:
         raise KeyError(name)
     return place[0], run.info.outputs.of(place[0]), place[1]
 
 
-def _of(run: Trajectory, name: str) -> np.ndarray:
+def _of(run: RunData, name: str) -> np.ndarray:
     """Values of an output, (N,)."""
     kind, _, column = _find_output(run, name)
     values: np.ndarray = getattr(run, kind)[:, column]
@@ -150,12 +149,12 @@ def _largest_ranges(names: Sequence[str], values: Callable[[str], np.ndarray], o
     return [name for name in names if name in most], f"{count} of {len(names)}, moving most"
 
 
-def _is_integral(run: Trajectory, name: str) -> bool:
+def _is_integral(run: RunData, name: str) -> bool:
     _, columns, column = _find_output(run, name)
     return columns.is_integral(column)
 
 
-def _axis(run: Trajectory, name: str) -> _Axis:
+def _axis(run: RunData, name: str) -> _Axis:
     """Axis of an output."""
     _, columns, column = _find_output(run, name)
     unit, integral = columns.units[column], _is_integral(run, name)
@@ -177,9 +176,7 @@ def _lines_per_panel(others: Others) -> int:
     return max(1, MAX_LINES // (1 + len(others)))
 
 
-def _panels_of_outputs(
-    run: Trajectory, others: Others, axis: _Axis, names: Sequence[str], note: str = ""
-) -> list[Panel]:
+def _panels_of_outputs(run: RunData, others: Others, axis: _Axis, names: Sequence[str], note: str = "") -> list[Panel]:
     def series(name: str) -> Series:
         kind, _, column = _find_output(run, name)
         desired = getattr(run, f"{kind}_desired")[:, column] if name in run.info.goals else None
@@ -197,12 +194,12 @@ def _panels_of_outputs(
     return [panel for group in parts for panel in _split(axis, group, series, room, note)]
 
 
-def _has_same_outputs(other: Trajectory, run: Trajectory, kind: str) -> bool:
+def _has_same_outputs(other: RunData, run: RunData, kind: str) -> bool:
     """True if another run has the same outputs of this kind."""
     return other.info.outputs.of(kind).names == run.info.outputs.of(kind).names
 
 
-def _rates(run: Trajectory, others: Others) -> list[Panel]:
+def _rates(run: RunData, others: Others) -> list[Panel]:
     """Panels of the quasi-velocities, whose integrals are not coordinates of the robot."""
     columns = run.info.outputs.x2
     names = [name for name in columns.names if _is_integral(run, name)]
@@ -221,10 +218,10 @@ def _rates(run: Trajectory, others: Others) -> list[Panel]:
     return found
 
 
-def _errors(run: Trajectory, others: Others) -> list[Panel]:
+def _errors(run: RunData, others: Others) -> list[Panel]:
     """Panels of the tracking errors by unit; of many errors only the largest."""
-    errors = tracking_errors(run)
-    compared = {label: tracking_errors(other) for label, other in others.items()}
+    errors = run.tracking_errors()
+    compared = {label: other.tracking_errors() for label, other in others.items()}
     units = {name: _find_output(run, name)[1].units[_find_output(run, name)[2]] for name in errors}
     found = []
     for unit, names in _grouped_by(errors, lambda name: units[name]):
@@ -250,7 +247,7 @@ def _magnitude(error: np.ndarray) -> np.ndarray:
 # ---------------------------------------------------------------------- inputs, estimates, normal forces, margin
 
 
-def _inputs(run: Trajectory, others: Others) -> list[Panel]:
+def _inputs(run: RunData, others: Others) -> list[Panel]:
     """Panels of the actuator inputs by unit, without compared runs, which would hide them."""
     names, units = run.info.outputs.T, run.info.outputs.T_units
     kinds = {"N": "force", "N m": "torque"}
@@ -262,7 +259,7 @@ def _inputs(run: Trajectory, others: Others) -> list[Panel]:
     return found
 
 
-def _normal_forces(run: Trajectory, others: Others) -> list[Panel]:
+def _normal_forces(run: RunData, others: Others) -> list[Panel]:
     """Panels of the normal forces of the contacts; a contact with a negative force would lift off."""
     names, forces = run.info.outputs.normal_forces, run.normal_forces
     found = []
@@ -275,14 +272,14 @@ def _normal_forces(run: Trajectory, others: Others) -> list[Panel]:
     return found
 
 
-def _margin(run: Trajectory, others: Others) -> list[Panel]:
+def _margin(run: RunData, others: Others) -> list[Panel]:
     compared = {label: other.singular_value for label, other in others.items()}
     series = Series("singularity margin", run.singular_value, None, compared)
     return [Panel("singularity margin", "-", (series,), bottom=0.0)]
 
 
 TOP_VIEW = "top_view"
-QUANTITIES: dict[str, Callable[[Trajectory, Others], list[Panel]]] = {
+QUANTITIES: dict[str, Callable[[RunData, Others], list[Panel]]] = {
     "rates": _rates,
     "outputs": outputs,
     "errors": _errors,

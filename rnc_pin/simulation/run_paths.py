@@ -8,12 +8,12 @@ import numpy as np
 
 from rnc_pin.figures.ground_path import MIN_HALF_SIZE, GroundPath, GroundPaths
 from rnc_pin.figures.panel import MAX_LINES
-from rnc_pin.simulation.trajectory import Trajectory
+from rnc_pin.simulation.run_data import RunData
 
 _SAME_PATH = 1e-3  # largest distance between two paths that count as one, over the extent
 
 
-def ground_paths(run: Trajectory) -> list[GroundPath]:
+def ground_paths(run: RunData) -> list[GroundPath]:
     """Paths of a top view: bodies on the ground, and frames whose x and y are outputs.
 
     If no body is on the ground, a frame counts only if its z is not an output.
@@ -41,7 +41,7 @@ def ground_paths(run: Trajectory) -> list[GroundPath]:
     return found[:MAX_LINES]
 
 
-def _frames(run: Trajectory, bodies: Sequence[GroundPath]) -> list[GroundPath]:
+def _frames(run: RunData, bodies: Sequence[GroundPath]) -> list[GroundPath]:
     columns = {
         name: (kind, column)
         for kind in ("x1", "x2")
@@ -64,7 +64,7 @@ def _frames(run: Trajectory, bodies: Sequence[GroundPath]) -> list[GroundPath]:
     return found
 
 
-def compared_paths(run: Trajectory, others: Mapping[str, Trajectory]) -> GroundPaths:
+def compared_paths(run: RunData, others: Mapping[str, RunData]) -> GroundPaths:
     """Paths of a run with its planned path, and those of other runs by label."""
     plan = run.info.provenance.path
     planned = None if plan is None else np.array(plan.poses)[:, :2]

@@ -7,7 +7,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from rnc_pin.control.controller import Command, limited_accelerations
+from rnc_pin.control.controller import Command, limited_accelerations, missed_goals
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError
 from rnc_pin.loop import ControlLoop, LoopOptions, LoopState, VelocityInputLoop
 from rnc_pin.loop.options import admit_controller, admit_model, type_name
@@ -309,7 +309,8 @@ class SampledRun:
             self.record.fallback = replace(self.record.fallback, at_the_end=lasts or self.loop.state.failed)
         self.record.missed_updates = _missed_updates(self.loop.state.controller)
         run = self.record.finish(self._dt, self._provenance, outcome, message, deferred)
-        return judged_by(run, self._reduced, self._accelerations)
+        missed = missed_goals(self.controller, run.q[-1], run.v2[-1]) if len(run.time) else ()
+        return judged_by(run, self._reduced, self._accelerations, missed)
 
 
 def _missed_updates(state: object) -> MissedUpdates | None:

@@ -142,14 +142,7 @@ class Summary(Compared):
 
 def tracking_errors(trajectory: Trajectory) -> dict[str, np.ndarray]:
     """Desired minus actual value over time, (N,) per output with a goal; NaN before the first goal."""
-    errors: dict[str, np.ndarray] = {}
-    for kind in ("x2", "x1"):
-        desired, actual = getattr(trajectory, f"{kind}_desired"), getattr(trajectory, kind)
-        difference = trajectory.coordinates(kind).difference(desired, actual)
-        for column, name in enumerate(trajectory.info.outputs.of(kind).names):
-            if name in trajectory.info.goals:
-                errors[name] = difference[:, column]
-    return errors
+    return trajectory.tracking_errors()
 
 
 def summarize(trajectory: Trajectory, wall_time: float | None = None) -> Summary:
@@ -169,7 +162,7 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> Summary
         True
     """
     info = trajectory.info
-    errors = {name: error[~np.isnan(error)] for name, error in tracking_errors(trajectory).items()}
+    errors = {name: error[~np.isnan(error)] for name, error in trajectory.tracking_errors().items()}
     duration = float(trajectory.time[-1]) if len(trajectory.time) else 0.0
     balance = trajectory.energy - trajectory.work
     summary: Summary = {
@@ -307,5 +300,5 @@ def _add_learning(summary: Summary, trajectory: Trajectory) -> None:
     summary["final_estimates"] = trajectory.estimates[-1].tolist()
     summary["late_prediction_error_rms"] = float(np.sqrt(np.mean(trajectory.prediction_error[late] ** 2)))
     summary["late_rms_error"] = {
-        name: float(np.sqrt(np.mean(error[late] ** 2))) for name, error in tracking_errors(trajectory).items()
+        name: float(np.sqrt(np.mean(error[late] ** 2))) for name, error in trajectory.tracking_errors().items()
     }

@@ -10,7 +10,8 @@ import pytest
 import rnc_pin as rnc
 from bodies import add_body
 from rnc_pin.analysis import lie_brackets
-from rnc_pin.analysis.lie_brackets import PIECES, BracketJets, ComplexRows, has_complex_rows
+from rnc_pin.analysis.complex_rows import ComplexRows, has_complex_rows
+from rnc_pin.analysis.lie_brackets import PIECES, BracketJets
 from systems import ALL, random_states, rolling_base
 from textbook_systems import sliders_with_rows, unicycle_with_trailers
 

@@ -7,6 +7,8 @@ import rnc_pin as rnc
 import systems
 from rnc_pin.optimal import EffortCost, InputBound, OutputCost, PredictiveController, UpdateSchedule, VelocityCost
 
+pytestmark = pytest.mark.filterwarnings("ignore:.*quadratic costs stall:rnc_pin.errors.ModelWarning")
+
 
 def controller_of(reduced, **options):
     place = [rnc.FramePosition("sleigh", "xy"), rnc.FrameYaw("sleigh")]

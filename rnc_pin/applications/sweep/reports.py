@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rnc_pin.applications.sweep.results import SweepResults
 from rnc_pin.applications.sweep.statistics import sweep_statistics
 from rnc_pin.applications.sweep.swept_run import LIMITS, SUCCESSFUL, Row, verdict_or_failure
+from rnc_pin.applications.sweep.swept_runs import SweptRuns
 from rnc_pin.io import atomic_file, dump_json
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ _BINS = (10, 40)  # smallest and largest number
 _SHARES, _RUNS_IN_BIN = (4, 20), 10  # the same of shares, and the runs that one needs: a share of few runs is noise
 
 
-def write_reports(results: SweepResults) -> None:
+def write_reports(results: SweptRuns) -> None:
     """Write ``sweep.json``, ``failures.txt`` and ``distributions.png`` into the folder of a sweep."""
     if not len(results):
         return
@@ -47,7 +47,7 @@ def write_reports(results: SweepResults) -> None:
     draw_distributions(results, None, results.path / "distributions.png")
 
 
-def failure_lines(results: SweepResults, row: Row) -> Iterator[str]:
+def failure_lines(results: SweptRuns, row: Row) -> Iterator[str]:
     """Two lines about a run that did not succeed: finding and message, and the command that repeats it."""
     yield f"# run {row['run']}: {row['finding']}: {row['message']}"
     if "scenario" in results.specification:
@@ -57,8 +57,8 @@ def failure_lines(results: SweepResults, row: Row) -> Iterator[str]:
         yield f"{results.specification['build']}({json.dumps(drawn)})"
 
 
-def draw_distributions(results: SweepResults, size: Size | None, file: str | Path | None) -> Figure | None:
-    """Figure of ``SweepResults.plot``, also as a file; None if no column has two different numbers."""
+def draw_distributions(results: SweptRuns, size: Size | None, file: str | Path | None) -> Figure | None:
+    """Figure of ``SweptRuns.plot``, also as a file; None if no column has two different numbers."""
     from rnc_pin.figures import save
     from rnc_pin.visualization import plot_distributions
 
@@ -76,7 +76,7 @@ def draw_distributions(results: SweepResults, size: Size | None, file: str | Pat
     return figure
 
 
-def _histogram(results: SweepResults, name: str) -> Histogram | None:
+def _histogram(results: SweptRuns, name: str) -> Histogram | None:
     """Histogram of a column of numbers by verdict; None if it has no two different numbers."""
     import pyarrow as pa
 

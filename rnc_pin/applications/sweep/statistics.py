@@ -8,7 +8,7 @@ from typing import TypedDict
 
 import numpy as np
 
-from rnc_pin.applications.sweep.results import SweepResults
+from rnc_pin.applications.sweep.swept_runs import SweptRuns
 
 ErrorStatistics = TypedDict("ErrorStatistics", {"median": float, "95 %": float, "max": float})
 """Statistics of the final errors of one output."""
@@ -89,14 +89,14 @@ class SweepStatistics(TypedDict):
     final_error: dict[str, ErrorStatistics]
 
 
-def completed_values(results: SweepResults, column: str) -> Iterator[np.ndarray]:
+def completed_values(results: SweptRuns, column: str) -> Iterator[np.ndarray]:
     """Yield the values of a column of numbers in completed runs, block by block; missing values are NaN."""
     for table in results.tables([column, "outcome"]):
         done = np.asarray(table.column(1).to_numpy() == "completed", dtype=bool)
         yield np.asarray(table.column(0).to_numpy(), dtype=float)[done]
 
 
-def sweep_statistics(results: SweepResults) -> SweepStatistics:
+def sweep_statistics(results: SweptRuns) -> SweepStatistics:
     """Return counts of outcomes, verdicts and redraws, and quantiles of the final errors of completed runs."""
     errors: dict[str, ErrorStatistics] = {}
     outcomes = results.outcomes

@@ -77,7 +77,7 @@ def test_an_interrupted_sweep_continues_where_it_was(whole, tmp_path):
 def test_small_blocks_and_a_line_that_was_cut_off(whole, tmp_path, monkeypatch):
     monkeypatch.setattr(run_store, "BLOCK", 5)
     monkeypatch.setattr("rnc_pin.applications.sweep.run_sweep.BLOCK", 5)
-    monkeypatch.setattr("rnc_pin.applications.sweep.results.BLOCK", 5)
+    monkeypatch.setattr("rnc_pin.applications.sweep.swept_runs.BLOCK", 5)
     out = tmp_path / "out"
     with pytest.raises(KeyboardInterrupt):
         rnc.sweep(Sleighs([], ends_at=9), 12, distributions=LAWS, seed=4, out=out)

@@ -1,0 +1,226 @@
+"""Set points: shares of random starts from which controllers arrive and stay, and what the verdicts say of the others.
+
+``python -m benchmarks.set_points [N] [SYSTEM ...] [--control plan|predictive|quadratic] [--noise] [--jobs K]``
+
+Starts are drawn with a seed: within 3 m of the goal with any heading, and joints within 0.3 rad of their goals. A run
+arrives if it ends at rest within 1 cm and 0.01 rad; with ``--noise`` (2 mm and 2 mrad, measurements one sample late,
+masses 20 % wrong), within 2 cm and 0.02 rad.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+import rnc_pin as rnc
+from benchmarks.planned_models import car, mobile_manipulator, tractor
+from rnc_pin.optimal import (
+    BoundKind,
+    EffortCost,
+    InputBound,
+    OutputBound,
+    OutputCost,
+    PredictiveController,
+    SetPoint,
+    SetPointController,
+    SetPointCost,
+    VelocityBound,
+    VelocityCost,
+)
+from rnc_pin.plants.faults import FaultyPlant
+
+DT, WRONG = 0.05, 1.2
+AT_REST = 0.02  # [m/s or rad/s]
+STEERING = 0.7  # largest angle [rad]
+
+
+@dataclass(frozen=True)
+class Case:
+    """System with its goal.
+
+    Attributes:
+        build: makes the model.
+        frame: its frame that goes to the origin with heading zero; None without one.
+        joints: goals of joints.
+        spread: of the first joint of a system without such a frame [rad].
+        steering: steered joints, which have limits.
+        duration: of a plan [s].
+        run: duration of a run [s].
+    """
+
+    build: Callable[[], rnc.ReducedModel]
+    frame: str | None
+    joints: dict[str, float]
+    spread: float = 0.3
+    steering: tuple[str, ...] = ()
+    duration: float = 10.0
+    run: float = 30.0
+
+    def goal(self) -> dict[object, object]:
+        """Goal by outputs."""
+        joints = {rnc.JointPosition(name): value for name, value in self.joints.items()}
+        if self.frame is None:
+            return dict(joints)
+        return {rnc.FramePosition(self.frame, "xy"): [0.0, 0.0], rnc.FrameYaw(self.frame): 0.0, **joints}
+
+    def bounds(self) -> list[BoundKind]:
+        """Accelerations, speeds and steering angles."""
+        steered = [OutputBound(rnc.JointPosition(name), -STEERING, STEERING) for name in self.steering]
+        return [InputBound(-2.0, 2.0), VelocityBound(-1.0, 1.0), *steered]
+
+    def start(self, reduced: rnc.ReducedModel, seed: int) -> np.ndarray:
+        """Drawn start (nq,)."""
+        draw = np.random.default_rng(seed)
+        place, angle, heading = 3.0 * np.sqrt(draw.uniform()), *draw.uniform(-np.pi, np.pi, 2)
+        joints: dict[str, object] = {
+            name: value + draw.uniform(-self.spread, self.spread) for name, value in self.joints.items()
+        }
+        if self.frame is not None:
+            joints["root_joint"] = [place * np.cos(angle), place * np.sin(angle), heading]
+        return np.array(reduced.robot.configuration(joints))
+
+
+def edge() -> rnc.ReducedModel:
+    robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+    inputs = [rnc.FrameForce("sleigh", "x"), rnc.FrameTorque("sleigh", "z")]
+    system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")], inputs)
+    return system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+
+
+def drive() -> rnc.ReducedModel:
+    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+    wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
+    system = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"])
+    return system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
+
+
+def tricycle() -> rnc.ReducedModel:
+    """Forklift whose front wheel is driven and steered."""
+    robot = rnc.Robot.from_urdf("car.urdf", base="planar")
+    edges = [rnc.NoSideSlip("front_axle"), rnc.NoSideSlip("rear_axle")]
+    system = rnc.NonholonomicSystem(robot, edges, [rnc.FrameForce("front_axle", "x"), "front_steering"])
+    return system.reduce([rnc.FrameSpeed("front_axle"), rnc.JointPosition("front_steering")])
+
+
+def floating_arm() -> rnc.ReducedModel:
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    joints = ["joint_1", "joint_2", "joint_3"]
+    system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], joints)
+    return system.reduce([rnc.JointPosition(joint) for joint in joints])
+
+
+def mecanum() -> rnc.ReducedModel:
+    return rnc.Scenario.load("mecanum-crowd").reduced
+
+
+_FRONT = {"front_steering": 0.0}
+_ARM = {"joint_1": 0.4, "joint_2": 0.8}
+CASES = {
+    "edge": Case(edge, "sleigh", {}),
+    "drive": Case(drive, "base", {}),
+    "car": Case(car, "rear_axle", _FRONT, steering=("front_steering",)),
+    "tricycle": Case(tricycle, "rear_axle", _FRONT, steering=("front_steering",)),
+    "trailer": Case(partial(tractor, 1), "tractor", {**_FRONT, "hitch_1": 0.0}, duration=20.0, run=60.0),
+    "trailers": Case(partial(tractor, 2), "tractor", {**_FRONT, "hitch_1": 0.0, "hitch_2": 0.0}, duration=30, run=90),
+    "mecanum": Case(mecanum, "base_link", {}),
+    "mobile_manipulator": Case(mobile_manipulator, "base", _ARM),
+    "floating_arm": Case(floating_arm, None, {"platform": 0.0, **_ARM, "joint_3": 0.5}),
+}
+
+
+class Result(NamedTuple):
+    """Result of one run."""
+
+    arrived: bool
+    succeeded: bool
+    error: float
+    taken: float
+    """Processor time of the run [s]."""
+
+
+def controller_of(kind: str, case: Case, reduced: rnc.ReducedModel, noise: bool) -> rnc.control.Controller:
+    """Controller of a kind."""
+    goal, bounds = case.goal(), case.bounds()
+    if kind == "plan":
+        tolerance = 8e-3 if noise else 4e-3
+        return SetPointController(
+            reduced, goal, case.duration, form="acceleration", bounds=bounds, limits=None, tolerance=tolerance
+        )
+    costs = [SetPointCost(goal, weight=10.0, velocity_weight=0.1), EffortCost(0.01)]
+    if kind == "quadratic":
+        squares = [OutputCost(output, value, weight=10.0, phase="both") for output, value in goal.items()]
+        costs = [*squares, VelocityCost(0.1, phase="both"), EffortCost(0.01)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", rnc.ModelWarning)
+        return PredictiveController(reduced, costs, 4.0, form="acceleration", bounds=bounds)
+
+
+def run(name: str, kind: str, noise: bool, seed: int) -> Result:
+    """One run of a system from a drawn start."""
+    case = CASES[name]
+    reduced = case.build()
+    point = SetPoint(reduced, case.goal())
+    plant = None
+    if noise:
+        wrong = case.build()
+        for body in wrong.robot.model.inertias:
+            body.mass *= WRONG
+            body.inertia *= WRONG
+        faults = rnc.Faults(position_noise=2e-3, velocity_noise=2e-3, delay=1)
+        plant = FaultyPlant(rnc.ReducedPlant(wrong), faults, wrong, DT, seed=seed)
+    begin = time.process_time()
+    controller = controller_of(kind, case, reduced, noise)
+    try:
+        found = rnc.simulate(reduced, controller, case.start(reduced, seed), case.run, DT, plant=plant)
+    except rnc.RncError:  # the run diverged, or met a singular configuration: its error names it
+        return Result(False, False, np.inf, time.process_time() - begin)
+    error = max(point.errors(found.q[-1]).values())
+    still = float(np.abs(found.v2[-1]).max()) < AT_REST
+    allowed = 0.02 if noise else 0.01
+    arrived = found.outcome == "completed" and still and error < allowed
+    return Result(arrived, found.verdict.succeeded, error, time.process_time() - begin)
+
+
+def row(name: str, results: Sequence[Result]) -> str:
+    """Line of the table."""
+    count = len(results)
+    arrived = sum(each.arrived for each in results)
+    false = sum(each.succeeded and not each.arrived for each in results)
+    errors, times = ([getattr(each, key) for each in results] for key in ("error", "taken"))
+    return (
+        f"| {name} | {arrived} of {count} | {count - arrived - false} | {false} | {np.median(errors):.2g} | "
+        f"{np.max(errors):.2g} | {np.median(times):.2g} |"
+    )
+
+
+def main() -> None:
+    """Print a row for each system."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("count", type=int, nargs="?", default=100)
+    parser.add_argument("systems", nargs="*", choices=[*CASES, []], default=[])
+    parser.add_argument("--control", choices=("plan", "predictive", "quadratic"), default="plan")
+    parser.add_argument("--noise", action="store_true")
+    parser.add_argument("--jobs", type=int, default=2)
+    chosen = parser.parse_args()
+    print("| system | arrived | missed, named by the verdict | called succeeded | median error | largest | time [s] |")
+    print("|---|---|---|---|---|---|---|")
+    for name in chosen.systems or CASES:
+        one = partial(run, name, chosen.control, chosen.noise)
+        if chosen.jobs == 1:
+            results = list(map(one, range(chosen.count)))
+        else:
+            with ProcessPoolExecutor(chosen.jobs) as pool:
+                results = list(pool.map(one, range(chosen.count)))
+        print(row(name, results), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,371 @@
+"""Privileged coordinates: at a configuration, how many brackets each direction of motion takes, in coordinates.
+
+A function has order s at q if all its derivatives along fewer than s columns of R vanish there. The directions that
+brackets of up to s fields reach form the spaces ``D1 < D2 < ...``. Coordinates z are privileged if each has as its
+order its weight, the first s for which its differential does not vanish on Ds (Bellaiche, "The tangent space in
+sub-Riemannian geometry", 1996; Jean, "Control of Nonholonomic Systems", 2014). Then z_i is of the size t^w_i after a
+motion over the distance t, and a motion to z costs the homogeneous norm, the sum of |z_i|^(1 / w_i).
+
+Functions that are linear in a chart have the differentials; polynomials of lower coordinates make their order right:
+
+    z_j = l_j(x) + sum over a of c_a z_1^a1 z_2^a2 ...     with weighted degrees a1 w_1 + a2 w_2 + ... < w_j
+
+The coefficients follow from the Taylor coefficients of x along random flows of the columns of R: below the degree
+w_j, those of z_j vanish.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+from numpy import ndarray as Array
+from numpy.typing import ArrayLike
+
+from rnc_pin.analysis.growth import filtration
+from rnc_pin.analysis.lie_brackets import PIECES, BracketJets
+from rnc_pin.array_shapes import Float
+from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError
+from rnc_pin.model.placement_chart import PlacementChart
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.printing import ReprMixin
+
+_SPAN = 1e-7  # singular value of unit vectors below which they are dependent
+_LARGE = 0.95  # of the largest entry: the first such entry is the pivot
+_SPARE = 6  # flows above the number of coefficients
+_TIMES = (0.5, 0.2, 0.05)  # flow times, tried in turn while the error is large
+_ACCURATE, _WRONG = 1e-11, 1e-6  # errors of coefficients that end the search, and that are refused
+_NOISE = 10.0  # times the error: a coefficient below it is zero
+
+Polynomial = tuple[Array, Array]
+"""Powers (k, c) of the coordinates and coefficients (k,)."""
+
+
+class PrivilegedCoordinates(ReprMixin):
+    """Coordinates z about a configuration, with their weights. ``privileged_coordinates`` returns them.
+
+    Each is a coordinate of the chart plus a linear combination of others and a polynomial of lower coordinates. The
+    chart has the place and rotation of a planar or free base in the axes that the base has at q, and joint positions.
+
+    Args:
+        reduced: the model.
+        q: the center (nq,).
+        names: of the coordinates.
+        weights: of the coordinates, ascending (c,).
+        linear: combinations of the coordinates of the chart (c, nv).
+        polynomials: polynomial of lower coordinates that each has in addition.
+        error: estimated error of the coefficients.
+
+    Attributes:
+        growth_vector: dimensions of D1, D2, ... in these coordinates.
+        chart: the chart about q.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("fire_truck.urdf", base="planar")
+        >>> edges = [rnc.NoSideSlip(each) for each in ("front_axle", "tractor_axle", "rear_axle")]
+        >>> reduced = rnc.NonholonomicSystem(robot, edges).reduce()
+        >>> coordinates = rnc.analysis.privileged_coordinates(reduced, robot.configuration())
+        >>> coordinates.weights, coordinates.growth_vector
+        ((1, 1, 1, 2, 2, 3), (3, 5, 6))
+    """
+
+    def __init__(
+        self,
+        reduced: ReducedModel,
+        q: Float[Array, " nq"],
+        names: Sequence[str],
+        weights: Sequence[int],
+        linear: Float[Array, "c nv"],
+        polynomials: Sequence[Polynomial],
+        error: float,
+    ) -> None:
+        self.q, self.names, self.weights, self.error = q, tuple(names), tuple(weights), error
+        self.growth_vector = tuple(sum(w <= s for w in self.weights) for s in range(1, max(self.weights) + 1))
+        self.linear = linear
+        self._polynomials = tuple(polynomials)
+        self.chart, self._chart_names = PlacementChart(reduced.robot.model, q), reduced.robot.velocity_names
+        for each in (self.q, self.linear):
+            each.setflags(write=False)
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates."""
+        return len(self.weights)
+
+    @property
+    def polynomials(self) -> tuple[dict[tuple[int, ...], float], ...]:
+        """Polynomial of each coordinate: coefficients by the powers of the coordinates."""
+        return tuple(
+            {tuple(map(int, p)): float(value) for p, value in zip(*each, strict=True)} for each in self._polynomials
+        )
+
+    def values(self, q: ArrayLike) -> Float[Array, "*n c"]:
+        """Coordinates z of configurations (..., nq)."""
+        z, _ = self._evaluated(self._stack(q), False)
+        return z.reshape(*np.shape(q)[:-1], self.size)
+
+    def jacobian(self, q: ArrayLike) -> Float[Array, "*n c nv"]:
+        """Derivatives of z along tangent vectors at configurations (..., nq)."""
+        _, slopes = self._evaluated(self._stack(q), True)
+        assert slopes is not None
+        return slopes.reshape(*np.shape(q)[:-1], *slopes.shape[1:])
+
+    def norm(self, q: ArrayLike) -> Float[Array, "*n"]:
+        """Homogeneous norms, sums of ``|z_i|^(1 / w_i)``: within constant factors, the lengths of shortest motions."""
+        return np.asarray((np.abs(self.values(q)) ** (1.0 / np.array(self.weights))).sum(axis=-1))
+
+    def _stack(self, q: ArrayLike) -> Array:
+        array = np.asarray(q, dtype=float)
+        if array.shape[-1:] != self.q.shape or not np.isfinite(array).all():
+            raise InputError(f"q: expected finite configurations (..., {len(self.q)}), found shape {array.shape}")
+        return array.reshape(-1, len(self.q))
+
+    def _evaluated(self, q: Array, derivatives: bool) -> tuple[Array, Array | None]:
+        z = self.chart.coordinates(q) @ self.linear.T
+        slopes = self.linear @ self.chart.jacobian(q) if derivatives else None
+        for j, (powers, coefficients) in enumerate(self._polynomials):
+            lower = z.copy()
+            for power, coefficient in zip(powers, coefficients, strict=True):
+                z[:, j] += coefficient * np.prod(lower**power, axis=1)
+                if slopes is None:
+                    continue
+                for i in np.flatnonzero(power):
+                    rest = power - (np.arange(self.size) == i)
+                    slope = coefficient * power[i] * np.prod(lower**rest, axis=1)
+                    slopes[:, j] += slope[:, None] * slopes[:, i]
+        return z, slopes
+
+    def __str__(self) -> str:
+        lines = []
+        for j, (name, weight) in enumerate(zip(self.names, self.weights, strict=True)):
+            terms = [_term(value, self._chart_names[k]) for k, value in enumerate(self.linear[j]) if value]
+            for powers, value in self.polynomials[j].items():
+                factors = [f"z{i + 1}" + (f"^{p}" if p > 1 else "") for i, p in enumerate(powers) if p]
+                terms.append(_term(value, " ".join(factors)))
+            lines.append(f"z{j + 1} ({name}), weight {weight}: " + " ".join(terms).removeprefix("+ "))
+        return "\n".join(lines)
+
+
+def privileged_coordinates(
+    reduced: ReducedModel, q: ArrayLike, *, ignored: Sequence[str] = ()
+) -> PrivilegedCoordinates:
+    """Return privileged coordinates of a reduced system about a configuration.
+
+    Singular configurations have weights of their own, for instance those of a trailer at right angles. If constraints
+    are integrable, the robot stays on a leaf through q: the coordinates are as many as its dimensions, and privileged
+    on it.
+
+    Args:
+        reduced: the model.
+        q: the configuration (nq,).
+        ignored: joints whose position does not matter, such as the angles of rolling wheels. No constraint may depend
+            on it.
+
+    Raises:
+        ConstraintError: rows are affine, as with ground that moves or momentum that is not zero; or a constraint
+            depends on an ignored joint.
+        ConfigurationError: unknown joint.
+        InfeasibleError: the growth vector at q is in doubt, or the precision is not sufficient.
+        SingularityError: q is singular.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce(
+        ...     [rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+        >>> coordinates = rnc.analysis.privileged_coordinates(reduced, robot.configuration())
+        >>> dict(zip(coordinates.names, coordinates.weights))
+        {'root_joint[0]': 1, 'root_joint[2]': 1, 'root_joint[1]': 2}
+        >>> aside = np.array([0.0, 0.04, 1.0, 0.0])
+        >>> round(float(coordinates.norm(aside)), 6)  # 4 cm aside are as far as 0.2 m ahead
+        0.2
+    """
+    _refuse_affine(reduced)
+    state = reduced.at(q)
+    if state.q.ndim != 1:
+        raise InputError(f"q: expected one configuration, found shape {state.q.shape}")
+    center = np.array(state.q)
+    kept = _kept(reduced, center, ignored)
+    growth = filtration(reduced, center)
+    if growth.doubtful:
+        raise InfeasibleError(
+            f"privileged coordinates: next to a singular configuration; of the growth vector {growth.vector}, a "
+            "direction is neither clearly present nor clearly absent; choose the singular configuration or one away"
+        )
+    flags = [growth.closure[kept, :size] for size in growth.vector]
+    rows, pivots, weights = _adapted(flags)
+    linear = np.zeros((len(rows), reduced.n))
+    linear[:, kept] = rows
+    names = [str(reduced.robot.velocity_names[kept[pivot]]) for pivot in pivots]
+    found = _corrected(BracketJets(reduced, center), linear, weights, kept)
+    return PrivilegedCoordinates(reduced, center, names, weights, *found)
+
+
+def _refuse_affine(reduced: ReducedModel) -> None:
+    for place in reduced.all_constraints.places:
+        if place.block.affine:
+            raise ConstraintError(
+                f"privileged coordinates: constraint '{place.block.names[0]}' is affine (ground that moves, momentum "
+                "that is not zero, or a prescribed motion): the robot moves without inputs, so q is no set point"
+            )
+
+
+def _kept(reduced: ReducedModel, q: Array, ignored: Sequence[str]) -> Array:
+    """Entries of v of joints that are not ignored.
+
+    Raises:
+        ConstraintError: the motions of the other joints depend on an ignored joint.
+    """
+    model = reduced.robot.model
+    free = np.zeros(reduced.n, dtype=bool)
+    for name in ignored:
+        joint = model.joints[reduced.robot.joint_id(name)]
+        free[joint.idx_v : joint.idx_v + joint.nv] = True
+    kept, generator = np.flatnonzero(~free), np.random.default_rng(0)
+    if not len(kept):
+        raise ConfigurationError("ignored: no joint is left")
+    if free.any():
+        turned = pin.integrate(model, q, free * generator.uniform(0.5, 1.0, reduced.n))
+        here, there = (_orthonormal(reduced.at(each).R[kept]) for each in (q, turned))
+        if here.shape != there.shape or np.abs(there - here @ (here.T @ there)).max() > _SPAN:
+            names = ", ".join(map(str, ignored))
+            raise ConstraintError(f"ignored: the constraints of the other joints depend on the position of {names}")
+    return kept
+
+
+def _orthonormal(vectors: Array) -> Array:
+    """Orthonormal basis (n, k) of the span of vectors (n, m)."""
+    left, values, _ = np.linalg.svd(vectors, full_matrices=False)
+    return np.asarray(left[:, values > _SPAN * max(values.max(initial=0.0), 1e-300)])
+
+
+def _adapted(flags: Sequence[Array]) -> tuple[Array, list[int], list[int]]:
+    """Linear functions (c, k) adapted to spaces D1 < D2 < ..., ascending, with their pivots and weights.
+
+    A function of weight w vanishes on D(w - 1). Each has the coefficient 1 at its pivot, where those of the same or
+    higher weight have none.
+    """
+    size = len(flags[0])
+    rows, pivots, weights = np.empty((0, size)), list[int](), list[int]()
+    for level in range(len(flags), -1, -1):
+        known = _orthonormal(flags[level - 1]) if level else np.empty((size, 0))
+        missing = size - known.shape[1] - len(rows)
+        left = np.linalg.svd(known)[0][:, known.shape[1] :].T if known.size else np.eye(size)
+        left = left - left[:, pivots] @ np.linalg.solve(rows[:, pivots], rows)
+        for _ in range(missing):
+            pivot = _pivot(left)
+            k = int(np.abs(left[:, pivot]).argmax())
+            row = left[k] / left[k, pivot]
+            left = left - left[:, pivot : pivot + 1] * row
+            same = [place for place, weight in enumerate(weights) if weight == level + 1]
+            rows[same] -= rows[same, pivot : pivot + 1] * row
+            rows = np.vstack([rows, row])
+            pivots.append(pivot)
+            weights.append(level + 1)
+    inside = [place for place, weight in enumerate(weights) if weight <= len(flags)]  # others are constant on the leaf
+    order = sorted(inside, key=lambda place: (weights[place], pivots[place]))
+    return rows[order], [pivots[k] for k in order], [weights[k] for k in order]
+
+
+def _pivot(rows: Array) -> int:
+    """First column with a largest entry, but for rounding: places come before joints."""
+    sizes = np.abs(rows).max(axis=0)
+    return int(np.flatnonzero(sizes >= _LARGE * sizes.max())[0])
+
+
+def _corrected(
+    jets: BracketJets, linear: Array, weights: Sequence[int], kept: Array
+) -> tuple[Array, list[Polynomial], float]:
+    """Linear parts without rounding errors, polynomials, and the error of their coefficients."""
+    c, deepest = len(weights), max(weights)
+    none = np.empty((0, c), dtype=int), np.empty(0)
+    if deepest == 1:
+        return linear, [none] * c, 0.0
+    powers = [_monomials(weights, degree) for degree in range(deepest)]
+    count, pieces = max(map(len, powers)) + _SPARE, max(PIECES, len(kept))
+    _, sizes, right = np.linalg.svd(jets.generators[kept], full_matrices=False)
+    moving = sizes > _SPAN
+    fields = np.random.default_rng(0).normal(size=(count, pieces, int(moving.sum())))
+    fields *= np.sqrt(moving.sum()) / (pieces * np.linalg.norm(fields, axis=2, keepdims=True))
+    fields = fields / sizes[moving] @ right[moving]  # the joints that matter move over unit lengths
+    best: tuple[Array, list[Polynomial], float] | None = None
+    for time in _TIMES:
+        drawn = jets.follow(deepest - 1, time, fields)
+        scales = float(time) ** np.arange(deepest)
+        series = [np.einsum("cn,mnf->cmf", linear, each / scales[:, None, None]) for each in drawn]
+        fine, coarse = (_coefficients(each, weights, powers) for each in series)
+        error = max((float(np.abs(a - b).max(initial=0.0)) for a, b in zip(fine, coarse, strict=True)), default=0.0)
+        if best is None or error < best[2]:
+            best = (*_sorted(fine, linear, powers, weights, error), error)
+        if error < _ACCURATE:
+            break
+    assert best is not None
+    if best[2] > _WRONG:
+        raise InfeasibleError(f"privileged coordinates: the error of their coefficients is {best[2]:.1g}")
+    return best
+
+
+def _coefficients(series: Array, weights: Sequence[int], powers: Sequence[Array]) -> list[Array]:
+    """Coefficients of the monomials below the weight of each coordinate, from series (c, degrees, flows)."""
+    z, found = series.copy(), []
+    degrees = range(series.shape[1])
+    for j, weight in enumerate(weights):
+        chosen = []
+        for degree in range(1, weight):
+            # Below its weight, a monomial has no Taylor coefficient; the first is the product of the first ones.
+            basis = [_product(z[:j], each, len(degrees)) for each in powers[degree]]
+            matrix = np.array([each[degree] for each in basis]).T
+            sizes = np.linalg.norm(matrix, axis=0)
+            c, _, rank, _ = np.linalg.lstsq(matrix / sizes, -z[j, degree], rcond=_SPAN)
+            if rank < len(sizes):
+                raise InfeasibleError("privileged coordinates: the flows are too few for their polynomials")
+            chosen.append(c / sizes)
+            for value, each in zip(chosen[-1], basis, strict=True):
+                z[j] += value * each
+        found.append(np.concatenate([np.empty(0), *chosen]))
+    return found
+
+
+def _product(z: Array, power: Array, degrees: int) -> Array:
+    """Series (degrees, flows) of a monomial of series z (c, degrees, flows)."""
+    found = np.zeros(z.shape[1:])
+    found[0] = 1.0
+    for i in np.flatnonzero(power):
+        for _ in range(power[i]):
+            found = np.array([sum(found[a] * z[i, d - a] for a in range(d + 1)) for d in range(degrees)])
+    return found
+
+
+def _sorted(
+    found: Sequence[Array], linear: Array, powers: Sequence[Array], weights: Sequence[int], error: float
+) -> tuple[Array, list[Polynomial]]:
+    """Linear parts with corrections of the first power, and polynomials of higher ones, without those that are zero."""
+    linear, polynomials = linear.copy(), list[Polynomial]()
+    for j, (coefficients, weight) in enumerate(zip(found, weights, strict=True)):
+        of = np.concatenate([np.empty((0, len(weights)), dtype=int), *powers[1:weight]])
+        for power, value in zip(of, coefficients, strict=True):
+            if power.sum() == 1:
+                linear[j] += value * linear[int(power.argmax())]
+        chosen = (of.sum(axis=1) > 1) & (np.abs(coefficients) > max(_NOISE * error, _ACCURATE))
+        polynomials.append((of[chosen], coefficients[chosen]))
+    linear[np.abs(linear) < max(_NOISE * error, _ACCURATE)] = 0.0
+    return linear, polynomials
+
+
+def _monomials(weights: Sequence[int], degree: int) -> Array:
+    """Powers (k, c) of the monomials of a weighted degree."""
+
+    def of(i: int, left: int) -> list[tuple[int, ...]]:
+        if i == len(weights):
+            return [()] if left == 0 else []
+        found = []
+        for power in range(left // weights[i] + 1):
+            found += [(power, *rest) for rest in of(i + 1, left - power * weights[i])]
+        return found
+
+    return np.array(of(0, degree), dtype=int).reshape(-1, len(weights))
+
+
+def _term(value: float, name: str) -> str:
+    size = "" if abs(abs(value) - 1) < _ACCURATE else f"{abs(value):.6g} "
+    return f"{'-' if value < 0 else '+'} {size}{name}"

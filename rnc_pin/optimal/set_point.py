@@ -1,0 +1,267 @@
+"""Set points: goals at rest, and the cost that leads a nonholonomic robot to one.
+
+Near a set point, a motion aside by y costs a maneuver over the distance |y|^(1 / w), with w the weight of y in
+privileged coordinates. So waiting is optimal for quadratic costs: they gain y^2 for a maneuver of y^(2 / w). The cost
+here is homogeneous: with W the largest weight, it has the residuals
+
+    s_i = sign(z_i) |z_i|^(W / w_i)        r = s / |s|^((W - 1) / W)        |r|^2 = |s|^(2 / W)
+
+so that |r|^2, squared inputs and squared velocities have the same degree: scaled motions have scaled costs (Coron,
+Gruene and Worthmann, "Model predictive control, cost controllability, and homogeneity", 2020; Rosenfelder, Ebel and
+Eberhard, "Model predictive control of non-holonomic vehicles", arXiv:2205.11400). If all weights are one, r is z.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy import ndarray as Array
+
+from rnc_pin.analysis.growth import filtration
+from rnc_pin.analysis.privileged_coordinates import PrivilegedCoordinates, privileged_coordinates
+from rnc_pin.array_shapes import Float
+from rnc_pin.control.controller import MissedGoal
+from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.optimal.action_models import ActionModel, KinematicModel, Nodes
+from rnc_pin.optimal.bounds import Goal, GoalRows
+from rnc_pin.optimal.costs import BoundCost, CostKind, Phase, weights_of
+from rnc_pin.optimal.node_data import NodeData, NodeOutputs, RowValues, velocity_rows
+from rnc_pin.planning.inverse_kinematics import solve_ik
+
+_FREE = 1e-6  # entry of a unit vector that is not rounding
+
+
+class SetPoint:
+    """Configuration that a goal determines, with privileged coordinates about it.
+
+    Args:
+        reduced: the model.
+        goal: values by output, or a configuration (nq,). Joints whose position no constraint depends on, such as
+            wheels that roll, may stay undetermined.
+
+    Attributes:
+        q: the configuration (nq,); for outputs, the solution of inverse kinematics nearest to zero positions.
+        coordinates: privileged coordinates.
+        ignored: names of the joints that the goal leaves undetermined.
+
+    Raises:
+        ConfigurationError: the goal does not determine a configuration, or names an unknown output.
+        InfeasibleError: no configuration reaches the goal; or a configuration has neighbours that no motion reaches.
+        ConstraintError: affine rows.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce(
+        ...     [rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+        >>> goal = {rnc.FramePosition("sleigh", "xy"): [0.0, 0.0], rnc.FrameYaw("sleigh"): 0.0}
+        >>> point = rnc.optimal.SetPoint(reduced, goal)
+        >>> point.coordinates.weights
+        (1, 1, 2)
+        >>> round(float(point.distance(np.array([0.0, 0.04, 1.0, 0.0]))), 3)  # 4 cm aside
+        0.2
+    """
+
+    def __init__(self, reduced: ReducedModel, goal: Goal) -> None:
+        self.reduced, self.goal = reduced, goal
+        if isinstance(goal, Mapping):
+            found = solve_ik(reduced, reduced.robot.configuration(), goal)
+            if not found.converged:
+                missed = ", ".join(f"{name} by {error:.3g}" for name, error in found.unreachable.items())
+                raise InfeasibleError(f"set point: no configuration reaches the goal; nearest misses {missed}")
+            self.q = np.array(found.q)
+            self.ignored = self._undetermined(NodeOutputs(reduced, list(goal)))
+        else:
+            at = reduced.at(goal)
+            if at.q.ndim != 1:
+                raise InputError(f"goal: expected one configuration, found shape {at.q.shape}")
+            self.q, self.ignored = np.array(at.q), ()
+        self.q.setflags(write=False)
+        self._model = KinematicModel(reduced)
+        self._rows = GoalRows(self._model, goal, at_rest=False)
+        self.coordinates = self._coordinates()
+        self._check_leaf()
+
+    def _undetermined(self, outputs: NodeOutputs) -> tuple[str, ...]:
+        """Joints that move within the goal."""
+        robot, closure = self.reduced.robot, filtration(self.reduced, self.q).closure
+        J = outputs.jacobian(Kinematics(robot).position(self.q))
+        _, sizes, right = np.linalg.svd(J @ closure)
+        rank = int((sizes > _FREE * sizes.max(initial=1.0)).sum())
+        moves = np.abs(closure @ right[rank:].T).max(axis=1, initial=0.0) > _FREE
+        named = (name for name in robot.joint_names if moves[robot.velocity_indices(name)].any())
+        return tuple(str(name) for name in named)
+
+    def _coordinates(self) -> PrivilegedCoordinates:
+        try:
+            return privileged_coordinates(self.reduced, self.q, ignored=self.ignored)
+        except (ConstraintError, ConfigurationError) as error:
+            if not self.ignored:
+                raise
+            names = ", ".join(self.ignored)
+            raise ConfigurationError(
+                f"set point: the goal does not determine the position of {names}; add outputs, or give a "
+                f"configuration ({error})"
+            ) from None
+
+    def _check_leaf(self) -> None:
+        """Refuse configurations all of whose neighbours cannot be reached, other than by holonomic rows."""
+        if self.ignored:
+            return
+        reduced = self.reduced
+        rows = reduced.at(self.q).all_rows[np.array(reduced.all_constraints.holonomic, dtype=bool)]
+        room = reduced.n - int(np.linalg.matrix_rank(rows, tol=_FREE)) if len(rows) else reduced.n
+        if self.coordinates.size < room:
+            raise InfeasibleError(
+                f"set point: motions reach {self.coordinates.size} of {room} dimensions near q, because constraints "
+                "are integrable; give outputs as the goal, without the positions that follow from others"
+            )
+
+    def errors(self, q: Float[Array, " nq"]) -> dict[str, float]:
+        """Errors of a configuration by name of the goal's rows [m or rad]."""
+        at = Nodes(np.asarray(q)[None], np.empty((1, 0)))
+        found = self._rows.rows(NodeData(self._model, at, None, np.zeros(1)), False).value[0]
+        names = (name.removeprefix("goal ") for name in self._rows.names)
+        return dict(zip(names, np.abs(found).tolist(), strict=True))
+
+    def missed(self, q: Float[Array, " nq"], tolerance: float, reason: str = "") -> tuple[MissedGoal, ...]:
+        """Rows of the goal whose error is above a tolerance, the largest first.
+
+        Args:
+            q: configuration (nq,).
+            tolerance: largest error [m or rad].
+            reason: why, for the verdict of a run.
+        """
+        found = sorted(self.errors(q).items(), key=lambda item: -item[1])
+        return tuple(MissedGoal(name, error, tolerance, reason) for name, error in found if not error <= tolerance)
+
+    def distance(self, q: Float[Array, "*n nq"]) -> Float[Array, "*n"]:
+        """Homogeneous norms of the coordinates of configurations."""
+        return self.coordinates.norm(q)
+
+
+@dataclass(frozen=True)
+class SetPointCost(CostKind):
+    """Homogeneous distance from a set point: a cost under which a nonholonomic robot arrives.
+
+    Near the goal its residuals are the privileged coordinates, each to the power 1 / weight, scaled motions have
+    scaled costs, and ``EffortCost`` has the same degree. Within ``precision`` it is smooth. Farther than one unit, the
+    polynomials of the coordinates fade. For a holonomic robot it is the squared distance.
+
+    Args:
+        goal: values by output that determine a configuration, or a configuration (nq,), as in ``plan``.
+        weight: weight of each coordinate; by name of ``rnc.analysis.privileged_coordinates``.
+        velocity_weight: weight of squared reduced velocities, in the forms that have them as state.
+        phase: "running", "terminal" or "both".
+        precision: homogeneous norm below which the residuals are smooth [m or rad].
+
+    Raises:
+        ConfigurationError: the precision is not positive.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce(
+        ...     [rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
+        >>> goal = {rnc.FramePosition("sleigh", "xy"): [1.0, 0.0], rnc.FrameYaw("sleigh"): 0.0}
+        >>> cost = rnc.optimal.SetPointCost(goal)
+        >>> cost.bind(rnc.optimal.action_model(reduced, "kinematic")).names
+        ('root_joint[0]', 'root_joint[2]', 'root_joint[1]')
+    """
+
+    goal: Goal
+    weight: float | Sequence[float] | Mapping[str, float] = 1.0
+    velocity_weight: float | Sequence[float] | Mapping[str, float] = 1.0
+    phase: Phase = "both"
+    precision: float = 0.02
+
+    def __post_init__(self) -> None:
+        if not 0 < self.precision < np.inf:
+            raise ConfigurationError(f"set point: expected a positive precision, found {self.precision:g}")
+
+    def bind(self, model: ActionModel) -> BoundCost:
+        point = SetPoint(model.reduced, self.goal)
+        names, weights = point.coordinates.names, weights_of(self.weight, point.coordinates.names)
+        rows = SetPointRows(point.coordinates, self.precision)
+        if model.nw:
+            speeds = model.reduced.reducing.names
+            names = (*names, *speeds)
+            weights = np.concatenate([weights, weights_of(self.velocity_weight, speeds)])
+        return SetPointBound(point, names, weights, self.phase, rows)
+
+
+class SetPointBound(BoundCost):
+    """Cost of a set point for one action model.
+
+    Args:
+        point: the set point.
+        names: names of the rows.
+        weights: weights of the rows (k,).
+        phase: "running", "terminal" or "both".
+        rows: function of nodes that returns the rows.
+    """
+
+    def __init__(self, point: SetPoint, names: Sequence[str], weights: Array, phase: Phase, rows: SetPointRows) -> None:
+        super().__init__(names, weights.tolist(), phase, rows)
+        self.point = point
+
+
+class SetPointRows:
+    """Residuals of a set point at nodes, with reduced velocities where they are states.
+
+    Args:
+        coordinates: privileged coordinates about it.
+        precision: homogeneous norm below which the residuals are smooth.
+    """
+
+    def __init__(self, coordinates: PrivilegedCoordinates, precision: float) -> None:
+        self._coordinates = coordinates
+        self._top = max(coordinates.weights)
+        self._powers = self._top / np.array(coordinates.weights)
+        self._least = precision ** (2 * self._top)
+        self._curved = any(coordinates.polynomials)
+
+    def __call__(self, nodes: NodeData, derivatives: bool) -> RowValues:
+        z, z_q = self._faded(nodes.at.q, derivatives)
+        top, powers = self._top, self._powers
+        size = np.abs(z)
+        s = np.sign(z) * size**powers
+        total = (s**2).sum(axis=1, keepdims=True) + self._least
+        factor = total ** (-(top - 1) / (2 * top))
+        value, x = factor * s, None
+        if z_q is not None:
+            s_q = (powers * size ** (powers - 1))[:, :, None] * z_q
+            along = np.einsum("nk,nkv->nv", s, s_q) / total
+            slopes = factor[:, :, None] * (s_q - (top - 1) / top * s[:, :, None] * along[:, None])
+            x = np.concatenate([slopes, np.zeros((*slopes.shape[:2], nodes.model.nw))], axis=2)
+        if not nodes.model.nw:
+            return RowValues(value, x)
+        speed = velocity_rows(nodes, derivatives)
+        both = np.concatenate([value, speed.value], axis=1)
+        if x is None:
+            return RowValues(both)
+        assert speed.x is not None
+        return RowValues(both, np.concatenate([x, speed.x], axis=1))
+
+    def _faded(self, q: Array, derivatives: bool) -> tuple[Array, Array | None]:
+        """Coordinates whose polynomials fade far from the goal, where they do not describe the robot.
+
+        They are multiplied by ``1 / (1 + S)``, with S the sum of ``|l_i|^(2 W / w_i)`` of the linear parts. So near
+        the goal no term below the weights changes, and S grows faster than any polynomial.
+        """
+        coordinates = self._coordinates
+        if not self._curved:
+            return coordinates.values(q), coordinates.jacobian(q) if derivatives else None
+        linear, z = coordinates.chart.coordinates(q) @ coordinates.linear.T, coordinates.values(q)
+        size, power = np.abs(linear), 2 * self._powers
+        share = 1.0 / (1.0 + (size**power).sum(axis=1, keepdims=True))
+        bent = z - linear
+        if not derivatives:
+            return linear + share * bent, None
+        linear_q = coordinates.linear @ coordinates.chart.jacobian(q)
+        bent_q = coordinates.jacobian(q) - linear_q
+        growth = np.einsum("nk,nkv->nv", power * np.sign(linear) * size ** (power - 1), linear_q)
+        share_q = -(share**2) * growth
+        return linear + share * bent, linear_q + share[:, :, None] * bent_q + bent[:, :, None] * share_q[:, None]

@@ -1,0 +1,290 @@
+"""Signals and metadata of a run, and the file that holds them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
+from itertools import chain, zip_longest
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Float, Int
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.io.atomic_write import atomic_file
+from rnc_pin.io.json import Json, dump_json
+from rnc_pin.io.safe_npz import ArchiveError, read_npz
+from rnc_pin.math.coordinates import Coordinates
+from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin
+from rnc_pin.simulation.run_info import Outcome, OutputNames, RunInfo
+from rnc_pin.verdict import Verdict
+
+
+@dataclass(frozen=True, repr=False)
+class RunData(SummaryMixin):
+    """Signals of a run sampled at N times, and their file. ``Trajectory`` is a run that plots and exports itself."""
+
+    time: Float[Array, " N"]
+    """Time [s]."""
+    q: Float[Array, "N nq"]
+    """Configurations."""
+    v: Float[Array, "N nv"]
+    """Full velocities."""
+    v2: Float[Array, "N r"]
+    """Rates of the reducing outputs."""
+    v2_desired: Float[Array, "N r"]
+    """NaN where the controller had no goal."""
+    x1: Float[Array, "N k"]
+    """Vertical outputs; angles are continuous (unwrapped)."""
+    v1: Float[Array, "N k"]
+    """Rates of the vertical outputs, ``J1 v``."""
+    x1_desired: Float[Array, "N k"]
+    """NaN where the controller had no goal."""
+    x2: Float[Array, "N r"]
+    """Reducing outputs; integrals of v2 for quasi-velocities. Angles are continuous (unwrapped)."""
+    x2_desired: Float[Array, "N r"]
+    """Desired reducing outputs; the integral of the desired rate if there is only a rate."""
+    F: Float[Array, "N r"]
+    """Applied reduced force."""
+    T: Float[Array, "N p"]
+    """Actuator inputs."""
+    multipliers: Float[Array, "N m"]
+    """Multipliers of the kept constraint rows, minus their forces on the robot; NaN where other rows were needed."""
+    contact_forces: Float[Array, "N c"]
+    """Forces of all constraint rows on the robot, dropped rows included; of least norm if they are not unique."""
+    energy: Float[Array, " N"]
+    """Energy of the plant, with the plant's masses [J]."""
+    work: Float[Array, " N"]
+    """Work of actuators, rheonomic constraints and faults, minus the dissipation of damping and friction [J].
+
+    ``energy - work`` is constant.
+    """
+    constraint_residual: Float[Array, " N"]
+    """Largest absolute entry of ``A v - mu`` at the true velocity; for ``ReducedPlant`` of the order of rounding."""
+    slip: Float[Array, "N m"]
+    """``A v - mu`` of the kept constraint rows [m/s or rad/s]."""
+    position_residual: Float[Array, " N"]
+    """Largest violation of a holonomic row [m or rad]; zero without such rows."""
+    singular_value: Float[Array, " N"]
+    """Smallest singular value of the stack E with unit rows."""
+    estimates: Float[Array, "N s"]
+    """Parameter estimates of the controller; no columns without named parameters."""
+    prediction_error: Float[Array, "N e"]
+    """Measured minus predicted rates of the vertical outputs, if the controller predicts them."""
+    v_measured: Float[Array, "N w"]
+    """Measured full velocities; no columns if measurements are exact."""
+    friction_used: Float[Array, "N c2"]
+    """Friction use of each contact: friction force over its limit, 1 during slip; no columns without friction."""
+    normal_forces: Float[Array, "N c3"]
+    """Normal force of the ground on each contact [N]. The model allows negative values; a real contact lifts off.
+
+    No columns without such contacts, or if the plant is not a reduced model.
+    """
+    ground_poses: Float[Array, "N g"]
+    """Position x, y [m] and heading [rad] of each body that moves on the ground; no columns without such bodies."""
+    info: RunInfo
+    """Names, units, scenario, versions, seed, outcome."""
+
+    @classmethod
+    def deferred(
+        cls, arrays: Mapping[str, np.ndarray], derive: Callable[[], Mapping[str, np.ndarray]], info: RunInfo
+    ) -> Self:
+        """Return a run with arrays and info, whose other arrays one call of ``derive`` computes at their first use."""
+        run = object.__new__(cls)
+        vars(run).update(arrays, info=info, _derive=derive)
+        return run
+
+    if not TYPE_CHECKING:  # only for arrays that are not computed yet
+
+        def __getattr__(self, name: str) -> object:
+            if "_derive" in vars(self) and name in type(self).__dataclass_fields__:
+                vars(self).update(self._derive())
+                del vars(self)["_derive"]
+                return vars(self)[name]
+            raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
+
+    def __getstate__(self) -> dict[str, object]:
+        state = {each.name: getattr(self, each.name) for each in fields(self)}
+        if self.info.verdict is None and "_judge" in vars(self):
+            state["_judge"] = vars(self)["_judge"]  # a copy is judged like the run
+        return state
+
+    def judged_later(self, judge: Callable[[Self], Verdict]) -> Self:
+        """Return this run, whose verdict is computed at its first use.
+
+        Args:
+            judge: function from this run to its verdict.
+        """
+        vars(self)["_judge"] = judge
+        return self
+
+    @property
+    def verdict(self) -> Verdict:
+        """Findings about the run: it succeeded only if none fails. Computed at its first use.
+
+        Runs of ``simulate`` and ``free_motion`` are judged by the limits of the robot's file, by distances between its
+        links, by contacts and by the commands of the loop. Runs of scenarios are also judged by their goals and
+        obstacles. A file of ``save`` has the verdict if it was computed before.
+
+        Raises:
+            ConfigurationError: the run is from a file, and was not judged before it was saved.
+        """
+        if self.info.verdict is None:
+            if "_judge" not in vars(self):
+                raise ConfigurationError(
+                    "the run was saved before it was judged: call rnc.simulation.judge(run, "
+                    "rnc.simulation.replay_limits(robot, run))"
+                )
+            self.keep_verdict(vars(self)["_judge"](self))
+        assert self.info.verdict is not None
+        return self.info.verdict
+
+    def keep_verdict(self, verdict: Verdict) -> None:
+        """Let this run have a verdict, which ``save`` writes.
+
+        Args:
+            verdict: findings about the run.
+        """
+        vars(self)["info"] = replace(self.info, verdict=verdict)
+
+    @property
+    def meta(self) -> dict[str, Json]:
+        """Copy of ``info`` as JSON content with fixed keys, as in the file."""
+        return self.info.to_json()
+
+    @property
+    def outcome(self) -> Outcome:
+        """Outcome of the run."""
+        return self.info.outcome
+
+    @property
+    def phase(self) -> Int[Array, " N"]:
+        """Index of the phase of each sample; zero in a run under one set of constraints."""
+        index = np.zeros(len(self.time), dtype=int)
+        for number, each in enumerate(self.info.phases):
+            index[each.first_sample :] = number
+        return index
+
+    def coordinates(self, kind: str) -> Coordinates:
+        """Coordinate types of the outputs of a kind, "x1" or "x2": angles and rotation vectors."""
+        return self.info.outputs.of(kind).coordinates
+
+    def tracking_errors(self) -> dict[str, Float[Array, " N"]]:
+        """Desired minus actual value over time, by name of output with a goal; NaN before the first goal."""
+        errors: dict[str, np.ndarray] = {}
+        for kind in ("x2", "x1"):
+            desired, actual = getattr(self, f"{kind}_desired"), getattr(self, kind)
+            difference = self.coordinates(kind).difference(desired, actual)
+            for column, name in enumerate(self.info.outputs.of(kind).names):
+                if name in self.info.goals:
+                    errors[name] = difference[:, column]
+        return errors
+
+    def save(self, path: str | Path) -> None:
+        """Write a compressed ``.npz`` file to a path, for ``load``. An error leaves no partial file."""
+        path = Path(path)
+        arrays = {name: getattr(self, name) for name in _array_names()}
+        with atomic_file(path) as partial, partial.open("wb") as file:
+            np.savez_compressed(file, **arrays, meta=np.array(dump_json(self.meta)))
+
+    @classmethod
+    def load(cls, path: str | Path, largest: int | None = None) -> Self:
+        """Read a file of ``save``.
+
+        Args:
+            path: path of the ``.npz`` file.
+            largest: largest size of the arrays [bytes]; by default 256 MiB or 20 times the file, whichever is larger.
+
+        Raises:
+            ConfigurationError: the file does not exist, is not a trajectory, or is too large.
+        """
+        path = Path(path)
+        names = [*_array_names(), "meta"]
+        try:
+            arrays = read_npz(path, names, text=["meta"], largest=largest)
+            missing = [name for name in names if name not in arrays and name not in _LATER]
+            if missing:
+                raise _Unfit(f"it has no '{missing[0]}'")
+            info = _info(json.loads(str(arrays.pop("meta"))))
+            _check(arrays, info.outputs)
+            absent = {name: np.zeros((len(arrays["time"]), 0)) for name in _LATER if name not in arrays}
+            return cls(**arrays, **absent, info=info)
+        except FileNotFoundError:
+            raise ConfigurationError(f"no file '{path}'") from None
+        except json.JSONDecodeError as error:
+            raise ConfigurationError(f"{path}: not a trajectory: 'meta' is not JSON: {error}") from None
+        except (_Unfit, ArchiveError) as error:
+            raise ConfigurationError(f"{path}: not a trajectory: {error}") from None
+        except (MemoryError, RecursionError, ValueError):  # invalid content or encoding of ``meta``
+            raise ConfigurationError(f"{path}: not a trajectory: 'meta' cannot be read") from None
+
+    def _summary(self) -> ObjectSummary:
+        duration = self.time[-1] if len(self.time) else 0.0
+        scenario, message, outputs = self.info.provenance.scenario, self.info.message, self.info.outputs
+        of = f" of '{scenario}'" if scenario else ""
+        title = f"Trajectory{of}: {self.outcome}, {duration:g} s in {len(self.time)} samples"
+        lines: list[Line] = [("message", [Item(message)])] if message else []
+        if not len(self.time):
+            return ObjectSummary(title, lines)
+        both = outputs.x2, outputs.x1
+        names, units = (tuple(chain.from_iterable(each)) for each in ([x.names for x in both], [x.units for x in both]))
+        values = {
+            "outputs at the end": zip_longest(names, (*self.x2[-1], *self.x1[-1]), units, fillvalue=""),
+            "largest input": zip_longest(outputs.T, np.abs(self.T).max(axis=0), outputs.T_units, fillvalue=""),
+            "checks": (
+                ("constraint residual, largest", self.constraint_residual.max(), ""),
+                ("singular value of E, smallest", self.singular_value.min(), ""),
+            ),
+        }
+        said = [
+            (label, [Item(name, f"{x:.4g} {unit}".rstrip()) for name, x, unit in rows])
+            for label, rows in values.items()
+        ]
+        return ObjectSummary(title, [*lines, *(line for line in said if line[1])])
+
+
+class _Unfit(ValueError):
+    """Error of a file that does not contain a trajectory."""
+
+
+def _array_names() -> list[str]:
+    return [each.name for each in fields(RunData) if each.name != "info"]
+
+
+def _info(meta: Json) -> RunInfo:
+    try:
+        return RunInfo.from_json(meta)
+    except ConfigurationError as error:
+        raise _Unfit(str(error)) from None
+
+
+def _check(arrays: dict[str, np.ndarray], outputs: OutputNames) -> None:
+    for name, array in arrays.items():
+        depth = 1 if name in _SERIES else 2
+        if array.dtype.kind != "f" or array.ndim != depth or len(array) != arrays["time"].size:
+            raise _Unfit(f"'{name}' has shape {array.shape}")
+    for kind in ("x1", "x2"):
+        columns = outputs.of(kind)
+        if {len(columns.names), len(columns.units), len(columns.angular)} != {arrays[kind].shape[1]}:
+            raise _Unfit(f"'meta' does not name the columns of '{kind}'")
+        if len(columns.quasi) not in (0, len(columns.names)):
+            raise _Unfit(f"'meta' does not name the quasi-velocities of '{kind}'")
+    for kind in ("T", "multipliers", "contact_forces", "q", "v"):
+        names, units = getattr(outputs, kind), getattr(outputs, f"{kind}_units")
+        if len(names) not in ({arrays[kind].shape[1]} if kind == "T" else {0, arrays[kind].shape[1]}):
+            raise _Unfit(f"'meta' does not name the columns of '{kind}'")
+        if len(units) not in (0, len(names)):
+            raise _Unfit(f"'meta' does not have the units of the columns of '{kind}'")
+    if 3 * len(outputs.ground_poses) != arrays["ground_poses"].shape[1]:
+        raise _Unfit("'meta' does not name the columns of 'ground_poses'")
+    if not all(np.isfinite(arrays[name]).all() for name in ("time", "q", "v2")):
+        raise _Unfit("it holds values that are not finite")
+    if (np.diff(arrays["time"]) < 0).any():
+        raise _Unfit("its time runs backwards")
+
+
+_LATER = ("slip", "v_measured", "friction_used", "ground_poses", "normal_forces")  # absent in files of older versions
+_SERIES = ("time", "energy", "work", "constraint_residual", "position_residual", "singular_value")

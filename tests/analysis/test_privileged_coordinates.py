@@ -1,0 +1,321 @@
+"""Privileged coordinates: hand-derived ones, orders along flows, symbolic derivatives, and what is refused."""
+
+from itertools import pairwise, product
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import sympy as sp
+
+import rnc_pin as rnc
+from rnc_pin.analysis import growth_vector, privileged_coordinates
+from rnc_pin.integrators import LieRungeKutta4
+from systems import ackermann_car, fire_truck, mecanum, mobile_manipulator, sleigh, spinning_space_robot
+from textbook_systems import planar_model, unicycle_with_trailers
+
+EXACT = 1e-10
+
+
+def shape_of(coordinates, q):
+    """Center, coordinates of a planar base about it in its own axes, and differences of the joints."""
+    center, q = coordinates.q, np.asarray(q)
+    c, s = center[2:4]
+    x, y = np.array([[c, s], [-s, c]]) @ (q[:2] - center[:2])
+    yaw = np.arctan2(q[3] * c - q[2] * s, q[2] * c + q[3] * s)
+    return x, y, yaw, *(q[4:] - center[4:])
+
+
+def near(reduced, q, generator, size=0.7):
+    return pin.integrate(reduced.robot.model, q, generator.uniform(-size, size, reduced.n))
+
+
+def car(length=0.8, ahead=0.0):
+    """A car whose base frame is ahead of the rear axle; the front axle steers as one wheel."""
+    model, base = planar_model("car")
+    frame = pin.SE3(np.eye(3), np.array([-ahead, 0.0, 0.0]))
+    model.addFrame(pin.Frame("rear", base, 0, frame, pin.FrameType.OP_FRAME))
+    place = pin.SE3(np.eye(3), np.array([length - ahead, 0.0, 0.0]))
+    steer = model.addJoint(base, pin.JointModelRZ(), place, "steer")
+    model.appendBodyToJoint(steer, pin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
+    model.addFrame(pin.Frame("front", steer, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    edges = [rnc.NoSideSlip("rear"), rnc.NoSideSlip("front")]
+    return rnc.NonholonomicSystem(rnc.Robot(model), edges).reduce([rnc.FrameSpeed("rear"), rnc.JointPosition("steer")])
+
+
+# ---------------------------------------------------------------------- derived by hand
+
+
+def test_unicycle():
+    """(x, yaw, y) of weights 1, 1, 2 in the axes of the goal."""
+    reduced, generator = sleigh(), np.random.default_rng(0)
+    q = reduced.robot.configuration({"root_joint": [0.3, -0.4, 1.1]})
+    coordinates = privileged_coordinates(reduced, q)
+    assert coordinates.weights == (1, 1, 2)
+    for _ in range(5):
+        there = near(reduced, q, generator)
+        x, y, yaw = shape_of(coordinates, there)
+        np.testing.assert_allclose(coordinates.values(there), [x, yaw, y], atol=EXACT)
+
+
+@pytest.mark.parametrize("steering", [0.0, 0.4, -0.6])
+def test_car(steering):
+    """On a circle of curvature k = tan(steering) / L: (x, steer, yaw - k x, y - k x^2 / 2) of weights 1, 1, 2, 3."""
+    reduced, generator = car(), np.random.default_rng(1)
+    q = reduced.robot.configuration({"root_joint": [1.0, 2.0, -0.7], "steer": steering})
+    coordinates, k = privileged_coordinates(reduced, q), np.tan(steering) / 0.8
+    assert coordinates.weights == (1, 1, 2, 3)
+    for _ in range(5):
+        there = near(reduced, q, generator)
+        x, y, yaw, steer = shape_of(coordinates, there)
+        # The pivots of the first two are x and the steering angle; the yaw is larger than x where k is small.
+        expected = [x, steer, yaw - k * x, y - k * x**2 / 2]
+        np.testing.assert_allclose(coordinates.values(there), expected, atol=EXACT)
+
+
+def test_car_whose_base_frame_is_ahead_of_its_axle():
+    """Straight ahead by b: y follows the yaw, and the axle's own place y - b sin(yaw) has weight 3."""
+    reduced, generator, b = car(ahead=0.3), np.random.default_rng(2), 0.3
+    coordinates = privileged_coordinates(reduced, reduced.robot.configuration())
+    for _ in range(5):
+        there = near(reduced, coordinates.q, generator)
+        x, y, yaw, steer = shape_of(coordinates, there)
+        found = coordinates.values(there)
+        np.testing.assert_allclose(found[[0, 1]], [x, steer], atol=EXACT)
+        np.testing.assert_allclose(found[3] / coordinates.linear[3, 1], y - b * yaw, atol=EXACT)
+
+
+@pytest.mark.parametrize("angle", [0.4, 1.1, 2.0])
+def test_one_trailer(angle):
+    """The fields (cos t, sin t, 0, -sin a), (0, 0, 1, -1) and their bracket -(0, 1, 0, cos a) at a hitch angle a.
+
+    They annihilate ``l = sin(a) x - cos(a) y + t + da``, and ``X1 X1 l = sin(a) cos(a)`` needs x^2.
+    """
+    reduced, generator = unicycle_with_trailers(1), np.random.default_rng(3)
+    coordinates = privileged_coordinates(reduced, reduced.robot.configuration({"hitch_1": angle}))
+    assert coordinates.weights == (1, 1, 2, 3)
+    s, c = np.sin(angle), np.cos(angle)
+    for _ in range(5):
+        there = near(reduced, coordinates.q, generator)
+        x, y, yaw, hitch = shape_of(coordinates, there)
+        expected = [x, hitch, y, s * x - c * y + yaw + hitch - s * c * x**2 / 2]
+        np.testing.assert_allclose(coordinates.values(there), expected, atol=EXACT)
+
+
+# ---------------------------------------------------------------------- symbolic derivatives
+
+
+def trailers_fields(count, q):
+    """Fields of a unicycle with trailers, symbolically, in coordinates (x, y, yaw, hitches); lengths 1."""
+    _, _, yaw, *hitches = symbols = sp.symbols(f"x y t a1:{count + 1}")
+    angle, speed = yaw, sp.Integer(1)
+    rates, headings = [sp.Integer(0)], [yaw]
+    for hitch in hitches:
+        angle = angle + hitch
+        turn = -speed * sp.sin(hitch)
+        speed = speed * sp.cos(hitch)
+        rates.append(turn)
+        headings.append(angle)
+    forward = [sp.cos(yaw), sp.sin(yaw), 0, *(b - a for a, b in pairwise(rates))]
+    turning = [0, 0, 1, *([-1] if count else []), *[0] * (count - 1)]
+    return symbols, [forward, turning]
+
+
+@pytest.mark.parametrize("hitches", [(0.5,), (0.5, -0.3), (0.0, 0.0), (np.pi / 2, 0.2)])
+def test_words_shorter_than_the_weight_vanish(hitches):
+    """The definition itself, for symbolic fields: all derivatives along fewer than w_j fields are zero at q."""
+    reduced = unicycle_with_trailers(len(hitches))
+    names = {f"hitch_{k + 1}": value for k, value in enumerate(hitches)}
+    coordinates = privileged_coordinates(reduced, reduced.robot.configuration(names))
+    symbols, fields = trailers_fields(len(hitches), hitches)
+    center = [0.0, 0.0, 0.0, *hitches]
+    shape = [symbol - value for symbol, value in zip(symbols, center, strict=True)]
+    z = []
+    for linear, polynomial in zip(coordinates.linear, coordinates.polynomials, strict=True):
+        terms = [
+            value * sp.prod([z[i] ** p for i, p in enumerate(powers) if p]) for powers, value in polynomial.items()
+        ]
+        z.append(sum(float(a) * b for a, b in zip(linear, shape, strict=True)) + sum(terms))
+    for f, weight in zip(z, coordinates.weights, strict=True):
+        words = [f]
+        at = dict(zip(symbols, center, strict=True))
+        for length in range(1, weight + 1):
+            words = [sum(a * sp.diff(g, s) for a, s in zip(X, symbols, strict=True)) for X, g in product(fields, words)]
+            size = max(abs(float(word.subs(at))) if word else 0.0 for word in map(sp.sympify, words))
+            assert size < EXACT if length < weight else size > 1e-3
+
+
+# ---------------------------------------------------------------------- orders along flows
+
+
+def satellite_with_rotors():
+    """Attitude by two rotors; the centre of mass stays: 5 of 8 dimensions."""
+    model = pin.Model()
+    body = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
+    inertia = pin.Inertia(8.0, np.zeros(3), np.diag([0.9, 1.1, 1.3]))
+    model.appendBodyToJoint(body, inertia, pin.SE3.Identity())
+    for name, kind, place in (
+        ("roll", pin.JointModelRX(), [0.2, 0.1, 0.0]),
+        ("pitch", pin.JointModelRY(), [0, -0.1, 0]),
+    ):
+        joint = model.addJoint(body, kind, pin.SE3(np.eye(3), np.array(place, dtype=float)), name)
+        model.appendBodyToJoint(joint, pin.Inertia(0.5, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
+    model.gravity.linear = np.zeros(3)
+    system = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.MomentumConservation("root_joint")])
+    return system.reduce([rnc.JointPosition("roll"), rnc.JointPosition("pitch")])
+
+
+def swimmer():
+    """Three links of length 2 at low Reynolds number: drag is twice as large across a link as along it (Purcell)."""
+    x, y, t, a, b = symbols = sp.symbols("x y t a b")
+    angles = [t + a, t, t + b]  # the middle link carries the base; a and b turn the outer ones
+    ends = sp.Matrix([sp.cos(t), sp.sin(t)])
+    centers = [
+        sp.Matrix([x, y]) - ends - sp.Matrix([sp.cos(angles[0]), sp.sin(angles[0])]),
+        sp.Matrix([x, y]),
+        sp.Matrix([x, y]) + ends + sp.Matrix([sp.cos(angles[2]), sp.sin(angles[2])]),
+    ]
+    total = sp.zeros(3, 5)
+    for center, angle in zip(centers, angles, strict=True):
+        J = center.jacobian(symbols).col_join(sp.Matrix([angle]).jacobian(symbols))
+        along = sp.Matrix([[sp.cos(angle), sp.sin(angle)], [-sp.sin(angle), sp.cos(angle)]])
+        drag = sp.diag(along.T * sp.diag(2, 4) * along, sp.Rational(4, 3))
+        total += J[:, :3].T * drag * J
+    turned = sp.diag(sp.Matrix([[sp.cos(t), -sp.sin(t)], [sp.sin(t), sp.cos(t)]]), 1, 1, 1)
+    rows = sp.simplify((total * turned).subs({x: 0, y: 0}))  # in velocities of the base's own axes; no place matters
+    rates = sp.symbols("vx vy w wa wb")
+    rows_dot = sum((rows.diff(s) * r for s, r in zip((t, a, b), rates[2:], strict=True)), sp.zeros(3, 5))
+    value, slope = sp.lambdify([t, a, b], rows, cse=True), sp.lambdify([t, a, b, *rates[2:]], rows_dot, cse=True)
+    model, base = planar_model("swimmer")
+    for name, place in (("a", -1.0), ("b", 1.0)):
+        joint = model.addJoint(base, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array([place, 0.0, 0.0])), name)
+        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
+
+    def angles_of(q):
+        return np.arctan2(q[3], q[2]), q[4], q[5]
+
+    drag_rows = rnc.Pfaffian(
+        lambda q: np.array(value(*angles_of(q)), dtype=float),
+        lambda q, v: np.array(slope(*angles_of(q), *v[2:]), dtype=float),
+    )
+    return rnc.NonholonomicSystem(rnc.Robot(model), [drag_rows]).reduce(
+        [rnc.JointPosition("a"), rnc.JointPosition("b")]
+    )
+
+
+def snakeboard():
+    """A board whose axles steer on their own: kinematic, with their rates and the speed as inputs."""
+    model, base = planar_model("snakeboard")
+    for name, place in (("front", 0.5), ("back", -0.5)):
+        joint = model.addJoint(base, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array([place, 0.0, 0.0])), name)
+        model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
+        model.addFrame(pin.Frame(f"{name}_axle", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    edges = [rnc.NoSideSlip("front_axle"), rnc.NoSideSlip("back_axle")]
+    return rnc.NonholonomicSystem(rnc.Robot(model), edges).reduce()
+
+
+def wheeled_car():
+    """Wheels that roll, with angles that do not matter."""
+    reduced = ackermann_car()
+    return reduced, reduced.assembled(reduced.robot.configuration()), ("bl_spin", "br_spin", "fl_spin", "fr_spin")
+
+
+SYSTEMS = {
+    "satellite with two rotors": lambda: (satellite_with_rotors(), None, ()),
+    "three-link swimmer": lambda: (swimmer(), {"a": 0.4, "b": 0.7}, ()),
+    "snakeboard": lambda: (snakeboard(), {"front": 0.4, "back": -0.4}, ()),
+    "snakeboard, axles in line": lambda: (snakeboard(), None, ()),
+    "fire truck": lambda: (fire_truck(), {"hitch": 0.3, "front_steering": 0.2, "rear_steering": -0.4}, ()),
+    "mobile manipulator": lambda: (mobile_manipulator(), {"joint_1": 0.4, "joint_2": 0.9}, ()),
+    "two trailers at an angle": lambda: (unicycle_with_trailers(2), {"hitch_1": 0.5, "hitch_2": -0.4}, ()),
+    "two trailers at a right angle": lambda: (unicycle_with_trailers(2), {"hitch_1": np.pi / 2, "hitch_2": 0.2}, ()),
+    "car with wheels": wheeled_car,
+    "mecanum": lambda: (mecanum(), None, ("fl_spin", "fr_spin", "bl_spin", "br_spin")),
+}
+WEIGHTS = {
+    "satellite with two rotors": (1, 1, 2, 3, 3),
+    "three-link swimmer": (1, 1, 2, 3, 3),
+    "snakeboard": (1, 1, 1, 2, 2),
+    "two trailers at a right angle": (1, 1, 2, 3, 5),
+    "car with wheels": (1, 1, 2, 3),
+    "mecanum": (1, 1, 1),
+}
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_coordinates_have_the_order_of_their_weight_along_flows(name):
+    """Of the size t^w after motions over t: the slope of logarithms, with an integrator that knows no brackets."""
+    reduced, start, ignored = SYSTEMS[name]()
+    q = start if isinstance(start, np.ndarray) else reduced.robot.configuration(start or {})
+    coordinates = privileged_coordinates(reduced, q, ignored=ignored)
+    if not ignored:
+        vector = growth_vector(reduced, q)
+        counted = [sum(w <= s for w in coordinates.weights) for s in range(1, max(coordinates.weights) + 1)]
+        assert tuple(counted) == coordinates.growth_vector == vector
+    assert WEIGHTS.get(name, coordinates.weights) == coordinates.weights
+    integrator, generator = LieRungeKutta4(reduced.robot), np.random.default_rng(5)
+    pieces, steps = 4, 6
+    scale = 1.0 / np.abs(coordinates.linear[np.array(coordinates.weights) == 1] @ reduced.at(q).R).max()
+    inputs = scale * generator.normal(size=(12, pieces, reduced.r)) / pieces
+    times = np.array([0.04, 0.02])
+    sizes = []
+    for time in times:
+        ends = []
+        for each in inputs:
+            now = q
+            for u in each:
+                for _ in range(steps):
+                    now, _ = integrator.step(
+                        lambda at, y, u=u: (reduced.at(at).R @ u, y), now, y=np.zeros(0), h=time / steps
+                    )
+            ends.append(now)
+        sizes.append(np.abs(coordinates.values(np.array(ends))).max(axis=0))
+    slopes = np.log(sizes[0] / sizes[1]) / np.log(times[0] / times[1])
+    np.testing.assert_allclose(slopes, coordinates.weights, atol=0.25)
+
+
+@pytest.mark.parametrize("name", ["satellite with two rotors", "two trailers at an angle"])
+def test_jacobian_is_the_derivative(name):
+    reduced, start, _ = SYSTEMS[name]()
+    q = reduced.robot.configuration(start or {})
+    coordinates = privileged_coordinates(reduced, q)
+    generator, h = np.random.default_rng(6), 1e-6
+    for _ in range(3):
+        there, v = near(reduced, q, generator), generator.normal(size=reduced.n)
+        ahead, behind = (coordinates.values(pin.integrate(reduced.robot.model, there, s * h * v)) for s in (1, -1))
+        np.testing.assert_allclose(coordinates.jacobian(there) @ v, (ahead - behind) / (2 * h), rtol=1e-6, atol=1e-7)
+
+
+# ---------------------------------------------------------------------- refusals and print
+
+
+def test_affine_rows_are_refused_with_the_reason():
+    reduced = spinning_space_robot()
+    with pytest.raises(rnc.ConstraintError, match=r"affine.*momentum"):
+        privileged_coordinates(reduced, reduced.robot.configuration())
+
+
+def test_a_joint_on_which_constraints_depend_cannot_be_ignored():
+    reduced = car()
+    with pytest.raises(rnc.ConstraintError, match="depend on the position of steer"):
+        privileged_coordinates(reduced, reduced.robot.configuration(), ignored=["steer"])
+
+
+def test_unknown_joints_are_refused():
+    reduced = car()
+    with pytest.raises(rnc.RncError, match="steer"):
+        privileged_coordinates(reduced, reduced.robot.configuration(), ignored=["stear"])
+
+
+def test_wrong_shapes_are_refused():
+    reduced = car()
+    with pytest.raises(rnc.InputError, match="one configuration"):
+        privileged_coordinates(reduced, np.tile(reduced.robot.configuration(), (2, 1)))
+    with pytest.raises(rnc.InputError, match="finite configurations"):
+        privileged_coordinates(reduced, reduced.robot.configuration()).values(np.zeros(3))
+
+
+def test_prints_its_formulas():
+    reduced = car()
+    text = str(privileged_coordinates(reduced, reduced.robot.configuration({"steer": 0.4})))
+    assert "z4 (root_joint[1]), weight 3: root_joint[1]" in text
+    assert "z1^2" in text
