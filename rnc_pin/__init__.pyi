@@ -6,6 +6,8 @@ from . import constraints as constraints
 from . import control as control
 from . import errors as errors
 from . import forces as forces
+from . import identification as identification
+from . import logs as logs
 from . import loop as loop
 from . import optimal as optimal
 from . import outputs as outputs
@@ -63,6 +65,11 @@ from .errors import ModelWarning as ModelWarning
 from .errors import RncError as RncError
 from .errors import SimulationError as SimulationError
 from .errors import SingularityError as SingularityError
+from .identification import Calibration as Calibration
+from .identification import Comparison as Comparison
+from .identification import calibrate as calibrate
+from .identification import compare as compare
+from .logs import Log as Log
 from .loop import ControlLoop as ControlLoop
 from .loop import VelocityLoop as VelocityLoop
 from .model.actuation import FrameForce as FrameForce

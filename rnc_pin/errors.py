@@ -344,3 +344,11 @@ def argument(name: str, value: object) -> str:
 def few(names: Sequence[str], most: int = 3) -> str:
     """Return the first names and the number of the others: ``a, b, c and 4 more``."""
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def short_text(value: object) -> str:
+    """Return a short text of a value for error messages."""
+    if isinstance(value, dict):
+        return f"a mapping with keys {', '.join(map(str, list(value)[:4]))}" if value else "an empty mapping"
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

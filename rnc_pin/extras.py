@@ -18,6 +18,7 @@ class _Package(NamedTuple):
 _PACKAGES = {
     "dask": _Package("Dask", "distributed"),
     "gym": _Package("Gymnasium", "gymnasium"),
+    "logs": _Package("rosbags", "rosbags"),
     "mujoco": _Package("MuJoCo", "mujoco"),
     "qp": _Package("qpsolvers", "qpsolvers"),
     "sweep": _Package("PyArrow", "pyarrow"),

@@ -11,3 +11,9 @@ from .manifest import digest as digest
 from .manifest import is_result as is_result
 from .safe_read import read_bytes as read_bytes
 from .safe_yaml import load_yaml as load_yaml
+from .strict_mapping import LIST as LIST
+from .strict_mapping import Numbers as Numbers
+from .strict_mapping import Strict as Strict
+from .strict_mapping import attribute_texts as attribute_texts
+from .strict_mapping import validated as validated
+from .strict_mapping import wrong as wrong

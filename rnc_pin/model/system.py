@@ -136,6 +136,21 @@ class NonholonomicSystem(SummaryMixin):
         return NonholonomicSystem(self.robot, [*given, *constraints], actuators, mimic, forces)
 
     @property
+    def kinds(self) -> tuple[ConstraintKind, ...]:
+        """Given constraints."""
+        return self._given.constraints
+
+    def with_robot(self, robot: Robot, constraints: Sequence[ConstraintKind]) -> NonholonomicSystem:
+        """The same actuators and forces on another robot, e.g. one with calibrated numbers.
+
+        Args:
+            robot: the robot, with the same names.
+            constraints: its constraints.
+        """
+        _, actuators, mimic, forces, *_ = self._given
+        return NonholonomicSystem(robot, constraints, actuators, mimic, forces)
+
+    @property
     def r(self) -> int:
         """Number of reducing outputs that a reduction needs: n - m."""
         return self.n - self.m

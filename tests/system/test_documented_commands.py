@@ -8,6 +8,7 @@ import sys
 import tomllib
 
 import click
+import numpy as np
 import pytest
 
 from documented_commands import (
@@ -164,9 +165,25 @@ def beside(tmp_path_factory):
         short = "--set simulation.duration=0.02 --set comparisons={}"
         type_in(f"rnc-pin run space-robot {short}")
         type_in("rnc-pin drive mobile-manipulator --duration 0.1 --no-browser --out runs/tiago-drive")
+    write_log(folder)
     for name in ("a", "b"):
         shutil.copytree(folder / "runs" / "space-robot", folder / "runs" / name)
     return folder
+
+
+def write_log(folder):
+    """Log of a differential drive on a circle, with its mapping: wheels of 0.1 m, 0.4 m apart."""
+    lines = ["time,left,right,x,y,yaw"]
+    for k in range(300):
+        t = 0.02 * k
+        turn = 0.1 * (6 - 4) * t / 0.4
+        x, y = np.sin(turn), 1 - np.cos(turn)  # 0.5 m/s and 0.5 rad/s: a radius of 1 m
+        lines.append(f"{t},{4 * t},{6 * t},{x},{y},{turn}")
+    (folder / "log.csv").write_text("\n".join(lines))
+    (folder / "log.yaml").write_text(
+        "joints: {left_wheel_joint: {position: left}, right_wheel_joint: {position: right}}\n"
+        "frames: {base: {x: x, y: y, yaw: yaw}}\n"
+    )
 
 
 def without_waiting(patch):

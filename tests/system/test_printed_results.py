@@ -25,7 +25,7 @@ from rnc_pin.visualization import LoopView, Recording, recorded_states
 from systems import space_robot
 
 PACKAGES = ["", *(f".{name}" for name in ("analysis", "collision", "control", "loop", "model", "optimal", "planning",
-            "plants", "robots", "simulation", "visualization", "applications.sweep"))]  # fmt: skip
+            "plants", "robots", "simulation", "visualization", "applications.sweep", "identification"))]  # fmt: skip
 MOST_LINES = 30
 
 
@@ -78,6 +78,14 @@ def results(tmp_path_factory):
     upright = rnc.NonholonomicSystem(pendulum, wheels, ["left_axle", "right_axle"]).reduce(
         [rnc.FrameSpeed("base"), rnc.JointPosition("pitch"), rnc.FrameYaw("base")]
     )
+    turns = rnc.planning.Harmonic([0.0, 0.0], amplitude=[20.0, 25.0], frequency=[0.05, 0.08])
+    rolling = rnc.NonholonomicSystem(rnc.Robot.from_urdf("differential_drive.urdf", base="planar"), wheels)
+    turned = rolling.reduce([rnc.JointPosition(f"{side}_wheel_joint") for side in ("left", "right")])
+    target_turns, start = ReducingOutputController(turned, turns), rolling.robot.configuration()
+    times, path = rnc.kinematic_rollout(turned, target_turns, start, 9.0)
+    log = rnc.Log.of_motion(rolling.robot, times, path, frames=["base"])
+    larger = rolling.with_robot(rolling.robot, [rnc.RollingWheel(f"{side}_wheel", 0.12) for side in ("left", "right")])
+    radius = [rnc.identification.WheelRadius(["left_wheel", "right_wheel"])]
     steady, *_ = rnc.continuation(upright, pendulum.configuration(), [0.0, 1.0], parameter="base_speed_x")
     with rnc.show(robot, gains={"k": (0.0, 2.0, 1.0)}, open_browser=False) as view:
         view.update(q0)
@@ -103,7 +111,7 @@ def results(tmp_path_factory):
         *(PositionGains(), VelocityGains(), LimitedAcceleration("joint_1", "v", 1, -2.0, 2.0)),
         *(loop.last, loop.state, loop.last.command, loop.last.measurement, reduced.terms(q0, still)),
         *(reduced.lagrangian_terms(q0, still), LimitEffect(0.5, ("joint_1 position",), {}, 1, {"tip_x": 0.1})),
-        view,
+        *(view, log, rnc.calibrate(rolling, log, radius, "base"), rnc.compare(larger, log, "base")),
         LiftOff("left_wheel", 1.0, -2.0, -3.0),
         Finding(FindingKind.GOAL, "tip", 0.03, "m", 2.0, Severity.FAILS, "the goal of tip is missed by 0.03 m at 2 s"),
     ]  # fmt: skip

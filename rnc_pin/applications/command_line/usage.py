@@ -160,6 +160,22 @@ def drive(**given: Given) -> int:
 
 @cli.command(context_settings=_HELP)
 @click.argument("system", shell_complete=_scenarios)
+@click.argument("log", type=click.Path(path_type=Path), shell_complete=_files)
+@click.option("--mapping", type=click.Path(path_type=Path), help="YAML file: columns or topics of joints and frames.")
+@click.option("--sensor", metavar="FRAME", help="Frame whose pose is measured; the only one by default.")
+@click.option("--heading/--no-heading", default=True, help="Whether the sensor measures its heading.")
+@_options
+@_json
+@_debug
+def compare(**given: Given) -> None:
+    """Compare a measured LOG with a SYSTEM: errors of its path, slip, and the number that fails first."""
+    find_scenario(given["system"])
+    announce(f"{given['log']}: comparing it with {given['system']}", quiet=True)
+    _command("compare_log")(**given)
+
+
+@cli.command(context_settings=_HELP)
+@click.argument("system", shell_complete=_scenarios)
 @_options
 @click.option("--samples", type=click.IntRange(min=1), default=64, help="Sampled configurations.")
 @click.option("--seed", type=int, default=0, help="Random seed of the sampled configurations.")

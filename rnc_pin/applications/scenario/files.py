@@ -14,7 +14,7 @@ from pathlib import Path
 
 import yaml
 
-from rnc_pin.errors import ConfigurationError, ModelError, closest, nearest
+from rnc_pin.errors import ConfigurationError, ModelError, closest, nearest, short_text
 from rnc_pin.io import Json, load_yaml, read_bytes
 from rnc_pin.robots import example_urdfs, shipped_directory
 
@@ -201,11 +201,3 @@ def apply_options(raw: Mapping[str, Json], options: Mapping[str, Json]) -> dict[
 def _choice(choices: object, name: object) -> dict[str, Json] | None:
     found = choices.get(name) if isinstance(choices, dict) and isinstance(name, str) else None
     return found if isinstance(found, dict) else None
-
-
-def short_text(value: object) -> str:
-    """Return a short text of a value for error messages."""
-    if isinstance(value, dict):
-        return f"a mapping with keys {', '.join(map(str, list(value)[:4]))}" if value else "an empty mapping"
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."

@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from rnc_pin._kernel import kernel
-from rnc_pin.applications.scenario.files import find_scenario, is_built_in, read_yaml, short_text
+from rnc_pin.applications.scenario.files import find_scenario, is_built_in, read_yaml
 from rnc_pin.applications.scenario.output_folder import lock_folder
 from rnc_pin.applications.sweep.row_tables import Kinds
 from rnc_pin.applications.sweep.run_store import blocks_of, journal_file, part_file
-from rnc_pin.errors import ConfigurationError
+from rnc_pin.errors import ConfigurationError, short_text
 from rnc_pin.io import TEMPORARY_PREFIX, Json, atomic_file, read_bytes
 from rnc_pin.version import __version__
 

@@ -1,5 +1,6 @@
 """Exports of ``rnc_pin.applications.command_line.commands``, which ``__init__.py`` imports at their first use."""
 
+from .compare import compare_log as compare_log
 from .drive import drive_robot as drive_robot
 from .export import export_file as export_file
 from .init import draft_scenario as draft_scenario

@@ -1,0 +1,289 @@
+"""Logs of vehicles by textbook formulas, without rnc_pin: wheels, encoders and a sensor on the base, with noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+import rnc_pin as rnc
+from rnc_pin.identification import (
+    EncoderOffset,
+    EncoderScale,
+    JointShift,
+    SensorPlace,
+    WheelRadius,
+)
+from rnc_pin.logs import Channel
+
+STEP, ENCODERS, SENSOR = 1e-3, 20, 40  # period of the motion [s]; steps between samples of encoders and of the sensor
+TICKS = 16384
+POSITION, HEADING = 0.005, 0.002
+"""Standard deviations of the measured pose [m, rad]."""
+Numbers = Mapping[str, float]
+Signal = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """Vehicle with parameters of its file, of the true robot, and its kinematics in closed form.
+
+    Attributes:
+        nominal: numbers of the file, by name.
+        true: numbers of the robot.
+        unknown: what a calibration estimates, in the order of ``true``.
+        urdf: function from numbers to the text of the file.
+        constraints: function from numbers to constraints.
+        motion: function from true numbers and two or three input signals (N,) to the twist (N, 3) of the base, and
+            rates (N,) of joints or their angles, by name; angles are tuples of one array.
+        inputs: number of input signals.
+    """
+
+    nominal: Numbers
+    true: Numbers
+    unknown: tuple[object, ...]
+    urdf: Callable[[Numbers], str]
+    constraints: Callable[[Numbers], list[object]]
+    motion: Callable[[Numbers, list[np.ndarray]], tuple[np.ndarray, dict[str, object]]]
+    inputs: int = 2
+
+    def system(self, folder, numbers: Numbers | None = None) -> rnc.NonholonomicSystem:
+        """The robot of the file, or one with other numbers, written to a folder."""
+        numbers = self.nominal if numbers is None else numbers
+        path = folder / "vehicle.urdf"
+        path.write_text(self.urdf(numbers))
+        return rnc.NonholonomicSystem(rnc.Robot.from_urdf(path, base="planar"), self.constraints(numbers))
+
+    def log(self, seed: int, duration: float = 30.0, noise: float = 1.0, ticks: int = TICKS) -> rnc.Log:
+        """Log of a drawn motion of the true robot; ``ticks`` is zero for exact encoders."""
+        generator = np.random.default_rng(seed)
+        time = np.arange(round(duration / STEP) + 1) * STEP
+        middle = time[:-1] + STEP / 2
+        true = dict(self.true)
+        # Inputs in the middle of steps: a second-order rule, far finer than the samples.
+        inputs = [signal(generator) for _ in range(self.inputs)]
+        twist, joints = self.motion(true, [each(middle) for each in inputs])
+        heading = np.concatenate([[0.0], np.cumsum(twist[:, 2] * STEP)])
+        turn = heading[:-1] + twist[:, 2] * STEP / 2
+        c, s = np.cos(turn), np.sin(turn)
+        x = np.concatenate([[0.0], np.cumsum((c * twist[:, 0] - s * twist[:, 1]) * STEP)])
+        y = np.concatenate([[0.0], np.cumsum((s * twist[:, 0] + c * twist[:, 1]) * STEP)])
+        channels = []
+        _, at_samples = self.motion(true, [each(time) for each in inputs])
+        for name, rate in joints.items():
+            is_angle = isinstance(rate, tuple)
+            angle = at_samples[name][0] if is_angle else np.concatenate([[0.0], np.cumsum(rate * STEP)])
+            angle = (angle - true.get(f"offset {name}", 0.0)) / true.get(f"scale {name}", 1.0)
+            if ticks:
+                angle = np.round(angle * ticks / (2 * np.pi)) * (2 * np.pi) / ticks
+            channels.append(Channel("position", name, time[::ENCODERS], angle[::ENCODERS, None]))
+        c, s = np.cos(heading), np.sin(heading)
+        place = np.column_stack([x + c * true["sx"] - s * true["sy"], y + s * true["sx"] + c * true["sy"], heading])
+        place = place[::SENSOR] + noise * generator.normal(size=place[::SENSOR].shape) * [POSITION, POSITION, HEADING]
+        # The fixed frame of the poses is somewhere else.
+        c, s = np.cos(0.7), np.sin(0.7)
+        xy = place[:, :2] @ np.array([[c, s], [-s, c]]) + [3.0, -2.0]
+        half = (place[:, 2] + 0.7) / 2
+        zero = np.zeros(len(half))
+        poses = np.column_stack([xy, zero, zero, zero, np.sin(half), np.cos(half)])
+        return rnc.Log([*channels, Channel("pose", "sensor", time[::SENSOR], poses)])
+
+
+def signal(generator: np.random.Generator) -> Signal:
+    """Smooth signal between -1 and 1: a mean and three waves of 4 to 20 s."""
+    size, rate, phase = (
+        generator.uniform(0.1, 0.3, 3),
+        2 * np.pi / generator.uniform(4, 20, 3),
+        generator.uniform(0, 6, 3),
+    )
+    return lambda time: 0.1 + sum(a * np.sin(w * time + p) for a, w, p in zip(size, rate, phase, strict=True))
+
+
+# ---------------------------------------------------------------------- files
+
+
+def _link(name: str) -> str:
+    moments = 'ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"'
+    return f'<link name="{name}"><inertial><mass value="5"/><inertia {moments}/></inertial></link>'
+
+
+def _joint(parent: str, child: str, at: tuple[float, ...], axis: str = "0 1 0", kind: str = "continuous") -> str:
+    place = " ".join(map(repr, map(float, at)))
+    return (
+        f'<joint name="{child}_joint" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{place}"/><axis xyz="{axis}"/></joint>'
+    )
+
+
+def _file(numbers: Numbers, *parts: tuple[str, str, tuple[float, ...], str]) -> str:
+    """File of a base with a sensor, and bodies: parent, name, place and axis."""
+    sensor = '<link name="sensor"/>' + _joint("base", "sensor", (numbers["sx"], numbers["sy"], 0.5), kind="fixed")
+    bodies = "".join(_link(name) + _joint(parent, name, at, axis) for parent, name, at, axis in parts)
+    return f'<robot name="vehicle">{_link("base")}{sensor}{bodies}</robot>'
+
+
+Y, Z = "0 1 0", "0 0 1"
+SX, SY = SensorPlace("x"), SensorPlace("y")
+
+# ---------------------------------------------------------------------- differential drive
+
+
+def _differential(p: Numbers, u: list[np.ndarray]) -> tuple[np.ndarray, dict[str, object]]:
+    left, right = 4 * u[0] + 2, 4 * u[1] + 2
+    speed, turn = (p["rl"] * left + p["rr"] * right) / 2, (p["rr"] * right - p["rl"] * left) / p["track"]
+    return np.column_stack([speed, 0 * speed, turn]), {"left_joint": left, "right_joint": right}
+
+
+DIFFERENTIAL = Vehicle(
+    {"rl": 0.1, "rr": 0.1, "track": 0.5, "sx": 0.2, "sy": 0.0},
+    {"rl": 0.103, "rr": 0.098, "track": 0.53, "sx": 0.25, "sy": -0.03},
+    (WheelRadius("left"), WheelRadius("right"), JointShift({"left_joint": 0.5, "right_joint": -0.5}, "y"), SX, SY),
+    lambda p: _file(p, ("base", "left", (0, p["track"] / 2, 0.1), Y), ("base", "right", (0, -p["track"] / 2, 0.1), Y)),
+    lambda p: [rnc.RollingWheel("left", p["rl"]), rnc.RollingWheel("right", p["rr"])],
+    _differential,
+)
+
+# ---------------------------------------------------------------------- tricycle
+
+
+def _tricycle(p: Numbers, u: list[np.ndarray]) -> tuple[np.ndarray, dict[str, object]]:
+    drive, steer = 6 * u[0] + 3, 0.8 * u[1]
+    speed = p["r"] * drive
+    twist = np.column_stack([speed * np.cos(steer), 0 * speed, speed * np.sin(steer) / p["base"]])
+    return twist, {"fork_joint": (steer,), "front_joint": drive}
+
+
+TRICYCLE = Vehicle(
+    {"r": 0.12, "base": 1.4, "scale fork_joint": 1.0, "offset fork_joint": 0.0, "sx": 0.9, "sy": 0.0},
+    {"r": 0.125, "base": 1.5, "scale fork_joint": 1.1, "offset fork_joint": -0.05, "sx": 1.0, "sy": 0.04},
+    (
+        WheelRadius("front"),
+        JointShift("fork_joint", "x"),
+        EncoderScale("fork_joint"),
+        EncoderOffset("fork_joint"),
+        SX,
+        SY,
+    ),
+    lambda p: _file(
+        p,
+        ("base", "fork", (p["base"], 0, 0.12), Z),
+        ("fork", "front", (0, 0, 0), Y),
+        ("base", "rear", (0, 0.4, 0.1), Y),
+    ),
+    lambda p: [rnc.RollingWheel("front", p["r"]), rnc.RollingWheel("rear", 0.1)],
+    _tricycle,
+)  # fmt: skip
+
+# ---------------------------------------------------------------------- car with two steered and four measured wheels
+
+
+def _car(p: Numbers, u: list[np.ndarray]) -> tuple[np.ndarray, dict[str, object]]:
+    speed, bend = 0.6 * u[0] + 0.3, 0.5 * u[1]
+    joints: dict[str, object] = {}
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        # No slip: each axle points to the centre (0, 1 / bend); a wheel goes as far as its distance from it.
+        y = sign * p["front track"] / 2
+        joints[f"{side}_steer_joint"] = (np.arctan2(bend * p["base"], 1 - bend * y),)
+        joints[f"{side}_front_joint"] = speed * np.hypot(bend * p["base"], 1 - bend * y) / p["front"]
+        joints[f"{side}_rear_joint"] = speed * (1 - bend * sign * 0.35) / p["rear"]
+    return np.column_stack([speed, 0 * speed, speed * bend]), joints
+
+
+CAR = Vehicle(
+    {"rear": 0.15, "front": 0.15, "base": 1.1, "front track": 0.7, "offset left_steer_joint": 0.0, "sx": 0.5,
+     "sy": 0.0},
+    {"rear": 0.153, "front": 0.147, "base": 1.16, "front track": 0.74, "offset left_steer_joint": 0.03, "sx": 0.55,
+     "sy": 0.02},
+    (WheelRadius(["left_rear", "right_rear"]), WheelRadius(["left_front", "right_front"]),
+     JointShift({"left_steer_joint": 1.0, "right_steer_joint": 1.0}, "x"),
+     JointShift({"left_steer_joint": 0.5, "right_steer_joint": -0.5}, "y"),
+     EncoderOffset("left_steer_joint"), SX, SY),
+    lambda p: _file(
+        p,
+        *(("base", f"{side}_steer", (p["base"], s * p["front track"] / 2, 0.15), Z)
+          for side, s in (("left", 1), ("right", -1))),
+        *((f"{side}_steer", f"{side}_front", (0, 0, 0), Y) for side in ("left", "right")),
+        *(("base", f"{side}_rear", (0, s * 0.35, 0.15), Y) for side, s in (("left", 1), ("right", -1))),
+    ),
+    # A lateral row of both steered wheels would leave a rank that changes with their angles.
+    lambda p: [
+        rnc.RollingWheel(f"{side}_{end}", p[end], lateral=(side, end) != ("right", "front"))
+        for side in ("left", "right")
+        for end in ("front", "rear")
+    ],
+    _car,
+)  # fmt: skip
+
+# ---------------------------------------------------------------------- Mecanum
+
+CORNERS = {"fl": (1, 1, 1), "fr": (1, -1, -1), "rl": (-1, 1, -1), "rr": (-1, -1, 1)}
+"""Signs of x and y of each wheel, and of the angle of its roller."""
+
+
+def _mecanum(p: Numbers, u: list[np.ndarray]) -> tuple[np.ndarray, dict[str, object]]:
+    vx, vy, w = 0.6 * u[0], 0.6 * u[1], 0.8 * u[2]
+    # Siegwart and Nourbakhsh: the wheel at (a, b) turns with (vx - w b + tan(roller) (vy + w a)) / r.
+    rates = {
+        f"{name}_joint": (vx - w * sy * p["half"] + roller * (vy + w * sx * 0.25)) / p["r"]
+        for name, (sx, sy, roller) in CORNERS.items()
+    }
+    return np.column_stack([vx, vy, w]), dict(rates)
+
+
+MECANUM = Vehicle(
+    {"r": 0.08, "half": 0.2, "sx": 0.1, "sy": 0.0},
+    {"r": 0.0785, "half": 0.215, "sx": 0.13, "sy": 0.02},
+    (WheelRadius(list(CORNERS)), JointShift({f"{name}_joint": float(sy) for name, (_, sy, _) in CORNERS.items()}, "y"),
+     SX, SY),
+    lambda p: _file(
+        p, *(("base", name, (sx * 0.25, sy * p["half"], 0.08), Y) for name, (sx, sy, _) in CORNERS.items())
+    ),
+    lambda p: [rnc.RollingWheel(name, p["r"], roller=roller * np.pi / 4) for name, (_, _, roller) in CORNERS.items()],
+    _mecanum,
+    3,
+)  # fmt: skip
+
+# ---------------------------------------------------------------------- car with a trailer
+
+HITCH = 0.3  # distance of the hitch behind the rear axle [m]
+
+
+def _hitch_rate(p: Numbers, angle: float, speed: float, turn: float) -> float:
+    return float(-(speed * np.sin(angle) + HITCH * turn * np.cos(angle)) / p["trailer"] - turn)
+
+
+def _trailer(p: Numbers, u: list[np.ndarray]) -> tuple[np.ndarray, dict[str, object]]:
+    speed, steer = 0.5 * u[0] + 0.4, 0.6 * u[1]
+    turn = speed * np.tan(steer) / p["base"]
+    # No side slip of the trailer's axle, which is ``trailer`` behind the hitch: Altafini's general n-trailer.
+    angle = np.zeros(len(speed))
+    for k, (v, w) in enumerate(zip((speed[1:] + speed[:-1]) / 2, (turn[1:] + turn[:-1]) / 2, strict=True)):
+        half = angle[k] + STEP / 2 * _hitch_rate(p, angle[k], v, w)
+        angle[k + 1] = angle[k] + STEP * _hitch_rate(p, half, v, w)
+    return np.column_stack([speed, 0 * speed, turn]), {
+        "steer_joint": (steer,), "hitch_joint": (angle,), "rear_joint": speed / p["r"]
+    }  # fmt: skip
+
+
+TRAILER = Vehicle(
+    {"r": 0.15, "base": 1.1, "offset steer_joint": 0.0, "trailer": 1.2, "sx": 0.5, "sy": 0.0},
+    {"r": 0.146, "base": 1.15, "offset steer_joint": 0.02, "trailer": 1.3, "sx": 0.52, "sy": -0.02},
+    (WheelRadius("rear"), JointShift("steer_joint", "x"), EncoderOffset("steer_joint"),
+     JointShift({"axle_joint": -1.0}, "x"), SX, SY),
+    lambda p: _file(
+        p,
+        ("base", "steer", (p["base"], 0, 0.15), Z), ("base", "rear", (0, 0, 0.15), Y),
+        ("base", "hitch", (-HITCH, 0, 0.15), Z), ("hitch", "axle", (-p["trailer"], 0, 0), Y),
+    ),
+    lambda p: [rnc.NoSideSlip("steer"), rnc.RollingWheel("rear", p["r"]), rnc.RollingWheel("axle", 0.15)],
+    _trailer,
+)  # fmt: skip
+
+VEHICLES: Mapping[str, Vehicle] = {
+    "differential drive": DIFFERENTIAL,
+    "tricycle": TRICYCLE,
+    "car": CAR,
+    "Mecanum": MECANUM,
+    "car with trailer": TRAILER,
+}

@@ -1,0 +1,96 @@
+"""``rnc-pin compare``."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from rnc_pin.applications.command_line.messages import print_json
+from rnc_pin.applications.scenario.files import parse_options
+from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.identification import Comparison, compare
+from rnc_pin.logs import Log
+
+
+def compare_log(
+    system: str,
+    log: Path,
+    mapping: Path | None,
+    sensor: str | None,
+    heading: bool,
+    options: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Print a measured log beside the model of a scenario."""
+    scenario = Scenario.load(system, parse_options(options))
+    measured = _read(log, mapping)
+    found = compare(scenario.model.system, measured, sensor or _only_frame(log, measured), heading=heading)
+    if as_json:
+        print_json(_content(system, log, found))
+        return
+    _print(system, log, found)
+
+
+def _read(log: Path, mapping: Path | None) -> Log:
+    if mapping is not None:
+        return Log.read(log, mapping)
+    if log.suffix.lower() == ".npz":
+        return Log.load(log)
+    raise ConfigurationError(f"{log}: give the columns or topics of joints and frames: --mapping FILE")
+
+
+def _only_frame(log: Path, measured: Log) -> str:
+    frames = measured.names("pose")
+    if len(frames) != 1:
+        found = ", ".join(frames) or "none"
+        raise ConfigurationError(f"{log}: expected the pose of one frame, found {found}; choose one: --sensor FRAME")
+    return frames[0]
+
+
+def _content(system: str, log: Path, found: Comparison) -> dict[str, object]:
+    return {
+        "system": system,
+        "log": str(log),
+        "conclusion": found.conclusion,
+        "errors": [
+            {"window": None if np.isinf(duration) else duration, **asdict(error)}
+            for duration, error in found.errors.items()
+        ],
+        "slip": dict(found.slip),
+        "suspects": [asdict(each) for each in found.suspects],
+        "unused_rows": list(found.unused_rows),
+    }
+
+
+def _print(system: str, log: Path, found: Comparison) -> None:
+    console = Console(markup=False, emoji=False)
+    click.echo(f"{log} beside {system}: {found.conclusion}\n")
+    errors = Table(title="open-loop path from the measured joints", title_justify="left", title_style="bold")
+    for heading in ("windows", "mean [m]", "largest [m]", "heading [rad]"):
+        errors.add_column(heading)
+    for duration, error in found.errors.items():
+        name = "whole log" if np.isinf(duration) else f"{duration:g} s"
+        errors.add_row(name, f"{error.mean:.3g}", f"{error.largest:.3g}", f"{error.heading:.3g}")
+    console.print(errors, highlight=False)
+    if found.suspects:
+        suspects = Table(title="numbers that explain the error", title_justify="left", title_style="bold")
+        for heading in ("number", "model", "fit", "explained"):
+            suspects.add_column(heading)
+        for each in found.suspects:
+            numbers = (f"{value:.6g} {each.unit}".strip() for value in (each.nominal, each.value))
+            suspects.add_row(each.name, *numbers, f"{each.explained:.0%}")
+        console.print(suspects, highlight=False)
+    slip = Table(title="slip of rows at the measured motion", title_justify="left", title_style="bold")
+    slip.add_column("row")
+    slip.add_column("over one second [m/s]")
+    for name, size in found.slip.items():
+        slip.add_row(name, f"{size:.2g}")
+    console.print(slip, highlight=False)
+    if found.unused_rows:
+        click.echo(f"rows of joints that are not measured: {', '.join(found.unused_rows)}")

@@ -1,0 +1,15 @@
+"""Exports of ``rnc_pin.identification``, which ``__init__.py`` imports at their first use."""
+
+from .calibration import Calibration as Calibration
+from .calibration import PathError as PathError
+from .calibration import calibrate as calibrate
+from .comparison import Comparison as Comparison
+from .comparison import Suspect as Suspect
+from .comparison import compare as compare
+from .unknowns import EncoderOffset as EncoderOffset
+from .unknowns import EncoderScale as EncoderScale
+from .unknowns import JointShift as JointShift
+from .unknowns import JointTilt as JointTilt
+from .unknowns import SensorPlace as SensorPlace
+from .unknowns import TimeShift as TimeShift
+from .unknowns import WheelRadius as WheelRadius

@@ -1,0 +1,216 @@
+"""Robust least squares of predicted and measured planar poses over windows of time, each with a free first pose."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from rnc_pin.identification.rolled_path import rotated, sideways
+
+_POSITION, _HEADING = 2.0, 1.5  # residuals in standard deviations above which a sample counts less (Huber)
+_NORMAL, _RAYLEIGH = 1.4826, 0.8493  # standard deviation over the median of |x|, and of the length of a plane vector
+_FLOOR = 1e-9  # smallest standard deviation [m, rad]: rounding of a log without noise
+_TURNS, _ITERATIONS = 30, 60
+_STEP = 1e-9  # step relative to the sizes of the parameters at which the iteration ends
+_MOST_DAMPING = 1e12
+
+
+Prediction = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Windows of time: the window of each sample, in the order of time."""
+
+    samples: np.ndarray
+    """Indices of the samples that are in a window, (M,)."""
+    number: np.ndarray
+    """Number of the window of each of them, from 0, (M,)."""
+
+    @property
+    def count(self) -> int:
+        """Number of windows."""
+        return int(self.number[-1]) + 1 if len(self.number) else 0
+
+    def sums(self, values: np.ndarray) -> np.ndarray:
+        """Sums (windows, ...) of values (M, ...)."""
+        starts = np.flatnonzero(np.diff(self.number, prepend=-1))
+        return np.add.reduceat(values, starts, axis=0)
+
+
+@dataclass
+class Fit:
+    """Residuals of aligned windows, with standard deviations and weights."""
+
+    residuals: np.ndarray
+    """Predicted minus measured x, y [m] and heading [rad], (M, 3)."""
+    jacobian: np.ndarray
+    """Derivatives (M, 3, P) for first poses that follow the parameters."""
+    weights: np.ndarray
+    """Robust weights of the position and of the heading, (M, 2), at most 1."""
+    deviations: np.ndarray
+    """Standard deviations of position and heading (2,) [m, rad]."""
+
+    def scaled(self) -> tuple[np.ndarray, np.ndarray]:
+        """Weighted residuals (3 M,) and derivatives (3 M, P), without unit."""
+        root = np.sqrt(self.weights)[:, [0, 0, 1]] / self.deviations[[0, 0, 1]]
+        return (root * self.residuals).ravel(), (root[:, :, None] * self.jacobian).reshape(3 * len(root), -1)
+
+
+def aligned(
+    poses: np.ndarray, slopes: np.ndarray, measured: np.ndarray, windows: Windows, previous: Fit | None, heading: bool
+) -> Fit:
+    """Fit of predicted poses (M, 3), with the best first pose of each window for the weights of the previous fit."""
+    count = len(poses)
+    deviations = np.ones(2) if previous is None else previous.deviations
+    weights = np.ones((count, 2)) if previous is None else previous.weights
+    w = weights / deviations**2 * [1.0, float(heading)]
+    turn, shift = _first_poses(poses, measured, windows, w)
+    at = windows.number
+    moved = rotated(turn[at], poses[:, :2])
+    residuals = np.column_stack([moved + shift[at] - measured[:, :2], poses[:, 2] + turn[at] - measured[:, 2]])
+    J = np.concatenate([rotated(turn[at], slopes[:, :2]), slopes[:, 2:]], axis=1)
+    first = np.zeros((count, 3, 3))  # derivatives with respect to the first pose
+    first[:, 0, 0] = first[:, 1, 1] = first[:, 2, 2] = 1.0
+    first[:, :2, 2] = sideways(moved)
+    spread = w[:, [0, 0, 1], None]
+    normal = windows.sums(first.mT @ (spread * first))
+    J = J - first @ (np.linalg.pinv(normal, hermitian=True) @ windows.sums(first.mT @ (spread * J)))[at]
+    if not heading:
+        residuals[:, 2], J[:, 2] = 0.0, 0.0
+    return Fit(residuals, J, weights, deviations)
+
+
+def _first_poses(
+    poses: np.ndarray, measured: np.ndarray, windows: Windows, w: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation (windows,) and shift (windows, 2) that bring predicted poses to measured ones, for weights (M, 2)."""
+    total = windows.sums(w[:, :1])
+    at = windows.number
+    means = [windows.sums(w[:, :1] * each[:, :2]) / total for each in (poses, measured)]
+    a, z = poses[:, :2] - means[0][at], measured[:, :2] - means[1][at]
+    A = windows.sums(w[:, 0] * np.sum(a * z, axis=1))
+    B = windows.sums(w[:, 0] * (a[:, 0] * z[:, 1] - a[:, 1] * z[:, 0]))
+    W, H = windows.sums(w[:, 1]), windows.sums(w[:, 1] * (measured[:, 2] - poses[:, 2]))
+    near = np.divide(H, W, out=np.zeros_like(H), where=W > 0)
+    by_position = np.arctan2(B, A)
+    # Newton's method for the minimum of -A cos - B sin + W turn^2 / 2 - H turn, from the better of two guesses.
+    turns = [by_position + 2 * np.pi * np.round((near - by_position) / (2 * np.pi)), near]
+    costs = [-A * np.cos(t) - B * np.sin(t) + W * t**2 / 2 - H * t for t in turns]
+    turn = np.where(costs[0] <= costs[1], *turns)
+    for _ in range(_TURNS):
+        bend = np.maximum(np.abs(A * np.cos(turn) + B * np.sin(turn)) + W, 1e-300)
+        step = (A * np.sin(turn) - B * np.cos(turn) + W * turn - H) / bend
+        turn = turn - np.clip(step, -1.0, 1.0)
+        if np.abs(step).max(initial=0.0) < 1e-14:
+            break
+    return turn, means[1] - rotated(turn, means[0])
+
+
+def weighted(fit: Fit, heading: bool) -> Fit:
+    """The fit with standard deviations from the medians of its residuals, and the weights that follow (Huber)."""
+    length, angle = np.hypot(fit.residuals[:, 0], fit.residuals[:, 1]), np.abs(fit.residuals[:, 2])
+    deviations = np.maximum([_RAYLEIGH * np.median(length), _NORMAL * np.median(angle)], _FLOOR)
+    if not heading:
+        deviations[1] = 1.0
+    with np.errstate(divide="ignore"):
+        limits = [_POSITION * deviations[0] / length, _HEADING * deviations[1] / angle]
+    return Fit(fit.residuals, fit.jacobian, np.minimum(np.stack(limits, axis=1), 1.0), deviations)
+
+
+def cost(fit: Fit, deviations: np.ndarray) -> float:
+    """Huber's cost of a fit for standard deviations (2,)."""
+    total = 0.0
+    sizes = (np.hypot(fit.residuals[:, 0], fit.residuals[:, 1]), np.abs(fit.residuals[:, 2]))
+    for size, limit, deviation in zip(sizes, (_POSITION, _HEADING), deviations, strict=True):
+        u = size / deviation
+        total += float(np.sum(np.where(u <= limit, u**2 / 2, limit * (u - limit / 2))))
+    return total
+
+
+def correlation_of(fit: Fit) -> float:
+    """Number of samples over which residuals are correlated: one plus twice the sum of their first correlations."""
+    worst = 1.0
+    for column in range(3):
+        r = fit.residuals[:, column] - fit.residuals[:, column].mean()
+        limit = len(r) // 2
+        size = 2 ** int(np.ceil(np.log2(2 * len(r))))
+        spectrum = np.abs(np.fft.rfft(r, size)) ** 2
+        product = np.fft.irfft(spectrum, size)[:limit]
+        if product[0] <= 0:
+            continue
+        rho = product[1:] / product[0]
+        stops = np.flatnonzero(rho <= 2 / np.sqrt(len(r)))
+        worst = max(worst, float(1 + 2 * rho[: stops[0] if len(stops) else limit].sum()))
+    return worst
+
+
+class WindowFit:
+    """Least squares of a predicted path over windows.
+
+    Args:
+        predict: function from parameters (P,) to poses (M, 3) of the samples and their derivatives (M, 3, P).
+        measured: measured poses of the samples (M, 3).
+        windows: windows of the samples.
+        heading: True if headings are measured.
+    """
+
+    def __init__(self, predict: Prediction, measured: np.ndarray, windows: Windows, heading: bool) -> None:
+        self._predict, self._measured, self._windows, self._heading = predict, measured, windows, heading
+
+    def at(self, p: np.ndarray, previous: Fit | None = None) -> Fit:
+        """Fit at parameters (P,) with the weights of another one, or with weights that follow from its residuals."""
+        poses, slopes = self._predict(p)
+        fit = self._aligned(poses, slopes, previous)
+        return fit if previous is not None else self._settled(poses, slopes, fit)
+
+    def _aligned(self, poses: np.ndarray, slopes: np.ndarray, previous: Fit | None) -> Fit:
+        return aligned(poses, slopes, self._measured, self._windows, previous, self._heading)
+
+    def _settled(self, poses: np.ndarray, slopes: np.ndarray, fit: Fit) -> Fit:
+        """The fit with first poses that are best for the weights of its residuals.
+
+        Derivatives follow the first poses for these weights too; else parameters that are hardly told from a first
+        pose, such as the heading of the sensor, would make steps that overshoot.
+        """
+        return self._aligned(poses, slopes, weighted(fit, self._heading))
+
+    def minimized(
+        self, p: np.ndarray, scales: np.ndarray, valid: Callable[[np.ndarray], bool], precision: float
+    ) -> tuple[np.ndarray, Fit, bool]:
+        """Levenberg-Marquardt on Huber's cost; standard deviations follow the residuals.
+
+        Args:
+            p: first parameters (P,).
+            scales: typical sizes of the parameters (P,).
+            valid: function that returns False for parameters that no robot has.
+            precision: step at which the iteration ends, in standard deviations of the parameters for the correlation
+                of the residuals.
+
+        Returns:
+            Parameters, their fit, and True if the iteration converged.
+        """
+        fit, damping = self.at(p), 1e-6
+        for _ in range(_ITERATIONS):
+            r, J = fit.scaled()
+            J = J * scales
+            H, g, before = J.T @ J, J.T @ r, cost(fit, fit.deviations)
+            size = np.maximum(np.diag(H), 1e-12 * np.diag(H).max(initial=1e-300))
+            relax = 0.1
+            while True:
+                step = -np.linalg.solve(H + damping * np.diag(size), g)
+                other = p + scales * step
+                if valid(other):
+                    poses, slopes = self._predict(other)
+                    found = self._aligned(poses, slopes, fit)
+                    if cost(found, fit.deviations) <= before * (1 + 1e-12):
+                        break
+                damping, relax = max(10 * damping, 1e-6), 1.0
+                if damping > _MOST_DAMPING:
+                    return p, fit, True  # no descent is left but rounding
+            p, fit, damping = other, self._settled(poses, slopes, found), damping * relax
+            if np.abs(step).max(initial=0.0) < _STEP or step @ H @ step < precision**2 * correlation_of(fit):
+                return p, fit, True
+        return p, fit, False

@@ -1,0 +1,5 @@
+"""Measured logs: channels with their own time stamps, read from tables, archives and ROS bags."""
+
+from rnc_pin.lazy_exports import lazy_exports
+
+__getattr__, __dir__, __all__ = lazy_exports(__name__)

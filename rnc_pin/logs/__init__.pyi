@@ -1,0 +1,6 @@
+"""Exports of ``rnc_pin.logs``, which ``__init__.py`` imports at their first use."""
+
+from .channel import Channel as Channel
+from .encoder import unwrapped as unwrapped
+from .log import Log as Log
+from .mapping import LogMapping as LogMapping

@@ -1,0 +1,232 @@
+"""Measured log of a robot: channels of joints and frames, each with its own time stamps."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from rnc_pin.errors import ConfigurationError, InputError, nearest
+from rnc_pin.io.atomic_write import atomic_file
+from rnc_pin.io.json import Json
+from rnc_pin.io.safe_npz import ArchiveError, read_npz
+from rnc_pin.logs.bags import is_bag, read_bag
+from rnc_pin.logs.channel import Channel, Quantity
+from rnc_pin.logs.mapping import LogMapping
+from rnc_pin.logs.tables import read_table
+from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, counted
+from rnc_pin.robots.robot import Robot
+
+_LARGEST = 16 * 2**30  # size limit of the arrays of a saved log [bytes]
+
+
+class Log(SummaryMixin):
+    """Measured log: channels whose stamps may differ, have gaps, and jitter.
+
+    Times are seconds since the first sample. A log takes 8 bytes for each number, and reading a table twice as many.
+
+    Args:
+        channels: channels with stamps of one clock; no two of the same name.
+
+    Attributes:
+        channels: the channels by name, e.g. ``position(wheel)``.
+        start: stamp of the first sample before it became zero [s].
+
+    Raises:
+        ConfigurationError: there is no channel, or two have the same name.
+
+    Example:
+        >>> time = np.linspace(0.0, 1.0, 101)
+        >>> log = rnc.Log([rnc.logs.Channel("position", "wheel", time + 100.0, 3.0 * time[:, None])])
+        >>> print(log)
+        Log: 1 s, 1 channel
+          position(wheel): 101 samples [0.01 s]
+        >>> log.channel("position", "wheel").at([0.555])
+        array([[1.665]])
+    """
+
+    def __init__(self, channels: Iterable[Channel]) -> None:
+        given = list(channels)
+        if not given:
+            raise ConfigurationError("a log needs at least one channel")
+        names = [each.name for each in given]
+        for name in names:
+            if names.count(name) > 1:
+                raise ConfigurationError(f"duplicate channel '{name}'")
+        self.start = float(min(each.time[0] for each in given))
+        self.channels: Mapping[str, Channel] = {
+            each.name: each.shifted(-self.start) if self.start else each for each in given
+        }
+
+    @classmethod
+    def read(cls, path: str | Path, mapping: str | Path | Mapping[str, Json] | LogMapping) -> Log:
+        """Read a table (``.csv``, ``.txt``, ``.parquet``, ``.npz``) or a bag (``.bag``, ``.mcap``, a ROS 2 folder).
+
+        Args:
+            path: the file or folder.
+            mapping: YAML file with the columns or topics of joints and frames, or its keys: ``rnc.logs.LogMapping``.
+
+        Raises:
+            ConfigurationError: a file, a column, a topic or a number cannot be read; one line says which.
+        """
+        path, keys = Path(path), LogMapping.of(mapping)
+        try:
+            return cls(read_bag(path, keys) if is_bag(path) else read_table(path, keys))
+        except InputError as error:
+            raise ConfigurationError(f"{path}: {error}") from None
+
+    @classmethod
+    def of_motion(
+        cls,
+        robot: Robot,
+        time: np.ndarray,
+        q: np.ndarray,
+        v: np.ndarray | None = None,
+        efforts: Mapping[str, np.ndarray] | None = None,
+        frames: Sequence[str] = (),
+    ) -> Log:
+        """Return the log of exact sensors on a moving robot, e.g. from ``time``, ``q`` and ``v`` of a ``Trajectory``.
+
+        Args:
+            robot: the robot.
+            time: times (N,) [s].
+            q: configurations (N, nq). Each joint with one value becomes a channel.
+            v: velocities (N, nv); None for a log without velocities.
+            efforts: efforts (N,) by joint [N m or N].
+            frames: names of frames whose poses in the world are measured.
+
+        Raises:
+            ModelError: unknown joint or frame.
+        """
+        time, q, model = np.asarray(time, dtype=float), np.asarray(q, dtype=float), robot.model
+        channels = []
+        for name in robot.joint_names:
+            joint = model.joints[model.getJointId(name)]
+            if joint.nv == 1:
+                entries = q[:, joint.idx_q : joint.idx_q + joint.nq]
+                angle = entries if joint.nq == 1 else np.unwrap(np.arctan2(entries[:, 1], entries[:, 0]))[:, None]
+                channels.append(Channel("position", name, time, angle))
+                if v is not None:
+                    channels.append(Channel("velocity", name, time, v[:, joint.idx_v : joint.idx_v + 1]))
+        for name, effort in (efforts or {}).items():
+            robot.velocity_indices(name)  # an unknown joint is an error
+            channels.append(Channel("effort", name, time, np.asarray(effort, dtype=float)[:, None]))
+        at = Kinematics(robot).position(q)
+        for frame in frames:
+            place = at.placement(robot.frame_id(frame))
+            turned = np.stack([pin.Quaternion(rotation).coeffs() for rotation in place.rotation])
+            channels.append(Channel("pose", frame, time, np.hstack([place.translation, turned])))
+        return cls(channels)
+
+    def channel(self, quantity: Quantity, of: str) -> Channel:
+        """Return one channel.
+
+        Args:
+            quantity: "position", "velocity", "effort", "pose", "twist" or "imu".
+            of: name of the joint or frame.
+
+        Raises:
+            ConfigurationError: the log has no such channel.
+        """
+        name = f"{quantity}({of})"
+        if name not in self.channels:
+            raise ConfigurationError(f"the log has no {name}{nearest(name, self.channels)}")
+        return self.channels[name]
+
+    def names(self, quantity: Quantity) -> tuple[str, ...]:
+        """Return the joints or frames that a quantity is measured of.
+
+        Args:
+            quantity: the quantity.
+        """
+        return tuple(each.of for each in self.channels.values() if each.quantity == quantity)
+
+    @property
+    def duration(self) -> float:
+        """Time of the last sample [s]."""
+        return float(max(each.time[-1] for each in self.channels.values()))
+
+    @property
+    def size(self) -> int:
+        """Memory of the samples [bytes]."""
+        return sum(each.time.nbytes + each.values.nbytes for each in self.channels.values())
+
+    def part(self, start: float, end: float) -> Log:
+        """Return the log between two times; its times begin at zero again.
+
+        Args:
+            start: first time [s].
+            end: last time [s].
+
+        Raises:
+            InputError: a channel has fewer than two samples there.
+        """
+        return Log(each.part(start, end) for each in self.channels.values())
+
+    def joined(self, other: Log) -> Log:
+        """Return a log with the channels of both, whose stamps are of one clock.
+
+        Args:
+            other: the other log.
+
+        Raises:
+            ConfigurationError: both have a channel of the same name.
+        """
+        return Log(each.shifted(log.start) for log in (self, other) for each in log.channels.values())
+
+    def save(self, path: str | Path) -> None:
+        """Write the log to an NPZ archive.
+
+        Args:
+            path: the file.
+        """
+        content = [{"quantity": each.quantity, "of": each.of, "repairs": each.repairs} for each in self]
+        arrays: dict[str, Any] = {f"time_{k}": each.time for k, each in enumerate(self)}
+        arrays |= {f"values_{k}": each.values for k, each in enumerate(self)}
+        meta = np.array(json.dumps({"channels": content, "start": self.start}))
+        with atomic_file(Path(path)) as partial, partial.open("wb") as file:
+            np.savez_compressed(file, meta=meta, **arrays)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Log:
+        """Read a file of ``save``.
+
+        Args:
+            path: the file.
+
+        Raises:
+            ConfigurationError: the file is missing, broken, or no log.
+        """
+        try:
+            arrays = read_npz(Path(path), text=("meta",), largest=_LARGEST)
+            meta = json.loads(str(arrays["meta"]))
+            log = cls(
+                Channel(each["quantity"], each["of"], arrays[f"time_{k}"], arrays[f"values_{k}"], (*each["repairs"],))
+                for k, each in enumerate(meta["channels"])
+            )
+            log.start = float(meta["start"])
+        except FileNotFoundError:
+            raise ConfigurationError(f"{path}: No such file or directory") from None
+        except ArchiveError as error:
+            raise ConfigurationError(f"{path}: {error}") from None
+        except (KeyError, TypeError, ValueError) as error:
+            raise ConfigurationError(f"{path}: no log of rnc_pin: {type(error).__name__} {error}") from None
+        return log
+
+    def __iter__(self) -> Iterator[Channel]:
+        return iter(self.channels.values())
+
+    def _summary(self) -> ObjectSummary:
+        title = f"Log: {self.duration:.6g} s, {counted(len(self.channels), 'channel')}"
+        return ObjectSummary(title, [(each.name, _described(each)) for each in self])
+
+
+def _described(channel: Channel) -> list[Item]:
+    gaps = len(channel.gaps)
+    notes = [*channel.repairs, *([counted(gaps, "gap")] if gaps else [])]
+    return [Item(counted(len(channel.time), "sample"), f"{channel.period:.3g} s"), *map(Item, notes)]

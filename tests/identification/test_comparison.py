@@ -1,0 +1,99 @@
+"""Comparison of logs with models of which one number is wrong."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+from benchmarks.logs import COLUMNS, MEASURED, tricycle_system
+from benchmarks.rolled_logs import DIFFERENTIAL, TRAILER, TRICYCLE
+from rnc_pin.identification.calibration import PoseProblem
+from rnc_pin.identification.rolling_motion import RollingMotion
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "change", "name"),
+    [
+        (DIFFERENTIAL, {"rl": 0.105}, "radius of left"),
+        (DIFFERENTIAL, {"rl": 0.105, "rr": 0.105}, "radius of left, right"),
+        (DIFFERENTIAL, {"track": 0.56}, "place of left_joint, right_joint along y"),
+        (DIFFERENTIAL, {"sy": 0.05}, "y of the sensor"),
+        (TRICYCLE, {"offset fork_joint": 0.05}, "offset of fork_joint"),
+        (TRICYCLE, {"sx": 1.0}, "x of the sensor"),
+        (TRAILER, {"offset steer_joint": 0.04}, "offset of steer_joint"),
+    ],
+)
+def test_the_wrong_number_is_named_first(vehicle, change, name, tmp_path):
+    other = replace(vehicle, true={**vehicle.nominal, **change})
+    found = rnc.compare(other.system(tmp_path), other.log(0), "sensor")
+    assert found.suspects[0].name == name
+    assert len(found.suspects) == 1  # the rest is noise
+    assert found.suspects[0].value == pytest.approx(next(iter(change.values())), abs=3e-3)
+    assert found.conclusion.startswith(f"the {name} fails first: ")
+
+
+def test_a_right_model_has_no_suspect(tmp_path):
+    true = replace(TRICYCLE, true=TRICYCLE.nominal)
+    found = rnc.compare(true.system(tmp_path), true.log(0), "sensor")
+    assert found.suspects == ()
+    assert found.conclusion == "no single number of the model explains the error: it is noise of the sensor, or slip"
+    assert list(found.errors) == [1.0, 10.0, np.inf]  # the log has 30 s
+    for error in found.errors.values():
+        assert error.mean == pytest.approx(0.005 * np.sqrt(np.pi / 2), rel=0.05)  # of the noise (Rayleigh)
+    # The rear wheel is not measured: it rolls in any case, and only its lateral row can slip.
+    assert list(found.slip) == ["rolling(front)", "lateral(front)", "lateral(rear)"]
+
+
+def test_slip_is_that_of_the_closed_form(tmp_path):
+    """A left wheel of another radius slips by the difference of the radii times its rate; nothing else slips."""
+    other = replace(DIFFERENTIAL, true={**DIFFERENTIAL.nominal, "rl": 0.11})
+    system, log = other.system(tmp_path), other.log(3, noise=0.0, ticks=0)
+    motion = RollingMotion(system, log, (), "sensor")
+    problem = PoseProblem(motion, log.channel("pose", "sensor"), True)
+    _, slip = motion.slip(problem.base_poses(motion.time))
+    slip = slip.reshape(-1, 2, 4).sum(axis=1)  # from pose to pose: between them, poses are interpolated
+    whole = np.isfinite(slip).all(axis=1)
+    assert whole.mean() > 0.99
+    turned = np.diff(log.channel("position", "left_joint").at(motion.time[::2])[:, 0])
+    slips = dict(zip(motion.used, slip.T, strict=True))
+    np.testing.assert_allclose(slips["rolling(left)"][whole], 0.01 * turned[whole], atol=3e-6)
+    for name in ("rolling(right)", "lateral(left)", "lateral(right)"):
+        np.testing.assert_allclose(slips[name][whole], 0.0, atol=3e-6)
+
+
+def test_the_command(tmp_path, call):
+    other = replace(DIFFERENTIAL, true={**DIFFERENTIAL.nominal, "track": 0.56})
+    other.system(tmp_path)
+    other.log(0).save(tmp_path / "log.npz")
+    scenario = tmp_path / "robot.yaml"
+    scenario.write_text(
+        "robot: {urdf: vehicle.urdf, base: planar}\n"
+        "constraints:\n"
+        "  - rolling_wheel: {frame: left, radius: 0.1}\n  - rolling_wheel: {frame: right, radius: 0.1}\n"
+        "actuators: [left_joint, right_joint]\n"
+        "outputs: {reducing: [{joint: left_joint}, {joint: right_joint}]}\n"
+    )
+    status, out, _ = call("compare", scenario, tmp_path / "log.npz")
+    assert status == 0
+    assert "the place of left_joint, right_joint along y fails first" in out.replace("\n", " ")
+    status, out, _ = call("compare", scenario, tmp_path / "log.npz", "--json")
+    content = json.loads(out)
+    assert content["suspects"][0]["value"] == pytest.approx(0.56, abs=3e-3)
+    assert [each["window"] for each in content["errors"]] == [1.0, 10.0, None]
+    status, _, error = call("compare", scenario, tmp_path / "log.csv")
+    assert (status, error.count("\n")) == (2, 1)
+    assert "give the columns or topics of joints and frames: --mapping FILE" in error
+    status, _, error = call("compare", scenario, tmp_path / "log.npz", "--sensor", "sensr")
+    assert status == 2
+    assert "the log has no pose(sensr); did you mean 'pose(sensor)'?" in error
+
+
+@pytest.mark.skipif(not MEASURED.is_dir(), reason=f"measured logs are not in {MEASURED}")
+def test_the_tricycle_fails_by_the_scale_of_its_steering(tmp_path):
+    found = rnc.compare(
+        tricycle_system(tmp_path), rnc.Log.read(MEASURED / "tricycle" / "dataset.txt", COLUMNS), "laser"
+    )
+    assert found.suspects[0].name == "scale of steering"
+    assert found.suspects[0].explained > 0.9
