@@ -356,7 +356,7 @@ BROKEN = {
     "half a substep": ({"simulation.substeps": 1.5}, ["simulation.substeps: expected", "1.5"]),
     "negative seed": ({"seed": -1}, ["seed:", "-1"]),
     "plot of an unknown output": ({"plots.figure_4a.outputs": ["tipx"]}, ["plots.figure_4a.outputs", "mean 'tip_x'?"]),
-    "plot of nothing": ({"plots.figure_4a.outputs": []}, ["plots.figure_4a", "expected 'outputs'"]),
+    "plot of nothing": ({"plots.figure_4a.outputs": []}, ["plots.figure_4a.outputs", "expected at least 1 item"]),
     "plot outside of the folder": ({"plots": {"../stray": {"outputs": ["tip_x"]}}}, ["plots", "../stray"]),
     "unknown frame in view": ({"view.trail": ["tpi"]}, ["frame 'tpi'", "did you mean 'tip'?"]),
     "camera on a plane": ({"view.camera": [1, 2]}, ["view.camera", "[1, 2]"]),
