@@ -36,6 +36,9 @@ class SystemParts(NamedTuple):
     vertical: tuple[OutputKind, ...] = ()
 
 
+_NOTHING_GIVEN = SystemParts((), (), True, ())
+
+
 @dataclass(frozen=True, eq=False)
 class ReductionData:
     """Data of a reduction with ``E = [A; J2]``: constraint rows, reducing and vertical outputs, actuators."""
@@ -57,10 +60,10 @@ class ReductionData:
     kinematics: Kinematics
     """Workspace; reductions of the same system share it."""
     forces: PassiveForces
-    given: SystemParts
-    """Parts as the user gave them."""
     free: bool = False
     """True if other reducing velocities may be selected where they are dependent, because none was named."""
+    given: SystemParts = _NOTHING_GIVEN
+    """Parts as the user gave them."""
 
     @cached_property
     def constraints(self) -> RowStack:

@@ -214,7 +214,7 @@ class NonholonomicSystem(SummaryMixin):
         lengths = row_scales(self.robot, self.rows, x2, self._samples)
         workspace, kept, free = Kinematics(self.robot), tuple(self.kept), given.reducing is None
         parts = ReductionData(
-            self.robot, self.rows, kept, self.actuation, x2, x1, limit, lengths, workspace, self.forces, given, free
+            self.robot, self.rows, kept, self.actuation, x2, x1, limit, lengths, workspace, self.forces, free, given
         )
         return ReducedModel(parts, self.assembly, self.dropped_rows)
 

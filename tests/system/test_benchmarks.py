@@ -215,11 +215,11 @@ def test_the_page_of_results_is_what_the_records_say():
 def test_a_record_states_command_date_machine_and_load(tmp_path, monkeypatch, capsys):
     """A benchmark that fails leaves the earlier record as it is."""
     monkeypatch.setattr(recording, "FOLDER", tmp_path)
-    recording.record("inverse_kinematics", ["ur5_robot", "--targets", "2"])
+    recording.record("inverse_kinematics", ["--targets", "2", "ur5_robot"])
     kept = (tmp_path / "inverse_kinematics.txt").read_text()
     head, _, output = kept.partition("\n\n")
     facts = dict(line.split(": ", 1) for line in head.splitlines())
-    assert facts["command"] == "python -m benchmarks inverse_kinematics ur5_robot --targets 2"
+    assert facts["command"] == "python -m benchmarks inverse_kinematics --targets 2 ur5_robot"
     assert set(facts) == {"command", "date", "machine", "commit", "load", "duration"}
     assert output.strip()
     shown = recording.page({"inverse_kinematics": "Success."})
