@@ -79,7 +79,7 @@ def _explain(error: ErrorDetails) -> str:
         found = error["input"]
         if isinstance(found, dict) and len(found) == 1:
             return f"{where}: '{context['tag']}' is not known{nearest(context['tag'], expected)}"
-        return f"{where}: expected {of_list}a mapping with one key of {words}; found {short_text(found)}"
+        return f"{where}: expected {of_list}a mapping with one key of {words}; found {short_text(found)}{_as_joint(found, expected)}"
     if kind in ("too_short", "too_long"):
         bound = context.get("min_length", context.get("max_length"))
         most = "at least" if kind == "too_short" else "at most"
@@ -91,6 +91,11 @@ def _explain(error: ErrorDetails) -> str:
     message = "expected a mapping" if kind in ("model_type", "model_attributes_type") else error["msg"]
     message = message.replace("Input should be", "expected").replace("a valid dictionary", "a mapping")
     return f"{where}: {message}, found {short_text(error['input'])}"
+
+
+def _as_joint(found: object, expected: Sequence[str]) -> str:
+    """Hint at the mapping of a joint, for a name where actuators have plain names and outputs do not."""
+    return f"; a joint is written {{joint: {found}}}" if isinstance(found, str) and "joint" in expected else ""
 
 
 _WHOLE = "(top level)"  # place of an error of the whole file; it is not shown
