@@ -235,7 +235,7 @@ class MotionPlan(SummaryMixin):
             ("after verification", [Item(checked, f"accepted to {i.accuracy:.2g}")]),
             (
                 "iterations",
-                [Item(str(i.iterations), f"{i.solutions} of {counted(i.guesses, 'guess')} led to a motion")],
+                [Item(str(i.iterations), f"{i.solutions} of {i.guesses} guesses led to a motion")],
             ),
             ("verdict", [Item(self.verdict.word)]),
             ("findings", items([each.message for each in i.findings])),
