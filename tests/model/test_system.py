@@ -533,7 +533,7 @@ def cart_with_arm():
 )
 def test_the_joints_that_a_refusal_names_complete_the_outputs(make, given):
     system = make()
-    with pytest.raises(rnc.ConstraintError, match="; [^;]* would complete them$") as caught:
+    with pytest.raises(rnc.ConstraintError, match=r"; [^;]* would complete them$") as caught:
         system.reduce(given)
     joints = str(caught.value).rpartition("; ")[2].removesuffix(" would complete them").split(", ")
     assert system.reduce([*given, *map(rnc.JointPosition, joints)]).r == system.r
@@ -542,7 +542,7 @@ def test_the_joints_that_a_refusal_names_complete_the_outputs(make, given):
 
 def test_no_joint_completes_outputs_that_depend_on_each_other():
     robot = rnc.Robot.from_urdf("space_robot.urdf")
-    with pytest.raises(rnc.ConstraintError, match="of the constraints$"):
+    with pytest.raises(rnc.ConstraintError, match=r"of the constraints$"):
         rnc.NonholonomicSystem(robot).reduce(
             [rnc.JointPosition("joint_1"), rnc.RelativeAngle("link_1", "platform_body")]
         )

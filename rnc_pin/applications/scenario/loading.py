@@ -79,7 +79,8 @@ def _explain(error: ErrorDetails) -> str:
         found = error["input"]
         if isinstance(found, dict) and len(found) == 1:
             return f"{where}: '{context['tag']}' is not known{nearest(context['tag'], expected)}"
-        return f"{where}: expected {of_list}a mapping with one key of {words}; found {short_text(found)}{_as_joint(found, expected)}"
+        as_joint = _as_joint(found, expected)
+        return f"{where}: expected {of_list}a mapping with one key of {words}; found {short_text(found)}{as_joint}"
     if kind in ("too_short", "too_long"):
         bound = context.get("min_length", context.get("max_length"))
         most = "at least" if kind == "too_short" else "at most"
