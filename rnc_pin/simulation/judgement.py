@@ -297,7 +297,7 @@ def _of_pairs(replay: LimitReplay, clearance: float | None, tolerance: float) ->
             near = f"{one} {'touches' if touches else f'comes within {each.distance:.3g} m of'} {other} {at}"
             words = f"{near}, {clearance:g} m was asked for"
             if touches:  # such as a wheel on the floor
-                words += f"; links that may touch it belong into the ignored_links of {other}"
+                words += f"; links that may touch it belong in the ignored_links of {other}"
             shortfall = clearance - each.distance
             severity = Severity.FAILS if shortfall > tolerance else Severity.NOTE
             yield _finding(FindingKind.CLEARANCE, each, shortfall, severity, words)

@@ -277,7 +277,7 @@ def test_a_wheel_on_the_floor_is_told_how_it_may_touch():
     """Its clearance is missed from the start: it cannot be kept, so the finding says where to name the wheel."""
     (found,) = distance_findings(replay_of(Clearance(("wheel", "floor"), -1e-11, 0.0, True)), clearance=0.02)
     assert found.message == (
-        "wheel touches floor at t = 0 s, 0.02 m was asked for; links that may touch it belong into the ignored_links "
+        "wheel touches floor at t = 0 s, 0.02 m was asked for; links that may touch it belong in the ignored_links "
         "of floor"
     )
     (near,) = distance_findings(replay_of(Clearance(("wheel", "floor"), 1e-3, 0.0, True)), clearance=0.02)
