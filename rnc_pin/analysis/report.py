@@ -90,6 +90,11 @@ class Report(SummaryMixin):
     lemma1_bounds: Boundedness
     limit_effects: tuple[LimitEffect, ...] = ()
 
+    @property
+    def full_reach(self) -> str:
+        """Words for a growth vector that reaches n; without constraint rows nothing is nonholonomic."""
+        return "completely nonholonomic" if self.rank else "every configuration: no constraint row restricts it"
+
     def to_dict(self) -> dict[str, Json]:
         """Plain lists, numbers and strings, ready for JSON."""
         own = {"redundancy": self.redundancy.to_dict(), "growth_evidence": self.growth_evidence.to_dict()}
@@ -99,11 +104,7 @@ class Report(SummaryMixin):
         less = counted(self.rank, "independent row")
         title = f"Report: {self.n} degrees of freedom less {less} leave {self.r}"
         task, short = self.redundancy, self.r - self.actuation_rank
-        reach = (
-            "completely nonholonomic"
-            if self.completely_nonholonomic
-            else f"at most {self.growth_vector[-1]} of {self.n}"
-        )
+        reach = self.full_reach if self.completely_nonholonomic else f"at most {self.growth_vector[-1]} of {self.n}"
         vector = f"({', '.join(map(str, self.growth_vector))}), {self.growth_evidence}"
         kinds = ["integrable" if row in self.integrable_rows else "nonholonomic" for row in self.kept_rows]
         full = f"{self.actuation_rank} of {self.r} reduced forces" + (", not fully actuated: " if short else "")

@@ -8,6 +8,7 @@ from typing import Literal, NamedTuple, TypeAlias
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
+from rnc_pin.printing import printed
 
 Twist: TypeAlias = Sequence[float | None] | Array
 """Twist (vx, vy, wz) [m/s, m/s, rad/s]; an entry that is None or NaN is free."""
@@ -47,6 +48,7 @@ class TwistState(NamedTuple):
     """Rates of the pivots [rad/s]."""
 
 
+@printed(joints="rad/s or m/s", twist="m/s, m/s, rad/s", u="rad/s or m/s")
 class TwistCommand(NamedTuple):
     """Velocities for one sample."""
 
@@ -62,6 +64,7 @@ class TwistCommand(NamedTuple):
     """Reasons why ``twist`` is not the commanded one; empty if it is."""
 
 
+@printed(twist="m/s, m/s, rad/s")
 class FeasibleTwist(NamedTuple):
     """Twist that a base reaches under a constant command, when its pivots have turned."""
 

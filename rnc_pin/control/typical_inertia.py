@@ -159,6 +159,7 @@ def no_gains(
     error = InfeasibleError("; ".join(words))
     error.of_motion, error.q, error.time = True, at.q[place].copy(), _time(times, place)
     error.rows, error.singular_value = at.dependent_rows(place), float(values[place])
+    error.near_singular = bool(values[place] < NEARLY_SINGULAR)
     return error
 
 

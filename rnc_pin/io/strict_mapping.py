@@ -176,7 +176,8 @@ def _explain(error: ErrorDetails, is_tag: Callable[[str, object], bool]) -> str:
         found = error["input"]
         if isinstance(found, dict) and len(found) == 1:
             return f"{where}: '{context['tag']}' is not known{nearest(context['tag'], expected)}"
-        return f"{where}: expected {of_list}a mapping with one key of {words}; found {short_text(found)}"
+        as_joint = f"; a joint is written {{joint: {found}}}" if isinstance(found, str) and "joint" in expected else ""
+        return f"{where}: expected {of_list}a mapping with one key of {words}; found {short_text(found)}{as_joint}"
     if kind in ("too_short", "too_long"):
         bound = context.get("min_length", context.get("max_length"))
         most = "at least" if kind == "too_short" else "at most"

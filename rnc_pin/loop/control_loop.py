@@ -36,7 +36,7 @@ from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.parameter_types import NotNegative, Positive
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.printing import printed
+from rnc_pin.printing import ReprMixin, printed
 
 _TIME_TOLERANCE = 1 + 1e-9  # tolerance of a time that is a sum of steps, relative
 _FALLBACKS = ("hold", "brake", "zero", "raise")
@@ -58,7 +58,7 @@ class Decision(NamedTuple):
     T: Float[Array, " p"]
 
 
-class ControlLoop:
+class ControlLoop(ReprMixin):
     """Run a controller from measured configurations and velocities.
 
     ``state`` stores the data of the loop between two steps:
@@ -146,6 +146,9 @@ class ControlLoop:
         self.state = LoopState()
         self.last: Decision | None = None
         self.active_component = "the model"
+
+    def _settings(self) -> dict[str, object]:
+        return {"reduced": self.reduced, "controller": self._controller or self._factory, "dt": self.dt}
 
     def _estimator(self, velocity: str, cutoff: float | None) -> VelocityEstimator | None:
         check_choice("velocity", velocity, _VELOCITIES)

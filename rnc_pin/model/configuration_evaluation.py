@@ -9,6 +9,7 @@ Paper (2)-(3), (6)-(7). All quantities have leading batch axes.
 
 from __future__ import annotations
 
+from math import prod
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -25,6 +26,7 @@ from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.row_stack import rheonomic_names
+from rnc_pin.printing import ObjectSummary, SummaryMixin, counted, described
 
 _DEFICIENT = 1e-10  # share of the largest singular value up to which one counts as zero
 _AMPLIFIED = 1e10  # amplification of rounding errors above which actuators count as dependent
@@ -33,7 +35,7 @@ _AMPLIFIED = 1e10  # amplification of rounding errors above which actuators coun
 NOTHING_AT_Q = ArraysAtQ()
 
 
-class ConfigurationEvaluation:
+class ConfigurationEvaluation(SummaryMixin):
     """Reduced model at configurations (..., nq). Each quantity is computed once, on first use, and is read-only.
 
     ``ReducedModel.at(q)`` returns one. It does not change when the model is evaluated at other states.
@@ -69,6 +71,11 @@ class ConfigurationEvaluation:
 
     def __getstate__(self) -> dict[str, object]:  # the kernel's memory is filled again
         return {name: value for name, value in vars(self).items() if not name.startswith("arrays_at_")}
+
+    def _summary(self) -> ObjectSummary:
+        states = counted(prod(self.q.shape[:-1]), "state")
+        title = f"{type(self).__name__} of '{self._data.robot.name}' at {states}"
+        return ObjectSummary(title, [("q [rad or m]", described(self.q))])
 
     @classmethod
     def at(cls, evaluator: Evaluator, q: Array, *, t: Component | None = None) -> ConfigurationEvaluation:

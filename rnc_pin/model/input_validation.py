@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import isfinite
 from typing import TypeAlias
 
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import InputError, printable
+from rnc_pin.errors import InputError, few, printable
 from rnc_pin.math.components import Component
 from rnc_pin.robots.robot import Robot
 
@@ -50,8 +51,8 @@ class ConfigurationValidator:
 _NOT_OF_UNIT_LENGTH = InputError("q holds a (cos, sin) pair or a quaternion that is not of unit length")
 
 
-def vector(array: ArrayInput, size: int, name: str) -> np.ndarray:
-    """Convert an input to a float array (..., size) of finite numbers."""
+def vector(array: ArrayInput, size: int, name: str, entries: Sequence[str] = ()) -> np.ndarray:
+    """Convert an input to a float array (..., size) of finite numbers; an error about its size names the entries."""
     try:
         array = np.asarray(array, float)
     except (TypeError, ValueError):
@@ -61,7 +62,8 @@ def vector(array: ArrayInput, size: int, name: str) -> np.ndarray:
             check_finite(name, array)
         return array
     if array.ndim == 0 or array.shape[-1] != size:
-        raise InputError(f"{name} has shape {array.shape}, expected (..., {size})")
+        of = f" for {few(entries, 6)}" if entries else ""
+        raise InputError(f"{name} has shape {array.shape}, expected (..., {size}){of}")
     check_finite(name, array)
     return array
 

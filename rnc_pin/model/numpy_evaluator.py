@@ -149,7 +149,7 @@ class NumPyEvaluator:
         if v2 is not None:
             if v is not None:
                 raise InputError("at() takes v2 or v, not both")
-            v2 = vector(v2, data.r, "v2").copy()
+            v2 = vector(v2, data.r, "v2", data.reducing.names).copy()
             q, v2 = broadcast_states(q, v2, "v2")
             return StateEvaluation.at(self, q, v2, t=t)
         if v is not None:

@@ -22,6 +22,7 @@ from rnc_pin.model.evaluator import ArraysAtV, filled_for_v
 from rnc_pin.model.input_validation import ArrayInput
 from rnc_pin.model.kinematics import VelocityKinematics
 from rnc_pin.model.measurement import Measurement
+from rnc_pin.printing import ObjectSummary, described
 
 
 class ReducedKinematics(ConfigurationEvaluation):
@@ -152,6 +153,10 @@ class ReducedKinematics(ConfigurationEvaluation):
             return np.zeros_like(self.b)
         mu_dot = np.take_along_axis(data.rows.rate_dot(self.rates), self.kept_rows, axis=-1)
         return apply(self.E_inverse[data.multiplied], mu_dot) - apply(self.E_inverse, apply(self.E_dot, self.b))
+
+    def _summary(self) -> ObjectSummary:
+        title, lines = super()._summary()
+        return ObjectSummary(title, [*lines, ("v2 [rad/s or m/s]", described(self.v2))])
 
     # ------------------------------------------------------------------ measurement
 

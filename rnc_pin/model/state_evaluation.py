@@ -138,7 +138,7 @@ class StateEvaluation(ReducedKinematics):
             damping: viscous coefficients (nv,) [N m s/rad or N s/m].
             external: generalized forces (..., nv) in addition to inputs and damping.
         """
-        force = self._force(vector(T, self._data.p, "T"), damping)
+        force = self._force(vector(T, self._data.p, "T", self._data.actuation.names), damping)
         if external is not None:
             force = force + external
         v2_dot = self.accelerated(force)
@@ -152,7 +152,7 @@ class StateEvaluation(ReducedKinematics):
 
     def v2_dot(self, T: ArrayInput) -> Float[Array, "*batch r"]:
         """Accelerations of the reducing outputs under actuator inputs T (..., p)."""
-        return self.accelerated(self._force(vector(T, self._data.p, "T"), None))
+        return self.accelerated(self._force(vector(T, self._data.p, "T", self._data.actuation.names), None))
 
     def row_accelerations(self, rows: Array) -> tuple[Float[Array, "k p"], Float[Array, " k"]]:
         """Accelerations ``rows v2_dot`` (k, r) that unit inputs add, and those without inputs, at one state."""
@@ -175,7 +175,7 @@ class StateEvaluation(ReducedKinematics):
         return force if damping is None else force - damping * self.v
 
     def _total_force(self, T: ArrayInput, external: Array | None) -> Array:
-        force = self._force(vector(T, self._data.p, "T"), None)
+        force = self._force(vector(T, self._data.p, "T", self._data.actuation.names), None)
         return force if external is None else force + external
 
     @cached_property

@@ -20,7 +20,14 @@ from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.mechanisms import FrameAnchor
 from rnc_pin.model.passive_forces import ForceKind, PassiveForces
 from rnc_pin.model.reduced_model import ReducedModel, system_headline, system_lines
-from rnc_pin.model.reduction_data import ReductionData, SystemParts, VelocityRows, best_entries, row_scales
+from rnc_pin.model.reduction_data import (
+    ReductionData,
+    SystemParts,
+    VelocityRows,
+    best_entries,
+    completing_entries,
+    row_scales,
+)
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import ConstraintKind, OutputKind, Rows, parts_of
 from rnc_pin.printing import ObjectSummary, SummaryMixin
@@ -198,7 +205,8 @@ class NonholonomicSystem(SummaryMixin):
             _check_unique((*self.constraints.names, *x2.names, *x1.names), "output")
             raise ConstraintError(
                 f"{x2.size} reducing outputs ({', '.join(x2.names) or 'none'}), expected {self.r}: "
-                f"{self.n} degrees of freedom less {self.m} of the constraints{_still(x2, self.robot, self._samples)}"
+                f"{self.n} degrees of freedom less {self.m} of the constraints"
+                f"{_still(x2, self.robot, self._samples) or self._completion(x2)}"
             )
         reduced = self._reduced(x2, x1, singularity_limit, given)
         self._check_regular(reduced)
@@ -234,6 +242,16 @@ class NonholonomicSystem(SummaryMixin):
         names, units = self.robot.velocity_names, self.robot.velocity_units
         rows = VelocityRows(np.eye(self.n)[best], [names[k] for k in best], [units[k] for k in best])
         return OutputStack([rows])
+
+    def _completion(self, x2: OutputStack) -> str:
+        """Hint at joints, actuated ones first, that complete too few outputs at a sampled configuration."""
+        names, missing = self.robot.velocity_names, self.r - x2.size
+        joints = [k for k, name in enumerate(names) if name in self.robot.joint_names]
+        driven = [k for k in joints if names[k] in self.actuation.names]
+        rows = RowStack.joined(self.constraints, x2)
+        found = (completing_entries(self.robot, rows, each, missing, self._samples) for each in (driven, joints))
+        chosen = next(filter(None, found), None)
+        return f"; {few([names[k] for k in chosen])} would complete them" if chosen else ""
 
     def _check_regular(self, reduced: ReducedModel) -> None:
         """Raise an error if the outputs are dependent at every sampled configuration: this is a modeling mistake."""

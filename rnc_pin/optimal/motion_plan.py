@@ -17,7 +17,7 @@ from rnc_pin.figures.panel import Panel, Series, split_names
 from rnc_pin.io.atomic_write import atomic_file
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
 from rnc_pin.planning.references import PiecewisePolynomial
-from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, counted, described, items, printed
+from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin, described, items, printed
 from rnc_pin.verdict import Finding, Verdict
 
 if TYPE_CHECKING:
@@ -235,7 +235,7 @@ class MotionPlan(SummaryMixin):
             ("after verification", [Item(checked, f"accepted to {i.accuracy:.2g}")]),
             (
                 "iterations",
-                [Item(str(i.iterations), f"{i.solutions} of {counted(i.guesses, 'guess')} led to a motion")],
+                [Item(str(i.iterations), f"{i.solutions} of {i.guesses} guesses led to a motion")],
             ),
             ("verdict", [Item(self.verdict.word)]),
             ("findings", items([each.message for each in i.findings])),

@@ -310,8 +310,11 @@ def _of_pairs(replay: LimitReplay, clearance: float | None, tolerance: float) ->
             words = f"{one} and {other} penetrate each other by {depth:.3g} m {at}"
             yield _finding(FindingKind.COLLISION, each, depth, Severity.FAILS, words)
         elif clearance is not None and each.obstacle and each.distance < clearance - SHORTFALL:
-            near = f"{one} comes within {max(each.distance, 0.0):.3g} m of {other} {at}"
+            touches = each.distance < PENETRATION
+            near = f"{one} {'touches' if touches else f'comes within {each.distance:.3g} m of'} {other} {at}"
             words = f"{near}, {clearance:g} m was asked for"
+            if touches:  # such as a wheel on the floor
+                words += f"; links that may touch it belong in the ignored_links of {other}"
             shortfall = clearance - each.distance
             severity = Severity.FAILS if shortfall > tolerance else Severity.NOTE
             yield _finding(FindingKind.CLEARANCE, each, shortfall, severity, words)

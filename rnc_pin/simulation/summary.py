@@ -104,7 +104,8 @@ class Summary(Compared):
     ``joint_limits`` has the worst limit of each kind. ``smallest_distance`` is that of a link and an obstacle;
     ``smallest_own_distance`` is that of two links whose distance changes. They are None if no such bodies come near.
     All three are in summaries of scenarios. ``limits_gave_way`` has the largest amounts by which limits of a
-    whole-body program gave way to others; it is missing if none did. ``goals_missed`` has the errors of goals that a
+    whole-body program gave way to others; it is missing if none did. ``goal_error`` has the errors at the end of the
+    goals of such a program, whose outputs the model need not have. ``goals_missed`` has the errors of goals that a
     completed run of a scenario did not reach within ``goal_tolerance``; it is missing if it reached all.
     ``verdict`` is "succeeded", "degraded" or "failed", with its ``findings`` and the kinds that are ``accepted``.
     ``first_finding`` fails or degrades the run; it is missing if no finding does.
@@ -135,6 +136,7 @@ class Summary(Compared):
     first_finding: NotRequired[DecidingFinding]
     limits_gave_way: NotRequired[dict[str, float]]
     goal_tolerance: NotRequired[float]
+    goal_error: NotRequired[dict[str, float]]
     goals_missed: NotRequired[dict[str, float]]
     comparisons: NotRequired[dict[str, Compared]]
     files: NotRequired[list[str]]

@@ -198,8 +198,9 @@ class LiveView:
         while self._due:
             try:
                 self._viewer.draw(self._state(self._due.popleft()))
-            except RncError:
-                continue  # for example a singular configuration; the run itself reports it
+                self.problem = None
+            except RncError as error:  # for example a singular configuration; the next state may be drawn
+                self.problem = error
             except Exception as error:  # a drawing error must not stop the run
                 self.problem = error
                 return False

@@ -159,7 +159,7 @@ class LoopView(SummaryMixin, Generic[Made]):
 
     @property
     def problem(self) -> Exception | None:
-        """Error that stopped the drawing, but not the loop."""
+        """Error of the last state that was not drawn, None if it was; the loop continues either way."""
         return self._live.problem
 
     def wait_for_browser(self, timeout: float) -> bool:

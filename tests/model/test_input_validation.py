@@ -5,6 +5,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.model.input_validation import ConfigurationValidator, broadcast_states, check_finite, vector
+from systems import space_robot
 from textbook_systems import sliders
 
 
@@ -74,3 +75,12 @@ def test_angles_without_end_are_of_unit_length_to_a_millionth(kinds):
                     rnc.InputError, match=r"^q holds a \(cos, sin\) pair or a quaternion that is not of"
                 ):
                     validator.validate(given)
+
+
+def test_a_wrong_size_names_the_entries():
+    reduced = space_robot()
+    q = reduced.robot.configuration()
+    with pytest.raises(rnc.InputError, match=r"^v2 has shape \(2,\), expected \(.*, 3\) for tip_x, tip_y, joint_1$"):
+        reduced.terms(q, [0.1, 0.2])
+    with pytest.raises(rnc.InputError, match=r"^T has shape \(1,\), .* for joint_1, joint_2, joint_3$"):
+        reduced.forward_dynamics(q, np.zeros(3), [1.0])

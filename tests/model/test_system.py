@@ -510,5 +510,39 @@ def test_a_base_that_is_fixed_by_mistake_is_named(file, build, still):
 
 def test_an_output_too_many_on_a_fixed_arm_says_nothing_about_its_base():
     robot = rnc.Robot.from_urdf("space_robot.urdf")
-    with pytest.raises(rnc.ConstraintError, match=r"expected 4: 4 degrees of freedom less 0 of the constraints$"):
+    with pytest.raises(
+        rnc.ConstraintError, match=r"expected 4: 4 .* of the constraints; \w+, \w+ would complete them$"
+    ):
         rnc.NonholonomicSystem(robot).reduce([rnc.FramePosition("tip", "xy")])
+
+
+def cart_with_arm():
+    robot = rnc.Robot.from_urdf("mobile_manipulator.urdf", base="planar")
+    return rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")])
+
+
+@pytest.mark.parametrize(
+    ("make", "given"),
+    [
+        (space, []),
+        (space, [rnc.JointPosition("joint_3")]),
+        (space, [rnc.FramePosition("tip", "xy")]),
+        (cart_with_arm, [rnc.FrameSpeed("base"), rnc.FrameYaw("base")]),
+        (cart_with_arm, [rnc.FramePosition("tip", "xy"), rnc.FrameYaw("base")]),
+    ],
+)
+def test_the_joints_that_a_refusal_names_complete_the_outputs(make, given):
+    system = make()
+    with pytest.raises(rnc.ConstraintError, match=r"; [^;]* would complete them$") as caught:
+        system.reduce(given)
+    joints = str(caught.value).rpartition("; ")[2].removesuffix(" would complete them").split(", ")
+    assert system.reduce([*given, *map(rnc.JointPosition, joints)]).r == system.r
+    assert "platform" not in joints  # no actuator drives it
+
+
+def test_no_joint_completes_outputs_that_depend_on_each_other():
+    robot = rnc.Robot.from_urdf("space_robot.urdf")
+    with pytest.raises(rnc.ConstraintError, match=r"of the constraints$"):
+        rnc.NonholonomicSystem(robot).reduce(
+            [rnc.JointPosition("joint_1"), rnc.RelativeAngle("link_1", "platform_body")]
+        )

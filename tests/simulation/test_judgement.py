@@ -273,6 +273,17 @@ def test_a_pair_has_one_finding_with_its_deepest_value():
     assert (found.amount, found.time, found.where, found.unit) == (0.2, 1.0, "base / rack", "m")
 
 
+def test_a_wheel_on_the_floor_is_told_how_it_may_touch():
+    """Its clearance is missed from the start: it cannot be kept, so the finding says where to name the wheel."""
+    (found,) = distance_findings(replay_of(Clearance(("wheel", "floor"), -1e-11, 0.0, True)), clearance=0.02)
+    assert found.message == (
+        "wheel touches floor at t = 0 s, 0.02 m was asked for; links that may touch it belong in the ignored_links "
+        "of floor"
+    )
+    (near,) = distance_findings(replay_of(Clearance(("wheel", "floor"), 1e-3, 0.0, True)), clearance=0.02)
+    assert "ignored_links" not in near.message
+
+
 def test_links_of_the_robot_have_no_clearance_but_may_not_collide():
     wrist = Clearance(("arm_5", "tool"), 0.004, 1.0, False)
     assert distance_findings(replay_of(wrist), 0.1) == []

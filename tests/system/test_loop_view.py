@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from browsing import opened, place, visit
+from browsing import children, opened, place, visit
 from patience import PATIENCE, eventually
 from rnc_pin.control import ReducingOutputController, VelocityGains, VelocityTracker
 from rnc_pin.planning import Hold
@@ -97,6 +97,31 @@ def test_a_page_pauses_steps_and_tunes_a_loop(browser):
         assert problems == []
         page.context.close()
     assert view.problem is None
+
+
+@pytest.mark.parametrize("outputs", [None, [rnc.FrameSpeed("base"), rnc.FrameYaw("base")]])
+def test_a_loop_of_quasi_velocities_is_drawn(browser, outputs):
+    """A loop of one's own gives no integrals, so the values of these outputs are not known; the robot is."""
+    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+    wheels = [rnc.RollingWheel(f"{side}_wheel", 0.1) for side in ("left", "right")]
+    reduced = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"]).reduce(outputs)
+    with rnc.show(reduced, open_browser=False) as view:
+        page, problems = visit(browser, view.url)
+        view.update(robot.configuration({"root_joint": [0.4, 0.3, 0.0]}), [0.1, 0.2])
+        assert eventually(lambda: "robot" in children(page))
+        assert problems == []
+        page.context.close()
+    assert view.problem is None
+
+
+def test_a_state_that_is_not_drawn_says_why():
+    """The outputs of a straight arm are dependent: the state is left out, and the next one is drawn."""
+    reduced = space_robot()
+    with rnc.show(reduced, speed=0.0, open_browser=False) as view:
+        view.update(reduced.robot.configuration(), t=0.0)
+        assert eventually(lambda: isinstance(view.problem, rnc.SingularityError))
+        view.update(reduced.robot.configuration({"joint_1": 0.3, "joint_2": 1.0, "joint_3": 0.5}), t=1.0)
+        assert eventually(lambda: view.problem is None)
 
 
 def shape_place(robot, q):

@@ -89,6 +89,9 @@ def results(tmp_path_factory):
     steady, *_ = rnc.continuation(upright, pendulum.configuration(), [0.0, 1.0], parameter="base_speed_x")
     with rnc.show(robot, gains={"k": (0.0, 2.0, 1.0)}, open_browser=False) as view:
         view.update(q0)
+    cart = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+    rolling = rnc.NonholonomicSystem(cart, wheels, ["left_wheel_joint", "right_wheel_joint"]).reduce()
+    follower, stands = rnc.control.TwistController(rolling, "base", 0.02), cart.configuration()
     folder = tmp_path_factory.mktemp("sweep")
     sweep = rnc.sweep("unicycle", [{"simulation.duration": 0.1}, {"simulation.duration": 0.2}], out=folder / "runs")
     return [
@@ -111,6 +114,9 @@ def results(tmp_path_factory):
         *(PositionGains(), VelocityGains(), LimitedAcceleration("joint_1", "v", 1, -2.0, 2.0)),
         *(loop.last, loop.state, loop.last.command, loop.last.measurement, reduced.terms(q0, still)),
         *(reduced.lagrangian_terms(q0, still), LimitEffect(0.5, ("joint_1 position",), {}, 1, {"tip_x": 0.1})),
+        *(reduced.at(q0), reduced.at(q0, still), reduced.at(samples, np.zeros((8, reduced.r)))),
+        follower.feasible(stands, [0.5, 0.1, 0.2]),
+        follower.step(stands, [0.5, 0.1, 0.2], follower.initial_state())[0],
         *(view, log, rnc.calibrate(rolling, log, radius, "base"), rnc.compare(larger, log, "base")),
         LiftOff("left_wheel", 1.0, -2.0, -3.0),
         Finding(FindingKind.GOAL, "tip", 0.03, "m", 2.0, Severity.FAILS, "the goal of tip is missed by 0.03 m at 2 s"),
@@ -143,6 +149,14 @@ def test_a_notebook_shows_a_table(results):
         html = each._repr_html_()
         if not isinstance(each, Recording | LoopView):  # a page in a frame
             assert ElementTree.fromstring(f"<body>{html}</body>").find("table") is not None
+
+
+def test_parts_of_a_loop_name_their_settings():
+    reduced = space_robot()
+    target = ReducingOutputController(reduced, Hold(np.zeros(3)))
+    plant, loop = rnc.ReducedPlant(reduced, substeps=2), rnc.ControlLoop(reduced, target, 0.01)
+    assert re.fullmatch(r"ReducedPlant\(reduced=ReducedModel.*, substeps=2, .*actuator_limits=False.*\)", repr(plant))
+    assert re.fullmatch(r"ControlLoop\(reduced=ReducedModel.*, controller=ReducingOutput.*, dt=0.01\)", repr(loop))
 
 
 def units_of_fields(kind):

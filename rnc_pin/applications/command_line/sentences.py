@@ -32,7 +32,8 @@ def _kind(reduced: ReducedModel, phrases: Sequence[Phrases]) -> str:
     if supports:
         noun = f"a vehicle on {_and([_count(number, support) for support, number in supports.items()])}"
     joints = _count(model.njoints - 1 - sum(map(bool, roots)), "joint")
-    stance = f"its base {roots[0] or 'is fixed'}" if len(roots) < 2 else f"no joint connects its {len(roots)} parts"
+    loose = len(roots) > 1 and any(roots)  # joints that start at a fixed base are connected by it
+    stance = f"no joint connects its {len(roots)} parts" if loose else f"its base {roots[0] or 'is fixed'}"
     return f"'{robot.name}' is {noun}: {stance}, and it has {joints} and {_count(reduced.p, 'actuator')}."
 
 

@@ -26,14 +26,18 @@ def print_summary(summary: Summary, outputs: OutputNames | None = None) -> None:
     units = _units(outputs or OutputNames())
     console = Console(markup=False, emoji=False)
     word = summary.get("verdict", summary["outcome"])
-    errors = Table(title=f"{summary['scenario']}: {word}", title_justify="left", title_style="bold")
-    errors.add_column("output")
+    console.print(f"{summary['scenario']}: {word}", style="bold", highlight=False)
+    errors = Table("output")
     for column in ("final error", "largest error", "rms error"):
         errors.add_column(column, justify="right")
     for name in summary["final_error"]:
         figures = (each[name] for each in (summary["final_error"], summary["max_error"], summary["rms_error"]))
         errors.add_row(name + units.get(name, ""), *(f"{figure:.2e}" for figure in figures))
-    console.print(errors)
+    for name, figure in summary.get("goal_error", {}).items():
+        if name not in summary["final_error"]:
+            errors.add_row(name, f"{figure:.2e}", "-", "-")
+    if errors.row_count:
+        console.print(errors)
     for finding in summary.get("findings", ()):
         how = weight_of(str(finding["kind"]), str(finding["severity"]), summary.get("accepted", ()))
         console.print(f"{how}: {finding['message']}", highlight=False, soft_wrap=True)

@@ -209,8 +209,8 @@ def _result(run: Run, raw: Mapping[str, Json]) -> tuple[bool, str]:
     try:
         trajectory = run(raw, watch)
     except InfeasibleError as error:
-        if error.singular_value is None:
-            return False, _short(error)
+        if error.singular_value is None or not error.near_singular:
+            return False, f"still refused, {_short(error)}"
         when = "" if error.time is None else f" at t = {error.time:.2f} s"
         value = f"smallest singular value {error.singular_value:.2g}"
         return False, f"still refused{when}, {value} ({few(error.rows, 4)})"

@@ -81,6 +81,8 @@ def judged_summary(
         summary["limits_gave_way"] = dict(gave_way)
     if goals:
         summary["goal_tolerance"] = scenario.goal_tolerance
+        if experiment.goals is not None and errors:
+            summary["goal_error"] = errors
         missed = {name: error for name, error in errors.items() if not error <= scenario.goal_tolerance}
         if missed:
             summary["goals_missed"] = missed

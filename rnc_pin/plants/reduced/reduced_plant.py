@@ -14,6 +14,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics, VelocityChart
 from rnc_pin.plants.reduced.friction import DissipativeStep, DryFriction
+from rnc_pin.printing import ReprMixin
 
 _PRECISION = 1e-12  # of the time of an event, relative to the end of its bracket
 
@@ -28,7 +29,7 @@ class Checkpoint(NamedTuple):
     chart: VelocityChart
 
 
-class ReducedPlant:
+class ReducedPlant(ReprMixin):
     """Plant that satisfies its constraints exactly, with exact measurements.
 
     A fourth-order Lie-group integrator runs in charts of the constraints, which are regular if the constraints have
@@ -78,6 +79,9 @@ class ReducedPlant:
         self._q: np.ndarray
         self._y: np.ndarray
         self._state: StateEvaluation | None = None
+
+    def _settings(self) -> dict[str, object]:
+        return {name: value for name, value in super()._settings().items() if name != "applied"}
 
     def twin(self) -> ReducedPlant:
         """Return another plant with the same model and options."""

@@ -333,6 +333,16 @@ def test_parts_that_no_joint_connects_have_no_base(call):
     )
 
 
+def test_a_fixed_base_connects_the_joints_that_start_at_it(call, tmp_path):
+    """A mobile robot whose base is fixed by mistake: arm and wheels start at the world, and nothing is nonholonomic."""
+    file = tmp_path / "parked.yaml"
+    file.write_text("robot: {example: tiago_no_hand}\n")
+    status, out, _ = call("inspect", file, "--samples", 4)
+    assert status == 0
+    assert told(out).startswith("'tiago' is a robot: its base is fixed, and it has 12 joints and no actuators. ")
+    assert "reach every configuration: no constraint row restricts it" in told(out)
+
+
 def test_joints_that_a_file_couples_are_not_free(call, tmp_path):
     """The fingers of a Panda: no constraint of the scenario says it, the robot's file does."""
     file = tmp_path / "hand.yaml"

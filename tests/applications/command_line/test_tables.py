@@ -1,4 +1,4 @@
-"""Printed tables: distances to obstacles apart from those between links."""
+"""Printed tables: errors of outputs and goals; distances to obstacles apart from those between links."""
 
 import numpy as np
 
@@ -23,3 +23,14 @@ def test_distances_to_obstacles_are_printed_apart(capsys):
     assert "distance to obstacles, smallest 0.0512 m, base / rack at t = 3.14 s" in printed
     assert "distance between links, smallest 0.0043 m, arm / tool at t = 2.00 s" in printed
     assert "elbow" not in printed
+    assert "final error" not in printed  # a free motion has no goals
+
+
+def test_goals_of_a_program_are_printed_with_their_errors(capsys):
+    """The program of a hand on a robot whose outputs are its joints: no output has a reference."""
+    robot = rnc.Robot.from_urdf("unicycle.urdf", base="planar")
+    reduced = rnc.NonholonomicSystem(robot, []).reduce()
+    summary = rnc.summarize(rnc.free_motion(reduced, robot.configuration(), np.zeros(reduced.r), duration=0.1))
+    print_summary({**summary, "goal_error": {"hand_x": 0.0123}})
+    (row,) = [line for line in capsys.readouterr().out.splitlines() if "hand_x" in line]
+    assert row.split() == ["│", "hand_x", "│", "1.23e-02", "│", "-", "│", "-", "│"]

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
-from rnc_pin.applications.scenario.remedies import _timed
+from rnc_pin.applications.scenario.remedies import _result, _timed
 from urdf_parts import robot
 
 SPINNING = {"constraints": [{"momentum": {"joint": "platform", "momentum": 3.0}}], "comparisons": {}, "plots": {}}
@@ -137,3 +137,22 @@ def test_all_times_of_references_are_slowed():
         "controller.tasks.0.output.reference.minimum_jerk.duration": 3,
         "controller.tasks.0.output.reference.minimum_jerk.begin": 1,
     }
+
+
+@pytest.mark.parametrize(
+    ("near_singular", "expected"),
+    [
+        (True, "still refused at t = 1.20 s, smallest singular value 0.01 (rolling, wheel)"),
+        (False, "still refused, no velocity gains suit this region"),
+    ],
+)
+def test_a_remedy_in_vain_blames_singular_outputs_only_where_they_are_nearly_singular(near_singular, expected):
+    """The inertia of a heavy arm with light joints excludes gains at regular configurations too."""
+    error = rnc.InfeasibleError("no velocity gains suit this region; sample faster")
+    error.time, error.rows = 1.2, ("rolling", "wheel")
+    error.singular_value, error.near_singular = 0.01, near_singular
+
+    def refuse(raw, watch):
+        raise error
+
+    assert _result(refuse, {}) == (False, expected)

@@ -86,9 +86,7 @@ def print_report(system: str, reduced: ReducedModel, task: Task, report: Report,
     table.add_row("constraint rows", _constraint_rows(report))
     growth = report.growth_vector
     least = "" if report.growth_evidence.decided else "at least "
-    reach = (
-        "completely nonholonomic" if report.completely_nonholonomic else f"motion reaches {least}{growth[-1]} of {n}"
-    )
+    reach = report.full_reach if report.completely_nonholonomic else f"motion reaches {least}{growth[-1]} of {n}"
     vector = f"({', '.join(map(str, growth))}): {reach}\n{report.growth_evidence}"
     table.add_row("reach", vector if details or not report.growth_evidence.decided else reach)
     table.add_row("actuators", _actuation(reduced.actuation.names, report, details))

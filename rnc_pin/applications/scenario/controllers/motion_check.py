@@ -55,7 +55,7 @@ def check_motion(
         error.of_motion, weakest = True, margins.stack
         if weakest.value < MIN_SINGULAR_VALUE:
             error.q, error.time, error.rows = weakest.q, weakest.time, weakest.rows
-            error.singular_value = weakest.value
+            error.singular_value, error.near_singular = weakest.value, True
         raise
 
 

@@ -299,10 +299,11 @@ def test_goals_that_a_run_misses_are_in_the_summary(tmp_path, program):
     run = execute(Scenario.load(point(tmp_path, controller=program, **stuck)))
     missed = 1.0 - float(run.trajectory.q[-1, 0])
     assert missed > 0.5
-    assert run.summary["goals_missed"] == {"ball_x": pytest.approx(missed, abs=1e-12)}
+    assert run.summary["goals_missed"] == run.summary["goal_error"] == {"ball_x": pytest.approx(missed, abs=1e-12)}
     assert run.summary["goal_tolerance"] == 0.02
     generous = execute(Scenario.load(point(tmp_path, controller=program, **stuck, goal_tolerance=missed + 1e-9)))
     assert "goals_missed" not in generous.summary
+    assert generous.summary["goal_error"] == run.summary["goal_error"]
     assert "goals_missed" not in execute(Scenario.load(point(tmp_path, controller=program, **changes))).summary
 
 
