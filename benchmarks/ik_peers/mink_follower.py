@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from benchmarks.ik_peers.hand_path import DAMPING, DT, GAIN, HAND, RADIUS, ROLLING, WHEELS, Case, Follower, Motion
 from rnc_pin.plants.mujoco.body_tree import BodyTree
-from rnc_pin.plants.mujoco.joint_coordinates import JointState, scalar_first
+from rnc_pin.plants.mujoco.joint_coordinates import RobotCoordinates, scalar_first
 
 
 def followers(given: Case) -> list[Follower]:
@@ -48,7 +48,7 @@ class _Mink:
     def __init__(self, given: Case, gain: float, equalities: bool) -> None:
         self.name = f"mink {version('mink')}, gain {gain:g} a sample"
         self.rolling = "equalities" if equalities else "costs"
-        self._reference, self._nq, self._nv = given.reference, given.robot.nq, given.robot.nv
+        self._reference = given.reference
         spec = mujoco.MjSpec()
         tree = BodyTree(spec, given.robot, "as it is", joint_limits=True)
         for name in (HAND, *(f"{wheel}_link" for wheel in WHEELS)):
@@ -59,11 +59,10 @@ class _Mink:
                 quat=scalar_first(pin.Quaternion(frame.placement.rotation).coeffs()),
             )
         model = spec.compile()
-        self._joints = tree.coordinates(model)
-        start = JointState(np.zeros(model.nq), np.zeros(model.nv))
-        for joint in self._joints:
-            joint.write(JointState(given.q0, np.zeros(given.robot.nv)), start)
-        self._at = mink.Configuration(model, q=start.q)
+        self._joints = RobotCoordinates(tree.coordinates(model), given.robot.nq, given.robot.nv)
+        qpos, qvel = np.zeros(model.nq), np.zeros(model.nv)
+        self._joints.write(given.q0, np.zeros(given.robot.nv), qpos, qvel)
+        self._at = mink.Configuration(model, q=qpos)
         self._hand = mink.FrameTask(HAND, "site", position_cost=1.0, orientation_cost=0.0, gain=gain)
         costs = np.zeros(model.nv)
         costs[[int(model.joint(name).dofadr[0]) for name in given.joints]] = np.sqrt(DAMPING)
@@ -86,11 +85,7 @@ class _Mink:
         )
 
     def motion(self, elapsed: float) -> Motion:
-        found = Motion(np.zeros(self._nq), np.zeros(self._nv))
-        there = JointState(self._at.integrate(self._v, elapsed), self._v)
-        for joint in self._joints:
-            joint.read(there, JointState(*found))
-        return found
+        return Motion(*self._joints.read(self._at.integrate(self._v, elapsed), self._v))
 
     def advance(self) -> None:
         self._at.update(self._at.integrate(self._v, DT))

@@ -90,8 +90,8 @@ def results(tmp_path_factory):
     with rnc.show(robot, gains={"k": (0.0, 2.0, 1.0)}, open_browser=False) as view:
         view.update(q0)
     cart = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
-    rolling = rnc.NonholonomicSystem(cart, wheels, ["left_wheel_joint", "right_wheel_joint"]).reduce()
-    follower, stands = rnc.control.TwistController(rolling, "base", 0.02), cart.configuration()
+    cart_model = rnc.NonholonomicSystem(cart, wheels, ["left_wheel_joint", "right_wheel_joint"]).reduce()
+    follower, stands = rnc.control.TwistController(cart_model, "base", 0.02), cart.configuration()
     folder = tmp_path_factory.mktemp("sweep")
     sweep = rnc.sweep("unicycle", [{"simulation.duration": 0.1}, {"simulation.duration": 0.2}], out=folder / "runs")
     return [
