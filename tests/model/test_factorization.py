@@ -13,7 +13,7 @@ from rnc_pin.model.factorization import dependences, factorize
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.passive_forces import PassiveForces
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.reduction_data import ReductionData, SystemParts, VelocityRows
+from rnc_pin.model.reduction_data import ReductionData, VelocityRows
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import check_defined
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -39,7 +39,7 @@ def on_rails(rows, kept, reducing, limit, lengths, free=False, masses=None, actu
     actuation = Actuation(actuators, robot)
     scales, shared = (
         np.array(lengths, dtype=float),
-        (Kinematics(robot), PassiveForces((), robot), SystemParts((), (), True, ())),
+        (Kinematics(robot), PassiveForces((), robot)),
     )
     return ReductionData(
         robot, RowStack(blocks), kept, actuation, outputs, OutputStack([]), limit, scales, *shared, free

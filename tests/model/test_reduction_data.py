@@ -7,7 +7,7 @@ import rnc_pin as rnc
 from rnc_pin.model.actuation import Actuation
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.passive_forces import PassiveForces
-from rnc_pin.model.reduction_data import ReductionData, SystemParts, VelocityRows, row_scales
+from rnc_pin.model.reduction_data import ReductionData, VelocityRows, row_scales
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from textbook_systems import Flat, Turning, sliders
 
@@ -59,7 +59,7 @@ def test_parts_are_put_together_once_and_again_in_other_velocities():
     lengths = np.array([5.0, 7.0, 0.5, 2.0, 4.0])
     actuation, shared = (
         Actuation(["a"], robot),
-        (Kinematics(robot), PassiveForces((), robot), SystemParts((), (), True, ())),
+        (Kinematics(robot), PassiveForces((), robot)),
     )
     for limit, free, kept, quick in (
         (1e8, False, [0, 2], 1e6),

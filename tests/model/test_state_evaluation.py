@@ -17,7 +17,7 @@ from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.numpy_evaluator import NumPyEvaluator
 from rnc_pin.model.output_gradients import kinematic_gradient, log_determinant_gradient
 from rnc_pin.model.passive_forces import PassiveForces
-from rnc_pin.model.reduction_data import ReductionData, SystemParts, VelocityRows
+from rnc_pin.model.reduction_data import ReductionData, VelocityRows
 from rnc_pin.model.row_stack import OutputStack, RowStack
 from rnc_pin.model.rows import OutputRows
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -454,7 +454,7 @@ def system():
     reducing = [ends[0], VelocityRows(W, ["quasi"], [""]), ends[1]]
     actuation = Actuation(["b", "d", rnc.FrameForce("tip", "y"), rnc.FrameTorque("tip", "x")], robot)
     lengths = np.array([1.1, 0.9, 1.3, 0.7, 1.0, 2.0, 0.5])
-    shared = Kinematics(robot), PassiveForces((), robot), SystemParts((), (), True, ())
+    shared = Kinematics(robot), PassiveForces((), robot)
     x2, x1 = OutputStack(reducing), OutputStack([vertical])
     parts = ReductionData(robot, RowStack([rows]), (0, 1), actuation, x2, x1, 1e8, lengths, *shared)
     still = Actuation(generator.normal(size=(N, 4)), robot)
