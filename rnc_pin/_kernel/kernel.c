@@ -1695,7 +1695,8 @@ static int opened(Evaluator *ev, PyObject *arrays) /* views of Pinocchio's memor
     return 1;
 }
 
-/* The tables of Evaluator(...): sizes, references, views, then arrays of bytes; see reduction_kernel.py, which makes them.
+/* The tables of Evaluator(...): sizes, references, views, then arrays of bytes; see reduction_kernel.py, which makes
+ * them.
  */
 static int initialize(PyObject *self, PyObject *args, PyObject *keywords)
 {
