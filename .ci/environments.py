@@ -22,6 +22,7 @@ BARE = (*SMOKE, "rnc-pin inspect space-robot", "rnc-pin replay runs/space-robot 
 EXTRAS = {
     "dask": ("PAGE docs/sweeps.md",),
     "gym": ("PAGE docs/learning.md",),
+    "logs": ("PAGE docs/logs.md",),
     "mujoco": ("PAGE docs/mujoco.md", "rnc-pin run space-robot --plant mujoco --set simulation.duration=0.5"),
     "qp": ("PAGE docs/whole_body.md",),
     "robots": ("python -c 'import rtbdata'",),
@@ -34,6 +35,10 @@ ELSEWHERE = {"test", "docs"}
 MISSING = {
     "dask": "rnc-pin sweep space-robot --runs 2 --out s --scheduler tcp://127.0.0.1:1",
     "gym": """python -c 'import rnc_pin as rnc; rnc.gym.make("space-robot")'""",
+    "logs": (
+        "touch x.bag && python -c "
+        """'import rnc_pin as rnc; rnc.Log.read("x.bag", {"topics": {"/j": {"joints": "all"}}})'"""
+    ),
     "mujoco": "rnc-pin run space-robot --plant mujoco",
     "qp": (
         "python -c 'import rnc_pin as rnc; from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver; "
