@@ -42,8 +42,8 @@ class FixedOutput:
     value: float | tuple[float, ...] | np.ndarray
 
     def bind(self, robot: Robot) -> Rows:
-        rows, names = self.output.bind(robot), ", ".join(self.output.bind(robot).names)
-        value = np.atleast_1d(np.asarray(self.value, dtype=float))
+        rows = self.output.bind(robot)
+        names, value = ", ".join(rows.names), np.array(self.value, dtype=float, ndmin=1)
         if value.shape != (len(rows.names),) or not np.isfinite(value).all():
             raise ConstraintError(f"fixed output {names}: expected {len(rows.names)} numbers, found {self.value!r}")
         if rows.quasi:
