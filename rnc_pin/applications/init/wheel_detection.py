@@ -188,23 +188,26 @@ def _is_mate_of(at_start: RobotAtStart, candidate: _Candidate, wheel: Wheel) -> 
     model = at_start.robot.model
     other = at_start.robot.joint_id(wheel.joint)
     masses = [model.inertias[each].mass for each in (candidate.index, other)]
-    beside = across(candidate.center - wheel.center, wheel.axle)
-    parallel = np.linalg.norm(np.cross(candidate.axle, wheel.axle)) < ALIGNED
-    is_on_line = bool(parallel and np.linalg.norm(beside) < placed(wheel.radius))
     return (
-        is_on_line
+        _is_on_line(wheel, candidate.axle, candidate.center, wheel.radius)
         and abs(masses[0] - masses[1]) < ALIGNED * masses[1]
         and model.parents[candidate.index] == model.parents[other]
     )
 
 
+def _is_on_line(wheel: Wheel, axle: np.ndarray, center: np.ndarray, radius: float) -> bool:
+    """True if another wheel, with its axle (3,), center (3,) and radius, is on the axle line of a wheel."""
+    beside = across(center - wheel.center, wheel.axle)
+    is_parallel = np.linalg.norm(np.cross(axle, wheel.axle)) < ALIGNED
+    return bool(is_parallel and np.linalg.norm(beside) < placed(radius))
+
+
 def _has_mate(one: _Found, found: Sequence[_Found]) -> bool:
     """True for one of two equal disks side by side on one axle line of one body, which turn once."""
     for other in (each.wheel for each in found if each.turns_once and one.turns_once and each is not one):
-        beside = across(other.center - one.wheel.center, one.wheel.axle)
         equal = abs(other.radius - one.wheel.radius) < ALIGNED * other.radius
-        parallel = np.linalg.norm(np.cross(other.axle, one.wheel.axle)) < ALIGNED
-        if equal and parallel and np.linalg.norm(beside) < placed(other.radius) and one.wheel.is_beside(other):
+        in_line = _is_on_line(one.wheel, other.axle, other.center, other.radius)
+        if equal and in_line and one.wheel.is_beside(other):
             return True
     return False
 
