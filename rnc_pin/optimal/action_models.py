@@ -157,6 +157,11 @@ class ActionModel(ABC):
         v, a = self.flow(middle, u)
         return Nodes(self.manifold.integrate(at.q, h * v), at.w + h * a)
 
+    def after(self, nodes: Nodes, u: Array, k: int, since: float) -> Nodes:
+        """State (one node) a time [s] after node k of a motion with nodes (K + 1) and inputs (K, nu)."""
+        start = Nodes(nodes.q[k : k + 1], nodes.w[k : k + 1])
+        return self.step(start, u[k : k + 1], np.array([since]))
+
     def step_derivatives(self, at: Nodes, u: Array, h: Array) -> StepDerivatives:
         """Next states of nodes after steps h (n,) [s], with derivatives."""
         n, nv, nu, nx = len(at.q), self.nv, self.nu, self.nx

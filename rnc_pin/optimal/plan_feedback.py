@@ -209,9 +209,8 @@ class PlanFeedback(ReprMixin):
         if t >= plan.duration:
             return *self._after.at(t - plan.duration), self.K[-1]
         k = min(max(int(np.searchsorted(plan.time, t, side="right")) - 1, 0), len(plan.u) - 1)
-        start = Nodes(plan.q[k : k + 1], plan.w[k : k + 1])
-        since = np.array([max(0.0, t - plan.time[k])])
-        return self._model.step(start, plan.u[k : k + 1], since), plan.u[k], self.K[k]
+        at = self._model.after(Nodes(plan.q, plan.w), plan.u, k, max(0.0, t - plan.time[k]))
+        return at, plan.u[k], self.K[k]
 
     def input_at(self, t: float, q: Array, v2: Array) -> tuple[Array, Array]:
         """Input of the form with feedback, and the planned reduced velocity."""

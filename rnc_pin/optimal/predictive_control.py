@@ -276,8 +276,7 @@ class PredictiveController(ReprMixin):
         """State of the motion at a time, and its interval."""
         since = min(max(t - state.begin, 0.0), self.horizon)
         k = min(int(since / self._h), len(state.u) - 1)
-        start = Nodes(state.q[k : k + 1], state.w[k : k + 1])
-        return self._model.step(start, state.u[k : k + 1], np.array([since - k * self._h])), k
+        return self._model.after(Nodes(state.q, state.w), state.u, k, since - k * self._h), k
 
     def _input(self, t: float, at: Nodes, state: PredictiveState) -> Array:
         """Input with feedback at a time."""

@@ -304,8 +304,8 @@ class SetPointController(ReprMixin):
     def _planned(self, t: float, state: SetPointState) -> tuple[Nodes, int]:
         """State of the plan at a time, and its interval."""
         k = self._interval(t, state)
-        start = Nodes(state.q[k : k + 1], state.w[k : k + 1])
-        return self._model.step(start, state.u[k : k + 1], np.array([max(0.0, t - state.begin - k * state.h)])), k
+        since = max(0.0, t - state.begin - k * state.h)
+        return self._model.after(Nodes(state.q, state.w), state.u, k, since), k
 
     def _followed(self, t: float, now: Nodes, state: SetPointState) -> Array:
         """Input with feedback along the plan, within its bounds."""
