@@ -13,6 +13,7 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.control.actuator_velocity import driven_joints
 from rnc_pin.control.wheeled_base import WheeledBase
 from rnc_pin.errors import ConfigurationError, InputError
+from rnc_pin.math.coordinates import arc_chord
 from rnc_pin.model.input_validation import ArrayInput, ConfigurationValidator, vector
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import ReprMixin
@@ -115,7 +116,7 @@ class WheelOdometry(ReprMixin):
 def _composed(pose: Array, increment: Array) -> Array:
     """Pose after the motion with a constant twist (3,) over unit time."""
     x, y, turn = increment
-    along, across = np.sinc(turn / np.pi), 0.5 * turn * np.sinc(0.5 * turn / np.pi) ** 2
+    along, across = arc_chord(turn)
     forward, left = along * x - across * y, across * x + along * y
     c, s = np.cos(pose[2]), np.sin(pose[2])
     return np.asarray(pose + np.array([c * forward - s * left, s * forward + c * left, turn]))

@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rnc_pin.math.coordinates import arc_chord
+
 _SMALL = 1e-3  # angle below which series replace quotients
 
 
@@ -82,7 +84,7 @@ def _displacement(steps: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np
     w = steps[:, 2]
     small = np.abs(w) < _SMALL
     safe = np.where(small, 1.0, w)
-    s, c = np.sinc(w / np.pi), np.sin(w / 2) * np.sinc(w / (2 * np.pi))  # sin w / w, (1 - cos w) / w
+    s, c = arc_chord(w)
     d_s = np.where(small, -w / 3 + w**3 / 30, (np.cos(w) - s) / safe)
     d_c = np.where(small, 0.5 - w**2 / 8 + w**4 / 144, (np.sin(w) - c) / safe)
     along, side = steps[:, :2], sideways(steps[:, :2])

@@ -151,6 +151,17 @@ def angle_difference(desired: np.ndarray, actual: np.ndarray, angular: np.ndarra
     return difference
 
 
+def arc_chord(turn: _Angle) -> tuple[_Angle, _Angle]:
+    """Parts of the chord of an arc of unit length along and across its first direction, for an arc that turns by turn.
+
+    These are ``sin(turn) / turn`` and ``(1 - cos(turn)) / turn``, which hold at zero too.
+
+    Args:
+        turn: angle [rad].
+    """
+    return np.sinc(turn / np.pi), np.sin(turn / 2) * np.sinc(turn / (2 * np.pi))
+
+
 def wrapped(angle: _Angle) -> _Angle:
     """Angle, or array of angles, wrapped to (-pi, pi]."""
     return np.pi - np.mod(np.pi - angle, 2 * np.pi)
