@@ -12,6 +12,19 @@ from rnc_pin.errors import InputError, nearest
 
 MAX_LINES = 6  # largest number of lines in a panel
 _MAX_NAME = 60  # characters
+AXIS_NAMES = {
+    "m": "position",
+    "rad": "angle",
+    "m/s": "speed",
+    "rad/s": "angular velocity",
+    "m/s^2": "acceleration",
+    "rad/s^2": "angular acceleration",
+    "N": "force",
+    "N m": "torque",
+}
+"""Names of axes by unit."""
+INTEGRAL_NAMES = {"m": "distance", "rad": "turned angle"}
+"""Names of axes of integrals of rates by unit."""
 
 
 def readable_name(name: str) -> str:

@@ -13,7 +13,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, nearest
-from rnc_pin.figures.panel import Panel, Series, split_names
+from rnc_pin.figures.panel import AXIS_NAMES, INTEGRAL_NAMES, Panel, Series, split_names
 from rnc_pin.io.atomic_write import atomic_file
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
 from rnc_pin.planning.references import PiecewisePolynomial
@@ -27,15 +27,6 @@ if TYPE_CHECKING:
 
 _SAMPLES = 400
 _NEAR = 2.0  # bounds farther away than this share of the range of a curve are not drawn
-_RATES = {"m": "speed", "rad": "angular velocity"}  # rates and inputs by unit, as axes name them
-_INPUTS = {
-    "N": "force",
-    "N m": "torque",
-    "m/s": "speed",
-    "rad/s": "angular velocity",
-    "m/s^2": "acceleration",
-    "rad/s^2": "angular acceleration",
-}
 _ARRAYS = ("time", "q", "w", "u", "K", "position", "velocity", "acceleration")
 
 
@@ -382,7 +373,7 @@ def _panels(plan: MotionPlan, outputs: Sequence[str], times: Array) -> list[Pane
         found += _panels_by_axis(axes, series)
     held = {name: np.append(u, u[-1]) for name, u in zip(info.input_names, plan.u.T, strict=True)}
     return found + _panels_by_axis(
-        {name: (_INPUTS.get(unit, "input"), unit or "-") for name, unit in zip(held, info.input_units, strict=True)},
+        {name: (AXIS_NAMES.get(unit, "input"), unit or "-") for name, unit in zip(held, info.input_units, strict=True)},
         {
             name: Series(name, u, bounds=_near_bounds(plan, "input", name, u), time=plan.time, is_held=True)
             for name, u in held.items()
@@ -393,9 +384,8 @@ def _panels(plan: MotionPlan, outputs: Sequence[str], times: Array) -> list[Pane
 def _axis(quantity: str, unit: str, integral: bool) -> tuple[str, str]:
     """Quantity and unit of the axis of an output or of its rate."""
     if quantity == "velocity":
-        return _RATES.get(unit, "rate"), f"{'1' if unit == '-' else unit}/s"
-    words = {"m": "distance", "rad": "turned angle"} if integral else {"m": "position", "rad": "angle"}
-    return words.get(unit, "value"), unit
+        return AXIS_NAMES.get(f"{unit}/s", "rate"), f"{'1' if unit == '-' else unit}/s"
+    return (INTEGRAL_NAMES if integral else AXIS_NAMES).get(unit, "value"), unit
 
 
 def _panels_by_axis(axes: Mapping[str, tuple[str, str]], series: Mapping[str, Series]) -> list[Panel]:

@@ -38,6 +38,7 @@ from .rollout import Margin as Margin
 from .rollout import Rollout as Rollout
 from .rollout import RolloutEvaluation as RolloutEvaluation
 from .rollout import kinematic_rollout as kinematic_rollout
+from .run_data import tracking_errors as tracking_errors
 from .run_figure import run_name as run_name
 from .run_info import Columns as Columns
 from .run_info import FallbackUse as FallbackUse
@@ -67,6 +68,5 @@ from .summary import Summary as Summary
 from .summary import add_limits as add_limits
 from .summary import add_verdict as add_verdict
 from .summary import summarize as summarize
-from .summary import tracking_errors as tracking_errors
 from .trajectory import Trajectory as Trajectory
 from .tuned_tracker import tuned_tracker as tuned_tracker

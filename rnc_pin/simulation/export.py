@@ -14,7 +14,7 @@ import numpy as np
 from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.io.atomic_write import atomic_file
 from rnc_pin.simulation.run_data import RunData
-from rnc_pin.simulation.run_info import OutputNames, RunInfo
+from rnc_pin.simulation.run_info import FORCE_UNITS, OutputNames, RunInfo
 
 FORMATS = (".csv", ".mat")
 
@@ -78,7 +78,7 @@ def _named(info: RunInfo, array: str) -> list[Column]:
         if array.startswith("v"):
             units = [f"{'1' if unit == '-' else unit}/s" for unit in units]
         elif array == "F":
-            units = [{"m": "N", "rad": "N m"}.get(unit, "") for unit in units]
+            units = [FORCE_UNITS.get(f"{unit}/s", "") for unit in units]
         return [Column(*pair) for pair in zip(of.names, units, strict=True)]
     if array in ("estimates", "prediction_error"):
         named = origin.estimates if array == "estimates" else origin.predicted
@@ -91,7 +91,8 @@ def _named(info: RunInfo, array: str) -> list[Column]:
     source = {"v_measured": "v", "slip": "multipliers"}.get(array, array)
     units = _units(outputs, source)
     if array == "slip":
-        units = [{"N": "m/s", "N m": "rad/s"}.get(unit, "") for unit in units]
+        rates = {force: rate for rate, force in FORCE_UNITS.items()}
+        units = [rates.get(unit, "") for unit in units]
     return [Column(*pair) for pair in zip(getattr(outputs, source), units, strict=True)]
 
 

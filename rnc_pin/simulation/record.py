@@ -21,6 +21,7 @@ from rnc_pin.simulation.derived_quantities import MATRICES, DerivedQuantities, R
 from rnc_pin.simulation.ground_bodies import GroundBody, ground_bodies
 from rnc_pin.simulation.judgement import judged_by
 from rnc_pin.simulation.run_info import (
+    FORCE_UNITS,
     Columns,
     FallbackUse,
     MissedUpdates,
@@ -341,13 +342,9 @@ def output_names(reduced: ReducedModel) -> OutputNames:
         v_units=tuple(reduced.robot.velocity_units),
         q=tuple(name for name, _ in reduced.robot.configuration_entries),
         q_units=tuple(unit for _, unit in reduced.robot.configuration_entries),
-        multipliers_units=tuple(_FORCE_UNITS.get(unit, "") for unit in reduced.constraints.units),
-        contact_forces_units=tuple(_FORCE_UNITS.get(unit, "") for unit in reduced.all_constraints.units),
+        multipliers_units=tuple(FORCE_UNITS.get(unit, "") for unit in reduced.constraints.units),
+        contact_forces_units=tuple(FORCE_UNITS.get(unit, "") for unit in reduced.all_constraints.units),
     )
-
-
-_FORCE_UNITS = {"m/s": "N", "rad/s": "N m"}
-"""Unit of the force of a constraint row by the unit of its rate."""
 
 
 def columns_of(outputs: OutputStack) -> Columns:

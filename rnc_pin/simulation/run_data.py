@@ -172,17 +172,6 @@ class RunData(SummaryMixin):
         """Coordinate types of the outputs of a kind, "x1" or "x2": angles and rotation vectors."""
         return self.info.outputs.of(kind).coordinates
 
-    def tracking_errors(self) -> dict[str, Float[Array, " N"]]:
-        """Desired minus actual value over time, by name of output with a goal; NaN before the first goal."""
-        errors: dict[str, np.ndarray] = {}
-        for kind in ("x2", "x1"):
-            desired, actual = getattr(self, f"{kind}_desired"), getattr(self, kind)
-            difference = self.coordinates(kind).difference(desired, actual)
-            for column, name in enumerate(self.info.outputs.of(kind).names):
-                if name in self.info.goals:
-                    errors[name] = difference[:, column]
-        return errors
-
     def save(self, path: str | Path) -> None:
         """Write a compressed ``.npz`` file to a path, for ``load``. An error leaves no partial file."""
         path = Path(path)
@@ -244,6 +233,18 @@ class RunData(SummaryMixin):
             for label, rows in values.items()
         ]
         return ObjectSummary(title, [*lines, *(line for line in said if line[1])])
+
+
+def tracking_errors(trajectory: RunData) -> dict[str, np.ndarray]:
+    """Desired minus actual value over time, (N,) per output with a goal; NaN before the first goal."""
+    errors: dict[str, np.ndarray] = {}
+    for kind in ("x2", "x1"):
+        desired, actual = getattr(trajectory, f"{kind}_desired"), getattr(trajectory, kind)
+        difference = trajectory.coordinates(kind).difference(desired, actual)
+        for column, name in enumerate(trajectory.info.outputs.of(kind).names):
+            if name in trajectory.info.goals:
+                errors[name] = difference[:, column]
+    return errors
 
 
 class _Unfit(ValueError):

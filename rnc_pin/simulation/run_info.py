@@ -18,6 +18,8 @@ from rnc_pin.printing import printed
 from rnc_pin.verdict import Verdict
 
 _Record = TypeVar("_Record")
+FORCE_UNITS = {"m/s": "N", "rad/s": "N m"}
+"""Unit of the force of a row by the unit of its rate."""
 
 
 class _Strict:

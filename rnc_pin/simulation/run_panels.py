@@ -13,8 +13,8 @@ from typing import NamedTuple, TypeAlias, TypeVar
 import numpy as np
 
 from rnc_pin.errors import InputError, nearest
-from rnc_pin.figures.panel import MAX_LINES, Panel, Series, split_names
-from rnc_pin.simulation.run_data import RunData
+from rnc_pin.figures.panel import AXIS_NAMES, INTEGRAL_NAMES, MAX_LINES, Panel, Series, split_names
+from rnc_pin.simulation.run_data import RunData, tracking_errors
 from rnc_pin.simulation.run_info import Columns
 
 _MAX_PANELS = 3  # largest number of panels of one quantity
@@ -160,8 +160,9 @@ def _axis(run: RunData, name: str) -> _Axis:
     unit, integral = columns.units[column], _is_integral(run, name)
     if any(start <= column < start + 3 for start in columns.rotations):
         return _Axis("rotation vector", unit)
-    kinds = {"m": "distance", "rad": "turned angle"} if integral else {"m": "position", "rad": "angle"}
-    return _Axis(kinds.get(unit, "integral" if integral else "value"), unit or "-")
+    return _Axis(
+        (INTEGRAL_NAMES if integral else AXIS_NAMES).get(unit, "integral" if integral else "value"), unit or "-"
+    )
 
 
 def _grouped_by(names: Iterable[str], key: Callable[[str], _Key]) -> list[tuple[_Key, list[str]]]:
@@ -213,15 +214,15 @@ def _rates(run: RunData, others: Others) -> list[Panel]:
 
     found = []
     for unit, group in _grouped_by(names, lambda name: columns.units[columns.names.index(name)]):
-        kind = {"m": "speed", "rad": "angular velocity"}.get(unit, "rate")
+        kind = AXIS_NAMES.get(f"{unit}/s", "rate")
         found += _split(_Axis(kind, f"{unit or 1}/s"), group, series, _lines_per_panel(others))
     return found
 
 
 def _errors(run: RunData, others: Others) -> list[Panel]:
     """Panels of the tracking errors by unit; of many errors only the largest."""
-    errors = run.tracking_errors()
-    compared = {label: other.tracking_errors() for label, other in others.items()}
+    errors = tracking_errors(run)
+    compared = {label: tracking_errors(other) for label, other in others.items()}
     units = {name: _find_output(run, name)[1].units[_find_output(run, name)[2]] for name in errors}
     found = []
     for unit, names in _grouped_by(errors, lambda name: units[name]):
@@ -250,11 +251,10 @@ def _magnitude(error: np.ndarray) -> np.ndarray:
 def _inputs(run: RunData, others: Others) -> list[Panel]:
     """Panels of the actuator inputs by unit, without compared runs, which would hide them."""
     names, units = run.info.outputs.T, run.info.outputs.T_units
-    kinds = {"N": "force", "N m": "torque"}
     found = []
     for unit, group in _grouped_by(names, lambda name: units[names.index(name)] if units else ""):
         most, note = _largest_ranges(group, lambda name: run.T[:, names.index(name)], {})
-        axis = _Axis(kinds.get(unit, "input"), unit or "-")
+        axis = _Axis(AXIS_NAMES.get(unit, "input"), unit or "-")
         found += _split(axis, most, lambda name: Series(name, run.T[:, names.index(name)]), MAX_LINES, note)
     return found
 

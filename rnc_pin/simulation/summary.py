@@ -12,6 +12,7 @@ from rnc_pin.analysis import first_lift_off
 from rnc_pin.io.json import Json
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, described
 from rnc_pin.simulation.limit_replay import LIMIT_KINDS, Clearance, LimitReplay
+from rnc_pin.simulation.run_data import tracking_errors
 from rnc_pin.simulation.run_info import OutputNames
 from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.verdict import Verdict
@@ -142,11 +143,6 @@ class Summary(Compared):
     files: NotRequired[list[str]]
 
 
-def tracking_errors(trajectory: Trajectory) -> dict[str, np.ndarray]:
-    """Desired minus actual value over time, (N,) per output with a goal; NaN before the first goal."""
-    return trajectory.tracking_errors()
-
-
 def summarize(trajectory: Trajectory, wall_time: float | None = None) -> Summary:
     """Errors and invariants of a run.
 
@@ -164,7 +160,7 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> Summary
         True
     """
     info = trajectory.info
-    errors = {name: error[~np.isnan(error)] for name, error in trajectory.tracking_errors().items()}
+    errors = {name: error[~np.isnan(error)] for name, error in tracking_errors(trajectory).items()}
     duration = float(trajectory.time[-1]) if len(trajectory.time) else 0.0
     balance = trajectory.energy - trajectory.work
     summary: Summary = {
@@ -302,5 +298,5 @@ def _add_learning(summary: Summary, trajectory: Trajectory) -> None:
     summary["final_estimates"] = trajectory.estimates[-1].tolist()
     summary["late_prediction_error_rms"] = float(np.sqrt(np.mean(trajectory.prediction_error[late] ** 2)))
     summary["late_rms_error"] = {
-        name: float(np.sqrt(np.mean(error[late] ** 2))) for name, error in trajectory.tracking_errors().items()
+        name: float(np.sqrt(np.mean(error[late] ** 2))) for name, error in tracking_errors(trajectory).items()
     }
