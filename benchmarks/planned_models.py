@@ -15,11 +15,12 @@ def knife_edge() -> rnc.ReducedModel:
     return system.reduce([rnc.FrameSpeed("sleigh"), rnc.FrameYaw("sleigh")])
 
 
-def car() -> rnc.ReducedModel:
+def car(driven: str = "rear_axle") -> rnc.ReducedModel:
+    """Car with a driven axle, of which the front one is steered too."""
     robot = rnc.Robot.from_urdf("car.urdf", base="planar")
     rows = [rnc.NoSideSlip("front_axle"), rnc.NoSideSlip("rear_axle")]
-    system = rnc.NonholonomicSystem(robot, rows, [rnc.FrameForce("rear_axle", "x"), "front_steering"])
-    return system.reduce([rnc.FrameSpeed("rear_axle"), rnc.JointPosition("front_steering")])
+    system = rnc.NonholonomicSystem(robot, rows, [rnc.FrameForce(driven, "x"), "front_steering"])
+    return system.reduce([rnc.FrameSpeed(driven), rnc.JointPosition("front_steering")])
 
 
 def mobile_manipulator() -> rnc.ReducedModel:

@@ -102,14 +102,6 @@ def drive() -> rnc.ReducedModel:
     return system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
 
 
-def tricycle() -> rnc.ReducedModel:
-    """Forklift whose front wheel is driven and steered."""
-    robot = rnc.Robot.from_urdf("car.urdf", base="planar")
-    edges = [rnc.NoSideSlip("front_axle"), rnc.NoSideSlip("rear_axle")]
-    system = rnc.NonholonomicSystem(robot, edges, [rnc.FrameForce("front_axle", "x"), "front_steering"])
-    return system.reduce([rnc.FrameSpeed("front_axle"), rnc.JointPosition("front_steering")])
-
-
 def floating_arm() -> rnc.ReducedModel:
     robot = rnc.Robot.from_urdf("space_robot.urdf")
     joints = ["joint_1", "joint_2", "joint_3"]
@@ -127,7 +119,7 @@ CASES = {
     "edge": Case(edge, "sleigh", {}),
     "drive": Case(drive, "base", {}),
     "car": Case(car, "rear_axle", _FRONT, steering=("front_steering",)),
-    "tricycle": Case(tricycle, "rear_axle", _FRONT, steering=("front_steering",)),
+    "tricycle": Case(partial(car, "front_axle"), "rear_axle", _FRONT, steering=("front_steering",)),
     "trailer": Case(partial(tractor, 1), "tractor", {**_FRONT, "hitch_1": 0.0}, duration=20.0, run=60.0),
     "trailers": Case(partial(tractor, 2), "tractor", {**_FRONT, "hitch_1": 0.0, "hitch_2": 0.0}, duration=30, run=90),
     "mecanum": Case(mecanum, "base_link", {}),
