@@ -1,0 +1,153 @@
+"""Contact forces that rigid bodies leave possible: the equations that they satisfy, and where these leave them free."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy import ndarray as Array
+
+from rnc_pin.analysis.normal_forces import NormalForces, contacts_of
+from rnc_pin.array_shapes import Bool, Float
+from rnc_pin.model.cached_property import cached_property
+from rnc_pin.model.reduced_model import ReducedModel
+
+_RANK = 1e-10  # part of the largest singular value below which one counts as zero
+_FREE = 1e-8  # part of a unit force that is free, below which this is rounding
+
+
+class ContactForceSet:
+    """Set of the contact forces of a model that rigid bodies leave possible.
+
+    The unknowns y are the forces of all constraint rows on the robot, the upward forces of contacts whose height no row
+    keeps, and the couples of axles. They satisfy ``W y = b``: the rows give the generalized force of the constraints,
+    and the upward forces balance a planar base (``NormalForces``). The null space of W is what rigid bodies leave open,
+    e.g. how two wheels on one axle share a lateral force, or how four wheels share the weight.
+
+    Args:
+        reduced: the model.
+
+    Attributes:
+        normal: normal forces of the model.
+        contacts: contacts that grip or carry, (m,).
+        names: their names, (m,).
+        gripping: True for contacts with friction along the ground, (m,).
+        size: number k of the components of a contact force: upward, and along the ground.
+    """
+
+    def __init__(self, reduced: ReducedModel) -> None:
+        self._reduced, self.normal = reduced, NormalForces(reduced)
+        self.contacts = [each for each in contacts_of(reduced) if each.along or each in self.normal.contacts]
+        self.names = tuple(each.name for each in self.contacts)
+        self.gripping = np.array([bool(each.along) for each in self.contacts], dtype=bool)
+        self.size = 1 + max((len(each.along) for each in self.contacts), default=0)
+        self._rows = reduced.all_constraints.size
+        self._by_motion = ~self.normal.carried_by_row
+        self._places = [
+            self.normal.contacts.index(each) if each in self.normal.contacts else None for each in self.contacts
+        ]
+
+    @cached_property
+    def selection(self) -> Float[Array, "m k y"]:
+        """Selection of the components of each contact among the unknowns y: upward, then along the ground."""
+        axles = sum(contact.up is None for contact in self.normal.contacts)
+        out = np.zeros((len(self.contacts), self.size, self._rows + int(self._by_motion.sum()) + axles))
+        for number, (contact, place) in enumerate(zip(self.contacts, self._places, strict=True)):
+            for component, row in enumerate(contact.along, 1):
+                out[number, component, row] = 1.0
+            if place is not None and self._by_motion[place]:
+                out[number, 0, self._rows + int(self._by_motion[:place].sum())] = 1.0
+            elif place is not None and contact.up is not None:
+                out[number, 0, contact.up] = 1.0
+        return out
+
+    def effects(self, q: Float[Array, "N nq"], rows: Float[Array, "N l nv"]) -> Float[Array, "N e y"]:
+        """Matrices W of the equations.
+
+        Args:
+            q: configurations.
+            rows: all constraint rows there.
+        """
+        of_rows = rows.mT
+        if not self._by_motion.any():
+            return of_rows
+        gives, couples = self.normal.plane_effects(q)
+        kept = self.balanced_part(gives, couples)
+        by_row = [
+            contact.up for contact, motion in zip(self.normal.contacts, self._by_motion, strict=True) if not motion
+        ]
+        left = np.zeros((len(q), 3, self._rows))
+        left[:, :, by_row] = gives[:, :, ~self._by_motion]
+        right = np.concatenate([gives[:, :, self._by_motion], couples], axis=2)
+        nothing = np.zeros((len(q), of_rows.shape[1], right.shape[2]))
+        below = kept @ np.concatenate([left, right], axis=2)
+        return np.concatenate([np.concatenate([of_rows, nothing], axis=2), below], axis=1)
+
+    def balanced_part(self, gives: Float[Array, "N 3 c"], couples: Float[Array, "N 3 u"]) -> Float[Array, "N e 3"]:
+        """Combinations of the three balances that forces can satisfy: the sum exactly, moments by least squares."""
+        effects = np.concatenate([gives[:, :, self._by_motion], couples], axis=2)
+        sums, moments = effects[0, 0], effects[:, 1:]
+        free = np.eye(len(sums)) - np.outer(sums, sums) / self._by_motion.sum()  # directions that keep the sum
+        out = np.zeros((len(gives), 1 + len(sums), 3))
+        out[:, 0, 0] = 1.0
+        out[:, 1:, 1:] = (moments @ free).mT
+        return out
+
+    def free(
+        self, q: Float[Array, "N nq"], rows: Float[Array, "N l nv"], known: Bool[Array, " m"] | None = None
+    ) -> Float[Array, "N m k d"]:
+        """Directions in which the contact forces are free: orthonormal, the last ones zero where fewer are free.
+
+        Args:
+            q: configurations.
+            rows: all constraint rows there.
+            known: contacts whose load is stated, so that it is not free; none by default.
+        """
+        _, values, right = np.linalg.svd(self.effects(q, rows), full_matrices=False)
+        right = right * (values > _RANK * values[:, :1])[:, :, None]
+        selection = self.selection.copy()
+        if known is not None:
+            selection[known, 0] = 0.0
+        selection = selection.reshape(-1, selection.shape[-1])
+        left, values, _ = np.linalg.svd(selection - (selection @ right.mT) @ right, full_matrices=False)
+        count = int((values > _FREE).sum(axis=1).max(initial=0))
+        basis = left[:, :, :count] * (values[:, None, :count] > _FREE)
+        return basis.reshape(len(q), *self.selection.shape[:2], count)
+
+    def known(self, contact_forces: Float[Array, "N l"], normal_forces: Float[Array, "N c"]) -> Float[Array, "N m k"]:
+        """Contact forces from those of the rows on the robot, and from ``NormalForces``; 0 where nothing carries."""
+        out = np.zeros((len(contact_forces), len(self.contacts), self.size))
+        for number, (contact, place) in enumerate(zip(self.contacts, self._places, strict=True)):
+            out[:, number, 1 : 1 + len(contact.along)] = contact_forces[:, list(contact.along)]
+            if place is not None and self._by_motion[place]:
+                out[:, number, 0] = normal_forces[:, place]
+            elif place is not None:
+                out[:, number, 0] = contact_forces[:, contact.up]
+        return out
+
+
+def linked_contacts(free: Float[Array, "N m k d"]) -> Bool[Array, "N m m"]:
+    """Pairs of contacts that a common choice changes; of a contact with itself, if it has a choice.
+
+    Args:
+        free: orthonormal directions in which the contact forces are free.
+    """
+    N, m, k, d = free.shape
+    flat = free.reshape(N, m * k, d)
+    return (np.abs(flat @ flat.mT) > _FREE**2).reshape(N, m, k, m, k).any(axis=(2, 4))
+
+
+def dependent_groups(linked: Bool[Array, "m m"]) -> list[list[int]]:
+    """Groups of contacts that choices link; contacts without a choice are in no group.
+
+    Args:
+        linked: pairs of contacts that a common choice changes.
+    """
+    groups: list[list[int]] = []
+    left = set(np.flatnonzero(linked.diagonal()).tolist())
+    while left:
+        group = [left.pop()]
+        for each in group:  # which grows
+            found = left & set(np.flatnonzero(linked[each]).tolist())
+            group += found
+            left -= found
+        groups.append(sorted(group))
+    return sorted(groups)
