@@ -2,16 +2,34 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+from typing import NamedTuple
+
 import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.analysis.normal_forces import NormalForces, contacts_of
 from rnc_pin.array_shapes import Bool, Float
+from rnc_pin.errors import RncError
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
 
 _RANK = 1e-10  # part of the largest singular value below which one counts as zero
+_ASSEMBLED = 1e-6  # the same at configurations that are assembled to a tolerance
+_SAMPLES = 3  # configurations, beside the neutral one, that decide the rank of the equations
 _FREE = 1e-8  # part of a unit force that is free, below which this is rounding
+
+
+class SolvedForces(NamedTuple):
+    """Solutions ``y + lift z`` of the equations of the contact forces; the contact forces are ``forces + free z``."""
+
+    y: Float[Array, "N y"]
+    forces: Float[Array, "N m k"]
+    free: Float[Array, "N m k d"]
+    lift: Float[Array, "N y d"]
+    inverse: Float[Array, "N y e"]
+    """Pseudo-inverses of W."""
 
 
 class ContactForceSet:
@@ -24,6 +42,7 @@ class ContactForceSet:
 
     Args:
         reduced: the model.
+        along: False for the upward forces alone.
 
     Attributes:
         normal: normal forces of the model.
@@ -33,17 +52,17 @@ class ContactForceSet:
         size: number k of the components of a contact force: upward, and along the ground.
     """
 
-    def __init__(self, reduced: ReducedModel) -> None:
+    def __init__(self, reduced: ReducedModel, along: bool = True) -> None:
         self._reduced, self.normal = reduced, NormalForces(reduced)
-        self.contacts = [each for each in contacts_of(reduced) if each.along or each in self.normal.contacts]
+        contacts = contacts_of(reduced) if along else [each._replace(along=()) for each in self.normal.contacts]
+        self.contacts = [each for each in contacts if each.along or each in self.normal.contacts or not along]
         self.names = tuple(each.name for each in self.contacts)
         self.gripping = np.array([bool(each.along) for each in self.contacts], dtype=bool)
         self.size = 1 + max((len(each.along) for each in self.contacts), default=0)
         self._rows = reduced.all_constraints.size
         self._by_motion = ~self.normal.carried_by_row
-        self._places = [
-            self.normal.contacts.index(each) if each in self.normal.contacts else None for each in self.contacts
-        ]
+        places = {each.point: number for number, each in enumerate(self.normal.contacts)}
+        self._places = [places.get(each.point) for each in self.contacts]
 
     @cached_property
     def selection(self) -> Float[Array, "m k y"]:
@@ -81,6 +100,15 @@ class ContactForceSet:
         below = kept @ np.concatenate([left, right], axis=2)
         return np.concatenate([np.concatenate([of_rows, nothing], axis=2), below], axis=1)
 
+    def needed(self, state: StateEvaluation, T: Float[Array, "N p"]) -> Float[Array, "N e"]:
+        """Right sides b at states (N,), or at one state, under inputs T."""
+        needed = state.constraint_forces(T)
+        if not self._by_motion.any():
+            return needed
+        q, v = (np.broadcast_to(each, (len(T), each.shape[-1])) for each in (state.q, state.v))
+        balance = self.normal.plane_needs(q, v, state.acceleration(T), T)
+        return np.concatenate([needed, np.matvec(self.balanced_part(*self.normal.plane_effects(q)), balance)], axis=1)
+
     def balanced_part(self, gives: Float[Array, "N 3 c"], couples: Float[Array, "N 3 u"]) -> Float[Array, "N e 3"]:
         """Combinations of the three balances that forces can satisfy: the sum exactly, moments by least squares."""
         effects = np.concatenate([gives[:, :, self._by_motion], couples], axis=2)
@@ -102,15 +130,70 @@ class ContactForceSet:
             known: contacts whose load is stated, so that it is not free; none by default.
         """
         _, values, right = np.linalg.svd(self.effects(q, rows), full_matrices=False)
-        right = right * (values > _RANK * values[:, :1])[:, :, None]
+        return self._directions(right * self._counted(values)[:, :, None], known)[0]
+
+    def solve(
+        self, q: Float[Array, "N nq"], rows: Float[Array, "N l nv"], needed: Float[Array, "N e"]
+    ) -> SolvedForces:
+        """Return all solutions y of the equations.
+
+        Args:
+            q: configurations.
+            rows: all constraint rows there.
+            needed: right sides b.
+        """
+        left, values, right = np.linalg.svd(self.effects(q, rows), full_matrices=False)
+        counted = self._counted(values)
+        free, lift = self._directions(right * counted[:, :, None], None)
+        inverse = (right.mT * (counted / np.where(counted, values, 1.0))[:, None]) @ left.mT
+        y = np.matvec(inverse, needed)
+        return SolvedForces(y, np.einsum("mky,ny->nmk", self.selection, y), free, lift, inverse)
+
+    def _counted(self, values: Array) -> Array:
+        """Mask of the singular values (N, s) of W that are not zero.
+
+        Near configurations at which constraint rows are dependent, there are values of the size of the residual. No
+        more count than where the robot is assembled.
+        """
+        return (values > _RANK * values[:, :1]) & (np.arange(values.shape[1]) < self._rank)
+
+    @cached_property
+    def _rank(self) -> int:
+        """Rank of W at assembled configurations."""
+        return max((int((values > _ASSEMBLED * values[0]).sum()) for values, _ in self._assembled), default=0)
+
+    @cached_property
+    def _freedom(self) -> int:
+        """Number of free directions at assembled configurations."""
+        selection = self.selection.reshape(-1, self.selection.shape[-1])
+        found = 0
+        for values, right in self._assembled:
+            right = right[: len(values)][values > _ASSEMBLED * values[0]]
+            left = selection - (selection @ right.T) @ right
+            found = max(found, int((np.linalg.svd(left, compute_uv=False) > _ASSEMBLED).sum()))
+        return found
+
+    @cached_property
+    def _assembled(self) -> list[tuple[Array, Array]]:
+        """Singular values and right singular vectors of W at a few assembled configurations."""
+        robot, generator, found = self._reduced.robot, np.random.default_rng(0), []
+        for q in (robot.configuration(), *(robot.random_configuration(generator) for _ in range(_SAMPLES))):
+            with suppress(RncError):
+                state = self._reduced.at(self._reduced.assembled(q))
+                found.append(np.linalg.svd(self.effects(state.q[None], state.all_rows[None])[0])[1:])
+        return found
+
+    def _directions(self, right: Array, known: Array | None) -> tuple[Array, Array]:
+        """Free directions of the contact forces, and those of the unknowns y, from the row space of W (N, s, y)."""
         selection = self.selection.copy()
         if known is not None:
             selection[known, 0] = 0.0
         selection = selection.reshape(-1, selection.shape[-1])
-        left, values, _ = np.linalg.svd(selection - (selection @ right.mT) @ right, full_matrices=False)
-        count = int((values > _FREE).sum(axis=1).max(initial=0))
-        basis = left[:, :, :count] * (values[:, None, :count] > _FREE)
-        return basis.reshape(len(q), *self.selection.shape[:2], count)
+        left, values, lift = np.linalg.svd(selection - (selection @ right.mT) @ right, full_matrices=False)
+        acts = values > _FREE
+        count = min(int(acts.sum(axis=1).max(initial=0)), self._freedom)
+        basis = (left * acts[:, None])[:, :, :count].reshape(len(right), *self.selection.shape[:2], count)
+        return basis, (lift * (acts / np.where(acts, values, 1.0))[:, :, None])[:, :count].mT
 
     def known(self, contact_forces: Float[Array, "N l"], normal_forces: Float[Array, "N c"]) -> Float[Array, "N m k"]:
         """Contact forces from those of the rows on the robot, and from ``NormalForces``; 0 where nothing carries."""

@@ -213,7 +213,7 @@ class NormalForces:
 
     def plane_effects(self, q: Float[Array, "N nq"]) -> tuple[Float[Array, "N 3 c"], Float[Array, "N 3 u"]]:
         """Return what unit upward forces and unit couples of axles give: upwards, and about axes along the ground."""
-        points, across = self._lines(q)
+        points, across = self.lines(q)
         ones = np.ones(points.shape[:2])
         # Effects of upward forces: their sum, and their moments about the axes along the ground.
         gives = np.stack([ones, points[..., 1], -points[..., 0]], axis=1)
@@ -228,7 +228,7 @@ class NormalForces:
     ) -> Float[Array, "N 3"]:
         """Return what the upward forces and couples have to balance."""
         wrenches = np.array([self._needed(*each) for each in zip(q, v, v_dot, T, strict=True)]).reshape(-1, 6)
-        ground = self._lines(q)[0][..., 2].min(axis=1)
+        ground = self.lines(q)[0][..., 2].min(axis=1)
         force, moment = wrenches[:, :3], wrenches[:, 3:]
         return np.stack([force[:, 2], moment[:, 0] + ground * force[:, 1], moment[:, 1] - ground * force[:, 0]], axis=1)
 
@@ -237,8 +237,8 @@ class NormalForces:
         gives, couples = self.plane_effects(q)
         return balanced(gives[..., ~self.carried_by_row], couples, needed - np.matvec(gives, known))
 
-    def _lines(self, q: Array) -> tuple[Array, Array]:
-        """Points of the contacts and directions of their forces (N, c, 3)."""
+    def lines(self, q: Float[Array, "N nq"]) -> tuple[Float[Array, "N c 3"], Float[Array, "N c 3"]]:
+        """Return the points of the contacts and the directions of their forces."""
         lines = self._reduced.all_constraints.lines_of_action(self._kinematics.position(q))
         points, across = (each[:, [contact.point for contact in self.contacts]] for each in lines)
         return points, across

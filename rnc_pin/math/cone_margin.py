@@ -21,7 +21,7 @@ _STEP = 0.99  # part of the way to the boundary of the cones
 _CAP = 10.0  # largest margin, in sizes of the vectors: internal forces may let it grow without bound
 _LEAST_WEIGHT = 1e-6
 _LEAST = 1e-15
-_FREE = 1e-8  # part of the largest effect below which a direction has none
+_FREE = 1e-8  # effect below which a direction has none
 _ROUNDS = 30
 _SETTLED = 1e-10  # part of a share by which another round has to lower it
 _LOADLESS = 1e-9  # part of the largest load below which a contact carries nothing
@@ -46,14 +46,14 @@ def cone_margin(
 
     Args:
         offset: vectors at z = 0; the first component is the one along the axis of the cone.
-        gain: effects of z; directions without an effect stay 0.
+        gain: effects of z, of the order of one; directions without an effect stay 0.
         weights: weights w_i of the margin; one by default.
 
     A margin that grows without bound ends at ten times the largest component of the offset.
     """
     N, m, k = offset.shape
     basis, effects, inputs = np.linalg.svd(gain.reshape(N, m * k, gain.shape[-1]), full_matrices=False)
-    acts = effects > _FREE * effects.max(axis=1, keepdims=True, initial=_LEAST)
+    acts = effects > _FREE
     d = int(acts.sum(axis=1).max(initial=0))
     acts = acts[:, :d]
     size = np.abs(offset).max(axis=(1, 2), initial=0.0)

@@ -106,6 +106,10 @@ class Rows(ABC):
         """
         return None
 
+    def line_gradients(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray] | None:
+        """Derivatives (k, 3, nv) of ``lines_of_action`` by q, at one state; None if there is no closed form."""
+        return None
+
     def mechanisms(self) -> tuple[Mechanism, ...]:
         """Physical mechanisms that enforce the rows, for simulators and drawings; empty if none is known."""
         return ()

@@ -84,9 +84,8 @@ class ContactCones:
         p = self._reduced.p
         if not self.names:
             return ContactBounds(np.zeros((0, p)), np.zeros(0), 0)
-        effects = self._forces.effects(state.q[None], state.all_rows[None])[0]
-        needed = self._needed(state)
-        left, values, right = np.linalg.svd(effects, full_matrices=True)
+        needed = self._forces.needed(state, np.vstack([np.zeros(p), np.eye(p)]))
+        left, values, right = np.linalg.svd(self._forces.effects(state.q[None], state.all_rows[None])[0])
         rank = int((values > _RANK * values[0]).sum())
         inverse = right[:rank].T @ (left[:, :rank] / values[:rank]).T
         # All contact forces: constant part, gain of T, gain of z.
@@ -103,18 +102,6 @@ class ContactCones:
             rows.append(across - inside * forces[place, 0])
         whole = np.vstack(rows)
         return ContactBounds(whole[:, 1:], -whole[:, 0], unknowns.shape[1] - 1 - p)
-
-    def _needed(self, state: StateEvaluation) -> Array:
-        """Right sides (1 + p, e) of the equations of the forces: without inputs, and for each unit input."""
-        p = self._reduced.p
-        inputs = np.vstack([np.zeros(p), np.eye(p)])
-        needed = state.constraint_forces(inputs)
-        if self._normal.carried_by_row.all():
-            return needed
-        many = [np.broadcast_to(each, (1 + p, len(each))) for each in (state.q, state.v)]
-        balance = self._normal.plane_needs(*many, state.acceleration(inputs), inputs)
-        kept = self._forces.balanced_part(*self._normal.plane_effects(state.q[None]))[0]
-        return np.hstack([needed, balance @ kept.T])
 
 
 class InverseDynamicsState(NamedTuple):

@@ -1,0 +1,170 @@
+"""Exact derivatives of contact forces along the dynamics of a reduced model."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from numpy import ndarray as Array
+
+from rnc_pin.analysis.contact_force_set import ContactForceSet
+from rnc_pin.analysis.derivatives import ConstraintForceDerivatives, constraint_force_derivatives
+from rnc_pin.array_shapes import Float
+from rnc_pin.model.kinematics import Kinematics, PositionKinematics
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.model.user_functions import gradient_with_error
+
+
+class ContactForceGradients:
+    """Derivatives of a function of the contact forces by the state and the inputs.
+
+    The forces y satisfy ``W y = b``. A function whose derivative by y is ``W^T p`` changes by ``p (db - dW y)``, where
+    the forces y stay the same: this is the derivative of the balance of forces. So the choice that rigid bodies leave
+    has no effect, if y is the best one.
+
+    Args:
+        reduced: the model.
+        forces: its contact forces.
+    """
+
+    def __init__(self, reduced: ReducedModel, forces: ContactForceSet) -> None:
+        self._reduced, self._set, self._model = reduced, forces, reduced.robot.model
+        self._kinematics, self._data = Kinematics(reduced.robot), reduced.robot.model.createData()
+        self._motion = ~forces.normal.carried_by_row
+
+    def at(
+        self, state: StateEvaluation, T: Float[Array, "N p"], y: Float[Array, "N k y"], shares: Float[Array, "N k e"]
+    ) -> tuple[Float[Array, "N k nv"], Float[Array, "N k r"], Float[Array, "N k p"]]:
+        """Return the derivatives of k functions by q, v2 and T.
+
+        Args:
+            state: states (N,).
+            T: inputs.
+            y: forces, for each function.
+            shares: derivatives p of each function by the right sides b.
+        """
+        reduced, l, n = self._reduced, self._reduced.all_constraints.size, self._reduced.n
+        sizes = (n, reduced.r, reduced.p)
+        out = tuple(np.zeros((*y.shape[:2], size)) for size in sizes)
+        for i in range(len(T)):
+            one = reduced.at(state.q[i], state.v2[i])
+            found = constraint_force_derivatives(reduced, one, T[i], y[i, :, :l])
+            balance = _PlaneBalance(self, one, T[i]) if self._motion.any() else None
+            for k, each in enumerate(found):
+                parts = [shares[i, k, :n] @ matrix for matrix in each.force]
+                if balance is not None:
+                    more = balance.gradient(each, y[i, k], shares[i, k, n:])
+                    parts = [a + b for a, b in zip(parts, more, strict=True)]
+                for whole, part in zip(out, parts, strict=True):
+                    whole[i, k] = part
+        return out
+
+    def line_gradients(self, at: PositionKinematics) -> tuple[Array, Array]:
+        """Derivatives (c, 3, nv) of the points of the contacts, and of the directions of their forces."""
+        points, directions = np.zeros((2, len(self._set.normal.contacts), 3, self._reduced.n))
+        for number, contact in enumerate(self._set.normal.contacts):
+            place = next(each for each in self._reduced.all_constraints.places if contact.point in range(each.where.start, each.where.stop))
+            row = contact.point - place.where.start
+            row = row if place.rows is None else int(np.arange(len(place.block.names))[place.rows][row])
+            found = place.block.line_gradients(at)
+            if found is None:  # rows of a user, and surfaces without a closed form
+
+                def lines(p: Array, block=place.block, row=row) -> Array:
+                    lines = block.lines_of_action(self._kinematics.position(p))
+                    assert lines is not None
+                    return np.stack([each[row] for each in lines])
+
+                both, _ = gradient_with_error(self._model, lines, at.q)
+                points[number], directions[number] = both
+            else:
+                points[number], directions[number] = found[0][row], found[1][row]
+        return points, directions
+
+
+class _PlaneBalance:
+    """Balance of a planar base at one state, upwards and about the axes along the ground, with its derivatives."""
+
+    def __init__(self, owner: ContactForceGradients, state: StateEvaluation, T: Array) -> None:
+        forces, model, data, reduced = owner._set, owner._model, owner._data, owner._reduced
+        normal, q, v = forces.normal, np.asarray(state.q), np.asarray(state.v)
+        w = state.acceleration(T)
+        self._motion, self._contacts = owner._motion, normal.contacts
+        self.gives, self.couples = (each[0] for each in normal.plane_effects(q[None]))
+        self.kept = forces.balanced_part(self.gives[None], self.couples[None])[0]
+        self.needs = normal.plane_needs(q[None], v[None], w[None], T[None])[0]
+        points, across = normal.lines(q[None])
+        lowest = int(points[0, :, 2].argmin())
+        self._ground = float(points[0, lowest, 2])
+        at = owner._kinematics.position(q)
+        self.points_q, self.across_q = owner.line_gradients(at)
+        self.ground_q = self.points_q[lowest, 2]
+        self.axles = [column for column, contact in enumerate(normal.contacts) if contact.up is None]
+        directions = across[0, self.axles]
+        heading = np.array([np.zeros(len(directions)), directions[:, 1], -directions[:, 0]])
+        size = np.linalg.norm(heading)
+        self.spread = float(np.linalg.norm(self.couples) / size) if size else 1.0
+
+        # Force and moment about the origin that the contacts have to give, by q, v, w and T.
+        _, rate_q, rate_v, rate_w = pin.computeCentroidalDynamicsDerivatives(model, data, q, v, w)
+        center, mass = np.array(data.com[0]), float(data.mass[0])
+        center_q = np.array(pin.jacobianCenterOfMass(model, data, q))
+        force = np.array(data.dhg.linear) - mass * np.array(model.gravity.linear)
+        self.q, self.v, self.w = (_about_origin(np.array(each), center) for each in (rate_q, rate_v, rate_w))
+        self.q[3:] += np.cross(center_q, force[:, None], axis=0)
+        self.T = np.zeros((6, reduced.p))
+        self.total = np.concatenate([force, np.array(data.dhg.angular) + np.cross(center, force)])
+        for column, frame, row in reduced.actuation.frames:
+            place, J = at.placement(frame), at.jacobian(frame)
+            unit = np.zeros(3)
+            unit = place.rotation[:, row % 3]
+            wrench = np.concatenate([unit, np.cross(place.translation, unit)] if row < 3 else [np.zeros(3), unit])
+            self.T[:, column] -= wrench
+            self.total = self.total - T[column] * wrench
+            turned = np.cross(J[3:], unit[:, None], axis=0) * T[column]
+            if row < 3:
+                moved = np.cross(J[:3], unit[:, None], axis=0) * T[column]
+                self.q[:3] -= turned
+                self.q[3:] -= np.cross(place.translation[:, None], turned, axis=0) + moved
+            else:
+                self.q[3:] -= turned
+
+    def gradient(
+        self, each: ConstraintForceDerivatives, y: Array, shares: Array
+    ) -> tuple[Array, Array, Array]:
+        """Derivatives by q, v2 and T of ``shares kept (needs - gives f - couples u)`` at forces y that stay the same."""
+        count = int(self._motion.sum())
+        upward = np.zeros(len(self._contacts))
+        upward[self._motion] = y[len(y) - count - len(self.axles) : len(y) - len(self.axles)]
+        for number, contact in enumerate(self._contacts):
+            if not self._motion[number]:
+                upward[number] = y[contact.up]
+        couples = y[len(y) - len(self.axles) :]
+        k = shares @ self.kept
+        rest = self.needs - self.gives @ upward - self.couples @ couples
+        z = self._ground
+        row = np.array([-k[2] * z, k[1] * z, k[0], k[1], k[2], 0.0])
+        by_q, by_v, by_w = row @ self.q, row @ self.v, row @ self.w
+        by_q = by_q + (k[1] * self.total[1] - k[2] * self.total[0]) * self.ground_q
+        # Effects of the forces move with their points, and so do the combinations that are kept.
+        effects = np.column_stack([self.gives[:, self._motion], self.couples])
+        free = np.eye(effects.shape[1]) - np.outer(effects[0], effects[0]) / count
+        levers = free @ shares[1:]
+        moments = -np.outer(upward, k[1:])
+        moments[self._motion] += np.outer(levers[:count], rest[1:])
+        by_q = by_q + np.einsum("c,cj->j", moments[:, 0], self.points_q[:, 1]) - moments[:, 1] @ self.points_q[:, 0]
+        if self.axles:
+            moments = self.spread * (np.outer(levers[count:], rest[1:]) - np.outer(couples, k[1:]))
+            turned = self.across_q[self.axles]
+            by_q = by_q + moments[:, 0] @ turned[:, 1] - moments[:, 1] @ turned[:, 0]
+        return (
+            by_q + by_v @ each.v[0] + by_w @ each.w[0],
+            by_v @ each.v[1] + by_w @ each.w[1],
+            row @ self.T + by_w @ each.w[2],
+        )
+
+
+def _about_origin(rates: Array, center: Array) -> Array:
+    """Derivatives of a wrench about the origin, from those (6, n) about the centre of mass."""
+    out = rates.copy()
+    out[3:] += np.cross(center[:, None], rates[:3], axis=0)
+    return out
