@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pinocchio as pin
 from numpy import ndarray as Array
@@ -11,6 +13,7 @@ from rnc_pin.analysis.derivatives import ConstraintForceDerivatives, constraint_
 from rnc_pin.array_shapes import Float
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.rows import Rows
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.user_functions import gradient_with_error
 
@@ -43,12 +46,12 @@ class ContactForceGradients:
             y: forces, for each function.
             shares: derivatives p of each function by the right sides b.
         """
-        reduced, l, n = self._reduced, self._reduced.all_constraints.size, self._reduced.n
+        reduced, rows, n = self._reduced, self._reduced.all_constraints.size, self._reduced.n
         sizes = (n, reduced.r, reduced.p)
         out = tuple(np.zeros((*y.shape[:2], size)) for size in sizes)
         for i in range(len(T)):
             one = reduced.at(state.q[i], state.v2[i])
-            found = constraint_force_derivatives(reduced, one, T[i], y[i, :, :l])
+            found = constraint_force_derivatives(reduced, one, T[i], y[i, :, :rows])
             balance = _PlaneBalance(self, one, T[i]) if self._motion.any() else None
             for k, each in enumerate(found):
                 parts = [shares[i, k, :n] @ matrix for matrix in each.force]
@@ -59,26 +62,40 @@ class ContactForceGradients:
                     whole[i, k] = part
         return out
 
-    def line_gradients(self, at: PositionKinematics) -> tuple[Array, Array]:
-        """Derivatives (c, 3, nv) of the points of the contacts, and of the directions of their forces."""
-        points, directions = np.zeros((2, len(self._set.normal.contacts), 3, self._reduced.n))
-        for number, contact in enumerate(self._set.normal.contacts):
-            place = next(each for each in self._reduced.all_constraints.places if contact.point in range(each.where.start, each.where.stop))
-            row = contact.point - place.where.start
-            row = row if place.rows is None else int(np.arange(len(place.block.names))[place.rows][row])
-            found = place.block.line_gradients(at)
-            if found is None:  # rows of a user, and surfaces without a closed form
+    def points(self, at: PositionKinematics) -> Float[Array, "c 3 nv"]:
+        """Derivatives of the points of the contacts."""
+        return np.array([self._point(contact.point, at) for contact in self._set.normal.contacts])
 
-                def lines(p: Array, block=place.block, row=row) -> Array:
-                    lines = block.lines_of_action(self._kinematics.position(p))
-                    assert lines is not None
-                    return np.stack([each[row] for each in lines])
+    def directions(self, axles: Sequence[int], at: PositionKinematics) -> Float[Array, "u 3 nv"]:
+        """Derivatives of the directions of the forces of some contacts."""
+        out = np.zeros((len(axles), 3, self._reduced.n))
+        for number, axle in enumerate(axles):
+            block, row = self._row(self._set.normal.contacts[axle].point)
+            found = block.direction_gradients(at)
+            out[number] = self._by_differences(block, row, 1, at.q) if found is None else found[row]
+        return out
 
-                both, _ = gradient_with_error(self._model, lines, at.q)
-                points[number], directions[number] = both
-            else:
-                points[number], directions[number] = found[0][row], found[1][row]
-        return points, directions
+    def _point(self, index: int, at: PositionKinematics) -> Array:
+        block, row = self._row(index)
+        found = block.point_gradient(at)
+        return self._by_differences(block, row, 0, at.q) if found is None else found
+
+    def _row(self, index: int) -> tuple[Rows, int]:
+        """Block of one of all constraint rows, and its row there."""
+        places = self._reduced.all_constraints.places
+        place = next(each for each in places if each.where.start <= index < each.where.stop)
+        row = index - place.where.start
+        return place.block, row if place.rows is None else int(np.arange(len(place.block.names))[place.rows][row])
+
+    def _by_differences(self, block: Rows, row: int, which: int, q: Array) -> Array:
+        """The same for rows of a user, and for surfaces without a closed form."""
+
+        def line(p: Array) -> Array:
+            found = block.lines_of_action(self._kinematics.position(p))
+            assert found is not None
+            return np.asarray(found[which][row])
+
+        return gradient_with_error(self._model, line, q)[0]
 
 
 class _PlaneBalance:
@@ -96,9 +113,10 @@ class _PlaneBalance:
         lowest = int(points[0, :, 2].argmin())
         self._ground = float(points[0, lowest, 2])
         at = owner._kinematics.position(q)
-        self.points_q, self.across_q = owner.line_gradients(at)
+        self.points_q = owner.points(at)
         self.ground_q = self.points_q[lowest, 2]
         self.axles = [column for column, contact in enumerate(normal.contacts) if contact.up is None]
+        self.across_q = owner.directions(self.axles, at)
         directions = across[0, self.axles]
         heading = np.array([np.zeros(len(directions)), directions[:, 1], -directions[:, 0]])
         size = np.linalg.norm(heading)
@@ -115,7 +133,6 @@ class _PlaneBalance:
         self.total = np.concatenate([force, np.array(data.dhg.angular) + np.cross(center, force)])
         for column, frame, row in reduced.actuation.frames:
             place, J = at.placement(frame), at.jacobian(frame)
-            unit = np.zeros(3)
             unit = place.rotation[:, row % 3]
             wrench = np.concatenate([unit, np.cross(place.translation, unit)] if row < 3 else [np.zeros(3), unit])
             self.T[:, column] -= wrench
@@ -128,10 +145,8 @@ class _PlaneBalance:
             else:
                 self.q[3:] -= turned
 
-    def gradient(
-        self, each: ConstraintForceDerivatives, y: Array, shares: Array
-    ) -> tuple[Array, Array, Array]:
-        """Derivatives by q, v2 and T of ``shares kept (needs - gives f - couples u)`` at forces y that stay the same."""
+    def gradient(self, each: ConstraintForceDerivatives, y: Array, shares: Array) -> tuple[Array, Array, Array]:
+        """Derivatives by q, v2, T of ``shares kept (needs - gives f - couples u)`` at forces y that stay the same."""
         count = int(self._motion.sum())
         upward = np.zeros(len(self._contacts))
         upward[self._motion] = y[len(y) - count - len(self.axles) : len(y) - len(self.axles)]
@@ -154,8 +169,7 @@ class _PlaneBalance:
         by_q = by_q + np.einsum("c,cj->j", moments[:, 0], self.points_q[:, 1]) - moments[:, 1] @ self.points_q[:, 0]
         if self.axles:
             moments = self.spread * (np.outer(levers[count:], rest[1:]) - np.outer(couples, k[1:]))
-            turned = self.across_q[self.axles]
-            by_q = by_q + moments[:, 0] @ turned[:, 1] - moments[:, 1] @ turned[:, 0]
+            by_q = by_q + moments[:, 0] @ self.across_q[:, 1] - moments[:, 1] @ self.across_q[:, 0]
         return (
             by_q + by_v @ each.v[0] + by_w @ each.w[0],
             by_v @ each.v[1] + by_w @ each.w[1],

@@ -132,9 +132,7 @@ class ContactForceSet:
         _, values, right = np.linalg.svd(self.effects(q, rows), full_matrices=False)
         return self._directions(right * self._counted(values)[:, :, None], known)[0]
 
-    def solve(
-        self, q: Float[Array, "N nq"], rows: Float[Array, "N l nv"], needed: Float[Array, "N e"]
-    ) -> SolvedForces:
+    def solve(self, q: Float[Array, "N nq"], rows: Float[Array, "N l nv"], needed: Float[Array, "N e"]) -> SolvedForces:
         """Return all solutions y of the equations.
 
         Args:

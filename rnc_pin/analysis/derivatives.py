@@ -10,7 +10,7 @@ import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.errors import InputError, ModelError
+from rnc_pin.errors import InputError
 from rnc_pin.model.configuration_evaluation import no_time
 from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.kinematics import Kinematics, VelocityKinematics
@@ -174,7 +174,7 @@ def _smooth_at(reduced: ReducedModel, state: StateEvaluation) -> tuple[ReducedMo
 
 
 class _Partials(NamedTuple):
-    """Derivatives at one state of what the balance of forces and ``E v``, ``E w + Edot v`` contain, at fixed v and w."""
+    """Derivatives at one state of the balance of forces, ``E v`` and ``E w + Edot v``, at fixed v and w."""
 
     E_q: Float[Array, "nv nv nv"]
     """Of E; the first index is the direction."""
@@ -239,15 +239,12 @@ def constraint_force_derivatives(
 ) -> list[ConstraintForceDerivatives]:
     """Derivatives for k choices of the forces of all l constraint rows, at one state.
 
-    Raises:
-        ModelError: a joint has axes that depend on its own position.
+    The axes of joints must not depend on their own position.
     """
     reduced, state = _smooth_at(reduced, state)
-    if not _axes_are_constant(reduced):
-        raise ModelError("derivatives of contact forces: a joint has axes that depend on its own position")
     motion = state_derivatives(reduced, state.q, state.v2, T)
     found = _partials(reduced, state, state.v_dot(motion.v2_dot), T)
-    E_inverse, M, m = state.E_inverse, state.M, reduced.m
+    E_inverse, M = state.E_inverse, state.M
     v_q, R = motion.v_q, state.R
     w_q = R @ motion.v2_dot_q - E_inverse @ (found.Ew_q + found.Ew_v @ v_q)
     w_v2 = R @ motion.v2_dot_v2 - E_inverse @ (found.Ew_v @ R)

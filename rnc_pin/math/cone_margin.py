@@ -87,7 +87,7 @@ def _interior(h: Array, G: Array, still: Array, x: Array, duals: Array) -> tuple
         going = gap > _GAP
         W, W_inverse = _scaling(slack, duals)
         scaled, H = np.matvec(W, duals), W_inverse @ G
-        flat = H.reshape(N, cones * k, -1)
+        flat = H.reshape(N, cones * k, len(aim))
         normal, left = flat.mT @ flat + still, _transposed(G, duals) + aim
         diagonal = np.einsum("nii->ni", normal)
         diagonal *= 1.0 + _REGULAR  # no system is singular

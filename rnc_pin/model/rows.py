@@ -106,8 +106,12 @@ class Rows(ABC):
         """
         return None
 
-    def line_gradients(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray] | None:
-        """Derivatives (k, 3, nv) of ``lines_of_action`` by q, at one state; None if there is no closed form."""
+    def point_gradient(self, at: PositionKinematics) -> np.ndarray | None:
+        """Derivative (3, nv) by q of the common point of the lines of action, at one state; None if unknown."""
+        return None
+
+    def direction_gradients(self, at: PositionKinematics) -> np.ndarray | None:
+        """Derivatives (k, 3, nv) by q of the directions of the forces, at one state; None without closed form."""
         return None
 
     def mechanisms(self) -> tuple[Mechanism, ...]:

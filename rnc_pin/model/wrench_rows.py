@@ -103,13 +103,14 @@ class WrenchRows(Rows):
             (at.acceleration(self.frame), np.vstack([motion.acceleration, motion.angular_acceleration])),
         )
 
-    def line_gradients(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray] | None:
+    def point_gradient(self, at: PositionKinematics) -> np.ndarray | None:
+        J = at.jacobian(self.frame)
+        arm = self.arm_gradient(at.placement(self.frame), J[3:])
+        return None if arm is None else J[:3] + arm
+
+    def direction_gradients(self, at: PositionKinematics) -> np.ndarray:
         place, J = at.placement(self.frame), at.jacobian(self.frame)
-        arm = self.arm_gradient(place, J[3:])
-        if arm is None:
-            return None
-        rates = np.stack([self._combined(self.wrench_rate(place, each))[:, :3] for each in J.T], axis=-1)
-        return np.broadcast_to(J[:3] + arm, rates.shape), rates
+        return np.stack([self._combined(self.wrench_rate(place, each))[:, :3] for each in J.T], axis=-1)
 
     def arm_gradient(self, place: Placement, turning: np.ndarray) -> np.ndarray | None:
         """Derivative (3, nv) of the vector from the frame's origin to the contact, at one state.

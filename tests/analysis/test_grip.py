@@ -394,30 +394,13 @@ def test_accelerations_ask_for_the_grip_of_the_inputs_that_give_them():
         np.testing.assert_allclose(grip.used_by(q, v2, v2_dot).max(), grip.used(q, v2, T).max(), rtol=1e-7)
 
 
-def on_two_wheels(mass=10.0, height=0.3, track=0.4, ahead=0.2, radius=0.1):
-    """A body on two driven wheels without mass, its centre at a height above their axle's middle, and a caster."""
-    model, ground = pin.Model(), -radius
-    base = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "root_joint")
-    body = pin.Inertia(mass, np.array([0.0, 0.0, height + ground]), np.diag([0.3, 0.3, 0.2]))
-    model.appendBodyToJoint(base, body, pin.SE3.Identity())
-    for name, place in (("base", [0.0, 0.0, 0.0]), ("nose", [ahead, 0.0, 0.0])):
-        model.addFrame(pin.Frame(name, base, 0, pin.SE3(np.eye(3), np.array(place)), pin.FrameType.OP_FRAME))
-    for name, y in (("l", track / 2), ("r", -track / 2)):
-        wheel = model.addJoint(base, pin.JointModelRUBY(), pin.SE3(np.eye(3), np.array([0.0, y, 0.0])), f"{name}_spin")
-        model.appendBodyToJoint(wheel, pin.Inertia(0.0, np.zeros(3), 1e-9 * np.eye(3)), pin.SE3.Identity())
-        model.addFrame(pin.Frame(name, wheel, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
-    rows = [rnc.RollingWheel("l", radius), rnc.RollingWheel("r", radius), rnc.Caster("nose", radius)]
-    system = rnc.NonholonomicSystem(rnc.Robot(model), rows, ["l_spin", "r_spin"])
-    return system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
-
-
 def test_a_robot_on_two_wheels_skids_on_a_circle_at_the_root_of_mu_g_rho():
     """Both wheels skid together: the outer one has more load and takes more of the force.
 
     The load of one wheel is m (g / 2 -+ v^2 h / (rho track)): an evenly shared force would skid there earlier.
     """
     friction, rho, height, track = 0.5, 2.0, 0.3, 0.4
-    reduced = on_two_wheels(height=height, track=track)
+    reduced = systems.on_two_wheels(height=height, track=track)
     grip, q = rnc.Grip(reduced, friction), reduced.robot.configuration({"root_joint": (1.0, -2.0, 0.7)})
     evenly = np.sqrt(rho * friction * G / (1 + 2 * friction * height / track))
     speeds = np.array([1.0, evenly, 3.1, np.sqrt(friction * G * rho), 3.2])
@@ -431,17 +414,8 @@ def test_a_robot_on_two_wheels_skids_on_a_circle_at_the_root_of_mu_g_rho():
     np.testing.assert_allclose(loads.min(), inner, rtol=1e-6)
 
 
-def four_wheels():
-    """A body with four driven wheels without mass; its centre is aside."""
-    robot = rnc.Robot(rolling_base(systems.CORNERS, WHEEL))
-    for joint in range(2, robot.model.njoints):
-        robot.model.inertias[joint] = pin.Inertia(0.0, np.zeros(3), 1e-9 * np.eye(3))
-    rows = [rnc.RollingWheel(name, WHEEL) for name in systems.CORNERS]
-    return rnc.NonholonomicSystem(robot, rows, [f"{name}_spin" for name in systems.CORNERS]).reduce()
-
-
 def least_largest_share(torques, friction):
-    """Of the car of ``four_wheels`` at rest: Newton and Euler for one body, and a solver for smooth programs."""
+    """Of the car of ``on_four_wheels`` at rest: Newton and Euler for one body, and a solver for smooth programs."""
     mass, center, places = (
         20.0,
         np.array([0.05, 0.02, 0.1 + WHEEL]),
@@ -475,7 +449,7 @@ def least_largest_share(torques, friction):
 
 
 def test_four_wheels_share_weight_and_side_forces_so_that_the_largest_share_is_least():
-    reduced, friction = four_wheels(), 0.6
+    reduced, friction = systems.on_four_wheels(), 0.6
     grip, q = rnc.Grip(reduced, friction), reduced.robot.configuration()
     assert grip.is_choice(q).all()
     for torques in ([1.0, 1.0, 1.0, 1.0], [3.0, 0.0, 0.0, 0.0], [2.0, -1.0, 0.5, 0.3], [0.0, 0.0, 4.0, 1.0]):
@@ -489,7 +463,7 @@ def test_four_wheels_share_weight_and_side_forces_so_that_the_largest_share_is_l
 
 def test_the_program_of_whole_body_control_has_the_same_forces():
     """Its pyramids lie inside the cones: feasible above the share divided by the cosine, infeasible below the share."""
-    reduced, generator = four_wheels(), np.random.default_rng(2)
+    reduced, generator = systems.on_four_wheels(), np.random.default_rng(2)
     q = reduced.robot.configuration()
     for T in generator.normal(size=(5, 4)):
         share = rnc.Grip(reduced, 1.0).used(q, np.zeros(1), T).max()
