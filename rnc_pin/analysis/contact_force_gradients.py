@@ -60,7 +60,7 @@ class ContactForceGradients:
                     parts = [a + b for a, b in zip(parts, more, strict=True)]
                 for whole, part in zip(out, parts, strict=True):
                     whole[i, k] = part
-        return out
+        return out[0], out[1], out[2]
 
     def points(self, at: PositionKinematics) -> Float[Array, "c 3 nv"]:
         """Derivatives of the points of the contacts."""
@@ -73,7 +73,7 @@ class ContactForceGradients:
             block, row = self._row(self._set.normal.contacts[axle].point)
             found = block.direction_gradients(at)
             out[number] = self._by_differences(block, row, 1, at.q) if found is None else found[row]
-        return out
+        return out[0], out[1], out[2]
 
     def _point(self, index: int, at: PositionKinematics) -> Array:
         block, row = self._row(index)

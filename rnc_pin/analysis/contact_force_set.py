@@ -90,11 +90,10 @@ class ContactForceSet:
             return of_rows
         gives, couples = self.normal.plane_effects(q)
         kept = self.balanced_part(gives, couples)
-        by_row = [
-            contact.up for contact, motion in zip(self.normal.contacts, self._by_motion, strict=True) if not motion
-        ]
         left = np.zeros((len(q), 3, self._rows))
-        left[:, :, by_row] = gives[:, :, ~self._by_motion]
+        for number, contact in enumerate(self.normal.contacts):
+            if not self._by_motion[number]:
+                left[:, :, contact.up] = gives[:, :, number]
         right = np.concatenate([gives[:, :, self._by_motion], couples], axis=2)
         nothing = np.zeros((len(q), of_rows.shape[1], right.shape[2]))
         below = kept @ np.concatenate([left, right], axis=2)

@@ -59,9 +59,7 @@ class SmoothMargins:
         """Return the margins at the best choice, for stacks of vectors."""
         N, m, k = offset.shape
         flat = gain.reshape(N, m * k, gain.shape[-1])
-        still = (
-            np.eye(flat.shape[-1]) * (1.0 - np.abs(flat).max(axis=1, initial=0.0).clip(0.0, 1.0).astype(bool))[:, None]
-        )
+        still = np.eye(flat.shape[-1]) * ~np.any(flat, axis=1)[:, None]  # directions without an effect
         z = np.zeros((N, flat.shape[-1]))
         for sharpness in _SHARPNESS if flat.shape[-1] and len(self._member) else ():
             for _ in range(_STEPS):
@@ -83,9 +81,9 @@ class SmoothMargins:
         c = offset + np.matvec(flat, z).reshape(N, m, k)
         _, slope, H = self._cost(c, _SHARPNESS[-1])
         margins, slopes = self._of(c)
-        g = np.zeros((N, m, m, k))
-        g[:, np.arange(m), np.arange(m)] = slopes
-        g = g.reshape(N, m, m * k)
+        own = np.zeros((N, m, m, k))
+        own[:, np.arange(m), np.arange(m)] = slopes
+        g = own.reshape(N, m, m * k)
         inner = flat.mT @ H @ flat + still
         change = np.linalg.solve(inner, flat.mT @ g.mT).mT if flat.shape[-1] else np.zeros((N, m, 0))
         sensitivity = g - change @ flat.mT @ H

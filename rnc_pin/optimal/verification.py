@@ -11,6 +11,7 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.collision import continuous_distances
 from rnc_pin.errors import RncError
+from rnc_pin.model.numpy_evaluator import PlannedFeedback
 from rnc_pin.optimal.action_models import Nodes
 from rnc_pin.optimal.bounds import DistanceRows
 from rnc_pin.optimal.contact_bounds import ContactForceRows
@@ -120,6 +121,10 @@ def _motion(problem: Transcription, at: Iterate, substeps: int, gains: Array | N
     q, w, inputs = [now.q[0]], [now.w[0]], []
     lower, upper = _input_limits(problem)
     planned = None if gains is None else _planned(problem, at, substeps, h)
+    feedback = None if planned is None or gains is None else PlannedFeedback(*planned, gains, lower, upper)
+    found = model.reduced.evaluator.planned_motion(model.form, (q[0], w[0]), at.u, h, substeps, feedback)
+    if found is not None and all(np.isfinite(each).all() for each in found):
+        return Iterate(np.vstack([now.q, found[0]]), np.vstack([now.w, found[1]]), found[2], at.duration)
     for k in range(K):
         u = at.u[k : k + 1]
         for j in range(substeps):
