@@ -29,6 +29,7 @@ from .analysis import lqr as lqr
 from .analysis import state_derivatives as state_derivatives
 from .applications import gym as gym
 from .applications.scenario.scenario import Scenario as Scenario
+from .applications.sweep import Draws as Draws
 from .applications.sweep import SweepResults as SweepResults
 from .applications.sweep import load_sweep as load_sweep
 from .applications.sweep import sweep as sweep

@@ -15,7 +15,7 @@ from rnc_pin.applications.sweep.results import SweepResults
 from rnc_pin.applications.sweep.row_tables import Kinds, common_kind, kind_of, kind_of_all
 from rnc_pin.applications.sweep.run_store import BLOCK, RunStore, block_rows
 from rnc_pin.applications.sweep.scenario_runs import ScenarioRuns
-from rnc_pin.applications.sweep.seeded_draws import Draw, SeededDraws, draws_of
+from rnc_pin.applications.sweep.seeded_draws import Draw, Draws, SeededDraws, draws_of
 from rnc_pin.applications.sweep.specification import (
     RUNS,
     describe_function,
@@ -46,14 +46,11 @@ class _Sweep(NamedTuple):
 
 def sweep(
     build: Build | str | Path,
-    draws: int | Iterable[Draw],
+    draws: int | Draws | Iterable[Draw],
     *,
     out: str | Path,
-    jobs: int = 1,
-    distributions: Mapping[str, object] | None = None,
-    seed: int | None = None,
+    jobs: int | str = 1,
     options: Mapping[str, object] | None = None,
-    scheduler: str | None = None,
     trajectories: bool = False,
     progress: SweepProgress | None = None,
     force: bool = False,
@@ -67,15 +64,11 @@ def sweep(
         build: function that takes the drawn values as a dict and returns the arguments of ``simulate`` by name, or a
             Trajectory; or a scenario: a built-in name or a YAML file. Several processes need a function that can be
             pickled; functions in notebooks can.
-        draws: number of runs with seeded draws; or the values of each run, as an iterable of dicts. Values for a
-            scenario are options by dotted key.
+        draws: number of runs with seeded draws, or ``Draws`` with distributions and a seed; or the values of each run,
+            as an iterable of dicts. Values for a scenario are options by dotted key.
         out: folder of the results.
-        jobs: processes; -1 for all cores.
-        distributions: distribution by name, in the form of ``sweep`` in scenario files, such as ``[minimum, maximum]``
-            or ``{"normal": {"mean": 0.0, "std": 0.1}}``. A scenario has its own by default.
-        seed: seed of the draws; by default 0, or that of the scenario.
+        jobs: processes; -1 for all cores. Or the address of a Dask scheduler to run on.
         options: options of a scenario that all runs share, by dotted key.
-        scheduler: address of a Dask scheduler to run on instead.
         trajectories: write the trajectory of each run too.
         progress: called with the number of finished runs, and the number of all runs or None.
         force: replace another sweep in the folder, and write beside other files.
@@ -95,21 +88,21 @@ def sweep(
         >>> def build(draw):
         ...     return rnc.free_motion(reduced, robot.configuration(), [draw["speed"], 0.5], duration=0.1)
         >>> with tempfile.TemporaryDirectory() as folder:
-        ...     results = rnc.sweep(build, 20, distributions={"speed": [0.5, 1.5]}, out=folder)
+        ...     results = rnc.sweep(build, rnc.Draws(20, {"speed": [0.5, 1.5]}), out=folder)
         ...     print(len(results), results.outcomes, bool(results["speed"].max() < 1.5))
         20 {'completed': 20} True
     """
-    if jobs == 0 or jobs < -1:
+    if isinstance(jobs, str):
+        check_extra("dask", f"--scheduler {jobs}")  # it contains the packages of the extra sweep
+    elif jobs == 0 or jobs < -1:
         raise ConfigurationError(f"--jobs {jobs}: expected a number of processes, or -1 for all cores")
-    if scheduler is not None:
-        check_extra("dask", f"--scheduler {scheduler}")  # it contains the packages of the extra sweep
     check_extra("sweep", "sweep")
-    path = Path(out)
+    path, draws = Path(out), Draws(draws) if isinstance(draws, int) else draws
     folder = os.path.abspath(path) if trajectories else None
     if isinstance(build, str | Path):
-        whole = _scenario_sweep(str(build), draws, distributions, seed, options, folder)
+        whole = _scenario_sweep(str(build), draws, options, folder)
     else:
-        whole = _function_sweep(build, draws, distributions, seed, options, folder)
+        whole = _function_sweep(build, draws, options, folder)
     kinds = _kinds(whole.seeded)
     described = {} if whole.seeded is None else whole.seeded.describe()
     specification = specification_of(whole.description, described, whole.runs_known, trajectories, kinds)
@@ -117,7 +110,7 @@ def sweep(
         store = RunStore(path / RUNS, kinds)
         if progress is not None:
             progress(len(store), whole.runs_known)
-        for rows in finished_runs(whole.runs, _missing(whole, store, path / RUNS), jobs, scheduler):
+        for rows in finished_runs(whole.runs, _missing(whole, store, path / RUNS), jobs):
             store.add(rows)
             if progress is not None:
                 progress(len(store), whole.runs_known)
@@ -128,53 +121,36 @@ def sweep(
 
 
 def _scenario_sweep(
-    scenario: str,
-    draws: int | Iterable[Draw],
-    distributions: Mapping[str, object] | None,
-    seed: int | None,
-    options: Mapping[str, object] | None,
-    folder: str | None,
+    scenario: str, draws: Draws | Iterable[Draw], options: Mapping[str, object] | None, folder: str | None
 ) -> _Sweep:
     shared = to_json_mapping(options or {}, "options")
-    if distributions is not None:
-        shared["sweep"] = to_json_mapping(distributions, "distributions")
-    if seed is not None:
-        shared["seed"] = seed
-    description = describe_scenario(scenario, shared)
-    if isinstance(draws, int):
-        seeded = draws_of(scenario, shared)
-        return _Sweep(ScenarioRuns(scenario, shared, seeded, seeded.seed, folder), description, seeded, None, draws)
-    _refuse(distributions, "distributions")
-    path = find_scenario(scenario)
-    own = validate(apply_options(read_yaml(path), shared), path.name).seed
-    return _Sweep(ScenarioRuns(scenario, shared, None, own, folder), description, None, draws, _length(draws))
+    if not isinstance(draws, Draws):
+        path = find_scenario(scenario)
+        own = validate(apply_options(read_yaml(path), shared), path.name).seed
+        runs = ScenarioRuns(scenario, shared, None, own, folder)
+        return _Sweep(runs, describe_scenario(scenario, shared), None, draws, _length(draws))
+    if draws.distributions is not None:
+        shared["sweep"] = to_json_mapping(draws.distributions, "distributions")
+    if draws.seed is not None:
+        shared["seed"] = draws.seed
+    description, seeded = describe_scenario(scenario, shared), draws_of(scenario, shared)
+    return _Sweep(ScenarioRuns(scenario, shared, seeded, seeded.seed, folder), description, seeded, None, draws.runs)
 
 
 def _function_sweep(
-    build: Build,
-    draws: int | Iterable[Draw],
-    distributions: Mapping[str, object] | None,
-    seed: int | None,
-    options: Mapping[str, object] | None,
-    folder: str | None,
+    build: Build, draws: Draws | Iterable[Draw], options: Mapping[str, object] | None, folder: str | None
 ) -> _Sweep:
     if options:
         raise ConfigurationError("options: those of a scenario; a function takes values from its draws")
     description = describe_function(build)
-    if isinstance(draws, int):
-        if not distributions:
-            raise ConfigurationError(f"draws: {draws} runs of a function need distributions, e.g. {{'mass': [1, 2]}}")
-        seeded = SeededDraws.of(distributions, seed or 0)
-        check_names(seeded.distributions)
-        return _Sweep(FunctionRuns(build, seeded, folder), description, seeded, None, draws)
-    _refuse(distributions, "distributions")
-    _refuse(seed, "seed")
-    return _Sweep(FunctionRuns(build, None, folder), description, None, draws, _length(draws))
-
-
-def _refuse(argument: object, name: str) -> None:
-    if argument is not None:
-        raise ConfigurationError(f"{name}: has no effect on given draws; remove it, or give a number of runs")
+    if not isinstance(draws, Draws):
+        return _Sweep(FunctionRuns(build, None, folder), description, None, draws, _length(draws))
+    if not draws.distributions:
+        example = f"rnc.Draws({draws.runs}, {{'mass': [1, 2]}})"
+        raise ConfigurationError(f"draws: {draws.runs} runs of a function need distributions, e.g. {example}")
+    seeded = SeededDraws.of(draws.distributions, draws.seed or 0)
+    check_names(seeded.distributions)
+    return _Sweep(FunctionRuns(build, seeded, folder), description, seeded, None, draws.runs)
 
 
 def _length(draws: Iterable[Draw]) -> int | None:
