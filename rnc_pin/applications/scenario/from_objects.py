@@ -25,7 +25,7 @@ from rnc_pin.collision import Obstacle, check_ignored_links
 from rnc_pin.control import Controller, describe
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.io import Json
-from rnc_pin.model import ReducedModel, Task
+from rnc_pin.model import ReducedModel, Task, vector
 from rnc_pin.planning import Reference, RelativeReference
 from rnc_pin.plants import Plant
 from rnc_pin.robots import Robot
@@ -39,17 +39,28 @@ FileForm = Mapping[str, Json]
 
 @dataclass(frozen=True)
 class RunObjects:
-    """Objects of a run, each of which may be in the form of a file instead.
+    """Objects of a run, for ``Scenario.of``. A mapping gives the form of a scenario file instead.
 
     Attributes:
-        reduced: the reduced model.
-        controller: controller.
+        reduced: the reduced model, from ``NonholonomicSystem.reduce``.
+        controller: a controller, or its mapping: ``{"type": "reducing_outputs", "preset": "scaled"}``.
         q0: initial configuration (nq,).
-        v2_0: initial reduced velocity (r,); None for rest.
-        references: references by role.
-        task: roles of the outputs; None if all reducing outputs are primary.
-        plant: plant; None for the integrated reduced model.
+        v2_0: initial reduced velocity (r,) [rad/s or m/s]; at rest by default.
+        references: references by role, ``primary``, ``redundant`` and ``vertical``. A controller in a mapping needs
+            relative ones, such as ``RelativeMinimumJerk``.
+        task: roles of the outputs; by default all reducing outputs are primary.
+        plant: a plant, or its mapping; by default the integrated reduced model.
         obstacles: bodies in the world.
+
+    Raises:
+        InputError: wrong shapes.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
+        >>> objects = rnc.RunObjects(reduced, {"type": "none"}, robot.configuration(), v2_0=[1.0, 0.5])
+        >>> rnc.Scenario.of(objects, 0.1).run().outcome
+        'completed'
     """
 
     reduced: ReducedModel
@@ -60,6 +71,11 @@ class RunObjects:
     task: Task | None = None
     plant: Plant | FileForm | None = None
     obstacles: Sequence[Obstacle] = ()
+
+    def __post_init__(self) -> None:
+        for name, size in (("q0", self.reduced.robot.nq), ("v2_0", self.reduced.r)):
+            if (value := getattr(self, name)) is not None:
+                object.__setattr__(self, name, vector(np.asarray(value), size, name))
 
 
 class FileContent(NamedTuple):
