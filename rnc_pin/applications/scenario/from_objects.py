@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import coal
 import numpy as np
@@ -107,7 +107,7 @@ def content_of(given: RunObjects, settings: Mapping[str, Json], name: str) -> Fi
     raw: dict[str, Json] = {}
     without_form: dict[str, str] = {}
 
-    def put(key: str, item: object, value: Any) -> None:
+    def put(key: str, item: object, value: object) -> None:
         """Put a value, or the values of a list, into the mapping if all have a form."""
         try:
             form = [spelled(item, each) for each in value] if isinstance(value, list) else spelled(item, value)

@@ -15,7 +15,7 @@ from rnc_pin.applications.sweep.swept_run import Numbered, Row, is_result_column
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.simulation import Outcome, Summary, Trajectory, add_verdict, simulate, summarize
 
-Build: TypeAlias = Callable[[dict[str, Any]], "Mapping[str, Any] | Trajectory | Scenario"]
+Build: TypeAlias = Callable[[dict[str, Any]], "Mapping[str, object] | Trajectory | Scenario"]
 """Function of drawn values that returns the arguments of ``simulate`` by name, or a finished run."""
 
 

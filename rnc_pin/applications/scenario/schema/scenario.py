@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Literal, cast
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -23,7 +23,7 @@ from rnc_pin.applications.scenario.schema.simulation_settings import GripSetting
 from rnc_pin.applications.scenario.schema.sweep_settings import Distribution
 from rnc_pin.constraints import GroundPlane
 from rnc_pin.errors import nearest
-from rnc_pin.figures import Sheet
+from rnc_pin.figures import Sheet, Size
 from rnc_pin.model import NonholonomicSystem, OutputKind, Positive, ReducedModel
 from rnc_pin.verdict import FindingKind
 from rnc_pin.visualization import View
@@ -42,8 +42,8 @@ class Initial(Strict):
 _Formats = Annotated[list[Literal["png", "pdf", "svg"]], Field(min_length=1)]
 
 
-def _checked_size(value: Any) -> Any:
-    Sheet.of(tuple(value) if isinstance(value, list) else value)
+def _checked_size(value: object) -> object:
+    Sheet.of(cast(Size, tuple(value) if isinstance(value, list) else value))
     return value
 
 

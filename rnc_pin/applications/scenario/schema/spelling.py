@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import MISSING
 from types import UnionType
-from typing import Any, Union, cast, get_args, get_origin
+from typing import Union, cast, get_args, get_origin
 
 import numpy as np
 
@@ -25,7 +25,7 @@ def spelled(item: object, value: object) -> Json:
     """
     kinds = get_args(item) if get_origin(item) in (Union, UnionType) else (item,)
     for reader in (part for kind in kinds for part in (*get_args(kind), kind)):
-        entries: dict[str | None, Entry[Any]] = {None: reader} if isinstance(reader, Entry) else {}
+        entries: dict[str | None, Entry[object]] = {None: reader} if isinstance(reader, Entry) else {}
         if isinstance(reader, ReadAs):
             entries.update(reader.entries)
         for key, entry in entries.items():
@@ -40,7 +40,7 @@ def spelled(item: object, value: object) -> Json:
     raise ConfigurationError(f"a {type(value).__name__} has no form in a file")
 
 
-def _spelled_by(entry: Entry[Any], value: object) -> Json:
+def _spelled_by(entry: Entry[object], value: object) -> Json:
     """Mapping of an object, without the parameters that have their defaults."""
     if entry.only is not None:
         return spelled(None, getattr(value, entry.only))
@@ -58,4 +58,4 @@ def _same(value: object, default: object) -> bool:
     plain = (bool, int, float, str, list, tuple, np.ndarray)
     if default is MISSING or not (isinstance(value, plain) and isinstance(default, plain)):
         return False
-    return bool(np.array_equal(cast(Any, value), cast(Any, default)))
+    return bool(np.array_equal(cast(np.ndarray, value), cast(np.ndarray, default)))
