@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import MISSING, dataclass, field, replace
 from pathlib import Path
-from typing import NamedTuple, cast
+from types import UnionType
+from typing import NamedTuple, Union, cast, get_args, get_origin
 
 import coal
 import numpy as np
@@ -15,11 +16,11 @@ from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.plant_builder import build_plant
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.constraints import ConstraintItem
+from rnc_pin.applications.scenario.schema.derived import Entry, ReadAs
 from rnc_pin.applications.scenario.schema.forces import ActuatorItem, ForceItem
 from rnc_pin.applications.scenario.schema.outputs import OutputItem, Outputs
 from rnc_pin.applications.scenario.schema.reference_settings import ReferenceItem
 from rnc_pin.applications.scenario.schema.robot_source import RobotSource
-from rnc_pin.applications.scenario.schema.spelling import spelled
 from rnc_pin.applications.scenario.start_findings import start_findings, warnings_of
 from rnc_pin.collision import Obstacle, check_ignored_links
 from rnc_pin.control import Controller, describe
@@ -256,3 +257,51 @@ def _with_objects(content: ScenarioFile, given: RunObjects) -> ScenarioFile:
     if content.outputs is None and parts.reducing is not None:
         objects["outputs"] = Outputs.model_construct(reducing=list(parts.reducing), vertical=list(parts.vertical))
     return content.model_copy(update=objects)
+
+
+def spelled(item: object, value: object) -> Json:
+    """Return the form of a value in a file.
+
+    Args:
+        item: annotation of the reader, such as ``ConstraintItem``; None for numbers, text and lists.
+        value: the value.
+
+    Raises:
+        ConfigurationError: the value has no form in a file.
+    """
+    kinds = get_args(item) if get_origin(item) in (Union, UnionType) else (item,)
+    for reader in (part for kind in kinds for part in (*get_args(kind), kind)):
+        entries: dict[str | None, Entry[object]] = {None: reader} if isinstance(reader, Entry) else {}
+        if isinstance(reader, ReadAs):
+            entries.update(reader.entries)
+        for key, entry in entries.items():
+            if type(value) is entry.kind:
+                return _spelled_by(entry, value) if key is None else {key: _spelled_by(entry, value)}
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, np.ndarray | np.generic):
+        return cast(Json, value.tolist())
+    if isinstance(value, list | tuple):
+        return [spelled(None, each) for each in value]
+    raise ConfigurationError(f"a {type(value).__name__} has no form in a file")
+
+
+def _spelled_by(entry: Entry[object], value: object) -> Json:
+    """Mapping of an object, without the parameters that have their defaults."""
+    if entry.only is not None:
+        return spelled(None, getattr(value, entry.only))
+    found: dict[str, Json] = {}
+    for each in entry.parameters:
+        part = getattr(value, each.name)
+        if each.name in entry.required or not _same(part, each.default):
+            found[entry.key(each.name)] = spelled(entry.forms.get(each.name), part)
+    return found
+
+
+def _same(value: object, default: object) -> bool:
+    if value is default:
+        return True
+    plain = (bool, int, float, str, list, tuple, np.ndarray)
+    if default is MISSING or not (isinstance(value, plain) and isinstance(default, plain)):
+        return False
+    return bool(np.array_equal(cast(np.ndarray, value), cast(np.ndarray, default)))
