@@ -60,8 +60,8 @@ class RunObjects:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
         >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
         >>> objects = rnc.RunObjects(reduced, {"type": "none"}, robot.configuration(), v2_0=[1.0, 0.5])
-        >>> rnc.Scenario.of(objects, 0.1).run().outcome
-        'completed'
+        >>> print(rnc.Scenario.of(objects, 0.1).run().outcome)
+        completed
     """
 
     reduced: ReducedModel
