@@ -171,9 +171,8 @@ class CompiledEvaluator(NumPyEvaluator):
             planned, limits = np.hstack([feedback.q, feedback.w]), np.stack([feedback.lower, feedback.upper])
         difference = partial(pin.difference, self.data.robot.model)
         arrays = (gains, planned, limits, difference, np.empty_like(q), np.empty_like(q), found)
-        if not self._calls.planned_motion(
-            ("kinematic", "acceleration", "dynamic").index(form), K, steps, h, q, w, np.ascontiguousarray(u), *arrays
-        ):
+        kind = ("kinematic", "acceleration", "dynamic").index(form)
+        if not self._calls.planned_motion(kind, K, steps, h, q, w, np.ascontiguousarray(u), *arrays):
             return None
         return found[:, : len(q)], found[:, len(q) : -nu], found[:, -nu:]
 

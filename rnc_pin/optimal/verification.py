@@ -172,7 +172,7 @@ def _excesses(problem: Transcription, fine: Iterate, substeps: int, accuracy: fl
     same.begin = problem.begin
     times = same.times(fine.duration)
     try:
-        rows = same.values(fine).rows
+        rows = same.rows(fine)
     except RncError as error:
         raise _Interrupted(str(error), 0.0) from None
     for block, where in same.blocks:
