@@ -265,7 +265,7 @@ class NumPyEvaluator:
     def planned_motion(
         self, form: str, start: tuple[Array, Array], u: Array, h: float, steps: int, feedback: PlannedFeedback | None
     ) -> tuple[Array, Array, Array] | None:
-        """States (K steps, nq) and (K steps, nw) after each midpoint step, and their inputs; None if Python has to step.
+        """States (K steps, nq), (K steps, nw) after each midpoint step, and their inputs; None if Python has to step.
 
         Args:
             form: "kinematic", "acceleration" or "dynamic": inputs are v2, v2_dot or T.
