@@ -73,7 +73,7 @@ class ContactForceGradients:
             block, row = self._row(self._set.normal.contacts[axle].point)
             found = block.direction_gradients(at)
             out[number] = self._by_differences(block, row, 1, at.q) if found is None else found[row]
-        return out[0], out[1], out[2]
+        return out
 
     def _point(self, index: int, at: PositionKinematics) -> Array:
         block, row = self._row(index)
