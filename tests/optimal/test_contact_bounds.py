@@ -24,7 +24,24 @@ def three_supports(base="planar"):
     return system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base"), rnc.JointPosition("nose_spin")])
 
 
+class OfAUser:
+    """A caster whose point has no derivative in closed form."""
+
+    def bind(self, robot):
+        rows = rnc.Caster("nose", WHEEL).bind(robot)
+        rows.point_gradient = lambda at: None
+        return rows
+
+
+def supported_by_a_user():
+    robot = rnc.Robot(rolling_base({"l": (0.0, 0.2), "r": (0.0, -0.2), "nose": (0.4, 0.1)}, WHEEL))
+    rows = [rnc.RollingWheel("l", WHEEL), rnc.RollingWheel("r", WHEEL), OfAUser()]
+    system = rnc.NonholonomicSystem(robot, rows, ["l_spin", "r_spin", "nose_spin"])
+    return system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base"), rnc.JointPosition("nose_spin")])
+
+
 SYSTEMS = {
+    "rows of a user": supported_by_a_user,
     "three supports": three_supports,
     "three supports of a free base": lambda: three_supports("free"),
     "four wheels": systems.on_four_wheels,
