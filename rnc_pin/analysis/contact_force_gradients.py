@@ -106,10 +106,11 @@ class _PlaneBalance:
         normal, q, v = forces.normal, np.asarray(state.q), np.asarray(state.v)
         w = state.acceleration(T)
         self._motion, self._contacts = owner._motion, normal.contacts
-        self.gives, self.couples = (each[0] for each in normal.plane_effects(q[None]))
+        lines = normal.lines(q[None])
+        self.gives, self.couples = (each[0] for each in normal.plane_effects(lines))
         self.kept = forces.balanced_part(self.gives[None], self.couples[None])[0]
-        self.needs = normal.plane_needs(q[None], v[None], w[None], T[None])[0]
-        points, across = normal.lines(q[None])
+        self.needs = normal.plane_needs(lines, q[None], v[None], w[None], T[None])[0]
+        points, across = lines
         lowest = int(points[0, :, 2].argmin())
         self._ground = float(points[0, lowest, 2])
         at = owner._kinematics.position(q)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from rnc_pin.analysis.normal_forces import NormalForces, contacts_of
+from rnc_pin.analysis.normal_forces import ContactLines, NormalForces, contacts_of
 from rnc_pin.array_shapes import Bool, Float
 from rnc_pin.errors import RncError
 from rnc_pin.model.cached_property import cached_property
@@ -78,35 +78,39 @@ class ContactForceSet:
                 out[number, 0, contact.up] = 1.0
         return out
 
-    def effects(self, q: Float[Array, "N nq"], rows: Float[Array, "N l nv"]) -> Float[Array, "N e y"]:
-        """Matrices W of the equations.
-
-        Args:
-            q: configurations.
-            rows: all constraint rows there.
-        """
+    def _effects(self, rows: Array, lines: ContactLines | None) -> tuple[Array, Array | None]:
+        """Matrices W (N, e, y) of the equations, and the combinations (N, e', 3) of the plane's balances in it."""
         of_rows = rows.mT
-        if not self._by_motion.any():
-            return of_rows
-        gives, couples = self.normal.plane_effects(q)
+        if lines is None:
+            return of_rows, None
+        gives, couples = self.normal.plane_effects(lines)
         kept = self.balanced_part(gives, couples)
-        left = np.zeros((len(q), 3, self._rows))
+        left = np.zeros((len(rows), 3, self._rows))
         for number, contact in enumerate(self.normal.contacts):
             if not self._by_motion[number]:
                 left[:, :, contact.up] = gives[:, :, number]
         right = np.concatenate([gives[:, :, self._by_motion], couples], axis=2)
-        nothing = np.zeros((len(q), of_rows.shape[1], right.shape[2]))
+        nothing = np.zeros((len(rows), of_rows.shape[1], right.shape[2]))
         below = kept @ np.concatenate([left, right], axis=2)
-        return np.concatenate([np.concatenate([of_rows, nothing], axis=2), below], axis=1)
+        return np.concatenate([np.concatenate([of_rows, nothing], axis=2), below], axis=1), kept
 
-    def needed(self, state: StateEvaluation, T: Float[Array, "N p"]) -> Float[Array, "N e"]:
-        """Right sides b at states (N,), or at one state, under inputs T."""
+    def _lines(self, q: Array) -> ContactLines | None:
+        """Lines of action at configurations (N, nq); None if rows keep all heights."""
+        return self.normal.lines(q) if self._by_motion.any() else None
+
+    def equations(
+        self, state: StateEvaluation, T: Float[Array, "N p"]
+    ) -> tuple[Float[Array, "M e y"], Float[Array, "N e"]]:
+        """Return W and b at states (N,), or at one state (M = 1), under inputs T."""
+        batch = state.q if state.q.ndim > 1 else state.q[None]
+        lines = self._lines(batch)
+        effects, kept = self._effects(state.all_rows.reshape(len(batch), *state.all_rows.shape[-2:]), lines)
         needed = state.constraint_forces(T)
-        if not self._by_motion.any():
-            return needed
+        if lines is None or kept is None:
+            return effects, needed
         q, v = (np.broadcast_to(each, (len(T), each.shape[-1])) for each in (state.q, state.v))
-        balance = self.normal.plane_needs(q, v, state.acceleration(T), T)
-        return np.concatenate([needed, np.matvec(self.balanced_part(*self.normal.plane_effects(q)), balance)], axis=1)
+        balance = self.normal.plane_needs(lines, q, v, state.acceleration(T), T)
+        return effects, np.concatenate([needed, np.matvec(kept, balance)], axis=1)
 
     def balanced_part(self, gives: Float[Array, "N 3 c"], couples: Float[Array, "N 3 u"]) -> Float[Array, "N e 3"]:
         """Combinations of the three balances that forces can satisfy: the sum exactly, moments by least squares."""
@@ -128,18 +132,12 @@ class ContactForceSet:
             rows: all constraint rows there.
             known: contacts whose load is stated, so that it is not free; none by default.
         """
-        _, values, right = np.linalg.svd(self.effects(q, rows), full_matrices=False)
+        _, values, right = np.linalg.svd(self._effects(rows, self._lines(q))[0], full_matrices=False)
         return self._directions(right * self._counted(values)[:, :, None], known)[0]
 
-    def solve(self, q: Float[Array, "N nq"], rows: Float[Array, "N l nv"], needed: Float[Array, "N e"]) -> SolvedForces:
-        """Return all solutions y of the equations.
-
-        Args:
-            q: configurations.
-            rows: all constraint rows there.
-            needed: right sides b.
-        """
-        left, values, right = np.linalg.svd(self.effects(q, rows), full_matrices=False)
+    def solve(self, effects: Float[Array, "N e y"], needed: Float[Array, "N e"]) -> SolvedForces:
+        """Return all solutions y of the equations ``W y = b``."""
+        left, values, right = np.linalg.svd(effects, full_matrices=False)
         counted = self._counted(values)
         free, lift = self._directions(right * counted[:, :, None], None)
         inverse = (right.mT * (counted / np.where(counted, values, 1.0))[:, None]) @ left.mT
@@ -177,7 +175,8 @@ class ContactForceSet:
         for q in (robot.configuration(), *(robot.random_configuration(generator) for _ in range(_SAMPLES))):
             with suppress(RncError):
                 state = self._reduced.at(self._reduced.assembled(q))
-                found.append(np.linalg.svd(self.effects(state.q[None], state.all_rows[None])[0])[1:])
+                effects, _ = self._effects(state.all_rows[None], self._lines(state.q[None]))
+                found.append(np.linalg.svd(effects[0])[1:])
         return found
 
     def _directions(self, right: Array, known: Array | None) -> tuple[Array, Array]:

@@ -69,6 +69,13 @@ class LiftOff:
         )
 
 
+class ContactLines(NamedTuple):
+    """Lines of action of the contacts: points, and directions of the row that a contact's point is of."""
+
+    points: Float[Array, "N c 3"]
+    directions: Float[Array, "N c 3"]
+
+
 def contacts_of(reduced: ReducedModel) -> list[Contact]:
     """Return the contacts of a system with the ground: contacts without slip, and gliding contacts."""
     acting = np.zeros(reduced.all_constraints.size, dtype=bool)
@@ -197,7 +204,8 @@ class NormalForces:
             count = int(np.prod(batch))
             flat = [each.reshape(count, each.shape[-1]) for each in (state.q, state.v, v_dot, T, forces)]
             q, v, v_dot, T, known = flat
-            known[:, ~self.carried_by_row] = self._of_motion(q, self.plane_needs(q, v, v_dot, T), known)
+            lines = self.lines(q)
+            known[:, ~self.carried_by_row] = self._of_motion(lines, self.plane_needs(lines, q, v, v_dot, T), known)
             forces = known.reshape(forces.shape)
         return forces
 
@@ -211,9 +219,9 @@ class NormalForces:
             pushing[index] = nonnegative(pushing[index], scipy.linalg.null_space(rows[index].T, rcond=_SMALL)[up])
         return pushing
 
-    def plane_effects(self, q: Float[Array, "N nq"]) -> tuple[Float[Array, "N 3 c"], Float[Array, "N 3 u"]]:
+    def plane_effects(self, lines: ContactLines) -> tuple[Float[Array, "N 3 c"], Float[Array, "N 3 u"]]:
         """Return what unit upward forces and unit couples of axles give: upwards, and about axes along the ground."""
-        points, across = self.lines(q)
+        points, across = lines
         ones = np.ones(points.shape[:2])
         # Effects of upward forces: their sum, and their moments about the axes along the ground.
         gives = np.stack([ones, points[..., 1], -points[..., 0]], axis=1)
@@ -223,25 +231,28 @@ class NormalForces:
         headings = np.stack([np.zeros_like(ones), across[..., 1], -across[..., 0]], axis=1)
         return gives, spread * headings[..., axles]
 
-    def plane_needs(
-        self, q: Float[Array, "N nq"], v: Float[Array, "N nv"], v_dot: Float[Array, "N nv"], T: Float[Array, "N p"]
-    ) -> Float[Array, "N 3"]:
-        """Return what the upward forces and couples have to balance."""
+    def plane_needs(self, lines: ContactLines, q: Array, v: Array, v_dot: Array, T: Array) -> Float[Array, "N 3"]:
+        """Return what the upward forces and couples have to balance.
+
+        Args:
+            lines: lines of action at the configurations, or at the one configuration of all.
+            q, v, v_dot, T: configurations (N, nq), velocities and accelerations (N, nv), inputs (N, p).
+        """
         wrenches = np.array([self._needed(*each) for each in zip(q, v, v_dot, T, strict=True)]).reshape(-1, 6)
-        ground = self.lines(q)[0][..., 2].min(axis=1)
+        ground = lines.points[..., 2].min(axis=1)
         force, moment = wrenches[:, :3], wrenches[:, 3:]
         return np.stack([force[:, 2], moment[:, 0] + ground * force[:, 1], moment[:, 1] - ground * force[:, 0]], axis=1)
 
-    def _of_motion(self, q: Array, needed: Array, known: Array) -> Array:
+    def _of_motion(self, lines: ContactLines, needed: Array, known: Array) -> Array:
         """Forces (N, c) of the contacts without a height row, for needed effects (N, 3)."""
-        gives, couples = self.plane_effects(q)
+        gives, couples = self.plane_effects(lines)
         return balanced(gives[..., ~self.carried_by_row], couples, needed - np.matvec(gives, known))
 
-    def lines(self, q: Float[Array, "N nq"]) -> tuple[Float[Array, "N c 3"], Float[Array, "N c 3"]]:
+    def lines(self, q: Float[Array, "N nq"]) -> ContactLines:
         """Return the points of the contacts and the directions of their forces."""
         lines = self._reduced.all_constraints.lines_of_action(self._kinematics.position(q))
         points, across = (each[:, [contact.point for contact in self.contacts]] for each in lines)
-        return points, across
+        return ContactLines(points, across)
 
     def _needed(self, q: Array, v: Array, v_dot: Array, T: Array) -> Array:
         """External force, and moment about the origin, without gravity and forces on frames."""

@@ -115,7 +115,8 @@ class ContactForceRows(NodeBound):
         state = reduced.at(nodes.at.q, w)
         dynamic = nodes.model.form == "dynamic"
         T = nodes.u if dynamic else state.allocate(state.inverse_dynamics(nodes.u))
-        solved = self._set.solve(state.q, state.all_rows, self._set.needed(state, T) / self._unit)
+        effects, needed = self._set.equations(state, T)
+        solved = self._set.solve(effects, needed / self._unit)
         best = self._margins.largest(solved.forces, solved.free)
         if not derivatives:
             return RowValues(best.margins)

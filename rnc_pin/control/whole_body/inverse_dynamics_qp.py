@@ -84,8 +84,8 @@ class ContactCones:
         p = self._reduced.p
         if not self.names:
             return ContactBounds(np.zeros((0, p)), np.zeros(0), 0)
-        needed = self._forces.needed(state, np.vstack([np.zeros(p), np.eye(p)]))
-        left, values, right = np.linalg.svd(self._forces.effects(state.q[None], state.all_rows[None])[0])
+        effects, needed = self._forces.equations(state, np.vstack([np.zeros(p), np.eye(p)]))
+        left, values, right = np.linalg.svd(effects[0])
         rank = int((values > _RANK * values[0]).sum())
         inverse = right[:rank].T @ (left[:, :rank] / values[:rank]).T
         # All contact forces: constant part, gain of T, gain of z.
