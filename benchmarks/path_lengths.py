@@ -11,9 +11,9 @@ import numpy as np
 
 import rnc_pin as rnc
 from benchmarks.planned_models import car, knife_edge
-from benchmarks.shortest_paths import LEFT, RIGHT, STRAIGHT, drive, dubins_length, reeds_shepp_length
 from rnc_pin.errors import InfeasibleError
 from rnc_pin.optimal import EffortCost, InputBound, MotionPlan, OutputBound, SolverSettings
+from rnc_pin.planning.shortest_paths import LEFT, RIGHT, STRAIGHT, drive, dubins_length, reeds_shepp_length
 
 Pose = tuple[float, float, float]
 """x, y and heading at the end."""

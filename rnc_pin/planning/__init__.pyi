@@ -5,6 +5,8 @@ from .car_path import Leg as Leg
 from .car_path import continued_back as continued_back
 from .car_path import path_distances as path_distances
 from .chained_form import FireTruckChart as FireTruckChart
+from .find_way import WaySettings as WaySettings
+from .find_way import find_way as find_way
 from .inverse_kinematics import IkResult as IkResult
 from .inverse_kinematics import solve_ik as solve_ik
 from .output_targets import OutputTarget as OutputTarget
@@ -24,4 +26,8 @@ from .relative_references import RelativeHold as RelativeHold
 from .relative_references import RelativeMinimumJerk as RelativeMinimumJerk
 from .relative_references import RelativeReference as RelativeReference
 from .relative_references import RelativeViaPoints as RelativeViaPoints
+from .steering_detection import find_steering as find_steering
 from .steering_geometry import SteeringGeometry as SteeringGeometry
+from .way import Way as Way
+from .way import WayInfo as WayInfo
+from .way_checking import NarrowPlace as NarrowPlace

@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.path_lengths import driven_length, forward_plan, turning_plan
 from benchmarks.planned_models import car
-from benchmarks.shortest_paths import drive, dubins_length, reeds_shepp_length
+from rnc_pin.planning.shortest_paths import drive, dubins_length, reeds_shepp_length
 
 
 def test_no_random_word_is_shorter_than_the_closed_forms():

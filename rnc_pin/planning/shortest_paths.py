@@ -20,9 +20,15 @@ def dubins_length(x: float, y: float, heading: float) -> float:
     return min(_length(word) for word in _dubins_words(x, y, heading) if _ends_at(word, x, y, heading))
 
 
+def reeds_shepp_words(x: float, y: float, heading: float) -> list[Word]:
+    """Paths with forward and backward segments from the origin to a pose, in turning radii, the shortest first."""
+    found = [word for word in _reeds_shepp_words(x, y, heading) if _ends_at(word, x, y, heading)]
+    return sorted(found, key=_length)
+
+
 def reeds_shepp_length(x: float, y: float, heading: float) -> float:
     """Length of the shortest path with forward and backward segments from the origin to a pose, in turning radii."""
-    return min(_length(word) for word in _reeds_shepp_words(x, y, heading) if _ends_at(word, x, y, heading))
+    return _length(reeds_shepp_words(x, y, heading)[0])
 
 
 def drive(word: Word) -> tuple[float, float, float]:
