@@ -109,7 +109,7 @@ class OptimalPlanner(_PLAN.model, _SOLVER.model):  # type: ignore[name-defined, 
     """
 
     type: Literal["optimal", "global"]
-    """Optimal control with exact derivatives; "global" searches a way around the obstacles first, which is its guess."""
+    """Optimal control with exact derivatives; "global" first searches a way around the obstacles, its guess."""
     goal: dict[str, float] = {}
     """Values at the end by names of outputs. An orientation needs all its rows. Empty leaves the end to costs."""
     duration: Positive | Annotated[list[Positive], Field(min_length=2, max_length=2)]
