@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
+from itertools import pairwise
 from typing import NamedTuple
 
 import coal
@@ -25,7 +26,7 @@ from rnc_pin.planning import Way, WaySettings, find_steering, find_way
 from rnc_pin.planning.way_checking import WayChecker
 
 _CLEARANCE, _ROOM = 0.01, 0.05  # [m] that the search keeps, and that the way of the construction has
-_STOPS, _BOXES, _TRIES = 3, 15, 150
+_STOPS, _BOXES, _TRIES = 3, 30, 300
 _DENSE = 0.01  # [m or rad] between the samples of the replay
 
 
@@ -68,11 +69,14 @@ WORLDS = {
 
 def drawn(world: World, reduced: rnc.ReducedModel, seed: int) -> tuple[Array, Array, list[Obstacle]]:
     """Start, goal and obstacles of a world that has a way."""
-    generator, q0 = np.random.default_rng(seed), reduced.robot.configuration()
-    steering, alone = find_steering(reduced, q0), WayChecker(CollisionDistances(reduced.robot, q0=q0), 0.0)
+    generator = np.random.default_rng(seed)
+    steering = find_steering(reduced, reduced.robot.configuration())
     while True:
-        stops = [_configuration(world, reduced, alone, generator) for _ in range(_STOPS)]
-        motions = [next(steering.motions(*pair)) for pair in zip(stops[:-1], stops[1:], strict=True)]
+        start = _configuration(world, reduced, generator)
+        alone = WayChecker(CollisionDistances(reduced.robot, q0=start), 0.0)  # as the search: without pairs that touch
+        others = [_configuration(world, reduced, generator) for _ in range(_STOPS - 1)]
+        stops = [start, *others]
+        motions = [next(steering.motions(*pair)) for pair in pairwise(stops)]
         if all(alone.is_free(motion) for motion in motions):
             break
     kept: list[Obstacle] = []
@@ -90,21 +94,19 @@ def drawn(world: World, reduced: rnc.ReducedModel, seed: int) -> tuple[Array, Ar
     return stops[0], stops[-1], kept
 
 
-def _configuration(world: World, reduced: rnc.ReducedModel, alone: WayChecker, generator: np.random.Generator) -> Array:
-    """Random configuration without contact of links: a base in the area, limited joints in the middle of their range."""
+def _configuration(world: World, reduced: rnc.ReducedModel, generator: np.random.Generator) -> Array:
+    """Random configuration: a base in the area, joints within their limits, straight wheels."""
     model = reduced.robot.model
     low, high = model.lowerPositionLimit, model.upperPositionLimit
-    while True:
-        q = np.array(reduced.robot.configuration())
-        for joint in list(model.joints)[1:]:
-            if joint.shortname() == "JointModelPlanar":
-                yaw = generator.uniform(-np.pi, np.pi)
-                q[joint.idx_q : joint.idx_q + 4] = *generator.uniform(-world.half, world.half, 2), *_angle(yaw)
-            elif joint.nq == 1 and world.model not in (car,):
-                k = joint.idx_q
-                q[k] = generator.uniform(*np.clip([low[k], high[k]], -np.pi, np.pi))
-        if alone.violation(q) is None:
-            return q
+    q = np.array(reduced.robot.configuration())
+    for joint in list(model.joints)[1:]:
+        k = joint.idx_q
+        if joint.shortname() == "JointModelPlanar":
+            yaw = generator.uniform(-np.pi, np.pi)
+            q[k : k + 4] = *generator.uniform(-world.half, world.half, 2), *_angle(yaw)
+        elif joint.nq == 1 and world.model is not car:
+            q[k] = generator.uniform(*np.clip([low[k], high[k]], -np.pi, np.pi))
+    return q
 
 
 def _angle(yaw: float) -> tuple[float, float]:

@@ -57,6 +57,8 @@ class WayChecker:
 
     def violation(self, q: Float[Array, " nq"]) -> tuple[str, float] | None:
         """Pair that is too near at a configuration, and its distance [m]; None if all are far enough."""
+        if not self.distances.pairs:
+            return None
         found = self.distances.smallest(q, 0.0, self.clearance + self.tolerance)
         worst = int(np.argmin(found - self._least))
         if found[worst] > self._least[worst]:
