@@ -171,7 +171,7 @@ def _check_configuration(reduced: ReducedModel, checker: WayChecker | None, q: A
 
 
 def _problem_of(reduced: ReducedModel, checker: WayChecker | None, q: Array) -> str:
-    """What is wrong with a configuration; "" if nothing is."""
+    """Text about a configuration that is beyond a limit or too near to something; "" for others."""
     model = reduced.robot.model
     none = np.zeros(model.nv, dtype=bool)
     bounds = TangentBounds(model, model.lowerPositionLimit, model.upperPositionLimit, none)

@@ -18,7 +18,7 @@ from rnc_pin.printing import Line, ObjectSummary, SummaryMixin, counted, items
 
 @dataclass(frozen=True, repr=False)
 class WayInfo:
-    """How a way was found.
+    """Record of the search for a way.
 
     Attributes:
         steering: kind of the exact steering.
@@ -51,7 +51,7 @@ class Way(SummaryMixin):
         length: length of the path of the base [m]; zero for a fixed base.
         residual: largest entry of ``A(q) v`` at the nodes, and halfway between them.
         narrowest: narrowest place beside obstacles; None if none is nearer than 1 m.
-        info: how it was found.
+        info: record of the search.
     """
 
     reduced: ReducedModel
