@@ -8,6 +8,7 @@ from .chained_form import FireTruckChart as FireTruckChart
 from .find_way import WaySettings as WaySettings
 from .find_way import find_way as find_way
 from .inverse_kinematics import IkResult as IkResult
+from .inverse_kinematics import IkSearch as IkSearch
 from .inverse_kinematics import solve_ik as solve_ik
 from .output_targets import OutputTarget as OutputTarget
 from .references import Geodesic as Geodesic
