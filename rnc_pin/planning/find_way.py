@@ -23,7 +23,7 @@ from rnc_pin.model.parameter_types import NotNegative, Positive
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.planning.bounded_descent import TangentBounds
 from rnc_pin.planning.exact_steering import CarSteering, ExactMotion, Steering
-from rnc_pin.planning.inverse_kinematics import solve_ik
+from rnc_pin.planning.inverse_kinematics import IkSearch, solve_ik
 from rnc_pin.planning.output_targets import OutputTarget
 from rnc_pin.planning.steering_detection import find_steering
 from rnc_pin.planning.way import Way, WayInfo
@@ -48,6 +48,13 @@ class WaySettings:
         hold: names of joints that keep their positions.
         area: smallest and largest x, y and z (2, 3) of the base [m]; by default the box around start, goals and
             obstacles, with room to turn around it.
+
+    Raises:
+        InputError: a number is out of range.
+
+    Example:
+        >>> rnc.planning.WaySettings(seconds=5.0, hold=["torso_lift_joint"]).shortcuts
+        100
     """
 
     seconds: Positive = 30.0
@@ -55,6 +62,13 @@ class WaySettings:
     shortcuts: Annotated[int, Ge(0)] = 100
     hold: Sequence[str] = ()
     area: ArrayLike | None = None
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.seconds < np.inf:
+            raise InputError(f"seconds: expected a positive number, found {self.seconds!r}")
+        for name, value, least in (("goals", self.goals, 1), ("shortcuts", self.shortcuts, 0)):
+            if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < least:
+                raise InputError(f"{name}: expected an integer of at least {least}, found {value!r}")
 
 
 _DEFAULT = WaySettings()
@@ -94,7 +108,7 @@ def find_way(
         InfeasibleError: the start or the goal is in collision or beyond a limit, or no way is found in the time. The
             message names the nearest place and the pair that blocks most motions; ``error.q`` is the nearest
             configuration that was reached.
-        InputError: wrong shapes.
+        InputError: wrong shapes, or a clearance that is negative.
 
     Example:
         >>> import coal
@@ -107,6 +121,8 @@ def find_way(
         (array([3., 0.]), True, True)
     """
     check_extra("ompl", "find_way")
+    if not 0.0 <= clearance < np.inf:
+        raise InputError(f"clearance: expected a number of at least 0 m, found {clearance!r}")
     clock = Clock(settings.seconds)
     start = _validated(reduced, q0)
     for obstacle in obstacles:
@@ -223,8 +239,7 @@ class _Goals:
                 hold=self._settings.hold,
                 collisions=self._beside,
                 clearance=0.0 if self._checker is None else self._checker.clearance + 2 * self._checker.tolerance,
-                starts=20 if not attempt else 1,
-                seed=seed,
+                search=IkSearch(starts=20 if not attempt else 1, seed=seed),
             )
             if not result.converged:
                 why = why or f"no configuration reaches {', '.join(result.unreachable) or 'the goal beside obstacles'}"

@@ -196,6 +196,11 @@ def test_what_is_not_possible_is_one_line():
     steering = "front_steering"
     with pytest.raises(rnc.InfeasibleError, match=f"beyond the position limit of joint '{steering}' by 0.5"):
         find_way(car(), at_pose(car(), 0.0, 0.0), at_pose(car(), 1.0, 0.0, front_steering=1.5))
+    for options, message in (({"seconds": 0.0}, "seconds: expected a positive"), ({"goals": 0}, "goals: expected an")):
+        with pytest.raises(rnc.InputError, match=message):
+            WaySettings(**options)
+    with pytest.raises(rnc.InputError, match="clearance: expected a number of at least 0"):
+        find_way(reduced, start, goal, clearance=-0.1)
     with pytest.raises(rnc.InputError, match="area"):
         find_way(reduced, start, goal, gap(2.0), settings=WaySettings(area=[[0, 0], [1, 1]]))
 
