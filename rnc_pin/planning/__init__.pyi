@@ -5,8 +5,6 @@ from .car_path import Leg as Leg
 from .car_path import continued_back as continued_back
 from .car_path import path_distances as path_distances
 from .chained_form import FireTruckChart as FireTruckChart
-from .find_way import WaySettings as WaySettings
-from .find_way import find_way as find_way
 from .inverse_kinematics import IkResult as IkResult
 from .inverse_kinematics import IkSearch as IkSearch
 from .inverse_kinematics import solve_ik as solve_ik
@@ -32,3 +30,5 @@ from .steering_geometry import SteeringGeometry as SteeringGeometry
 from .way import Way as Way
 from .way import WayInfo as WayInfo
 from .way_checking import NarrowPlace as NarrowPlace
+from .way_finding import WaySettings as WaySettings
+from .way_finding import find_way as find_way
