@@ -52,7 +52,7 @@ class EffortError:
     file: float
     """Error of the robot's file."""
     constant: float
-    """Error of the best constant: standard deviation of the measured row."""
+    """Error of a constant: the mean of the row in the part that was fitted."""
 
     def __str__(self) -> str:
         return f"{self.fit:.3g}, file {self.file:.3g}, constant {self.constant:.3g}"
@@ -287,7 +287,8 @@ class _Asked:
         self._of_effort = sorted(of_effort, key=lambda each: isinstance(each, EffortOffset))
         self.names = tuple(each.name for each in self._of_effort)
         self.begin = len(self.columns)
-        self.first_values = np.array([float(isinstance(each, EffortScale)) for each in self._of_effort])
+        self._is_scale = np.array([isinstance(each, EffortScale) for each in self._of_effort], dtype=float)
+        self.first_values = self._is_scale
 
     def bind(self, blocks: Sequence[Block]) -> None:
         """Tell rows which scale and offset is theirs."""
@@ -302,22 +303,35 @@ class _Asked:
         model, known = self._problem.system.robot.model, self._problem.regressor.nominal()
         for name, first in zip(self.bodies, self._first, strict=True):
             known[first : first + 10] = dynamic_parameters(model.inertias[model.getJointId(name)])
-        scales, spreads = self._first_scales(blocks, known)
-        return InertialFit(blocks, known, self.columns, len(self.bodies), scales, spreads, prior)
+        scales = self._first_scales(blocks, known)
+        rest = np.concatenate([self._first_linear(blocks, known), scales])
+        signs = np.concatenate([np.ones(len(self._linear)), np.sign(scales) * self._is_scale])
+        return InertialFit(blocks, known, self.columns, len(self.bodies), rest, signs, prior)
 
-    def _first_scales(self, blocks: Sequence[Block], known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Scales and offsets that explain the efforts by the file's inertias and by friction, and their spreads."""
-        values, spreads = self.first_values.copy(), np.full(len(self.first_values), np.inf)
+    def _first_linear(self, blocks: Sequence[Block], known: np.ndarray) -> np.ndarray:
+        """Friction and motor inertia of the file; where it has none, values that act a tenth as much as the bodies."""
+        bodies = slice(0, 10 * len(self._problem.regressor.bodies))
+        values = known[self._linear]
+        for k, column in enumerate(self._linear):
+            acts = [(np.std(block.D[:, bodies] @ known[bodies]), np.std(block.D[:, column])) for block in blocks]
+            if values[k] <= 0:
+                values[k] = max((0.1 * body / own for body, own in acts if own > 0 and body > 0), default=1.0)
+        return values
+
+    def _first_scales(self, blocks: Sequence[Block], known: np.ndarray) -> np.ndarray:
+        """Scales and offsets that explain the efforts by the file's inertias and by friction, which has a sign."""
+        values, size = self.first_values.copy(), 10 * len(self._problem.regressor.bodies)
         for block in blocks:
             if block.scale is None:
                 continue
-            model = block.D[:, : 10 * len(self._problem.regressor.bodies)] @ known[: 10 * len(self._problem.regressor.bodies)]
-            rest = block.D[:, [k for k in self._linear if block.D[:, k].any()]]
+            model = block.D[:, :size] @ known[:size]
+            dissipation = [k for k in self._linear if k < size + 2 * len(self._problem.regressor.joints)]
+            rest = block.D[:, [k for k in dissipation if block.D[:, k].any()]]
             found = np.linalg.lstsq(np.column_stack([model, rest, np.ones(len(model))]), block.y, rcond=None)[0]
+            power = float(np.sum(np.std(rest, axis=0) * found[1 : 1 + rest.shape[1]])) or found[0]
             least = 1e-3 * np.std(block.y) / max(np.std(model), 1e-300)
-            values[block.scale - self.begin] = max(found[0], least)
-            spreads[block.scale - self.begin] = 3 * max(abs(found[0]), least)
-        return values, spreads
+            values[block.scale - self.begin] = np.sign(power) * max(found[0] * np.sign(power), least)
+        return values
 
     def errors(self, blocks: Sequence[Block], fit: InertialFit) -> dict[str, EffortError]:
         """Errors of rows by the fit, by the file and by a constant."""
@@ -326,7 +340,8 @@ class _Asked:
         for block in blocks:
             if not block.fixed:
                 rms = [float(np.sqrt(np.mean(r**2))) for r in (block.residuals(p, fit.x), block.D @ fit.known - block.y)]
-                found[block.name] = EffortError(*rms, float(np.std(block.y)))
+                mean = np.mean(next(each.y for each in fit.blocks if each.name == block.name))
+                found[block.name] = EffortError(*rms, float(np.sqrt(np.mean((block.y - mean) ** 2))))
         return found
 
 
@@ -366,7 +381,9 @@ def _judged(
                               f"move {hint or 'other joints'}, or give a prior")  # fmt: skip
     worst = vectors[-1][: len(chosen)] * sizes
     return WeakCombination(
-        combination_name(vectors[-1], names), float(1 / max(values[-1], 1e-300)), _helpful(problem, chosen, worst)
+        combination_name(vectors[-1], names),
+        float(1 / values[-1]) if values[-1] > 1e-11 * values[0] else np.inf,
+        _helpful(problem, chosen, worst),
     )
 
 

@@ -71,15 +71,16 @@ class InertialFit:
     """Unknowns x: parameters of bodies and of joints, which are columns of the rows, then effort scales and offsets.
 
     The cost is the sum of squares in standard deviations, and the weight times twice the divergence of each body from
-    the file. It is convex if no effort scale is unknown.
+    the file. It is convex if no effort scale is unknown. Friction and motor inertia stay positive, and effort scales
+    keep their signs.
 
     Args:
         blocks: the rows.
         known: parameters (width,) of the file, of bodies with some thickness.
         columns: columns of the unknown parameters, ten for each body first.
         bodies: number of unknown bodies.
-        others: first values of the scales and offsets.
-        spread: their standard deviations.
+        rest: first values of the other unknowns: linear parameters, scales and offsets; a prior knows nothing of them.
+        signs: their signs; 0 for one that may have both.
         prior: relative standard deviation of the second moments of mass; None without a prior.
 
     Attributes:
@@ -92,16 +93,17 @@ class InertialFit:
         known: np.ndarray,
         columns: list[int],
         bodies: int,
-        others: np.ndarray,
-        spread: np.ndarray,
+        rest: np.ndarray,
+        signs: np.ndarray,
         prior: float | None,
     ) -> None:
         self.blocks, self.known, self.columns = blocks, known, columns
-        self.x = self._start = np.concatenate([known[columns], others])
+        self.x = self._start = np.concatenate([known[columns[: 10 * bodies]], rest])
         self._owned = [slice(10 * k, 10 * k + 10) for k in range(bodies)]
         self._priors = [InertiaPrior(self.x[own]) for own in self._owned]
-        linear = np.maximum(np.abs(self.x[10 * bodies : len(columns)]), 1.0) * _LOOSE
-        self._spread = np.concatenate([np.full(10 * bodies, np.inf), linear, spread])
+        self._spread = np.concatenate([np.full(10 * bodies, np.inf), np.maximum(np.abs(rest), 1.0) * _LOOSE])
+        self._signed = 10 * bodies + np.flatnonzero(signs)
+        self._signs = signs[signs != 0]
         self._weight = _BARRIER if prior is None else 1 / prior**2
 
     def parameters(self, x: np.ndarray) -> np.ndarray:
@@ -144,7 +146,11 @@ class InertialFit:
     def _cost(self, x: np.ndarray, weight: float) -> float:
         r, _ = self.data(x)
         divergence = sum(prior.divergence(x[own]) for prior, own in zip(self._priors, self._owned, strict=True))
-        return float(r @ r + np.sum(((x - self._start) / self._spread) ** 2)) / 2 + weight * divergence
+        positive = x[self._signed] * self._signs
+        if (positive <= 0).any():
+            return np.inf
+        pull = np.sum(((x - self._start) / self._spread) ** 2)
+        return float(r @ r + pull) / 2 + weight * divergence - _BARRIER * float(np.log(positive).sum())
 
     def terms(self, x: np.ndarray, weight: float | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Residuals and derivatives of rows, priors and first values: ``J^T r`` and ``J^T J`` are those of the cost."""
@@ -157,7 +163,10 @@ class InertialFit:
             wide[:, own] = root * rows
             parts.append(root * values)
             slopes.append(wide)
-        return np.concatenate(parts), np.vstack(slopes)
+        barrier = np.zeros((len(self._signed), len(x)))
+        barrier[np.arange(len(self._signed)), self._signed] = np.sqrt(_BARRIER) / x[self._signed]
+        parts.append(np.full(len(self._signed), -np.sqrt(_BARRIER)))
+        return np.concatenate(parts), np.vstack([*slopes, barrier])
 
     def data(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals of all blocks in standard deviations, and their derivatives."""
