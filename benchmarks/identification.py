@@ -24,7 +24,6 @@ from rnc_pin.identification import (
     ViscousFriction,
 )
 from rnc_pin.identification.base_parameters import BaseParameters
-from rnc_pin.identification.dynamic_unknowns import DynamicUnknown
 from rnc_pin.logs import Channel
 
 JOINTS = ("torso_lift_joint", *(f"arm_{k}_joint" for k in range(1, 8)))
@@ -68,7 +67,9 @@ def arm(changed: int | None = None, base: bool = True) -> rnc.Robot:
         for k in range(1, model.njoints):
             at = model.inertias[k]
             by = draw.uniform(0.7, 1.4, 2)
-            model.inertias[k] = pin.Inertia(by[0] * at.mass, at.lever + draw.uniform(-0.03, 0.03, 3), by[1] * at.inertia)
+            model.inertias[k] = pin.Inertia(
+                by[0] * at.mass, at.lever + draw.uniform(-0.03, 0.03, 3), by[1] * at.inertia
+            )
     return rnc.Robot(model)
 
 
@@ -145,36 +146,15 @@ def tiago_system() -> rnc.NonholonomicSystem:
     return rnc.NonholonomicSystem(robot, (), JOINTS)
 
 
-def tiago(log: rnc.Log | None = None) -> Identification:
-    """Fit of the first half of TIAGo's log. Friction within two standard deviations of zero is left out.
+def tiago() -> Identification:
+    """Fit of the first half of TIAGo's log.
 
-    The gravity of the torso is constant, and its scale is not known apart from its offset: it is not asked.
+    The gravity of the torso is constant, so that its scale is not known apart from its offset: it is not asked.
     """
-    system, log = tiago_system(), log or tiago_log()
     kinds = (BodyInertia, CoulombFriction, ViscousFriction, EffortScale, EffortOffset)
-    unknown: list[DynamicUnknown] = [kind(name) for kind in kinds for name in JOINTS]
+    unknown = [kind(name) for kind in kinds for name in JOINTS]
     unknown.remove(EffortScale("torso_lift_joint"))
-    while True:
-        found = rnc.identify(system, log, unknown, prior=PRIOR, held_out=0.5, window=WINDOW)
-        weak = min(((_certainty(found, each), each.name, each) for each in unknown if _is_friction(each)), default=None)
-        if weak is None or weak[0] > 2:
-            return found
-        unknown.remove(weak[2])
-
-
-def _is_friction(unknown: DynamicUnknown) -> bool:
-    return isinstance(unknown, CoulombFriction | ViscousFriction)
-
-
-def _certainty(found: Identification, friction: DynamicUnknown) -> float:
-    """Friction in the unit of the driver over its standard deviation."""
-    scale = EffortScale(friction.joint).name
-    value, at = found.value(friction.name), found.names.index(friction.name)
-    if scale not in found.names:
-        return abs(value) / float(found.std[at])
-    other = found.names.index(scale)
-    slope = np.array([found.values[other], value])
-    return abs(slope.prod()) / float(np.sqrt(slope @ found.covariance[np.ix_([at, other], [at, other])] @ slope))
+    return rnc.identify(tiago_system(), tiago_log(), unknown, prior=PRIOR, held_out=0.5, window=WINDOW)
 
 
 def better(found: Identification, joints: Sequence[str] = JOINTS) -> list[str]:
@@ -186,8 +166,8 @@ def better(found: Identification, joints: Sequence[str] = JOINTS) -> list[str]:
 def main() -> None:
     """Print what was measured."""
     count, before, after = floating_error()
-    print(f"free-flying arm, momentum alone: {count} base parameters, largest error {before:.2g} before and {after:.1e} "
-          "after [kg, kg m, kg m^2]; the mass of the robot has to be known")  # fmt: skip
+    print(f"free-flying arm, momentum alone: {count} base parameters; largest error before and after: {before:.2g}, "
+          f"{after:.1e} [kg, kg m, kg m^2]; the mass of the robot has to be known")  # fmt: skip
     if not (MEASURED / "tiago").is_dir():
         print(f"the log of TIAGo is not in {MEASURED}")
         return

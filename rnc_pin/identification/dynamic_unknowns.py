@@ -128,8 +128,6 @@ class EffortOffset:
         return f"effort offset of {self.joint}"
 
 
-DynamicUnknown: TypeAlias = (
-    BodyInertia | CoulombFriction | ViscousFriction | MotorInertia | EffortScale | EffortOffset
-)
+DynamicUnknown: TypeAlias = BodyInertia | CoulombFriction | ViscousFriction | MotorInertia | EffortScale | EffortOffset
 INERTIAL = ("m", "m x", "m y", "m z", "I_xx", "I_xy", "I_yy", "I_xz", "I_yz", "I_zz")
 """Parameters of a body in Pinocchio's order: mass, first moments, moments of inertia about the origin of the joint."""

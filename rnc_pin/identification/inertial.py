@@ -279,7 +279,9 @@ class _Asked:
         _check([each.joint for each in linear], regressor.joints, "joint")
         first, size = 10 * len(regressor.bodies), len(regressor.joints)
         self._first = [10 * regressor.bodies.index(name) for name in self.bodies]
-        self._linear = [first + size * _LINEAR.index(type(each)) + regressor.joints.index(each.joint) for each in linear]
+        self._linear = [
+            first + size * _LINEAR.index(type(each)) + regressor.joints.index(each.joint) for each in linear
+        ]
         self.friction = list(dict.fromkeys(each.joint for each in linear))
         self.columns = [k for start in self._first for k in range(start, start + 10)] + self._linear
         of_effort = [each for each in unknown if isinstance(each, EffortScale | EffortOffset)]
@@ -339,7 +341,9 @@ class _Asked:
         p, found = fit.parameters(fit.x), {}
         for block in blocks:
             if not block.fixed:
-                rms = [float(np.sqrt(np.mean(r**2))) for r in (block.residuals(p, fit.x), block.D @ fit.known - block.y)]
+                rms = [
+                    float(np.sqrt(np.mean(r**2))) for r in (block.residuals(p, fit.x), block.D @ fit.known - block.y)
+                ]
                 mean = np.mean(next(each.y for each in fit.blocks if each.name == block.name))
                 found[block.name] = EffortError(*rms, float(np.sqrt(np.mean((block.y - mean) ** 2))))
         return found
@@ -409,7 +413,9 @@ def _sizes(known: np.ndarray, asked: _Asked, problem: InertialProblem, columns: 
     return sizes[columns]
 
 
-def identified(system: NonholonomicSystem, problem: InertialProblem, p: np.ndarray, asked: _Asked) -> NonholonomicSystem:
+def identified(
+    system: NonholonomicSystem, problem: InertialProblem, p: np.ndarray, asked: _Asked
+) -> NonholonomicSystem:
     """The system with parameters (width,) of the regressor."""
     robot: Robot = copy(system.robot)
     model = robot.model = system.robot.model.copy()

@@ -104,6 +104,7 @@ class InertialFit:
         self._spread = np.concatenate([np.full(10 * bodies, np.inf), np.maximum(np.abs(rest), 1.0) * _LOOSE])
         self._signed = 10 * bodies + np.flatnonzero(signs)
         self._signs = signs[signs != 0]
+        self._barrier = _BARRIER
         self._weight = _BARRIER if prior is None else 1 / prior**2
 
     def parameters(self, x: np.ndarray) -> np.ndarray:
@@ -121,7 +122,9 @@ class InertialFit:
                     size = max(block.size if block.y.any() else 0.0, float(np.abs(block.D * p).max(initial=0.0)))
                     r = block.residuals(p, self.x)
                     block.deviation = max(float(np.sqrt(np.mean(r**2))), _FLOOR * size, 1e-300)
-            self._minimize(self._weight ** min(turn / _STAGES, 1.0) if self._weight < 1 else self._weight)
+            # Barriers from the start would let the first steps end at the border.
+            self._barrier = _BARRIER ** min(turn / _STAGES, 1.0)
+            self._minimize(max(self._weight, self._barrier))
 
     def _minimize(self, weight: float) -> None:
         """Newton's method with a line search among the inertias that bodies can have."""
@@ -150,7 +153,7 @@ class InertialFit:
         if (positive <= 0).any():
             return np.inf
         pull = np.sum(((x - self._start) / self._spread) ** 2)
-        return float(r @ r + pull) / 2 + weight * divergence - _BARRIER * float(np.log(positive).sum())
+        return float(r @ r + pull) / 2 + weight * divergence - self._barrier * float(np.log(positive).sum())
 
     def terms(self, x: np.ndarray, weight: float | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Residuals and derivatives of rows, priors and first values: ``J^T r`` and ``J^T J`` are those of the cost."""
@@ -164,8 +167,8 @@ class InertialFit:
             parts.append(root * values)
             slopes.append(wide)
         barrier = np.zeros((len(self._signed), len(x)))
-        barrier[np.arange(len(self._signed)), self._signed] = np.sqrt(_BARRIER) / x[self._signed]
-        parts.append(np.full(len(self._signed), -np.sqrt(_BARRIER)))
+        barrier[np.arange(len(self._signed)), self._signed] = np.sqrt(self._barrier) / x[self._signed]
+        parts.append(np.full(len(self._signed), -np.sqrt(self._barrier)))
         return np.concatenate(parts), np.vstack([*slopes, barrier])
 
     def data(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -10,7 +10,7 @@ import pinocchio as pin
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.identification.inertial_fit import Block
 from rnc_pin.identification.measured_motion import MeasuredMotion
-from rnc_pin.identification.reduced_regressor import ReducedRegressor, TestFunctions
+from rnc_pin.identification.reduced_regressor import ReducedRegressor, WindowAverages
 from rnc_pin.logs.log import Log
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.system import NonholonomicSystem
@@ -19,6 +19,7 @@ _WINDOW = 32  # intervals of a window by default
 _GAP = 1.5  # duration of a window with a gap, relative to a usual one
 _STATES = 12  # random states for each column
 _POSTURES, _MOVES = 8, 6
+_STILL = 1e-3  # velocity of a joint at rest, relative to the fastest
 
 
 class InertialProblem:
@@ -54,7 +55,9 @@ class InertialProblem:
         self.effort_size = float(np.sqrt(np.mean(self.motion.efforts**2))) if self.motion.efforts.any() else 1.0
         self._length = _WINDOW if window is None else round(window / self.motion.period)
         if self._length < 4:
-            raise ConfigurationError(f"window: expected at least 4 samples of {self.motion.period:.3g} s, found {window}")
+            raise ConfigurationError(
+                f"window: expected at least 4 samples of {self.motion.period:.3g} s, found {window}"
+            )
         values = [rows.rate(Kinematics(system.robot).position(self.motion.q[:1])) for rows in self.regressor.momentum]
         self.homogeneous = not self._with_forces and not any(np.any(each) for each in values)
         self.assumed = self._inertia_of_base()[0] if self.homogeneous else ""
@@ -84,7 +87,7 @@ class InertialProblem:
         starts = starts[time[starts + length] - time[starts] < _GAP * length * self.motion.period]
         if not len(starts):
             return []
-        windows = TestFunctions(time, starts, length)
+        windows = WindowAverages(time, starts, length)
         columns = regressor.weak(q, v, windows)
         at = Kinematics(self.system.robot).position(q)
         R = regressor.basis(q).R[..., regressor.rows]
@@ -129,9 +132,14 @@ class InertialProblem:
         return np.vstack([*rows, *([self._inertia_of_base()[1][None]] if self.homogeneous else [])])
 
     def movers(self, combination: np.ndarray, generator: np.random.Generator) -> list[tuple[str, float]]:
-        """Entries of v with the change of rows that their motion shows for a combination (width,), largest first."""
+        """Entries of v with the change of rows that their motion shows for a combination (width,), largest first.
+
+        Other joints start from positions of the log, and move if they move in it.
+        """
         robot, found = self.system.robot, []
-        postures = self.regressor.random_configurations(_POSTURES, generator)
+        rates_of_log = np.abs(self.motion.v[:, self.regressor.entries]).max(axis=0)
+        moving = rates_of_log > _STILL * rates_of_log.max()
+        postures = self.motion.q[:: max(len(self.motion.q) // _POSTURES, 1)]
         for k, entry in enumerate(self.regressor.entries):
             if entry in self.regressor.conserved:
                 continue
@@ -141,7 +149,7 @@ class InertialProblem:
                 moved = []
                 for step in generator.uniform(-0.7, 0.7, _MOVES):
                     moved.append(pin.integrate(robot.model, q, self.regressor.basis(q[None]).R[0] @ along * step))
-                rates = generator.normal(size=(2, _MOVES, 1)) * along
+                rates = generator.normal(size=(2, _MOVES, len(along))) * (moving | (along > 0))
                 for rows in self._rows(np.array(moved), *rates):
                     seen = (rows @ combination).reshape(_MOVES, -1)
                     total += float(np.sum((seen - seen.mean(axis=0)) ** 2))

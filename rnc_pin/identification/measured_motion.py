@@ -6,12 +6,13 @@ import numpy as np
 import pinocchio as pin
 import scipy
 
-from rnc_pin.errors import ConfigurationError, few
+from rnc_pin.errors import ConfigurationError, ConstraintError, few
 from rnc_pin.identification.reduced_regressor import ReducedRegressor
 from rnc_pin.logs.channel import Channel
 from rnc_pin.logs.log import Log
 
 _SMOOTHED = 9  # samples of the parabola whose slope is a rate
+_GUESSES = 20  # first guesses of passive joints
 _SHOWN = 1e-6  # smallest relative singular value of the measured velocities
 
 
@@ -102,24 +103,43 @@ class MeasuredMotion:
         robot, model = self._robot, self._robot.model
         q = np.tile(robot.configuration(), (len(positions), 1))
         for name, values in zip(measured, positions.T, strict=True):
-            joint = model.joints[model.getJointId(name)]
-            turned = values[:, None] if joint.nq == 1 else np.column_stack([np.cos(values), np.sin(values)])
-            q[:, joint.idx_q : joint.idx_q + joint.nq] = turned
+            where = self._places(name)
+            q[:, where] = values[:, None] if where.stop - where.start == 1 else np.c_[np.cos(values), np.sin(values)]
         if base is not None:
             q[:, : base.shape[1]] = base
         elif "root_joint" in model.names and np.abs(model.gravity.linear[:2]).max() > 0:
             raise ConfigurationError("gravity is not vertical: identification needs poses of a frame of the base")
         missing = [name for name in robot.joint_names if name not in measured and name != "root_joint"]
         if missing:
-            assembly = self._regressor.system.assembly
-            for k in range(len(q)):
-                if k:
-                    for name in missing:
-                        joint = model.joints[model.getJointId(name)]
-                        where = slice(joint.idx_q, joint.idx_q + joint.nq)
-                        q[k, where] = q[k - 1, where]
-                q[k] = assembly.project(q[k], measured)
+            entries = [self._places(name) for name in missing]
+            q[0] = self._closed(q[0], measured)
+            for k in range(1, len(q)):
+                for where in entries:
+                    q[k, where] = q[k - 1, where]
+                q[k] = self._regressor.system.assembly.project(q[k], measured)
         return q
+
+    def _places(self, name: str) -> slice:
+        """Entries of q of a joint."""
+        joint = self._robot.model.joints[self._robot.joint_id(name)]
+        return slice(joint.idx_q, joint.idx_q + joint.nq)
+
+    def _closed(self, q: np.ndarray, measured: list[str]) -> np.ndarray:
+        """Configuration with the measured positions: the nearest one that closes loops, from several first guesses."""
+        assembly, generator = self._regressor.system.assembly, np.random.default_rng(0)
+        entries = [self._places(name) for name in measured]
+        guess, failure = q, None
+        for _ in range(_GUESSES):
+            try:
+                return assembly.project(guess, measured)
+            except ConstraintError as error:
+                failure = failure or error
+            guess = assembly.random_configuration(generator)
+            for where in entries:
+                guess[where] = q[where]
+        raise ConfigurationError(
+            f"the measured positions at {self.time[0]:.3g} s do not fit the constraints: {failure}"
+        )
 
     def _velocities(self, columns: list[int], known: np.ndarray) -> np.ndarray:
         """Velocities (N, nv) on the rows that are nearest to the measured entries (N, k)."""

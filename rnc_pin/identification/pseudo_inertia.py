@@ -1,4 +1,4 @@
-"""Pseudo-inertias of bodies: they are linear in the dynamic parameters, and positive definite for a body that can exist.
+"""Pseudo-inertias of bodies: linear in the dynamic parameters, and positive definite for a body that can exist.
 
 The prior is the entropic divergence ``tr(J J0^-1) - log det(J J0^-1) - 4``. It is convex, does not depend on axes and
 units, and is infinite at the border of the inertias that a body can have. Lee, Wensing and Park, "Geometric robot

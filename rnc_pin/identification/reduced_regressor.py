@@ -118,7 +118,9 @@ class ReducedRegressor:
         R = self.basis(q).R[..., self.rows]
         out = np.empty((len(q), len(self.rows), self.width))
         for k, (qk, vk, ak) in enumerate(zip(q, v, v_dot, strict=True)):
-            out[k, :, : 10 * len(self.bodies)] = R[k].T @ pin.computeJointTorqueRegressor(model, data, qk, vk, ak)
+            out[k, :, : 10 * len(self.bodies)] = R[k].T @ pin.computeJointTorqueRegressor(
+                model, data, qk, vk, ak
+            ).reshape(model.nv, -1)
         Rj, vj = R[:, self._coordinates], v[:, self._coordinates]
         scaled = (np.sign(vj), vj, v_dot[:, self._coordinates])
         out[:, :, 10 * len(self.bodies) :] = np.concatenate([(Rj * each[..., None]).mT for each in scaled], axis=2)
@@ -141,7 +143,7 @@ class ReducedRegressor:
             start += size
         return columns, values
 
-    def weak(self, q: np.ndarray, v: np.ndarray, windows: TestFunctions) -> np.ndarray:
+    def weak(self, q: np.ndarray, v: np.ndarray, windows: WindowAverages) -> np.ndarray:
         """Columns (W, k, width) of the rows, averaged over windows by parts: no acceleration is needed.
 
         ``w R^T J^T d(h)/dt = -(d(w R^T J^T)/dt) h`` under the integral, with the momentum h of a body in the axes of
@@ -183,7 +185,7 @@ class ReducedRegressor:
         return np.concatenate([*bodies, dry, damping, np.asarray(model.armature)[self._coordinates]])
 
 
-class TestFunctions:
+class WindowAverages:
     """Weights ``(1 - x^2)^4`` over windows of equal length, half of which overlap; each has integral 1.
 
     They and three derivatives are zero at the ends, so that the trapezoidal rule is accurate.
@@ -251,7 +253,9 @@ def _momentum_columns(motion: np.ndarray) -> np.ndarray:
     out[:, :3, 1:4] = _cross(angular)
     out[:, 3:, 1:4] = -_cross(linear)
     x, y, z = angular.T
-    for column, pairs in enumerate((((0, x),), ((0, y), (1, x)), ((1, y),), ((0, z), (2, x)), ((1, z), (2, y)), ((2, z),))):
+    for column, pairs in enumerate(
+        (((0, x),), ((0, y), (1, x)), ((1, y),), ((0, z), (2, x)), ((1, z), (2, y)), ((2, z),))
+    ):
         for row, value in pairs:
             out[:, 3 + row, 4 + column] = value
     return out

@@ -6,7 +6,6 @@ from pathlib import Path
 from xml.etree.ElementTree import Element, ParseError, SubElement, tostring
 
 import numpy as np
-
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError

@@ -136,7 +136,7 @@ def correlation_of(fit: Fit) -> float:
 
 
 def correlation_length(residuals: np.ndarray) -> float:
-    """Number of samples over which residuals (N,) are correlated: one plus twice the sum of their first correlations."""
+    """Number of samples over which residuals (N,) are correlated: 1 plus twice the sum of their first correlations."""
     r = residuals - residuals.mean()
     limit = len(r) // 2
     size = 2 ** int(np.ceil(np.log2(2 * len(r))))
