@@ -115,7 +115,14 @@ class PoseFilter(ReprMixin):
 
     def describe(self) -> Description:
         """Return the frame, the densities and the gate."""
-        return {"frame": self.odometry.frame, **self._settings()}
+        return {
+            "frame": self.odometry.frame,
+            "slip": self.slip,
+            "encoder": self.encoder,
+            "gyro": self.gyro,
+            "bias": self.bias,
+            "gate": self.gate,
+        }
 
     def initial_state(
         self,
@@ -217,8 +224,7 @@ class PoseFilter(ReprMixin):
         return PoseFix(estimate, innovation, distance, True)
 
     def _settings(self) -> dict[str, object]:
-        names = ("slip", "encoder", "gyro", "bias", "gate")
-        return {name: getattr(self, name) for name in names}
+        return dict(self.describe())
 
 
 def _updated(P: Array, H: Array, left: Array, noise: Array) -> tuple[Array, Array]:

@@ -65,7 +65,7 @@ def combination_name(vector: np.ndarray, names: Sequence[str], least: float = 0.
         least: coefficient below which a parameter is not named, relative to the largest.
     """
     vector = vector / vector[np.argmax(np.abs(vector))]
-    large = [k for k in np.argsort(-np.abs(vector)) if abs(vector[k]) > least][:_MOST]
+    large = [k for k in np.argsort(-np.abs(vector)).tolist() if abs(vector[k]) > least][:_MOST]
     if len(large) == 1:
         return names[large[0]]
     words = " ".join(f"{'-' if vector[k] < 0 else '+'} {abs(vector[k]):.2f} {names[k]}" for k in large)
@@ -73,7 +73,7 @@ def combination_name(vector: np.ndarray, names: Sequence[str], least: float = 0.
 
 
 def _words(row: np.ndarray, first: int, names: Sequence[str]) -> str:
-    others = [k for k in np.flatnonzero(row) if k != first]
+    others = [k for k in np.flatnonzero(row).tolist() if k != first]
     factors = ["" if abs(abs(row[k]) - 1) < _NAMED else f"{abs(row[k]):.4g} " for k in others[:_MOST]]
     words = [f" {'-' if row[k] < 0 else '+'} {factor}{names[k]}" for k, factor in zip(others, factors, strict=False)]
     return names[first] + "".join(words) + (f" and {len(others) - _MOST} more" if len(others) > _MOST else "")

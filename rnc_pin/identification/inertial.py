@@ -341,12 +341,15 @@ class _Asked:
         p, found = fit.parameters(fit.x), {}
         for block in blocks:
             if not block.fixed:
-                rms = [
-                    float(np.sqrt(np.mean(r**2))) for r in (block.residuals(p, fit.x), block.D @ fit.known - block.y)
-                ]
                 mean = np.mean(next(each.y for each in fit.blocks if each.name == block.name))
-                found[block.name] = EffortError(*rms, float(np.sqrt(np.mean((block.y - mean) ** 2))))
+                found[block.name] = EffortError(
+                    _rms(block.residuals(p, fit.x)), _rms(block.D @ fit.known - block.y), _rms(block.y - mean)
+                )
         return found
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _check(given: Sequence[str], valid: Sequence[str], what: str) -> None:

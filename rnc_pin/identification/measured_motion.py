@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pinocchio as pin
 import scipy
@@ -165,7 +167,7 @@ def _of_base(place: pin.SE3, planar: bool) -> np.ndarray:
     return np.array([*place.translation[:2], place.rotation[0, 0], place.rotation[1, 0]])
 
 
-def _slopes(channel: Channel) -> Channel.at:
+def _slopes(channel: Channel) -> Callable[[np.ndarray], np.ndarray]:
     """Slopes of a channel at other times: of parabolas through neighbouring samples, without delay."""
     uniform = np.linspace(channel.time[0], channel.time[-1], len(channel.time))
     count = min(_SMOOTHED, len(uniform) - 1 + len(uniform) % 2)

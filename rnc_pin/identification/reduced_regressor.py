@@ -6,7 +6,7 @@ momentum of a free base is linear in the parameters too, and needs neither force
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -66,7 +66,7 @@ class ReducedRegressor:
         self.bodies = [model.names[k] for k in range(1, model.njoints)]
         self.joints = [name for name in robot.joint_names if model.joints[model.getJointId(name)].nv == 1]
         self._coordinates = [model.joints[model.getJointId(name)].idx_v for name in self.joints]
-        self.conserved = [k for rows in self.momentum for k in range(*rows.conserved.indices(robot.nv))]
+        self.conserved = [k for rows in self.momentum for k in np.arange(robot.nv)[rows.conserved].tolist()]
         self._choose(system, measured)
         self.width = 10 * len(self.bodies) + 3 * len(self.joints)
 
@@ -163,7 +163,7 @@ class ReducedRegressor:
         out[:, :, 10 * len(self.bodies) :] = np.concatenate([*friction, inertia], axis=2)
         return out
 
-    def _world_momenta(self, at: VelocityKinematics):
+    def _world_momenta(self, at: VelocityKinematics) -> Iterator[np.ndarray]:
         """Momentum (N, 6, 10) of each body about the origin of the world, in its axes, for unit parameters."""
         for joint in range(1, len(self.bodies) + 1):
             yield _moved(at, joint, _momentum_columns(at.joint_velocity(joint)))
