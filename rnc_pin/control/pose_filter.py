@@ -62,7 +62,7 @@ class PoseFilter(ReprMixin):
     """Kalman filter of a base's pose whose process model is the reduced kinematics.
 
     The rows ``A v = 0`` turn motions of the encoders into motions of the base. Slip of the rows and noise of the
-    encoders disturb it. The error is a motion in the axes of the frame (left-invariant), so that its covariance does not
+    encoders disturb it. The error is a motion in the axes of the frame (left-invariant): its covariance does not
     depend on the estimated pose. A gyroscope with a slowly varying bias corrects the turn of each step.
 
     Noise is white. Its densities are standard deviations after one second, and grow with the square root of the time.

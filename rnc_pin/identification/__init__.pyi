@@ -12,6 +12,8 @@ from .dynamic_unknowns import EffortOffset as EffortOffset
 from .dynamic_unknowns import EffortScale as EffortScale
 from .dynamic_unknowns import MotorInertia as MotorInertia
 from .dynamic_unknowns import ViscousFriction as ViscousFriction
+from .excitation import Excitation as Excitation
+from .excitation import excite as excite
 from .inertial import EffortError as EffortError
 from .inertial import Identification as Identification
 from .inertial import WeakCombination as WeakCombination

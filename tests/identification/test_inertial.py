@@ -31,6 +31,7 @@ from rnc_pin.identification.pseudo_inertia import InertiaPrior, dynamic_paramete
 from rnc_pin.identification.reduced_regressor import ReducedRegressor, WindowAverages
 from systems import four_bar
 
+SIDES = ("left", "right")
 DRY, VISCOUS, MOTOR = np.array([0.3, 0.2, 0.1]), np.array([0.5, 0.4, 0.2]), np.array([0.05, 0.02, 0.03])
 
 
@@ -150,6 +151,30 @@ def test_a_closed_loop_is_identified_from_its_crank_alone():
     file = system.with_robot(heavy, system.kinds)
     found = rnc.identify(file, measured, prior=1.0, window=0.1)
     assert found.errors[crank].fit < 1e-2 * found.errors[crank].file
+
+
+def test_a_robot_on_wheels_gets_its_reduced_inertia_from_two_motors():
+    """The base is not measured. The true reduced inertia is that of another evaluation: ``R^T M R``."""
+    joints, wheels = ["left_wheel_joint", "right_wheel_joint"], [rnc.RollingWheel(f"{s}_wheel", 0.1) for s in SIDES]
+    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+    file = rnc.NonholonomicSystem(robot, wheels, joints)
+    true = file.with_robot(robot.with_masses({"base": 14.0}), wheels)
+    outputs = [rnc.JointPosition(name) for name in joints]
+    reduced, q, states = true.reduce(outputs), robot.configuration(), []
+    for t in np.arange(0.0, 8.0, 0.01):
+        v2, v2_dot = (
+            np.array([6 * np.sin(2 * t), 5 * np.sin(3 * t)]),
+            np.array([12 * np.cos(2 * t), 15 * np.cos(3 * t)]),
+        )
+        states.append((q, reduced.at(q, v2).v, reduced.allocate(q, reduced.inverse_dynamics(q, v2, v2_dot))))
+        q = pin.integrate(robot.model, q, 0.01 * states[-1][1])
+    positions, velocities, efforts = (np.array(each) for each in zip(*states, strict=True))
+    time = 0.01 * np.arange(len(states))
+    log = rnc.Log.of_motion(robot, time, positions, velocities, dict(zip(joints, efforts.T, strict=True)))
+    found = rnc.identify(file, log, prior=0.5)
+    H = reduced.at(q).H
+    assert np.abs(file.reduce(outputs).at(q).H - H).max() > 0.2 * H.max()
+    np.testing.assert_allclose(found.system.reduce(outputs).at(q).H, H, atol=1e-4 * H.max())
 
 
 def test_a_log_that_does_not_show_a_parameter_is_refused_by_name():
