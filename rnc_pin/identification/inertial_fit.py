@@ -19,7 +19,7 @@ _SETTLED = 1e-12  # decrease of the cost, relative to it, at which the iteration
 
 
 @dataclass
-class Block:
+class MeasuredRow:
     """Samples of one row: ``y = scale (D p) + offset``."""
 
     name: str
@@ -89,7 +89,7 @@ class InertialFit:
 
     def __init__(
         self,
-        blocks: list[Block],
+        blocks: list[MeasuredRow],
         known: np.ndarray,
         columns: list[int],
         bodies: int,

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.identification.inertial_fit import Block
+from rnc_pin.identification.inertial_fit import MeasuredRow
 from rnc_pin.identification.measured_motion import MeasuredMotion
 from rnc_pin.identification.reduced_regressor import ReducedRegressor, WindowAverages
 from rnc_pin.logs.log import Log
@@ -64,24 +64,24 @@ class InertialProblem:
 
     # ------------------------------------------------------------------ measured rows
 
-    def blocks(self, start: float, end: float) -> list[Block]:
+    def blocks(self, start: float, end: float) -> list[MeasuredRow]:
         """Measured rows between two times."""
         inside = np.flatnonzero((self.motion.time >= start) & (self.motion.time <= end))
         time, q, v = self.motion.time[inside], self.motion.q[inside], self.motion.v[inside]
-        found: list[Block] = []
+        found: list[MeasuredRow] = []
         if self._with_forces:
             found += self._effort_blocks(time, q, v, self.motion.efforts[inside])
         if self.regressor.conserved and len(time):
             columns, values = self.regressor.momenta(q, v)
             names = [name for rows in self.regressor.momentum for name in rows.names]
-            found += [Block(name, columns[:, k], values[:, k]) for k, name in enumerate(names)]
+            found += [MeasuredRow(name, columns[:, k], values[:, k]) for k, name in enumerate(names)]
         if self.homogeneous and found:
             name, row = self._inertia_of_base()
             value = row @ self.regressor.nominal()
-            found.append(Block(name, row[None], np.array([value]), deviation=1e-6 * abs(value), fixed=True))
+            found.append(MeasuredRow(name, row[None], np.array([value]), deviation=1e-6 * abs(value), fixed=True))
         return found
 
-    def _effort_blocks(self, time: np.ndarray, q: np.ndarray, v: np.ndarray, efforts: np.ndarray) -> list[Block]:
+    def _effort_blocks(self, time: np.ndarray, q: np.ndarray, v: np.ndarray, efforts: np.ndarray) -> list[MeasuredRow]:
         regressor, length = self.regressor, self._length
         starts = np.arange(0, len(time) - length, max(length // 2, 1))
         starts = starts[time[starts + length] - time[starts] < _GAP * length * self.motion.period]
@@ -109,7 +109,7 @@ class InertialProblem:
             name or f"force along {self.system.robot.velocity_names[regressor.entries[k]]}"
             for name, k in zip(names, regressor.rows, strict=True)
         ]
-        return [Block(name, columns[:, k], values[:, k]) for k, name in enumerate(names)]
+        return [MeasuredRow(name, columns[:, k], values[:, k]) for k, name in enumerate(names)]
 
     def _inertia_of_base(self) -> tuple[str, np.ndarray]:
         """Words and columns (width,) of the first inertia that the conserved momentum contains."""
