@@ -135,7 +135,7 @@ def excite(
         >>> reduced = system.reduce([rnc.JointPosition(name) for name in joints])
         >>> motion = rnc.excite(reduced, 6.0, robot.configuration({"joint_2": 1.0}), rates=1.0, tries=10)
         >>> len(motion.parameters)
-        5
+        8
     """
     if not duration > 0 or not 0 < share <= 1 or tries < 1:
         raise ConfigurationError("excitation: expected a positive duration, a share between 0 and 1, and tries")

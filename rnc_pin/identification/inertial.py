@@ -22,7 +22,7 @@ from rnc_pin.identification.dynamic_unknowns import (
     MotorInertia,
     ViscousFriction,
 )
-from rnc_pin.identification.inertial_fit import MeasuredRow, InertialFit
+from rnc_pin.identification.inertial_fit import InertialFit, MeasuredRow
 from rnc_pin.identification.inertial_problem import InertialProblem, column_names
 from rnc_pin.identification.pseudo_inertia import dynamic_parameters
 from rnc_pin.identification.urdf_inertias import write_inertias
