@@ -146,12 +146,15 @@ def tiago_system() -> rnc.NonholonomicSystem:
     return rnc.NonholonomicSystem(robot, (), JOINTS)
 
 
-def tiago() -> Identification:
+def tiago(bodies: bool = True) -> Identification:
     """Fit of the first half of TIAGo's log.
 
     The gravity of the torso is constant, so that its scale is not known apart from its offset: it is not asked.
+
+    Args:
+        bodies: False to fit scales and offsets of the efforts alone, with the inertias of the file.
     """
-    kinds = (BodyInertia, CoulombFriction, ViscousFriction, EffortScale, EffortOffset)
+    kinds = (*((BodyInertia, CoulombFriction, ViscousFriction) if bodies else ()), EffortScale, EffortOffset)
     unknown = [kind(name) for kind in kinds for name in JOINTS]
     unknown.remove(EffortScale("torso_lift_joint"))
     return rnc.identify(tiago_system(), tiago_log(), unknown, prior=PRIOR, held_out=0.5, window=WINDOW)
@@ -175,8 +178,9 @@ def main() -> None:
     found = tiago()
     print(f"TIAGo, fit of the first half: {time.process_time() - begin:.0f} s of processor time")
     print(f"effort of the second half, averaged over {WINDOW} s, root mean square error in the unit of the driver:")
+    scaled = tiago(bodies=False)
     for name in JOINTS:
-        print(f"  {name}: {found.held_out[name]}")
+        print(f"  {name}: {found.held_out[name]}, file with fitted scale and offset {scaled.held_out[name].fit:.3g}")
     print(f"better than the file and a constant: {len(better(found))} of {len(JOINTS)} joints")
 
 

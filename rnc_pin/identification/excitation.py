@@ -225,7 +225,8 @@ class _Search:
 
     def _moved(self, x: np.ndarray) -> _Motion:
         reduced, model = self._reduced, self._reduced.robot.model
-        series = Excitation(self._duration, *np.split(x, 2), 1.0, 1.0, ())
+        cosines, sines = np.split(x, 2)
+        series = Excitation(self._duration, cosines, sines, 1.0, 1.0, ())
         dt, q, states, efforts = self._duration / _STEPS, self._q0, [], []
         for t in dt * np.arange(_STEPS):
             v2, v2_dot = series.v2(t), series.v2_dot(t)

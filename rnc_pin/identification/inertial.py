@@ -363,7 +363,7 @@ def _judged(
 ) -> WeakCombination:
     """The combination that the log shows worst; an error if it is not known well enough and has to be."""
     p = fit.parameters(fit.x)
-    chosen = np.array(asked.columns)[base.independent]
+    chosen = np.array(asked.columns, dtype=int)[base.independent]
     sizes = _sizes(fit.known, asked, problem, chosen)
     parts = []
     for block in fit.blocks:

@@ -319,4 +319,6 @@ URDF = """<robot name="pendulum"><link name="world_link"/>
 
 @pytest.mark.skipif(not (MEASURED / "tiago").is_dir(), reason="the measured log of TIAGo is not in ../shared/data/logs")
 def test_half_of_a_measured_log_predicts_the_efforts_of_the_other_half():
-    assert better(tiago()) == list(JOINTS)
+    found, scaled = tiago(), tiago(bodies=False)
+    assert better(found) == list(JOINTS)
+    assert all(found.held_out[name].fit < scaled.held_out[name].fit for name in JOINTS)  # the file in the right unit
