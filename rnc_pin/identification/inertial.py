@@ -14,17 +14,10 @@ from rnc_pin.errors import ConfigurationError, InfeasibleError, nearest
 from rnc_pin.identification.base_parameters import BaseParameters, combination_name
 from rnc_pin.identification.dynamic_unknowns import (
     INERTIAL,
-    BodyInertia,
-    CoulombFriction,
     DynamicUnknown,
-    EffortOffset,
-    EffortScale,
-    MotorInertia,
-    ViscousFriction,
 )
 from rnc_pin.identification.inertial_fit import InertialFit, MeasuredRow
-from rnc_pin.identification.inertial_problem import InertialProblem, column_names
-from rnc_pin.identification.pseudo_inertia import dynamic_parameters
+from rnc_pin.identification.inertial_problem import AskedParameters, InertialProblem, column_names
 from rnc_pin.identification.urdf_inertias import write_inertias
 from rnc_pin.identification.window_fit import correlation_length
 from rnc_pin.logs.log import Log
@@ -32,7 +25,6 @@ from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 from rnc_pin.robots.robot import Robot
 
-_LINEAR = (CoulombFriction, ViscousFriction, MotorInertia)
 _HELPS = 0.3  # change that a joint shows, relative to the best joint, from which it is named
 
 
@@ -217,7 +209,7 @@ def identify(
     blocks = problem.blocks(time[0], end)
     if not blocks:
         raise ConfigurationError("the log is shorter than a window of time")
-    asked = _Asked(problem, unknown)
+    asked = AskedParameters(problem, unknown)
     fit = asked.fit(blocks, prior)
     fit.solve()
     names = column_names(problem.regressor, INERTIAL)
@@ -239,127 +231,38 @@ def identify(
         spread @ spread.T,
         base.invisible,
         problem.assumed,
-        asked.errors(blocks, fit),
-        asked.errors(rest, fit),
+        _errors(asked, blocks, fit),
+        _errors(asked, rest, fit),
         weakest,
         identified(system, problem, p, asked),
         (tuple(asked.bodies), tuple(asked.friction)),
     )
 
 
-class _Asked:
-    """Unknowns of an identification, and where they stand.
-
-    Attributes:
-        bodies: joints of the unknown inertias.
-        friction: joints whose friction or motor inertia is unknown.
-        columns: columns of the regressor that belong to unknowns.
-        names: names of the scales and offsets.
-        begin: index of the first of them among the unknowns.
-    """
-
-    def __init__(self, problem: InertialProblem, unknown: Sequence[DynamicUnknown] | None) -> None:
-        self._problem, regressor = problem, problem.regressor
-        model = problem.system.robot.model
-        if unknown is None:
-            massive = [name for name in regressor.bodies if model.inertias[model.getJointId(name)].mass > 0]
-            driven = [name for name in problem.efforts if name in regressor.joints]
-            unknown = [BodyInertia(name) for name in massive]
-            unknown += [kind(name) for name in driven for kind in (CoulombFriction, ViscousFriction)]
-        if not unknown:
-            raise ConfigurationError("name at least one unknown parameter")
-        if len({each.name for each in unknown}) < len(unknown):
-            raise ConfigurationError("an unknown parameter is named twice")
-        self.bodies = [each.joint for each in unknown if isinstance(each, BodyInertia)]
-        _check(self.bodies, regressor.bodies, "body behind joint")
-        for name in self.bodies:
-            if not model.inertias[model.getJointId(name)].mass > 0:
-                raise ConfigurationError(f"the body behind joint '{name}' has no mass in the file to start from")
-        linear = [each for each in unknown if isinstance(each, _LINEAR)]
-        _check([each.joint for each in linear], regressor.joints, "joint")
-        first, size = 10 * len(regressor.bodies), len(regressor.joints)
-        self._first = [10 * regressor.bodies.index(name) for name in self.bodies]
-        self._linear = [
-            first + size * _LINEAR.index(type(each)) + regressor.joints.index(each.joint) for each in linear
-        ]
-        self.friction = list(dict.fromkeys(each.joint for each in linear))
-        self.columns = [k for start in self._first for k in range(start, start + 10)] + self._linear
-        of_effort = [each for each in unknown if isinstance(each, EffortScale | EffortOffset)]
-        _check([each.joint for each in of_effort], problem.efforts, "measured effort of joint")
-        self._of_effort = sorted(of_effort, key=lambda each: isinstance(each, EffortOffset))
-        self.names = tuple(each.name for each in self._of_effort)
-        self.begin = len(self.columns)
-        self._is_scale = np.array([isinstance(each, EffortScale) for each in self._of_effort], dtype=float)
-        self.first_values = self._is_scale
-
-    def bind(self, blocks: Sequence[MeasuredRow]) -> None:
-        """Tell rows which scale and offset is theirs."""
-        for index, each in enumerate(self._of_effort):
-            for block in blocks:
-                if block.name == each.joint:
-                    setattr(block, "scale" if isinstance(each, EffortScale) else "offset", self.begin + index)
-
-    def fit(self, blocks: list[MeasuredRow], prior: float | None) -> InertialFit:
-        """Least squares from the values of the file; scales begin with their values for the file's inertias."""
-        self.bind(blocks)
-        model, known = self._problem.system.robot.model, self._problem.regressor.nominal()
-        for name, first in zip(self.bodies, self._first, strict=True):
-            known[first : first + 10] = dynamic_parameters(model.inertias[model.getJointId(name)])
-        scales = self._first_scales(blocks, known)
-        rest = np.concatenate([self._first_linear(blocks, known), scales])
-        signs = np.concatenate([np.ones(len(self._linear)), np.sign(scales) * self._is_scale])
-        return InertialFit(blocks, known, self.columns, len(self.bodies), rest, signs, prior)
-
-    def _first_linear(self, blocks: Sequence[MeasuredRow], known: np.ndarray) -> np.ndarray:
-        """Friction and motor inertia of the file; where it has none, values that act a tenth as much as the bodies."""
-        bodies = slice(0, 10 * len(self._problem.regressor.bodies))
-        values = known[self._linear]
-        for k, column in enumerate(self._linear):
-            acts = [(np.std(block.D[:, bodies] @ known[bodies]), np.std(block.D[:, column])) for block in blocks]
-            if values[k] <= 0:
-                values[k] = max((0.1 * body / own for body, own in acts if own > 0 and body > 0), default=1.0)
-        return values
-
-    def _first_scales(self, blocks: Sequence[MeasuredRow], known: np.ndarray) -> np.ndarray:
-        """Scales and offsets that explain the efforts by the file's inertias and by friction, which has a sign."""
-        values, size = self.first_values.copy(), 10 * len(self._problem.regressor.bodies)
-        for block in blocks:
-            if block.scale is None:
-                continue
-            model = block.D[:, :size] @ known[:size]
-            dissipation = [k for k in self._linear if k < size + 2 * len(self._problem.regressor.joints)]
-            rest = block.D[:, [k for k in dissipation if block.D[:, k].any()]]
-            found = np.linalg.lstsq(np.column_stack([model, rest, np.ones(len(model))]), block.y, rcond=None)[0]
-            power = float(np.sum(np.std(rest, axis=0) * found[1 : 1 + rest.shape[1]])) or found[0]
-            least = 1e-3 * np.std(block.y) / max(np.std(model), 1e-300)
-            values[block.scale - self.begin] = np.sign(power) * max(found[0] * np.sign(power), least)
-        return values
-
-    def errors(self, blocks: Sequence[MeasuredRow], fit: InertialFit) -> dict[str, EffortError]:
-        """Errors of rows by the fit, by the file and by a constant."""
-        self.bind(blocks)
-        p, found = fit.parameters(fit.x), {}
-        for block in blocks:
-            if not block.fixed:
-                mean = np.mean(next(each.y for each in fit.blocks if each.name == block.name))
-                found[block.name] = EffortError(
-                    _rms(block.residuals(p, fit.x)), _rms(block.D @ fit.known - block.y), _rms(block.y - mean)
-                )
-        return found
+def _errors(asked: AskedParameters, blocks: Sequence[MeasuredRow], fit: InertialFit) -> dict[str, EffortError]:
+    """Errors of rows by the fit, by the file and by a constant."""
+    asked.bind(blocks)
+    p, found = fit.parameters(fit.x), {}
+    for block in blocks:
+        if not block.fixed:
+            mean = np.mean(next(each.y for each in fit.blocks if each.name == block.name))
+            found[block.name] = EffortError(
+                _rms(block.residuals(p, fit.x)), _rms(block.D @ fit.known - block.y), _rms(block.y - mean)
+            )
+    return found
 
 
 def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _check(given: Sequence[str], valid: Sequence[str], what: str) -> None:
-    for name in given:
-        if name not in valid:
-            raise ConfigurationError(f"unknown {what} '{name}'{nearest(name, valid)}")
-
-
 def _judged(
-    problem: InertialProblem, asked: _Asked, fit: InertialFit, base: BaseParameters, strict: bool, resolution: float
+    problem: InertialProblem,
+    asked: AskedParameters,
+    fit: InertialFit,
+    base: BaseParameters,
+    strict: bool,
+    resolution: float,
 ) -> WeakCombination:
     """The combination that the log shows worst; an error if it is not known well enough and has to be."""
     p = fit.parameters(fit.x)
@@ -403,7 +306,7 @@ def _helpful(problem: InertialProblem, columns: np.ndarray, values: np.ndarray) 
     return tuple(name for name, size in found[:3] if size > _HELPS * best)
 
 
-def _sizes(known: np.ndarray, asked: _Asked, problem: InertialProblem, columns: np.ndarray) -> np.ndarray:
+def _sizes(known: np.ndarray, asked: AskedParameters, problem: InertialProblem, columns: np.ndarray) -> np.ndarray:
     """Typical sizes of parameters: of a body's mass and length, and of friction that acts as much as the efforts."""
     model = problem.system.robot.model
     length = max([float(np.linalg.norm(each.translation)) for each in model.jointPlacements[1:]] or [1.0]) or 1.0
@@ -417,7 +320,7 @@ def _sizes(known: np.ndarray, asked: _Asked, problem: InertialProblem, columns: 
 
 
 def identified(
-    system: NonholonomicSystem, problem: InertialProblem, p: np.ndarray, asked: _Asked
+    system: NonholonomicSystem, problem: InertialProblem, p: np.ndarray, asked: AskedParameters
 ) -> NonholonomicSystem:
     """The system with parameters (width,) of the regressor."""
     robot: Robot = copy(system.robot)

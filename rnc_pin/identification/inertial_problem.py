@@ -7,14 +7,25 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ConfigurationError
-from rnc_pin.identification.inertial_fit import MeasuredRow
+from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.identification.dynamic_unknowns import (
+    BodyInertia,
+    CoulombFriction,
+    DynamicUnknown,
+    EffortOffset,
+    EffortScale,
+    MotorInertia,
+    ViscousFriction,
+)
+from rnc_pin.identification.inertial_fit import InertialFit, MeasuredRow
 from rnc_pin.identification.measured_motion import MeasuredMotion
+from rnc_pin.identification.pseudo_inertia import dynamic_parameters
 from rnc_pin.identification.reduced_regressor import ReducedRegressor, WindowAverages
 from rnc_pin.logs.log import Log
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.system import NonholonomicSystem
 
+_LINEAR = (CoulombFriction, ViscousFriction, MotorInertia)
 _WINDOW = 32  # intervals of a window by default
 _GAP = 1.5  # duration of a window with a gap, relative to a usual one
 _STATES = 12  # random states for each column
@@ -179,3 +190,98 @@ def column_names(regressor: ReducedRegressor, inertial: Sequence[str]) -> list[s
     bodies = [f"{each} of {name}" for name in regressor.bodies for each in inertial]
     kinds = ("Coulomb friction", "viscous friction", "motor inertia")
     return [*bodies, *(f"{kind} of {name}" for kind in kinds for name in regressor.joints)]
+
+
+class AskedParameters:
+    """Unknowns of an identification, and where they stand.
+
+    Attributes:
+        bodies: joints of the unknown inertias.
+        friction: joints whose friction or motor inertia is unknown.
+        columns: columns of the regressor that belong to unknowns.
+        names: names of the scales and offsets.
+        begin: index of the first of them among the unknowns.
+    """
+
+    def __init__(self, problem: InertialProblem, unknown: Sequence[DynamicUnknown] | None) -> None:
+        self._problem, regressor = problem, problem.regressor
+        model = problem.system.robot.model
+        if unknown is None:
+            massive = [name for name in regressor.bodies if model.inertias[model.getJointId(name)].mass > 0]
+            driven = [name for name in problem.efforts if name in regressor.joints]
+            unknown = [BodyInertia(name) for name in massive]
+            unknown += [kind(name) for name in driven for kind in (CoulombFriction, ViscousFriction)]
+        if not unknown:
+            raise ConfigurationError("name at least one unknown parameter")
+        if len({each.name for each in unknown}) < len(unknown):
+            raise ConfigurationError("an unknown parameter is named twice")
+        self.bodies = [each.joint for each in unknown if isinstance(each, BodyInertia)]
+        _check(self.bodies, regressor.bodies, "body behind joint")
+        for name in self.bodies:
+            if not model.inertias[model.getJointId(name)].mass > 0:
+                raise ConfigurationError(f"the body behind joint '{name}' has no mass in the file to start from")
+        linear = [each for each in unknown if isinstance(each, _LINEAR)]
+        _check([each.joint for each in linear], regressor.joints, "joint")
+        first, size = 10 * len(regressor.bodies), len(regressor.joints)
+        self._first = [10 * regressor.bodies.index(name) for name in self.bodies]
+        self._linear = [
+            first + size * _LINEAR.index(type(each)) + regressor.joints.index(each.joint) for each in linear
+        ]
+        self.friction = list(dict.fromkeys(each.joint for each in linear))
+        self.columns = [k for start in self._first for k in range(start, start + 10)] + self._linear
+        of_effort = [each for each in unknown if isinstance(each, EffortScale | EffortOffset)]
+        _check([each.joint for each in of_effort], problem.efforts, "measured effort of joint")
+        self._of_effort = sorted(of_effort, key=lambda each: isinstance(each, EffortOffset))
+        self.names = tuple(each.name for each in self._of_effort)
+        self.begin = len(self.columns)
+        self._is_scale = np.array([isinstance(each, EffortScale) for each in self._of_effort], dtype=float)
+        self.first_values = self._is_scale
+
+    def bind(self, blocks: Sequence[MeasuredRow]) -> None:
+        """Tell rows which scale and offset is theirs."""
+        for index, each in enumerate(self._of_effort):
+            for block in blocks:
+                if block.name == each.joint:
+                    setattr(block, "scale" if isinstance(each, EffortScale) else "offset", self.begin + index)
+
+    def fit(self, blocks: list[MeasuredRow], prior: float | None) -> InertialFit:
+        """Least squares from the values of the file; scales begin with their values for the file's inertias."""
+        self.bind(blocks)
+        model, known = self._problem.system.robot.model, self._problem.regressor.nominal()
+        for name, first in zip(self.bodies, self._first, strict=True):
+            known[first : first + 10] = dynamic_parameters(model.inertias[model.getJointId(name)])
+        scales = self._first_scales(blocks, known)
+        rest = np.concatenate([self._first_linear(blocks, known), scales])
+        signs = np.concatenate([np.ones(len(self._linear)), np.sign(scales) * self._is_scale])
+        return InertialFit(blocks, known, self.columns, len(self.bodies), rest, signs, prior)
+
+    def _first_linear(self, blocks: Sequence[MeasuredRow], known: np.ndarray) -> np.ndarray:
+        """Friction and motor inertia of the file; where it has none, values that act a tenth as much as the bodies."""
+        bodies = slice(0, 10 * len(self._problem.regressor.bodies))
+        values = known[self._linear]
+        for k, column in enumerate(self._linear):
+            acts = [(np.std(block.D[:, bodies] @ known[bodies]), np.std(block.D[:, column])) for block in blocks]
+            if values[k] <= 0:
+                values[k] = max((0.1 * body / own for body, own in acts if own > 0 and body > 0), default=1.0)
+        return values
+
+    def _first_scales(self, blocks: Sequence[MeasuredRow], known: np.ndarray) -> np.ndarray:
+        """Scales and offsets that explain the efforts by the file's inertias and by friction, which has a sign."""
+        values, size = self.first_values.copy(), 10 * len(self._problem.regressor.bodies)
+        for block in blocks:
+            if block.scale is None:
+                continue
+            model = block.D[:, :size] @ known[:size]
+            dissipation = [k for k in self._linear if k < size + 2 * len(self._problem.regressor.joints)]
+            rest = block.D[:, [k for k in dissipation if block.D[:, k].any()]]
+            found = np.linalg.lstsq(np.column_stack([model, rest, np.ones(len(model))]), block.y, rcond=None)[0]
+            power = float(np.sum(np.std(rest, axis=0) * found[1 : 1 + rest.shape[1]])) or found[0]
+            least = 1e-3 * np.std(block.y) / max(np.std(model), 1e-300)
+            values[block.scale - self.begin] = np.sign(power) * max(found[0] * np.sign(power), least)
+        return values
+
+
+def _check(given: Sequence[str], valid: Sequence[str], what: str) -> None:
+    for name in given:
+        if name not in valid:
+            raise ConfigurationError(f"unknown {what} '{name}'{nearest(name, valid)}")
