@@ -12,8 +12,8 @@ import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, InfeasibleError, nearest
 from rnc_pin.identification.rolled_path import rotated
-from rnc_pin.identification.rolling_motion import RollingMotion, UnknownNumber, radii_of
-from rnc_pin.identification.unknowns import SensorPlace, Unknown
+from rnc_pin.identification.rolling_motion import RollingMotion
+from rnc_pin.identification.unknowns import SensorPlace, Unknown, UnknownNumber, radii_of
 from rnc_pin.identification.urdf_places import write_urdf
 from rnc_pin.identification.window_fit import Fit, WindowFit, Windows, correlation_of
 from rnc_pin.logs.channel import Channel

@@ -54,9 +54,10 @@ class Fit:
     """Standard deviations of position and heading (2,) [m, rad]."""
 
     def scaled(self) -> tuple[np.ndarray, np.ndarray]:
-        """Weighted residuals (3 M,) and derivatives (3 M, P), without unit."""
-        root = np.sqrt(self.weights)[:, [0, 0, 1]] / self.deviations[[0, 0, 1]]
-        return (root * self.residuals).ravel(), (root[:, :, None] * self.jacobian).reshape(3 * len(root), -1)
+        """Weighted residuals (3 M,) and derivatives (3 M, P), without unit; all x first, then all y and headings."""
+        root = (np.sqrt(self.weights)[:, [0, 0, 1]] / self.deviations[[0, 0, 1]]).ravel(order="F")
+        J = self.jacobian.reshape(len(root), -1, order="F")
+        return root * self.residuals.ravel(order="F"), (root * J.T).T
 
 
 def aligned(
@@ -69,17 +70,34 @@ def aligned(
     w = weights / deviations**2 * [1.0, float(heading)]
     turn, shift = _first_poses(poses, measured, windows, w)
     at = windows.number
+    cosine, sine = np.cos(turn)[at], np.sin(turn)[at]
     moved = rotated(turn[at], poses[:, :2])
-    residuals = np.column_stack([moved + shift[at] - measured[:, :2], poses[:, 2] + turn[at] - measured[:, 2]])
-    J = np.concatenate([rotated(turn[at], slopes[:, :2]), slopes[:, 2:]], axis=1)
-    first = np.zeros((count, 3, 3))  # derivatives with respect to the first pose
-    first[:, 0, 0] = first[:, 1, 1] = first[:, 2, 2] = 1.0
-    first[:, :2, 2] = sideways(moved)
-    spread = w[:, [0, 0, 1], None]
-    normal = windows.sums(first.mT @ (spread * first))
-    J = J - first @ (np.linalg.pinv(normal, hermitian=True) @ windows.sums(first.mT @ (spread * J)))[at]
-    if not heading:
-        residuals[:, 2], J[:, 2] = 0.0, 0.0
+    residuals = np.empty((count, 3), order="F")
+    residuals[:, :2] = moved + shift[at] - measured[:, :2]
+    residuals[:, 2] = poses[:, 2] + turn[at] - measured[:, 2] if heading else 0.0
+    size = slopes.shape[2]
+    J = np.empty((count, 3, size), order="F")
+    if size:
+        away, of_position, of_heading = sideways(moved), np.ascontiguousarray(w[:, 0]), np.ascontiguousarray(w[:, 1])
+        # Weighted sums over products of derivatives with respect to the first pose: x, y and turn.
+        pushed = of_position[:, None] * away
+        total, cross = windows.sums(of_position), windows.sums(pushed)
+        normal = np.zeros((windows.count, 3, 3))
+        normal[:, 0, 0] = normal[:, 1, 1] = total
+        normal[:, :2, 2] = normal[:, 2, :2] = cross
+        normal[:, 2, 2] = windows.sums(np.sum(pushed * away, axis=1) + of_heading)
+        inverse = np.linalg.pinv(normal, hermitian=True)
+    for k in range(size):
+        dx, dy, turned = slopes[:, 0, k], slopes[:, 1, k], slopes[:, 2, k]
+        x, y = cosine * dx - sine * dy, sine * dx + cosine * dy
+        sums = np.stack([
+            windows.sums(of_position * x), windows.sums(of_position * y),
+            windows.sums(pushed[:, 0] * x + pushed[:, 1] * y + of_heading * turned),
+        ], axis=1)  # fmt: skip
+        first = (inverse @ sums[:, :, None])[at, :, 0]
+        J[:, 0, k] = x - first[:, 0] - away[:, 0] * first[:, 2]
+        J[:, 1, k] = y - first[:, 1] - away[:, 1] * first[:, 2]
+        J[:, 2, k] = turned - first[:, 2] if heading else 0.0
     return Fit(residuals, J, weights, deviations)
 
 
@@ -160,11 +178,10 @@ class WindowFit:
     def __init__(self, predict: Prediction, measured: np.ndarray, windows: Windows, heading: bool) -> None:
         self._predict, self._measured, self._windows, self._heading = predict, measured, windows, heading
 
-    def at(self, p: np.ndarray, previous: Fit | None = None) -> Fit:
-        """Fit at parameters (P,) with the weights of another one, or with weights that follow from its residuals."""
+    def at(self, p: np.ndarray) -> Fit:
+        """Fit at parameters (P,), with weights that follow from its residuals."""
         poses, slopes = self._predict(p)
-        fit = self._aligned(poses, slopes, previous)
-        return fit if previous is not None else self._settled(poses, slopes, fit)
+        return self._settled(poses, slopes, self._aligned(poses, slopes[:, :, :0], None))
 
     def _aligned(self, poses: np.ndarray, slopes: np.ndarray, previous: Fit | None) -> Fit:
         return aligned(poses, slopes, self._measured, self._windows, previous, self._heading)
@@ -204,7 +221,7 @@ class WindowFit:
                 other = p + scales * step
                 if valid(other):
                     poses, slopes = self._predict(other)
-                    found = self._aligned(poses, slopes, fit)
+                    found = self._aligned(poses, slopes[:, :, :0], fit)
                     if cost(found, fit.deviations) <= before * (1 + 1e-12):
                         break
                 damping, relax = max(10 * damping, 1e-6), 1.0
