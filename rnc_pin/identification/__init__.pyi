@@ -6,6 +6,7 @@ from .calibration import calibrate as calibrate
 from .comparison import Comparison as Comparison
 from .comparison import Suspect as Suspect
 from .comparison import compare as compare
+from .comparison import numbers_of as numbers_of
 from .unknowns import EncoderOffset as EncoderOffset
 from .unknowns import EncoderScale as EncoderScale
 from .unknowns import JointShift as JointShift
@@ -13,3 +14,4 @@ from .unknowns import JointTilt as JointTilt
 from .unknowns import SensorPlace as SensorPlace
 from .unknowns import TimeShift as TimeShift
 from .unknowns import WheelRadius as WheelRadius
+from .unknowns import unknown_of as unknown_of

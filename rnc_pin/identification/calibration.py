@@ -13,17 +13,19 @@ import pinocchio as pin
 from rnc_pin.errors import ConfigurationError, InfeasibleError, nearest
 from rnc_pin.identification.rolled_path import rotated
 from rnc_pin.identification.rolling_motion import RollingMotion
-from rnc_pin.identification.unknowns import SensorPlace, Unknown, UnknownNumber, radii_of
+from rnc_pin.identification.unknowns import SensorPlace, Unknown, UnknownNumber, corrections_of, radii_of
 from rnc_pin.identification.urdf_places import write_urdf
 from rnc_pin.identification.window_fit import Fit, WindowFit, Windows, correlation_of
 from rnc_pin.logs.channel import Channel
 from rnc_pin.logs.log import Log
+from rnc_pin.logs.mapping import Correction
 from rnc_pin.model.rows import ConstraintKind
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 
 _FEWEST = 4  # samples of a window
 _FIRST, _LAST = 1.0, 0.03  # precision of the first windows and of the last ones, in standard deviations
+_PRIOR = 0.1  # standard deviation of the parameters of the file in short windows, relative to their sizes
 _FAR = 5.0  # standard deviations of an outlier
 _NAMED = 0.1  # share of a combination below which a parameter is not named
 
@@ -97,7 +99,9 @@ class Calibration(SummaryMixin):
     unused_rows: tuple[str, ...]
     """Rows that depend on joints which the log does not have."""
     system: NonholonomicSystem
-    """The robot and its constraints with the estimates. Corrections of encoders and clocks are not part of it."""
+    """The robot and its constraints with the estimates."""
+    corrections: Mapping[str, Correction]
+    """Corrections of encoders and clocks by joint or frame, for ``Log.corrected`` and mapping files."""
 
     @property
     def std(self) -> np.ndarray:
@@ -117,6 +121,15 @@ class Calibration(SummaryMixin):
             raise ConfigurationError(f"no parameter '{name}' was estimated{nearest(name, self.names)}")
         return float(self.values[self.names.index(name)])
 
+    @property
+    def has_new_places(self) -> bool:
+        """True if places or tilts of joints, or the place of the sensor, were estimated: numbers of the URDF."""
+        return self._moves_sensor or any(name.startswith(("place of", "tilt of")) for name in self.names)
+
+    @property
+    def _moves_sensor(self) -> bool:
+        return any(name in ("x of the sensor", "y of the sensor", "yaw of the sensor") for name in self.names)
+
     def write_urdf(self, source: str | Path, path: str | Path) -> None:
         """Write a copy of the robot's URDF with the estimated places and tilts of joints and place of the sensor.
 
@@ -127,9 +140,9 @@ class Calibration(SummaryMixin):
             path: file to write.
 
         Raises:
-            ConfigurationError: the source is not a URDF of this robot.
+            ConfigurationError: the source is not a URDF of this robot, or has no fixed joint of the sensor.
         """
-        write_urdf(Path(source), Path(path), self.system.robot, self.sensor)
+        write_urdf(Path(source), Path(path), self.system.robot, self.sensor if self._moves_sensor else None)
 
     def _summary(self) -> ObjectSummary:
         lines = [
@@ -206,8 +219,9 @@ def calibrate(
     for duration in durations:
         chosen = problem.windows(problem.times[0], end, duration)
         if chosen.count:
-            precision = _LAST if np.isinf(duration) else _FIRST
-            p, fit, converged = problem.fit(chosen).minimized(p, problem.scales, problem.is_valid, precision)
+            # Short windows hardly show some combinations: the first parameters count there, not in the last windows.
+            precision, prior = (_LAST, np.inf) if np.isinf(duration) else (_FIRST, _PRIOR)
+            p, fit, converged = problem.fit(chosen).minimized(p, problem.scales, problem.is_valid, precision, prior)
     if not chosen.count:
         raise ConfigurationError(f"the log has fewer than {_FEWEST} poses of '{sensor}' while its joints are measured")
     if not converged:
@@ -239,6 +253,7 @@ def calibrate(
         sensor,
         motion.unused,
         calibrated(system, motion.parameters, p, sensor),
+        corrections_of(motion.parameters, p, sensor),
     )
 
 

@@ -18,6 +18,7 @@ from rnc_pin.identification.unknowns import (
     TimeShift,
     Unknown,
     WheelRadius,
+    unknown_of,
 )
 from rnc_pin.identification.window_fit import Fit
 from rnc_pin.logs.log import Log
@@ -175,6 +176,22 @@ def candidates(system: NonholonomicSystem, motion: RollingMotion) -> list[Unknow
     return found
 
 
+def numbers_of(names: Sequence[str], system: NonholonomicSystem, log: Log, sensor: str) -> list[Unknown]:
+    """Return the unknown numbers with the names that a comparison prints, or that ``unknown_of`` knows.
+
+    Args:
+        names: the names.
+        system: the robot.
+        log: the log that was compared.
+        sensor: frame on the base whose pose is measured.
+
+    Raises:
+        ConfigurationError: no kind of number has such a name.
+    """
+    known = {each.name: each for each in candidates(system, RollingMotion(system, log, (), sensor))}
+    return [known[name] if name in known else unknown_of(name) for name in names]
+
+
 def _suspects(
     system: NonholonomicSystem, log: Log, sensor: str, numbers: Sequence[Unknown], heading: bool
 ) -> tuple[Suspect, ...]:
@@ -205,7 +222,7 @@ def _suspects(
         chosen.append(best)
         part = RollingMotion(system, log, [numbers[k] for k in chosen], sensor)
         smaller = PoseProblem(part, log.channel("pose", sensor), heading)
-        values, _, _ = smaller.fit(windows).minimized(p[chosen], smaller.scales, smaller.is_valid, _PRECISION)
+        values, _, _ = smaller.fit(windows).minimized(p[chosen], smaller.scales, smaller.is_valid, _PRECISION, np.inf)
         p[chosen] = values
         fit = whole.at(p)
         left = _squares(fit, deviations)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias, cast
 
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.identification.row_geometry import Virtual
+from rnc_pin.logs.mapping import Correction
 from rnc_pin.model.system import NonholonomicSystem
 
 Axis = Literal["x", "y", "z"]
@@ -249,6 +251,53 @@ def number_of(kind: Unknown, system: NonholonomicSystem, mount: np.ndarray) -> U
     if isinstance(kind, EncoderScale):
         return UnknownNumber(kind, kind.name, "", 1.0, 1.0, {})
     return UnknownNumber(kind, kind.name, unit, 0.0, 1.0 if unit == "rad" else length, {})
+
+
+def corrections_of(parameters: Sequence[UnknownNumber], p: np.ndarray, sensor: str) -> dict[str, Correction]:
+    """Corrections of joints and clocks that parameters p (P,) say, by joint or frame."""
+    found: dict[str, Correction] = {}
+    for value, each in zip(p.tolist(), parameters, strict=True):
+        kind = each.kind
+        key = {EncoderScale: "scale", EncoderOffset: "offset", TimeShift: "delay"}.get(type(kind))
+        if key is not None:
+            name = (kind.of or sensor) if isinstance(kind, TimeShift) else str(getattr(kind, "joint", ""))
+            found[name] = found.get(name, Correction()).model_copy(update={key: value})
+    return found
+
+
+def unknown_of(words: str) -> Unknown:
+    """The unknown number with a name, such as ``radius of left`` or ``delay of the sensor``.
+
+    Raises:
+        ConfigurationError: no kind of number has such a name.
+    """
+    for pattern, kind in _WORDS.items():
+        match = re.fullmatch(pattern, words.strip())
+        if match:
+            several = [name.strip() for name in match[1].split(",")]
+            if kind is WheelRadius:
+                return WheelRadius(several)
+            if kind in (JointShift, JointTilt):
+                return kind(dict.fromkeys(several, 1.0), cast(Axis, match[2]))
+            if kind is TimeShift:
+                return TimeShift(None if match[1] == "the sensor" else match[1])
+            return kind(match[1])
+    raise ConfigurationError(
+        f"'{words}' is no number that a log can show: expected 'radius of WHEEL', 'place of JOINT along x', "
+        "'tilt of JOINT about z', 'scale of JOINT', 'offset of JOINT', 'delay of JOINT', 'delay of the sensor', "
+        "or 'x of the sensor'"
+    )
+
+
+_WORDS: Mapping[str, Callable[..., Unknown]] = {
+    "radius of (.+)": WheelRadius,
+    "place of (.+) along ([xyz])": JointShift,
+    "tilt of (.+) about ([xyz])": JointTilt,
+    "scale of (.+)": EncoderScale,
+    "offset of (.+)": EncoderOffset,
+    "delay of (.+)": TimeShift,
+    "(x|y|yaw) of the sensor": SensorPlace,
+}
 
 
 def _several(names: str | Sequence[str]) -> tuple[str, ...]:

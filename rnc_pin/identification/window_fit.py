@@ -11,6 +11,7 @@ from rnc_pin.identification.rolled_path import rotated, sideways
 
 _POSITION, _HEADING = 2.0, 1.5  # residuals in standard deviations above which a sample counts less (Huber)
 _NORMAL, _RAYLEIGH = 1.4826, 0.8493  # standard deviation over the median of |x|, and of the length of a plane vector
+_ALIKE = 0.05  # relative change of standard deviations that keeps them
 _FLOOR = 1e-9  # smallest standard deviation [m, rad]: rounding of a log without noise
 _TURNS, _ITERATIONS = 30, 60
 _STEP = 1e-9  # step relative to the sizes of the parameters at which the iteration ends
@@ -127,12 +128,18 @@ def _first_poses(
     return turn, means[1] - rotated(turn, means[0])
 
 
-def weighted(fit: Fit, heading: bool) -> Fit:
-    """The fit with standard deviations from the medians of its residuals, and the weights that follow (Huber)."""
+def weighted(fit: Fit, heading: bool, previous: np.ndarray | None = None) -> Fit:
+    """The fit with standard deviations from the medians of its residuals, and the weights that follow (Huber).
+
+    Previous deviations (2,) stay if the new ones hardly differ. Medians jump from step to step. A cost that follows
+    them has no minimum along a combination of parameters that the log hardly shows.
+    """
     length, angle = np.hypot(fit.residuals[:, 0], fit.residuals[:, 1]), np.abs(fit.residuals[:, 2])
     deviations = np.maximum([_RAYLEIGH * np.median(length), _NORMAL * np.median(angle)], _FLOOR)
     if not heading:
         deviations[1] = 1.0
+    if previous is not None and (np.abs(deviations - previous) < _ALIKE * previous).all():
+        deviations = previous
     with np.errstate(divide="ignore"):
         limits = [_POSITION * deviations[0] / length, _HEADING * deviations[1] / angle]
     return Fit(fit.residuals, fit.jacobian, np.minimum(np.stack(limits, axis=1), 1.0), deviations)
@@ -186,16 +193,16 @@ class WindowFit:
     def _aligned(self, poses: np.ndarray, slopes: np.ndarray, previous: Fit | None) -> Fit:
         return aligned(poses, slopes, self._measured, self._windows, previous, self._heading)
 
-    def _settled(self, poses: np.ndarray, slopes: np.ndarray, fit: Fit) -> Fit:
+    def _settled(self, poses: np.ndarray, slopes: np.ndarray, fit: Fit, previous: np.ndarray | None = None) -> Fit:
         """The fit with first poses that are best for the weights of its residuals.
 
         Derivatives follow the first poses for these weights too; else parameters that are hardly told from a first
         pose, such as the heading of the sensor, would make steps that overshoot.
         """
-        return self._aligned(poses, slopes, weighted(fit, self._heading))
+        return self._aligned(poses, slopes, weighted(fit, self._heading, previous))
 
     def minimized(
-        self, p: np.ndarray, scales: np.ndarray, valid: Callable[[np.ndarray], bool], precision: float
+        self, p: np.ndarray, scales: np.ndarray, valid: Callable[[np.ndarray], bool], precision: float, prior: float
     ) -> tuple[np.ndarray, Fit, bool]:
         """Levenberg-Marquardt on Huber's cost; standard deviations follow the residuals.
 
@@ -205,15 +212,20 @@ class WindowFit:
             valid: function that returns False for parameters that no robot has.
             precision: step at which the iteration ends, in standard deviations of the parameters for the correlation
                 of the residuals.
+            prior: standard deviation of the first parameters, relative to their sizes; infinity if they say nothing.
 
         Returns:
             Parameters, their fit, and True if the iteration converged.
         """
-        fit, damping = self.at(p), 1e-6
+        fit, damping, known, first = self.at(p), 1e-6, 1.0 / prior**2, p
+
+        def total(found: Fit, other: np.ndarray) -> float:
+            return cost(found, fit.deviations) + known / 2 * float(np.sum(((other - first) / scales) ** 2))
+
         for _ in range(_ITERATIONS):
             r, J = fit.scaled()
             J = J * scales
-            H, g, before = J.T @ J, J.T @ r, cost(fit, fit.deviations)
+            H, g, before = J.T @ J + known * np.eye(len(p)), J.T @ r + known * (p - first) / scales, total(fit, p)
             size = np.maximum(np.diag(H), 1e-12 * np.diag(H).max(initial=1e-300))
             relax = 0.1
             while True:
@@ -222,12 +234,12 @@ class WindowFit:
                 if valid(other):
                     poses, slopes = self._predict(other)
                     found = self._aligned(poses, slopes[:, :, :0], fit)
-                    if cost(found, fit.deviations) <= before * (1 + 1e-12):
+                    if total(found, other) <= before * (1 + 1e-12):
                         break
                 damping, relax = max(10 * damping, 1e-6), 1.0
                 if damping > _MOST_DAMPING:
                     return p, fit, True  # no descent is left but rounding
-            p, fit, damping = other, self._settled(poses, slopes, found), damping * relax
+            p, fit, damping = other, self._settled(poses, slopes, found, fit.deviations), damping * relax
             if np.abs(step).max(initial=0.0) < _STEP or step @ H @ step < precision**2 * correlation_of(fit):
                 return p, fit, True
         return p, fit, False

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import click
@@ -15,42 +15,55 @@ from rnc_pin.applications.scenario.files import parse_options
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.identification import Comparison, compare
-from rnc_pin.logs import Log
+from rnc_pin.logs import Log, LogMapping
 
 
-def compare_log(
-    system: str,
-    log: Path,
-    mapping: Path | None,
-    sensor: str | None,
-    heading: bool,
-    options: tuple[str, ...],
-    as_json: bool,
-) -> None:
+@dataclass(frozen=True)
+class MeasuredLog:
+    """Measured log of the command line.
+
+    Attributes:
+        path: the file or folder.
+        mapping: its mapping; None for a file of ``Log.save``.
+        log: the log.
+        sensor: frame whose pose is measured.
+    """
+
+    path: Path
+    mapping: Path | None
+    log: Log
+    sensor: str
+
+
+def read_measured(path: Path, mapping: Path | None, sensor: str | None) -> MeasuredLog:
+    """Read a log; its sensor is the only frame with poses if none is named."""
+    log = _read(path, mapping)
+    frames = log.names("pose")
+    if sensor is None and len(frames) != 1:
+        found = ", ".join(frames) or "none"
+        raise ConfigurationError(f"{path}: expected the pose of one frame, found {found}; choose one: --sensor FRAME")
+    return MeasuredLog(path, mapping, log, sensor or frames[0])
+
+
+def _read(path: Path, mapping: Path | None) -> Log:
+    saved = path.suffix.lower() == ".npz"
+    if mapping is not None:
+        keys = LogMapping.of(mapping)
+        only_corrections = not (keys.joints or keys.frames or keys.twists or keys.imus or keys.topics)
+        return Log.load(path).corrected(keys.corrections) if saved and only_corrections else Log.read(path, keys)
+    if saved:
+        return Log.load(path)
+    raise ConfigurationError(f"{path}: give the columns or topics of joints and frames: --mapping FILE")
+
+
+def compare_log(system: str, measured: MeasuredLog, heading: bool, options: tuple[str, ...], as_json: bool) -> None:
     """Print a measured log beside the model of a scenario."""
     scenario = Scenario.load(system, parse_options(options))
-    measured = _read(log, mapping)
-    found = compare(scenario.model.system, measured, sensor or _only_frame(log, measured), heading=heading)
+    found = compare(scenario.model.system, measured.log, measured.sensor, heading=heading)
     if as_json:
-        print_json(_content(system, log, found))
+        print_json(_content(system, measured.path, found))
         return
-    _print(system, log, found)
-
-
-def _read(log: Path, mapping: Path | None) -> Log:
-    if mapping is not None:
-        return Log.read(log, mapping)
-    if log.suffix.lower() == ".npz":
-        return Log.load(log)
-    raise ConfigurationError(f"{log}: give the columns or topics of joints and frames: --mapping FILE")
-
-
-def _only_frame(log: Path, measured: Log) -> str:
-    frames = measured.names("pose")
-    if len(frames) != 1:
-        found = ", ".join(frames) or "none"
-        raise ConfigurationError(f"{log}: expected the pose of one frame, found {found}; choose one: --sensor FRAME")
-    return frames[0]
+    _print(system, measured.path, found)
 
 
 def _content(system: str, log: Path, found: Comparison) -> dict[str, object]:
