@@ -4,9 +4,11 @@ from .calibration import Calibration as Calibration
 from .calibration import PathError as PathError
 from .calibration import calibrate as calibrate
 from .comparison import Comparison as Comparison
-from .comparison import Suspect as Suspect
+from .comparison import Replay as Replay
 from .comparison import compare as compare
-from .comparison import numbers_of as numbers_of
+from .energy_balance import EnergyBalance as EnergyBalance
+from .suspects import Suspect as Suspect
+from .suspects import numbers_of as numbers_of
 from .unknowns import EncoderOffset as EncoderOffset
 from .unknowns import EncoderScale as EncoderScale
 from .unknowns import JointShift as JointShift

@@ -258,15 +258,20 @@ def calibrate(
 
 
 class PoseProblem:
-    """Measured poses beside those of a rolling motion."""
+    """Measured poses beside those of a rolling motion, except those in some intervals (K, 2) [s]."""
 
-    def __init__(self, motion: RollingMotion, channel: Channel, heading: bool) -> None:
+    def __init__(
+        self, motion: RollingMotion, channel: Channel, heading: bool, skip: Sequence[Sequence[float]] | np.ndarray = ()
+    ) -> None:
         self._motion, self._heading = motion, heading
+        self._breaks = np.sort([*motion.breaks, *(end for _, end in skip)])
         inside = (channel.time >= motion.time[0]) & (channel.time <= motion.time[-1])
+        for start, end in skip:
+            inside &= (channel.time < start) | (channel.time > end)
         self.times, poses = channel.time[inside], channel.values[inside]
         x, y, z, w = poses[:, 3:].T
         yaw = np.unwrap(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y**2 + z**2)))
-        self._measured = np.column_stack([poses[:, :2], yaw])
+        self.measured = np.column_stack([poses[:, :2], yaw])
         self.nominal = np.array([each.nominal for each in motion.parameters])
         self.scales = np.array([each.scale for each in motion.parameters])
 
@@ -279,7 +284,7 @@ class PoseProblem:
         """Windows of a duration between two times; none contains a break of the joints' log."""
         chosen = np.flatnonzero((self.times >= start) & (self.times <= end))
         times = self.times[chosen]
-        piece = np.searchsorted(self._motion.breaks, times, side="right")
+        piece = np.searchsorted(self._breaks, times, side="right")
         if np.isfinite(duration):
             piece = piece * (len(times) + 1) + np.floor((times - times[:1]) / duration).astype(int)
         _, number, counts = np.unique(piece, return_inverse=True, return_counts=True)
@@ -293,7 +298,7 @@ class PoseProblem:
             found = self._motion.poses(p, self.times[windows.samples])
             return found.values, found.slopes
 
-        return WindowFit(predict, self._measured[windows.samples], windows, self._heading)
+        return WindowFit(predict, self.measured[windows.samples], windows, self._heading)
 
     def base_poses(self, times: np.ndarray) -> np.ndarray:
         """Measured poses (M, 3) of the base at times within those of the sensor; NaN at others.
@@ -301,7 +306,7 @@ class PoseProblem:
         They are linear between the samples of the sensor, which stands at its place in the file.
         """
         inside = (times >= self.times[0]) & (times <= self.times[-1])
-        at = np.stack([np.interp(times, self.times, column) for column in self._measured.T], axis=1)
+        at = np.stack([np.interp(times, self.times, column) for column in self.measured.T], axis=1)
         mount = self._motion.mount
         heading = at[:, 2] - mount[2]
         arm = rotated(heading, np.broadcast_to(mount[:2], (len(times), 2)))

@@ -25,6 +25,15 @@ def combined(row: Mapping[int, Entry], vector: Sequence[Entry]) -> Entry:
     return total
 
 
+def against(rows: Sequence[Row], values: Mapping[int, Entry], size: int) -> list[Entry]:
+    """Product ``-L^T b`` of rows L with entries of b, by row."""
+    total: list[Entry] = [0.0] * size
+    for row, value in values.items():
+        for column, entry in rows[row].items():
+            total[column] = minus(total[column], times(entry, value))
+    return total
+
+
 def times(a: Entry, b: Entry) -> Entry:
     """Product, which is the number 0 if a factor is."""
     return 0.0 if is_zero(a) or is_zero(b) else a * b

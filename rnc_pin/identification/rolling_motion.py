@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, argument, few, nearest
-from rnc_pin.identification.component_solution import Entry, NormalEquations, combined, minus, plus, times
+from rnc_pin.identification.component_solution import Entry, NormalEquations, Row, against, combined, minus, plus, times
 from rnc_pin.identification.rolled_path import Poses, RolledPath, rotated, sideways
 from rnc_pin.identification.row_geometry import RowGeometry, Virtual
 from rnc_pin.identification.unknowns import (
@@ -81,6 +82,7 @@ class RollingMotion:
                 raise ConfigurationError(f"the {name} is named twice")
         virtual = list(dict.fromkeys(each for parameter in self.parameters for each in parameter.displaced))
         radii = list(dict.fromkeys(wheel for parameter in self.parameters for wheel in parameter.wheels))
+        self._model = model
         self._geometry = RowGeometry(robot, [place.block for place in system.rows.places], virtual, radii)
         self._find_joints(log)
         self._set_time()
@@ -185,6 +187,80 @@ class RollingMotion:
         acting = {*self._columns, *self._geometry.shape}
         return tuple(name for name, column in self._geometry.columns.items() if column in acting)
 
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Measured joints that the rows use."""
+        return tuple(each.name for each in self._joints)
+
+    @property
+    def step_times(self) -> np.ndarray:
+        """Times (N,) in the middle of the steps [s]."""
+        return np.asarray((self.time[1:] + self.time[:-1]) / 2)
+
+    def joint_changes(self) -> dict[str, np.ndarray]:
+        """Changes (N,) of the measured joints during the steps, with parameters of the file [rad or m]."""
+        _, changes, _, _ = self._measured(self._nominal)
+        return {name: np.asarray(change) for name, change in zip(self.joint_names, changes, strict=True)}
+
+    @property
+    def _nominal(self) -> np.ndarray:
+        return np.array([each.nominal for each in self.parameters])
+
+    def states(self, times: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
+        """Configurations (T, nq) and velocities (T, nv) of the robot at times, with parameters of the file.
+
+        Unmeasured joints of rows start at zero, other joints stand still there.
+
+        Args:
+            times: times (T,) [s].
+            width: duration over which velocities are averaged [s].
+        """
+        whole, steps = self._whole(), len(self.time) - 1
+        path = RolledPath(self.time, np.stack([np.broadcast_to(each, steps) for each in whole[:3]]), {}, 0)
+        before, here, after = (path.at(np.clip(times + at, self.time[0], self.time[-1])).values
+                               for at in (-width / 2, 0.0, width / 2))  # fmt: skip
+        q = np.tile(pin.neutral(self._model), (len(times), 1))
+        v = np.zeros((len(times), self._model.nv))
+        q, base = self.with_base(q, here), self._model.joints[1]
+        moved = after - before
+        v[:, base.idx_v : base.idx_v + 3] = np.column_stack([rotated(-here[:, 2], moved[:, :2]), moved[:, 2]]) / width
+        starts = dict.fromkeys(self._columns, 0.0) | {
+            each.column: float(_held(each.channel, self.time[:1])[0]) for each in self._joints
+        }
+        joints = {joint.idx_v: joint for joint in self._model.joints if joint.nv == 1}
+        for column, change in zip(self._columns[3:], whole[3:], strict=True):
+            joint = joints[column]
+            position = np.concatenate([[0.0], np.cumsum(np.broadcast_to(change, steps))]) + starts[column]
+            early, now, late = (np.interp(times + at, self.time, position) for at in (-width / 2, 0.0, width / 2))
+            v[:, column] = (late - early) / width
+            if joint.nq == 1:
+                q[:, joint.idx_q] = now
+            else:
+                q[:, joint.idx_q], q[:, joint.idx_q + 1] = np.cos(now), np.sin(now)
+        return q, v
+
+    def with_base(self, q: np.ndarray, poses: np.ndarray) -> np.ndarray:
+        """Configurations (T, nq) with other poses (T, 3) of the base."""
+        first = self._model.joints[1].idx_q
+        found = q.copy()
+        found[:, first : first + 2] = poses[:, :2]
+        found[:, first + 2], found[:, first + 3] = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+        return found
+
+    def _whole(self) -> list[Entry]:
+        """Motion of all columns during the steps, with parameters of the file."""
+        positions, moved, _, _ = self._measured(self._nominal)
+        rows, _ = self._geometry.evaluate(positions, {}, self._columns)
+        return self._solved(rows, moved)[2]
+
+    def _solved(self, rows: list[Row], moved: list[Entry]) -> tuple[list[Row], NormalEquations, list[Entry]]:
+        """Rows of the unknown columns, their normal equations, and the motion of all columns for measured joints."""
+        size = len(self._unknown_columns)
+        left = [{column: entry for column, entry in row.items() if column < size} for row in rows]
+        normal = NormalEquations(left, size)
+        driven = {number: combined(row, [0.0] * size + moved) for number, row in enumerate(rows)}
+        return left, normal, [*normal.solve(against(left, driven, size)), *moved]
+
     def slip(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Slip of the rows at a given motion of the base, with parameters of the file.
 
@@ -195,7 +271,7 @@ class RollingMotion:
             Times (N,) in the middle of the steps [s], and slip (N, k) during each step [m]. Joints that are not
             measured move such that its square is smallest.
         """
-        positions, changes, _, _ = self._measured(np.array([each.nominal for each in self.parameters]))
+        positions, changes, _, _ = self._measured(self._nominal)
         A, moved = self._geometry.matrices(positions, self._columns, len(self.time) - 1), np.stack(changes, axis=1)
         change = np.diff(poses, axis=0)
         turn = change[:, 2]
@@ -206,7 +282,7 @@ class RollingMotion:
         if others.shape[2]:
             inverse = np.linalg.pinv(others)
             slip = slip - _product(others, _product(inverse, np.nan_to_num(slip)))
-        return (self.time[1:] + self.time[:-1]) / 2, slip
+        return self.step_times, slip
 
     def _steps(self, p: np.ndarray) -> tuple[np.ndarray, dict[int, list[Entry]]]:
         """Twists of the steps (3, N), and their derivatives (3 entries) by the parameters that change them."""
@@ -225,23 +301,11 @@ class RollingMotion:
             directions.setdefault(column, len(directions))
         rows, slopes = geometry.evaluate(positions, shifts, self._columns, list(directions))
         size = len(self._unknown_columns)
-        left = [{column: entry for column, entry in row.items() if column < size} for row in rows]
-        normal = NormalEquations(left, size)
-
-        def against(values: Mapping[int, Entry]) -> list[Entry]:
-            """Product ``-L^T b`` with entries of rows."""
-            total: list[Entry] = [0.0] * size
-            for row, value in values.items():
-                for column, entry in left[row].items():
-                    total[column] = minus(total[column], times(entry, value))
-            return total
-
-        driven = [combined(row, [0.0] * size + moved) for row in rows]
-        whole = [*normal.solve(against(dict(enumerate(driven)))), *moved]
+        left, normal, whole = self._solved(rows, moved)
         residuals = [combined(row, whole) for row in rows] if len(rows) > size else []
         effects = []  # of each direction, on the right side
         for changed in slopes:
-            effect = against({row: combined(slope, whole) for row, slope in changed.items()})
+            effect = against(left, {row: combined(slope, whole) for row, slope in changed.items()}, size)
             for row, slope in changed.items() if residuals else ():
                 for column, entry in slope.items():
                     if column < size:
@@ -259,7 +323,7 @@ class RollingMotion:
             if k in d_moved:
                 index, by = d_moved[k]
                 acting = {row: entries[size + index] for row, entries in enumerate(rows) if size + index in entries}
-                parts.append((1.0, against({row: times(entry, by) for row, entry in acting.items()})))
+                parts.append((1.0, against(left, {row: times(entry, by) for row, entry in acting.items()}, size)))
             side: list[Entry] = [0.0] * size
             for by, effect in parts:
                 side = [plus(total, times(by, each)) for total, each in zip(side, effect, strict=True)]

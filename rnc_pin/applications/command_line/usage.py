@@ -181,12 +181,16 @@ def _with_log(name: str, given: dict[str, Given]) -> Given:
 
 @cli.command(context_settings=_HELP)
 @_measured
+@click.option("--speeds", is_flag=True, help="Replay measured velocities of wheels instead of their positions.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for plots, a page and a report.")
 @_options
 @_json
+@_force
 @_debug
 def compare(**given: Given) -> None:
-    """Compare a measured LOG with a SYSTEM: errors of its path, slip, and the number that fails first."""
-    _with_log("compare_log", given)
+    """Compare a measured LOG with a SYSTEM: errors of its path, slip, power, and the assumption that fails first."""
+    choice = {name: given.pop(name) for name in ("speeds", "out", "force")}
+    _with_log("compare_log", {**given, "choice": _command("ComparisonChoice")(**choice)})
 
 
 @cli.command(context_settings=_HELP)

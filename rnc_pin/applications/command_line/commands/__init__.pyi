@@ -2,6 +2,7 @@
 
 from .calibrate import CalibrationChoice as CalibrationChoice
 from .calibrate import calibrate_log as calibrate_log
+from .compare import ComparisonChoice as ComparisonChoice
 from .compare import compare_log as compare_log
 from .compare import read_measured as read_measured
 from .drive import drive_robot as drive_robot

@@ -2,20 +2,46 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import click
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
 from rnc_pin.applications.command_line.messages import print_json
 from rnc_pin.applications.scenario.files import parse_options
+from rnc_pin.applications.scenario.output_folder import OutputFolder
+from rnc_pin.applications.scenario.pictures import ANIMATION
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.identification import Comparison, compare
+from rnc_pin.figures import (
+    GroundPath,
+    GroundPaths,
+    Labels,
+    LegendEntry,
+    Panel,
+    PlaneView,
+    Series,
+    Sheet,
+    Size,
+    draw_paths,
+    panel_figure,
+    save,
+)
+from rnc_pin.identification import Comparison, Suspect, compare
+from rnc_pin.io import Json, dump_json
 from rnc_pin.logs import Log, LogMapping
+from rnc_pin.robots import Robot
+from rnc_pin.simulation import Trajectory
+from rnc_pin.visualization import Recording
+
+_NAME = "comparison"
+_LINES = 6  # lines of a panel
 
 
 @dataclass(frozen=True)
@@ -56,17 +82,106 @@ def _read(path: Path, mapping: Path | None) -> Log:
     raise ConfigurationError(f"{path}: give the columns or topics of joints and frames: --mapping FILE")
 
 
-def compare_log(system: str, measured: MeasuredLog, heading: bool, options: tuple[str, ...], as_json: bool) -> None:
-    """Print a measured log beside the model of a scenario."""
+@dataclass(frozen=True)
+class ComparisonChoice:
+    """Replayed signals, and the folder for the result.
+
+    Attributes:
+        speeds: True to replay velocities of wheels instead of positions.
+        out: folder; None to print only.
+        force: True to replace files there.
+    """
+
+    speeds: bool
+    out: Path | None
+    force: bool
+
+
+def compare_log(
+    system: str,
+    measured: MeasuredLog,
+    heading: bool,
+    options: tuple[str, ...],
+    choice: ComparisonChoice,
+    as_json: bool,
+) -> None:
+    """Print a measured log beside the model of a scenario, and write its plots and page."""
     scenario = Scenario.load(system, parse_options(options))
-    found = compare(scenario.model.system, measured.log, measured.sensor, heading=heading)
+    found = compare(scenario.model.system, measured.log, measured.sensor, heading=heading, speeds=choice.speeds)
+    content = _content(system, measured.path, found)
+    written = None if choice.out is None else _write(scenario, found, content, choice)
     if as_json:
-        print_json(_content(system, measured.path, found))
+        print_json({**content, "written": written})
         return
     _print(system, measured.path, found)
+    if written is not None:
+        click.echo(f"wrote {', '.join(written)} into {choice.out}")
 
 
-def _content(system: str, log: Path, found: Comparison) -> dict[str, object]:
+# ---------------------------------------------------------------------- files
+
+
+def _write(scenario: Scenario, found: Comparison, content: dict[str, Json], choice: ComparisonChoice) -> list[str]:
+    """Write the report, the plots and the page; return their names."""
+    assert choice.out is not None
+    figures, visual = scenario.content.figures, scenario.robot.visual_model
+    plots = [f"{_NAME}.{each}" for each in figures.formats]
+    with OutputFolder(choice.out, choice.force, (f"{_NAME}.json", *plots, ANIMATION)) as folder:
+        with folder.writing() as fresh:
+            (fresh / f"{_NAME}.json").write_text(dump_json(content) + "\n", encoding="utf-8")
+            figure = _figure(found, figures.size, Labels(figures.labels))
+            for name in plots:
+                save(figure, fresh / name)
+            names = [f"{_NAME}.json", *plots]
+            if visual is not None and len(visual.geometryObjects):
+                _recording(scenario, found).save(fresh / ANIMATION)
+                names.append(ANIMATION)
+        folder.keep()
+    return names
+
+
+def _recording(scenario: Scenario, found: Comparison) -> Recording:
+    """Page with the predicted robot, and the measured one as a ghost."""
+    robot, replay = scenario.robot, found.replay
+    model = robot.model
+    base, measured = model.joints[1].idx_q, replay.q.copy()
+    x, y, heading = replay.measured.T
+    measured[:, base : base + 4] = np.column_stack([x, y, np.cos(heading), np.sin(heading)])
+    runs = [Trajectory.of_motion(robot, replay.time - replay.time[0], q) for q in (replay.q, measured)]
+    view = replace(scenario.content.view, trail=scenario.content.view.trail or [model.frames[_base_frame(robot)].name])
+    title = f"{scenario.content.title or scenario.name}: prediction of the model"
+    return Recording(robot, runs[0], view, title, {"measured": runs[1]})
+
+
+def _base_frame(robot: Robot) -> int:
+    """Body frame of the base."""
+    return next(k for k, each in enumerate(robot.model.frames) if each.parentJoint == 1 and each.name != "root_joint")
+
+
+def _figure(found: Comparison, size: Size | None, labels: Labels) -> Figure:
+    """Paths from above, distance of both positions, slip of the rows, and the power balance."""
+    replay = found.replay
+    paths = GroundPaths(
+        [GroundPath("base", replay.predicted[:, :2])],
+        compared={"measured": [GroundPath("base", replay.measured[:, :2])]},
+    )
+
+    def draw(axes: Axes) -> Sequence[LegendEntry]:
+        return draw_paths(axes, paths, labels, "predicted")
+
+    slip = [Series(name, values, time=time) for name, (time, values) in replay.slip.items() if name in found.slip]
+    panels = [Panel("distance", "m", (Series("distance", replay.error),), bottom=0.0)]
+    panels += [Panel("slip", "m/s", tuple(slip[k : k + _LINES]), zero=True) for k in range(0, len(slip), _LINES)]
+    if found.energy is not None:
+        energy = found.energy
+        parts = {"work": energy.work, "change of energy": energy.change, "residual": energy.residual}
+        series = tuple(Series(name, values, time=energy.time) for name, values in parts.items())
+        panels.append(Panel("energy in a second", "J", series, zero=True))
+    view = PlaneView(draw, paths.aspect())
+    return panel_figure(panels, replay.time, Sheet.of(size), title=found.conclusion, labels=labels, view=view)
+
+
+def _content(system: str, log: Path, found: Comparison) -> dict[str, Json]:
     return {
         "system": system,
         "log": str(log),
@@ -76,9 +191,20 @@ def _content(system: str, log: Path, found: Comparison) -> dict[str, object]:
             for duration, error in found.errors.items()
         ],
         "slip": dict(found.slip),
-        "suspects": [asdict(each) for each in found.suspects],
+        "assumption": found.first.assumption if found.first else None,
+        "suspects": [_suspect(each) for each in found.suspects],
         "unused_rows": list(found.unused_rows),
+        "energy": None
+        if found.energy is None
+        else {
+            "imbalance": found.energy.imbalance,
+            "suspects": [_suspect(each) for each in found.energy.suspects],
+        },
     }
+
+
+def _suspect(each: Suspect) -> dict[str, Json]:
+    return {**asdict(each), "assumption": each.assumption}
 
 
 def _print(system: str, log: Path, found: Comparison) -> None:
@@ -91,11 +217,12 @@ def _print(system: str, log: Path, found: Comparison) -> None:
         name = "whole log" if np.isinf(duration) else f"{duration:g} s"
         errors.add_row(name, f"{error.mean:.3g}", f"{error.largest:.3g}", f"{error.heading:.3g}")
     console.print(errors, highlight=False)
-    if found.suspects:
+    every = (*found.suspects, *(() if found.energy is None else found.energy.suspects))
+    if every:
         suspects = Table(title="numbers that explain the error", title_justify="left", title_style="bold")
         for heading in ("number", "model", "fit", "explained"):
             suspects.add_column(heading)
-        for each in found.suspects:
+        for each in every:
             numbers = (f"{value:.6g} {each.unit}".strip() for value in (each.nominal, each.value))
             suspects.add_row(each.name, *numbers, f"{each.explained:.0%}")
         console.print(suspects, highlight=False)
@@ -105,5 +232,7 @@ def _print(system: str, log: Path, found: Comparison) -> None:
     for name, size in found.slip.items():
         slip.add_row(name, f"{size:.2g}")
     console.print(slip, highlight=False)
+    if found.energy is not None:
+        click.echo(f"power balance: residual {found.energy.imbalance:.2g} of the exchanged energy")
     if found.unused_rows:
         click.echo(f"rows of joints that are not measured: {', '.join(found.unused_rows)}")
