@@ -96,7 +96,10 @@ class Comparison(SummaryMixin):
         balance = () if self.energy is None else self.energy.suspects
         found = [_sentence(self.suspects, "the squared error of the path")] if self.suspects else []
         found += [_sentence(balance, "the squared residual of the power balance")] if balance else []
-        return "; then ".join(found) or "no number of the model explains the error: it is noise of the sensor"
+        return (
+            "; with it corrected, ".join(found)
+            or "no number of the model explains the error: it is noise of the sensor"
+        )
 
     def _summary(self) -> ObjectSummary:
         lines = [
