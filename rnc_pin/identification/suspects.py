@@ -27,6 +27,7 @@ from rnc_pin.model.system import NonholonomicSystem
 
 _MOST = 4  # numbers that are changed one after the other
 _WORTH = 0.1  # share of the remaining squared error that a further number has to explain
+_ALL = 1e-4  # share of the squared error below which nothing is left to explain
 _FIT = 10.0  # duration of the windows that show which number is wrong [s]
 _PRECISION = 1e-2  # of the fits, in standard deviations
 NO_TIMES = np.zeros((0, 2))
@@ -146,33 +147,54 @@ def pursued(
     if not windows.count:
         return Pursuit((), system, log, 0.0, 0.0, np.ones(2))
     whole = problem.fit(windows)
-    p, found = problem.nominal.copy(), []
+    wheels = [set(each.wheels) for each in motion.parameters]
+    banned: set[int] = set()
+    start = whole.at(problem.nominal)
+    sizes = start.deviations if deviations is None else deviations
+    first = _squares(start, sizes)
+
+    def fitted(chosen: Sequence[int], guess: np.ndarray) -> tuple[np.ndarray, Fit, float]:
+        """Parameters, fit and mean squared error with some numbers."""
+        part = RollingMotion(system, log, [numbers[k] for k in chosen], sensor)
+        smaller = PoseProblem(part, channel, heading, skip)
+        index = list(chosen)
+        values, _, _ = smaller.fit(windows).minimized(
+            guess[index], smaller.scales, smaller.is_valid, _PRECISION, np.inf
+        )
+        p = problem.nominal.copy()
+        p[index] = values
+        fit = whole.at(p)
+        return p, fit, _squares(fit, sizes)
+
+    p, fit, remaining = problem.nominal, start, first
     chosen: list[int] = []
-    fit = whole.at(p)
-    sizes = fit.deviations if deviations is None else deviations
-    first = remaining = _squares(fit, sizes)
-    while len(chosen) < _MOST:
-        best = _most_telling(fit, problem.scales, chosen)
+    shares: list[float] = []
+    while len(chosen) < _MOST and remaining > _ALL * first:
+        best = _most_telling(fit, problem.scales, chosen, banned)
         if best is None:
             break
-        part = RollingMotion(system, log, [numbers[k] for k in (*chosen, best)], sensor)
-        smaller = PoseProblem(part, channel, heading, skip)
-        values, _, _ = smaller.fit(windows).minimized(
-            p[[*chosen, best]], smaller.scales, smaller.is_valid, _PRECISION, np.inf
-        )
-        other = p.copy()
-        other[[*chosen, best]] = values
-        changed = whole.at(other)
-        left = _squares(changed, sizes)
-        if left > (1 - _WORTH) * remaining:
-            break
-        chosen.append(best)
-        p, fit, remaining = other, changed, left
-        found.append((motion.parameters[best], 1.0 - remaining / first))
+        common = {k for k in chosen if wheels[k] & wheels[best]}
+        if common and not all(wheels[k] > wheels[best] for k in common):
+            banned.add(best)
+            continue
+        if not common:
+            p, fit, left = fitted([*chosen, best], p)
+            if left > (1 - _WORTH) * remaining:
+                p, fit, _ = fitted(chosen, p) if chosen else (problem.nominal, start, first)
+                break
+            chosen, remaining = [*chosen, best], left
+            shares.append(1.0 - remaining / first)
+        # A common radius is no candidate besides a finer one, and no number that the later ones replace.
+        replaced = common or {
+            k for k in chosen[:-1] if fitted([each for each in chosen if each != k], p)[2] < remaining / (1 - _WORTH)
+        }
+        if replaced:
+            banned |= replaced
+            p, fit, remaining, chosen, shares = problem.nominal, start, first, [], []
     parameters = [motion.parameters[k] for k in chosen]
     suspects = tuple(
         Suspect(each.name, each.unit, each.nominal, float(value), explained)
-        for (each, explained), value in zip(found, p[chosen], strict=True)
+        for each, value, explained in zip(parameters, p[chosen], shares, strict=True)
     )
     return Pursuit(
         suspects,
@@ -184,8 +206,8 @@ def pursued(
     )
 
 
-def _most_telling(fit: Fit, scales: np.ndarray, chosen: Sequence[int]) -> int | None:
-    """Number that explains most of the residuals besides those that were chosen; None if none explains much."""
+def _most_telling(fit: Fit, scales: np.ndarray, chosen: Sequence[int], banned: set[int]) -> int | None:
+    """Number that explains most of the residuals besides those that were chosen or banned; None if none does."""
     r, J = fit.scaled()
     rest = J * scales
     if chosen:  # parts that the chosen numbers explain as well
@@ -193,7 +215,7 @@ def _most_telling(fit: Fit, scales: np.ndarray, chosen: Sequence[int]) -> int | 
         rest = rest - basis @ (basis.T @ rest)
     sizes = np.sum(rest**2, axis=0)
     gains = np.divide((rest.T @ r) ** 2, sizes, out=np.zeros_like(sizes), where=sizes > 1e-9 * sizes.max(initial=0))
-    gains[list(chosen)] = 0.0
+    gains[[*chosen, *banned]] = 0.0
     best = int(np.argmax(gains))
     return best if gains[best] > _WORTH * (r @ r) else None
 
