@@ -8,7 +8,7 @@ from .comparison import Replay as Replay
 from .comparison import compare as compare
 from .energy_balance import EnergyBalance as EnergyBalance
 from .suspects import Suspect as Suspect
-from .suspects import numbers_of as numbers_of
+from .suspects import named_numbers as named_numbers
 from .unknowns import EncoderOffset as EncoderOffset
 from .unknowns import EncoderScale as EncoderScale
 from .unknowns import JointShift as JointShift

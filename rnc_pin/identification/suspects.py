@@ -87,7 +87,7 @@ def candidates(system: NonholonomicSystem, motion: RollingMotion) -> list[Unknow
     return found
 
 
-def numbers_of(names: Sequence[str], system: NonholonomicSystem, log: Log, sensor: str) -> list[Unknown]:
+def named_numbers(names: Sequence[str], system: NonholonomicSystem, log: Log, sensor: str) -> list[Unknown]:
     """Return the unknown numbers with the names that a comparison prints, or that ``unknown_of`` knows.
 
     Args:

@@ -17,7 +17,7 @@ from rnc_pin.applications.scenario.files import parse_options, with_options
 from rnc_pin.applications.scenario.output_folder import OutputFolder
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.identification import Calibration, calibrate, compare, numbers_of
+from rnc_pin.identification import Calibration, calibrate, compare, named_numbers
 from rnc_pin.io import Json, dump_json
 from rnc_pin.logs import LogMapping
 from rnc_pin.robots import example_urdfs, find_urdf
@@ -27,7 +27,7 @@ _SCENARIO, _URDF, _MAPPING, _REPORT = "scenario.yaml", "robot.urdf", "mapping.ya
 
 @dataclass(frozen=True)
 class CalibrationChoice:
-    """What is estimated, and where the result goes."""
+    """Numbers to estimate, and the folder for the result."""
 
     estimate: tuple[str, ...]
     held_out: float
@@ -51,7 +51,7 @@ def calibrate_log(
         raise ConfigurationError(
             f"{measured.path}: no number explains the difference from {system}; name what to estimate: --estimate NAME"
         )
-    unknown = numbers_of(names, given, log, sensor)
+    unknown = named_numbers(names, given, log, sensor)
     found = calibrate(given, log, unknown, sensor, held_out=choice.held_out, heading=heading)
     content = _content(system, measured.path, found)
     written = None if choice.out is None else _write(scenario, measured, found, content, choice)
