@@ -129,7 +129,13 @@ class Topic(Strict):
 
 
 class Correction(Strict):
-    """Correction of a measured joint, ``scale * position + offset``, or of the clock of a joint or frame."""
+    """Correction of a measured joint, ``scale * position + offset``, or of the clock of a joint or frame.
+
+    Example:
+        >>> first = rnc.logs.Correction(scale=2.0, offset=1.0)
+        >>> rnc.logs.Correction(scale=3.0).after(first).offset
+        3.0
+    """
 
     scale: float = 1.0
     """Factor of positions and velocities of a joint."""

@@ -12,6 +12,7 @@ from benchmarks.rolled_logs import DIFFERENTIAL, TRAILER, TRICYCLE, signal
 from rnc_pin.identification.calibration import PoseProblem
 from rnc_pin.identification.rolling_motion import RollingMotion
 from rnc_pin.logs import Channel
+from rnc_pin.visualization.recording import Recording
 
 
 @pytest.mark.parametrize(
@@ -193,9 +194,9 @@ def test_the_page_shows_the_measured_robot_beside_the_predicted_one(tmp_path, ca
 
     def recording(model, trajectory, view, title, comparisons):
         shown.append((trajectory, comparisons))
-        return rnc.visualization.Recording(model, trajectory, view, title, comparisons)
+        return Recording(model, trajectory, view, title, comparisons)
 
-    monkeypatch.setattr("rnc_pin.applications.command_line.commands.compare.Recording", recording)
+    monkeypatch.setattr("rnc_pin.visualization.log_plots.Recording", recording)
     status, out, _ = call("compare", scenario, tmp_path / "log.npz", "--out", tmp_path / "out", "--speeds")
     assert status == 0
     assert "the radius of left_wheel, right_wheel fails first" in out.replace("\n", " ")

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import click
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
@@ -19,29 +16,13 @@ from rnc_pin.applications.scenario.output_folder import OutputFolder
 from rnc_pin.applications.scenario.pictures import ANIMATION
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.figures import (
-    GroundPath,
-    GroundPaths,
-    Labels,
-    LegendEntry,
-    Panel,
-    PlaneView,
-    Series,
-    Sheet,
-    Size,
-    draw_paths,
-    panel_figure,
-    save,
-)
+from rnc_pin.figures import Labels, save
 from rnc_pin.identification import Comparison, Suspect, compare
 from rnc_pin.io import Json, dump_json
 from rnc_pin.logs import Log, LogMapping
-from rnc_pin.robots import Robot
-from rnc_pin.simulation import Trajectory
-from rnc_pin.visualization import Recording
+from rnc_pin.visualization import plot_comparison, record_comparison
 
 _NAME = "comparison"
-_LINES = 6  # lines of a panel
 
 
 @dataclass(frozen=True)
@@ -129,56 +110,16 @@ def _write(scenario: Scenario, found: Comparison, content: dict[str, Json], choi
     with OutputFolder(choice.out, choice.force, (f"{_NAME}.json", *plots, ANIMATION)) as folder:
         with folder.writing() as fresh:
             (fresh / f"{_NAME}.json").write_text(dump_json(content) + "\n", encoding="utf-8")
-            figure = _figure(found, figures.size, Labels(figures.labels))
+            figure = plot_comparison(found, figures.size, Labels(figures.labels))
             for name in plots:
                 save(figure, fresh / name)
             names = [f"{_NAME}.json", *plots]
             if visual is not None and len(visual.geometryObjects):
-                _recording(scenario, found).save(fresh / ANIMATION)
+                title = f"{scenario.content.title or scenario.name}: prediction of the model"
+                record_comparison(scenario.robot, found, scenario.content.view, title).save(fresh / ANIMATION)
                 names.append(ANIMATION)
         folder.keep()
     return names
-
-
-def _recording(scenario: Scenario, found: Comparison) -> Recording:
-    """Page with the predicted robot, and the measured one as a ghost."""
-    robot, replay = scenario.robot, found.replay
-    model = robot.model
-    base, measured = model.joints[1].idx_q, replay.q.copy()
-    x, y, heading = replay.measured.T
-    measured[:, base : base + 4] = np.column_stack([x, y, np.cos(heading), np.sin(heading)])
-    runs = [Trajectory.of_motion(robot, replay.time - replay.time[0], q) for q in (replay.q, measured)]
-    view = replace(scenario.content.view, trail=scenario.content.view.trail or [model.frames[_base_frame(robot)].name])
-    title = f"{scenario.content.title or scenario.name}: prediction of the model"
-    return Recording(robot, runs[0], view, title, {"measured": runs[1]})
-
-
-def _base_frame(robot: Robot) -> int:
-    """Body frame of the base."""
-    return next(k for k, each in enumerate(robot.model.frames) if each.parentJoint == 1 and each.name != "root_joint")
-
-
-def _figure(found: Comparison, size: Size | None, labels: Labels) -> Figure:
-    """Paths from above, distance of both positions, slip of the rows, and the power balance."""
-    replay = found.replay
-    paths = GroundPaths(
-        [GroundPath("base", replay.predicted[:, :2])],
-        compared={"measured": [GroundPath("base", replay.measured[:, :2])]},
-    )
-
-    def draw(axes: Axes) -> Sequence[LegendEntry]:
-        return draw_paths(axes, paths, labels, "predicted")
-
-    slip = [Series(name, values, time=time) for name, (time, values) in replay.slip.items() if name in found.slip]
-    panels = [Panel("distance", "m", (Series("distance", replay.error),), bottom=0.0)]
-    panels += [Panel("slip", "m/s", tuple(slip[k : k + _LINES]), zero=True) for k in range(0, len(slip), _LINES)]
-    if found.energy is not None:
-        energy = found.energy
-        parts = {"work": energy.work, "change of energy": energy.change, "residual": energy.residual}
-        series = tuple(Series(name, values, time=energy.time) for name, values in parts.items())
-        panels.append(Panel("energy in a second", "J", series, zero=True))
-    view = PlaneView(draw, paths.aspect())
-    return panel_figure(panels, replay.time, Sheet.of(size), title=found.conclusion, labels=labels, view=view)
 
 
 def _content(system: str, log: Path, found: Comparison) -> dict[str, Json]:
