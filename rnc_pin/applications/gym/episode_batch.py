@@ -72,8 +72,10 @@ class EpisodeBatch:
         self.largest_inputs = bounds.input
         settings, reduced = task.scenario.simulation, task.reduced
         assert settings is not None
-        damped, rubbing, substeps = settings.joint_damping, settings.joint_friction, settings.substeps * task.samples
-        plant = ReducedPlant(reduced, damped, False, rubbing, substeps)  # ``step`` clips
+        options = settings.plant_options | {"actuator_limits": False}  # ``step`` clips
+        if settings.substeps is not None:
+            options["substeps"] = settings.substeps * task.samples
+        plant = ReducedPlant(reduced, **options)
         self._plants = ReducedPlantBatch(plant, size)
         self._plants.reset(task.nominal.q, task.nominal.v)
         self._nominal = self._plants.checkpoint(0)
@@ -124,7 +126,7 @@ class EpisodeBatch:
         y[:r] = nominal.chart.W @ start.v
         try:
             nominal.chart.velocity(start.q, y[:r], 0.0)
-            plants.rollback(i, Checkpoint(start.q, y, None, np.zeros(self._reduced.p), nominal.chart))
+            plants.rollback(i, nominal._replace(q=start.q, y=y, state=None, applied=np.zeros(self._reduced.p)))
         except SingularityError:
             plants.reset(start.q, start.v, [i])
         self._starts[i], self._counts[i], self.failures[i] = start, 0, ""

@@ -14,6 +14,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.plants.reduced.contact_modes import Closed, ContactModes, consistent, force_margin
 from rnc_pin.plants.reduced.reduced_plant import EventStep, ReducedPlant
+from rnc_pin.plants.reduced.step_control import DEFAULT_TOLERANCE, IntegrationErrors
 from rnc_pin.plants.reduced.unilateral_contact import BoundContact, UnilateralContact
 
 _INSIDE = 1e-4  # depth below the ground that counts as rounding of an initial configuration [m]
@@ -71,9 +72,10 @@ class ContactPlant:
     Args:
         system: system without the contacts, with the actuators.
         contacts: the contacts.
-        joint_damping, actuator_limits, joint_friction, substeps: as for ``ReducedPlant``.
+        joint_damping, actuator_limits, joint_friction, substeps, tolerance: as for ``ReducedPlant``.
 
     Attributes:
+        tolerance: allowed error of the integration per second.
         closed: indices of the closed contacts.
         contact_events: events since the start.
 
@@ -97,7 +99,8 @@ class ContactPlant:
         joint_damping: bool = False,
         actuator_limits: bool = False,
         joint_friction: bool = False,
-        substeps: int = 1,
+        substeps: int | None = None,
+        tolerance: float = DEFAULT_TOLERANCE,
     ) -> None:
         if not isinstance(system, NonholonomicSystem):
             raise ConfigurationError(
@@ -116,7 +119,9 @@ class ContactPlant:
             actuator_limits=actuator_limits,
             joint_friction=joint_friction,
             substeps=substeps,
+            tolerance=tolerance,
         )
+        self.tolerance = tolerance
         self._modes = ContactModes(system, bound, plant_of)
         self.closed: Closed = frozenset()
         self._plant = self._modes.plant(self.closed)
@@ -139,6 +144,11 @@ class ContactPlant:
     def external(self) -> np.ndarray | None:
         """Generalized forces (nv,) of damping and friction; None without them."""
         return self._plant.external
+
+    @property
+    def errors(self) -> IntegrationErrors[int, float]:
+        """Estimated errors of the integration since the start."""
+        return self._plant.errors
 
     @property
     def work(self) -> float:
@@ -256,9 +266,10 @@ class ContactPlant:
 
     def _started(self, closed: Closed, q: np.ndarray, v: np.ndarray, T: np.ndarray) -> ReducedPlant:
         """Plant of a set of closed contacts, at a state and under inputs T."""
-        plant = self._modes.plant(closed)
+        plant, errors = self._modes.plant(closed), self._plant.errors
         plant.reset(q, v, self._time)
         plant.apply(T)
+        plant.keep_errors(errors)
         return plant
 
     def _record(self, cause: str, jump: Impact | None = None) -> None:
