@@ -146,25 +146,29 @@ class ReducedPlantBatch:
         some = len(which) < self.size
         now = IntegrationErrors(*(each[which] for each in errors)) if some else errors
         q, y, status, roughness = self._integrated(which, dt, steps)
-        share = now.share(roughness)
+        accepted, after = now.after(roughness, dt, self._substeps.followed * dt)
         moved = status == 1.0
-        accepted = moved & now.accepts(share, self._substeps.limit(dt))
+        accepted = accepted & moved
+        if accepted.all() and not some:
+            self._errors = after._replace(used=after.steps.copy())  # ``write`` changes each array
+        else:
+            for each, all_runs in zip(after, errors, strict=True):
+                all_runs[which[accepted]] = each[accepted]
         due = np.flatnonzero(moved & ~accepted)
         if len(due):
-            q_fine, y_fine, status, rough_fine = self._integrated(which[due], dt, 2 * steps)
-        for each, all_runs in zip(now.after(share, dt), errors, strict=True):
-            all_runs[which[accepted]] = each[accepted]
-        for place, run, valid in zip(range(len(due)), which[due].tolist(), status == 1.0, strict=False):
-            k = due[place]
-            finite = valid and all(np.isfinite(each).all() for each in (q[k], y[k], q_fine[place], y_fine[place]))
-            if finite:
-                fine = q_fine[place], y_fine[place]
+            fine = self._integrated(which[due], dt, 2 * steps)
+            valid = fine[2] == 1.0
+            for each in (q[due], y[due], *fine[:2]):
+                valid &= np.isfinite(each).all(axis=1)
+            moved[due] = valid
+            for k, *finer in zip(due[valid].tolist(), fine[0][valid], fine[1][valid], strict=True):
+                run = int(which[k])
                 dynamics.chart = self._chart(run)
-                found = dynamics.errors((q[k], y[k]), fine, smooth=True)
-            moved[k] = finite and found.max() <= self._substeps.tolerance * dt
-            if moved[k]:
-                rough = float(roughness[k])
-                errors.write(run, errors.of_run(run).compared(steps, rough, found, dt, self._substeps, steps))
+                found = dynamics.errors((q[k], y[k]), (finer[0], finer[1]), smooth=True)
+                moved[k] = found.max() <= self._substeps.tolerance * dt
+                if moved[k]:
+                    compared = errors.of_run(run).compared(steps, float(roughness[k]), found, dt, self._substeps, steps)
+                    errors.write(run, compared)
         if self.reduced.assembly.size:
             for k in np.flatnonzero(moved).tolist():
                 if np.isfinite(q[k]).all():

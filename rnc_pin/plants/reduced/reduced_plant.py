@@ -16,7 +16,6 @@ from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics, Vel
 from rnc_pin.plants.reduced.friction import DissipativeStep, DryFriction
 from rnc_pin.plants.reduced.step_control import (
     DEFAULT_TOLERANCE,
-    LARGEST_SHARE,
     MOST_EVENT_SUBSTEPS,
     MOST_SUBSTEPS,
     IntegrationErrors,
@@ -95,6 +94,7 @@ class ReducedPlant(ReprMixin):
     ) -> None:
         self._substeps = Substeps.checked(substeps, tolerance, "ReducedPlant")
         self.reduced, (self.substeps, self.tolerance) = reduced, self._substeps
+        self._followed = self._substeps.followed
         self.joint_damping, self.actuator_limits, self.joint_friction = joint_damping, actuator_limits, joint_friction
         self._dynamics = ConstrainedDynamics(reduced, joint_damping, actuator_limits)
         self._dissipative = DissipativeStep(self._dynamics, DryFriction(reduced, joint_friction))
@@ -199,12 +199,12 @@ class ReducedPlant(ReprMixin):
         _ = self.state  # in a chart that is regular here
         errors = self.errors
         step = self._step(dt, errors.steps)
-        share = errors.share(step.roughness)
-        if step.failure is None and errors.accepts(share, self._substeps.limit(dt)):
-            self.errors = errors.after(share, dt)
+        accepted, after = errors.after(step.roughness, dt, self._followed * dt)
+        if accepted:
+            self._take(step)
+            self.errors = after
         else:
-            step = self._compared(step, dt)
-        self._take(step)
+            self._take(self._compared(step, dt))
 
     def advance_part(self, dt: float, steps: int) -> None:
         """Integrate over a part of a sample by a given number of steps.
@@ -215,7 +215,8 @@ class ReducedPlant(ReprMixin):
         _ = self.state
         step = self._step(dt, steps)
         self._take(step)
-        self.errors = self.errors.after(min(self.errors.share(step.roughness), LARGEST_SHARE), dt)
+        if step.roughness < np.inf:
+            _, self.errors = self.errors.after(step.roughness, dt, np.inf)
 
     def _take(self, step: _Step) -> None:
         """Take a state, or raise the error that the steps ended with."""

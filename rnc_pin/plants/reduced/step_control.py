@@ -21,10 +21,9 @@ MOST_EVENT_SUBSTEPS = 16
 DEFAULT_TOLERANCE = 1e-7
 """Largest error that the integration adds in a second [m, rad, m/s or rad/s]."""
 
-_PERIOD = 64  # samples after which a comparison is due
-_PAUSE = 8  # samples after a comparison without another one, unless the tolerance needs it
-LARGEST_SHARE = 4.0
-"""Error of a sample, relative to that of the last compared one, from which another comparison is due."""
+_PERIOD = 128  # samples after which a comparison is due
+_PAUSE = 16  # samples after a comparison without another one, unless the tolerance needs it
+_GROWTH = 4.0  # error of a sample over the last compared one, from which a comparison is due
 _ORDER_4 = 16.0 / 15.0  # error over its difference from that with half the step
 _ORDER_1 = 2.0
 _MARGIN = 64.0  # by which the error is below the limit where half the substeps are enough: 16 and a reserve
@@ -59,9 +58,10 @@ class Substeps(NamedTuple):
             raise InputError(f"tolerance of a {plant} has to be a positive number, found {tolerance!r}")
         return cls(None if number is None else int(number), float(tolerance))  # type: ignore[arg-type, call-overload]
 
-    def limit(self, dt: float) -> float:
-        """Largest error of a sample that needs no comparison; a fixed number does not follow the tolerance."""
-        return self.tolerance * dt if self.number is None else np.inf
+    @property
+    def followed(self) -> float:
+        """Error per second above which a sample is compared; a fixed number does not follow the tolerance."""
+        return self.tolerance if self.number is None else np.inf
 
 
 class IntegrationErrors(NamedTuple, Generic[_Int, _Float]):
@@ -73,12 +73,13 @@ class IntegrationErrors(NamedTuple, Generic[_Int, _Float]):
     Attributes:
         steps, used: substeps of the next and of the last sample.
         age: samples since the last comparison.
+        weight, moment: sums of the shares since then, and of the shares times their time.
+        peak: largest share since then; a share is the error of a sample over that of the compared one.
+        time: time of the run [s].
         roughness: roughness of the compared sample.
         pattern: errors (2 nv,) of the compared sample.
         size: largest of these.
-        weight, moment: sums of the shares since then, and of the shares times their time.
-        peak: largest share since then; a share is the error of a sample over that of the compared one.
-        time, since: time of the run, and of the last comparison [s].
+        since: time of the last comparison [s].
         past: errors (2 nv,) accumulated until the last comparison.
         largest: largest errors (2 nv,) of a sample until then.
         rate: largest error per second of a compared sample, on any entry.
@@ -89,13 +90,13 @@ class IntegrationErrors(NamedTuple, Generic[_Int, _Float]):
     steps: _Int
     used: _Int
     age: _Int
-    roughness: _Float
-    pattern: Array
-    size: _Float
     weight: _Float
     moment: _Float
     peak: _Float
     time: _Float
+    roughness: _Float
+    pattern: Array
+    size: _Float
     since: _Float
     past: Array
     largest: Array
@@ -108,25 +109,36 @@ class IntegrationErrors(NamedTuple, Generic[_Int, _Float]):
         """Return the errors at the start of a run."""
         none, steps = np.zeros(2 * nv), substeps.number or 1
         return IntegrationErrors(
-            steps, steps, _PERIOD, 0.0, none, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, none, none, 0.0, steps, 1
+            steps, steps, _PERIOD, 0.0, 0.0, 0.0, 0.0, 0.0, none, 0.0, 0.0, none, none, 0.0, steps, 1
         )  # fmt: skip
 
-    def share(self, roughness: _Float) -> _Float:
-        """Estimated error of a sample over that of the compared one."""
-        ratio = roughness / (self.roughness + _LEAST)
-        return ratio * ratio
+    def after(self, roughness: _Float, dt: float, limit: float) -> tuple[bool | Array, IntegrationErrors[_Int, _Float]]:
+        """Judge a sample by its roughness.
 
-    def accepts(self, share: _Float, limit: float) -> bool | Array:
-        """True where a sample needs no comparison."""
-        settled = (self.age < _PAUSE) | (share < LARGEST_SHARE)
-        return (share * self.size <= limit) & (self.age < _PERIOD) & settled
+        Args:
+            roughness: roughness of its steps.
+            dt: duration of the sample [s].
+            limit: largest error that needs no comparison.
 
-    def after(self, share: _Float, dt: float) -> IntegrationErrors[_Int, _Float]:
-        """Return the errors after an accepted sample."""
-        larger = np.maximum(self.peak, share) if isinstance(share, np.ndarray) else max(self.peak, share)
+        Returns:
+            True where the sample needs no comparison, and the errors after it.
+        """
+        steps, _, age, weight, moment, peak, time, reference, pattern, size, since, past, largest, rate, *counts = self
+        share = roughness / (reference + _LEAST)  # of drawn motions a better estimate than a power of the ratio
+        error, time = share * size, time + dt
+        settled = (age < _PAUSE) | (share < _GROWTH) | (error < rate * dt)
+        accepted = (error <= limit) & (age < _PERIOD) & settled
+        larger = np.maximum(peak, share) if isinstance(share, np.ndarray) else max(peak, share)
+        return accepted, IntegrationErrors(
+            steps, steps, age + 1, weight + share, moment + share * time, larger, time, reference, pattern, size, since,
+            past, largest, rate, *counts,
+        )  # fmt: skip
+
+    def after_compared(self, share: float, dt: float) -> IntegrationErrors[int, float]:
+        """Return the errors after a sample with a share of the error of the compared one."""
         time = self.time + dt
         return self._replace(
-            used=self.steps, age=self.age + 1, weight=self.weight + share, moment=self.moment + share * time, peak=larger, time=time
+            weight=self.weight + share, moment=self.moment + share * time, peak=max(self.peak, share), time=time
         )
 
     def folded(self) -> IntegrationErrors[_Int, _Float]:
@@ -160,10 +172,10 @@ class IntegrationErrors(NamedTuple, Generic[_Int, _Float]):
         if substeps.number is None and steps > 1 and size * _MARGIN < limit:
             following, again = steps // 2, True
         found = self.folded()._replace(
-            steps=following, age=_PERIOD if again else 0, roughness=roughness, pattern=errors, size=size,
+            steps=following, used=steps, age=_PERIOD if again else 0, roughness=roughness, pattern=errors, size=size,
             rate=max(self.rate, size / dt), most=max(self.most, steps), enough=max(self.enough, enough),
         )  # fmt: skip
-        return found.after(1.0, dt)._replace(age=found.age, used=steps)
+        return found.after_compared(1.0, dt)
 
     def of_run(self, run: int) -> IntegrationErrors[int, float]:
         """Errors of one of B runs."""
