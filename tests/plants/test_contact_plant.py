@@ -260,3 +260,27 @@ def test_endless_bounces_are_refused(ball):
     plant.reset(at(ball, 0.2), np.zeros(6))
     with pytest.raises(rnc.SimulationError, match="increase the rest_speed"):
         plant.advance(3.0)
+
+
+@pytest.mark.parametrize(("radius", "height"), [(0.2, 9e-5), (5e-5, 8e-5), (5e-5, 1e-7), (20.0, 1e-3)])
+def test_a_ball_above_the_ground_falls_whatever_its_size(radius, height):
+    robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
+    model = robot.model.copy()
+    model.inertias[1] = pin.Inertia.FromSphere(1.0, radius)
+    ball = rnc.NonholonomicSystem(rnc.Robot(model))
+    plant = rnc.ContactPlant(ball, [rnc.UnilateralContact(rnc.RollingBall("ball", radius))], tolerance=1e-9)
+    q = pin.neutral(model)
+    q[2] = radius + height
+    plant.reset(q, np.zeros(6))
+    time = np.sqrt(2 * height / 9.81)
+    plant.advance(2 * time)
+    start, landing = plant.contact_events
+    assert (start.closed, landing.closed) == ((), ("ball",))
+    assert landing.time == pytest.approx(time, rel=1e-6)
+    for depth in (0.0, 1e-6 * radius):
+        q[2] = radius - depth
+        plant.reset(q, np.zeros(6))
+        assert plant.contact_events[0].closed == ("ball",)
+    q[2] = radius - 1e-3 * radius
+    with pytest.raises(rnc.InputError, match="below the ground"):
+        plant.reset(q, np.zeros(6))
