@@ -146,7 +146,9 @@ def main() -> None:
             judged = [each for each in own if each.judged]
             honest = sum(each.honest for each in judged)
             low = sum(not each.honest and each.stated < each.true for each in judged)
-            print(f"{group}, substeps {choice}: within a factor of {FACTOR:g} in {honest} of {len(judged)}; too small {low}")
+            print(
+                f"{group}, substeps {choice}: within a factor of {FACTOR:g} in {honest} of {len(judged)}; too small {low}"
+            )
     judged = [each for each in found if each.judged]
     print(f"all: {100 * sum(each.honest for each in judged) / len(judged):.1f} % of {len(judged)}")
 

@@ -78,7 +78,9 @@ class LieRungeKutta4:
             u = (fraction * h) * slope
             check_reach(u, h)
             slopes.append(self._coordinates.derivative(rate, q, u, y + (fraction * h) * y_slope))
-        u, by = ((h / 6) * (one + 2.0 * two + 2.0 * three + four) for one, two, three, four in zip(*slopes, strict=True))
+        u, by = (
+            (h / 6) * (one + 2.0 * two + 2.0 * three + four) for one, two, three, four in zip(*slopes, strict=True)
+        )
         one, two, three, four = (np.concatenate([slope, y_slope[:r]]) for slope, y_slope in slopes)
         largest = max(np.abs(three - two).max(initial=0.0), np.abs(one - two - three + four).max(initial=0.0))
         return pin.integrate(self._model, q, u), y + by, h * float(largest)

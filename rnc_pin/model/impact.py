@@ -131,7 +131,9 @@ def impact(
     if len(appearing):
         if not isinstance(system, NonholonomicSystem):
             raise InputError(f"appearing: expected a NonholonomicSystem before the impact, found {system!r}")
-        rows = RowStack([*(each.block for each in system.rows.places), *(kind.bind(system.robot) for kind in appearing)])
+        rows = RowStack(
+            [*(each.block for each in system.rows.places), *(kind.bind(system.robot) for kind in appearing)]
+        )
         stopped = _stopped(system.robot, rows, q, v, restitution, t)
         if stopped is not None:
             return stopped

@@ -131,7 +131,9 @@ def test_a_ball_that_spins_lands_at_its_time(ball):
     drop = 0.3
     contact = rnc.UnilateralContact(rnc.RollingBall("ball", 0.2), restitution=0.5)
     plant = rnc.ContactPlant(ball, [contact])
-    plant.reset(ball.robot.configuration({"root_joint": [0, 0, 0.2 + drop, 0, 0, 0, 1]}), np.r_[np.zeros(3), 0, 30.0, 0])
+    plant.reset(
+        ball.robot.configuration({"root_joint": [0, 0, 0.2 + drop, 0, 0, 0, 1]}), np.r_[np.zeros(3), 0, 30.0, 0]
+    )
     for _ in range(30):
         plant.advance(0.01)
     _, landing = plant.contact_events
@@ -156,7 +158,9 @@ def test_a_run_states_its_error(ball, tmp_path):
         true = np.abs(run.q[-1, :3] - parabola(1.0)).max()
         assert true / 10 < run.info.integration.accumulated["m"] < 10 * true
         summary = rnc.summarize(run)
-        assert json.loads(json.dumps(summary["integration"]))["accumulated"]["m"] == run.info.integration.accumulated["m"]
+        assert (
+            json.loads(json.dumps(summary["integration"]))["accumulated"]["m"] == run.info.integration.accumulated["m"]
+        )
         assert "integration" in str(summary)
         assert rnc.simulation.RunInfo.from_json(run.info.to_json()).integration == run.info.integration
     assert runs[None].info.integration.is_kept
