@@ -147,7 +147,8 @@ def main() -> None:
             honest = sum(each.honest for each in judged)
             low = sum(not each.honest and each.stated < each.true for each in judged)
             print(
-                f"{group}, substeps {choice}: within a factor of {FACTOR:g} in {honest} of {len(judged)}; too small {low}"
+                f"{group}, substeps {choice}: within a factor of {FACTOR:g} in {honest} of {len(judged)}, "
+                f"too small in {low}"
             )
     judged = [each for each in found if each.judged]
     print(f"all: {100 * sum(each.honest for each in judged) / len(judged):.1f} % of {len(judged)}")

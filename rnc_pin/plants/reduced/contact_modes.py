@@ -91,7 +91,7 @@ class ContactImpacts:
         return self._impact(numbers, names, y, tangential, normal)
 
     def _change(self, numbers: list[int]) -> tuple[list[str], np.ndarray, np.ndarray, np.ndarray] | None:
-        """Names of the rows without the gaps, change y, and impulses of these rows and of the gaps; None without one."""
+        """Names of the rows besides the gaps, change y, impulses of both kinds of rows; None if these contradict."""
         slips, changes, names = self._without_slip(numbers)
         E, stop = np.vstack(slips), np.concatenate(changes)
         G = np.vstack([E[:0], *(self._heights[number] for number in numbers)])

@@ -148,7 +148,7 @@ class ContactPlant:
         return self._plant.external
 
     @property
-    def errors(self) -> IntegrationErrors[int, float]:
+    def errors(self) -> IntegrationErrors:
         """Estimated errors of the integration since the start."""
         return self._plant.errors
 

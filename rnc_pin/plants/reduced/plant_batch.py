@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import cast
 
 import numpy as np
 from numpy import ndarray as Array
@@ -69,7 +70,7 @@ class ReducedPlantBatch:
         self.applied = np.zeros((self.size, self.reduced.p))
         self._substeps = Substeps(plant.substeps, plant.tolerance)
         start = IntegrationErrors.initial(self.reduced.n, self._substeps)
-        self._errors = IntegrationErrors.of_runs(start, self.size)
+        self._errors = start.of_runs(self.size)
         self._charts: list[VelocityChart | None] = [None] * self.size
         self._v, self._kinematics = (np.empty((self.size, 0)) for _ in range(2))
         self._located = False  # True if ``_v`` and ``_kinematics`` are those of the state
@@ -130,8 +131,9 @@ class ReducedPlantBatch:
         self._locate()
         single, alone = self._single, ~self.failed
         if not single.dissipates:
-            for steps in np.unique(self._errors.steps[alone]).tolist():
-                which = np.flatnonzero(alone & (self._errors.steps == steps))
+            steps_of_runs = np.array(self._errors.steps)
+            for steps in np.unique(steps_of_runs[alone]).tolist():
+                which = np.flatnonzero(alone & (steps_of_runs == steps))
                 alone[which[self._together(which, dt, steps)]] = False
         for run in np.flatnonzero(alone).tolist():
             self._alone(run, partial(single.advance, dt))
@@ -144,15 +146,15 @@ class ReducedPlantBatch:
         """
         errors, dynamics = self._errors, self._single._dynamics
         some = len(which) < self.size
-        now = IntegrationErrors(*(each[which] for each in errors)) if some else errors
+        now = errors.selected(which) if some else errors
         q, y, status, roughness = self._integrated(which, dt, steps)
-        accepted, after = now.after(roughness, dt, self._substeps.followed * dt)
+        accepts, after = now.after(cast(float, roughness), dt, self._substeps.followed * dt)
         moved = status == 1.0
-        accepted = accepted & moved
+        accepted = np.asarray(accepts) & moved
         if accepted.all() and not some:
-            self._errors = after._replace(used=after.steps.copy())  # ``write`` changes each array
+            self._errors = after._replace(used=cast(int, np.array(after.steps)))  # ``write`` changes each array
         else:
-            for each, all_runs in zip(after, errors, strict=True):
+            for each, all_runs in zip(after.arrays, errors.arrays, strict=True):
                 all_runs[which[accepted]] = each[accepted]
         due = np.flatnonzero(moved & ~accepted)
         if len(due):
@@ -233,7 +235,7 @@ class ReducedPlantBatch:
         state = self._single._dynamics.measured(q, self._v[run].copy(), y) if known else None
         return Checkpoint(q, y, state, self.applied[run].copy(), chart, self._errors.of_run(run))
 
-    def errors_of(self, run: int) -> IntegrationErrors[int, float]:
+    def errors_of(self, run: int) -> IntegrationErrors:
         """Return the estimated errors of the integration of one run since its start."""
         return self._errors.of_run(run)
 
@@ -261,7 +263,7 @@ class ReducedPlantBatch:
         self.size = len(which)
         for name in ("_q", "_v", "_y", "applied", "_kinematics", "failed"):
             setattr(self, name, getattr(self, name)[which])
-        self._errors = IntegrationErrors(*(each[which] for each in self._errors))
+        self._errors = self._errors.selected(which)
         self._charts = [self._charts[run] for run in which]
         self._chart_calls = [self._chart_calls[run] for run in which]
         self.errors = [self.errors[run] for run in which]

@@ -34,7 +34,7 @@ class Checkpoint(NamedTuple):
     state: StateEvaluation | None
     applied: np.ndarray
     chart: VelocityChart
-    errors: IntegrationErrors[int, float]
+    errors: IntegrationErrors
 
 
 class _Step(NamedTuple):
@@ -165,7 +165,7 @@ class ReducedPlant(ReprMixin):
         """Hold the inputs T (p,), clipped to the actuator limits; ``applied`` has the result."""
         self.applied = self._dynamics.saturate(T)
 
-    def keep_errors(self, errors: IntegrationErrors[int, float]) -> None:
+    def keep_errors(self, errors: IntegrationErrors) -> None:
         """Go on with the estimated errors of a motion that this plant continues."""
         self.errors = errors.interrupted()
 

@@ -7,7 +7,7 @@ All decisions depend on the motion of one run only, so that a run gives the same
 
 from __future__ import annotations
 
-from typing import Generic, NamedTuple, TypeVar
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy import ndarray as Array
@@ -29,8 +29,6 @@ _ORDER_1 = 2.0
 _MARGIN = 64.0  # by which the error is below the limit where half the substeps are enough: 16 and a reserve
 _ROUNDING = 1e-14  # relative difference that is rounding
 _LEAST = 1e-60  # roughness of a motion at rest
-
-_Int, _Float = TypeVar("_Int", int, Array), TypeVar("_Float", float, Array)
 
 
 class Substeps(NamedTuple):
@@ -64,8 +62,8 @@ class Substeps(NamedTuple):
         return self.tolerance if self.number is None else np.inf
 
 
-class IntegrationErrors(NamedTuple, Generic[_Int, _Float]):
-    """Estimated errors of one run, or of B runs with a leading axis, and the choice of substeps.
+class IntegrationErrors(NamedTuple):
+    """Estimated errors of one run, and the choice of substeps. Those of B runs are arrays with a leading axis.
 
     Errors are absolute values ``[e_q, e_v]`` (2 nv,): e_q in the tangent space of the configuration [m or rad], e_v of
     the velocity [m/s or rad/s].
@@ -87,32 +85,32 @@ class IntegrationErrors(NamedTuple, Generic[_Int, _Float]):
         enough: number of substeps that the tolerance asks for.
     """
 
-    steps: _Int
-    used: _Int
-    age: _Int
-    weight: _Float
-    moment: _Float
-    peak: _Float
-    time: _Float
-    roughness: _Float
+    steps: int
+    used: int
+    age: int
+    weight: float
+    moment: float
+    peak: float
+    time: float
+    roughness: float
     pattern: Array
-    size: _Float
-    since: _Float
+    size: float
+    since: float
     past: Array
     largest: Array
-    rate: _Float
-    most: _Int
-    enough: _Int
+    rate: float
+    most: int
+    enough: int
 
     @classmethod
-    def initial(cls, nv: int, substeps: Substeps) -> IntegrationErrors[int, float]:
+    def initial(cls, nv: int, substeps: Substeps) -> IntegrationErrors:
         """Return the errors at the start of a run."""
         none, steps = np.zeros(2 * nv), substeps.number or 1
         return IntegrationErrors(
             steps, steps, _PERIOD, 0.0, 0.0, 0.0, 0.0, 0.0, none, 0.0, 0.0, none, none, 0.0, steps, 1
         )  # fmt: skip
 
-    def after(self, roughness: _Float, dt: float, limit: float) -> tuple[bool | Array, IntegrationErrors[_Int, _Float]]:
+    def after(self, roughness: float, dt: float, limit: float) -> tuple[bool, IntegrationErrors]:
         """Judge a sample by its roughness.
 
         Args:
@@ -123,25 +121,42 @@ class IntegrationErrors(NamedTuple, Generic[_Int, _Float]):
         Returns:
             True where the sample needs no comparison, and the errors after it.
         """
-        steps, _, age, weight, moment, peak, time, reference, pattern, size, since, past, largest, rate, *counts = self
+        (
+            steps,
+            _,
+            age,
+            weight,
+            moment,
+            peak,
+            time,
+            reference,
+            pattern,
+            size,
+            since,
+            past,
+            largest,
+            rate,
+            most,
+            enough,
+        ) = self
         share = roughness / (reference + _LEAST)  # of drawn motions a better estimate than a power of the ratio
         error, time = share * size, time + dt
         settled = (age < _PAUSE) | (share < _GROWTH) | (error < rate * dt)
         accepted = (error <= limit) & (age < _PERIOD) & settled
-        larger = np.maximum(peak, share) if isinstance(share, np.ndarray) else max(peak, share)
+        larger = max(peak, share) if isinstance(share, float) else cast(float, np.maximum(peak, share))
         return accepted, IntegrationErrors(
             steps, steps, age + 1, weight + share, moment + share * time, larger, time, reference, pattern, size, since,
-            past, largest, rate, *counts,
+            past, largest, rate, most, enough,
         )  # fmt: skip
 
-    def after_compared(self, share: float, dt: float) -> IntegrationErrors[int, float]:
+    def after_compared(self, share: float, dt: float) -> IntegrationErrors:
         """Return the errors after a sample with a share of the error of the compared one."""
         time = self.time + dt
         return self._replace(
             weight=self.weight + share, moment=self.moment + share * time, peak=max(self.peak, share), time=time
         )
 
-    def folded(self) -> IntegrationErrors[_Int, _Float]:
+    def folded(self) -> IntegrationErrors:
         """Return the errors with ``past`` and ``largest`` at the present time."""
         nv = len(self.pattern) // 2
         position, velocity = self.pattern[:nv], self.pattern[nv:]
@@ -159,14 +174,14 @@ class IntegrationErrors(NamedTuple, Generic[_Int, _Float]):
         largest = np.maximum(self.largest, self.pattern * self.peak)
         return self._replace(past=past, largest=largest, weight=0.0, moment=0.0, peak=0.0, since=self.time)
 
-    def interrupted(self) -> IntegrationErrors[_Int, _Float]:
+    def interrupted(self) -> IntegrationErrors:
         """Return the errors at a jump of the velocity, after which a comparison is due."""
-        return self.folded()._replace(age=_PERIOD)  # type: ignore[arg-type]
+        return self.folded()._replace(age=_PERIOD)
 
     def compared(
         self, steps: int, roughness: float, errors: Array, dt: float, substeps: Substeps, enough: int
-    ) -> IntegrationErrors[int, float]:
-        """Return the errors after a compared sample with a number of substeps, of which ``enough`` keep the tolerance."""
+    ) -> IntegrationErrors:
+        """Return the errors after a compared sample with a number of substeps; ``enough`` keep the tolerance."""
         size, limit = float(errors.max(initial=0.0)), substeps.tolerance * dt
         following, again = steps, not roughness < np.inf
         if substeps.number is None and steps > 1 and size * _MARGIN < limit:
@@ -177,19 +192,27 @@ class IntegrationErrors(NamedTuple, Generic[_Int, _Float]):
         )  # fmt: skip
         return found.after_compared(1.0, dt)
 
-    def of_run(self, run: int) -> IntegrationErrors[int, float]:
+    @property
+    def arrays(self) -> tuple[Array, ...]:
+        """All quantities of B runs."""
+        return cast("tuple[Array, ...]", tuple(self))
+
+    def of_run(self, run: int) -> IntegrationErrors:
         """Errors of one of B runs."""
-        return IntegrationErrors(*(each[run].copy() if each.ndim > 1 else each[run].item() for each in self))  # type: ignore[union-attr]
+        return IntegrationErrors._make(each[run].copy() if each.ndim > 1 else each[run].item() for each in self.arrays)
 
-    def write(self, run: int, errors: IntegrationErrors[int, float]) -> None:
+    def write(self, run: int, errors: IntegrationErrors) -> None:
         """Set the errors of one of B runs."""
-        for all_runs, one in zip(self, errors, strict=True):
-            all_runs[run] = one  # type: ignore[index]
+        for all_runs, one in zip(self.arrays, errors, strict=True):
+            all_runs[run] = one
 
-    @staticmethod
-    def of_runs(errors: IntegrationErrors[int, float], size: int) -> IntegrationErrors[Array, Array]:
-        """Errors of B runs that are all the given ones."""
-        return IntegrationErrors(*(np.array([each] * size) for each in errors))
+    def selected(self, runs: Array) -> IntegrationErrors:
+        """Errors of some of B runs, by their indices or a mask."""
+        return IntegrationErrors._make(each[runs] for each in self.arrays)
+
+    def of_runs(self, size: int) -> IntegrationErrors:
+        """Errors of B runs that are all these."""
+        return IntegrationErrors._make(np.array([each] * size) for each in self)
 
 
 def difference_errors(position: Array, velocity: Array, scale: float, smooth: bool) -> Array:
