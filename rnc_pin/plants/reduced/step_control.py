@@ -54,7 +54,7 @@ class Substeps(NamedTuple):
         is_number = isinstance(tolerance, int | float | np.number) and not isinstance(tolerance, bool)
         if not is_number or not 0 < tolerance < np.inf:  # type: ignore[operator]
             raise InputError(f"tolerance of a {plant} has to be a positive number, found {tolerance!r}")
-        return cls(None if number is None else int(number), float(tolerance))  # type: ignore[arg-type, call-overload]
+        return cls(None if number is None else int(number), float(tolerance))  # type: ignore[arg-type]
 
     @property
     def followed(self) -> float:
