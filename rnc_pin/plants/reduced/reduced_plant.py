@@ -207,7 +207,11 @@ class ReducedPlant(ReprMixin):
             self._take(self._compared(step, dt))
 
     def advance_part(self, dt: float, steps: int) -> None:
-        """Integrate over a part of a sample by a given number of steps.
+        """Integrate over a part of a sample by a number of steps.
+
+        Args:
+            dt: duration of the part [s].
+            steps: number of equal steps.
 
         Raises:
             DivergenceError: as ``advance``.
