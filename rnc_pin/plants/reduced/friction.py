@@ -194,6 +194,11 @@ class DissipativeStep:
             linear, w_dot = self._linear(state, T)
             friction = self.friction.forces_in_step(state, w_dot, linear, remaining)
             first = float(friction.stops.min())
+            if events and remaining <= first < np.inf:  # a row comes to rest at the end of the step
+                y = self._stopped(state, y, friction.resting)
+                sliding = self._sliding_forces(friction)
+                q, y, _ = self._sliding(q, y, T, sliding, friction.resting, linear, remaining)
+                return q, self._stopped(self._dynamics.at(q, y), y, friction.sticking), np.inf
             if events == 0 or first >= remaining:
                 y = self._stopped(state, y, friction.sticking)
                 q, y, rough = self._sliding(q, y, T, friction.forces, friction.sticking, linear, remaining)
