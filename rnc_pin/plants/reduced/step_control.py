@@ -22,7 +22,7 @@ DEFAULT_TOLERANCE = 1e-7
 """Largest error that the integration adds in a second [m, rad, m/s or rad/s]."""
 
 _PERIOD = 128  # samples after which a comparison is due
-_PAUSE = 16  # samples after a comparison without another one, unless the tolerance needs it
+_PAUSE = 32  # samples after a comparison without another one, unless the tolerance needs it
 _GROWTH = 4.0  # error of a sample over the last compared one, from which a comparison is due
 _ORDER_4 = 16.0 / 15.0  # error over its difference from that with half the step
 _ORDER_1 = 2.0
