@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, model_validator
 from rnc_pin.applications.scenario.schema.base import Numbers, Positive, Strict
 from rnc_pin.applications.scenario.schema.derived import Entry
 from rnc_pin.applications.scenario.schema.reference_settings import ReferenceItem, VehiclePath
-from rnc_pin.model import ReducedModel
+from rnc_pin.model import NotNegative, ReducedModel
 from rnc_pin.optimal import FileLimits, MotionPlan, OutputCost, SolverSettings, plan
 
 WeightSetting = float | Numbers | dict[str, float]
@@ -57,6 +57,10 @@ class BoundSettings(Strict):
     """Rates of reducing outputs."""
     output: dict[str, Limits] = {}
     """Outputs that have a value, such as joint angles."""
+    normal_force: NotNegative | None = None
+    """Smallest normal force of every contact with the ground [N]; null for none."""
+    grip: Positive | None = None
+    """Coefficient of friction of the ground: the contact forces stay in their cones; null for none."""
 
 
 _Kept = Annotated[Literal["file"] | None, AfterValidator(lambda said: said is not None)]
@@ -108,8 +112,8 @@ class OptimalPlanner(_PLAN.model, _SOLVER.model):  # type: ignore[name-defined, 
     plan of a controller of type "plan_feedback".
     """
 
-    type: Literal["optimal"]
-    """Optimal control with exact derivatives."""
+    type: Literal["optimal", "global"]
+    """Optimal control with exact derivatives; "global" first searches a way around the obstacles, its guess."""
     goal: dict[str, float] = {}
     """Values at the end by names of outputs. An orientation needs all its rows. Empty leaves the end to costs."""
     duration: Positive | Annotated[list[Positive], Field(min_length=2, max_length=2)]
@@ -126,6 +130,14 @@ class OptimalPlanner(_PLAN.model, _SOLVER.model):  # type: ignore[name-defined, 
     """True for that distance between links of the robot too."""
     guess: GuessSettings | None = None
     """First guess; the straight line by default."""
+
+    @model_validator(mode="after")
+    def _guess_of_type(self) -> OptimalPlanner:
+        if self.type == "global" and self.guess is not None:
+            raise ValueError("type 'global' searches the guess: remove 'guess', or use type 'optimal'")
+        if self.type == "global" and not self.goal:
+            raise ValueError("type 'global' needs a goal")
+        return self
 
     def build(self, reduced: ReducedModel, **others: object) -> MotionPlan:
         """Plan a motion; the arguments are those of ``plan`` that the file does not give."""
