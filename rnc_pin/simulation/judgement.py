@@ -70,6 +70,7 @@ def judge(
         *_finite(run),
         *_fallback(run),
         *_missed_updates(run),
+        *_integration(run),
         *(_goals(run, goal_errors or {}, goal_tolerance) if completed else ()),
         *(() if replay is None else _limits(replay)),
         *_contacts(run, grip),
@@ -128,6 +129,19 @@ def _missed_updates(run: Trajectory) -> Iterator[Finding]:
     )
     severity = Severity.FAILS if share > _MOSTLY else Severity.DEGRADES
     yield Finding(FindingKind.FALLBACK, "predictive controller", share, "", None, severity, message)
+
+
+def _integration(run: Trajectory) -> Iterator[Finding]:
+    """Finding of an integration that is less accurate than its tolerance."""
+    found = run.info.integration
+    if found is None or found.is_kept:
+        return
+    message = (
+        f"the integration adds an error of up to {found.rate:.2g} per second [m, rad, m/s or rad/s], allowed is "
+        f"{found.tolerance:g}: {found.remedy}"
+    )
+    severity = Severity.NOTE if found.enough == found.substeps else Severity.DEGRADES
+    yield Finding(FindingKind.INTEGRATION, "plant", found.rate, "1/s", None, severity, message)
 
 
 def _goals(run: Trajectory, errors: Mapping[str, float], tolerance: float) -> Iterator[Finding]:

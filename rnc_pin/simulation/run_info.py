@@ -15,6 +15,7 @@ from rnc_pin.errors import ConfigurationError, printable
 from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.printing import printed
+from rnc_pin.simulation.integration_accuracy import IntegrationAccuracy
 from rnc_pin.verdict import Verdict
 
 _Record = TypeVar("_Record")
@@ -277,6 +278,7 @@ class RunInfo:
         phases: phases of the run; empty for a run under one set of constraints.
         fallback: use of fallback commands; None if there was none.
         missed_updates: updates of a predictive controller that were not used; None if there were none.
+        integration: estimated error of the integration; None if the plant does not estimate it.
         verdict: findings about the run, if it was judged.
     """
 
@@ -290,6 +292,7 @@ class RunInfo:
     phases: tuple[PhaseInfo, ...] = ()
     fallback: FallbackUse | None = None
     missed_updates: MissedUpdates | None = None
+    integration: IntegrationAccuracy | None = None
     verdict: Verdict | None = None
 
     def to_json(self) -> dict[str, Json]:
@@ -311,6 +314,7 @@ class RunInfo:
             **({"phases": [asdict(each) for each in self.phases]} if self.phases else {}),
             **({} if self.fallback is None else {"fallback": asdict(self.fallback)}),
             **({} if self.missed_updates is None else {"missed_updates": asdict(self.missed_updates)}),
+            **({} if self.integration is None else {"integration": asdict(self.integration)}),
             **({} if self.verdict is None else {"verdict": self.verdict.to_json()}),
         }
         return to_json_mapping(content, "meta")
