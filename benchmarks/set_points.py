@@ -14,7 +14,7 @@ import time
 import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import NamedTuple
 
@@ -39,7 +39,7 @@ from rnc_pin.plants.faults import FaultyPlant
 
 DT, WRONG = 0.05, 1.2
 AT_REST = 0.02  # [m/s or rad/s]
-STEERING = 0.7  # largest angle [rad]
+STEERING, HITCH = 0.7, 1.2  # largest angles [rad]
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Case:
         frame: its frame that goes to the origin with heading zero; None without one.
         joints: goals of joints.
         spread: of the first joint of a system without such a frame [rad].
-        steering: steered joints, which have limits.
+        limits: largest angles of joints [rad].
         duration: of a plan [s].
         run: duration of a run [s].
     """
@@ -60,7 +60,7 @@ class Case:
     frame: str | None
     joints: dict[str, float]
     spread: float = 0.3
-    steering: tuple[str, ...] = ()
+    limits: dict[str, float] = field(default_factory=dict)
     duration: float = 10.0
     run: float = 30.0
 
@@ -72,9 +72,9 @@ class Case:
         return {rnc.FramePosition(self.frame, "xy"): [0.0, 0.0], rnc.FrameYaw(self.frame): 0.0, **joints}
 
     def bounds(self) -> list[BoundKind]:
-        """Accelerations, speeds and steering angles."""
-        steered = [OutputBound(rnc.JointPosition(name), -STEERING, STEERING) for name in self.steering]
-        return [InputBound(-2.0, 2.0), VelocityBound(-1.0, 1.0), *steered]
+        """Accelerations, speeds and angles."""
+        angles = [OutputBound(rnc.JointPosition(name), -limit, limit) for name, limit in self.limits.items()]
+        return [InputBound(-2.0, 2.0), VelocityBound(-1.0, 1.0), *angles]
 
     def start(self, reduced: rnc.ReducedModel, seed: int) -> np.ndarray:
         """Drawn start (nq,)."""
@@ -114,14 +114,17 @@ def mecanum() -> rnc.ReducedModel:
 
 
 _FRONT = {"front_steering": 0.0}
+_STEERING = {"front_steering": STEERING}
+_ONE = {"hitch_1": HITCH, **_STEERING}
+_TWO = {"hitch_2": HITCH, **_ONE}
 _ARM = {"joint_1": 0.4, "joint_2": 0.8}
 CASES = {
     "edge": Case(edge, "sleigh", {}),
     "drive": Case(drive, "base", {}),
-    "car": Case(car, "rear_axle", _FRONT, steering=("front_steering",)),
-    "tricycle": Case(partial(car, "front_axle"), "rear_axle", _FRONT, steering=("front_steering",)),
-    "trailer": Case(partial(tractor, 1), "tractor", {**_FRONT, "hitch_1": 0.0}, duration=20.0, run=60.0),
-    "trailers": Case(partial(tractor, 2), "tractor", {**_FRONT, "hitch_1": 0.0, "hitch_2": 0.0}, duration=30, run=90),
+    "car": Case(car, "rear_axle", _FRONT, limits=_STEERING),
+    "tricycle": Case(partial(car, "front_axle"), "rear_axle", _FRONT, limits=_STEERING),
+    "trailer": Case(partial(tractor, 1), "tractor", dict.fromkeys(_ONE, 0.0), limits=_ONE, duration=20.0, run=60.0),
+    "trailers": Case(partial(tractor, 2), "tractor", dict.fromkeys(_TWO, 0.0), limits=_TWO, duration=30.0, run=90.0),
     "mecanum": Case(mecanum, "base_link", {}),
     "mobile_manipulator": Case(mobile_manipulator, "base", _ARM),
     "floating_arm": Case(floating_arm, None, {"platform": 0.0, **_ARM, "joint_3": 0.5}),

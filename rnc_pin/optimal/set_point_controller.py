@@ -270,7 +270,7 @@ class SetPointController(ReprMixin):
         A plan that the verification does not confirm serves if only its goal is missed, and by less than half of the
         distance: the next plan starts nearer.
         """
-        settings = SolverSettings(nodes=self.nodes, refinements=0, accuracy=self.tolerance)
+        settings = SolverSettings(nodes=self.nodes, accuracy=self.tolerance)
         try:
             return plan_motion(
                 self._reduced,
