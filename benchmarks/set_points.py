@@ -3,8 +3,8 @@
 ``python -m benchmarks.set_points [N] [SYSTEM ...] [--control plan|predictive|quadratic] [--noise] [--jobs K]``
 
 Starts are drawn with a seed: within 3 m of the goal with any heading, and joints within 0.3 rad of their goals. A run
-arrives if it ends at rest within 1 cm and 0.01 rad; with ``--noise`` (2 mm and 2 mrad, measurements one sample late,
-masses 20 % wrong), within 2 cm and 0.02 rad.
+arrives if it ends at rest within 1 cm and 0.01 rad; with ``--noise`` (3.5 mm and 0.2 degrees, measurements one sample
+late, masses 20 % wrong), within 2 cm and 0.02 rad.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ from rnc_pin.optimal import (
 from rnc_pin.plants.faults import FaultyPlant
 
 DT, WRONG = 0.05, 1.2
+NOISE = np.radians(0.2)  # standard deviation [rad or m], and of velocities [rad/s or m/s]
 AT_REST = 0.02  # [m/s or rad/s]
 STEERING, HITCH = 0.7, 1.2  # largest angles [rad]
 
@@ -169,7 +170,7 @@ def run(name: str, kind: str, noise: bool, seed: int) -> Result:
         for body in wrong.robot.model.inertias:
             body.mass *= WRONG
             body.inertia *= WRONG
-        faults = rnc.Faults(position_noise=2e-3, velocity_noise=2e-3, delay=1)
+        faults = rnc.Faults(position_noise=NOISE, velocity_noise=NOISE, delay=1)
         plant = FaultyPlant(rnc.ReducedPlant(wrong), faults, wrong, DT, seed=seed)
     begin = time.process_time()
     controller = controller_of(kind, case, reduced, noise)

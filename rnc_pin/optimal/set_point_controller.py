@@ -14,7 +14,7 @@ from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.parameter_types import Positive
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.optimal.action_models import Form, KinematicModel, Nodes, action_model
+from rnc_pin.optimal.action_models import Form, KinematicModel, Nodes, action_model, check_velocity_form
 from rnc_pin.optimal.bounds import BoundKind, Goal, InputBound, OutputBound
 from rnc_pin.optimal.costs import CostKind
 from rnc_pin.optimal.file_limits import FileLimits
@@ -136,8 +136,7 @@ class SetPointController(ReprMixin):
         for name, value in rates.items():
             if not 0 < value < np.inf:
                 raise ConfigurationError(f"{name}: expected a positive number, found {value:g}")
-        if velocities and form != "acceleration":
-            raise ConfigurationError(f"velocities: expected the form 'acceleration', found '{form}'")
+        check_velocity_form(velocities, form)
         self.velocities = velocities
         self.goal, self.duration, self.tolerance, self.tube, self.check = goal, duration, tolerance, tube, check
         self.nodes, self.seeds, self.state_cost = nodes, seeds, state_cost
