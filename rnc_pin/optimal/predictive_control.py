@@ -148,7 +148,9 @@ class PredictiveController(ReprMixin):
         velocities: bool = False,
     ) -> None:
         if form == "kinematic":
-            text = "needs 'acceleration' or 'dynamic'; with velocities=True, the form 'acceleration' commands velocities"
+            text = (
+                "needs 'acceleration' or 'dynamic'; with velocities=True, the form 'acceleration' commands velocities"
+            )
             raise ConfigurationError(f"form 'kinematic': a predictive controller {text}")
         check_velocity_form(velocities, form)
         self.velocities = velocities

@@ -15,7 +15,7 @@ from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.parameter_types import Positive
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.action_models import Form, KinematicModel, Nodes, action_model, check_velocity_form
-from rnc_pin.optimal.bounds import BoundKind, Goal, InputBound, OutputBound
+from rnc_pin.optimal.bounds import BoundKind, DistanceBound, Goal, InputBound, OutputBound
 from rnc_pin.optimal.costs import CostKind
 from rnc_pin.optimal.file_limits import FileLimits
 from rnc_pin.optimal.guesses import inputs_for
@@ -85,8 +85,8 @@ class SetPointController(ReprMixin):
         nodes: number of intervals.
         seeds: number of random guesses of each search.
         tolerance: error at rest above which it plans again [m or rad].
-        tube: error at the end of a plan, or of an output beyond its bound on the way, as the integration predicts
-            them, from which it plans again [m or rad].
+        tube: error at the end of a plan, or amount by which an output or a distance is beyond its bound on the way, as
+            the integration predicts them, from which it plans again [m or rad].
         check: time between two checks [s].
         state_cost: weight of each state in the gains of the feedback.
         bandwidth: decay rate of the velocity error in the kinematic form [1/s].
@@ -149,7 +149,7 @@ class SetPointController(ReprMixin):
         coordinates = self.set_point.coordinates
         self._direct = np.array(coordinates.weights) == 1  # coordinates that single inputs move
         stated = [each.bind(self._model) for each in bounds if isinstance(each, InputBound)]
-        self._outputs = [each.bind(self._model) for each in bounds if isinstance(each, OutputBound)]
+        self._watched = [each.bind(self._model) for each in bounds if isinstance(each, OutputBound | DistanceBound)]
         nu = self._model.nu
         self._lower = np.max([np.full(nu, -np.inf), *(each.lower for each in stated)], axis=0)
         self._upper = np.min([np.full(nu, np.inf), *(each.upper for each in stated)], axis=0)
@@ -324,17 +324,17 @@ class SetPointController(ReprMixin):
                 until = state.begin + (self._interval(t, state) + 1) * state.h
                 u = self._followed((t + until) / 2 if self.velocities else t, now, state)
                 now, t = self._driven.step(now, u[None], np.array([until - t])), until
-                if self._excess(now) > self.tube:
+                if self._excess(t, now) > self.tube:
                     return np.inf
             return max(self.set_point.errors(now.q[0]).values())
         except RncError:  # it meets a singular configuration
             return np.inf
 
-    def _excess(self, now: Nodes) -> float:
-        """Largest amount by which an output is beyond its bound [m or rad], such as a steering angle."""
-        nodes = NodeData(self._driven, now, None, np.zeros(1))
+    def _excess(self, t: float, now: Nodes) -> float:
+        """Largest amount by which an output or a distance is beyond its bound [m or rad], such as a steering angle."""
+        nodes = NodeData(self._driven, now, None, np.full(1, t))
         amounts = [0.0]
-        for each in self._outputs:
+        for each in self._watched:
             value = each.rows(nodes, False).value[0]
             amounts.append(float(np.maximum(each.lower - value, value - each.upper).max()))
         return max(amounts)
