@@ -4,7 +4,7 @@
 
 Tasks:
 
-* ``starts``: drawn with a seed, within 3 m of the goal with any heading, and joints within 0.3 rad of their goals. A run
+* ``starts``: drawn with a seed, within 3 m of the goal with any heading, joints within 0.3 rad of their goals. A run
   arrives if it ends at rest within 1 cm and 0.01 rad.
 * ``noise``: the same with noise of 3.5 mm and 0.2 degrees, measurements one sample late, and masses 20 % wrong; within
   2 cm and 0.02 rad.
