@@ -31,7 +31,7 @@ _OF_FILE = FileLimits()
 _AT_REST = 0.02  # reduced velocity below which a robot stands [m/s or rad/s]
 _NEAR = 20.0  # times the tolerance: an error at which the feedback at rest moves the directions of weight one
 _SETTLED = 4.0  # time constants of this feedback before the error counts
-
+_SAMPLES = 40  # whose mean is the error at rest: noise that is above the tolerance now and then starts no plan
 _SLOWER = 0.7  # factor of the velocity in each sample, where velocities are the commands, while the robot brakes
 _RETRY, _LONGEST = 1.0, 6  # time until the next search after the first one in vain [s], and how often it doubles
 
@@ -54,7 +54,7 @@ class SetPointState(NamedTuple):
     mean: Float[Array, " nv"]
     """Mean displacement from the goal while the robot stands."""
     samples: int
-    """Measurements in this mean."""
+    """Measurements in this mean; from 40 on, older ones fade."""
     next_check: float
     """Time of the next check of the error, or of the end that the feedback leads to [s]."""
     plans: int
@@ -225,14 +225,14 @@ class SetPointController(ReprMixin):
             return self._standing(t, state, self.check) if self._stands(v2) else state
         if t < state.next_check - self.check:
             return state
-        count = state.samples + 1
+        count = min(state.samples + 1, _SAMPLES)
         step = self._model.manifold.difference(self.set_point.q[None], now.q)[0]
         state = state._replace(mean=state.mean + (step - state.mean) / count, samples=count)
         if t < state.next_check - 1e-9:
             return state
         q = self._model.manifold.integrate(self.set_point.q[None], state.mean[None])[0]
         if not self.set_point.missed(q, self.tolerance):
-            return state._replace(samples=0, next_check=t + self.check)
+            return state._replace(next_check=t + self.check)
         return self._searched(t, q, state)
 
     def _standing(self, t: float, state: SetPointState, until: float) -> SetPointState:
