@@ -44,6 +44,7 @@ GAINS = {  # in the record of a run, by the type of what its controller is made 
     "UnicycleStabilizer": {"goal", "k", "rate"},
     "SplitController": {"parts"},
     "PlanFeedback": {"form", "cost", "outcome", "gains"},
+    "SetPointController": {"tolerance", "tube", "check", "weights"},
     "StateFeedback": {"states", "K"},
     "InverseDynamicsQP": {"tasks", "limits", "dt", "velocity_gain", "friction"},
 }
