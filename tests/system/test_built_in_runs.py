@@ -89,6 +89,7 @@ def its_gains_are_recorded(prepared):
     assert trackers or parts[0]["type"] in (
         "InverseDynamicsQP",
         "PlanFeedback",
+        "SetPointController",
         "StateFeedback",
     )  # which need no tracker
     for gains in trackers:
