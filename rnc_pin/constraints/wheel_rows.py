@@ -13,7 +13,8 @@ from rnc_pin.math.components import Component, Entry, cross, dot, packed_vector
 from rnc_pin.model.kernel_rows import Form, KernelRow, attached, wrench_rows
 from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.mechanisms import Friction, GroundContact, Phrases
-from rnc_pin.model.wrench_rows import DirectionRows
+from rnc_pin.model.rows import check_defined
+from rnc_pin.model.wrench_rows import FLAT, DirectionRows
 from rnc_pin.robots.robot import Robot
 
 
@@ -77,7 +78,8 @@ class RollingRows(DirectionRows):
         self.radius, self.axle, self.directions = disk.radius, disk.axle, disk.axle[:, None]
         self.combination, self._friction = disk.combination, friction
         self.ground = None if plane.is_default else plane
-        self._plane, self._normal = plane, plane.axes[2].tolist()
+        self._point, self._up = np.asarray(plane.point), plane.axes[2]
+        self._normal = self._up.tolist()
         self.twist, self.affine = plane.twist, plane.moves
 
     def regularity(self, *directions: Sequence[Entry]) -> Entry:
@@ -88,15 +90,16 @@ class RollingRows(DirectionRows):
 
     def _contact(self, at: PositionKinematics) -> np.ndarray:
         """Contact points (..., 3) in the world."""
-        self.check_defined(at)
-        (axle,), normal = self.world_directions(at.rotation(self.frame)), self._normal
+        place, normal = at.placement(self.frame), self._normal
+        (axle,) = self.world_directions(place.rotation)
         s, z = cast("Component", wheel_level(axle, normal)), dot(axle, normal)
+        check_defined(self.undefined, at, s, FLAT, self.names)
         # z c - s n, with c = (a - z n) / s
         arm = [self.radius * (z * (a - z * n) / s - s * n) for a, n in zip(axle, normal, strict=True)]
-        return at.placement(self.frame).translation + packed_vector(arm, s)
+        return place.translation + packed_vector(arm, s)
 
     def residual(self, at: PositionKinematics) -> np.ndarray:
-        height = (self._contact(at) - np.asarray(self._plane.point)) @ self._plane.axes[2]
+        height = (self._contact(at) - self._point) @ self._up
         return np.asarray(height)[..., None] * self.holonomic
 
     def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:

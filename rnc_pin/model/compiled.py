@@ -8,7 +8,7 @@ other constraint rows have to be considered. Then ``NumPyEvaluator`` decides. It
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 
 import numpy as np
@@ -88,16 +88,26 @@ class CompiledEvaluator(NumPyEvaluator):
     # ------------------------------------------------------------------ whole calls
 
     def forward_dynamics(self, q: ArrayInput, v2: ArrayInput, T: ArrayInput, t: ArrayInput | None) -> Array:
-        found: Array | None = (
-            self._calls.forward_dynamics(q, v2, T) if self._steady or self.kernel.set_time(t) else None
-        )
+        found = self._called(self._calls.forward_dynamics, (q, v2, T), t)
         return super().forward_dynamics(q, v2, T, t) if found is None else found
 
     def inverse_dynamics(self, q: ArrayInput, v2: ArrayInput, v2_dot: ArrayInput, t: ArrayInput | None) -> Array:
-        found: Array | None = (
-            self._calls.inverse_dynamics(q, v2, v2_dot) if self._steady or self.kernel.set_time(t) else None
-        )
+        found = self._called(self._calls.inverse_dynamics, (q, v2, v2_dot), t)
         return super().inverse_dynamics(q, v2, v2_dot, t) if found is None else found
+
+    def _called(
+        self, call: Callable[..., Array | None], arguments: tuple[ArrayInput, ...], t: ArrayInput | None
+    ) -> Array | None:
+        """Result of a call of the kernel; None if NumPy has to decide. Lists and other numbers are converted first."""
+        if not (self._steady or self.kernel.set_time(t)):
+            return None
+        found = call(*arguments)
+        if found is None and not all(isinstance(each, Array) and each.dtype == float for each in arguments):
+            try:
+                found = call(*(np.ascontiguousarray(each, float) for each in arguments))
+            except (TypeError, ValueError):  # NumPy's path names what is wrong
+                return None
+        return found
 
     def inverse_dynamics_of_runs(self, q: Array, v2: Array, v2_dot: Array, t: float) -> Array:
         found: Array | None = None if self.data.rheonomic else self._calls.inverse_dynamics(q, v2, v2_dot)
@@ -166,6 +176,9 @@ class CompiledEvaluator(NumPyEvaluator):
 
     def fused_terms(self, q: Array, v2: Array | None, t: Component | None) -> ReducedTerms | None:
         return None if v2 is None else self._fused_terms(q, v2, t)
+
+    def fused_v2_dot(self, q: Array, v2: Array | None, T: Array, t: Component | None) -> Array | None:
+        return None if v2 is None else self._called(self._calls.forward_dynamics, (q, v2, T), t)
 
     def _fused_terms(self, q: object, v2: object, t: Component | None) -> ReducedTerms | None:
         numbers = self._calls.terms(q, v2) if self._steady or self.kernel.set_time(t) else None

@@ -10,12 +10,15 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float, Int
 
+FEW = 8
+"""Configurations below which calls of Pinocchio, 2 us each, cost less than the closed forms, 25 us together."""
+
 
 class ConfigurationManifold:
     """Exponential map and its inverse, as Pinocchio defines them, for stacks of configurations.
 
-    Real numbers, angles on a circle and planar bases have closed forms here. Robots with other joints, such as balls
-    and free bases, need a call of Pinocchio for each configuration.
+    Real numbers, angles on a circle and planar bases have closed forms here. Few configurations, and robots with other
+    joints, such as balls and free bases, take a call of Pinocchio for each configuration.
 
     Args:
         model: Pinocchio's model.
@@ -51,7 +54,7 @@ class ConfigurationManifold:
 
     def integrate(self, q: Float[Array, "n nq"], step: Float[Array, "n nv"]) -> Float[Array, "n nq"]:
         """Configurations displaced by tangent vectors."""
-        if not self._closed:
+        if not self._closed or len(q) < FEW:
             return np.array([pin.integrate(self._model, a, b) for a, b in zip(q, step, strict=True)]).reshape(q.shape)
         found = np.empty(q.shape)
         at, to = self._flat
@@ -68,7 +71,7 @@ class ConfigurationManifold:
 
     def difference(self, start: Float[Array, "n nq"], end: Float[Array, "n nq"]) -> Float[Array, "n nv"]:
         """Tangent vectors at ``start`` that lead to ``end``."""
-        if not self._closed:
+        if not self._closed or len(start) < FEW:
             found = [pin.difference(self._model, a, b) for a, b in zip(start, end, strict=True)]
             return np.array(found).reshape(len(start), self.nv)
         step = np.empty((len(start), self.nv))

@@ -43,6 +43,21 @@ def test_built_in_rows_need_no_python():
 
 
 @needs_library
+@pytest.mark.parametrize("form", [np.ndarray.tolist, tuple, np.float32])
+def test_lists_and_other_numbers_take_the_kernel_too(form, monkeypatch):
+    """So does the evaluation at a state: the bits are those of ``forward_dynamics``."""
+    reduced = mobile_manipulator()
+    ((q, v2),) = random_states(reduced, 1)
+    q, v2, T = (np.float32(each).astype(float) for each in (q, v2, np.arange(reduced.p)))
+    expected = reduced.forward_dynamics(q, v2, T)
+    refuse = lambda *_: pytest.fail("NumPy evaluates")  # noqa: E731
+    monkeypatch.setattr("rnc_pin.model.numpy_evaluator.NumPyEvaluator.forward_dynamics", refuse)
+    monkeypatch.setattr("rnc_pin.model.state_evaluation.StateEvaluation.accelerated", refuse)
+    assert np.array_equal(reduced.forward_dynamics(*map(form, (q, v2, T))), expected)
+    assert np.array_equal(reduced.at(form(q), form(v2)).v2_dot(form(T)), expected)
+
+
+@needs_library
 def test_a_state_that_is_singular_for_the_default_rows_is_evaluated_by_numpy():
     """The other states of a batch are evaluated by NumPy too, with the same result."""
     reduced = four_bar()
