@@ -13,8 +13,7 @@ from rnc_pin.applications.scenario.builder import Experiment, off_tracking
 from rnc_pin.applications.scenario.controllers.set_points import SetPointSettings
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.planner_settings import MotionProblem
-from rnc_pin.control import limited_accelerations
-from rnc_pin.control.controller import missed_goals
+from rnc_pin.control import limited_accelerations, missed_goals
 from rnc_pin.control.whole_body import InverseDynamicsQP
 from rnc_pin.control.whole_body.limits import CollisionAvoidance
 from rnc_pin.errors import ConfigurationError
@@ -29,10 +28,10 @@ from rnc_pin.simulation import (
     add_verdict,
     distance_findings,
     judge,
+    missed_goal_findings,
     replay_limits,
     summarize,
 )
-from rnc_pin.simulation.judgement import missed_goal_findings
 from rnc_pin.verdict import Finding, FindingKind, Severity
 
 REPLAY_DISTANCE = 0.2
