@@ -85,8 +85,8 @@ class SetPointController(ReprMixin):
         nodes: number of intervals.
         seeds: number of random guesses of each search.
         tolerance: error at rest above which it plans again [m or rad].
-        tube: error at the end of a plan, or amount by which an output or a distance is beyond its bound on the way, as
-            the integration predicts them, from which it plans again [m or rad].
+        tube: predicted error at the end of a plan from which it plans again [m or rad]. Outputs and distances beyond
+            their bounds on the way by more count too.
         check: time between two checks [s].
         state_cost: weight of each state in the gains of the feedback.
         bandwidth: decay rate of the velocity error in the kinematic form [1/s].

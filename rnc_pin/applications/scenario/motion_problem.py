@@ -29,7 +29,7 @@ def goal_of(
         ConfigurationError: a name is unknown.
     """
     names = (*reduced.reducing.names, *reduced.vertical.names)
-    check_names("goal", settings.goal, names)
+    check_output_names("goal", settings.goal, names)
     goal: dict[OutputTarget, ArrayLike] = {}
     rest, rows = dict(settings.goal), iter(names)
     for output in outputs:
@@ -56,7 +56,7 @@ def bounds_of(settings: MotionProblem, reduced: ReducedModel, obstacles: Sequenc
     if bounds.velocity:
         yield VelocityBound(*_limits(bounds.velocity))
     if bounds.output:
-        check_names("bounds.output", bounds.output, (*reduced.reducing.names, *reduced.vertical.names))
+        check_output_names("bounds.output", bounds.output, (*reduced.reducing.names, *reduced.vertical.names))
         yield OutputBound(list(bounds.output), *_limits(bounds.output))
     if settings.clearance is not None and (obstacles or settings.links):
         distances = CollisionDistances(reduced.robot, obstacles, PairSelection(links=settings.links))
@@ -64,7 +64,7 @@ def bounds_of(settings: MotionProblem, reduced: ReducedModel, obstacles: Sequenc
             yield DistanceBound(distances, settings.clearance)
 
 
-def check_names(key: str, given: Iterable[str], names: Sequence[str]) -> None:
+def check_output_names(key: str, given: Iterable[str], names: Sequence[str]) -> None:
     """Refuse names of outputs that a model does not have.
 
     Args:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from rnc_pin.applications.scenario.controllers.plan_feedback import PlanFeedbackSettings
 from rnc_pin.applications.scenario.frame_poses import frame_poses
-from rnc_pin.applications.scenario.motion_problem import bounds_of, check_names, goal_of
+from rnc_pin.applications.scenario.motion_problem import bounds_of, check_output_names, goal_of
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.planner_settings import OptimalPlanner
 from rnc_pin.applications.scenario.schema.reference_settings import VehiclePath
@@ -138,7 +138,7 @@ def _costs(settings: OptimalPlanner, start: Start, names: Sequence[str]) -> Iter
     if costs.posture is not None:
         yield PostureCost(start.q, costs.posture)
     for each in costs.outputs:
-        check_names("costs.outputs", cast(list[str], each.output), names)
+        check_output_names("costs.outputs", cast(list[str], each.output), names)
         yield each
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, cast
 
 from pydantic import Field
 
@@ -13,7 +13,7 @@ from rnc_pin.applications.scenario.motion_problem import bounds_of, goal_of
 from rnc_pin.applications.scenario.schema.base import Positive
 from rnc_pin.applications.scenario.schema.derived import part
 from rnc_pin.applications.scenario.schema.planner_settings import LimitItem, MotionProblem, WeightSetting
-from rnc_pin.control import ActuatorVelocityController
+from rnc_pin.control import ActuatorVelocityController, Controller, KinematicController
 from rnc_pin.optimal import EffortCost, PredictiveController, SetPointController, SetPointCost, UpdateSchedule
 
 _FORM = {"form": Literal["acceleration", "dynamic"]}
@@ -52,10 +52,11 @@ class _ToSetPoint(ControllerSettings, MotionProblem):
 
     def _build(self, context: ControllerContext) -> BuiltController:
         with at_key("controller"):
-            controller = self._controller(context)
-            if controller.velocities:
-                controller = ActuatorVelocityController(context.reduced, controller)
-        return BuiltController(controller, ())
+            made = self._controller(context)
+            if made.velocities:
+                servos = ActuatorVelocityController(context.reduced, cast(KinematicController, made))
+                return BuiltController(servos, ())
+        return BuiltController(cast(Controller, made), ())
 
     @abstractmethod
     def _controller(self, context: ControllerContext) -> SetPointController | PredictiveController: ...
