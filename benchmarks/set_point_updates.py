@@ -2,7 +2,8 @@
 
 ``python -m benchmarks.set_point_updates``
 
-An update is one iteration from the last motion over 20 nodes with bounded inputs, with the gains of its feedback. The
+An update is one iteration from the last motion over 20 nodes with the gains of its feedback; those count whose motion
+has an input at its bound. A motion that stalls has none, and would take less. The
 CasADi problems have the same states, inputs, nodes, bounds and powers of residuals; their equations are written by
 hand, their derivatives are generated as C code and compiled, and qrqp solves their quadratic program. Without CasADi or
 a C compiler, their column says so. Rates are slopes of the logarithm of the homogeneous distance over time, from the
@@ -78,11 +79,18 @@ def update_time(name: str) -> float:
         seen = reduced.at(now.q[0], now.w[0]).measure(np.zeros(reduced.r))
         begin = time.process_time()
         _, state = controller.step(k * PERIOD, seen, state)
-        taken.append(time.process_time() - begin)
+        taken.append((float(np.abs(state.u).max()), time.process_time() - begin))
         now = model.step(now, state.u[:1], np.array([PERIOD]))
     assert state.missed == 0
-    assert abs(now.q[0, 0]) < 0.5  # it drives to the goal
-    return float(np.median(taken[5:]))
+    return _at_bounds(taken)
+
+
+def _at_bounds(taken: Sequence[tuple[float, float]]) -> float:
+    """Median time of the updates after the first one whose motion has an input at its bound."""
+    bounded = [spent for largest, spent in taken[1:] if largest > LIMIT - 1e-3]
+    if len(bounded) < 5:
+        raise ValueError(f"{len(bounded)} updates have an input at its bound: too few for a median")
+    return float(np.median(bounded))
 
 
 class Rate(NamedTuple):
@@ -190,10 +198,9 @@ def _updates(ca: Any, parts: Any, nx: int, nu: int, at_rest: np.ndarray, step: A
         high = np.concatenate([np.full(count, np.inf), LIMIT - w[count:]])
         found = solver(h=H + 1e-8 * ca.DM.eye(len(w)), g=gradient, a=A, lba=-g, uba=-g, lbx=low, ubx=high)
         w = w + np.array(found["x"]).ravel()
-        taken.append(time.process_time() - begin)
+        taken.append((float(np.abs(w[count:]).max()), time.process_time() - begin))
         start = start + (np.array(step(start, w[count : count + nu])).ravel() - start) * PERIOD / (HORIZON / NODES)
-    assert np.abs(start[0]) < 0.5  # it drives to the goal
-    return float(np.median(taken[5:]))
+    return _at_bounds(taken)
 
 
 def main() -> None:
