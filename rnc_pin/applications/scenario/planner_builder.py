@@ -14,7 +14,7 @@ from rnc_pin.applications.scenario.motion_problem import bounds_of, check_output
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.planner_settings import OptimalPlanner
 from rnc_pin.applications.scenario.schema.reference_settings import VehiclePath
-from rnc_pin.collision import Obstacle
+from rnc_pin.collision import Obstacle, PairSelection
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model import ReducedModel
 from rnc_pin.optimal import (
@@ -32,7 +32,7 @@ from rnc_pin.optimal import (
     goal_configuration,
     tvlqr,
 )
-from rnc_pin.planning import OutputTarget, Reference
+from rnc_pin.planning import OutputTarget, Reference, find_way
 from rnc_pin.robots import Robot
 from rnc_pin.simulation import PlannedPath
 
@@ -86,7 +86,7 @@ def build_plan(
             goal=goal,
             costs=list(_costs(settings, start, names)),
             bounds=list(bounds_of(settings, reduced, obstacles)),
-            guess=None if settings.guess is None else _guess(settings, reduced, start, goal),
+            guess=_first_guess(scenario, reduced, start, goal, obstacles),
             seed=scenario.seed,
             v2_0=None if kinematic else start.v2,
             feedback=_feedback(scenario, reduced),
@@ -140,6 +140,25 @@ def _costs(settings: OptimalPlanner, start: Start, names: Sequence[str]) -> Iter
     for each in costs.outputs:
         check_output_names("costs.outputs", cast(list[str], each.output), names)
         yield each
+
+
+def _first_guess(
+    scenario: ScenarioFile,
+    reduced: ReducedModel,
+    start: Start,
+    goal: Mapping[OutputTarget, ArrayLike] | None,
+    obstacles: Sequence[Obstacle],
+) -> np.ndarray | None:
+    """Configurations (n, nq) of the first guess; None for the straight line."""
+    settings = scenario.planner
+    assert settings is not None
+    if settings.type == "global":
+        assert goal is not None
+        selection, clearance = PairSelection(links=settings.links), settings.clearance or 0.0
+        beside = () if settings.clearance is None else obstacles
+        way = find_way(reduced, start.q, goal, beside, selection=selection, clearance=clearance, seed=scenario.seed)
+        return way.at(np.linspace(0.0, way.duration, _POINTS))
+    return None if settings.guess is None else _guess(settings, reduced, start, goal)
 
 
 def _guess(
