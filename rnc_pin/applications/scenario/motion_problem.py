@@ -11,7 +11,15 @@ from rnc_pin.applications.scenario.schema.planner_settings import Limits, Motion
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.model import OutputKind, ReducedModel
-from rnc_pin.optimal import BoundKind, DistanceBound, InputBound, OutputBound, VelocityBound
+from rnc_pin.optimal import (
+    BoundKind,
+    DistanceBound,
+    GripBound,
+    InputBound,
+    NormalForceBound,
+    OutputBound,
+    VelocityBound,
+)
 from rnc_pin.planning import OutputTarget
 
 
@@ -58,6 +66,10 @@ def bounds_of(settings: MotionProblem, reduced: ReducedModel, obstacles: Sequenc
     if bounds.output:
         check_output_names("bounds.output", bounds.output, (*reduced.reducing.names, *reduced.vertical.names))
         yield OutputBound(list(bounds.output), *_limits(bounds.output))
+    if bounds.normal_force is not None:
+        yield NormalForceBound(bounds.normal_force)
+    if bounds.grip is not None:
+        yield GripBound(bounds.grip)
     if settings.clearance is not None and (obstacles or settings.links):
         distances = CollisionDistances(reduced.robot, obstacles, PairSelection(links=settings.links))
         if distances.pairs:
