@@ -1,5 +1,7 @@
 """Exports of ``rnc_pin.control``, which ``__init__.py`` imports at their first use."""
 
+from rnc_pin.optimal.set_point_controller import SetPointController as SetPointController  # it plans
+
 from .actuator_velocity import ActuatorVelocityController as ActuatorVelocityController
 from .computed_torque import ComputedTorque as ComputedTorque
 from .controller import Command as Command
