@@ -23,6 +23,7 @@ from rnc_pin.simulation.judgement import judged_by
 from rnc_pin.simulation.run_info import (
     FORCE_UNITS,
     Columns,
+    BrakingUse,
     FallbackUse,
     MissedUpdates,
     Outcome,
@@ -73,6 +74,7 @@ class Record:
         self.fallback: FallbackUse | None = None
         """Use of fallback commands by the control loop."""
         self.missed_updates: MissedUpdates | None = None
+        self.braking: BrakingUse | None = None
         """Updates of a predictive controller that were late or failed."""
         self.start = 0.0
         """Time of the first sample [s], at which the time of rheonomic constraints is zero."""
@@ -237,6 +239,7 @@ class Record:
             self.phases,
             self.fallback,
             self.missed_updates,
+            self.braking,
         )
         if deferred and outcome is Outcome.COMPLETED:
             q, v, T = (a[name].copy() for name in ("q", "v", "T"))  # the caller may change the others

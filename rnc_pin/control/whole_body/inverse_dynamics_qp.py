@@ -11,9 +11,10 @@ from numpy import ndarray as Array
 from rnc_pin.analysis.normal_forces import NormalForces, contacts_of
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Description, elapsed_time, listed
+from rnc_pin.control.whole_body.braking_motion import BrakedSample, BrakingCount, BrakingMotion, braking_motion, kept
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.limit_stack import ProgramBounds
-from rnc_pin.control.whole_body.limits.control_limit import ControlLimit
+from rnc_pin.control.whole_body.limits.control_limit import ControlLimit, LimitRows
 from rnc_pin.control.whole_body.task_hierarchy import (
     RelaxedSolution,
     SampledDamping,
@@ -33,6 +34,7 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 _SIDES = 8  # of the pyramid inside a friction cone
 _RANK = 1e-10
 _CORRECTIONS = 4  # of the velocity at the end of a sample, each smaller by a factor of order dt
+_SHARES = (0.5,)
 _BEYOND = 1e-9  # excess over a limit of motion that is rounding
 
 
@@ -156,6 +158,30 @@ class InverseDynamicsState(NamedTuple):
     """Amount by which each limit gave way at the last sample; zero if it did not."""
     worst_excess: Float[Array, " k"]
     """Largest such amount since the start."""
+    exceeded: Float[Array, " k"]
+    """Amount by which the last sample leads beyond each limit itself; zero without ``braking_time``."""
+    worst_exceeded: Float[Array, " k"]
+    """Largest such amount since the start."""
+    braking: BrakingCount = BrakingCount()
+    """Samples that brake, and samples without a verified braking motion."""
+
+
+class _SampleProgram(NamedTuple):
+    """Limits of a sample and the effect of its inputs: v2 at the end is ``offset + gain [T; z]``."""
+
+    sample: ControlSample
+    rows: LimitRows
+    contacts: ContactBounds
+    gain: Float[Array, "r x"]
+    offset: Float[Array, " r"]
+
+
+class _SafeSample(NamedTuple):
+    """Inputs of a sample, the limits that its end exceeds, and the samples that brake so far."""
+
+    found: InputSolution
+    exceeded: Float[Array, " k"]
+    braking: BrakingCount
 
 
 class InputSolution(NamedTuple):
@@ -166,6 +192,8 @@ class InputSolution(NamedTuple):
     """Velocity that the model predicts for the end of the sample."""
     multipliers: Float[Array, "levels k"]
     excess: Float[Array, " k"]
+    end: StateEvaluation | None = None
+    """State at the end of the sample by the dynamics; None if no limit of motion needs it."""
 
 
 class InverseDynamicsQP(WholeBodyProgram):
@@ -194,6 +222,7 @@ class InverseDynamicsQP(WholeBodyProgram):
             same rate.
         friction: coefficient of friction of the ground, for the friction cone of each contact; None if only normal
             forces have a limit.
+        braking_time: longest braking motion that is verified [s]; None for no verification.
         solver: solver of the quadratic program: "daqp", or another solver of qpsolvers by name.
 
     Raises:
@@ -219,12 +248,14 @@ class InverseDynamicsQP(WholeBodyProgram):
         dt: float,
         velocity_gain: Positive = 20.0,
         friction: Positive | None = None,
+        braking_time: Positive | None = 2.0,
         solver: str = "daqp",
     ) -> None:
-        for name, value in (("dt", dt), ("velocity_gain", velocity_gain), ("friction", friction)):
+        given = ("dt", dt), ("velocity_gain", velocity_gain), ("friction", friction), ("braking_time", braking_time)
+        for name, value in given:
             if value is not None and not 0 < value < np.inf:
                 raise ConfigurationError(f"{name} of an inverse-dynamics controller has to be positive, found {value}")
-        self.dt, self.velocity_gain, self.friction = dt, velocity_gain, friction
+        self.dt, self.velocity_gain, self.friction, self.braking_time = dt, velocity_gain, friction, braking_time
         super().__init__(reduced, tasks, limits, solver)
         self._contacts, self._integrator = ContactCones(reduced, friction), LieRungeKutta4(reduced.robot)
         self._curved = [*self._tasks.curved, np.zeros(reduced.r, dtype=bool)]  # bringing motion to rest is constant
@@ -237,17 +268,20 @@ class InverseDynamicsQP(WholeBodyProgram):
             *self._contacts.names,
         )
         stops = np.cumsum([len(self._limits.names), len(self._limited), len(self._contacts.names)])
+        self._brakes = braking_time is not None and bool(self._limits.names) and reduced.p >= reduced.r
         self._forces = [np.arange(stops[0], stops[1]), np.arange(stops[1], stops[2])]
 
     def describe(self) -> Description:
         """Return the settings of tasks and limits."""
-        return self._describe(dt=self.dt, velocity_gain=listed(self.velocity_gain), friction=self.friction)
+        return self._describe(
+            dt=self.dt, velocity_gain=listed(self.velocity_gain), friction=self.friction, braking_time=self.braking_time
+        )
 
     def initial_state(self, measurement: Measurement) -> InverseDynamicsState:
         """Return the state before the first sample."""
         k = len(self.limit_names)
         self._check_velocity(measurement.v2)
-        return InverseDynamicsState(None, np.zeros((self._tasks.levels + 1, k)), np.zeros(k), np.zeros(k))
+        return InverseDynamicsState(None, np.zeros((self._tasks.levels + 1, k)), *np.zeros((4, k)))
 
     def step(
         self, t: float, measurement: Measurement, state: InverseDynamicsState
@@ -259,11 +293,17 @@ class InverseDynamicsQP(WholeBodyProgram):
             SingularityError: the reducing outputs do not parametrise the motion at the configuration.
         """
         elapsed_time(t, state.time)
-        found = self.solve(t, self._configuration(measurement), measurement.v2, state.multipliers)
+        q, v2 = self._configuration(measurement), measurement.v2
+        program, found = self._decided(t, q, v2, state.multipliers)
+        safe = _SafeSample(found, state.exceeded, state.braking)
+        if self._brakes:
+            safe = self._safe(t, program, found, state)
+            found = safe.found
         x1, x2 = self._desired.at(t)
         worst = np.maximum(state.worst_excess, found.excess)
         command = Command(T=found.T, v2_desired=found.v2, x1_desired=x1, x2_desired=x2)
-        return command, InverseDynamicsState(t, found.multipliers, found.excess, worst)
+        beyond = safe.exceeded, np.maximum(state.worst_exceeded, safe.exceeded)
+        return command, InverseDynamicsState(t, found.multipliers, found.excess, worst, *beyond, safe.braking)
 
     def solve(self, t: float, q: Array, v2: Array, multipliers: Array | None = None) -> InputSolution:
         """Solve the program of one sample.
@@ -274,14 +314,43 @@ class InverseDynamicsQP(WholeBodyProgram):
             v2: reduced velocities at the start (r,).
             multipliers: multipliers of the last program, (levels, k), to start from.
         """
-        now, sample = (ControlSample(self._reduced, t, q, v2, dt) for dt in (0.0, self.dt))
+        return self._decided(t, q, v2, multipliers)[1]
+
+    def _decided(
+        self, t: float, q: Array, v2: Array, multipliers: Array | None
+    ) -> tuple[_SampleProgram, InputSolution]:
+        """Program of one sample, and its solution."""
+        program = self._program(t, q, v2)
+        now, sample = ControlSample(self._reduced, t, q, v2, 0.0), program.sample
+        levels, levers = self._levels(now, sample, program.offset, program.gain)
+        sampled = SampledDamping(self.dt, program.gain, -program.offset, levers, self._curved)
+        return program, self._solved(program, levels, multipliers, sampled)
+
+    def exceeded_limits(self, state: InverseDynamicsState) -> dict[str, float]:
+        """Return the limits of motion that the run exceeds by the model since its start, with the largest amounts."""
+        worst = state.worst_exceeded[: len(self._limits.names)]
+        return {name: float(each) for name, each in zip(self._limits.names, worst, strict=True) if each > 0.0}
+
+    def _program(self, t: float, q: Array, v2: Array) -> _SampleProgram:
+        """What tasks and braking motions share at one sample: its limits, and the effect of the inputs."""
+        sample = ControlSample(self._reduced, t, q, v2, self.dt)
         state, p = sample.start, self._reduced.p
         contacts = self._contacts.at(state)
-        gain = np.zeros((self._reduced.r, p + contacts.unknowns))  # v2 at the end is offset + gain [T; z]
+        gain = np.zeros((self._reduced.r, p + contacts.unknowns))
         gain[:, :p] = self.dt * np.linalg.solve(state.H, state.input_matrix)
         offset = state.v2 + self.dt * state.v2_dot(np.zeros(p))
-        levels, levers = self._levels(now, sample, offset, gain)
-        sampled, rows = SampledDamping(self.dt, gain, -offset, levers, self._curved), self._limits.rows(sample)
+        return _SampleProgram(sample, self._limits.rows(sample), contacts, gain, offset)
+
+    def _solved(
+        self,
+        program: _SampleProgram,
+        levels: list[TaskLevel],
+        multipliers: Array | None = None,
+        sampled: SampledDamping | None = None,
+    ) -> InputSolution:
+        """Solve the levels within the limits, which hold for the velocity that the dynamics give at the end."""
+        sample, rows, contacts, gain, offset = program
+        state, p = sample.start, self._reduced.p
         motion = self._limits.bounds(sample, rows)
 
         def solved(limits: ProgramBounds, start: Array | None) -> RelaxedSolution:
@@ -291,13 +360,14 @@ class InverseDynamicsQP(WholeBodyProgram):
             )
 
         found = best = solved(motion, multipliers)
-        least = np.inf
+        least, best_end = np.inf, None
         for _ in range(_CORRECTIONS + 1 if len(motion.lower) else 0):
-            reached = rows.jacobian @ self._end_velocity(state, found.unknowns[:p])
+            end = self._end(state, found.unknowns[:p])
+            reached = rows.jacobian @ end.v
             beyond = np.maximum(reached - rows.upper, rows.lower - reached) - found.excess[motion.places]
             if not beyond.max() < least:
                 break  # near singular coordinates, corrections need not converge
-            best, least = found, float(beyond.max())
+            best, best_end, least = found, end, float(beyond.max())
             if least <= _BEYOND:
                 break
             error = reached - rows.jacobian @ (sample.end.R @ (offset + gain @ found.unknowns) + sample.end.b)
@@ -306,10 +376,10 @@ class InverseDynamicsQP(WholeBodyProgram):
         found = best
         largest = self._reduced.actuation.limits
         T = np.clip(found.unknowns[:p], -largest, largest)  # the solver's rounding is no effort beyond the file
-        return InputSolution(T, offset + gain @ found.unknowns, found.multipliers, found.excess)
+        return InputSolution(T, offset + gain @ found.unknowns, found.multipliers, found.excess, best_end)
 
-    def _end_velocity(self, state: StateEvaluation, T: Array) -> Array:
-        """Full velocity (nv,) at the end of the sample under constant inputs, by one Runge-Kutta step."""
+    def _end(self, state: StateEvaluation, T: Array) -> StateEvaluation:
+        """State at the end of the sample under constant inputs, by one Runge-Kutta step."""
         reduced = self._reduced
         start = np.concatenate([state.v2, np.zeros(reduced.vertical.size + 1)])
         found = reduced.evaluator.integrate(np.array(state.q), start, np.ascontiguousarray(T), self.dt, 1)
@@ -321,7 +391,59 @@ class InverseDynamicsQP(WholeBodyProgram):
 
             found = self._integrator.step(rate, state.q, np.array(state.v2), self.dt)
         q, y = found
-        return reduced.at(q, y[: reduced.r]).v
+        return reduced.at(q, y[: reduced.r])
+
+    # ------------------------------------------------------------------ braking
+
+    def _reached(self, program: _SampleProgram, found: InputSolution) -> BrakedSample:
+        """End of a sample under the inputs of a solution, and the limits that it exceeds."""
+        end = found.end or self._end(program.sample.start, found.T)
+        exceeded = np.zeros(len(self.limit_names))
+        exceeded[: len(self._limits.names)] = self._limits.exceeded(end, program.sample.time, program.rows)
+        ground = self._forces[1]
+        exceeded[ground] = found.excess[ground]
+        return BrakedSample(found.T, end.q, end.v2, float(np.abs(end.v).max(initial=0.0)), exceeded)
+
+    def _braked(self, t: float, q: Array, v2: Array) -> BrakedSample:
+        """Sample that removes as much kinetic energy as the limits allow."""
+        program = self._program(t, q, v2)
+        root = np.linalg.cholesky(program.sample.start.H).T
+        rest = TaskLevel(root @ program.gain, -root @ program.offset)
+        return self._reached(program, self._solved(program, [rest]))
+
+    def _safe(self, t: float, program: _SampleProgram, found: InputSolution, last: InverseDynamicsState) -> _SafeSample:
+        """Inputs after which a braking motion keeps all limits, and the count of samples that brake."""
+        start = program.sample.start
+        before = last.exceeded
+        if last.time is None:
+            before = np.zeros(len(self.limit_names))
+            before[: len(self._limits.names)] = self._limits.exceeded(start, t)
+        reached = self._reached(program, found)
+        problem = self._problem_after(t, reached, before)
+        if problem is None:
+            return _SafeSample(found, reached.exceeded, last.braking)
+        motion = self._braking_motion(t, start.q, start.v2, before)
+        if motion.problem is not None or motion.T is None:
+            return _SafeSample(found, reached.exceeded, last.braking.with_unverified(t, motion.problem or problem))
+        count = last.braking.with_braked(t, problem)
+        for share in _SHARES:  # of the program's inputs, so that the robot does not stop and go
+            mixed = found._replace(T=motion.T + share * (found.T - motion.T), end=None)
+            reached = self._reached(program, mixed)
+            if self._problem_after(t, reached, before) is None:
+                return _SafeSample(mixed, reached.exceeded, count)
+        return _SafeSample(found._replace(T=motion.T), motion.exceeded, count)
+
+    def _problem_after(self, t: float, reached: BrakedSample, before: Array) -> str | None:
+        """What no braking motion keeps after a sample, or what the sample itself exceeds; None if all limits hold."""
+        holds = kept(reached.exceeded, before)
+        if not holds.all():
+            worst = int(np.argmin(holds))
+            return f"{self.limit_names[worst]} gives way by {reached.exceeded[worst]:.2g}"
+        return self._braking_motion(t + self.dt, reached.q, reached.v2, before).problem
+
+    def _braking_motion(self, t: float, q: Array, v2: Array, before: Array) -> BrakingMotion:
+        assert self.braking_time is not None
+        return braking_motion(self._braked, self.limit_names, (t, q, v2), before, self.dt, self.braking_time)
 
     def _levels(
         self, now: ControlSample, sample: ControlSample, offset: Array, gain: Array
