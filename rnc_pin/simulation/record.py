@@ -22,8 +22,8 @@ from rnc_pin.simulation.ground_bodies import GroundBody, ground_bodies
 from rnc_pin.simulation.judgement import judged_by
 from rnc_pin.simulation.run_info import (
     FORCE_UNITS,
-    Columns,
     BrakingUse,
+    Columns,
     FallbackUse,
     MissedUpdates,
     Outcome,

@@ -76,6 +76,7 @@ TASKS = {
 }
 LIMITS = {
     "joint positions": (tiago, limits.JointPositionLimit(deceleration=2.0)),
+    "joint positions by efforts": (tiago, limits.JointPositionLimit()),
     "joint velocities": (tiago, limits.JointVelocityLimit(margin=0.1)),
     "accelerations": (tiago, limits.AccelerationLimit(2.0)),
     "accelerations of joints": (tiago, limits.AccelerationLimit(2.0, joints=["arm_1_joint"])),

@@ -26,6 +26,8 @@ from rnc_pin.collision import Obstacle, PairSelection
 from rnc_pin.control.whole_body import InverseDynamicsQP, VelocityQP
 from rnc_pin.control.whole_body.limits import (
     AccelerationLimit,
+    BaseAccelerationLimit,
+    BaseSpeedLimit,
     CollisionAvoidance,
     ControlLimit,
     JointPositionLimit,
@@ -47,7 +49,7 @@ from rnc_pin.control.whole_body.tasks import (
 from rnc_pin.errors import RncError
 
 _SOLVER = part(VelocityQP, "solver")
-_VELOCITIES, _INPUTS = part(VelocityQP, "damping"), part(InverseDynamicsQP, "velocity_gain", "friction")
+_VELOCITIES, _INPUTS = part(VelocityQP, "damping"), part(InverseDynamicsQP, "velocity_gain", "friction", "braking_time")
 _entry = partial(Entry, forms={"output": OutputItem, "reference": ReferenceItem})
 _following = partial(_entry, defaults={"reference": HOLD}, incomplete=True)
 """Entry of a task with a reference, which starts at the initial configuration."""
@@ -88,6 +90,10 @@ class LimitSettings(Strict):
     """Velocity limits of joints, from the robot's file by default."""
     acceleration: Annotated[AccelerationLimit, Entry(AccelerationLimit)] | None = None
     """Accelerations of the reduced velocities or of joints."""
+    base_speed: Annotated[BaseSpeedLimit, Entry(BaseSpeedLimit)] | None = None
+    """Norm of the horizontal velocity of a base."""
+    base_acceleration: Annotated[BaseAccelerationLimit, Entry(BaseAccelerationLimit)] | None = None
+    """Norm of the horizontal acceleration of a base."""
     wheel_speed: Annotated[WheelSpeedLimit, Entry(WheelSpeedLimit)] | None = None
     """Speed of rolling wheels."""
     regions: list[Annotated[RegionLimit, Entry(RegionLimit)]] = []
