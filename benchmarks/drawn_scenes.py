@@ -44,12 +44,12 @@ def _generator(scenario: str, run: int) -> np.random.Generator:
 
 @cache
 def _nominal(scenario: str) -> tuple[Robot, np.ndarray]:
-    experiment = Scenario.load(scenario, {**_QUIET, "simulation.duration": 0.1}).experiment
+    experiment = Scenario.load(FILES.get(scenario, scenario), {**_QUIET, "simulation.duration": 0.1}).experiment
     return experiment.reduced.robot, experiment.q0
 
 
 def _free(scenario: str, options: Options) -> bool:
-    path = find_scenario(scenario)
+    path = find_scenario(FILES.get(scenario, scenario))
     drawn = validate(with_options(read_yaml(path), options), scenario)
     robot, q0 = _nominal(scenario)
     obstacles = build_obstacles(drawn.obstacles, path.parent)
@@ -223,13 +223,14 @@ def _space_robot(generator: np.random.Generator) -> Options:
     }
 
 
-TELESCOPIC_ARM = str(Path(__file__).parent / "scenes" / "telescopic-arm.yaml")
+FILES = {"telescopic-arm": str(Path(__file__).parent / "scenes" / "telescopic-arm.yaml")}
+"""Files of scenarios that are not built in."""
 DRAWS: dict[str, Callable[[np.random.Generator], Options]] = {
     "tiago-shelf": _tiago_shelf,
     "doorway": _doorway,
     "mecanum-crowd": _mecanum_crowd,
     "free-flying-arm-limits": _free_flying_arm,
-    TELESCOPIC_ARM: _telescopic_arm,
+    "telescopic-arm": _telescopic_arm,
     "space-robot": _space_robot,
 }
 """Options of a scenario from a generator."""
@@ -239,7 +240,7 @@ GOALS = {
     "doorway": ["tip_x", "tip_y", "base_x"],
     "mecanum-crowd": ["base_link_x", "base_link_y", "base_link_yaw"],
     "free-flying-arm-limits": ["panda_hand_tcp_x", "panda_hand_tcp_y", "panda_hand_tcp_z"],
-    TELESCOPIC_ARM: ["hand_x", "hand_y", "hand_z"],
+    "telescopic-arm": ["hand_x", "hand_y", "hand_z"],
     "space-robot": ["tip_x", "tip_y"],
 }
 """Outputs whose errors count at the end."""

@@ -29,7 +29,7 @@ import pinocchio as pin
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.drawn_scenes import DRAWS, GOALS, drawn_options
+from benchmarks.drawn_scenes import DRAWS, FILES, GOALS, drawn_options
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
@@ -93,7 +93,7 @@ def one(scenario: str, run: int) -> Row:
     """Run a scenario with drawn options, and replay it."""
     start = time.process_time()
     try:
-        prepared = Scenario.load(scenario, drawn_options(scenario, run)).build()
+        prepared = Scenario.load(FILES.get(scenario, scenario), drawn_options(scenario, run)).build()
     except InfeasibleError as error:
         return _not_run(scenario, run, "refused", str(error), time.process_time() - start)
     experiment = prepared.experiment
@@ -233,7 +233,7 @@ def cells_of(scenario: str, rows: Sequence[Row]) -> list[str]:
         return "-" if value <= -1.0 else f"{100 * value:+.2g} %"
 
     return [
-        Path(scenario).stem,
+        scenario,
         str(len(rows)),
         str(len(reached)),
         str(len(told)),

@@ -16,6 +16,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
+from rnc_pin.errors import DivergenceError, SingularityError
 
 _KEPT = 1e-7  # [rad, m, and per second] excess over a limit that is rounding
 _REST = 1e-6  # [rad/s, m/s] speed that counts as rest
@@ -38,8 +39,10 @@ class BrakedSample(NamedTuple):
 class BrakingMotion(NamedTuple):
     """Braking motion from a state."""
 
-    T: Float[Array, " p"] | None
-    """Inputs of its first sample; None if no sample was computed."""
+    T: Float[Array, " p"]
+    """Inputs of its first sample; empty if the model is singular there."""
+    v2: Float[Array, " r"]
+    """Reduced velocity at the end of its first sample."""
     exceeded: Float[Array, " k"]
     """Amount by which the end of its first sample exceeds each limit."""
     problem: str | None
@@ -98,18 +101,21 @@ def braking_motion(
         longest: longest braking motion [s].
     """
     t, q, v2 = state
-    first: BrakedSample | None = None
-    rests = False
-    for _ in range(max(1, round(longest / dt)) + 1):
-        sample = braked(t, q, v2)
-        first = first or sample
+    first, rests = BrakedSample(np.zeros(0), q, v2, np.inf, before), False
+    for number in range(max(1, round(longest / dt)) + 1):
+        try:
+            sample = braked(t, q, v2)
+        except (SingularityError, DivergenceError) as error:
+            return BrakingMotion(first.T, first.v2, first.exceeded, str(error))
+        first = first if number else sample
         holds = kept(sample.exceeded, before)
         if not holds.all():
             worst = int(np.argmin(holds))
-            return BrakingMotion(first.T, first.exceeded, f"{names[worst]} gives way by {sample.exceeded[worst]:.2g}")
+            problem = f"{names[worst]} gives way by {sample.exceeded[worst]:.2g}"
+            return BrakingMotion(first.T, first.v2, first.exceeded, problem)
         rested, rests = rests, sample.speed <= _REST
         if rested and rests:  # efforts hold the robot: it was at rest before this sample too
-            return BrakingMotion(first.T, first.exceeded, None)
+            return BrakingMotion(first.T, first.v2, first.exceeded, None)
         t, q, v2 = t + dt, sample.q, sample.v2
-    assert first is not None
-    return BrakingMotion(first.T, first.exceeded, f"the robot does not come to rest within {longest:g} s")
+    problem = f"the robot does not come to rest within {longest:g} s"
+    return BrakingMotion(first.T, first.v2, first.exceeded, problem)

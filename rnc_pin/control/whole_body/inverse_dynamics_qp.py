@@ -268,7 +268,9 @@ class InverseDynamicsQP(WholeBodyProgram):
             *self._contacts.names,
         )
         stops = np.cumsum([len(self._limits.names), len(self._limited), len(self._contacts.names)])
-        self._brakes = braking_time is not None and bool(self._limits.names) and reduced.p >= reduced.r
+        self._brakes = (
+            braking_time is not None and bool(self._limits.names) and reduced.p >= reduced.r and not reduced.affine
+        )
         self._forces = [np.arange(stops[0], stops[1]), np.arange(stops[1], stops[2])]
 
     def describe(self) -> Description:
@@ -325,6 +327,21 @@ class InverseDynamicsQP(WholeBodyProgram):
         levels, levers = self._levels(now, sample, program.offset, program.gain)
         sampled = SampledDamping(self.dt, program.gain, -program.offset, levers, self._curved)
         return program, self._solved(program, levels, multipliers, sampled)
+
+    def braking_problem(self, t: float, q: Array, v2: Array) -> str | None:
+        """Return what the braking motion from a state does not keep; None if all limits hold until rest.
+
+        It is None too if nothing is verified: without ``braking_time`` or limits of motion, and for models that cannot
+        be brought to rest.
+
+        Args:
+            t: time [s].
+            q: configuration (nq,).
+            v2: reduced velocities (r,).
+        """
+        if not self._brakes:
+            return None
+        return self._braking_motion(t, q, v2, self._exceeded_at(self._reduced.at(q, v2, t=t), t)).problem
 
     def exceeded_limits(self, state: InverseDynamicsState) -> dict[str, float]:
         """Return the limits of motion that the run exceeds by the model since its start, with the largest amounts."""
@@ -414,24 +431,29 @@ class InverseDynamicsQP(WholeBodyProgram):
     def _safe(self, t: float, program: _SampleProgram, found: InputSolution, last: InverseDynamicsState) -> _SafeSample:
         """Inputs after which a braking motion keeps all limits, and the count of samples that brake."""
         start = program.sample.start
-        before = last.exceeded
-        if last.time is None:
-            before = np.zeros(len(self.limit_names))
-            before[: len(self._limits.names)] = self._limits.exceeded(start, t)
+        before = self._exceeded_at(start, t) if last.time is None else last.exceeded
         reached = self._reached(program, found)
         problem = self._problem_after(t, reached, before)
         if problem is None:
             return _SafeSample(found, reached.exceeded, last.braking)
         motion = self._braking_motion(t, start.q, start.v2, before)
-        if motion.problem is not None or motion.T is None:
-            return _SafeSample(found, reached.exceeded, last.braking.with_unverified(t, motion.problem or problem))
+        if motion.problem is not None:
+            return _SafeSample(found, reached.exceeded, last.braking.with_unverified(t, motion.problem))
         count = last.braking.with_braked(t, problem)
         for share in _SHARES:  # of the program's inputs, so that the robot does not stop and go
             mixed = found._replace(T=motion.T + share * (found.T - motion.T), end=None)
             reached = self._reached(program, mixed)
             if self._problem_after(t, reached, before) is None:
+                mixed = mixed._replace(v2=reached.v2, excess=reached.exceeded)
                 return _SafeSample(mixed, reached.exceeded, count)
-        return _SafeSample(found._replace(T=motion.T), motion.exceeded, count)
+        braked = found._replace(T=motion.T, v2=motion.v2, excess=motion.exceeded)
+        return _SafeSample(braked, motion.exceeded, count)
+
+    def _exceeded_at(self, state: StateEvaluation, t: float) -> Float[Array, " k"]:
+        """Amount by which a state exceeds each limit of motion."""
+        found = np.zeros(len(self.limit_names))
+        found[: len(self._limits.names)] = self._limits.exceeded(state, t)
+        return found
 
     def _problem_after(self, t: float, reached: BrakedSample, before: Array) -> str | None:
         """What no braking motion keeps after a sample, or what the sample itself exceeds; None if all limits hold."""

@@ -2,9 +2,12 @@
 
 import coal
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from bodies import add_body
+from places import ROOT
 from rnc_pin.collision import Obstacle
 from rnc_pin.control import InverseDynamicsQP, limits, tasks
 from rnc_pin.control.whole_body.braking_motion import BrakedSample, braking_motion
@@ -14,42 +17,9 @@ from rnc_pin.simulation import FindingKind, replay_limits
 CLEARANCE = 0.05
 
 
-def body(name, mass, size, at):
-    """Link with the inertia and the shape of a box."""
-    x, y, z = size
-    moments = [mass * (a * a + b * b) / 12 for a, b in ((y, z), (x, z), (x, y))]
-    place = f'<origin xyz="{at} 0 0"/>'
-    return f"""<link name="{name}"><inertial>{place}<mass value="{mass}"/>
-      <inertia ixx="{moments[0]}" iyy="{moments[1]}" izz="{moments[2]}" ixy="0" ixz="0" iyz="0"/></inertial>
-      <collision>{place}<geometry><box size="{x} {y} {z}"/></geometry></collision></link>"""
-
-
-def joint(name, kind, links, at, axis, ends):
-    """Joint with lower and upper limit, velocity and effort."""
-    low, high, fastest, strongest = ends
-    return f"""<joint name="{name}" type="{kind}"><parent link="{links[0]}"/><child link="{links[1]}"/>
-      <origin xyz="{at}"/><axis xyz="{axis}"/>
-      <limit lower="{low}" upper="{high}" velocity="{fastest}" effort="{strongest}"/></joint>"""
-
-
-def telescopic_arm(folder):
+def telescopic_arm():
     """A boom that cannot carry itself far extended, on a turret and a lift."""
-    path = folder / "telescopic_arm.urdf"
-    path.write_text(
-        '<robot name="telescopic_arm"><link name="world"/>'
-        + body("column", 20, (0.2, 0.2, 0.3), 0)
-        + body("turret", 3, (0.15, 0.15, 0.1), 0)
-        + body("upper", 6, (0.5, 0.1, 0.1), 0.25)
-        + body("inner", 3, (0.5, 0.06, 0.06), 0.25)
-        + body("hand", 1, (0.12, 0.08, 0.08), 0.06)
-        + joint("lift", "prismatic", ("world", "column"), "0 0 0.5", "0 0 1", (0, 0.8, 0.8, 400))
-        + joint("turn", "revolute", ("column", "turret"), "0 0 0.2", "0 0 1", (-2.5, 2.5, 2, 18))
-        + joint("boom", "revolute", ("turret", "upper"), "0.12 0 0.1", "0 -1 0", (-0.6, 1.3, 1.5, 40.5))
-        + joint("telescope", "prismatic", ("upper", "inner"), "0.1 0 0", "1 0 0", (0, 0.5, 0.8, 36))
-        + joint("wrist", "revolute", ("inner", "hand"), "0.55 0 0", "0 1 0", (-1.6, 1.6, 2, 3))
-        + "</robot>"
-    )
-    robot = rnc.Robot.from_urdf(path)
+    robot = rnc.Robot.from_urdf(ROOT / "benchmarks" / "scenes" / "telescopic_arm.urdf")
     return rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce()
 
 
@@ -79,9 +49,9 @@ def reaching_run(reduced, seed, braking_time):
     return run, replay_limits(robot, run, people, within=0.2)
 
 
-def test_a_weak_telescopic_arm_keeps_its_limits_among_people_who_walk(tmp_path):
+def test_a_weak_telescopic_arm_keeps_its_limits_among_people_who_walk():
     """Alone, the program extends the boom until its efforts cannot carry it: lift, boom and telescope then fall."""
-    reduced, broken, braked = telescopic_arm(tmp_path), 0, 0
+    reduced, broken, braked = telescopic_arm(), 0, 0
     for seed in (1, 4):
         broken += bool(reaching_run(reduced, seed, None)[1].violations)
         run, replay = reaching_run(reduced, seed, 2.0)
@@ -100,21 +70,18 @@ def test_a_weak_telescopic_arm_keeps_its_limits_among_people_who_walk(tmp_path):
     assert braked > 0
 
 
-def cart(folder, effort):
+def cart(effort):
     """One joint of 1 kg on a level rail, with a range of 2 m and a limited force."""
-    path = folder / f"cart_{effort}.urdf"
-    path.write_text(
-        '<robot name="cart"><link name="world"/>'
-        + body("box", 1, (0.1, 0.1, 0.1), 0)
-        + joint("rail", "prismatic", ("world", "box"), "0 0 0", "1 0 0", (-1, 1, 10, effort))
-        + "</robot>"
-    )
-    return rnc.NonholonomicSystem(rnc.Robot.from_urdf(path), [], ["rail"]).reduce()
+    model = pin.Model()
+    add_body(model, "rail", "PX", 1.0, moments=0.1)
+    model.lowerPositionLimit[:], model.upperPositionLimit[:] = -1.0, 1.0
+    model.upperVelocityLimit[:], model.upperEffortLimit[:] = 10.0, effort
+    return rnc.NonholonomicSystem(rnc.Robot(model), [], ["rail"]).reduce()
 
 
-def test_braking_starts_at_the_stopping_distance(tmp_path):
+def test_braking_starts_at_the_stopping_distance():
     """A mass of 1 kg with 2 N stops from v in ``v^2 / 4``: a limit that plans with more leaves this to the last."""
-    reduced, dt = cart(tmp_path, 2.0), 0.02
+    reduced, dt = cart(2.0), 0.02
     there = tasks.OutputTask(rnc.JointPosition("rail"), Hold([5.0]), gain=4.0)
     late = limits.JointPositionLimit(deceleration=1e3, margin=0.0)
     ends = []
@@ -131,15 +98,17 @@ def test_braking_starts_at_the_stopping_distance(tmp_path):
     np.testing.assert_allclose([q[k], v[k], v[k] ** 2 / 4.0], [0.0, 2.0, 1.0 - q[k]], atol=1e-9)
 
 
-def test_a_start_that_cannot_stop_is_named_and_the_run_does_not_succeed(tmp_path):
+def test_a_start_that_cannot_stop_is_named_and_the_run_does_not_succeed():
     """At 2 m/s a mass of 1 kg needs 1 m to stop with 2 N, and has half of it."""
-    reduced = cart(tmp_path, 2.0)
+    reduced = cart(2.0)
     rest = tasks.OutputTask(rnc.JointPosition("rail"), Hold([0.5]), gain=4.0)
     program = InverseDynamicsQP(reduced, [rest], [limits.JointPositionLimit()], dt=0.02)
     run = rnc.simulate(reduced, program, reduced.robot.configuration({"rail": 0.5}), 1.0, dt=0.02, v2_0=[2.0])
     used = run.info.braking
     assert (used.samples, used.unverified_first) == (0, 0.0)
     assert "rail position gives way" in used.problem
+    assert program.braking_problem(0.0, run.q[0], run.v2[0]) == used.problem
+    assert program.braking_problem(0.0, run.q[0], run.v2[0] / 2) is None
     assert not run.verdict.succeeded
     assert used.exceeded["rail position"] == pytest.approx(run.q.max() - 1.0, abs=1e-6)
     assert rnc.simulation.RunInfo.from_json(run.info.to_json()).braking == used

@@ -280,7 +280,7 @@ def test_wheels_turn_no_faster_than_their_speed():
 
 @pytest.mark.parametrize("program", [VelocityQP, InverseDynamicsQP])
 def test_norms_of_a_base_stay_within_their_circles(program):
-    """A Mecanum base drives an arc in every direction; velocities come from Pinocchio, accelerations from differences."""
+    """A Mecanum base turns on its way: velocities come from Pinocchio, accelerations from their differences."""
     reduced, dt, fastest, strongest = mecanum(), 0.02, 0.4, 0.8
     robot = reduced.robot
     frame = next(f.name for f in robot.model.frames if f.parentJoint == 1)

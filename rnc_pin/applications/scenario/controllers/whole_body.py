@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from rnc_pin.applications.scenario.controllers.base import ControllerSettings
-from rnc_pin.applications.scenario.controllers.context import BuiltController, ControllerContext
+from rnc_pin.applications.scenario.controllers.context import BuiltController, ControllerContext, refuse_or_warn
 from rnc_pin.applications.scenario.controllers.motion_check import check_motion
 from rnc_pin.applications.scenario.controllers.task_goals import TaskGoals, goal_values
 from rnc_pin.applications.scenario.controllers.velocity_tracking import VelocityTrackerSettings
@@ -165,14 +165,18 @@ class InverseDynamicsSettings(WholeBodySettings, _INPUTS.model):  # type: ignore
             program = _INPUTS.build(
                 self, reduced=reduced, tasks=tasks, limits=limits, dt=simulation.dt, solver=self.solver
             )
-        complaints: tuple[str, ...] = ()
+        v2 = np.zeros(reduced.r) if context.v2_0 is None else context.v2_0
+        problem = program.braking_problem(0.0, context.q0, v2)
+        unsafe = () if problem is None else (f"no braking motion from the start keeps all limits: {problem}",)
+        complaints = refuse_or_warn(context.preflight, unsafe)
         doubts: tuple[str, ...] = ()
         goals = TaskGoals(self.tasks, tasks, reduced)
         if reduced.p >= reduced.r:  # with fewer actuators, the motion is not free to choose
             kinematic = VelocityQP(reduced, tasks, limits, solver=self.solver)
-            _, complaints, doubts = check_motion(
+            _, found, doubts = check_motion(
                 context, kinematic, horizon=simulation.duration, goals=goals, stands_in=True
             )
+            complaints += found
         return BuiltController(program, complaints, goals=goals, doubts=doubts)
 
 

@@ -52,12 +52,13 @@ class AccelerationLimit(ControlLimit):
             ConfigurationError: the limits are not positive, or do not fit the entries.
         """
         joints, given = self.joints, self.limit
+        largest = np.zeros(0) if isinstance(given, Mapping) else np.asarray(given, dtype=float)
         if isinstance(given, Mapping):
             if joints is not None or not given:
                 raise ConfigurationError("an acceleration limit has joints by name: give one or more, and no 'joints'")
             places = [reduced.robot.velocity_indices(name) for name in given]
             sizes = [place.stop - place.start for place in places]
-            joints, given = list(given), np.repeat(list(given.values()), sizes)
+            joints, largest = list(given), np.repeat(np.array(list(given.values()), dtype=float), sizes)
         if joints is None:
             quantity: Literal["v", "v2"] = "v2"
             columns, names = list(range(reduced.r)), list(reduced.reducing.names)
@@ -65,7 +66,6 @@ class AccelerationLimit(ControlLimit):
             quantity, velocities = "v", [reduced.robot.velocity_indices(name) for name in joints]
             columns = [index for each in velocities for index in range(each.start, each.stop)]
             names = [reduced.robot.velocity_names[index] for index in columns]
-        largest = np.asarray(given, dtype=float)
         if largest.shape not in ((), (len(names),)) or not ((largest > 0) & (largest < np.inf)).all():
             raise ConfigurationError(
                 f"an acceleration limit has to be a positive number or {len(names)}, found {self.limit}"

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.limits.control_limit import BoundLimit, ControlLimit, LimitRows
 from rnc_pin.errors import ConfigurationError
