@@ -53,7 +53,7 @@ def main() -> None:
             goal = random_pose(robot, frame, generator)
             start = time.process_time()
             targets = {position: goal.translation, rotation: goal.rotation}
-            results.append(rnc.solve_ik(reduced, robot.configuration(), targets, seed=seed))
+            results.append(rnc.solve_ik(reduced, robot.configuration(), targets, search=rnc.IkSearch(seed=seed)))
             times.append(1e3 * (time.process_time() - start))
         reached = sum(result.converged for result in results)
         starts, steps = ([getattr(result, key) for result in results] for key in ("starts", "steps"))

@@ -18,7 +18,8 @@ reduced = system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")], [rnc.Fra
 
 way = rnc.planning.MinimumJerk(np.zeros(2), GOAL, duration=4.0)
 target = rnc.control.ReducingOutputController(reduced, way)
-tracker = rnc.tuned_tracker(reduced, target, robot.configuration(), duration=4.0, dt=DT, bandwidth=20.0)
+design = rnc.control.GainDesign(bandwidth=20.0)
+tracker = rnc.tuned_tracker(reduced, target, robot.configuration(), duration=4.0, dt=DT, design=design)
 loop = rnc.ControlLoop(reduced, tracker, DT, fallback="brake")
 
 plant = MuJoCoPlant(reduced)

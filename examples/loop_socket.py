@@ -33,7 +33,8 @@ def play_robot(listening: socket.socket) -> None:
 
 way = rnc.planning.MinimumJerk(np.zeros(2), GOAL, duration=3.0)
 target = rnc.control.ReducingOutputController(reduced, way)
-tracker = rnc.tuned_tracker(reduced, target, robot.configuration(), duration=3.0, dt=DT, bandwidth=8.0)
+design = rnc.control.GainDesign(bandwidth=8.0)
+tracker = rnc.tuned_tracker(reduced, target, robot.configuration(), duration=3.0, dt=DT, design=design)
 loop = rnc.ControlLoop(reduced, tracker, DT, velocity="observer", cutoff=40.0)
 
 with socket.create_server(("127.0.0.1", 0)) as listening:

@@ -26,7 +26,8 @@ line = MinimumJerk(hand, hand + np.array([0.4, 0.0, 0.0]), duration=3.0)
 kinematic = RedundancyController(task, base, line, k3=2.0, k21=2.0)
 
 # The tracker knows no model, but what holds the arm up at the start, and it learns gravity as fast as that changes.
-tracker = rnc.tuned_tracker(reduced, kinematic, q0, duration=3.0, adaptation=30.0, gravity_compensation=True)
+design = rnc.control.GainDesign(adaptation=30.0)
+tracker = rnc.tuned_tracker(reduced, kinematic, q0, duration=3.0, design=design, gravity_compensation=True)
 run = rnc.simulate(reduced, tracker, q0, duration=3.5)
 
 errors = rnc.summarize(run)["max_error"]

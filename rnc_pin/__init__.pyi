@@ -28,7 +28,9 @@ from .analysis import linearize as linearize
 from .analysis import lqr as lqr
 from .analysis import state_derivatives as state_derivatives
 from .applications import gym as gym
+from .applications.scenario.from_objects import RunObjects as RunObjects
 from .applications.scenario.scenario import Scenario as Scenario
+from .applications.sweep import Draws as Draws
 from .applications.sweep import SweepResults as SweepResults
 from .applications.sweep import load_sweep as load_sweep
 from .applications.sweep import sweep as sweep
@@ -96,6 +98,7 @@ from .outputs import Output as Output
 from .outputs import RelativeAngle as RelativeAngle
 from .outputs import RelativeAngularVelocity as RelativeAngularVelocity
 from .planning import IkResult as IkResult
+from .planning import IkSearch as IkSearch
 from .planning import solve_ik as solve_ik
 from .plants import ContactPlant as ContactPlant
 from .plants import Faults as Faults

@@ -189,8 +189,9 @@ class SimulationError(RncError):
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf", gravity=(0, -9.81, 0))
         >>> reduced = rnc.NonholonomicSystem(robot).reduce()
+        >>> fast = rnc.SimulationOptions(rnc.Stop(speed=2.0))
         >>> try:
-        ...     rnc.free_motion(reduced, robot.configuration(), np.zeros(4), duration=1.0, stop=rnc.Stop(speed=2.0))
+        ...     rnc.free_motion(reduced, robot.configuration(), np.zeros(4), duration=1.0, options=fast)
         ... except rnc.SimulationError as error:
         ...     print(error.trajectory.outcome, len(error.trajectory.time) > 0)  # the run so far
         diverged True
@@ -207,8 +208,9 @@ class DivergenceError(SimulationError):
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf", gravity=(0, -9.81, 0))
         >>> reduced = rnc.NonholonomicSystem(robot).reduce()
+        >>> fast = rnc.SimulationOptions(rnc.Stop(speed=2.0))
         >>> try:
-        ...     rnc.free_motion(reduced, robot.configuration(), np.zeros(4), duration=1.0, stop=rnc.Stop(speed=2.0))
+        ...     rnc.free_motion(reduced, robot.configuration(), np.zeros(4), duration=1.0, options=fast)
         ... except rnc.DivergenceError as error:
         ...     print(error.time is not None, "reached" in str(error))
         True True

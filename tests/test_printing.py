@@ -40,7 +40,8 @@ def reduced(system):
 @pytest.fixture(scope="module")
 def run(reduced):
     q0 = reduced.robot.configuration()
-    return rnc.free_motion(reduced, q0, [1.0, 0.5], 1.0, 0.1, np.array([2.0, 0.0]), meta={"scenario": "<a> & b"})
+    options = rnc.SimulationOptions(meta={"scenario": "<a> & b"})
+    return rnc.free_motion(reduced, q0, [1.0, 0.5], 1.0, 0.1, np.array([2.0, 0.0]), options=options)
 
 
 def cells(thing) -> list[list[str]]:

@@ -59,7 +59,7 @@ class Motion:
 
     def ours(self, rtol: float) -> np.ndarray:
         """Samples (count, nq) of ``free_motion``."""
-        run = rnc.free_motion(self._case.reduced, self.q0, self.v2_0, self._duration, DT, rtol=rtol, atol=rtol)
+        run = rnc.free_motion(self._case.reduced, self.q0, self.v2_0, self._duration, DT, tolerance=rtol)
         return run.q
 
     def theirs(self, rtol: float) -> np.ndarray:

@@ -35,7 +35,7 @@ def rows() -> list[Row]:
     rate = A * V / C**2
     start = np.array([-V * np.tanh(x0), V / C / np.cosh(x0)])
     # Backing up is unstable, so an error in the spin, 3e-4 at first, grows by exp(9).
-    run = rnc.free_motion(reduced, q0, start, 2 * x0 / rate, dt=0.05, rtol=1e-13, atol=1e-15)
+    run = rnc.free_motion(reduced, q0, start, 2 * x0 / rate, dt=0.05, tolerance=(1e-13, 1e-15))
     phase = rate * run.time - x0
     closed = np.column_stack([V * np.tanh(phase), V / C / np.cosh(phase)])
     # What is left of the turn before the start and after the end, in closed form.

@@ -243,7 +243,7 @@ class CollisionDistances:
 
     def _place(self, at: np.ndarray | ConfigurationEvaluation, t: float) -> None:
         """Place all shapes, and find the joint Jacobians in the world, (6, nv)."""
-        known = at.compiled if isinstance(at, ConfigurationEvaluation) else None
+        known = at.compiled_kinematics if isinstance(at, ConfigurationEvaluation) else None
         q = at.q if isinstance(at, ConfigurationEvaluation) else at
         if q.ndim != 1:
             raise InputError(f"q has shape {q.shape}, expected ({self.robot.nq},)")
@@ -251,8 +251,8 @@ class CollisionDistances:
         for k in self._moving:
             self._geometry.geometryObjects[links + k].placement = self.obstacles[k].placement(t)
         if known is not None:
-            self._place_by(known.kinematics["placements"])
-            self._jacobian = known.kinematics["J"]
+            self._place_by(known["placements"])
+            self._jacobian = known["J"]
             return
         pin.computeJointJacobians(self._model, self._data, q)
         pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._placed)

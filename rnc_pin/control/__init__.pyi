@@ -17,6 +17,7 @@ from .estimation import Estimator as Estimator
 from .estimation import ParametrizedCopy as ParametrizedCopy
 from .estimation import Regressor as Regressor
 from .gain_design import OUTER_GAINS as OUTER_GAINS
+from .gain_design import GainDesign as GainDesign
 from .gain_design import OuterGains as OuterGains
 from .gain_design import PositionGains as PositionGains
 from .gain_design import Preset as Preset

@@ -7,7 +7,7 @@ There are three presets. ``paper`` has the numbers of the paper. ``normalised`` 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple, Self, TypeVar
 
 import numpy as np
@@ -60,6 +60,40 @@ OUTER_GAINS: dict[Preset, OuterGains] = {
     "scaled": DEFAULT_OUTER_GAINS,
 }
 """Gains of the outer loops by preset."""
+
+
+@printed(bandwidth="rad/s", slowest="1/s", adaptation="1/s", delay="s")
+@dataclass(frozen=True)
+class GainDesign:
+    """Choice of the gains of a tracker: a preset, and what it needs to know.
+
+    Attributes:
+        preset: "paper", "normalised" or "scaled".
+        inertia_bound: for "normalised": upper bound of the reduced inertia, ``diag(inertia_bound) - H >= 0``
+            [kg, kg m^2]; a number, or one for each of these outputs.
+        bandwidth: for "scaled": bandwidth of the velocity loop [rad/s]; by default the largest that sampling allows.
+        adaptation: for "scaled": adaptation rate ``beta / k`` [1/s]; by default 1, and up to 20 where gravity loads the
+            outputs.
+        delay: for "scaled": time from a measurement to its force, without sampling [s]; 0 by default.
+        slowest: for "scaled": lowest accepted rate of the velocity loop [1/s]; about twice the outer loop's gain.
+        overrides: fields of ``VelocityGains`` or ``PositionGains`` by name, in place of those of the preset; None
+            leaves the preset's. ``k`` and ``beta`` are gains of single outputs, also with the preset "scaled".
+
+    Example:
+        >>> rnc.control.GainDesign(bandwidth=20.0, overrides={"dead_zone": 1e-3}).preset
+        'scaled'
+    """
+
+    preset: Preset = "scaled"
+    inertia_bound: Gain | None = None
+    bandwidth: Positive | None = None
+    adaptation: Positive | None = None
+    delay: NotNegative | None = None
+    slowest: Positive = 4.0
+    overrides: Mapping[str, Gain | None] = field(default_factory=dict)
+
+
+_SCALED = GainDesign()
 
 
 class TrackerGains:
@@ -127,13 +161,10 @@ class VelocityGains(TrackerGains):
         reduced: ReducedModel,
         configurations: np.ndarray,
         dt: float,
-        bandwidth: float | None = None,
-        slowest: float = 4.0,
+        design: GainDesign = _SCALED,
+        *,
         outputs: np.ndarray | None = None,
-        adaptation: float | None = None,
-        delay: float = 0.0,
         times: np.ndarray | None = None,
-        combine: bool = True,
     ) -> VelocityGains:
         """Return gains ``K = bandwidth D`` for a typical inertia D over a region.
 
@@ -141,6 +172,9 @@ class VelocityGains(TrackerGains):
         has rates ``eig(H^-1 K)``. They have to be slow for the sampling (rate times dt below
         ``MAX_RATE_TIMES_PERIOD``) and fast for the outer loop (at least ``slowest``). These limits are a window for the
         bandwidth; the default is its upper end.
+
+        Adaptation must be as fast as the force of gravity changes. Where gravity loads the outputs, its rate is 20/s,
+        or less with a delay. Use 30/s if gravity is large compared with the inertia, as at a light wrist.
 
         D is the diagonal of H if this window is not empty: one gain for each output. Else D is a typical H itself, with
         its modes. An arm needs this: the motion of one joint accelerates the others, so that H is far from diagonal.
@@ -156,19 +190,16 @@ class VelocityGains(TrackerGains):
             reduced: the model.
             configurations: the region, (count, nq), e.g. along a roll-out of the reference.
             dt: sampling period [s].
-            bandwidth: [rad/s]; by default the largest that the sampling allows.
-            slowest: lowest accepted closed-loop rate [1/s]; about twice the outer loop's gain.
+            design: bandwidth, slowest rate, adaptation, delay and overrides.
             outputs: indices of the reducing outputs of these gains; all by default.
-            adaptation: ``beta / k`` [1/s]; by default 1. Where gravity loads the outputs, it is 20, or less with a
-                delay: adaptation must be as fast as the gravity force changes. Use 30 for a light wrist.
-            delay: time from a measurement to the force that answers it, without sampling [s].
             times: times (count,) of the configurations [s], for error messages.
-            combine: False for gains of single outputs only.
 
         Raises:
             InfeasibleError: the window is empty. The message gives its limits, and the configuration that causes it.
             ConfigurationError: ``bandwidth`` is outside the window, or the delay is negative.
         """
+        bandwidth, slowest, adaptation, delay = design.bandwidth, design.slowest, design.adaptation, design.delay or 0.0
+        combine = all(design.overrides.get(name) is None for name in ("k", "beta"))  # else gains of single outputs
         _check_delay(delay)
         region = np.atleast_2d(configurations)
         H = reduced.at(region).H
@@ -186,7 +217,7 @@ class VelocityGains(TrackerGains):
         k = (high if bandwidth is None else bandwidth) * inertia.weights
         if adaptation is None:
             adaptation = adaptation_rate(gravity_loads(reduced, region, outputs), dt, delay)
-        return cls(k=k, beta=adaptation * k, modes=inertia.modes)
+        return _override(cls(k=k, beta=adaptation * k, modes=inertia.modes), design)
 
 
 @printed(gamma="1/s", sigma="1/s")
@@ -281,14 +312,9 @@ def design_velocity_gains(
     reduced: ReducedModel,
     configurations: np.ndarray,
     dt: float,
+    design: GainDesign = _SCALED,
     *,
-    preset: Preset = "scaled",
     outputs: np.ndarray | None = None,
-    inertia_bound: Gain | None = None,
-    bandwidth: Positive | None = None,
-    adaptation: Positive | None = None,
-    delay: NotNegative | None = None,
-    overrides: Mapping[str, Gain | None] | None = None,
     times: np.ndarray | None = None,
 ) -> VelocityGains:
     """Return the gains of a velocity tracker: those of a preset, or overrides in their place.
@@ -297,16 +323,8 @@ def design_velocity_gains(
         reduced: the model; only "scaled" reads its inertia.
         configurations: region of the motion, (count, nq), e.g. of a kinematic roll-out of the reference.
         dt: sampling period [s].
-        preset: "paper", "normalised" or "scaled".
+        design: preset and overrides.
         outputs: indices of the reducing outputs of these gains; all by default.
-        inertia_bound: for "normalised": upper bound of the reduced inertia, ``diag(inertia_bound) - H >= 0``
-            [kg, kg m^2]; a number, or one for each of these outputs.
-        bandwidth: for "scaled": bandwidth of the velocity loop [rad/s]; by default the largest that sampling allows.
-        adaptation: for "scaled": adaptation rate ``beta / k`` [1/s]; by default 1, and up to 20 where gravity loads the
-            outputs.
-        delay: for "scaled": time from a measurement to its force, without sampling [s]; 0 by default.
-        overrides: fields of ``VelocityGains`` by name, in place of those of the preset; None leaves the preset's.
-            ``k`` and ``beta`` are gains of single outputs, also with the preset "scaled".
         times: times (count,) of the configurations [s], for error messages.
 
     Raises:
@@ -318,39 +336,23 @@ def design_velocity_gains(
         >>> system = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")], robot.joint_names[1:])
         >>> reduced = system.reduce()
         >>> q0 = robot.configuration({"joint_2": 1.8})
-        >>> gains = rnc.control.design_velocity_gains(reduced, q0, 0.002, overrides={"sigma": 0.0})
+        >>> gains = rnc.control.design_velocity_gains(
+        ...     reduced, q0, 0.002, rnc.control.GainDesign(overrides={"sigma": 0.0}))
         >>> gains.k.shape, gains.sigma
         ((3,), 0.0)
     """
-    check_known(preset, OUTER_GAINS, "preset")
-    if preset == "paper":
-        gains = VelocityGains.paper()
-    elif preset == "normalised":
-        gains = VelocityGains.normalised(inertia_bound)
-    else:
-        gains = VelocityGains.scaled(
-            reduced,
-            configurations,
-            dt,
-            bandwidth,
-            outputs=outputs,
-            adaptation=adaptation,
-            delay=0.0 if delay is None else delay,
-            times=times,
-            combine=all((overrides or {}).get(name) is None for name in ("k", "beta")),
-        )
-    return _override(gains, overrides)
+    check_known(design.preset, OUTER_GAINS, "preset")
+    if design.preset == "scaled":
+        return VelocityGains.scaled(reduced, configurations, dt, design, outputs=outputs, times=times)
+    paper = design.preset == "paper"
+    return _override(VelocityGains.paper() if paper else VelocityGains.normalised(design.inertia_bound), design)
 
 
 def design_position_gains(
     inertia: Callable[[np.ndarray], np.ndarray],
     configurations: np.ndarray,
     dt: float,
-    *,
-    preset: Preset = "scaled",
-    inertia_bound: Gain | None = None,
-    delay: float | None = None,
-    overrides: Mapping[str, Gain | None] | None = None,
+    design: GainDesign = _SCALED,
 ) -> PositionGains:
     """Return the gains of a position tracker: those of a preset, or overrides in their place.
 
@@ -359,30 +361,27 @@ def design_position_gains(
             "scaled" calls it.
         configurations: region of the motion, (..., nq).
         dt: sampling period [s].
-        preset: "paper", "normalised" or "scaled".
-        inertia_bound: for "normalised": a number, or one for each of these outputs.
-        delay: for "scaled": time from a measurement to its force, without sampling [s]; 0 by default.
-        overrides: fields of ``PositionGains`` by name, in place of those of the preset; None leaves the preset's.
+        design: preset, bound, delay and overrides.
 
     Raises:
         InfeasibleError: sampling is too slow for these rates.
         ConfigurationError: an argument is not valid, or "normalised" has no bound.
     """
-    check_known(preset, OUTER_GAINS, "preset")
-    if preset == "paper":
+    check_known(design.preset, OUTER_GAINS, "preset")
+    if design.preset == "paper":
         gains = PositionGains.paper()
-    elif preset == "normalised":
-        gains = PositionGains.normalised(inertia_bound)
+    elif design.preset == "normalised":
+        gains = PositionGains.normalised(design.inertia_bound)
     else:
-        gains = PositionGains.scaled(inertia(configurations), dt, delay=0.0 if delay is None else delay)
-    return _override(gains, overrides)
+        gains = PositionGains.scaled(inertia(configurations), dt, delay=design.delay or 0.0)
+    return _override(gains, design)
 
 
 _Gains = TypeVar("_Gains", VelocityGains, PositionGains)
 
 
-def _override(gains: _Gains, overrides: Mapping[str, Gain | None] | None) -> _Gains:
-    return replace(gains, **{name: value for name, value in (overrides or {}).items() if value is not None})  # type: ignore[arg-type]
+def _override(gains: _Gains, design: GainDesign) -> _Gains:
+    return replace(gains, **{name: value for name, value in design.overrides.items() if value is not None})  # type: ignore[arg-type]
 
 
 def _positive(bound: Gain | None) -> np.ndarray:

@@ -10,7 +10,7 @@ from rnc_pin import _kernel
 from rnc_pin.control.batches import state_of_runs
 from rnc_pin.control.controller import DescribedMixin, VelocityTarget, check_size, goals_at
 from rnc_pin.control.deviation import Feedback
-from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS
+from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS, OuterGains
 from rnc_pin.control.slithering import PathState, SlitheringReference
 from rnc_pin.errors import ConfigurationError, InputError, SingularityError
 from rnc_pin.math.linear_algebra import apply, apply_transposed, clipped, solve
@@ -40,9 +40,7 @@ class SteeringController(DescribedMixin):
         task: task with as many redundant as vertical outputs; the latter are x11.
         primary: reference of x21.
         vertical: reference of x11 in time, or a ``SlitheringReference``.
-        k3: [1/s], of the vertical outputs.
-        k4: [1/s], of their rates; several times k3.
-        k21: [1/s], of the primary outputs.
+        gains: ``k3`` of the vertical outputs, ``k4`` of their rates, ``k21`` of the primary outputs [1/s].
         damping: value of N below which steering fades out. The gain from noise of the vertical outputs to rates of the
             redundant outputs is at most ``k3 k4 / (2 damping)``.
         max_rate: largest rate of the redundant outputs.
@@ -61,7 +59,7 @@ class SteeringController(DescribedMixin):
         >>> reduced = rnc.NonholonomicSystem(robot, constraints, actuators).reduce(inputs, [rnc.FrameYaw("trailer")])
         >>> task = rnc.Task.of(reduced, ["tractor_speed_x", "front_steering"], ["rear_steering"])
         >>> controller = rnc.control.SteeringController(
-        ...     reduced, task, rnc.planning.Hold([1.0, 0.0]), rnc.planning.Hold([0.1]), k21=2.0)
+        ...     reduced, task, rnc.planning.Hold([1.0, 0.0]), rnc.planning.Hold([0.1]), rnc.control.OuterGains(k21=2.0))
         >>> measurement = reduced.at(robot.configuration(), np.zeros(3)).measure(np.zeros(3))
         >>> target, state = controller.step(0.0, measurement, controller.initial_state(measurement))
         >>> target.v2.round(6) + 0.0  # it drives off before it can steer
@@ -76,9 +74,7 @@ class SteeringController(DescribedMixin):
         task: Task,
         primary: Reference,
         vertical: Reference | SlitheringReference,
-        k3: float | np.ndarray = DEFAULT_OUTER_GAINS.k3,
-        k4: float = DEFAULT_OUTER_GAINS.k4,
-        k21: float | np.ndarray = DEFAULT_OUTER_GAINS.k21,
+        gains: OuterGains = DEFAULT_OUTER_GAINS,
         damping: float = 0.1,
         max_rate: float = 4.0,
         monitored: tuple[np.ndarray, Reference] | None = None,
@@ -93,16 +89,16 @@ class SteeringController(DescribedMixin):
         check_size(primary, len(task.primary), "primary")
         check_size(vertical, len(task.vertical), "vertical")
         self._reduced, self.task, self.primary, self.vertical = reduced, task, primary, vertical
-        self.k3, self.k4, self.k21, self.damping, self.max_rate = k3, k4, k21, damping, max_rate
+        self.k3, self.k4, self.k21, self.damping, self.max_rate = gains.k3, gains.k4, gains.k21, damping, max_rate
         self.monitored = monitored
-        self._follow_primary = Feedback(task.primary_coordinates, k21)
-        self._follow_vertical = Feedback(task.vertical_coordinates, k3)
+        self._follow_primary = Feedback(task.primary_coordinates, gains.k21)
+        self._follow_vertical = Feedback(task.vertical_coordinates, gains.k3)
         self._in_A3 = np.ix_(task.vertical, task.primary)
         self._damped = damping**2 * np.eye(len(task.redundant))
         self._places = np.concatenate([task.vertical, task.primary, task.redundant])
         self._redundant = np.array(task.redundant, dtype=np.int64)
-        gains = np.broadcast_to(k3, len(task.vertical)), task.vertical_coordinates.kinds
-        self._table = np.concatenate(gains, dtype=float)  # for the compiled kernel
+        table = np.broadcast_to(gains.k3, len(task.vertical)), task.vertical_coordinates.kinds
+        self._table = np.concatenate(table, dtype=float)  # for the compiled kernel
 
     @property
     def accepts_batches(self) -> bool:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
@@ -73,7 +73,18 @@ def read_bag(path: Path, mapping: LogMapping) -> list[Channel]:
     ]
 
 
-_Take = Callable[[_Store, Any, int], None]
+class _Vector(Protocol):
+    x: float
+    y: float
+    z: float
+
+
+class _Quaternion(_Vector, Protocol):
+    w: float
+
+
+_Message: TypeAlias = Any  # of a class that rosbags makes at run time, from the definitions in the bag
+_Take = Callable[[_Store, _Message, int], None]
 
 
 def _use(path: Path, topic: str, use: Topic, there: Mapping[str, str]) -> _Take:
@@ -90,14 +101,14 @@ def _use(path: Path, topic: str, use: Topic, there: Mapping[str, str]) -> _Take:
         found = f"found {', '.join(wrong)}" if wrong else "found none"
         raise ConfigurationError(f"{path}: topic '{topic}' with {kind}: expected {' or '.join(keys)}, {found}")
 
-    def taken(samples: _Store, message: Any, recorded: int) -> None:
+    def taken(samples: _Store, message: _Message, recorded: int) -> None:
         header = None if use.stamp == "bag" else getattr(message, "header", None)
         take(samples, message, recorded if header is None else _nanoseconds(header), use)
 
     return taken
 
 
-def _nanoseconds(header: Any) -> int:
+def _nanoseconds(header: _Message) -> int:
     return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
 
 
@@ -107,16 +118,16 @@ def _add(samples: _Store, name: _Name, stamp: int, values: list[float]) -> None:
     found.values.append(values)
 
 
-def _xyz(vector: Any) -> list[float]:
+def _xyz(vector: _Vector) -> list[float]:
     return [vector.x, vector.y, vector.z]
 
 
-def _pose(position: Any, turned: Any) -> list[float]:
+def _pose(position: _Vector, turned: _Quaternion) -> list[float]:
     return [*_xyz(position), turned.x, turned.y, turned.z, turned.w]
 
 
-def _take_joints(samples: _Store, message: Any, stamp: int, use: Topic) -> None:
-    quantities: tuple[tuple[Quantity, Any], ...] = (
+def _take_joints(samples: _Store, message: _Message, stamp: int, use: Topic) -> None:
+    quantities: tuple[tuple[Quantity, Sequence[float]], ...] = (
         ("position", message.position),
         ("velocity", message.velocity),
         ("effort", message.effort),
@@ -128,29 +139,29 @@ def _take_joints(samples: _Store, message: Any, stamp: int, use: Topic) -> None:
                 _add(samples, (quantity, joint), stamp, [float(number)])
 
 
-def _take_pose(samples: _Store, message: Any, stamp: int, use: Topic) -> None:
+def _take_pose(samples: _Store, message: _Message, stamp: int, use: Topic) -> None:
     pose = getattr(message.pose, "pose", message.pose)  # with a covariance around it, or without
     if use.pose is not None:
         _add(samples, ("pose", use.pose), stamp, _pose(pose.position, pose.orientation))
 
 
-def _take_odometry(samples: _Store, message: Any, stamp: int, use: Topic) -> None:
+def _take_odometry(samples: _Store, message: _Message, stamp: int, use: Topic) -> None:
     _take_pose(samples, message, stamp, use)
     if use.twist is not None:
         _take_twist(samples, message.twist, stamp, use)
 
 
-def _take_twist(samples: _Store, message: Any, stamp: int, use: Topic) -> None:
-    twist = getattr(message, "twist", message)
+def _take_twist(samples: _Store, message: _Message, stamp: int, use: Topic) -> None:
+    twist: _Message = getattr(message, "twist", message)
     _add(samples, ("twist", str(use.twist)), stamp, [*_xyz(twist.linear), *_xyz(twist.angular)])
 
 
-def _take_imu(samples: _Store, message: Any, stamp: int, use: Topic) -> None:
+def _take_imu(samples: _Store, message: _Message, stamp: int, use: Topic) -> None:
     values = [*_xyz(message.angular_velocity), *_xyz(message.linear_acceleration)]
     _add(samples, ("imu", str(use.imu)), stamp, values)
 
 
-def _take_frames(samples: _Store, message: Any, stamp: int, use: Topic) -> None:
+def _take_frames(samples: _Store, message: _Message, stamp: int, use: Topic) -> None:
     for each in message.transforms:
         frame = (use.frames or {}).get(each.child_frame_id.lstrip("/"))
         parent = each.header.frame_id.lstrip("/")
@@ -160,7 +171,7 @@ def _take_frames(samples: _Store, message: Any, stamp: int, use: Topic) -> None:
         _add(samples, ("pose", frame), stamp if use.stamp == "bag" else _nanoseconds(each.header), place)
 
 
-_KINDS: dict[str, tuple[tuple[str, ...], Callable[[_Store, Any, int, Topic], None]]] = {
+_KINDS: dict[str, tuple[tuple[str, ...], Callable[[_Store, _Message, int, Topic], None]]] = {
     "JointState": (("joints",), _take_joints),
     "Odometry": (("pose", "twist"), _take_odometry),
     "PoseStamped": (("pose",), _take_pose),

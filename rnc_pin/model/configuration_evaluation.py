@@ -10,7 +10,7 @@ Paper (2)-(3), (6)-(7). All quantities have leading batch axes.
 from __future__ import annotations
 
 from math import prod
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy import ndarray as Array
@@ -112,9 +112,9 @@ class ConfigurationEvaluation(SummaryMixin):
         return self._evaluator.fill_at_q(self, self._same)
 
     @property
-    def compiled(self) -> Any:
-        """Records of the compiled kernel at q, for calls that take them; None if it has filled none."""
-        return self.arrays_at_q if self.arrays_at_q.one_by_one else None
+    def compiled_kinematics(self) -> Array | None:
+        """Kinematics at q, as the compiled kernel has filled them; None if it has filled none."""
+        return getattr(self.arrays_at_q, "kinematics", None) if self.arrays_at_q.one_by_one else None
 
     if not TYPE_CHECKING:
 

@@ -16,7 +16,7 @@ from rnc_pin.optimal.action_models import ActionModel, KinematicModel, Nodes
 from rnc_pin.optimal.bounds import Goal
 from rnc_pin.optimal.motion_plan import MotionPlan
 from rnc_pin.optimal.transcription import Iterate, Transcription
-from rnc_pin.planning import Reference, solve_ik
+from rnc_pin.planning import IkSearch, Reference, solve_ik
 
 _HARMONICS = 3
 
@@ -174,7 +174,7 @@ def goal_configuration(reduced: ReducedModel, q0: Array, goal: Goal | None) -> A
     if not isinstance(goal, Mapping):
         return np.array(reduced.at(goal).q)
     try:
-        found = solve_ik(reduced, q0, goal, limits=False, starts=3)
+        found = solve_ik(reduced, q0, goal, limits=False, search=IkSearch(starts=3))
     except (ConfigurationError, InputError):  # a list of outputs
         return q0
     return np.array(found.q) if found.converged else q0

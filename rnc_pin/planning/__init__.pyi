@@ -6,6 +6,7 @@ from .car_path import continued_back as continued_back
 from .car_path import path_distances as path_distances
 from .chained_form import FireTruckChart as FireTruckChart
 from .inverse_kinematics import IkResult as IkResult
+from .inverse_kinematics import IkSearch as IkSearch
 from .inverse_kinematics import solve_ik as solve_ik
 from .output_targets import OutputTarget as OutputTarget
 from .references import Geodesic as Geodesic

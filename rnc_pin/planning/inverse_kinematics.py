@@ -84,6 +84,41 @@ class IkResult(SummaryMixin):
         return ObjectSummary(title, [line for line in lines if line[1]])
 
 
+def _check_length(name: str, value: object, least: float) -> None:
+    if isinstance(value, bool) or not (isinstance(value, int | float | np.floating) and least <= value < np.inf):
+        raise InputError(f"{name} has to be a number of at least {least:g}, found {value!r}")
+
+
+@dataclass(frozen=True)
+class IkSearch:
+    """Search of ``solve_ik``.
+
+    Attributes:
+        tolerance: largest error of a reached target [m or rad].
+        starts: largest number of descents.
+        seed: random seed of the starts; equal seeds give equal results.
+
+    Raises:
+        InputError: an option is out of range.
+
+    Example:
+        >>> rnc.IkSearch(starts=50, seed=1).tolerance
+        1e-06
+    """
+
+    tolerance: float = 1e-6
+    starts: int = 20
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.starts, int | np.integer) or isinstance(self.starts, bool) or self.starts < 1:
+            raise InputError(f"starts has to be a positive integer, found {self.starts!r}")
+        _check_length("tolerance", self.tolerance, 1e-10)
+
+
+_SEARCH = IkSearch()
+
+
 def solve_ik(
     reduced: ReducedModel,
     q0: Float[Array, " nq"],
@@ -93,9 +128,7 @@ def solve_ik(
     limits: bool = True,
     collisions: CollisionDistances | None = None,
     clearance: float = 0.0,
-    tolerance: float = 1e-6,
-    starts: int = 20,
-    seed: int = 0,
+    search: IkSearch = _SEARCH,
 ) -> IkResult:
     """Return a configuration in which outputs have given values.
 
@@ -115,9 +148,7 @@ def solve_ik(
         limits: False ignores the position limits of the robot's file.
         collisions: pairs of bodies to keep apart; None for none.
         clearance: smallest distance of these pairs [m].
-        tolerance: largest error of a reached target [m or rad].
-        starts: largest number of descents.
-        seed: random seed of the starts; equal seeds give equal results.
+        search: tolerance, number of descents and seed of their starts.
 
     Raises:
         ConfigurationError: unknown output, or a value that no configuration can have.
@@ -138,12 +169,14 @@ def solve_ik(
     q0 = ConfigurationValidator(reduced.robot).validate(q0)
     if q0.ndim != 1:
         raise InputError(f"q0 has shape {q0.shape}, expected ({reduced.robot.nq},)")
-    _check_options(starts, tolerance, clearance, collisions)
+    _check_length("clearance", clearance, 0.0)
+    if collisions is not None and not isinstance(collisions, CollisionDistances):
+        raise InputError(f"collisions has to be a CollisionDistances, found {type(collisions).__name__}")
     problem = _Problem(reduced, OutputTargets(reduced, targets), hold, limits, collisions, clearance)
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(search.seed)
     best: Descent | None = None
     steps = count = 0
-    for count in range(1, starts + 1):
+    for count in range(1, search.starts + 1):
         start = problem.bounds.clip(q0) if count == 1 else problem.random_start(q0, generator)
         try:
             found = problem.closed(descend(problem.evaluate, problem.bounds, start))
@@ -152,14 +185,16 @@ def solve_ik(
         steps += found.steps
         if best is None or problem.rank(found) < problem.rank(best):
             best = found
-        if problem.solves(best.q, tolerance):
+        if problem.solves(best.q, search.tolerance):
             break
     if best is None:
-        raise ConfigurationError(f"targets {', '.join(problem.targets.labels)} are undefined at all {starts} starts")
-    if not problem.solves(best.q, tolerance):  # minima beyond the reach are flat
+        raise ConfigurationError(
+            f"targets {', '.join(problem.targets.labels)} are undefined at all {search.starts} starts"
+        )
+    if not problem.solves(best.q, search.tolerance):  # minima beyond the reach are flat
         best = problem.closed(descend(problem.evaluate, problem.bounds, best.q, progress=_FLAT))
         steps += best.steps
-    return problem.result(problem.with_fewest_turns(best.q, q0), tolerance, count, steps)
+    return problem.result(problem.with_fewest_turns(best.q, q0), search.tolerance, count, steps)
 
 
 class _Problem:
@@ -292,13 +327,3 @@ class _Problem:
             elif q[iq] >= high - _LIMIT:
                 found.append(f"{names[iv]} (upper)")
         return tuple(found)
-
-
-def _check_options(starts: object, tolerance: object, clearance: object, collisions: object) -> None:
-    if not isinstance(starts, int | np.integer) or isinstance(starts, bool) or starts < 1:
-        raise InputError(f"starts has to be a positive integer, found {starts!r}")
-    for name, value, least in (("tolerance", tolerance, 1e-10), ("clearance", clearance, 0.0)):
-        if isinstance(value, bool) or not (isinstance(value, int | float | np.floating) and least <= value < np.inf):
-            raise InputError(f"{name} has to be a number of at least {least:g}, found {value!r}")
-    if collisions is not None and not isinstance(collisions, CollisionDistances):
-        raise InputError(f"collisions has to be a CollisionDistances, found {type(collisions).__name__}")

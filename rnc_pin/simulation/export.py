@@ -7,7 +7,7 @@ import io
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -137,7 +137,7 @@ def _write_mat(path: Path, run: RunData, columns: dict[str, list[Column]]) -> No
         found[:] = values
         return found
 
-    content: dict[str, Any] = {array: getattr(run, array) for array in columns}
+    content: dict[str, object] = {array: getattr(run, array) for array in columns}
     content["names"] = {array: cells([each.name for each in found]) for array, found in columns.items()}
     content["units"] = {array: cells([each.unit for each in found]) for array, found in columns.items()}
     content["scenario"] = run.info.provenance.scenario or ""

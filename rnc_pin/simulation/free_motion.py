@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from rnc_pin.control.controller import Command
-from rnc_pin.errors import DivergenceError, InputError, SingularityError
+from rnc_pin.errors import ConfigurationError, DivergenceError, InputError, SingularityError
 from rnc_pin.integrators import AdaptiveIntegrator
-from rnc_pin.io.json import Json
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import ReducedPlant
@@ -19,9 +18,10 @@ from rnc_pin.plants.reduced import ConstrainedDynamics
 from rnc_pin.simulation.ending import Progress, complete_run
 from rnc_pin.simulation.phase_events import lift_off_monitor
 from rnc_pin.simulation.record import Record
-from rnc_pin.simulation.run_info import Provenance, provenance_of
+from rnc_pin.simulation.run_info import provenance_of
 from rnc_pin.simulation.sampled_run import assembled_start
-from rnc_pin.simulation.stop import DEFAULT_STOP, Stop, StopMonitor
+from rnc_pin.simulation.simulation_options import DEFAULT_OPTIONS, SimulationOptions
+from rnc_pin.simulation.stop import StopMonitor
 from rnc_pin.simulation.trajectory import Trajectory
 
 _AT_ONCE = 256  # samples that are recorded together
@@ -40,18 +40,15 @@ class _Samples(NamedTuple):
 
 
 def free_motion(
-    reduced: ReducedModel,
+    reduced: ReducedModel | ReducedPlant,
     q0: np.ndarray,
     v2_0: np.ndarray,
     duration: float,
     dt: float = 0.02,
     inputs: np.ndarray | Feedback | None = None,
     *,
-    rtol: float = 1e-12,
-    atol: float = 1e-12,
-    plant: ReducedPlant | None = None,
-    stop: Stop = DEFAULT_STOP,
-    meta: Provenance | Mapping[str, Json] | None = None,
+    tolerance: float | tuple[float, float] = 1e-12,
+    options: SimulationOptions = DEFAULT_OPTIONS,
 ) -> Trajectory:
     """Simulate a reduced system without input, under constant inputs, or under a continuous feedback.
 
@@ -61,24 +58,22 @@ def free_motion(
     with zero-order hold, use ``simulate``.
 
     Args:
-        reduced: reduced model.
+        reduced: reduced model, or a plant of it, with effects that the model does not include:
+            ``ReducedPlant(reduced, joint_damping=True)``. Its state does not change.
         q0: initial configuration (nq,).
         v2_0: initial reduced velocity (r,).
         duration: [s].
         dt: sampling period of the trajectory [s]; the tolerances determine the integration steps.
         inputs: actuator inputs (p,), or ``inputs(t, q, v2) -> (p,)``, continuous; none by default.
-        rtol, atol: relative and absolute tolerance of a step.
-        plant: plant of this model, with effects that the model does not include:
-            ``ReducedPlant(reduced, joint_damping=True)``. Its state does not change.
-        stop: conditions that end the motion early, checked once per sample.
-        meta: origin of the run, stored with the trajectory: a ``Provenance``, or a mapping that JSON can represent.
+        tolerance: of a step, relative and absolute; two numbers if they differ.
+        options: stop conditions, checked once per sample, and origin of the run. The others need ``simulate``.
 
     Raises:
         RncError: the motion ends early, with the run so far in ``error.trajectory``: a SingularityError or
             DivergenceError; or a SimulationError, whose cause is an error that the feedback raised.
         InputError: wrong shapes; times or tolerances are not positive; or the initial configuration violates the
             holonomic rows.
-        ConfigurationError: ``meta`` has a value of the wrong type under a known key.
+        ConfigurationError: an option needs ``simulate``, or ``meta`` has a value of the wrong type under a known key.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
@@ -88,15 +83,19 @@ def free_motion(
         >>> bool(abs(run.v2[-1, 1]) < 0.01), bool(run.v2[-1, 0] > 0)  # rotation becomes straight motion
         (True, True)
     """
-    provenance = provenance_of(meta)
+    provenance, stop = provenance_of(options.meta), options.stop
+    if options.loop or options.observer is not None or options.controller_state is not None:
+        raise ConfigurationError("free_motion has no controller: of the options, it takes stop and meta only")
+    rtol, atol = (tolerance, tolerance) if isinstance(tolerance, int | float) else tolerance
     if not (0 < dt <= duration < np.inf and rtol > 0 and atol > 0):
         raise InputError(
-            f"duration {duration}, dt {dt}, rtol {rtol} and atol {atol} have to be positive, dt at most the duration"
+            f"duration {duration}, dt {dt} and tolerance {tolerance} have to be positive, dt at most the duration"
         )
-    dynamics, stop_monitor = _dynamics(reduced, plant), StopMonitor(stop, reduced.robot)
-    lift_off = lift_off_monitor(stop, reduced, reduced)
+    dynamics, model = _dynamics(reduced), reduced.reduced if isinstance(reduced, ReducedPlant) else reduced
+    stop_monitor = StopMonitor(stop, model.robot)
+    lift_off = lift_off_monitor(stop, model, model)
     feedback = inputs if callable(inputs) else None
-    constant = dynamics.saturate(np.zeros(reduced.p) if inputs is None or callable(inputs) else np.array(inputs, float))
+    constant = dynamics.saturate(np.zeros(model.p) if inputs is None or callable(inputs) else np.array(inputs, float))
 
     def inputs_at(t: float, state: StateEvaluation) -> np.ndarray:
         if feedback is None:
@@ -108,7 +107,7 @@ def free_motion(
             T = constant if feedback is None else inputs_at(t, dynamics.in_reduction(q, y))
             return dynamics.derivative(T)(q, y)
         except (SingularityError, DivergenceError):  # NaN makes the integrator shorten a step that leaves the chart
-            return np.full(reduced.n, np.nan), np.full(len(y), np.nan)
+            return np.full(model.n, np.nan), np.full(len(y), np.nan)
 
     def local_rate(t: float, q: np.ndarray, x: np.ndarray) -> np.ndarray | None:
         return dynamics.local_rate(q, x, constant) if feedback is None else None
@@ -117,24 +116,24 @@ def free_motion(
         q = dynamics.project(q, y)
         return q, dynamics.recentre(q, y)[1]
 
-    q = assembled_start(reduced, np.array(q0, dtype=float))
-    start = reduced.at(pin.normalize(reduced.robot.model, q), v2_0, t=0.0)
+    q = assembled_start(model, np.array(q0, dtype=float))
+    start = model.at(pin.normalize(model.robot.model, q), v2_0, t=0.0)
     _ = start.flow(inputs_at(0.0, start))  # raise errors of shape or singularity before the integration
     y = dynamics.initial(start.q, start.v)
     times = np.linspace(0.0, duration, round(duration / dt) + 1)
-    record = Record(reduced, len(times), dynamics.integrated)
-    integrator = AdaptiveIntegrator(reduced.robot, rate, rtol, atol, settle, local_rate)
+    record = Record(model, len(times), dynamics.integrated)
+    integrator = AdaptiveIntegrator(model.robot, rate, rtol, atol, settle, local_rate)
 
     def add(progress: Progress, samples: _Samples) -> None:
         """Record samples one by one, until one meets a stop condition."""
         for t, q_t, v_t, integrals, work in zip(*samples, strict=True):
             progress.time = float(t)
-            state = reduced.at(q_t, v=v_t, t=t)
+            state = model.at(q_t, v=v_t, t=t)
             stop_monitor.check(float(t), state)
             T, external = inputs_at(float(t), state), dynamics.damping_force(state)
             if lift_off is not None:
                 lift_off.check(float(t), state, T, external)
-            record.moves(reduced, external)
+            record.moves(model, external)
             record.add(float(t), state, integrals, Command(T=T), T, work)
 
     def add_all(progress: Progress, pending: list[_Samples]) -> None:
@@ -143,12 +142,12 @@ def free_motion(
             return
         samples = _Samples(*(np.concatenate(each) for each in zip(*pending, strict=True)))
         pending.clear()
-        states = StateEvaluation.at(reduced.evaluator, samples.q, v=samples.v, t=samples.times)
+        states = StateEvaluation.at(model.evaluator, samples.q, v=samples.v, t=samples.times)
         if feedback is not None or lift_off is not None or stop_monitor.stopped(states).any():
             add(progress, samples)
             return
         progress.time = float(samples.times[-1])
-        record.moves(reduced, dynamics.damping_force(states))
+        record.moves(model, dynamics.damping_force(states))
         record.extend(samples.times, states, samples.integrals, constant, samples.work)
 
     def advance(progress: Progress) -> None:
@@ -168,14 +167,14 @@ def free_motion(
     return complete_run(advance, lambda outcome, message: record.finish(dt, provenance, outcome, message, True))
 
 
-def _dynamics(reduced: ReducedModel, plant: ReducedPlant | None) -> ConstrainedDynamics:
+def _dynamics(plant: ReducedModel | ReducedPlant) -> ConstrainedDynamics:
     """Equations of motion with the effects of a plant."""
-    if plant is None:
-        return ConstrainedDynamics(reduced)
-    if not isinstance(plant, ReducedPlant) or plant.reduced is not reduced:
-        raise InputError("free_motion requires a ReducedPlant of the same model; use simulate for another plant")
+    if isinstance(plant, ReducedModel):
+        return ConstrainedDynamics(plant)
+    if not isinstance(plant, ReducedPlant):
+        raise InputError("free_motion requires a ReducedModel or a ReducedPlant; use simulate for another plant")
     if plant.joint_friction:
         raise InputError(
             "dry friction is not smooth: free_motion does not support it; use simulate with joint_friction=True"
         )
-    return ConstrainedDynamics(reduced, plant.joint_damping, plant.actuator_limits)
+    return ConstrainedDynamics(plant.reduced, plant.joint_damping, plant.actuator_limits)

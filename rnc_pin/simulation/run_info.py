@@ -18,6 +18,7 @@ from rnc_pin.printing import printed
 from rnc_pin.verdict import Verdict
 
 _Record = TypeVar("_Record")
+_Schema = dict[str, object]
 FORCE_UNITS = {"m/s": "N", "rad/s": "N m"}
 """Unit of the force of a row by the unit of its rate."""
 
@@ -25,7 +26,7 @@ FORCE_UNITS = {"m/s": "N", "rad/s": "N m"}
 class _Strict:
     """Annotation for pydantic: convert no value of another type, such as text to a number."""
 
-    def __get_pydantic_core_schema__(self, source: object, handler: Callable[[object], Any]) -> Any:
+    def __get_pydantic_core_schema__(self, source: object, handler: Callable[[object], _Schema]) -> _Schema:
         return {**handler(source), "strict": True}
 
 
@@ -400,8 +401,7 @@ def _adapter(kind: Hashable) -> Any:
     """Reader of a kind of record; making it takes longer than a short run."""
     from pydantic import TypeAdapter
 
-    reader: Any = TypeAdapter
-    return reader(kind)
+    return TypeAdapter(cast(type, kind))
 
 
 def _read(kind: type[_Record], content: Mapping[str, object]) -> _Record:

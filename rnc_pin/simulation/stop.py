@@ -26,8 +26,9 @@ class Stop:
     Example:
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
         >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
+        >>> fast = rnc.SimulationOptions(rnc.Stop(speed=2.0))
         >>> try:
-        ...     rnc.free_motion(reduced, robot.configuration(), [5.0, 0.0], 1.0, stop=rnc.Stop(speed=2.0))
+        ...     rnc.free_motion(reduced, robot.configuration(), [5.0, 0.0], 1.0, options=fast)
         ... except rnc.DivergenceError as error:
         ...     print(error)
         diverged at t = 0.000 s: reduced velocities reached 5, limit 2

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from rnc_pin.control import KinematicController, VelocityTracker, design_velocity_gains
+from rnc_pin.control import GainDesign, KinematicController, VelocityTracker, design_velocity_gains
 from rnc_pin.control.typical_inertia import gravity_loads
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.simulation.rollout import kinematic_rollout
+
+_DESIGN, _STEP = GainDesign(), 0.05  # [s], of the roll-out
 
 
 def tuned_tracker(
@@ -18,12 +20,8 @@ def tuned_tracker(
     dt: float = 0.002,
     *,
     along: KinematicController | None = None,
-    step: float = 0.05,
-    bandwidth: float | None = None,
-    adaptation: float | None = None,
+    design: GainDesign = _DESIGN,
     gravity_compensation: bool | None = None,
-    delay: float = 0.0,
-    dead_zone: float | np.ndarray = 0.0,
 ) -> VelocityTracker:
     """Construct the adaptive velocity tracker of a kinematic controller, for ``simulate``.
 
@@ -37,14 +35,9 @@ def tuned_tracker(
         duration: duration of the roll-out [s]; use that of the references.
         dt: sampling period [s], the same as for ``simulate``.
         along: kinematic controller for the roll-out instead of ``kinematic``, if that one is adaptive.
-        step: step of the roll-out [s].
-        bandwidth: bandwidth of the velocity loop [rad/s]; by default the largest that the sampling allows.
-        adaptation: adaptation rate ``beta / k`` [1/s]; by default 1, and up to 20 where gravity loads the outputs. Use
-            30 if gravity is large compared with the inertia, as at a light wrist.
+        design: choice of the gains; scaled to the inertia by default.
         gravity_compensation: True starts the tracker with the force that holds the system at rest at q0, as the
             actuators would report it. This is the default where gravity loads the outputs.
-        delay: delay between a measurement and its force, without the sampling [s]. It limits the bandwidth.
-        dead_zone: velocity error below which adaptation stops; a number, or one per reducing output.
 
     Raises:
         InfeasibleError: no gains fit both the inertia and the sampling.
@@ -61,17 +54,8 @@ def tuned_tracker(
         >>> bool(abs(run.x2[-1, 0] - 0.5) < 0.01)
         True
     """
-    times, region = kinematic_rollout(reduced, along or kinematic, q0, duration, step)
-    gains = design_velocity_gains(
-        reduced,
-        region,
-        dt,
-        bandwidth=bandwidth,
-        adaptation=adaptation,
-        delay=delay,
-        overrides={"dead_zone": dead_zone},
-        times=times,
-    )
+    times, region = kinematic_rollout(reduced, along or kinematic, q0, duration, _STEP)
+    gains = design_velocity_gains(reduced, region, dt, design, times=times)
     if gravity_compensation is None:
         gravity_compensation = gravity_loads(reduced, q0)
     rest = np.zeros(reduced.r)

@@ -46,7 +46,7 @@ def test_a_hand_stays_on_its_wall(robot):
     value = place.bind(robot).value(rnc.NonholonomicSystem(robot).reduce().at(q0).position)
     reduced = rnc.NonholonomicSystem(robot, [rnc.FixedOutput(place, value)], robot.joint_names[1:]).reduce()
     start = np.linspace(0.1, 0.3, reduced.r)
-    run = rnc.free_motion(reduced, q0, start, 1.0, 0.1, rtol=1e-10, atol=1e-10)
+    run = rnc.free_motion(reduced, q0, start, 1.0, 0.1, tolerance=1e-10)
     assert run.position_residual.max() < 1e-9
     np.testing.assert_allclose(run.energy, run.energy[0], rtol=1e-9)
     assert np.abs(run.contact_forces).max() > 1e-3

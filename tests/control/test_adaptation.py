@@ -59,7 +59,7 @@ def late(sleigh, ticks, dt=0.01, **told):
     swing = rnc.planning.MinimumJerk([0.0, 0.0], [1.0, 0.8], duration=2.0)
     target = rnc.control.ReducingOutputController(sleigh, swing, k2=2.0)
     q0 = sleigh.robot.configuration()
-    tracker = rnc.tuned_tracker(sleigh, target, q0, 2.0, dt, **told)
+    tracker = rnc.tuned_tracker(sleigh, target, q0, 2.0, dt, design=rnc.control.GainDesign(**told))
     plant = FaultyPlant(ReducedPlant(sleigh), Faults(delay=ticks), sleigh, dt)
     return rnc.simulate(sleigh, tracker, q0, 4.0, dt, plant=plant)
 

@@ -8,7 +8,7 @@ import pytest
 
 import rnc_pin as rnc
 from controlled_tasks import space_robot_task
-from rnc_pin.control import PositionGains, VelocityGains, gravity_loads
+from rnc_pin.control import GainDesign, PositionGains, VelocityGains, gravity_loads
 from rnc_pin.control.gain_design import OUTER_GAINS, design_position_gains, design_velocity_gains
 from rnc_pin.control.typical_inertia import adaptation_rate, fastest_rate, inertia_of_modes
 from tolerances import ROUNDING
@@ -25,7 +25,10 @@ def test_gains_are_given_up_to_the_edge_of_their_windows():
     assert 2 * slow.k2 == pytest.approx(0.3 * (slow.k1 + slow.k2))
     assert slow.k1 + slow.k2 == pytest.approx(2.0 * 1.2**2)
     assert VelocityGains.scaled(
-        SimpleNamespace(at=lambda q: SimpleNamespace(H=one)), np.zeros(1), 0.1, 2.0, 2.0, adaptation=1.0
+        SimpleNamespace(at=lambda q: SimpleNamespace(H=one)),
+        np.zeros(1),
+        0.1,
+        GainDesign(bandwidth=2.0, slowest=2.0, adaptation=1.0),
     ).k == [2.0]
     region = np.array([[[2.0, 0.5], [0.5, 1.0]], [[3.0, -0.2], [-0.2, 4.0]], [[0.7, 0.1], [0.3, 5.0]]])
     flat = PositionGains.scaled(region, 0.002)
@@ -53,20 +56,23 @@ def test_presets_are_known_by_their_letters():
     """Gains of words that a program puts together, and of a model that only "scaled" reads."""
     one = np.array([[[1.0]]])
     still = SimpleNamespace(at=lambda q: SimpleNamespace(H=one))
-    velocity, position = VelocityGains.scaled(still, one[0], 0.01, adaptation=1.0), PositionGains.scaled(one, 0.01)
+    velocity, position = (
+        VelocityGains.scaled(still, one[0], 0.01, GainDesign(adaptation=1.0)),
+        PositionGains.scaled(one, 0.01),
+    )
     for letters, of_velocity, of_position in (
         ("paper", VelocityGains.paper(), PositionGains.paper()),
         ("normalised", VelocityGains.normalised(3.0), PositionGains.normalised(3.0)),
         ("scaled", velocity, position),
     ):
         preset = "".join(list(letters))
-        found = design_velocity_gains(still, one[0], 0.01, preset=preset, inertia_bound=3.0, adaptation=1.0)
+        found = design_velocity_gains(still, one[0], 0.01, GainDesign(preset, 3.0, adaptation=1.0))
         assert (found.k, found.beta) == (of_velocity.k, of_velocity.beta)
-        found = design_position_gains(lambda q: one, one[0], 0.01, preset=preset, inertia_bound=3.0)
+        found = design_position_gains(lambda q: one, one[0], 0.01, GainDesign(preset, 3.0))
         np.testing.assert_array_equal([found.k1, found.k2], [of_position.k1, of_position.k2])
     for design in (design_velocity_gains, design_position_gains):
         with pytest.raises(rnc.ConfigurationError, match="preset 'normalized' is not known; did you mean 'normalised'"):
-            design(lambda q: one, one[0], 0.01, preset="normalized", inertia_bound=3.0)
+            design(lambda q: one, one[0], 0.01, GainDesign("normalized", 3.0))
 
 
 def test_normalised_gains_need_a_bound_on_the_inertia_alone():
@@ -103,26 +109,28 @@ def test_gains_scaled_to_an_inertia_are_those_of_the_window():
     reduced = SimpleNamespace(at=lambda q: SimpleNamespace(H=UNEVEN[: len(q)]))
     region, D = np.zeros((2, 3)), np.array([2.0, 8.0])
     for dt, delay, fastest in ((0.002, 0.0, 100.0), (0.002, 0.011, np.pi / 4 / 0.012), (0.01, 0.02, 20.0)):
-        gains = VelocityGains.scaled(reduced, region, dt, slowest=2.0, adaptation=3.0, delay=delay)
+        gains = VelocityGains.scaled(reduced, region, dt, GainDesign(adaptation=3.0, delay=delay, slowest=2.0))
         np.testing.assert_allclose(gains.k, 0.35 * fastest * D, rtol=1e-12)
         np.testing.assert_allclose(gains.beta, 3.0 * gains.k, rtol=1e-12)
         assert gains.sigma == 0.1
     for bandwidth in (4.0 * (1 + 1e-12), 35.0 * (1 - 1e-12)):
-        assert VelocityGains.scaled(reduced, region, 0.002, bandwidth, 2.0, adaptation=1.0).k == pytest.approx(
-            bandwidth * D
-        )
+        design = GainDesign(bandwidth=bandwidth, adaptation=1.0, slowest=2.0)
+        assert VelocityGains.scaled(reduced, region, 0.002, design).k == pytest.approx(bandwidth * D)
     for bandwidth in (3.999, 35.001):
         with pytest.raises(rnc.ConfigurationError, match="rad/s is outside the window 4 to 35"):
-            VelocityGains.scaled(reduced, region, 0.002, bandwidth, 2.0)
-    one = VelocityGains.scaled(reduced, region, 0.002, outputs=np.array([1]), adaptation=1.0)
+            VelocityGains.scaled(reduced, region, 0.002, GainDesign(bandwidth=bandwidth, slowest=2.0))
+    one = VelocityGains.scaled(reduced, region, 0.002, GainDesign(adaptation=1.0), outputs=np.array([1]))
     assert one.k == pytest.approx([0.5 * 100.0 * 8.0])
     alone = VelocityGains.scaled(
-        SimpleNamespace(at=lambda q: SimpleNamespace(H=UNEVEN[1:][: len(q)])), np.zeros(3), 0.002, adaptation=1.0
+        SimpleNamespace(at=lambda q: SimpleNamespace(H=UNEVEN[1:][: len(q)])),
+        np.zeros(3),
+        0.002,
+        GainDesign(adaptation=1.0),
     )
     assert alone.k == pytest.approx([400.0, 1600.0])
     for delay in (-1e-9, np.inf, np.nan):
         with pytest.raises(rnc.ConfigurationError, match=r"delay of a loop has to be a time \[s\], not negative"):
-            VelocityGains.scaled(reduced, region, 0.002, delay=delay)
+            VelocityGains.scaled(reduced, region, 0.002, GainDesign(delay=delay))
 
 
 def test_position_gains_scaled_to_an_inertia_are_those_of_the_closed_form():
@@ -171,7 +179,7 @@ def test_gains_of_modes_have_the_rates_of_the_window_where_single_outputs_have_n
     reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce()
     q0 = robot.configuration({"shoulder_lift_joint": -1.2, "elbow_joint": 1.5, "wrist_2_joint": 1.0})
     with pytest.raises(rnc.InfeasibleError, match="no velocity gains suit this region"):
-        VelocityGains.scaled(reduced, q0, 0.01, combine=False)
+        VelocityGains.scaled(reduced, q0, 0.01, GainDesign(overrides={"k": 5.0}))
     gains = VelocityGains.scaled(reduced, q0, 0.01)
     K = gains.modes @ np.diag(gains.k) @ gains.modes.T
     np.testing.assert_allclose(K, 20.0 * reduced.at(q0).H, rtol=1e-9, atol=1e-12)
@@ -181,10 +189,10 @@ def test_gains_of_modes_have_the_rates_of_the_window_where_single_outputs_have_n
     rates = np.linalg.eigvals(np.linalg.solve(reduced.at(region).H, np.broadcast_to(K, (9, 6, 6)))).real
     assert rates.max() == pytest.approx(20.0)
     assert rates.min() >= 4.0
-    asked = design_velocity_gains(reduced, region, 0.01, bandwidth=10.0)
+    asked = design_velocity_gains(reduced, region, 0.01, GainDesign(bandwidth=10.0))
     np.testing.assert_allclose(asked.modes @ np.diag(asked.k) @ asked.modes.T, K * (asked.k / gains.k)[0], rtol=1e-9)
     with pytest.raises(rnc.InfeasibleError, match="no velocity gains suit this region"):
-        design_velocity_gains(reduced, region, 0.01, overrides={"k": 5.0})  # a gain of single outputs
+        design_velocity_gains(reduced, region, 0.01, GainDesign(overrides={"k": 5.0}))  # a gain of single outputs
 
 
 def test_the_typical_inertia_is_the_geometric_mean_of_both_means():
@@ -254,4 +262,4 @@ def test_refused_gains_advise_a_sampling_period_only_if_it_has_gains():
     with pytest.raises(rnc.InfeasibleError):
         VelocityGains.scaled(reduced, region, 1.1 * period)
     with pytest.raises(rnc.InfeasibleError, match="does not help: the delay is too long for any"):
-        VelocityGains.scaled(reduced, region, 0.002, delay=0.5)
+        VelocityGains.scaled(reduced, region, 0.002, GainDesign(delay=0.5))

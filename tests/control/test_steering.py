@@ -8,7 +8,7 @@ import pytest
 
 import rnc_pin as rnc
 from controlled_tasks import Cubic, task_at, truck_task
-from rnc_pin.control import SteeringController
+from rnc_pin.control import OuterGains, SteeringController
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.output_gradients import kinematic_gradient
 from rnc_pin.planning import Hold
@@ -38,7 +38,7 @@ def test_gradient_of_the_kinematics_is_exact():
 def test_the_missing_rate_fades_at_k4():
     """Along the kinematics, w - A3 v21 decays as exp(-k4 t): the whole point of backstepping."""
     k4 = 6.0
-    reduced, path, _, controller, _ = truck_task(k4=k4, damping=1e-6, max_rate=1e3)
+    reduced, path, _, controller, _ = truck_task(gains=OuterGains(k4=k4), damping=1e-6, max_rate=1e3)
     q = reduced.robot.configuration(
         {"root_joint": [-4.5, 1.9, -0.5], "rear_steering": 0.2, "hitch": 0.15, "front_steering": 0.05}
     )
@@ -84,7 +84,7 @@ def test_steering_is_the_damped_least_squares_of_what_the_vertical_rates_miss(ma
     """``N v22 = wdot + k4 (w - A3 v21) - (A3 v21)dot at rest of x22``, beside ``damping v22 = 0``."""
     generator = np.random.default_rng(3)
     k3, k21, k4, damping, t = np.array([1.3, 0.4]), np.array([0.9, 2.2, 0.6]), 4.7, 0.35, 0.6
-    gains = {"k3": k3, "k21": k21, "k4": k4, "damping": damping, "max_rate": max_rate}
+    gains = {"gains": OuterGains(k3=k3, k21=k21, k4=k4), "damping": damping, "max_rate": max_rate}
     aside = Hold([0.77])
     for _ in range(5):
         gradient = generator.uniform(-1, 1, (3, 6, 6))

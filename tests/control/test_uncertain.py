@@ -99,7 +99,7 @@ def test_what_is_tracked_is_tracked_better_by_those_who_learn(make):
     for alpha in (0.0, 5.0):
         reduced, estimator, kinematic, truth = make(alpha)
         q0 = reduced.robot.configuration()
-        gains = VelocityGains.scaled(estimator.model, q0[None], DT, slowest=1.0)
+        gains = VelocityGains.scaled(estimator.model, q0[None], DT, rnc.control.GainDesign(slowest=1.0))
         controller = UncertainController(estimator, VelocityTracker(kinematic, gains))
         run = rnc.simulate(reduced, controller, q0, 6.0, DT)
         missed[alpha] = late_miss(run)
@@ -128,7 +128,7 @@ def test_class_3_on_wheels_that_are_not_known():
     tracker = PositionTracker(MinimumJerk(start, there, 2.0), PositionGains.scaled(H[:, :2, :2], DT, 4.0, 1.5))
     goal = np.array([-1.0, -0.1, 0.6])
     stabilizer = UnicycleStabilizer(goal, np.array([0, 1]), 2.0, k=0.5, rate=1.0, tolerance=0.01)
-    gains = VelocityGains.scaled(estimator.model, q0[None], DT, outputs=platform, slowest=2.0)
+    gains = VelocityGains.scaled(estimator.model, q0[None], DT, rnc.control.GainDesign(slowest=2.0), outputs=platform)
     split = SplitController([(tracker, hand), (VelocityTracker(stabilizer, gains), platform)], 4)
     run = rnc.simulate(reduced, UncertainController(estimator, split), q0, 18.0, DT)
     assert np.abs([*run.x1[-1] - goal[:2], run.x2[-1, 3] - goal[2]]).max() < 0.02

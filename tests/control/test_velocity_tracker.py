@@ -101,11 +101,12 @@ def test_small_steps_are_the_papers_laws():
 
 def test_a_tuned_tracker_is_what_one_would_write_by_hand():
     reduced, kinematic, q0 = space_robot_task()
-    tracker = rnc.tuned_tracker(reduced, kinematic, q0, 2.0, dt=0.004, step=0.1, adaptation=3.0)
-    expected = gains_along(reduced, kinematic, q0, 2.0, dt=0.004)
+    tracker = rnc.tuned_tracker(reduced, kinematic, q0, 2.0, dt=0.004, design=rnc.control.GainDesign(adaptation=3.0))
+    expected = gains_along(reduced, kinematic, q0, 2.0, dt=0.004, step=0.05)
     np.testing.assert_allclose(tracker.gains.k, expected.k)
     np.testing.assert_allclose(tracker.gains.beta, 3.0 * expected.k)
-    slower = rnc.tuned_tracker(reduced, Oscillation(reduced), q0, 2.0, 0.004, along=kinematic, step=0.1, bandwidth=20.0)
+    design = rnc.control.GainDesign(bandwidth=20.0)
+    slower = rnc.tuned_tracker(reduced, Oscillation(reduced), q0, 2.0, 0.004, along=kinematic, design=design)
     np.testing.assert_allclose(slower.gains.k / slower.gains.k[0], expected.k / expected.k[0])
     with pytest.raises(rnc.InfeasibleError, match="sample faster"):
         rnc.tuned_tracker(reduced, kinematic, q0, 2.0, dt=0.2)

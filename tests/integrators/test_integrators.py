@@ -92,7 +92,7 @@ def test_tolerance_is_what_it_costs():
     q0 = reduced.robot.configuration({"root_joint": (0, 0, 0.3, 0, 0, 0, 1)})
     drifts = []
     for tolerance in (1e-6, 1e-9, 1e-12):
-        run = rnc.free_motion(reduced, q0, [0.3, 6.0, 0.4], 4.0, dt=0.1, rtol=tolerance, atol=tolerance)
+        run = rnc.free_motion(reduced, q0, [0.3, 6.0, 0.4], 4.0, dt=0.1, tolerance=tolerance)
         drifts.append(np.ptp(run.energy) / run.energy[0])
     assert drifts[0] > 30 * drifts[1] > 1000 * drifts[2]
     assert drifts[2] < 1e-11
@@ -106,7 +106,7 @@ def test_feedback_and_damping_act():
     assert braked.energy[-1] < 0.2 * braked.energy[0]
     np.testing.assert_allclose(braked.T, -20 * braked.v2, atol=1e-12)
     np.testing.assert_allclose(braked.energy - braked.work, braked.energy[0], atol=1e-10)
-    damped = rnc.free_motion(reduced, q0, v2, 3.0, plant=rnc.ReducedPlant(reduced, joint_damping=True))
+    damped = rnc.free_motion(rnc.ReducedPlant(reduced, joint_damping=True), q0, v2, 3.0)
     assert (np.diff(damped.energy) < 0).all()
 
 
@@ -127,12 +127,25 @@ def test_a_motion_into_a_singularity_keeps_what_it_has():
 
 
 @pytest.mark.parametrize(
-    "arguments", [{"duration": 0.0}, {"duration": 1.0, "dt": 2.0}, {"duration": 1.0, "rtol": 0.0}, {"duration": np.inf}]
+    "arguments",
+    [
+        {"duration": 0.0},
+        {"duration": 1.0, "dt": 2.0},
+        {"duration": 1.0, "tolerance": (1e-9, 0.0)},
+        {"duration": np.inf},
+    ],
 )
 def test_times_and_tolerances_that_make_no_sense_are_refused(arguments):
     reduced = space_robot_in_joints()
     with pytest.raises(rnc.InputError, match="have to be positive"):
         rnc.free_motion(reduced, reduced.robot.configuration(), np.zeros(3), **arguments)
+
+
+def test_options_of_a_controller_are_refused():
+    reduced = space_robot_in_joints()
+    for options in ({"loop": {"brake": 1.0}}, {"observer": print}, {"controller_state": 1.0}):
+        with pytest.raises(rnc.ConfigurationError, match="takes stop and meta only"):
+            rnc.free_motion(reduced, np.zeros(4), np.zeros(3), 1.0, options=rnc.SimulationOptions(**options))
 
 
 def test_shapes_are_refused_by_name():

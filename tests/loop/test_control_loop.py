@@ -469,7 +469,7 @@ def swing(limits, anti_windup=True):
     q0 = robot.configuration({"joint_1": 0.3, "joint_2": 0.6, "joint_3": 0.4})
     way = rnc.planning.MinimumJerk(reduced.at(q0).outputs()[1], [1.3, -0.4, 0.9], duration=1.5)
     target = rnc.control.ReducingOutputController(reduced, way)
-    tracker = rnc.tuned_tracker(reduced, target, q0, 1.5, dt=0.003, adaptation=5.0)
+    tracker = rnc.tuned_tracker(reduced, target, q0, 1.5, dt=0.003, design=rnc.control.GainDesign(adaptation=5.0))
     controller = tracker if anti_windup else WithoutDeficit(tracker)
     return rnc.simulate(reduced, controller, q0, 5.0, 0.003, options=rnc.SimulationOptions(loop={"limits": limits}))
 

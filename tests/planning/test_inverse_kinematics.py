@@ -95,7 +95,7 @@ def test_a_target_out_of_reach_is_reported_with_its_distance():
     q0 = reduced.robot.configuration({"joint_1": 0.3, "joint_2": 0.5})
     goal = shoulder + np.array([3.0 * first + second, 1.0])
     distance = float(np.linalg.norm(goal - shoulder))
-    result = rnc.solve_ik(reduced, q0, {rnc.FramePosition("tip", "xy"): goal}, starts=5)
+    result = rnc.solve_ik(reduced, q0, {rnc.FramePosition("tip", "xy"): goal}, search=rnc.IkSearch(starts=5))
     assert not result.converged
     assert result.unreachable == {"tip": pytest.approx(distance - first - second, abs=1e-6)}
     tip = reduced.at(result.q).outputs()[1]
@@ -103,7 +103,7 @@ def test_a_target_out_of_reach_is_reported_with_its_distance():
         (first + second) / distance * (goal - shoulder), abs=1e-3
     )  # the minimum is flat
     # Two targets of which one can be reached alone: both errors are reported.
-    both = rnc.solve_ik(reduced, q0, {"tip_x": goal[0], "tip_y": shoulder[1]}, starts=5)
+    both = rnc.solve_ik(reduced, q0, {"tip_x": goal[0], "tip_y": shoulder[1]}, search=rnc.IkSearch(starts=5))
     assert set(both.residuals) == {"tip_x", "tip_y"}
     assert both.unreachable["tip_x"] == pytest.approx(goal[0] - shoulder[0] - first - second, abs=1e-6)
     assert "tip_y" not in both.unreachable
@@ -167,7 +167,7 @@ def test_reachable_poses_of_published_robots_are_reached(name):
     for seed in range(10):
         goal = random_pose(robot, frame, generator)
         targets = {rnc.FramePosition(frame): goal.translation, rnc.FrameOrientation(frame): goal.rotation}
-        result = rnc.solve_ik(reduced, robot.configuration(), targets, seed=seed)
+        result = rnc.solve_ik(reduced, robot.configuration(), targets, search=rnc.IkSearch(seed=seed))
         assert result.converged, result
         assert within_limits(robot.model, result.q)
         pin.framesForwardKinematics(robot.model, data, result.q)
@@ -182,7 +182,7 @@ def test_poses_beyond_the_arm_are_reported():
         away = goal.translation / np.linalg.norm(goal.translation) * 2.0
         position, orientation = rnc.FramePosition("tool0"), rnc.FrameOrientation("tool0")
         targets = {position: away, orientation: goal.rotation}
-        result = rnc.solve_ik(reduced, robot.configuration(), targets, seed=seed, starts=4)
+        result = rnc.solve_ik(reduced, robot.configuration(), targets, search=rnc.IkSearch(starts=4, seed=seed))
         assert not result.converged
         assert result.unreachable["tool0"] > 2.0 - 1.1  # it reaches 0.95 m from a shoulder 0.09 m above the ground
 
@@ -214,7 +214,7 @@ def test_a_four_bar_closes_exactly_at_any_reachable_crank_angle():
     # The rocker turns back where crank and coupler are aligned. Beyond, the loop stays closed.
     ground, rocker, near = systems.GROUND, systems.ROCKER, systems.COUPLER - systems.CRANK
     end = np.pi - np.arccos((ground**2 + rocker**2 - near**2) / (2 * ground * rocker))
-    result = rnc.solve_ik(reduced, q0, {rnc.JointPosition(names[2]): end + 0.2}, starts=10)
+    result = rnc.solve_ik(reduced, q0, {rnc.JointPosition(names[2]): end + 0.2}, search=rnc.IkSearch(starts=10))
     assert not result.converged
     assert result.holonomic_residual < 1e-11
     assert result.unreachable[names[2]] == pytest.approx(0.2, abs=1e-4)
@@ -238,7 +238,7 @@ def test_obstacles_are_avoided_and_reported():
     assert distances.smallest(result.q, beyond=0.1).min() >= 0.02
     # A hand inside the obstacle is impossible: pair and depth are reported.
     inside = CollisionDistances(robot, [Obstacle(coal.Sphere(0.15), position=(0.5, 0.1, 0.35), name="ball")], q0=q0)
-    blocked = rnc.solve_ik(reduced, q0, target, collisions=inside, starts=3)
+    blocked = rnc.solve_ik(reduced, q0, target, collisions=inside, search=rnc.IkSearch(starts=3))
     assert not blocked.converged
     assert blocked.collisions or blocked.unreachable
 
@@ -254,7 +254,9 @@ def test_a_goal_behind_a_wall_is_approached_as_near_as_the_weights_say():
     wall = Obstacle(coal.Box(0.2, 2.0, 2.0), position=(1.1, 0.0, 0.0), name="wall")  # its face is at 1
     reduced, distances = rnc.NonholonomicSystem(robot).reduce(), CollisionDistances(robot, [wall])
     goal = {rnc.FramePosition("ball", "x"): [0.95]}
-    found = rnc.solve_ik(reduced, robot.configuration(), goal, collisions=distances, clearance=0.02, starts=1)
+    found = rnc.solve_ik(
+        reduced, robot.configuration(), goal, collisions=distances, clearance=0.02, search=rnc.IkSearch(starts=1)
+    )
     assert not found.converged
     assert found.q[0] == pytest.approx((0.95 + 9 * (1.0 - 0.1 - 0.02 - 1e-3)) / 10, abs=1e-7)
 
@@ -264,7 +266,7 @@ def test_equal_seeds_give_equal_bits():
     reduced = rnc.NonholonomicSystem(robot).reduce()
     goal = random_pose(robot, "tool0", np.random.default_rng(5))
     targets = {rnc.FramePosition("tool0"): goal.translation, rnc.FrameOrientation("tool0"): pin.log3(goal.rotation)}
-    one, other = (rnc.solve_ik(reduced, robot.configuration(), targets, seed=3) for _ in range(2))
+    one, other = (rnc.solve_ik(reduced, robot.configuration(), targets, search=rnc.IkSearch(seed=3)) for _ in range(2))
     assert np.array_equal(one.q, other.q)
     with pytest.raises(AttributeError):
         one.converged = False
@@ -282,13 +284,18 @@ def test_equal_seeds_give_equal_bits():
         ({3: 1.0}, {}, rnc.ConfigurationError, "name of an output or an output object, found 3"),
         ({rnc.FrameOrientation("tip"): 2 * np.eye(3)}, {}, rnc.InputError, "the matrix is not a rotation"),
         ({"tip_x": 1.0, rnc.FramePosition("tip", "x"): 1.0}, {}, rnc.ConfigurationError, "two targets for output"),
-        ({"tip_x": 1.0}, {"starts": 0}, rnc.InputError, "starts has to be a positive integer"),
-        ({"tip_x": 1.0}, {"tolerance": 0.0}, rnc.InputError, "tolerance has to be a number of at least"),
+        ({"tip_x": 1.0}, {"search": {"starts": 0}}, rnc.InputError, "starts has to be a positive integer"),
+        ({"tip_x": 1.0}, {"search": {"tolerance": 0.0}}, rnc.InputError, "tolerance has to be a number of at least"),
         ({"tip_x": 1.0}, {"collisions": "all"}, rnc.InputError, "collisions has to be a CollisionDistances"),
         ({"tip_x": 1.0}, {"hold": ["jont_1"]}, rnc.ModelError, "did you mean 'joint_1'"),
     ],
 )
 def test_requests_without_meaning_are_refused(targets, options, kind, words):
     reduced = systems.mobile_manipulator()
+
+    def solve(search=None, **others):
+        search = rnc.IkSearch(**(search or {}))
+        return rnc.solve_ik(reduced, reduced.robot.configuration(), targets, search=search, **others)
+
     with pytest.raises(kind, match=words):
-        rnc.solve_ik(reduced, reduced.robot.configuration(), targets, **options)
+        solve(**options)

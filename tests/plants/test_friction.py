@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 import rnc_pin as rnc
 from bodies import add_body
 from rnc_pin.integrators import phi_functions
-from rnc_pin.plants import FaultyPlant, ReducedPlant
+from rnc_pin.plants import Faults, FaultyPlant, ReducedPlant
 from simple_controllers import Inputs
 from systems import mobile_manipulator
 
@@ -58,7 +58,7 @@ V2, PUSH = np.array([0.5, 0.4, 0.5, -0.6]), np.array([2.0, 1.0, -0.5, 0.3])
 def errors_of(reduced, q0, steps, duration=0.5):
     """Distance from an adaptive method of order eight, for each number of steps."""
     plant = ReducedPlant(reduced, **DAMPED)
-    exact = rnc.free_motion(reduced, q0, V2, duration, duration, PUSH, plant=plant)
+    exact = rnc.free_motion(plant, q0, V2, duration, duration, PUSH)
     errors = []
     for count in steps:
         run = rnc.simulate(
@@ -214,9 +214,9 @@ def test_losses_of_a_conserved_momentum_are_refused(effects, name):
 def test_an_adaptive_method_has_no_dry_friction():
     reduced = slider(friction=1.0)
     with pytest.raises(rnc.InputError, match="dry friction is not smooth"):
-        rnc.free_motion(reduced, np.zeros(1), [1.0], 1.0, plant=ReducedPlant(reduced, **RUBBED))
-    with pytest.raises(rnc.InputError, match="requires a ReducedPlant of the same model"):
-        rnc.free_motion(reduced, np.zeros(1), [1.0], 1.0, plant=ReducedPlant(slider()))
+        rnc.free_motion(ReducedPlant(reduced, **RUBBED), np.zeros(1), [1.0], 1.0)
+    with pytest.raises(rnc.InputError, match="requires a ReducedModel or a ReducedPlant"):
+        rnc.free_motion(FaultyPlant(ReducedPlant(reduced), Faults(), reduced, 0.1), np.zeros(1), [1.0], 1.0)
 
 
 def test_a_plant_that_cannot_rub_is_named():

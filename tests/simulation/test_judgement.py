@@ -181,8 +181,9 @@ def test_goals_that_are_missed_or_not_a_number_fail():
 
 def test_a_run_that_ends_early_fails_and_its_goals_are_not_judged():
     reduced = systems.space_robot()
+    fast = rnc.SimulationOptions(rnc.Stop(speed=2.0))
     with pytest.raises(rnc.DivergenceError) as caught:
-        rnc.free_motion(reduced, bent(reduced), np.full(3, 5.0), duration=1.0, stop=rnc.Stop(speed=2.0))
+        rnc.free_motion(reduced, bent(reduced), np.full(3, 5.0), duration=1.0, options=fast)
     run = caught.value.trajectory
     verdict = rnc.simulation.judge(run, goal_errors={"far": 1.0})
     assert [each.kind for each in verdict.findings] == [FindingKind.ENDED_EARLY]

@@ -198,5 +198,10 @@ def test_a_plain_run_stops_at_lift_off(rolling, robot):
     assert len(caught.value.trajectory.time) == 20
     with pytest.raises(rnc.LimitError, match=r"lifts off at t = 0\.000 s"):
         rnc.free_motion(
-            rolling, at_height(robot, RADIUS), np.zeros(3), 0.1, inputs=[30.0], stop=rnc.Stop(lift_off=True)
+            rolling,
+            at_height(robot, RADIUS),
+            np.zeros(3),
+            0.1,
+            inputs=[30.0],
+            options=rnc.SimulationOptions(rnc.Stop(lift_off=True)),
         )

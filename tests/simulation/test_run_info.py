@@ -91,7 +91,11 @@ def test_what_one_run_says_can_be_given_to_another(run):
 def test_a_free_motion_knows_where_it_comes_from():
     reduced = space_robot()
     motion = rnc.free_motion(
-        reduced, reduced.robot.configuration({"joint_2": 1.0, "joint_3": 1.0}), np.full(3, 0.1), 0.1, meta=FULL
+        reduced,
+        reduced.robot.configuration({"joint_2": 1.0, "joint_3": 1.0}),
+        np.full(3, 0.1),
+        0.1,
+        options=rnc.SimulationOptions(meta=FULL),
     )
     assert motion.info.provenance == FULL
 

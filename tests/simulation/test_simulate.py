@@ -246,12 +246,18 @@ def test_a_free_motion_knows_the_same_plant_and_the_same_end():
     reduced = rnc.NonholonomicSystem(rnc.Robot(model), [], ["slide"]).reduce()
     mass = float(reduced.at(np.zeros(1)).H[0, 0])
     plant, push = rnc.ReducedPlant(reduced, actuator_limits=True), np.array([3.0])
-    run = rnc.free_motion(reduced, np.zeros(1), np.zeros(1), 1.0, 0.1, push, plant=plant)
+    run = rnc.free_motion(plant, np.zeros(1), np.zeros(1), 1.0, 0.1, push)
     np.testing.assert_array_equal(run.T, 2.0)
     np.testing.assert_allclose(run.q[:, 0], run.time**2 / mass, atol=1e-9)
     with pytest.raises(rnc.LimitError, match=r"joint 'slide' left its range \[-1, 1\]") as end:
         rnc.free_motion(
-            reduced, np.zeros(1), np.zeros(1), 9.0, 0.1, push, plant=plant, stop=rnc.Stop(position_limits=True)
+            plant,
+            np.zeros(1),
+            np.zeros(1),
+            9.0,
+            0.1,
+            push,
+            options=rnc.SimulationOptions(rnc.Stop(position_limits=True)),
         )
     assert end.value.trajectory.q.max() <= 1.0
     ended = end.value.trajectory  # it has all samples before the stop, and none of those computed with them

@@ -131,6 +131,6 @@ def space_robot_task(duration=6.0, k3=2.0, k21=2.0):
     return reduced, kinematic, q0
 
 
-def gains_along(reduced, kinematic, q0, duration, dt=0.002):
-    _, region = rnc.kinematic_rollout(reduced, kinematic, q0, duration, 0.1)
+def gains_along(reduced, kinematic, q0, duration, dt=0.002, step=0.1):
+    _, region = rnc.kinematic_rollout(reduced, kinematic, q0, duration, step)
     return VelocityGains.scaled(reduced, region, dt)

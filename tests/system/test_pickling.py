@@ -144,8 +144,9 @@ def test_runs_and_errors_go_over():
     """A pool hands errors back as pickles: what they carry comes along."""
     robot = rnc.Robot.from_urdf("space_robot.urdf", gravity=(0, -9.81, 0))
     reduced = rnc.NonholonomicSystem(robot).reduce()
+    fast = rnc.SimulationOptions(rnc.Stop(speed=2.0))
     with pytest.raises(rnc.DivergenceError) as caught:
-        rnc.free_motion(reduced, robot.configuration(), np.zeros(4), duration=1.0, stop=rnc.Stop(speed=2.0))
+        rnc.free_motion(reduced, robot.configuration(), np.zeros(4), duration=1.0, options=fast)
     other = again(caught.value)
     assert str(other) == str(caught.value)
     assert np.array_equal(other.trajectory.q, caught.value.trajectory.q)

@@ -169,5 +169,5 @@ def test_the_position_tracker_holds_too():
 
 def test_scaled_gains_adapt_as_fast_as_asked():
     reduced, q0, *_ = held_tiago()
-    gains = VelocityGains.scaled(reduced, q0[None], 0.002, adaptation=30.0)
+    gains = VelocityGains.scaled(reduced, q0[None], 0.002, rnc.control.GainDesign(adaptation=30.0))
     np.testing.assert_allclose(gains.beta, 30.0 * gains.k)

@@ -184,7 +184,7 @@ def test_reference_of_the_racer_keeps_energy_and_constraints():
 
 def agree_while_folding(reduced, outputs, z):
     q, v = racer_from_bodies(z)
-    run = rnc.free_motion(reduced, q[0], v[0, outputs], DURATION, dt=SPACING, rtol=1e-12, atol=1e-12)
+    run = rnc.free_motion(reduced, q[0], v[0, outputs], DURATION, dt=SPACING, tolerance=1e-12)
     np.testing.assert_allclose(run.time, TIMES, atol=ROUNDING)
     np.testing.assert_allclose(run.q, q, rtol=0, atol=MOTION)
     np.testing.assert_allclose(run.v, v, rtol=0, atol=MOTION)
@@ -381,6 +381,6 @@ def test_cars_steer_through_straight(car, order):
     """If both front wheels, or both steered rear wheels, come first, the first two lateral rows coincide there."""
     _, q, v = through_straight(car)
     reduced = car.reduce(tuple(order.split()))
-    run = rnc.free_motion(reduced, q[0], v[0, [0, 3]], CROSSING[-1], dt=CROSSING[1], rtol=1e-12, atol=1e-12)
+    run = rnc.free_motion(reduced, q[0], v[0, [0, 3]], CROSSING[-1], dt=CROSSING[1], tolerance=1e-12)
     np.testing.assert_allclose(run.q, q, rtol=0, atol=MOTION)
     np.testing.assert_allclose(run.v, v, rtol=0, atol=MOTION)

@@ -279,4 +279,5 @@ def sweep(**given: Given) -> int:
     """
     find_scenario(given["scenario"])
     announce(f"{given['scenario']}: reading the scenario", given["as_json"])
-    return _command("sweep_scenario")(**given)
+    scheduler = given.pop("scheduler")
+    return _command("sweep_scenario")(**{**given, "jobs": scheduler or given["jobs"]})

@@ -3,21 +3,184 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
-from rnc_pin.applications.drive.base import ARRIVED
+from rnc_pin.applications.drive.base import ARRIVED, BaseRates, DrivenBase, base_rows, curvature, rates_to_goal
 from rnc_pin.applications.drive.controls import DriveControls
 from rnc_pin.applications.drive.goals import DriveGoals, initial_goals, with_command
 from rnc_pin.applications.drive.log import CommandLog
 from rnc_pin.applications.drive.moved_obstacles import MovedMotion
-from rnc_pin.applications.drive.tasks import DrivenBaseTask, DrivenFrameTask, DrivenPostureTask, GoalBoard
 from rnc_pin.control import Description, TrackerState, VelocityTarget
-from rnc_pin.control.whole_body import LimitReport, ProgramState, VelocityQP
+from rnc_pin.control.whole_body import ControlSample, LimitReport, ProgramState, VelocityQP
 from rnc_pin.control.whole_body.limits import ControlLimit
-from rnc_pin.control.whole_body.tasks import ControlTask, DampingTask
+from rnc_pin.control.whole_body.tasks import BoundTask, ControlTask, DampingTask, TaskRows
 from rnc_pin.model import Measurement, ReducedModel
+
+_ATTITUDE = 0.3  # [m/rad]; error of the orientation beside that of the position
+_STILL = 0.1  # weight of joints whose posture gain is zero
+_BASE_AT_REST = 1.0  # weight of the base's velocity beside the posture
+
+
+class GoalBoard:
+    """Goals of the present sample. The controller writes them before each program, from its own state."""
+
+    def __init__(self, controls: DriveControls, goals: DriveGoals) -> None:
+        self.controls, self.goals = controls, goals
+
+    def gain(self, name: str) -> float:
+        """Value of a gain or a speed."""
+        return self.goals.gains[list(self.controls.gains).index(name)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrivenBaseTask(ControlTask):
+    """Velocity of the base by command or towards its goal; without them, idle or at rest.
+
+    Args:
+        board: goals.
+        base: the base.
+        resting: True for the task at the lowest level that keeps the base at rest; False for the commands.
+    """
+
+    board: GoalBoard
+    base: DrivenBase
+    resting: bool = False
+
+    def bind(self, reduced: ReducedModel) -> BoundTask:
+        return _BoundBase(self, reduced)
+
+
+class _BoundBase(BoundTask):
+    def __init__(self, task: DrivenBaseTask, reduced: ReducedModel) -> None:
+        self._task, self._robot = task, reduced.robot
+        base = task.base
+        self._frame = reduced.robot.frame_id(base.frame)
+        self._places = [reduced.robot.velocity_indices(name).start for name in task.board.controls.joints]
+        self._steering = None
+        if base.steering is not None:
+            self._steering = reduced.robot.velocity_indices(base.steering).start
+        self.names = tuple(f"{base.frame} {name}" for name in ("forward", "turn", "left"))
+
+    def rows(self, sample: ControlSample) -> TaskRows:
+        base, goals = self._task.base, self._task.board.goals
+        rows = base_rows(self._robot, base.frame, sample.end)
+        if not base.slides:
+            rows[2] = 0.0
+        if not base.turns:
+            rows[1] = 0.0 if self._steering is None else np.eye(rows.shape[1])[self._steering]
+        wanted = None if self._task.resting else self._rates(sample)
+        if wanted is not None:
+            return TaskRows(rows, np.array([wanted.forward, wanted.turn, wanted.left]))
+        if not self._task.resting and not goals.hold_base:
+            return TaskRows(np.zeros_like(rows), np.zeros(3))
+        if not base.turns:
+            rows[1] = 0.0  # the posture has the steering joint
+        return TaskRows((_BASE_AT_REST if self._task.resting else 1.0) * rows, np.zeros(3))
+
+    def _rates(self, sample: ControlSample) -> BaseRates | None:
+        board, base = self._task.board, self._task.base
+        speed, turn = board.gain("base speed"), board.gain("turn rate")
+        shares = board.goals.velocity_at(sample.time - sample.dt)
+        if shares is not None:
+            forward, left, round_ = shares
+            return BaseRates(speed * forward, speed * left, turn * round_ * (1.0 if base.turns else base.steering_sign))
+        goal = board.goals.base_goal
+        if goal is None:
+            return None
+        placed = sample.end.position.placement(self._frame)
+        x, y = (float(each) for each in placed.translation[:2])
+        yaw = float(np.arctan2(placed.rotation[1, 0], placed.rotation[0, 0]))
+        bend = 0.0
+        if not base.turns:
+            bend = curvature(sample.end, base_rows(self._robot, base.frame, sample.end), self._places)
+        return rates_to_goal(base, (x, y, yaw), goal, bend, speed, turn)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrivenFrameTask(ControlTask):
+    """Goal of a frame, approached at most at the speed of the board; idle without a goal.
+
+    Args:
+        board: goals.
+        index: place of the frame in the controls.
+    """
+
+    board: GoalBoard
+    index: int
+
+    def bind(self, reduced: ReducedModel) -> BoundTask:
+        return _BoundFrame(self, reduced)
+
+
+class _BoundFrame(BoundTask):
+    def __init__(self, task: DrivenFrameTask, reduced: ReducedModel) -> None:
+        self._board, self._index = task.board, task.index
+        name = list(task.board.controls.frames)[task.index]
+        self._frame = reduced.robot.frame_id(name)
+        self.names = tuple(f"{name} {axis}" for axis in ("x", "y", "z", "about x", "about y", "about z"))
+        self._idle = TaskRows(np.zeros((6, reduced.n)), np.zeros(6))
+
+    def rows(self, sample: ControlSample) -> TaskRows:
+        board = self._board
+        goal = board.goals.frames[self._index]
+        if goal is None:
+            return self._idle
+        at = sample.end.position
+        placed, jacobian = at.placement(self._frame), at.jacobian(self._frame).copy()
+        gain, speed = board.gain("frame gain"), board.gain("frame speed")
+        rate = np.zeros(6)
+        rate[:3] = limited(gain * (np.array(goal.position) - placed.translation), speed)
+        if goal.orientation is None:
+            jacobian[3:] = 0.0
+        else:
+            wanted = pin.Quaternion(np.array(goal.orientation)).normalized().toRotationMatrix()
+            rate[3:] = limited(gain * pin.log3(wanted @ np.array(placed.rotation).T), speed / _ATTITUDE)
+            jacobian[3:] *= _ATTITUDE
+            rate[3:] *= _ATTITUDE
+        return TaskRows(jacobian, rate)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrivenPostureTask(ControlTask):
+    """Joints that move to their positions on the board, at most at its joint speed.
+
+    Args:
+        board: goals.
+    """
+
+    board: GoalBoard
+
+    def bind(self, reduced: ReducedModel) -> BoundTask:
+        return _BoundDrivenPosture(self, reduced)
+
+
+class _BoundDrivenPosture(BoundTask):
+    def __init__(self, task: DrivenPostureTask, reduced: ReducedModel) -> None:
+        self._board, self._robot = task.board, reduced.robot
+        joints = list(task.board.controls.joints)
+        self._places = [reduced.robot.velocity_indices(name).start for name in joints]
+        self.names = tuple(f"{name} posture" for name in joints)
+        self._jacobian = np.eye(reduced.n)[self._places]
+
+    def rows(self, sample: ControlSample) -> TaskRows:
+        board = self._board
+        goal = self._robot.configuration(dict(zip(board.controls.joints, board.goals.posture, strict=True)))
+        error = pin.difference(self._robot.model, sample.end.q, goal)[self._places]
+        speed, gain = board.gain("joint speed"), board.gain("posture gain")
+        rate = np.clip(gain * error, -speed, speed)
+        root = 1.0 if gain > 0 else _STILL
+        return TaskRows(root * self._jacobian, root * rate)
+
+
+def limited(rate: np.ndarray, largest: float) -> np.ndarray:
+    """Return a vector, shortened to a largest length."""
+    length = float(np.linalg.norm(rate))
+    return rate if length <= largest else rate * (largest / length)
+
 
 _DAMPING = 0.02  # weight of the reduced velocities at the lowest level
 

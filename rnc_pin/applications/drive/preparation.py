@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import cast
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from rnc_pin.applications.scenario.files import ROBOT_FILES, built_in_names, rob
 from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.schema import ScenarioFile
+from rnc_pin.collision import Obstacle
 from rnc_pin.control import ActuatorVelocityController, ComputedTorque, VelocityQP, VelocityTracker, describe
 from rnc_pin.control.whole_body.limits import CollisionAvoidance, ControlLimit
 from rnc_pin.errors import ConfigurationError, few
@@ -135,12 +136,11 @@ def _driven(scenario: Scenario, frames: tuple[str, ...]) -> PreparedDrive:
     obstacles, motions = movable(experiment.obstacles)
     joints = [name for name in reduced.reducing.names if name in reduced.robot.joint_names]
     controls, log = find_controls(reduced, experiment.q0, frames, joints, obstacles), CommandLog()
-    tracker: Any = experiment.controller
-    program: VelocityQP = tracker.target
+    program = cast(VelocityQP, experiment.program)  # the controller of every driven scenario
     limits = _with_obstacles(program.limits, reduced, experiment, obstacles)
     controller = DriveController(reduced, controls, log, limits, motions, settings.dt)
-    tracker = copy.copy(tracker)
-    tracker.target = controller
+    tracker = copy.copy(experiment.controller)
+    vars(tracker)["target"] = controller
     driven = replace(
         experiment,
         controller=tracker,
@@ -152,7 +152,7 @@ def _driven(scenario: Scenario, frames: tuple[str, ...]) -> PreparedDrive:
 
 
 def _with_obstacles(
-    limits: Sequence[ControlLimit], reduced: ReducedModel, experiment: Experiment, obstacles: Sequence[Any]
+    limits: Sequence[ControlLimit], reduced: ReducedModel, experiment: Experiment, obstacles: Sequence[Obstacle]
 ) -> list[ControlLimit]:
     """Return the limits of the scenario, with distances to the obstacles that move."""
     geometry = reduced.robot.collision_model

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import MISSING, dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from types import UnionType
+from typing import NamedTuple, Union, cast, get_args, get_origin
 
 import coal
 import numpy as np
@@ -15,17 +16,17 @@ from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.plant_builder import build_plant
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.constraints import ConstraintItem
+from rnc_pin.applications.scenario.schema.derived import Entry, ReadAs
 from rnc_pin.applications.scenario.schema.forces import ActuatorItem, ForceItem
 from rnc_pin.applications.scenario.schema.outputs import OutputItem, Outputs
 from rnc_pin.applications.scenario.schema.reference_settings import ReferenceItem
 from rnc_pin.applications.scenario.schema.robot_source import RobotSource
-from rnc_pin.applications.scenario.schema.spelling import spelled
 from rnc_pin.applications.scenario.start_findings import start_findings, warnings_of
 from rnc_pin.collision import Obstacle, check_ignored_links
 from rnc_pin.control import Controller, describe
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.io import Json
-from rnc_pin.model import ReducedModel, Task
+from rnc_pin.model import ReducedModel, Task, vector
 from rnc_pin.planning import Reference, RelativeReference
 from rnc_pin.plants import Plant
 from rnc_pin.robots import Robot
@@ -39,17 +40,28 @@ FileForm = Mapping[str, Json]
 
 @dataclass(frozen=True)
 class RunObjects:
-    """Objects of a run, each of which may be in the form of a file instead.
+    """Objects of a run, for ``Scenario.of``. A mapping gives the form of a scenario file instead.
 
     Attributes:
-        reduced: the reduced model.
-        controller: controller.
+        reduced: the reduced model, from ``NonholonomicSystem.reduce``.
+        controller: a controller, or its mapping: ``{"type": "reducing_outputs", "preset": "scaled"}``.
         q0: initial configuration (nq,).
-        v2_0: initial reduced velocity (r,); None for rest.
-        references: references by role.
-        task: roles of the outputs; None if all reducing outputs are primary.
-        plant: plant; None for the integrated reduced model.
+        v2_0: initial reduced velocity (r,) [rad/s or m/s]; at rest by default.
+        references: references by role, ``primary``, ``redundant`` and ``vertical``. A controller in a mapping needs
+            relative ones, such as ``RelativeMinimumJerk``.
+        task: roles of the outputs; by default all reducing outputs are primary.
+        plant: a plant, or its mapping; by default the integrated reduced model.
         obstacles: bodies in the world.
+
+    Raises:
+        InputError: wrong shapes.
+
+    Example:
+        >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("sleigh")]).reduce()
+        >>> objects = rnc.RunObjects(reduced, {"type": "none"}, robot.configuration(), v2_0=[1.0, 0.5])
+        >>> print(rnc.Scenario.of(objects, 0.1).run().outcome)
+        completed
     """
 
     reduced: ReducedModel
@@ -60,6 +72,11 @@ class RunObjects:
     task: Task | None = None
     plant: Plant | FileForm | None = None
     obstacles: Sequence[Obstacle] = ()
+
+    def __post_init__(self) -> None:
+        for name, size in (("q0", self.reduced.robot.nq), ("v2_0", self.reduced.r)):
+            if (value := getattr(self, name)) is not None:
+                object.__setattr__(self, name, vector(np.asarray(value), size, name))
 
 
 class FileContent(NamedTuple):
@@ -91,7 +108,7 @@ def content_of(given: RunObjects, settings: Mapping[str, Json], name: str) -> Fi
     raw: dict[str, Json] = {}
     without_form: dict[str, str] = {}
 
-    def put(key: str, item: object, value: Any) -> None:
+    def put(key: str, item: object, value: object) -> None:
         """Put a value, or the values of a list, into the mapping if all have a form."""
         try:
             form = [spelled(item, each) for each in value] if isinstance(value, list) else spelled(item, value)
@@ -240,3 +257,51 @@ def _with_objects(content: ScenarioFile, given: RunObjects) -> ScenarioFile:
     if content.outputs is None and parts.reducing is not None:
         objects["outputs"] = Outputs.model_construct(reducing=list(parts.reducing), vertical=list(parts.vertical))
     return content.model_copy(update=objects)
+
+
+def spelled(item: object, value: object) -> Json:
+    """Return the form of a value in a file.
+
+    Args:
+        item: annotation of the reader, such as ``ConstraintItem``; None for numbers, text and lists.
+        value: the value.
+
+    Raises:
+        ConfigurationError: the value has no form in a file.
+    """
+    kinds = get_args(item) if get_origin(item) in (Union, UnionType) else (item,)
+    for reader in (part for kind in kinds for part in (*get_args(kind), kind)):
+        entries: dict[str | None, Entry[object]] = {None: reader} if isinstance(reader, Entry) else {}
+        if isinstance(reader, ReadAs):
+            entries.update(reader.entries)
+        for key, entry in entries.items():
+            if type(value) is entry.kind:
+                return _spelled_by(entry, value) if key is None else {key: _spelled_by(entry, value)}
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, np.ndarray | np.generic):
+        return cast(Json, value.tolist())
+    if isinstance(value, list | tuple):
+        return [spelled(None, each) for each in value]
+    raise ConfigurationError(f"a {type(value).__name__} has no form in a file")
+
+
+def _spelled_by(entry: Entry[object], value: object) -> Json:
+    """Mapping of an object, without the parameters that have their defaults."""
+    if entry.only is not None:
+        return spelled(None, getattr(value, entry.only))
+    found: dict[str, Json] = {}
+    for each in entry.parameters:
+        part = getattr(value, each.name)
+        if each.name in entry.required or not _same(part, each.default):
+            found[entry.key(each.name)] = spelled(entry.forms.get(each.name), part)
+    return found
+
+
+def _same(value: object, default: object) -> bool:
+    if value is default:
+        return True
+    plain = (bool, int, float, str, list, tuple, np.ndarray)
+    if default is MISSING or not (isinstance(value, plain) and isinstance(default, plain)):
+        return False
+    return bool(np.array_equal(cast(np.ndarray, value), cast(np.ndarray, default)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 import yaml
-from numpy.typing import ArrayLike
 
 from rnc_pin.applications.scenario.builder import (
     Experiment,
@@ -25,7 +24,7 @@ from rnc_pin.applications.scenario.builder import (
 )
 from rnc_pin.applications.scenario.controllers import without_foreign_gains
 from rnc_pin.applications.scenario.files import apply_options, find_scenario, is_built_in, read_yaml, with_options
-from rnc_pin.applications.scenario.from_objects import FileForm, RunObjects, content_of, experiment_of
+from rnc_pin.applications.scenario.from_objects import RunObjects, content_of, experiment_of
 from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.phase_builder import build_phased
 from rnc_pin.applications.scenario.planner_builder import Plans
@@ -39,8 +38,8 @@ from rnc_pin.collision import Obstacle
 from rnc_pin.control import Controller
 from rnc_pin.errors import ConfigurationError, InfeasibleError, ModelWarning, RncError
 from rnc_pin.io import Json
-from rnc_pin.model import NonholonomicSystem, ReducedModel, Task, vector
-from rnc_pin.planning import Reference, RelativeReference
+from rnc_pin.model import NonholonomicSystem, ReducedModel, Task
+from rnc_pin.planning import Reference
 from rnc_pin.plants import Plant
 from rnc_pin.printing import ObjectSummary, SummaryMixin, items
 from rnc_pin.robots import Robot
@@ -90,17 +89,10 @@ class Scenario(SummaryMixin):
     @classmethod
     def of(
         cls,
-        reduced: ReducedModel,
-        controller: Controller | FileForm,
-        q0: ArrayLike,
+        objects: RunObjects,
         duration: float,
         dt: float = 0.002,
         *,
-        references: Mapping[str, Reference | RelativeReference | FileForm] | None = None,
-        task: Task | None = None,
-        v2_0: ArrayLike | None = None,
-        plant: Plant | FileForm | None = None,
-        obstacles: Sequence[Obstacle] = (),
         settings: Mapping[str, Json] | None = None,
         name: str = "scenario",
     ) -> Scenario:
@@ -110,24 +102,15 @@ class Scenario(SummaryMixin):
         mapping in the form of a scenario file in their place. Functions of your own have none.
 
         Args:
-            reduced: the reduced model, from ``NonholonomicSystem.reduce``.
-            controller: a controller, or its mapping: ``{"type": "reducing_outputs", "preset": "scaled"}``.
-            q0: initial configuration (nq,).
+            objects: model, controller, start, references and what else the run needs.
             duration: simulated time [s].
             dt: sampling period [s].
-            references: references by role, ``primary``, ``redundant`` and ``vertical``. A controller in a mapping
-                needs relative ones, such as ``RelativeMinimumJerk``.
-            task: roles of the outputs; by default all reducing outputs are primary.
-            v2_0: initial reduced velocity (r,) [rad/s or m/s]; at rest by default.
-            plant: a plant, or its mapping; by default the integrated reduced model.
-            obstacles: bodies in the world.
             settings: other keys of a scenario file, such as ``{"goal_tolerance": 0.01}``.
             name: name of the scenario.
 
         Raises:
             ConfigurationError: a mapping is not valid, a role is not known, or a controller in a mapping has references
                 or obstacles without a form in a file.
-            InputError: wrong shapes.
 
         Example:
             >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
@@ -135,25 +118,23 @@ class Scenario(SummaryMixin):
             >>> reduced = system.reduce([rnc.JointPosition(f"joint_{k}") for k in (1, 2, 3)])
             >>> reach = {"primary": rnc.planning.RelativeMinimumJerk(to=[0.5, 0.4, -0.3], duration=1.0)}
             >>> tracker = {"type": "reducing_outputs", "preset": "scaled"}
-            >>> scenario = rnc.Scenario.of(reduced, tracker, robot.configuration(), 1.5, references=reach)
+            >>> objects = rnc.RunObjects(reduced, tracker, robot.configuration(), references=reach)
+            >>> scenario = rnc.Scenario.of(objects, 1.5)
             >>> scenario.run().verdict.word, dict(scenario.without_form)
             ('succeeded', {})
         """
-        configuration = vector(np.asarray(q0), reduced.robot.nq, "q0")
-        velocity = None if v2_0 is None else vector(np.asarray(v2_0), reduced.r, "v2_0")
-        references = references or {}
-        given = RunObjects(reduced, controller, configuration, velocity, references, task, plant, obstacles)
+        reduced, controller, plant = objects.reduced, objects.controller, objects.plant
         more = dict(settings or {})
         more["simulation"] = {**_mapping(more.get("simulation")), "duration": duration, "dt": dt}
-        raw, content, without_form = content_of(given, more, name)
+        raw, content, without_form = content_of(objects, more, name)
         made = cls(name, raw, Path.cwd(), source=name, without_form=without_form)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ModelWarning)  # the user has seen those of the system
             system = NonholonomicSystem(reduced.robot, *reduced.given[:4])
         made = made.built_with(content, BuiltModel(system, reduced, ()))
         if not isinstance(controller, Mapping):
-            made.__dict__["obstacles"] = tuple(obstacles)
-            return made.built_with(experiment=experiment_of(content, given))
+            made.__dict__["obstacles"] = tuple(objects.obstacles)
+            return made.built_with(experiment=experiment_of(content, objects))
         if plant is not None and not isinstance(plant, Mapping):
             return made.built_with(experiment=replace(made.experiment, plant=plant))
         return made

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
+import numpy as np
+
+from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import apply_options, find_scenario, read_yaml
 from rnc_pin.applications.scenario.loading import validate
-from rnc_pin.applications.sweep.function_runs import Build, FunctionRuns, canonical, check_names
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.sweep.reports import write_reports
 from rnc_pin.applications.sweep.results import SweepResults
 from rnc_pin.applications.sweep.row_tables import Kinds, common_kind, kind_of, kind_of_all
 from rnc_pin.applications.sweep.run_store import BLOCK, RunStore, block_rows
 from rnc_pin.applications.sweep.scenario_runs import ScenarioRuns
-from rnc_pin.applications.sweep.seeded_draws import Draw, SeededDraws, draws_of
+from rnc_pin.applications.sweep.seeded_draws import Draw, Draws, SeededDraws, draws_of
 from rnc_pin.applications.sweep.specification import (
     RUNS,
     describe_function,
@@ -23,12 +27,110 @@ from rnc_pin.applications.sweep.specification import (
     specification_of,
     sweep_folder,
 )
-from rnc_pin.applications.sweep.swept_run import Numbered, Row, Runs
+from rnc_pin.applications.sweep.swept_run import (
+    Numbered,
+    Row,
+    Runs,
+    is_result_column,
+    refused,
+    results_of,
+    save_trajectory,
+)
 from rnc_pin.applications.sweep.worker_pool import finished_runs
-from rnc_pin.errors import ConfigurationError
+from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.extras import check_extra
 from rnc_pin.interruption import uninterrupted
 from rnc_pin.io import Json, to_json_mapping
+from rnc_pin.simulation import Outcome, Summary, Trajectory, add_verdict, simulate, summarize
+
+Build: TypeAlias = Callable[[dict[str, Any]], "Mapping[str, object] | Trajectory | Scenario"]
+"""Function of drawn values that returns the arguments of ``simulate`` by name, or a finished run."""
+
+
+class FunctionRuns:
+    """Runs that a function builds from drawn values.
+
+    Args:
+        build: function of the drawn values.
+        draws: seeded draws; None if every run gets its values.
+        trajectories: folder of the sweep, for trajectories; None writes none.
+    """
+
+    advance_together = False
+
+    def __init__(self, build: Build, draws: SeededDraws | None, trajectories: str | None = None) -> None:
+        self._build, self._draws, self._trajectories = build, draws, trajectories
+
+    def rows(self, batch: Sequence[Numbered]) -> list[Row]:
+        """Simulate the runs one after the other and return their rows."""
+        return [self.row(run, draw) for run, draw in batch]
+
+    def row(self, run: int, draw: Draw | None = None) -> Row:
+        """Simulate a run and return its row."""
+        start = time.perf_counter()
+        if draw is None:
+            assert self._draws is not None
+            draw = next(self._draws.of_run(run))
+        check_names(draw)
+        with np.errstate(over="ignore", invalid="ignore"):  # diverged values
+            results = self._results(run, draw)
+        return {"run": run, **canonical(draw), **results, "wall_time": time.perf_counter() - start}
+
+    def _results(self, run: int, draw: Draw) -> Row:
+        try:
+            summary, trajectory = _simulated(self._build(dict(draw)))
+        except RncError as error:
+            if not isinstance(error.trajectory, Trajectory):
+                return refused("refused", error)
+            trajectory = error.trajectory
+            summary = _judged(trajectory)
+        if trajectory.outcome is Outcome.INTERRUPTED:
+            raise KeyboardInterrupt
+        save_trajectory(trajectory, self._trajectories, run)
+        return results_of(summary)
+
+
+def _simulated(built: object) -> tuple[Summary, Trajectory]:
+    if isinstance(built, Scenario):
+        result = execute(built)
+        return result.summary, result.trajectory
+    if isinstance(built, Mapping):
+        built = simulate(**built)
+    if not isinstance(built, Trajectory):
+        raise TypeError(
+            f"build returned {type(built).__name__}, expected the arguments of rnc.simulate by name, or a Trajectory"
+        )
+    return _judged(built), built
+
+
+def _judged(run: Trajectory) -> Summary:
+    """Summary of a run with its verdict."""
+    summary = summarize(run)
+    add_verdict(summary, run.verdict)
+    return summary
+
+
+def check_names(draw: Draw) -> None:
+    """Raise an error if a drawn value has the name of a result."""
+    for name in draw:
+        if not isinstance(name, str) or is_result_column(name):
+            raise ConfigurationError(f"draws: {name!r} is the name of a result; choose another one")
+
+
+def canonical(draw: Draw) -> dict[str, object]:
+    """Drawn values as JSON content: arrays become lists, and NumPy's numbers those of Python."""
+    return {name: _plain(value) for name, value in draw.items()}
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): _plain(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    return value
+
 
 SweepProgress = Callable[[int, int | None], object]
 """Callback that takes the number of finished runs, and that of all runs if it is known."""
@@ -46,14 +148,11 @@ class _Sweep(NamedTuple):
 
 def sweep(
     build: Build | str | Path,
-    draws: int | Iterable[Draw],
+    draws: int | Draws | Iterable[Draw],
     *,
     out: str | Path,
-    jobs: int = 1,
-    distributions: Mapping[str, object] | None = None,
-    seed: int | None = None,
+    jobs: int | str = 1,
     options: Mapping[str, object] | None = None,
-    scheduler: str | None = None,
     trajectories: bool = False,
     progress: SweepProgress | None = None,
     force: bool = False,
@@ -67,15 +166,11 @@ def sweep(
         build: function that takes the drawn values as a dict and returns the arguments of ``simulate`` by name, or a
             Trajectory; or a scenario: a built-in name or a YAML file. Several processes need a function that can be
             pickled; functions in notebooks can.
-        draws: number of runs with seeded draws; or the values of each run, as an iterable of dicts. Values for a
-            scenario are options by dotted key.
+        draws: number of runs with seeded draws, or ``Draws`` with distributions and a seed; or the values of each run,
+            as an iterable of dicts. Values for a scenario are options by dotted key.
         out: folder of the results.
-        jobs: processes; -1 for all cores.
-        distributions: distribution by name, in the form of ``sweep`` in scenario files, such as ``[minimum, maximum]``
-            or ``{"normal": {"mean": 0.0, "std": 0.1}}``. A scenario has its own by default.
-        seed: seed of the draws; by default 0, or that of the scenario.
+        jobs: processes; -1 for all cores. Or the address of a Dask scheduler to run on.
         options: options of a scenario that all runs share, by dotted key.
-        scheduler: address of a Dask scheduler to run on instead.
         trajectories: write the trajectory of each run too.
         progress: called with the number of finished runs, and the number of all runs or None.
         force: replace another sweep in the folder, and write beside other files.
@@ -95,21 +190,21 @@ def sweep(
         >>> def build(draw):
         ...     return rnc.free_motion(reduced, robot.configuration(), [draw["speed"], 0.5], duration=0.1)
         >>> with tempfile.TemporaryDirectory() as folder:
-        ...     results = rnc.sweep(build, 20, distributions={"speed": [0.5, 1.5]}, out=folder)
+        ...     results = rnc.sweep(build, rnc.Draws(20, {"speed": [0.5, 1.5]}), out=folder)
         ...     print(len(results), results.outcomes, bool(results["speed"].max() < 1.5))
         20 {'completed': 20} True
     """
-    if jobs == 0 or jobs < -1:
+    if isinstance(jobs, str):
+        check_extra("dask", f"--scheduler {jobs}")  # it contains the packages of the extra sweep
+    elif jobs == 0 or jobs < -1:
         raise ConfigurationError(f"--jobs {jobs}: expected a number of processes, or -1 for all cores")
-    if scheduler is not None:
-        check_extra("dask", f"--scheduler {scheduler}")  # it contains the packages of the extra sweep
     check_extra("sweep", "sweep")
-    path = Path(out)
+    path, draws = Path(out), Draws(draws) if isinstance(draws, int) else draws
     folder = os.path.abspath(path) if trajectories else None
     if isinstance(build, str | Path):
-        whole = _scenario_sweep(str(build), draws, distributions, seed, options, folder)
+        whole = _scenario_sweep(str(build), draws, options, folder)
     else:
-        whole = _function_sweep(build, draws, distributions, seed, options, folder)
+        whole = _function_sweep(build, draws, options, folder)
     kinds = _kinds(whole.seeded)
     described = {} if whole.seeded is None else whole.seeded.describe()
     specification = specification_of(whole.description, described, whole.runs_known, trajectories, kinds)
@@ -117,7 +212,7 @@ def sweep(
         store = RunStore(path / RUNS, kinds)
         if progress is not None:
             progress(len(store), whole.runs_known)
-        for rows in finished_runs(whole.runs, _missing(whole, store, path / RUNS), jobs, scheduler):
+        for rows in finished_runs(whole.runs, _missing(whole, store, path / RUNS), jobs):
             store.add(rows)
             if progress is not None:
                 progress(len(store), whole.runs_known)
@@ -128,53 +223,36 @@ def sweep(
 
 
 def _scenario_sweep(
-    scenario: str,
-    draws: int | Iterable[Draw],
-    distributions: Mapping[str, object] | None,
-    seed: int | None,
-    options: Mapping[str, object] | None,
-    folder: str | None,
+    scenario: str, draws: Draws | Iterable[Draw], options: Mapping[str, object] | None, folder: str | None
 ) -> _Sweep:
     shared = to_json_mapping(options or {}, "options")
-    if distributions is not None:
-        shared["sweep"] = to_json_mapping(distributions, "distributions")
-    if seed is not None:
-        shared["seed"] = seed
-    description = describe_scenario(scenario, shared)
-    if isinstance(draws, int):
-        seeded = draws_of(scenario, shared)
-        return _Sweep(ScenarioRuns(scenario, shared, seeded, seeded.seed, folder), description, seeded, None, draws)
-    _refuse(distributions, "distributions")
-    path = find_scenario(scenario)
-    own = validate(apply_options(read_yaml(path), shared), path.name).seed
-    return _Sweep(ScenarioRuns(scenario, shared, None, own, folder), description, None, draws, _length(draws))
+    if not isinstance(draws, Draws):
+        path = find_scenario(scenario)
+        own = validate(apply_options(read_yaml(path), shared), path.name).seed
+        runs = ScenarioRuns(scenario, shared, None, own, folder)
+        return _Sweep(runs, describe_scenario(scenario, shared), None, draws, _length(draws))
+    if draws.distributions is not None:
+        shared["sweep"] = to_json_mapping(draws.distributions, "distributions")
+    if draws.seed is not None:
+        shared["seed"] = draws.seed
+    description, seeded = describe_scenario(scenario, shared), draws_of(scenario, shared)
+    return _Sweep(ScenarioRuns(scenario, shared, seeded, seeded.seed, folder), description, seeded, None, draws.runs)
 
 
 def _function_sweep(
-    build: Build,
-    draws: int | Iterable[Draw],
-    distributions: Mapping[str, object] | None,
-    seed: int | None,
-    options: Mapping[str, object] | None,
-    folder: str | None,
+    build: Build, draws: Draws | Iterable[Draw], options: Mapping[str, object] | None, folder: str | None
 ) -> _Sweep:
     if options:
         raise ConfigurationError("options: those of a scenario; a function takes values from its draws")
     description = describe_function(build)
-    if isinstance(draws, int):
-        if not distributions:
-            raise ConfigurationError(f"draws: {draws} runs of a function need distributions, e.g. {{'mass': [1, 2]}}")
-        seeded = SeededDraws.of(distributions, seed or 0)
-        check_names(seeded.distributions)
-        return _Sweep(FunctionRuns(build, seeded, folder), description, seeded, None, draws)
-    _refuse(distributions, "distributions")
-    _refuse(seed, "seed")
-    return _Sweep(FunctionRuns(build, None, folder), description, None, draws, _length(draws))
-
-
-def _refuse(argument: object, name: str) -> None:
-    if argument is not None:
-        raise ConfigurationError(f"{name}: has no effect on given draws; remove it, or give a number of runs")
+    if not isinstance(draws, Draws):
+        return _Sweep(FunctionRuns(build, None, folder), description, None, draws, _length(draws))
+    if not draws.distributions:
+        example = f"rnc.Draws({draws.runs}, {{'mass': [1, 2]}})"
+        raise ConfigurationError(f"draws: {draws.runs} runs of a function need distributions, e.g. {example}")
+    seeded = SeededDraws.of(draws.distributions, draws.seed or 0)
+    check_names(seeded.distributions)
+    return _Sweep(FunctionRuns(build, seeded, folder), description, seeded, None, draws.runs)
 
 
 def _length(draws: Iterable[Draw]) -> int | None:

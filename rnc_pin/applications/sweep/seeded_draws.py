@@ -19,6 +19,26 @@ Draw: TypeAlias = Mapping[str, object]
 
 
 @dataclass(frozen=True)
+class Draws:
+    """Seeded draws that ``sweep`` is asked for.
+
+    Attributes:
+        runs: number of runs.
+        distributions: distribution by name, in the form of ``sweep`` in scenario files, such as ``[minimum, maximum]``
+            or ``{"normal": {"mean": 0.0, "std": 0.1}}``. A scenario has its own by default.
+        seed: seed of the draws; by default 0, or that of the scenario.
+
+    Example:
+        >>> rnc.Draws(20, {"speed": [0.5, 1.5]}, seed=1).runs
+        20
+    """
+
+    runs: int
+    distributions: Mapping[str, object] | None = None
+    seed: int | None = None
+
+
+@dataclass(frozen=True)
 class SeededDraws:
     """Draws from distributions. Each run has its own random stream.
 

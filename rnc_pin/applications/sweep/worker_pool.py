@@ -74,20 +74,19 @@ def run_batch(
     return rows
 
 
-def finished_runs(runs: Runs, numbered: Iterator[Numbered], jobs: int, scheduler: str | None) -> Iterator[list[Row]]:
+def finished_runs(runs: Runs, numbered: Iterator[Numbered], jobs: int | str) -> Iterator[list[Row]]:
     """Yield rows as runs finish, in any order.
 
     Args:
         runs: source of the rows.
         numbered: numbers of the runs, and their given values; read as workers become free.
-        jobs: local processes; -1 for all cores. With one, this process computes.
-        scheduler: address of a Dask scheduler to run on instead.
+        jobs: local processes; -1 for all cores; with one, this process computes. Or the address of a Dask scheduler.
 
     Raises:
         ConfigurationError: the scheduler cannot be reached.
         SimulationError: workers that got the same runs ended again and again.
     """
-    if scheduler is None and (jobs == 1 or (jobs == -1 and cpu_count() == 1)):
+    if jobs == 1 or (jobs == -1 and cpu_count() == 1):
         size = 1
         while batch := list(islice(numbered, size)):
             with interruptible():
@@ -99,8 +98,8 @@ def finished_runs(runs: Runs, numbered: Iterator[Numbered], jobs: int, scheduler
         pickled = cloudpickle.dumps(runs)
     except Exception as error:  # whatever the objects of a user raise
         raise InputError(f"build cannot be pickled for other processes: {error}") from error
-    pool = _local_pool(cpu_count() if jobs == -1 else jobs) if scheduler is None else _dask_pool(scheduler)
-    parent = os.getpid() if scheduler is None else None
+    pool = _dask_pool(jobs) if isinstance(jobs, str) else _local_pool(cpu_count() if jobs == -1 else jobs)
+    parent = None if isinstance(jobs, str) else os.getpid()
     with pool as (executor, workers):
         yield from _Dispatch(pickled, executor, workers, parent, runs.advance_together).rows(numbered)
 

@@ -7,11 +7,11 @@ from pydantic import TypeAdapter
 
 import rnc_pin as rnc
 from rnc_pin.applications.scenario.files import built_in_names
+from rnc_pin.applications.scenario.from_objects import spelled
 from rnc_pin.applications.scenario.loading import constraint_of, output_of
 from rnc_pin.applications.scenario.schema.constraints import ConstraintItem
 from rnc_pin.applications.scenario.schema.forces import ActuatorItem, ForceItem
 from rnc_pin.applications.scenario.schema.outputs import OutputItem
-from rnc_pin.applications.scenario.schema.spelling import spelled
 from rnc_pin.collision import Obstacle
 from rnc_pin.control import ReducingOutputController, VelocityTracker
 from rnc_pin.planning import MinimumJerk, RelativeMinimumJerk
@@ -27,10 +27,11 @@ def arm(robot=None, constraints=None):
     return system.reduce([rnc.JointPosition(f"joint_{k}") for k in (1, 2, 3)], [rnc.JointPosition("platform")])
 
 
-def reach(reduced, controller=TRACKER, **more):
+def reach(reduced, controller=TRACKER, settings=None, **more):
     references = {"primary": RelativeMinimumJerk(to=GOAL, duration=0.6)}
     q0 = reduced.robot.configuration({"joint_1": 0.1})
-    return rnc.Scenario.of(reduced, controller, q0, 0.8, 0.002, **{"references": references, "name": "reach", **more})
+    objects = rnc.RunObjects(reduced, controller, q0, **{"references": references, **more})
+    return rnc.Scenario.of(objects, 0.8, 0.002, settings=settings, name="reach")
 
 
 def test_a_saved_scenario_is_the_same_run_to_the_bit(tmp_path):
@@ -98,7 +99,7 @@ def test_what_is_refused():
     with pytest.raises(rnc.ConfigurationError, match=r"controller\.type"):
         reach(reduced, {"type": "magic"})
     with pytest.raises(rnc.InputError, match="q0 has shape"):
-        rnc.Scenario.of(reduced, TRACKER, [0.0], 1.0)
+        rnc.Scenario.of(rnc.RunObjects(reduced, TRACKER, [0.0]), 1.0)
     with pytest.raises(rnc.ConfigurationError, match="'tolerance' is not known"):
         reach(reduced, settings={"tolerance": 1.0})
 

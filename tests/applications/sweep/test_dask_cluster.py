@@ -68,7 +68,7 @@ def test_a_cluster_has_the_rows_of_one_process_although_a_worker_is_killed(clust
             killed.append(done)
 
     arguments = {"options": QUICK, "trajectories": True}
-    there = rnc.sweep("space-robot", RUNS, scheduler=address, progress=progress, out=tmp_path / "there", **arguments)
+    there = rnc.sweep("space-robot", RUNS, jobs=address, progress=progress, out=tmp_path / "there", **arguments)
     assert killed
     assert killed[0] < RUNS
     assert not alive(workers[0].pid)
@@ -85,4 +85,4 @@ def test_a_cluster_has_the_rows_of_one_process_although_a_worker_is_killed(clust
 def test_a_scheduler_that_does_not_answer_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("rnc_pin.applications.sweep.worker_pool._ANSWER", 0.2)
     with pytest.raises(rnc.ConfigurationError, match="cannot be reached"):
-        rnc.sweep("space-robot", 2, scheduler="tcp://127.0.0.1:9", out=tmp_path / "out")
+        rnc.sweep("space-robot", 2, jobs="tcp://127.0.0.1:9", out=tmp_path / "out")

@@ -11,7 +11,7 @@ def test_shares_have_bins_of_many_runs_and_no_seeds(tmp_path, monkeypatch):
     """Short runs with a tolerance of almost zero: all of them miss their goals."""
     options = {"simulation.duration": 0.02, "simulation.dt": 0.01, "goal_tolerance": 1e-12}
     draws = {"initial.q.joint_2": [1.5, 2.0], "faults.position_bias": [0.0, 1e-3]}
-    results = rnc.sweep("space-robot", 12, out=tmp_path / "out", options=options, distributions=draws)
+    results = rnc.sweep("space-robot", rnc.Draws(12, draws), out=tmp_path / "out", options=options)
     assert "seed" in results.drawn
     drawn = []
     draw = visualization.plot_distributions

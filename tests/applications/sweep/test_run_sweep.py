@@ -42,7 +42,7 @@ def rows_of(results):
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    return rnc.sweep(Sleighs(), 12, distributions=LAWS, seed=4, out=tmp_path_factory.mktemp("whole") / "out")
+    return rnc.sweep(Sleighs(), rnc.Draws(12, LAWS, 4), out=tmp_path_factory.mktemp("whole") / "out")
 
 
 def test_a_row_is_the_run_of_its_draw(whole):
@@ -62,15 +62,15 @@ def test_a_row_is_the_run_of_its_draw(whole):
 def test_an_interrupted_sweep_continues_where_it_was(whole, tmp_path):
     calls = []
     with pytest.raises(KeyboardInterrupt):
-        rnc.sweep(Sleighs(calls, ends_at=6), 12, distributions=LAWS, seed=4, out=tmp_path / "out")
+        rnc.sweep(Sleighs(calls, ends_at=6), rnc.Draws(12, LAWS, 4), out=tmp_path / "out")
     part = rnc.load_sweep(tmp_path / "out")
     assert (len(part), part.complete) == (5, False)
     assert rows_of(part) == rows_of(whole)[:5]
     again = []
-    results = rnc.sweep(Sleighs(again), 12, distributions=LAWS, seed=4, out=tmp_path / "out")
+    results = rnc.sweep(Sleighs(again), rnc.Draws(12, LAWS, 4), out=tmp_path / "out")
     assert len(again) == 7
     assert rows_of(results) == rows_of(whole)
-    rnc.sweep(Sleighs(again), 12, distributions=LAWS, seed=4, out=tmp_path / "out")
+    rnc.sweep(Sleighs(again), rnc.Draws(12, LAWS, 4), out=tmp_path / "out")
     assert len(again) == 7  # nothing is left to do
 
 
@@ -80,16 +80,16 @@ def test_small_blocks_and_a_line_that_was_cut_off(whole, tmp_path, monkeypatch):
     monkeypatch.setattr("rnc_pin.applications.sweep.swept_runs.BLOCK", 5)
     out = tmp_path / "out"
     with pytest.raises(KeyboardInterrupt):
-        rnc.sweep(Sleighs([], ends_at=9), 12, distributions=LAWS, seed=4, out=out)
+        rnc.sweep(Sleighs([], ends_at=9), rnc.Draws(12, LAWS, 4), out=out)
     names = {path.name for path in (out / "runs").iterdir()}
     assert names == {"part_0000000.parquet", "journal_0000001.jsonl"}
     with (out / "runs" / "journal_0000001.jsonl").open("a") as file:
         file.write('{"run": 8, "spe')
     calls = []
-    results = rnc.sweep(Sleighs(calls), 12, distributions=LAWS, seed=4, out=out)
+    results = rnc.sweep(Sleighs(calls), rnc.Draws(12, LAWS, 4), out=out)
     assert len(calls) == 4
     assert rows_of(results) == rows_of(whole)
-    more = rnc.sweep(Sleighs(calls), 14, distributions=LAWS, seed=4, out=out)
+    more = rnc.sweep(Sleighs(calls), rnc.Draws(14, LAWS, 4), out=out)
     assert len(calls) == 6  # two more than before
     assert rows_of(more)[:12] == rows_of(whole)
     assert more.row(13)["run"] == 13
@@ -112,7 +112,7 @@ class Deadly(Sleighs):
 
 @pytest.mark.long  # workers take seconds to start; test_worker_pool.py has the same with one that only seems to break
 def test_two_processes_have_the_rows_of_one_even_if_one_is_killed(whole, tmp_path):
-    results = rnc.sweep(Deadly(tmp_path / "killed"), 12, distributions=LAWS, seed=4, jobs=2, out=tmp_path / "out")
+    results = rnc.sweep(Deadly(tmp_path / "killed"), rnc.Draws(12, LAWS, 4), jobs=2, out=tmp_path / "out")
     assert (tmp_path / "killed").exists()
     assert rows_of(results) == rows_of(whole)
     beside = joblib.Parallel(2)(map(joblib.delayed(abs), (-1, 2)))  # processes of the user
@@ -145,29 +145,26 @@ def test_given_draws_are_read_as_they_are_needed_and_checked_when_it_continues(t
 
 def test_another_sweep_in_the_folder_is_refused(whole, tmp_path):
     def refusal(**changes):
-        arguments = {"distributions": LAWS, "seed": 4, "out": whole.path, **changes}
+        draws = rnc.Draws(changes.pop("runs", 12), changes.pop("laws", LAWS), changes.pop("seed", 4))
         with pytest.raises(rnc.ConfigurationError) as caught:
-            rnc.sweep(changes.pop("build", Sleighs()), arguments.pop("draws", 12), **arguments)
+            rnc.sweep(Sleighs(), draws, **{"out": whole.path, **changes})
         return str(caught.value)
 
     before = {path: path.read_bytes() for path in whole.path.rglob("*") if path.is_file()}
     assert "its draws.seed is 4, not 5" in refusal(seed=5)
-    assert "its draws.distributions.speed is [0.5, 1.5], not [0.5, 1.6]" in refusal(
-        distributions={**LAWS, "speed": [0.5, 1.6]}
-    )
-    assert "holds a sweep of 12 runs, more than 11" in refusal(draws=11)
+    assert "its draws.distributions.speed is [0.5, 1.5], not [0.5, 1.6]" in refusal(laws={**LAWS, "speed": [0.5, 1.6]})
+    assert "holds a sweep of 12 runs, more than 11" in refusal(runs=11)
     assert "its trajectories is False, not True" in refusal(trajectories=True)
     (tmp_path / "notes.txt").write_text("mine")
     assert "exists and holds no sweep" in refusal(out=tmp_path)
     assert before == {path: path.read_bytes() for path in whole.path.rglob("*") if path.is_file()}
-    results = rnc.sweep(Sleighs(), 2, distributions=LAWS, out=tmp_path, force=True)
+    results = rnc.sweep(Sleighs(), rnc.Draws(2, LAWS), out=tmp_path, force=True)
     assert len(results) == 2
     assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
 REFUSED = {
     "runs without distributions": ({"draws": 3}, "need distributions"),
-    "distributions of given draws": ({"draws": [{}], "distributions": LAWS}, "no effect on given draws"),
     "name of a result": ({"draws": [{"outcome": 1}]}, "'outcome' is the name of a result"),
     "no dict": ({"draws": [3]}, "run 0 has int, expected a dict"),
     "object": ({"draws": [{"speed": object()}]}, "is of type object"),

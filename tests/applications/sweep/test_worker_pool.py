@@ -53,7 +53,7 @@ def rows_on(monkeypatch, breaks, runs=50):
 
     monkeypatch.setattr(worker_pool, "_local_pool", lambda jobs: Pool())
     numbered = ((run, None) for run in range(runs))
-    found = [row["run"] for rows in worker_pool.finished_runs(Numbers(), numbered, 2, None) for row in rows]
+    found = [row["run"] for rows in worker_pool.finished_runs(Numbers(), numbered, 2) for row in rows]
     return workers, found
 
 

@@ -26,8 +26,7 @@ _SHOWN = 5  # failures on the terminal
 class _Passed(TypedDict):
     """Options that ``sweep`` takes as they are."""
 
-    jobs: int
-    scheduler: str | None
+    jobs: int | str
     trajectories: bool
     force: bool
 

@@ -20,13 +20,13 @@ from rnc_pin.applications.scenario.schema.base import Numbers, Strict, wrong
 from rnc_pin.applications.scenario.schema.derived import Entry, T, part
 from rnc_pin.control import (
     OUTER_GAINS,
+    GainDesign,
     OuterGains,
     PositionGains,
     Preset,
     UncertainController,
     VelocityGains,
     ZeroInput,
-    design_velocity_gains,
     gravity_loads,
 )
 from rnc_pin.errors import ConfigurationError
@@ -115,8 +115,8 @@ def preset_gains(kind: Callable[..., T], *names: str) -> Entry[T]:
     return part(kind, *names, optional=names)
 
 
-_BOUND = part(design_velocity_gains, "inertia_bound")
-_RATES = part(design_velocity_gains, "adaptation", "delay")
+_BOUND = part(GainDesign, "inertia_bound")
+_RATES = part(GainDesign, "adaptation", "delay")
 _DEAD_ZONE, _ALPHA = preset_gains(VelocityGains, "dead_zone"), preset_gains(OuterGains, "alpha")
 
 

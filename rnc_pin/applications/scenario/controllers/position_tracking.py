@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import Annotated, ClassVar, Literal
 
@@ -19,6 +20,7 @@ from rnc_pin.applications.scenario.schema.derived import PartialCall, part
 from rnc_pin.applications.scenario.schema.reference_settings import Pose
 from rnc_pin.control import (
     OUTER_GAINS,
+    GainDesign,
     JacobianTransposeController,
     PositionGains,
     PositionTracker,
@@ -73,9 +75,11 @@ class JacobianTransposeSettings(InertiaBoundSettings, _GAINS.model, _ACTIVE.mode
                 partial(effective_inertia, reduced, outputs=outputs, active=self.active),
                 context.q0,  # undriven outputs drift, so the region of motion is unknown
                 context.simulation.dt,
-                preset=self.preset,
-                inertia_bound=None if bound is None else bound[outputs],
-                overrides=self.tracker_gains(PositionGains, len(outputs)),
+                GainDesign(
+                    self.preset,
+                    None if bound is None else bound[outputs],
+                    overrides=self.tracker_gains(PositionGains, len(outputs)),
+                ),
             )
         tracker = PositionTracker(context.primary, gains, outputs=outputs, angular=task.primary_coordinates)
         return BuiltController(JacobianTransposeController(reduced, tracker, self.active))
@@ -120,26 +124,17 @@ class TwoPhaseSettings(AdaptationSettings):
     def _gains(self, context: ControllerContext) -> tuple[PositionGains, VelocityGains]:
         """Gains of the hand's tracker and of the platform's tracker, from the inertia at the initial configuration."""
         reduced, primary, redundant = context.reduced, context.task.primary, context.task.redundant
-        start, dt, preset, delay = context.q0[None], context.simulation.dt, self.preset, self.delay
+        start, dt = context.q0[None], context.simulation.dt
         dead_zone, bound = sized_gain("dead_zone", self.dead_zone, reduced.r), self.bound(reduced.r)
+
+        def design(part: np.ndarray) -> GainDesign:
+            return GainDesign(self.preset, None if bound is None else bound[part], delay=self.delay)
+
+        still = dead_zone[redundant] if isinstance(dead_zone, np.ndarray) else dead_zone
+        driven = replace(design(redundant), adaptation=self.adaptation, overrides={"dead_zone": still})
         with at_key("controller"):
             hand = design_position_gains(
-                lambda q: reduced.at(q).H[..., primary, :][..., primary],
-                start,
-                dt,
-                preset=preset,
-                inertia_bound=None if bound is None else bound[primary],
-                delay=delay,
+                lambda q: reduced.at(q).H[..., primary, :][..., primary], start, dt, design(primary)
             )
-            platform = design_velocity_gains(
-                reduced,
-                start,
-                dt,
-                preset=preset,
-                outputs=redundant,
-                inertia_bound=None if bound is None else bound[redundant],
-                adaptation=self.adaptation,
-                delay=delay,
-                overrides={"dead_zone": dead_zone[redundant] if isinstance(dead_zone, np.ndarray) else dead_zone},
-            )
+            platform = design_velocity_gains(reduced, start, dt, driven, outputs=redundant)
         return hand, platform

@@ -18,6 +18,7 @@ from rnc_pin.control import (
     ActuatorVelocityController,
     Combined,
     ComputedTorque,
+    GainDesign,
     JointLimits,
     KinematicController,
     OuterGains,
@@ -73,7 +74,7 @@ class SecondarySettings(Strict):
         return self
 
 
-_BANDWIDTH = part(design_velocity_gains, "bandwidth")
+_BANDWIDTH = part(GainDesign, "bandwidth")
 _GAINS = preset_gains(VelocityGains, "k", "beta", "sigma")
 _K21, _K3, _K4 = (preset_gains(OuterGains, name) for name in ("k21", "k3", "k4"))
 
@@ -120,18 +121,15 @@ class VelocityTrackerSettings(AdaptationSettings, _BANDWIDTH.model, _GAINS.model
         # The results of a run are useful even if it ends in a singular configuration.
         region, times = (margins.q, margins.time) if margins.singular is None else (q0[None], None)
         with at_key("controller"):
-            gains = design_velocity_gains(
-                reduced,
-                region,
-                context.simulation.dt,
-                preset=self.preset,
-                inertia_bound=self.bound(reduced.r),
-                bandwidth=self.bandwidth,
-                adaptation=self.adaptation,
-                delay=self.delay,
+            design = GainDesign(
+                self.preset,
+                self.bound(reduced.r),
+                self.bandwidth,
+                self.adaptation,
+                self.delay,
                 overrides=self.tracker_gains(VelocityGains, reduced.r),
-                times=times,
             )
+            gains = design_velocity_gains(reduced, region, context.simulation.dt, design, times=times)
         tracker = VelocityTracker(kinematic, gains, self.holding_force(context))
         return BuiltController(tracker, complaints, time_scale=time_scale, goals=goals, doubts=doubts)
 
@@ -244,9 +242,11 @@ class SteeringSettings(VelocityTrackerSettings, _K3.model, _K4.model):  # type: 
             context.task,
             context.primary,
             context.slithering or context.vertical,
-            k3=self.outer_gain("k3", len(context.task.vertical)),
-            k4=float(self.outer_gain("k4")),
-            k21=self.outer_gain("k21", len(context.task.primary)),
+            OuterGains(
+                k3=self.outer_gain("k3", len(context.task.vertical)),
+                k4=float(self.outer_gain("k4")),
+                k21=self.outer_gain("k21", len(context.task.primary)),
+            ),
             monitored=context.monitored,
         )
         return self.track(context, kinematic)

@@ -260,7 +260,7 @@ def one_of(names: bool = False, /, **entries: type | Entry[object]) -> object:
     """
     items = [_keyed(key, each) for key, each in entries.items()]
     form: object = Annotated[_either([Annotated[str, Tag(NAME)]] * names + items), BY_KIND]
-    keyed: dict[str | None, Entry[Any]] = {key: _entry(each) for key, each in entries.items() if not _is_model(each)}
+    keyed: dict[str | None, Entry[object]] = {key: _entry(each) for key, each in entries.items() if not _is_model(each)}
     return ReadAs(form, keyed)
 
 
@@ -283,7 +283,7 @@ def plain_or(plain: type, /, **entries: type | Entry[object]) -> object:
 
     items = [Annotated[plain, Entry(plain), Tag(PLAIN)], *(_keyed(key, each) for key, each in entries.items())]
     form: object = Annotated[_either(items), Discriminator(tag), BeforeValidator(known)]
-    keyed: dict[str | None, Entry[Any]] = {key: _entry(each) for key, each in entries.items()}
+    keyed: dict[str | None, Entry[object]] = {key: _entry(each) for key, each in entries.items()}
     return ReadAs(form, {None: Entry(plain), **keyed})
 
 
@@ -292,7 +292,7 @@ class ReadAs:
     """Annotation of a value that a file writes in another form than its type."""
 
     form: object
-    entries: Mapping[str | None, Entry[Any]] = field(default_factory=dict)
+    entries: Mapping[str | None, Entry[object]] = field(default_factory=dict)
     """Entry of each key; that of None has no key."""
 
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
@@ -310,11 +310,11 @@ def _keyed(key: str, kind: type | Entry[object]) -> object:
     return Annotated[around, AfterValidator(attrgetter(key)), Tag(key)]
 
 
-def _is_model(kind: type | Entry[Any]) -> TypeGuard[type[Strict]]:
+def _is_model(kind: type | Entry[object]) -> TypeGuard[type[Strict]]:
     return isinstance(kind, type) and issubclass(kind, Strict)
 
 
-def _entry(kind: type | Entry[Any]) -> Entry[Any]:
+def _entry(kind: type | Entry[object]) -> Entry[object]:
     return kind if isinstance(kind, Entry) else Entry(kind)
 
 

@@ -3,30 +3,93 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Literal, cast
 
 from pydantic import BeforeValidator, Field, model_validator
 
 from rnc_pin.applications.scenario.controllers import ControllerItem
 from rnc_pin.applications.scenario.schema.base import Content, FileName, Strict
 from rnc_pin.applications.scenario.schema.constraints import ConstraintItem, ContactItem, GroundItem, with_ground
-from rnc_pin.applications.scenario.schema.derived import Entry
+from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall
 from rnc_pin.applications.scenario.schema.forces import ActuatorItem, ForceItem
 from rnc_pin.applications.scenario.schema.obstacles import ObstacleItem
 from rnc_pin.applications.scenario.schema.outputs import Outputs, TaskOutputs
 from rnc_pin.applications.scenario.schema.phase_settings import PhaseSettings
 from rnc_pin.applications.scenario.schema.planner_settings import OptimalPlanner
-from rnc_pin.applications.scenario.schema.plant_settings import FaultSettings, LoopItem, PlantSettings
 from rnc_pin.applications.scenario.schema.reference_settings import References
 from rnc_pin.applications.scenario.schema.robot_source import RobotSource
 from rnc_pin.applications.scenario.schema.simulation_settings import GripSettings, SimulationSettings
 from rnc_pin.applications.scenario.schema.sweep_settings import Distribution
 from rnc_pin.constraints import GroundPlane
 from rnc_pin.errors import nearest
-from rnc_pin.figures import Sheet
-from rnc_pin.model import NonholonomicSystem, OutputKind, Positive, ReducedModel
+from rnc_pin.figures import Sheet, Size
+from rnc_pin.loop import ControlLoop
+from rnc_pin.model import NonholonomicSystem, NotNegative, OutputKind, Positive, ReducedModel
+from rnc_pin.plants import Faults, Payload, StuckJoint
+from rnc_pin.plants.mujoco import MuJoCoSettings
 from rnc_pin.verdict import FindingKind
 from rnc_pin.visualization import View
+
+_MUJOCO, _FAULTS = Entry(MuJoCoSettings), Entry(Faults)
+LoopItem = Annotated[
+    PartialCall[ControlLoop],
+    Entry(
+        ControlLoop,
+        late=("reduced", "controller", "dt", "limits"),
+        optional=("fallback",),
+        forms={"max_speed": Positive | None, "min_singular_value": NotNegative | None, "brake": Positive | None},
+    ),
+]
+"""Control loop around the controller: velocity estimation, supervision and safe commands."""
+
+
+class PlantSettings(_MUJOCO.model):  # type: ignore[name-defined, misc]
+    """Simulated plant: the reduced model of rnc_pin, or the robot in MuJoCo."""
+
+    type: Literal["reduced", "mujoco"] = "mujoco"
+    """"reduced": the reduced model of rnc_pin; of the other settings it has only ``servo_time``. "mujoco": MuJoCo with
+    the other settings."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _by_name(cls, raw: object) -> object:
+        return {"type": raw} if isinstance(raw, str) else raw
+
+    @model_validator(mode="after")
+    def _suit(self) -> PlantSettings:
+        others = sorted(self.model_fields_set - {"type", "servo_time"})
+        if self.type == "reduced" and others:
+            raise ValueError(f"'{others[0]}' belongs to the type 'mujoco'")
+        _MUJOCO.read(self)  # check them here: the error then names the place in the file
+        return self
+
+    @property
+    def settings(self) -> MuJoCoSettings:
+        """Settings of MuJoCo."""
+        return _MUJOCO.build(self)
+
+
+class FaultSettings(_FAULTS.model):  # type: ignore[name-defined, misc]
+    """Differences between the simulated plant and the model of the controller."""
+
+    masses: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """Largest relative error of the inertia of each body, as a fraction. The scenario's ``seed`` draws the errors."""
+    forces: list[ForceItem] = []
+    """Springs, dampers, friction and wrenches that the model of the controller does not contain."""
+    payload: Annotated[Payload, Entry(Payload)] | None = None
+    """Point mass that the model of the controller does not contain."""
+    stuck: Annotated[StuckJoint, Entry(StuckJoint)] | None = None
+    """Joint that locks; the model of the controller does not contain this."""
+
+    @model_validator(mode="after")
+    def _suit(self) -> FaultSettings:
+        _FAULTS.read(self)
+        return self
+
+    @property
+    def faults(self) -> Faults:
+        """Faults of sensors and actuators."""
+        return _FAULTS.build(self)
 
 
 class Initial(Strict):
@@ -42,8 +105,8 @@ class Initial(Strict):
 _Formats = Annotated[list[Literal["png", "pdf", "svg"]], Field(min_length=1)]
 
 
-def _checked_size(value: Any) -> Any:
-    Sheet.of(tuple(value) if isinstance(value, list) else value)
+def _checked_size(value: object) -> object:
+    Sheet.of(cast(Size, tuple(value) if isinstance(value, list) else value))
     return value
 
 
