@@ -19,6 +19,7 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.errors import DivergenceError, SingularityError
 
 _KEPT = 1e-7  # [rad, m, and per second] excess over a limit that is rounding
+_SHARE = 0.5  # of the program's inputs beside those of a braking motion
 _REST = 1e-6  # [rad/s, m/s] speed that counts as rest
 
 
@@ -39,12 +40,8 @@ class BrakedSample(NamedTuple):
 class BrakingMotion(NamedTuple):
     """Braking motion from a state."""
 
-    T: Float[Array, " p"]
-    """Inputs of its first sample; empty if the model is singular there."""
-    v2: Float[Array, " r"]
-    """Reduced velocity at the end of its first sample."""
-    exceeded: Float[Array, " k"]
-    """Amount by which the end of its first sample exceeds each limit."""
+    first: BrakedSample
+    """Its first sample; without inputs if the model is singular there."""
     problem: str | None
     """What it does not keep; None if all limits hold until rest."""
 
@@ -76,46 +73,87 @@ class BrakingCount(NamedTuple):
         return self._replace(unverified=self.unverified + 1, unverified_first=first[0], problem=first[1])
 
 
-def kept(exceeded: Array, before: Array) -> Array:
-    """Mask (k,) of the limits that hold, or that a state exceeds no more than the one before."""
-    return np.asarray(exceeded <= np.maximum(before, _KEPT))
-
-
-def braking_motion(
-    braked: Callable[[float, Array, Array], BrakedSample],
-    names: Sequence[str],
-    state: tuple[float, Array, Array],
-    before: Array,
-    dt: float,
-    longest: float,
-) -> BrakingMotion:
-    """Roll out the braking motion from a state until rest.
+class Braking:
+    """Braking motions of one program.
 
     Args:
-        braked: sample from time, configuration and reduced velocity.
+        braked: sample of the braking motion from time, configuration and reduced velocity.
         names: names of the limits (k,).
-        state: time [s], configuration (nq,) and reduced velocity (r,) at its start.
-        before: amount by which the state exceeds each limit (k,). A motion that does not increase it is verified too:
-            a joint beyond its limit may rest or return.
         dt: duration of a sample [s].
         longest: longest braking motion [s].
     """
-    t, q, v2 = state
-    first, rests = BrakedSample(np.zeros(0), q, v2, np.inf, before), False
-    for number in range(max(1, round(longest / dt)) + 1):
-        try:
-            sample = braked(t, q, v2)
-        except (SingularityError, DivergenceError) as error:
-            return BrakingMotion(first.T, first.v2, first.exceeded, str(error))
-        first = first if number else sample
-        holds = kept(sample.exceeded, before)
-        if not holds.all():
-            worst = int(np.argmin(holds))
-            problem = f"{names[worst]} gives way by {sample.exceeded[worst]:.2g}"
-            return BrakingMotion(first.T, first.v2, first.exceeded, problem)
-        rested, rests = rests, sample.speed <= _REST
-        if rested and rests:  # efforts hold the robot: it was at rest before this sample too
-            return BrakingMotion(first.T, first.v2, first.exceeded, None)
-        t, q, v2 = t + dt, sample.q, sample.v2
-    problem = f"the robot does not come to rest within {longest:g} s"
-    return BrakingMotion(first.T, first.v2, first.exceeded, problem)
+
+    def __init__(
+        self, braked: Callable[[float, Array, Array], BrakedSample], names: Sequence[str], dt: float, longest: float
+    ) -> None:
+        self._braked, self._names, self._dt, self._longest = braked, names, dt, longest
+
+    def decide(
+        self,
+        state: tuple[float, Array, Array],
+        before: Array,
+        planned: BrakedSample,
+        under: Callable[[Array], BrakedSample],
+        count: BrakingCount,
+    ) -> tuple[BrakedSample, BrakingCount]:
+        """Return the sample to execute, and the count with it.
+
+        It is the planned one if a braking motion follows it; otherwise the braking motion of this state, or half of
+        the way between both. Without a verified motion, it is the planned one.
+
+        Args:
+            state: time [s], configuration (nq,) and reduced velocity (r,) at its start.
+            before: amount by which the state exceeds each limit (k,).
+            planned: sample of the program.
+            under: sample under given inputs (p,).
+            count: samples so far.
+        """
+        t = state[0]
+        problem = self._problem_after(t, planned, before)
+        if problem is None:
+            return planned, count
+        first, unkept = self.motion(*state, before)
+        if unkept is not None:
+            return planned, count.with_unverified(t, unkept)
+        mixed = under(first.T + _SHARE * (planned.T - first.T))  # otherwise the robot stops and goes
+        chosen = first if self._problem_after(t, mixed, before) else mixed
+        return chosen, count.with_braked(t, problem)
+
+    def motion(self, t: float, q: Array, v2: Array, before: Array) -> BrakingMotion:
+        """Roll out the braking motion from a state until rest.
+
+        Args:
+            t: time [s].
+            q: configuration (nq,).
+            v2: reduced velocity (r,).
+            before: amount by which the state exceeds each limit (k,). A motion that does not increase it is verified
+                too: a joint beyond its limit may rest or return.
+        """
+        first, rests = BrakedSample(np.zeros(0), q, v2, np.inf, before), False
+        for number in range(max(1, round(self._longest / self._dt)) + 1):
+            try:
+                sample = self._braked(t, q, v2)
+            except (SingularityError, DivergenceError) as error:
+                return BrakingMotion(first, str(error))
+            first = first if number else sample
+            broken = self._broken(sample, before)
+            if broken is not None:
+                return BrakingMotion(first, broken)
+            rested, rests = rests, sample.speed <= _REST
+            if rested and rests:  # efforts hold the robot: it was at rest before this sample too
+                return BrakingMotion(first, None)
+            t, q, v2 = t + self._dt, sample.q, sample.v2
+        return BrakingMotion(first, f"the robot does not come to rest within {self._longest:g} s")
+
+    def _problem_after(self, t: float, reached: BrakedSample, before: Array) -> str | None:
+        """What a sample exceeds itself, or what no braking motion after it keeps; None if all limits hold."""
+        broken = self._broken(reached, before)
+        return broken or self.motion(t + self._dt, reached.q, reached.v2, before).problem
+
+    def _broken(self, sample: BrakedSample, before: Array) -> str | None:
+        """First limit that a sample exceeds more than the state before."""
+        beyond = sample.exceeded > np.maximum(before, _KEPT)
+        if not beyond.any():
+            return None
+        worst = int(np.argmax(beyond))
+        return f"{self._names[worst]} gives way by {sample.exceeded[worst]:.2g}"

@@ -11,7 +11,7 @@ from numpy import ndarray as Array
 from rnc_pin.analysis.normal_forces import NormalForces, contacts_of
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Description, elapsed_time, listed
-from rnc_pin.control.whole_body.braking_motion import BrakedSample, BrakingCount, BrakingMotion, braking_motion, kept
+from rnc_pin.control.whole_body.braking_motion import BrakedSample, Braking, BrakingCount
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.limit_stack import ProgramBounds
 from rnc_pin.control.whole_body.limits.control_limit import ControlLimit, LimitRows
@@ -34,7 +34,6 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 _SIDES = 8  # of the pyramid inside a friction cone
 _RANK = 1e-10
 _CORRECTIONS = 4  # of the velocity at the end of a sample, each smaller by a factor of order dt
-_SHARES = (0.5,)
 _BEYOND = 1e-9  # excess over a limit of motion that is rounding
 
 
@@ -176,14 +175,6 @@ class _SampleProgram(NamedTuple):
     offset: Float[Array, " r"]
 
 
-class _SafeSample(NamedTuple):
-    """Inputs of a sample, the limits that its end exceeds, and the samples that brake so far."""
-
-    found: InputSolution
-    exceeded: Float[Array, " k"]
-    braking: BrakingCount
-
-
 class InputSolution(NamedTuple):
     """Solution of one program."""
 
@@ -268,9 +259,10 @@ class InverseDynamicsQP(WholeBodyProgram):
             *self._contacts.names,
         )
         stops = np.cumsum([len(self._limits.names), len(self._limited), len(self._contacts.names)])
-        self._brakes = (
-            braking_time is not None and bool(self._limits.names) and reduced.p >= reduced.r and not reduced.affine
-        )
+        rests = reduced.p >= reduced.r and not reduced.affine  # others cannot be brought to rest in general
+        self._braking: Braking | None = None
+        if rests and braking_time is not None and self._limits.names:
+            self._braking = Braking(self._braked, self.limit_names, dt, braking_time)
         self._forces = [np.arange(stops[0], stops[1]), np.arange(stops[1], stops[2])]
 
     def describe(self) -> Description:
@@ -297,15 +289,24 @@ class InverseDynamicsQP(WholeBodyProgram):
         elapsed_time(t, state.time)
         q, v2 = self._configuration(measurement), measurement.v2
         program, found = self._decided(t, q, v2, state.multipliers)
-        safe = _SafeSample(found, state.exceeded, state.braking)
-        if self._brakes:
-            safe = self._safe(t, program, found, state)
-            found = safe.found
+        exceeded, count = state.exceeded, state.braking
+        if self._braking is not None:
+            start = program.sample.start
+            before = self._exceeded_at(start, t) if state.time is None else exceeded
+            planned = self._reached(program, found)
+
+            def under(T: Array) -> BrakedSample:
+                return self._reached(program, found._replace(T=T, end=None))
+
+            chosen, count = self._braking.decide((t, start.q, start.v2), before, planned, under, count)
+            exceeded = chosen.exceeded
+            if chosen is not planned:
+                found = found._replace(T=chosen.T, v2=chosen.v2, excess=exceeded)
         x1, x2 = self._desired.at(t)
         worst = np.maximum(state.worst_excess, found.excess)
         command = Command(T=found.T, v2_desired=found.v2, x1_desired=x1, x2_desired=x2)
-        beyond = safe.exceeded, np.maximum(state.worst_exceeded, safe.exceeded)
-        return command, InverseDynamicsState(t, found.multipliers, found.excess, worst, *beyond, safe.braking)
+        beyond = exceeded, np.maximum(state.worst_exceeded, exceeded)
+        return command, InverseDynamicsState(t, found.multipliers, found.excess, worst, *beyond, count)
 
     def solve(self, t: float, q: Array, v2: Array, multipliers: Array | None = None) -> InputSolution:
         """Solve the program of one sample.
@@ -339,9 +340,9 @@ class InverseDynamicsQP(WholeBodyProgram):
             q: configuration (nq,).
             v2: reduced velocities (r,).
         """
-        if not self._brakes:
+        if self._braking is None:
             return None
-        return self._braking_motion(t, q, v2, self._exceeded_at(self._reduced.at(q, v2, t=t), t)).problem
+        return self._braking.motion(t, q, v2, self._exceeded_at(self._reduced.at(q, v2, t=t), t)).problem
 
     def exceeded_limits(self, state: InverseDynamicsState) -> dict[str, float]:
         """Return the limits of motion that the run exceeds by the model since its start, with the largest amounts."""
@@ -428,44 +429,11 @@ class InverseDynamicsQP(WholeBodyProgram):
         rest = TaskLevel(root @ program.gain, -root @ program.offset)
         return self._reached(program, self._solved(program, [rest]))
 
-    def _safe(self, t: float, program: _SampleProgram, found: InputSolution, last: InverseDynamicsState) -> _SafeSample:
-        """Inputs after which a braking motion keeps all limits, and the count of samples that brake."""
-        start = program.sample.start
-        before = self._exceeded_at(start, t) if last.time is None else last.exceeded
-        reached = self._reached(program, found)
-        problem = self._problem_after(t, reached, before)
-        if problem is None:
-            return _SafeSample(found, reached.exceeded, last.braking)
-        motion = self._braking_motion(t, start.q, start.v2, before)
-        if motion.problem is not None:
-            return _SafeSample(found, reached.exceeded, last.braking.with_unverified(t, motion.problem))
-        count = last.braking.with_braked(t, problem)
-        for share in _SHARES:  # of the program's inputs, so that the robot does not stop and go
-            mixed = found._replace(T=motion.T + share * (found.T - motion.T), end=None)
-            reached = self._reached(program, mixed)
-            if self._problem_after(t, reached, before) is None:
-                mixed = mixed._replace(v2=reached.v2, excess=reached.exceeded)
-                return _SafeSample(mixed, reached.exceeded, count)
-        braked = found._replace(T=motion.T, v2=motion.v2, excess=motion.exceeded)
-        return _SafeSample(braked, motion.exceeded, count)
-
     def _exceeded_at(self, state: StateEvaluation, t: float) -> Float[Array, " k"]:
         """Amount by which a state exceeds each limit of motion."""
         found = np.zeros(len(self.limit_names))
         found[: len(self._limits.names)] = self._limits.exceeded(state, t)
         return found
-
-    def _problem_after(self, t: float, reached: BrakedSample, before: Array) -> str | None:
-        """What no braking motion keeps after a sample, or what the sample itself exceeds; None if all limits hold."""
-        holds = kept(reached.exceeded, before)
-        if not holds.all():
-            worst = int(np.argmin(holds))
-            return f"{self.limit_names[worst]} gives way by {reached.exceeded[worst]:.2g}"
-        return self._braking_motion(t + self.dt, reached.q, reached.v2, before).problem
-
-    def _braking_motion(self, t: float, q: Array, v2: Array, before: Array) -> BrakingMotion:
-        assert self.braking_time is not None
-        return braking_motion(self._braked, self.limit_names, (t, q, v2), before, self.dt, self.braking_time)
 
     def _levels(
         self, now: ControlSample, sample: ControlSample, offset: Array, gain: Array

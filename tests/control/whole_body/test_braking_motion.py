@@ -10,7 +10,7 @@ from bodies import add_body
 from places import ROOT
 from rnc_pin.collision import Obstacle
 from rnc_pin.control import InverseDynamicsQP, limits, tasks
-from rnc_pin.control.whole_body.braking_motion import BrakedSample, braking_motion
+from rnc_pin.control.whole_body.braking_motion import BrakedSample, Braking
 from rnc_pin.planning import Hold, MinimumJerk
 from rnc_pin.simulation import FindingKind, replay_limits
 
@@ -120,5 +120,5 @@ def test_a_load_beyond_the_efforts_is_no_rest():
     def falling(t, q, v2):
         return BrakedSample(np.zeros(1), q, v2 + 0.1, float(abs(v2[0] + 0.1)), np.zeros(1))
 
-    found = braking_motion(falling, ["x"], (0.0, np.zeros(1), np.array([-0.1])), np.zeros(1), 0.1, 1.0)
+    found = Braking(falling, ["x"], 0.1, 1.0).motion(0.0, np.zeros(1), np.array([-0.1]), np.zeros(1))
     assert found.problem == "the robot does not come to rest within 1 s"
