@@ -202,8 +202,8 @@ class InverseDynamicsQP(WholeBodyProgram):
     Tasks use the acceleration at the start of the sample. Limits of motion hold for the velocity at its end: if one
     Runge-Kutta step of the dynamics exceeds them, the program is solved again with the difference.
 
-    Before a sample is executed, a braking motion from its end is rolled out on the model. If a limit would give way, the
-    braking motion that was verified one sample before takes the place of the program. ``state.braking`` counts these
+    Before a sample is executed, a braking motion from its end is rolled out on the model. If a limit would give way,
+    the braking motion that was verified one sample before takes the place of the program. ``state.braking`` counts these
     samples. Models with fewer actuators than reduced velocities, or with constraints that move them, have none.
 
     Unlike the adaptive trackers, it reads the model. Reads from the measurement: ``q, v2``.
