@@ -146,7 +146,7 @@ class Braking:
         return BrakingMotion(first, f"the robot does not come to rest within {self._longest:g} s")
 
     def _problem_after(self, t: float, reached: BrakedSample, before: Array) -> str | None:
-        """What a sample exceeds itself, or what no braking motion after it keeps; None if all limits hold."""
+        """First limit that a sample exceeds itself, or that no braking motion after it keeps; None if all hold."""
         broken = self._broken(reached, before)
         return broken or self.motion(t + self._dt, reached.q, reached.v2, before).problem
 

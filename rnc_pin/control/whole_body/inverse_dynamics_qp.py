@@ -203,8 +203,8 @@ class InverseDynamicsQP(WholeBodyProgram):
     Runge-Kutta step of the dynamics exceeds them, the program is solved again with the difference.
 
     Before a sample is executed, a braking motion from its end is rolled out on the model. If a limit would give way,
-    the braking motion that was verified one sample before takes the place of the program. ``state.braking`` counts these
-    samples. Models with fewer actuators than reduced velocities, or with constraints that move them, have none.
+    the braking motion that was verified one sample before takes the place of the program. ``state.braking`` counts
+    these samples. Models with fewer actuators than reduced velocities, or with constraints that move them, have none.
 
     Unlike the adaptive trackers, it reads the model. Reads from the measurement: ``q, v2``.
 
@@ -354,7 +354,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         return {name: float(each) for name, each in zip(self._limits.names, worst, strict=True) if each > 0.0}
 
     def _program(self, t: float, q: Array, v2: Array) -> _SampleProgram:
-        """What tasks and braking motions share at one sample: its limits, and the effect of the inputs."""
+        """Limits of one sample and the effect of its inputs, for tasks and braking motions."""
         sample = ControlSample(self._reduced, t, q, v2, self.dt)
         state, p = sample.start, self._reduced.p
         contacts = self._contacts.at(state)
