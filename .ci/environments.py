@@ -24,6 +24,7 @@ EXTRAS = {
     "gym": ("PAGE docs/learning.md",),
     "logs": ("PAGE docs/logs.md",),
     "mujoco": ("PAGE docs/mujoco.md", "rnc-pin run space-robot --plant mujoco --set simulation.duration=0.5"),
+    "ompl": ("PAGE docs/ways.md",),
     "qp": ("PAGE docs/whole_body.md",),
     "robots": ("python -c 'import rtbdata'",),
     "sweep": ("PAGE docs/sweeps.md", "rnc-pin sweep space-robot --runs 2 --out s --set simulation.duration=0.2"),
@@ -40,6 +41,7 @@ MISSING = {
         """'import rnc_pin as rnc; rnc.Log.read("x.bag", {"topics": {"/j": {"joints": "all"}}})'"""
     ),
     "mujoco": "rnc-pin run space-robot --plant mujoco",
+    "ompl": """python -c 'import rnc_pin as rnc; rnc.planning.find_way(None, None, None)'""",
     "qp": (
         "python -c 'import rnc_pin as rnc; from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver; "
         """LeastDistanceSolver("piqp")'"""

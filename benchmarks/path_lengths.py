@@ -11,9 +11,9 @@ import numpy as np
 
 import rnc_pin as rnc
 from benchmarks.planned_models import car, knife_edge
-from benchmarks.shortest_paths import LEFT, RIGHT, STRAIGHT, drive, dubins_length, reeds_shepp_length
 from rnc_pin.errors import InfeasibleError
 from rnc_pin.optimal import EffortCost, InputBound, MotionPlan, OutputBound, SolverSettings
+from rnc_pin.planning.shortest_paths import LEFT, RIGHT, STRAIGHT, driven_pose, dubins_length, reeds_shepp_length
 
 Pose = tuple[float, float, float]
 """x, y and heading at the end."""
@@ -193,7 +193,7 @@ def _in_blocks(reduced: rnc.ReducedModel, edge: MotionPlan, blocks: int) -> np.n
     word = list(zip(turns, (signs * edge.duration / K).tolist(), strict=True))
     return np.array(
         [
-            reduced.robot.configuration({"root_joint": drive(word[:k]), "front_steering": np.pi / 4 * turn})
+            reduced.robot.configuration({"root_joint": driven_pose(word[:k]), "front_steering": np.pi / 4 * turn})
             for k, turn in enumerate([0, *turns])
         ]
     )
@@ -211,7 +211,7 @@ def random_drives(reduced: rnc.ReducedModel, pose: Pose, count: int) -> list[Any
     for _ in range(5000):
         turns = generator.choice([LEFT, STRAIGHT, RIGHT], size=3)
         word = [(int(turn), float(length)) for turn, length in zip(turns, generator.uniform(0.1, 5.0, 3), strict=True)]
-        x, y, heading = drive(word)
+        x, y, heading = driven_pose(word)
         missed = np.hypot(x - pose[0], y - pose[1]) + 1 - np.cos(heading - pose[2])
         drawn.append((missed + 0.1 * sum(length for _, length in word), tuple(turns), word))
     kept: dict[Any, list[Any]] = {}
@@ -228,7 +228,7 @@ def _configurations(reduced: rnc.ReducedModel, word: list[tuple[int, float]]) ->
         here = max(0, int(np.searchsorted(ends, s)) - 1)
         begun = [*word[:here], (word[here][0], s - ends[here])]
         steering = np.pi / 4 * word[here][0] * (s > 0)
-        found.append(reduced.robot.configuration({"root_joint": drive(begun), "front_steering": steering}))
+        found.append(reduced.robot.configuration({"root_joint": driven_pose(begun), "front_steering": steering}))
     return np.array(found)
 
 

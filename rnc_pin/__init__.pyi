@@ -71,6 +71,8 @@ from .identification import Calibration as Calibration
 from .identification import Comparison as Comparison
 from .identification import calibrate as calibrate
 from .identification import compare as compare
+from .identification import excite as excite
+from .identification import identify as identify
 from .logs import Log as Log
 from .loop import ControlLoop as ControlLoop
 from .loop import VelocityLoop as VelocityLoop

@@ -20,6 +20,7 @@ _PACKAGES = {
     "gym": _Package("Gymnasium", "gymnasium"),
     "logs": _Package("rosbags", "rosbags"),
     "mujoco": _Package("MuJoCo", "mujoco"),
+    "ompl": _Package("OMPL", "ompl"),
     "qp": _Package("qpsolvers", "qpsolvers"),
     "sweep": _Package("PyArrow", "pyarrow"),
     "video": _Package("Playwright", "playwright"),

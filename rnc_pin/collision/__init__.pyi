@@ -9,6 +9,8 @@ from .obstacle import ObstacleMotion as ObstacleMotion
 from .obstacle import check_ignored_links as check_ignored_links
 from .obstacle import ground_shape as ground_shape
 from .obstacle import load_mesh_shape as load_mesh_shape
+from .occupancy_map import OccupancyMap as OccupancyMap
+from .occupancy_map import load_map as load_map
 from .pair_measurement import PairDistances as PairDistances
 from .pair_selection import LinkPair as LinkPair
 from .pair_selection import OmittedPair as OmittedPair

@@ -28,6 +28,9 @@ from .jacobian_transpose import JacobianTransposeController as JacobianTranspose
 from .jacobian_transpose import effective_inertia as effective_inertia
 from .momentum_regressor import MomentumRegressor as MomentumRegressor
 from .momentum_regressor import UnknownMass as UnknownMass
+from .pose_filter import PoseEstimate as PoseEstimate
+from .pose_filter import PoseFilter as PoseFilter
+from .pose_filter import PoseFix as PoseFix
 from .position_tracker import PositionState as PositionState
 from .position_tracker import PositionTracker as PositionTracker
 from .reducing import ReducingOutputController as ReducingOutputController

@@ -31,6 +31,19 @@ class OdometryStep(NamedTuple):
     """Largest distance by which a row is not satisfied [m]: the joints' motion that no motion of the base explains."""
 
 
+class OdometryIncrement(NamedTuple):
+    """Motion of the frame between two configurations: a constant twist over unit time, in the axes of the frame."""
+
+    motion: Float[Array, " 3"]
+    """(forward, left, turn) [m, m, rad]."""
+    slip: float
+    """Largest distance by which a row is not satisfied [m]."""
+    by_joints: Float[Array, "3 k"]
+    """Derivatives by the motion of the measured joints."""
+    by_rows: Float[Array, "3 m"]
+    """Derivatives by the slip of the rows [m]."""
+
+
 class WheelOdometry(ReprMixin):
     """Pose of a frame of the base from positions of joints alone.
 
@@ -88,18 +101,31 @@ class WheelOdometry(ReprMixin):
         Raises:
             InputError: an array has another shape or is not finite.
         """
-        start, first, last = vector(pose, 3, "pose"), self._validator.validate(before), self._validator.validate(after)
-        if start.ndim != 1 or first.ndim != 1 or last.ndim != 1:
-            raise InputError("odometry takes one pose and two configurations")
+        found = self.increment(before, after)
+        return OdometryStep(composed(vector(pose, 3, "pose"), found.motion), found.slip)
+
+    def increment(self, before: Float[Array, " nq"], after: Float[Array, " nq"]) -> OdometryIncrement:
+        """Return the motion of the frame in its own axes, with its derivatives.
+
+        Args:
+            before, after: configurations (nq,) with the positions of the joints; the place of the base does not matter.
+
+        Raises:
+            InputError: an array has another shape or is not finite.
+        """
+        first, last = self._validator.validate(before), self._validator.validate(after)
+        if first.ndim != 1 or last.ndim != 1:
+            raise InputError("odometry takes two configurations")
         model = self._reduced.robot.model
         moved = np.zeros(self._reduced.n)
         moved[self._known] = pin.difference(model, first, last)[self._known]
         rows, to_base = self.base.rows(pin.integrate(model, first, 0.5 * moved))
         right = -rows[:, self._known] @ moved[self._known]
         unknown = self._columns(rows, to_base)
-        found = np.linalg.lstsq(unknown, right, rcond=_RANK)[0]
+        inverse = np.linalg.pinv(unknown, rcond=_RANK)
+        found = inverse @ right
         slip = float(np.abs(unknown @ found - right).max(initial=0.0))
-        return OdometryStep(_composed(start, found[:3]), slip)
+        return OdometryIncrement(found[:3], slip, -inverse[:3] @ rows[:, self._known], inverse[:3])
 
     def _columns(self, rows: Array, to_base: Array) -> Array:
         """Columns of the twist and of the joints that are not measured."""
@@ -113,8 +139,8 @@ class WheelOdometry(ReprMixin):
         return float(np.abs(directions[rank:, :3]).max(initial=0.0))
 
 
-def _composed(pose: Array, increment: Array) -> Array:
-    """Pose after the motion with a constant twist (3,) over unit time."""
+def composed(pose: Array, increment: Array) -> Array:
+    """Pose (x, y, heading) after the motion with a constant twist (3,), in the axes of the frame, over unit time."""
     x, y, turn = increment
     along, across = arc_chord(turn)
     forward, left = along * x - across * y, across * x + along * y

@@ -131,20 +131,22 @@ def cost(fit: Fit, deviations: np.ndarray) -> float:
 
 
 def correlation_of(fit: Fit) -> float:
-    """Number of samples over which residuals are correlated: one plus twice the sum of their first correlations."""
-    worst = 1.0
-    for column in range(3):
-        r = fit.residuals[:, column] - fit.residuals[:, column].mean()
-        limit = len(r) // 2
-        size = 2 ** int(np.ceil(np.log2(2 * len(r))))
-        spectrum = np.abs(np.fft.rfft(r, size)) ** 2
-        product = np.fft.irfft(spectrum, size)[:limit]
-        if product[0] <= 0:
-            continue
-        rho = product[1:] / product[0]
-        stops = np.flatnonzero(rho <= 2 / np.sqrt(len(r)))
-        worst = max(worst, float(1 + 2 * rho[: stops[0] if len(stops) else limit].sum()))
-    return worst
+    """Number of samples over which residuals are correlated."""
+    return max(correlation_length(column) for column in fit.residuals.T)
+
+
+def correlation_length(residuals: np.ndarray) -> float:
+    """Number of samples over which residuals (N,) are correlated: 1 plus twice the sum of their first correlations."""
+    r = residuals - residuals.mean()
+    limit = len(r) // 2
+    size = 2 ** int(np.ceil(np.log2(2 * len(r))))
+    spectrum = np.abs(np.fft.rfft(r, size)) ** 2
+    product = np.fft.irfft(spectrum, size)[:limit]
+    if limit == 0 or product[0] <= 0:
+        return 1.0
+    rho = product[1:] / product[0]
+    stops = np.flatnonzero(rho <= 2 / np.sqrt(len(r)))
+    return max(1.0, float(1 + 2 * rho[: stops[0] if len(stops) else limit].sum()))
 
 
 class WindowFit:

@@ -206,6 +206,10 @@ class PositionKinematics:
         """Frame Jacobian (..., 6, nv) at the frame's origin, or some of its rows; linear rows come first."""
         return self._placed.get(_jacobian, (6, self._at.nv), frame, axes)[..., rows, :]
 
+    def joint_jacobian(self, joint: int) -> np.ndarray:
+        """Jacobian (..., 6, nv) of a joint's body: velocity of its point at the origin of the world, in world axes."""
+        return self._placed.get(_joint_jacobian, (6, self._at.nv), joint)
+
     def with_velocity(self, v: np.ndarray) -> VelocityKinematics:
         """The same configurations with velocities (..., nv)."""
         return VelocityKinematics(self, v)
@@ -270,6 +274,10 @@ class VelocityKinematics(PositionKinematics):
     def jacobian_dot(self, frame: int, axes: pin.ReferenceFrame = WORLD_AXES) -> np.ndarray:
         """Time derivative of ``jacobian``, (..., 6, nv)."""
         return self._rates.get(_jacobian_dot, (6, self._at.nv), frame, axes)
+
+    def joint_jacobian_dot(self, joint: int) -> np.ndarray:
+        """Time derivative of ``joint_jacobian``, (..., 6, nv)."""
+        return self._rates.get(_joint_jacobian_dot, (6, self._at.nv), joint)
 
     def own_acceleration_gradient(self, frame: int) -> np.ndarray:
         """Derivative of the frame's acceleration in its own axes with respect to q at fixed v, (..., 6, nv)."""
@@ -343,6 +351,14 @@ def _acceleration(at: Kinematics, frame: int, axes: pin.ReferenceFrame) -> np.nd
 
 def _jacobian_dot(at: Kinematics, frame: int, axes: pin.ReferenceFrame) -> np.ndarray:
     return _by_columns(at, pin.getFrameJacobianTimeVariation(at.model, at.data, frame, axes))
+
+
+def _joint_jacobian(at: Kinematics, joint: int) -> np.ndarray:
+    return _by_columns(at, pin.getJointJacobian(at.model, at.data, joint, pin.ReferenceFrame.WORLD))
+
+
+def _joint_jacobian_dot(at: Kinematics, joint: int) -> np.ndarray:
+    return _by_columns(at, pin.getJointJacobianTimeVariation(at.model, at.data, joint, pin.ReferenceFrame.WORLD))
 
 
 def _own_gradients(at: Kinematics, frame: int) -> list[np.ndarray]:

@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.path_lengths import driven_length, forward_plan, turning_plan
 from benchmarks.planned_models import car
-from benchmarks.shortest_paths import drive, dubins_length, reeds_shepp_length
+from rnc_pin.planning.shortest_paths import driven_pose, dubins_length, reeds_shepp_length
 
 
 def test_no_random_word_is_shorter_than_the_closed_forms():
@@ -13,8 +13,8 @@ def test_no_random_word_is_shorter_than_the_closed_forms():
     for _ in range(100):
         curvatures, lengths = generator.integers(-1, 2, 4), generator.uniform(-1.5, 1.5, 4)
         length = np.abs(lengths).sum()
-        assert reeds_shepp_length(*drive(list(zip(curvatures, lengths, strict=True)))) <= length + 1e-9
-        assert dubins_length(*drive(list(zip(curvatures, np.abs(lengths), strict=True)))) <= length + 1e-9
+        assert reeds_shepp_length(*driven_pose(list(zip(curvatures, lengths, strict=True)))) <= length + 1e-9
+        assert dubins_length(*driven_pose(list(zip(curvatures, np.abs(lengths), strict=True)))) <= length + 1e-9
     assert reeds_shepp_length(0.0, 0.0, np.pi) == pytest.approx(np.pi)  # three arcs of a third of a half turn each
     assert dubins_length(0.0, 0.0, np.pi) == pytest.approx(
         7 * np.pi / 3

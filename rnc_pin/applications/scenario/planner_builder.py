@@ -36,7 +36,7 @@ from rnc_pin.optimal import (
     goal_configuration,
     tvlqr,
 )
-from rnc_pin.planning import OutputTarget, Reference
+from rnc_pin.planning import OutputTarget, Reference, find_way
 from rnc_pin.robots import Robot
 from rnc_pin.simulation import PlannedPath
 
@@ -90,7 +90,7 @@ def build_plan(
             goal=goal,
             costs=list(_costs(settings, start, names)),
             bounds=list(_bounds(settings, reduced, obstacles, names)),
-            guess=None if settings.guess is None else _guess(settings, reduced, start, goal),
+            guess=_first_guess(scenario, reduced, start, goal, obstacles),
             seed=scenario.seed,
             v2_0=None if kinematic else start.v2,
             feedback=_feedback(scenario, reduced),
@@ -189,6 +189,25 @@ def _limits(given: Mapping[str, Limits]) -> tuple[dict[str, float], dict[str, fl
     """Lower and upper limits by name; null is no limit, not that of the robot's file."""
     lower = {name: -np.inf if low is None else float(low) for name, (low, _) in given.items()}
     return lower, {name: np.inf if high is None else float(high) for name, (_, high) in given.items()}
+
+
+def _first_guess(
+    scenario: ScenarioFile,
+    reduced: ReducedModel,
+    start: Start,
+    goal: Mapping[OutputTarget, ArrayLike] | None,
+    obstacles: Sequence[Obstacle],
+) -> np.ndarray | None:
+    """Configurations (n, nq) of the first guess; None for the straight line."""
+    settings = scenario.planner
+    assert settings is not None
+    if settings.type == "global":
+        assert goal is not None
+        selection, clearance = PairSelection(links=settings.links), settings.clearance or 0.0
+        beside = () if settings.clearance is None else obstacles
+        way = find_way(reduced, start.q, goal, beside, selection=selection, clearance=clearance, seed=scenario.seed)
+        return way.at(np.linspace(0.0, way.duration, _POINTS))
+    return None if settings.guess is None else _guess(settings, reduced, start, goal)
 
 
 def _guess(

@@ -157,3 +157,48 @@ def test_plans_are_judged_with_the_gains_of_the_run(warehouse):
     assert idle.feedback.violation == pytest.approx(idle.inputs.violation, rel=1e-6)
     assert firm.feedback.violation < 0.8 * firm.inputs.violation
     assert firm.inputs == idle.inputs
+
+
+BEHIND_A_WALL = """
+robot: {urdf: unicycle.urdf, base: planar}
+constraints: [{rolling_wheel: {frame: wheel, radius: 0.25}}]
+actuators: [{force: {frame: fork, axis: x}}, {torque: {frame: fork, axis: z}}]
+outputs:
+  reducing: [{frame_speed: {frame: fork, axis: x}}, {frame_yaw: fork}]
+  vertical: [{frame_position: {frame: fork, axes: xy}}]
+obstacles:
+  - box: {name: wall, size: [0.1, 6.0, 1.0], position: [1.5, 2.1, 0.0]}
+  - box: {name: other wall, size: [0.1, 6.0, 1.0], position: [3.0, -2.1, 0.0]}
+planner:
+  type: global
+  goal: {fork_x: 4.5, fork_y: 0, fork_yaw: 0}
+  duration: 14
+  clearance: 0.05
+  nodes: 60
+  seeds: 0
+controller: {type: plan_feedback, state_cost: 10}
+simulation: {duration: 14.5, dt: 0.01}
+"""
+
+
+def test_a_run_finds_its_way_around_walls_and_tracks_it(tmp_path):
+    run = execute(Scenario.load(written(tmp_path, BEHIND_A_WALL)).build())
+    assert run.error is None
+    assert run.summary["verdict"] == "succeeded", run.summary
+    np.testing.assert_allclose(run.trajectory.q[-1, :2], [4.5, 0.0], atol=1e-2)
+    x, y = run.trajectory.q[:, :2].T
+    for wall, low, high in ((1.5, -0.9, 5.1), (3.0, -5.1, 0.9)):
+        crossed = y[np.flatnonzero(np.diff(np.sign(x - wall)))]
+        assert ((crossed < low) | (crossed > high)).all()
+
+
+def test_a_goal_that_no_way_reaches_is_refused_at_the_planner(tmp_path):
+    inside = {"goal": {"fork_x": 1.5, "fork_y": 0.6, "fork_yaw": 0}}
+    with pytest.raises(rnc.InfeasibleError, match="planner: find_way: no configuration reaches"):
+        Scenario.load(written(tmp_path, BEHIND_A_WALL, planner=inside)).build()
+    for change, message in (
+        ({"guess": {"through": []}}, "type 'global' searches the guess"),
+        ({"goal": None}, "goal"),
+    ):
+        with pytest.raises(rnc.ConfigurationError, match=message):
+            Scenario.load(written(tmp_path, BEHIND_A_WALL, planner=change)).build()

@@ -11,10 +11,10 @@ import coal
 import numpy as np
 from pydantic import Field
 
-from rnc_pin.applications.scenario.schema.base import Positive
+from rnc_pin.applications.scenario.schema.base import Positive, Strict
 from rnc_pin.applications.scenario.schema.derived import Entry, one_of
 from rnc_pin.applications.scenario.schema.reference_settings import ReferenceItem
-from rnc_pin.collision import Obstacle, ground_shape, load_mesh_shape
+from rnc_pin.collision import Obstacle, ground_shape, load_map, load_mesh_shape
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.math import Coordinates
 
@@ -32,6 +32,9 @@ class _Placed(_OBSTACLE.model):  # type: ignore[name-defined, misc]
 
     @abstractmethod
     def shape(self, folder: Path) -> coal.CollisionGeometry: ...
+
+    def build_all(self, folder: Path, default_name: str) -> Sequence[Obstacle]:
+        return (self.build(folder, default_name),)
 
     def build(self, folder: Path, default_name: str) -> Obstacle:
         name = self.name or default_name
@@ -101,8 +104,30 @@ class GroundObstacle(_Placed):
         return ground_shape()
 
 
+class MapObstacle(Strict):
+    """Occupied cells of a map of ROS navigation, as boxes."""
+
+    file: str
+    """YAML file of the map, relative to the scenario file."""
+    name: str | None = None
+    """Unique name; its boxes are numbered. By default "map" and its number."""
+    height: Positive = 2.0
+    """Height of the boxes, which stand on the ground [m]."""
+    unknown: bool = False
+    """True if unknown cells are obstacles too."""
+    cells: Annotated[int, Field(ge=1)] = 1
+    """Side of the squares of cells that count as one, which is occupied if any of its cells is."""
+
+    def build_all(self, folder: Path, default_name: str) -> Sequence[Obstacle]:
+        name = self.name or default_name
+        try:
+            return load_map(folder / self.file, name).obstacles(self.height, self.unknown, self.cells)
+        except RncError as error:
+            raise ConfigurationError(f"obstacle '{name}': {error}") from None
+
+
 ObstacleItem = Annotated[
-    _Placed,
+    _Placed | MapObstacle,
     one_of(
         box=BoxObstacle,
         sphere=SphereObstacle,
@@ -110,11 +135,12 @@ ObstacleItem = Annotated[
         capsule=CapsuleObstacle,
         mesh=MeshObstacle,
         ground=GroundObstacle,
+        map=MapObstacle,
     ),
 ]
 
 
-def build_obstacles(items: Sequence[_Placed], folder: Path) -> tuple[Obstacle, ...]:
+def build_obstacles(items: Sequence[_Placed | MapObstacle], folder: Path) -> tuple[Obstacle, ...]:
     """Build the obstacles of a scenario. Paths are relative to ``folder``.
 
     Raises:
@@ -123,8 +149,9 @@ def build_obstacles(items: Sequence[_Placed], folder: Path) -> tuple[Obstacle, .
     found: list[Obstacle] = []
     for number, item in enumerate(items, start=1):
         kind = type(item).__name__.removesuffix("Obstacle").lower()
-        obstacle = item.build(folder, f"{kind} {number}")
-        if any(obstacle.name == each.name for each in found):
-            raise ConfigurationError(f"obstacles: two are named '{obstacle.name}'")
-        found.append(obstacle)
+        known = {each.name for each in found}
+        for obstacle in item.build_all(folder, f"{kind} {number}"):
+            if obstacle.name in known:
+                raise ConfigurationError(f"obstacles: two are named '{obstacle.name}'")
+            found.append(obstacle)
     return tuple(found)

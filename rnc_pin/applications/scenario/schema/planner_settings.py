@@ -108,8 +108,8 @@ class OptimalPlanner(_PLAN.model, _SOLVER.model):  # type: ignore[name-defined, 
     plan of a controller of type "plan_feedback".
     """
 
-    type: Literal["optimal"]
-    """Optimal control with exact derivatives."""
+    type: Literal["optimal", "global"]
+    """Optimal control with exact derivatives; "global" first searches a way around the obstacles, its guess."""
     goal: dict[str, float] = {}
     """Values at the end by names of outputs. An orientation needs all its rows. Empty leaves the end to costs."""
     duration: Positive | Annotated[list[Positive], Field(min_length=2, max_length=2)]
@@ -126,6 +126,14 @@ class OptimalPlanner(_PLAN.model, _SOLVER.model):  # type: ignore[name-defined, 
     """True for that distance between links of the robot too."""
     guess: GuessSettings | None = None
     """First guess; the straight line by default."""
+
+    @model_validator(mode="after")
+    def _guess_of_type(self) -> OptimalPlanner:
+        if self.type == "global" and self.guess is not None:
+            raise ValueError("type 'global' searches the guess: remove 'guess', or use type 'optimal'")
+        if self.type == "global" and not self.goal:
+            raise ValueError("type 'global' needs a goal")
+        return self
 
     def build(self, reduced: ReducedModel, **others: object) -> MotionPlan:
         """Plan a motion; the arguments are those of ``plan`` that the file does not give."""

@@ -169,3 +169,16 @@ def test_outline_from_above():
     box = rnc.collision.Obstacle(coal.Box(2, 1, 5), position=(1, 1, 0), yaw=np.pi / 2, name="box")
     corners = outline(box, 0.0)
     assert sorted(map(tuple, corners.round(9).tolist())) == [(0.5, 0.0), (0.5, 2.0), (1.5, 0.0), (1.5, 2.0)]
+
+
+def test_a_map_is_boxes(tmp_path):
+    (tmp_path / "lot.pgm").write_bytes(b"P5 3 2 255\n" + bytes([0, 254, 254, 254, 254, 0]))
+    keys = "resolution: 0.5\norigin: [2, 1, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    (tmp_path / "lot.yaml").write_text(f"image: lot.pgm\n{keys}")
+    text = "  - box: {size: [0.1, 0.1, 0.1], position: [3, 0, 0]}\n  - map: {file: lot.yaml, height: 1.0}\n"
+    box, first, second = prepared(tmp_path, text).experiment.obstacles
+    assert [each.name for each in (box, first, second)] == ["box 1", "map 2 1", "map 2 2"]
+    assert first.position.tolist() == [3.25, 1.25, 0.5]
+    assert second.position.tolist() == [2.25, 1.75, 0.5]
+    with pytest.raises(rnc.ConfigurationError, match=r"obstacle 'map 2': map 'lott\.yaml'"):
+        prepared(tmp_path, text.replace("lot", "lott"))

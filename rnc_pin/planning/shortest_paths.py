@@ -20,12 +20,18 @@ def dubins_length(x: float, y: float, heading: float) -> float:
     return min(_length(word) for word in _dubins_words(x, y, heading) if _ends_at(word, x, y, heading))
 
 
+def reeds_shepp_words(x: float, y: float, heading: float) -> list[Word]:
+    """Paths with forward and backward segments from the origin to a pose, in turning radii, the shortest first."""
+    found = [word for word in _reeds_shepp_words(x, y, heading) if _ends_at(word, x, y, heading)]
+    return sorted(found, key=_length)
+
+
 def reeds_shepp_length(x: float, y: float, heading: float) -> float:
     """Length of the shortest path with forward and backward segments from the origin to a pose, in turning radii."""
-    return min(_length(word) for word in _reeds_shepp_words(x, y, heading) if _ends_at(word, x, y, heading))
+    return _length(reeds_shepp_words(x, y, heading)[0])
 
 
-def drive(word: Word) -> tuple[float, float, float]:
+def driven_pose(word: Word) -> tuple[float, float, float]:
     """Pose at the end of a word from the origin."""
     x = y = heading = 0.0
     for curvature, length in word:
@@ -44,7 +50,7 @@ def _length(word: Word) -> float:
 
 
 def _ends_at(word: Word, x: float, y: float, heading: float) -> bool:
-    found = drive(word)
+    found = driven_pose(word)
     return hypot(found[0] - x, found[1] - y) < 1e-6 and isclose(cos(found[2] - heading), 1.0, abs_tol=1e-9)
 
 
@@ -91,7 +97,7 @@ def _reeds_shepp_words(x: float, y: float, heading: float) -> Iterator[Word]:
 
 
 def _base_words(x: float, y: float, heading: float) -> Iterator[Word]:
-    """Formulas 8.1 to 8.11 of Reeds and Shepp, without conditions on signs: ``drive`` decides which of them hold."""
+    """Formulas 8.1 to 8.11 of Reeds and Shepp, without conditions on signs: ``driven_pose`` decides which hold."""
     quarter = pi / 2
     same = x - sin(heading), y - 1 + cos(heading)  # the last segment turns left
     other = x + sin(heading), y - 1 - cos(heading)  # it turns right

@@ -1,0 +1,292 @@
+"""Exact motions of a reduced system from one configuration to another, by steering that its constraint rows allow.
+
+A motion is a sequence of displacements: joints move at constant rates along each, which is a geodesic of the
+configuration manifold. A planar base then drives an arc of constant curvature. The constraint rows tell the kind:
+
+    free                 all planned joints move independently: arms, Mecanum bases, bodies with thrusters
+    differential drive   one row forbids side slip of the base: turn, drive straight, turn
+    car                  the curvature of the base depends on one joint: shortest paths of Reeds and Shepp between
+                         straight wheels; the car stands while it steers
+
+Wheels without limits, on which no row depends, follow: their angles are a result, and no part of a goal.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Bool, Float
+from rnc_pin.errors import InfeasibleError, SingularityError
+from rnc_pin.math.coordinates import wrapped
+from rnc_pin.model.configuration_manifold import ConfigurationManifold
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.planning.shortest_paths import reeds_shepp_words
+from rnc_pin.robots.joint_values import NO_LIMIT
+
+_STEEPEST = np.deg2rad(80.0)  # largest steering angle of a joint without limits
+_GRID = 161  # steering angles at which the curvature is evaluated
+_SHORT = 1e-12  # displacement [m or rad] that is left out
+_PATHS = 3  # shortest paths of a car that are tried
+
+
+class ExactMotion(NamedTuple):
+    """Configurations (k + 1, nq), and the displacements (k, nv) that lead from each to the next."""
+
+    q: Float[Array, "n nq"]
+    steps: Float[Array, "k nv"]
+
+
+class Steering(ABC):
+    """Family of exact motions between two configurations.
+
+    Args:
+        reduced: the model.
+        planned: mask (nv,) of the velocities that are planned; all other joints follow.
+
+    Attributes:
+        kind: name of the family.
+        radius: smallest turning radius [m]; zero if the base can turn on the spot.
+    """
+
+    kind: str
+    radius = 0.0
+
+    def __init__(self, reduced: ReducedModel, planned: Bool[Array, " nv"]) -> None:
+        self.reduced, self.planned = reduced, planned
+        self.manifold = ConfigurationManifold(reduced.robot.model)
+
+    @abstractmethod
+    def displacements(self, start: Float[Array, " nq"], goal: Float[Array, " nq"]) -> Iterator[Float[Array, "k nv"]]:
+        """Displacements of the planned joints that lead to a configuration; the best choice first."""
+
+    def motions(self, start: Float[Array, " nq"], goal: Float[Array, " nq"]) -> Iterator[ExactMotion]:
+        """Motions to a configuration, the best choice first; joints that follow do not move."""
+        for steps in self.displacements(start, goal):
+            yield self.along(start, steps[np.abs(steps).max(axis=1, initial=0.0) > _SHORT])
+
+    def along(self, start: Float[Array, " nq"], steps: Float[Array, "k nv"]) -> ExactMotion:
+        """Motion along displacements."""
+        found = [np.array(start)]
+        for step in steps:
+            found.append(self.manifold.integrate(found[-1][None], step[None])[0])
+        return ExactMotion(np.array(found), steps)
+
+    def completed(self, motion: ExactMotion, start: Float[Array, " nq"]) -> ExactMotion:
+        """The motion of the planned joints from another start, with the joints that follow."""
+        q, steps = [np.array(start)], []
+        for step in motion.steps:
+            R = self.reduced.at(q[-1]).R
+            u = np.linalg.lstsq(R[self.planned], step[self.planned], rcond=None)[0]
+            steps.append(np.where(self.planned, step, R @ u))
+            q.append(self.manifold.integrate(q[-1][None], steps[-1][None])[0])
+        return ExactMotion(np.array(q), np.array(steps).reshape(-1, len(self.planned)))
+
+
+class FreeSteering(Steering):
+    """Geodesic between two configurations: the planned joints move independently."""
+
+    kind = "free"
+
+    def displacements(self, start: Array, goal: Array) -> Iterator[Array]:
+        yield np.where(self.planned, self.manifold.difference(start[None], goal[None])[0], 0.0)[None]
+
+
+class _AxleSteering(Steering):
+    """Base that does not slip along an axle.
+
+    Args:
+        reduced: the model.
+        planned: as for ``Steering``.
+        row: coefficients (3,) of the base's velocity in the row without side slip.
+    """
+
+    def __init__(self, reduced: ReducedModel, planned: Bool[Array, " nv"], row: Float[Array, " 3"]) -> None:
+        super().__init__(reduced, planned)
+        base = reduced.robot.model.joints[1]
+        self.base, self._place = slice(base.idx_v, base.idx_v + 3), slice(base.idx_q, base.idx_q + 4)
+        size = float(np.hypot(row[0], row[1]))
+        forward = np.array([row[1], -row[0]]) / size
+        sign = 1.0 if forward[0] > 1e-6 or (abs(forward[0]) <= 1e-6 and forward[1] > 0.0) else -1.0
+        self._forward = sign * forward
+        self._point = row[2] / size * forward  # on the axle, nearest to the origin of the base
+
+    def axle_velocity(self, base: Float[Array, " 3"]) -> tuple[float, float]:
+        """Forward and turning speed of the axle for a velocity of the base."""
+        x, y = self._point
+        return float(self._forward @ (base[:2] + base[2] * np.array([-y, x]))), float(base[2])
+
+    def driven(self, length: float, turn: float) -> Float[Array, " nv"]:
+        """Displacement of the base along an arc, or on the spot; all other joints stand."""
+        step = np.zeros(len(self.planned))
+        x, y = self._point
+        step[self.base] = [*(length * self._forward - turn * np.array([-y, x])), turn]
+        return step
+
+    def seen(self, start: Array, goal: Array) -> tuple[float, float, float]:
+        """Pose (x, y, heading) of the axle at a configuration, seen from the axle at another one."""
+        first, second = (self._pose(each) for each in (start, goal))
+        c, s = np.cos(first[2]), np.sin(first[2])
+        x, y = second[:2] - first[:2]
+        return float(c * x + s * y), float(c * y - s * x), float(wrapped(second[2] - first[2]))
+
+    def _pose(self, q: Array) -> Array:
+        x, y, c, s = q[self._place]
+        turned = np.array([c * self._point[0] - s * self._point[1], s * self._point[0] + c * self._point[1]])
+        return np.array(
+            [turned[0] + x, turned[1] + y, np.arctan2(s, c) + np.arctan2(self._forward[1], self._forward[0])]
+        )
+
+    def joints(self, start: Array, goal: Array) -> Float[Array, " nv"]:
+        """Displacement of all planned joints but the base."""
+        step = np.where(self.planned, self.manifold.difference(start[None], goal[None])[0], 0.0)
+        step[self.base] = 0.0
+        return step
+
+
+class DifferentialDrive(_AxleSteering):
+    """Turn on the spot, drive straight, turn on the spot; other joints move at the same time."""
+
+    kind = "differential drive"
+
+    def displacements(self, start: Array, goal: Array) -> Iterator[Array]:
+        x, y, turn = self.seen(start, goal)
+        joints, away = self.joints(start, goal), float(np.hypot(x, y))
+        choices = []
+        for length, bearing in ((away, np.arctan2(y, x)), (-away, np.arctan2(-y, -x))) if away > _SHORT else ((0, 0),):
+            last = float(wrapped(turn - bearing))
+            choices.append((abs(bearing) + abs(last), [(0.0, bearing), (length, 0.0), (0.0, last)]))
+        for _, pieces in sorted(choices, key=lambda choice: choice[0]):
+            yield _shared([self.driven(*piece) for piece in pieces], joints)
+
+
+class CarSteering(_AxleSteering):
+    """Shortest paths of Reeds and Shepp between configurations with straight wheels.
+
+    Args:
+        reduced: the model.
+        planned: as for ``Steering``.
+        row: as for ``_AxleSteering``.
+        joint: index of the velocity of the steering joint.
+        q0: configuration (nq,) at which the curvature is evaluated; only the steering joint matters.
+
+    Raises:
+        InfeasibleError: the car cannot drive straight, or not turn to both sides.
+    """
+
+    kind = "car"
+
+    def __init__(
+        self,
+        reduced: ReducedModel,
+        planned: Bool[Array, " nv"],
+        row: Float[Array, " 3"],
+        joint: int,
+        q0: Float[Array, " nq"],
+    ) -> None:
+        super().__init__(reduced, planned, row)
+        model = reduced.robot.model
+        self._steering, self._q0 = joint, q0
+        self._entry = next(int(each.idx_q) for each in list(model.joints)[1:] if each.idx_v == joint)
+        low, high = model.lowerPositionLimit[self._entry], model.upperPositionLimit[self._entry]
+        unlimited = not low < high or max(-low, high) > NO_LIMIT
+        angles = np.linspace(*((-_STEEPEST, _STEEPEST) if unlimited else (low, high)), _GRID)
+        curvatures = np.array([self._curvature(angle) for angle in angles])
+        middle = int(np.nanargmin(np.abs(curvatures)))
+        first, last = _monotonic(curvatures, middle)
+        ends = curvatures[[first, last]]
+        if not ends.min() < 0.0 < ends.max():
+            raise InfeasibleError(
+                f"joint '{reduced.robot.velocity_names[joint]}' steers the base from a curvature of {ends.min():.3g} "
+                f"to {ends.max():.3g} 1/m: a way needs turns to both sides"
+            )
+        largest = float(min(-ends.min(), ends.max()))
+        self.radius = 1.0 / largest
+        self._angles = {}
+        for side in (-1, 0, 1):
+            wanted = np.clip(side * largest, ends.min(), ends.max())
+            miss = curvatures - wanted
+            at = next(k for k in range(first, last) if miss[k] * miss[k + 1] <= 0.0)
+            root = scipy.optimize.brentq(
+                lambda angle, wanted=wanted: self._curvature(angle) - wanted, angles[at], angles[at + 1], xtol=1e-14
+            )
+            self._angles[side] = float(root)
+        # The curvature at these angles is exact, whatever the error of the root.
+        self._driven = {side: self._curvature(angle) for side, angle in self._angles.items()}
+        self.radius = 1.0 / min(abs(self._driven[side]) for side in (-1, 1))
+
+    @property
+    def straight(self) -> float:
+        """Angle of the steering joint with straight wheels [rad]."""
+        return self._angles[0]
+
+    def at_angle(self, q: Float[Array, " nq"], angle: float) -> Float[Array, " nq"]:
+        """The configuration with another steering angle."""
+        found = np.array(q)
+        found[self._entry] = angle
+        return found
+
+    def _curvature(self, angle: float) -> float:
+        """Curvature of the axle's path [1/m]; NaN if the rows are singular, or the base cannot move."""
+        try:
+            R = self.reduced.at(self.at_angle(self._q0, angle)).R
+        except SingularityError:
+            return np.nan
+        speed, turn = self.axle_velocity(np.linalg.svd(R[self.base])[0][:, 0])
+        return turn / speed if abs(speed) > 1e-6 else np.nan
+
+    def displacements(self, start: Array, goal: Array) -> Iterator[Array]:
+        joints = self.joints(start, goal)
+        joints[self._steering] = 0.0
+        x, y, turn = self.seen(start, goal)
+        if np.hypot(x, y) < _SHORT and abs(turn) < _SHORT:
+            yield self._steered([], start, goal, joints)
+            return
+        for word in reeds_shepp_words(x / self.radius, y / self.radius, turn)[:_PATHS]:
+            yield self._steered(word, start, goal, joints)
+
+    def _steered(self, word: Sequence[tuple[int, float]], start: Array, goal: Array, joints: Array) -> Array:
+        """Displacements along a path, the car stands where it steers."""
+        angle, pieces, steering = start[self._entry], [], []
+        for side, length in word:
+            if abs(length) < _SHORT:
+                continue
+            steering.append(self._turned(self._angles[side] - angle))
+            angle, along = self._angles[side], length * self.radius
+            pieces.append(self.driven(along, self._driven[side] * along))
+        end = self._turned(goal[self._entry] - angle)
+        if not pieces:
+            return (joints + end)[None]
+        moved = _shared(pieces, joints)
+        return np.array([step for pair in zip(steering, moved, strict=True) for step in pair] + [end])
+
+    def _turned(self, by: float) -> Array:
+        step = np.zeros(len(self.planned))
+        step[self._steering] = by
+        return step
+
+
+def _monotonic(values: Array, middle: int) -> tuple[int, int]:
+    """First and last index of the monotonic part of a sequence around an index."""
+    slopes = np.diff(values)
+    sign = np.sign(slopes[min(middle, len(slopes) - 1)])
+    first = last = middle
+    while first > 0 and slopes[first - 1] * sign > 0.0:
+        first -= 1
+    while last < len(slopes) and slopes[last] * sign > 0.0:
+        last += 1
+    return first, last
+
+
+def _shared(pieces: Sequence[Array], joints: Array) -> Array:
+    """Pieces of a motion of the base, with a motion of other joints in proportion to their sizes."""
+    moved = np.array(pieces)
+    sizes = np.linalg.norm(moved, axis=1)
+    total = float(sizes.sum())
+    shares = sizes / total if total > _SHORT else np.full(len(moved), 1.0 / len(moved))
+    return moved + shares[:, None] * joints

@@ -1,0 +1,105 @@
+"""Collision-free way of a reduced system from one configuration to another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy import ndarray as Array
+from numpy.typing import ArrayLike
+
+from rnc_pin.array_shapes import Float
+from rnc_pin.model.configuration_manifold import ConfigurationManifold
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.planning.way_checking import NarrowPlace
+from rnc_pin.printing import Line, ObjectSummary, SummaryMixin, counted, items
+
+
+@dataclass(frozen=True, repr=False)
+class WayInfo:
+    """Record of the search for a way.
+
+    Attributes:
+        steering: kind of the exact steering.
+        seconds: time of the search [s].
+        edges: number of motions whose collisions were checked.
+        goals: number of goal configurations.
+        first_duration: duration of the first way, before it was shortened [s].
+    """
+
+    steering: str
+    seconds: float
+    edges: int
+    goals: int
+    first_duration: float
+
+
+@dataclass(frozen=True, repr=False)
+class Way(SummaryMixin):
+    """Collision-free motion along which the constraint rows hold.
+
+    Joints move at constant rates between nodes: a node is followed by a geodesic with velocity ``v``. The velocity
+    jumps at nodes, so that a robot has to stop there, or to follow a smoother motion beside the way.
+
+    Attributes:
+        reduced: the model.
+        time: times (N,) of the nodes [s]. Joints keep the velocity limits of the robot's file; planned joints without
+            a limit keep 1 rad/s or 1 m/s.
+        q: configurations (N, nq).
+        v: velocities (N - 1, nv) after the nodes.
+        length: length of the path of the base [m]; zero for a fixed base.
+        residual: largest entry of ``A(q) v`` at the nodes, and halfway between them.
+        narrowest: narrowest place beside obstacles; None if none is nearer than 1 m.
+        info: record of the search.
+    """
+
+    reduced: ReducedModel
+    time: Float[Array, " n"]
+    q: Float[Array, "n nq"]
+    v: Float[Array, "k nv"]
+    length: float
+    residual: float
+    narrowest: NarrowPlace | None
+    info: WayInfo
+
+    @property
+    def duration(self) -> float:
+        """Duration [s]."""
+        return float(self.time[-1])
+
+    @cached_property
+    def _manifold(self) -> ConfigurationManifold:
+        return ConfigurationManifold(self.reduced.robot.model)
+
+    def at(self, t: ArrayLike) -> Float[Array, "*k nq"]:
+        """Configurations (..., nq) at times [s]; those of the ends before and after the way.
+
+        Args:
+            t: a time, or times (k,).
+        """
+        times = np.clip(np.atleast_1d(np.asarray(t, dtype=float)), 0.0, self.duration)
+        if not len(self.v):
+            found = np.repeat(self.q, len(times), axis=0)
+        else:
+            k = np.clip(np.searchsorted(self.time, times, "right") - 1, 0, len(self.v) - 1)
+            found = self._manifold.integrate(self.q[k], (times - self.time[k])[:, None] * self.v[k])
+        return found[0] if np.ndim(t) == 0 else found
+
+    def reduced_velocity(self, t: float) -> Float[Array, " r"]:
+        """Reduced velocities (r,) at a time [s]: ``v = R(q) v2``."""
+        k = int(np.clip(np.searchsorted(self.time, t, "right") - 1, 0, len(self.v) - 1))
+        return np.array(self.reduced.at(self.at(t)).J2 @ self.v[k])
+
+    def _summary(self) -> ObjectSummary:
+        lines: list[Line] = [
+            ("length of the path of the base", items([f"{self.length:.3g} m"])),
+            ("duration", items([f"{self.duration:.3g} s, {self.info.first_duration:.3g} s before it was shortened"])),
+            ("nodes", items([f"{len(self.q)}"])),
+            ("residual of constraint rows", items([f"{self.residual:.1g}"])),
+        ]
+        if self.narrowest is not None:
+            place = self.narrowest
+            lines.append(("narrowest place", items([f"{place.distance:.3g} m at {place.time:.3g} s, {place.pair}"])))
+        found = f"found in {self.info.seconds:.2g} s, {counted(self.info.edges, 'motion')} checked"
+        return ObjectSummary(f"way by {self.info.steering} steering", [*lines, ("search", items([found]))])

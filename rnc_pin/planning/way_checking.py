@@ -1,0 +1,107 @@
+"""Motions without collisions, between samples too, and what blocks the others."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Float
+from rnc_pin.collision import CollisionDistances, continuous_distances
+from rnc_pin.collision.continuous_distances import default_tolerance
+from rnc_pin.model.configuration_manifold import ConfigurationManifold
+from rnc_pin.planning.exact_steering import ExactMotion
+
+_SPACING = 0.1  # [m or rad] between the samples that are looked at before the bounds
+_HALVED = 1.0 - np.array([int(f"{k:04b}"[::-1], 2) for k in range(16)]) / 16.0
+"""Fractions of a motion, in an order that finds collisions early: the end, the middle, the quarters, ..."""
+
+
+class NarrowPlace(NamedTuple):
+    """Smallest distance of a way.
+
+    Attributes:
+        distance: [m].
+        pair: names of both bodies.
+        q: configuration (nq,).
+        time: [s].
+    """
+
+    distance: float
+    pair: str
+    q: Float[Array, " nq"]
+    time: float
+
+
+class WayChecker:
+    """Check of motions: obstacles stay beyond a clearance, links do not touch each other.
+
+    A motion is free only if bounds of the distances show it, between samples too. The bounds have a tolerance, so that
+    gaps that are narrower than the robot, the clearances and the tolerance count as closed. Links may overlap by the
+    tolerance: links of many robots are nearer to each other than it.
+
+    Args:
+        distances: pairs of the robot and obstacles that do not move.
+        clearance: smallest distance to obstacles [m].
+    """
+
+    def __init__(self, distances: CollisionDistances, clearance: float) -> None:
+        self.distances, self.clearance = distances, clearance
+        self.tolerance = default_tolerance(distances)
+        self._beside = distances.shape_pairs[1] >= distances.link_shapes
+        self._least = np.where(self._beside, clearance + self.tolerance, 0.0)
+        self._manifold = ConfigurationManifold(distances.robot.model)
+        self.blocks = np.zeros(len(distances.pairs), dtype=int)
+        self.checked = 0
+
+    def violation(self, q: Float[Array, " nq"]) -> tuple[str, float] | None:
+        """Pair that is too near at a configuration, and its distance [m]; None if all are far enough."""
+        if not self.distances.pairs:
+            return None
+        found = self.distances.smallest(q, 0.0, self.clearance + self.tolerance)
+        worst = int(np.argmin(found - self._least))
+        if found[worst] > self._least[worst]:
+            return None
+        self.blocks[worst] += 1
+        return self.distances.pairs[worst].label, float(found[worst])
+
+    def is_free(self, motion: ExactMotion) -> bool:
+        """True if bounds show that no distance of a motion is too small."""
+        self.checked += 1
+        if any(self.violation(q) is not None for q in self._samples(motion)):
+            return False
+        found = continuous_distances(
+            self.distances,
+            np.arange(len(motion.q), dtype=float),
+            motion.q,
+            self.clearance + self.tolerance,
+            self.tolerance,
+        )
+        close = (found.smallest < self._least) | found.uncertain
+        self.blocks[close] += 1
+        return not close.any()
+
+    def _samples(self, motion: ExactMotion) -> Float[Array, "k nq"]:
+        """Configurations along a motion."""
+        if not len(motion.steps):
+            return motion.q[:1]
+        lengths = np.abs(motion.steps).max(axis=1)
+        ends = np.cumsum(lengths)
+        wanted = _HALVED[: int(np.clip(ends[-1] / _SPACING, 2, len(_HALVED)))] * ends[-1]
+        before = np.minimum(np.searchsorted(ends, wanted), len(lengths) - 1)
+        parts = 1.0 - (ends[before] - wanted) / lengths[before]
+        return self._manifold.integrate(motion.q[before], parts[:, None] * motion.steps[before])
+
+    def narrowest(self, time: Float[Array, " n"], q: Float[Array, "n nq"], within: float) -> NarrowPlace | None:
+        """Narrowest place beside obstacles along a motion; None if no obstacle is nearer than ``within`` [m]."""
+        found = continuous_distances(self.distances, time, q, within, self.tolerance)
+        beside = np.where(self._beside, found.smallest, np.inf)
+        if not len(beside) or beside.min() >= within:
+            return None
+        nearest = int(np.argmin(beside))
+        at = float(found.time[nearest])
+        k = int(np.clip(np.searchsorted(time, at) - 1, 0, len(time) - 2))
+        part = (at - time[k]) / max(time[k + 1] - time[k], 1e-300)
+        place = self._manifold.interpolate(q[k], q[k + 1], np.array([part]))[0]
+        return NarrowPlace(float(beside[nearest]), self.distances.pairs[nearest].label, place, at)

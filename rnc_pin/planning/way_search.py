@@ -1,0 +1,255 @@
+"""Search for a way by OMPL's planner RRTConnect, whose edges are exact motions that bounds show to be free."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from rnc_pin.array_shapes import Float
+from rnc_pin.planning.exact_steering import ExactMotion, Steering
+from rnc_pin.planning.way_checking import WayChecker
+from rnc_pin.planning.way_space import WaySpace
+from rnc_pin.robots.joint_values import NO_LIMIT
+
+if TYPE_CHECKING:
+    from ompl import base as ob
+
+_USUAL_SPEED = 1.0  # [m/s or rad/s] of a joint without a limit
+_SHORTER = 1e-3  # relative decrease of the duration that is worth a change
+
+
+class Clock:
+    """Time that a search may take.
+
+    Args:
+        seconds: [s].
+    """
+
+    def __init__(self, seconds: float) -> None:
+        self._start, self._seconds = time.monotonic(), seconds
+
+    @property
+    def elapsed(self) -> float:
+        """Time since the start [s]."""
+        return time.monotonic() - self._start
+
+    @property
+    def is_over(self) -> bool:
+        """True if the time is up."""
+        return self.elapsed > self._seconds
+
+
+class Nearest(NamedTuple):
+    """Configuration that was reached from the start, and its distance from the nearest goal in OMPL's metric."""
+
+    distance: float
+    q: Float[Array, " nq"]
+
+
+class WaySearch:
+    """Search between configurations, and shortening of what it finds.
+
+    Args:
+        steering: exact steering.
+        checker: check of motions.
+        start: configuration (nq,).
+        goals: configurations (n, nq).
+        clock: time that the search may take.
+
+    Attributes:
+        nearest: configuration that was reached so far.
+    """
+
+    def __init__(
+        self,
+        steering: Steering,
+        checker: WayChecker | None,
+        start: Float[Array, " nq"],
+        goals: Float[Array, "n nq"],
+        clock: Clock,
+    ) -> None:
+        self._steering, self._checker, self._clock = steering, checker, clock
+        self._start, self._goals = start, goals
+        self._speeds = speed_limits(steering)
+        self._known: dict[tuple[bytes, bytes], ExactMotion | None] = {}
+        self._reached = {start.tobytes()}
+        self._measured: Callable[[Array], float] = lambda q: np.inf
+        self.nearest = Nearest(np.inf, start)
+        self.edges = 0
+
+    def direct(self) -> ExactMotion | None:
+        """Fastest free motion to a goal that needs no search; None if there is none."""
+        found = [self.connect(self._start, goal) for goal in self._goals]
+        free = [motion for motion in found if motion is not None]
+        return min(free, key=lambda motion: self.durations(motion.steps).sum(), default=None)
+
+    def run(self, area: Float[Array, "2 3"], held: Sequence[str], most: int, seed: int) -> ExactMotion | None:
+        """Search for a way; None if none is found.
+
+        Args:
+            area: smallest and largest coordinates of the base [m].
+            held: joints that stay within the range of start and goals.
+            most: largest number of motions that are checked.
+            seed: seed of OMPL's random numbers.
+        """
+        from ompl import base as ob
+        from ompl import geometric as og
+        from ompl import util as ou
+
+        level = ou.getLogLevel()
+        ou.setLogLevel(ou.LogLevel.LOG_NONE)
+        ou.RNG.setSeed(seed + 1)  # zero is none
+        try:
+            space = WaySpace(self._steering, np.vstack([self._start, self._goals]), area, held)
+            information = ob.SpaceInformation(space.space)
+            last = self.edges + most
+            failed: list[BaseException] = []
+
+            def safely(answer: Callable[[], bool]) -> bool:
+                """Answer of a callback; an exception ends the search, because it must not cross OMPL's code."""
+                try:
+                    return not failed and answer()
+                except BaseException as error:
+                    failed.append(error)
+                    return False
+
+            class Validator(ob.MotionValidator):  # type: ignore[misc]
+                """Exact motions as the edges of OMPL's trees."""
+
+                def checkMotion(self, first: ob.State, second: ob.State) -> bool:
+                    return safely(lambda: connect(space.read(first), space.read(second)) is not None)
+
+            connect, validator = self.connect, Validator(information)
+            information.setMotionValidator(validator)
+            information.setStateValidityChecker(lambda state: safely(lambda: self._is_valid(space.read(state))))
+            information.setup()
+            problem = ob.ProblemDefinition(information)
+            start = _state(information, space, self._start)
+            problem.addStartState(start)
+            ends = ob.GoalStates(information)
+            self._ends = [_state(information, space, goal) for goal in self._goals]
+            self._measured = lambda q: min(
+                space.space.distance(_state(information, space, q), end) for end in self._ends
+            )
+            for end in self._ends:
+                ends.addState(end)
+            problem.setGoal(ends)
+            self._reached.add(space.read(start).tobytes())
+            planner = og.RRTConnect(information)
+            planner.setProblemDefinition(problem)
+            planner.setup()
+            over = ob.PlannerTerminationCondition(lambda: bool(failed) or self._clock.is_over or self.edges >= last)
+            planner.solve(over)
+            if failed:
+                raise failed[0]
+            if not problem.hasExactSolution():
+                return None
+            q = [space.read(state) for state in problem.getSolutionPath().getStates()]
+        finally:
+            ou.setLogLevel(level)
+            _release(information)
+        q[0] = self._start
+        return self._joined(q)
+
+    def _joined(self, q: Sequence[Array]) -> ExactMotion | None:
+        """Motion along configurations."""
+        steps = []
+        for first, second in pairwise(q):
+            motion = self.connect(first, second)
+            if motion is None:
+                return None
+            steps.append(motion.steps)
+        return self._steering.along(self._start, np.concatenate(steps))
+
+    def connect(self, first: Array, second: Array) -> ExactMotion | None:
+        """Free motion between two configurations; None if there is none."""
+        key = first.tobytes(), second.tobytes()
+        if key not in self._known:
+            self._known[key] = next(
+                (each for each in self._steering.motions(first, second) if self.is_free(each)), None
+            )
+        if self._known[key] is not None and key[0] in self._reached and key[1] not in self._reached:
+            self._reached.add(key[1])
+            distance = self._measured(second)
+            if distance <= self.nearest.distance:
+                self.nearest = Nearest(distance, second)
+        return self._known[key]
+
+    def is_free(self, motion: ExactMotion) -> bool:
+        """True if no distance of a motion is too small."""
+        self.edges += 1
+        return self._checker is None or self._checker.is_free(motion)
+
+    def _is_valid(self, q: Array) -> bool:
+        return self._checker is None or self._checker.violation(q) is None
+
+    # ------------------------------------------------------------------ shorter ways
+
+    def durations(self, steps: Float[Array, "k nv"]) -> Float[Array, " k"]:
+        """Durations (k,) of displacements at the largest speeds [s]."""
+        return (np.abs(steps) / self._speeds).max(axis=1, initial=0.0)
+
+    def shortened(self, motion: ExactMotion, tries: int, seed: int) -> ExactMotion:
+        """The same or a faster motion: two places on it are connected directly, as often as this helps.
+
+        Args:
+            motion: a free motion.
+            tries: number of pairs of places.
+            seed: seed of their choice.
+        """
+        generator = np.random.default_rng(seed)
+        for _ in range(tries):
+            if self._clock.is_over or len(motion.steps) < 2:
+                break
+            ends = np.cumsum(self.durations(motion.steps))
+            first, last = np.sort(generator.uniform(0.0, ends[-1], 2))
+            begin, rest = self._cut(motion, ends, first)[0], self._cut(motion, ends, last)[1]
+            now = last - first
+            for between in self._steering.motions(begin.q[-1], rest.q[0]):
+                if self.durations(between.steps).sum() < (1.0 - _SHORTER) * now and self.is_free(between):
+                    steps = np.concatenate([begin.steps, between.steps, rest.steps])
+                    motion = self._steering.along(motion.q[0], steps)
+                    break
+        return motion
+
+    def _cut(self, motion: ExactMotion, ends: Array, at: float) -> tuple[ExactMotion, ExactMotion]:
+        """Parts of a motion before and after a time [s]."""
+        k = min(int(np.searchsorted(ends, at)), len(ends) - 1)
+        start = ends[k - 1] if k else 0.0
+        part = (at - start) / max(ends[k] - start, 1e-300)
+        step = motion.steps[k]
+        place = self._steering.manifold.integrate(motion.q[k : k + 1], part * step[None])
+        before = ExactMotion(np.concatenate([motion.q[: k + 1], place]), np.vstack([motion.steps[:k], part * step]))
+        rest = ExactMotion(
+            np.concatenate([place, motion.q[k + 1 :]]), np.vstack([(1.0 - part) * step, motion.steps[k + 1 :]])
+        )
+        return before, rest
+
+
+def _release(information: ob.SpaceInformation) -> None:
+    """Replace the callbacks of OMPL's space: they refer to it, and the cycle would stay in memory."""
+    from ompl import base as ob
+
+    other = ob.SpaceInformation(ob.SO2StateSpace())
+    other.setStateValidityChecker(lambda state: False)
+    other.setup()
+    information.setMotionValidator(other.getMotionValidator())
+    information.setStateValidityChecker(other.getStateValidityChecker())
+
+
+def _state(information: object, space: WaySpace, q: Array) -> object:
+    state = information.allocState()  # type: ignore[attr-defined]
+    space.write(state, q)
+    return state
+
+
+def speed_limits(steering: Steering) -> Float[Array, " nv"]:
+    """Largest speeds (nv,) of the robot's file; without one, 1 m/s or 1 rad/s, and any speed for joints that follow."""
+    limits = np.array(steering.reduced.robot.model.velocityLimit, dtype=float)
+    usual = np.where(steering.planned, _USUAL_SPEED, np.inf)
+    return np.where((limits > 0.0) & (limits < NO_LIMIT), limits, usual)

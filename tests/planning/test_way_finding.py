@@ -1,0 +1,234 @@
+"""Ways between configurations: exact, free of collisions between samples too, deterministic, or an honest error."""
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.integrate import solve_ivp
+
+import rnc_pin as rnc
+import rnc_pin.extras
+from benchmarks.planned_models import car, mobile_manipulator, tractor
+from rnc_pin.planning import WaySettings, find_way
+from systems import ROLLERS, WHEEL, mecanum, tiago
+
+Obstacle = rnc.collision.Obstacle
+
+
+def with_box(robot, frame, *sides):
+    """The robot with a box as its outline, on a frame of its base."""
+    geometry, frame = pin.GeometryModel(), robot.model.getFrameId(frame)
+    geometry.addGeometryObject(pin.GeometryObject("body", 1, frame, pin.SE3.Identity(), coal.Box(*sides)))
+    return rnc.Robot(robot.model, collision_model=geometry)
+
+
+def unicycle(width=0.6):
+    """A box with a knife edge in its middle."""
+    robot = with_box(rnc.Robot.from_urdf("unicycle.urdf", base="planar"), "axle", width, width, 0.2)
+    return rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+
+
+def mecanum_box():
+    """A box on four Mecanum wheels."""
+    rows = [rnc.RollingWheel(name, WHEEL, roller=roller) for name, roller in ROLLERS.items()]
+    return rnc.NonholonomicSystem(with_box(mecanum().robot, "base", 0.6, 0.4, 0.2), rows).reduce()
+
+
+def gap(width, thickness=0.2, length=40.0):
+    """A long wall with a gap around y = 0."""
+    return [
+        Obstacle(coal.Box(thickness, length, 1.0), position=(1.5, side * (length + width) / 2, 0.0), name=name)
+        for side, name in ((1.0, "left"), (-1.0, "right"))
+    ]
+
+
+def at_pose(reduced, x, y, yaw=0.0, **joints):
+    q = np.array(reduced.robot.configuration(joints))
+    q[:4] = x, y, np.cos(yaw), np.sin(yaw)
+    return q
+
+
+def reintegrated(way):
+    """Largest difference of the nodes from an integration of ``v = R(q) v2``, node by node, by another method."""
+    reduced, model, worst = way.reduced, way.reduced.robot.model, 0.0
+    q = way.q[0]
+    for k, h in enumerate(np.diff(way.time)):
+
+        def rate(t, x, q=q, k=k):
+            # Coordinates x of the group element exp(x) are those of Pinocchio's integrate.
+            here = pin.integrate(model, q, x)
+            at = reduced.at(here)
+            slope = pin.dIntegrate(model, q, x)[1]  # d(q (+) x) = slope dx in the tangent space at the end
+            return np.linalg.solve(slope, at.R @ (at.J2 @ way.v[k]))
+
+        found = solve_ivp(rate, (0.0, h), np.zeros(model.nv), method="DOP853", rtol=1e-12, atol=1e-13)
+        q = pin.integrate(model, q, found.y[:, -1])
+        worst = max(worst, np.abs(pin.difference(model, q, way.q[k + 1])).max())
+    return worst
+
+
+def closest(way, obstacles, spacing=0.01):
+    """Smallest distance to obstacles at dense samples, without bounds between them."""
+    alone = rnc.collision.PairSelection(links=False)
+    distances = rnc.collision.CollisionDistances(way.reduced.robot, obstacles, alone)
+    steps = np.abs(way.v).max(axis=1) * np.diff(way.time)
+    return min(
+        distances.smallest(q, 0.0, 0.2).min()
+        for q in way.at(np.linspace(0.0, way.duration, int(steps.sum() / spacing) + 2))
+    )
+
+
+LOT = [
+    Obstacle(coal.Box(2.0, 1.2, 1.0), position=(0.2, -0.8, 0.5), name="behind"),
+    Obstacle(coal.Box(2.0, 1.2, 1.0), position=(4.6, -0.8, 0.5), name="before"),
+    Obstacle(coal.Box(10.0, 0.2, 1.0), position=(3.0, -1.8, 0.5), name="curb"),
+]
+ROOMS = [*gap(1.3, length=5.0), Obstacle(coal.Box(0.6, 0.6, 0.6), position=(0.8, 1.6, 0.3), name="table")]
+TASKS = {
+    "car": lambda: (car(), at_pose(car(), -1.0, 1.0), at_pose(car(), 1.9, -0.7), LOT),
+    "differential drive": lambda: (tiago(), at_pose(tiago(), 0.0, 2.0), at_pose(tiago(), 3.2, 1.0, 2.0), ROOMS),
+    "mecanum": lambda: (mecanum_box(), at_pose(mecanum(), 0.0, 2.0), at_pose(mecanum(), 3.0, 1.0, 1.0), ROOMS),
+}
+
+
+@pytest.mark.parametrize("kind", TASKS)
+def test_a_way_is_exact_and_free_between_its_nodes_too(kind):
+    reduced, q0, goal, obstacles = TASKS[kind]()
+    way = find_way(reduced, q0, goal, obstacles, clearance=0.02)
+    assert reintegrated(way) < 1e-9
+    assert way.residual < 1e-12
+    nearest = closest(way, obstacles)
+    assert nearest >= 0.02
+    assert way.narrowest.distance == pytest.approx(nearest, abs=5e-3)
+    moved = pin.difference(reduced.robot.model, way.q[-1], goal)
+    wheels = [k for k, name in enumerate(reduced.robot.velocity_names) if "wheel" in name or "spin" in name]
+    assert np.abs(np.delete(moved, wheels)).max() < 1e-9
+    assert pin.difference(reduced.robot.model, way.at(way.duration), way.q[-1]) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_an_arm_moves_around_an_obstacle():
+    robot = rnc.Robot.from_example("panda", lock={"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0})
+    reduced = rnc.NonholonomicSystem(robot, []).reduce()
+    names = [f"panda_joint{k}" for k in range(1, 8)]
+    q0, goal = (
+        robot.configuration(dict(zip(names, [turn, 0.3, 0.0, -1.8, 0.0, 2.1, 0.0], strict=True)))
+        for turn in (-0.8, 0.8)
+    )
+    post = [Obstacle(coal.Box(0.1, 0.1, 1.6), position=(0.5, 0.0, 0.4), name="post")]
+    way = find_way(reduced, q0, goal, post)
+    assert way.q[-1] == pytest.approx(goal, abs=1e-12)
+    model = robot.model
+    assert (way.q >= model.lowerPositionLimit - 1e-9).all()
+    assert (way.q <= model.upperPositionLimit + 1e-9).all()
+    assert closest(way, post, spacing=0.02) >= 0.01
+
+
+def test_a_goal_of_outputs_is_reached():
+    reduced = mobile_manipulator()
+    hand = rnc.FramePosition("tip", "xy")
+    way = find_way(reduced, reduced.robot.configuration(), {hand: [4.0, 1.0]}, gap(1.6, 0.1))
+    rows = hand.bind(reduced.robot)
+    at = rnc.NonholonomicSystem(reduced.robot, []).reduce().at(way.q[-1])
+    assert rows.value(at.position) == pytest.approx([4.0, 1.0], abs=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_without_obstacles_a_car_drives_the_shortest_path_of_ompl(seed):
+    from ompl import base as ob
+
+    reduced = car()
+    x, y, yaw = np.random.default_rng(seed).uniform([-3, -3, -3], 3)
+    way = find_way(reduced, at_pose(reduced, 0.0, 0.0), at_pose(reduced, x, y, yaw), settings=WaySettings(shortcuts=0))
+    radius = 1.0 / np.tan(1.0)  # wheelbase of 1 m, steering limit of 1 rad
+    space = ob.ReedsSheppStateSpace(radius)
+    states = [space.allocState() for _ in range(2)]
+    for state, pose in zip(states, ((0.0, 0.0, 0.0), (x, y, yaw)), strict=True):
+        state.setXY(*pose[:2])
+        state.setYaw(pose[2])
+    assert way.length == pytest.approx(space.distance(*states), abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_gap_that_is_one_centimetre_too_narrow_is_never_passed(seed):
+    reduced = unicycle(0.6)
+    start, goal = at_pose(reduced, 0.0, 0.0), at_pose(reduced, 3.0, 0.0)
+    settings = WaySettings(seconds=3.0, area=[[-2, -2, 0], [5, 2, 1]])
+    with pytest.raises(rnc.InfeasibleError, match=r"no way found in 3 s.*nearest .* m from the goal"):
+        find_way(reduced, start, goal, gap(0.59), clearance=0.0, settings=settings, seed=seed)
+    # The same gap is passed straight ahead if it is wide enough: by the tolerance and a millimetre to both sides.
+    wide = find_way(reduced, start, goal, gap(0.606), clearance=0.0, settings=settings, seed=seed)
+    assert 0.0 < wide.narrowest.distance < 0.004
+
+
+def test_the_same_seed_gives_the_same_way_and_another_one_does_not():
+    task = TASKS["car"]()
+    first, again, other = (find_way(*task, seed=seed) for seed in (3, 3, 4))
+    assert np.array_equal(first.q, again.q)
+    assert np.array_equal(first.time, again.time)
+    assert not np.array_equal(first.q, other.q)
+
+
+def test_shortcuts_make_a_way_faster_and_keep_it_free():
+    reduced, q0, goal, obstacles = TASKS["mecanum"]()
+    first = find_way(reduced, q0, goal, obstacles, settings=WaySettings(shortcuts=0))
+    shorter = find_way(reduced, q0, goal, obstacles)
+    assert shorter.duration <= first.duration
+    assert closest(shorter, obstacles) >= 0.01
+
+
+def test_the_joints_that_are_held_do_not_move():
+    reduced, q0, goal, obstacles = TASKS["differential drive"]()
+    way = find_way(reduced, q0, goal, obstacles)
+    arm = slice(4, 14)
+    assert way.q[:, arm] == pytest.approx(np.tile(q0[arm], (len(way.q), 1)), abs=1e-8)
+
+
+def test_what_is_not_possible_is_one_line():
+    reduced = unicycle()
+    start, goal = at_pose(reduced, 0.0, 0.0), at_pose(reduced, 3.0, 0.0)
+    with pytest.raises(rnc.InfeasibleError, match=r"the start is too near: .*/ left are .* m apart"):
+        find_way(reduced, at_pose(reduced, 1.5, 3.0), goal, gap(0.5))
+    with pytest.raises(rnc.InfeasibleError, match=r"the goal is too near: .*/ left"):
+        find_way(reduced, start, at_pose(reduced, 1.5, 3.0), gap(0.5))
+    moving = rnc.planning.MinimumJerk([2.0, -1.0, 0.5, 0.0], [2.0, 1.0, 0.5, 0.0], duration=4.0)
+    with pytest.raises(rnc.ConfigurationError, match="obstacle 'person' moves"):
+        find_way(reduced, start, goal, [Obstacle(coal.Sphere(0.2), name="person", motion=moving)])
+    steering = "front_steering"
+    with pytest.raises(rnc.InfeasibleError, match=f"beyond the position limit of joint '{steering}' by 0.5"):
+        find_way(car(), at_pose(car(), 0.0, 0.0), at_pose(car(), 1.0, 0.0, front_steering=1.5))
+    for options, message in (({"seconds": 0.0}, "seconds: expected a positive"), ({"goals": 0}, "goals: expected an")):
+        with pytest.raises(rnc.InputError, match=message):
+            WaySettings(**options)
+    with pytest.raises(rnc.InputError, match="clearance: expected a number of at least 0"):
+        find_way(reduced, start, goal, clearance=-0.1)
+    with pytest.raises(rnc.InputError, match="area"):
+        find_way(reduced, start, goal, gap(2.0), settings=WaySettings(area=[[0, 0], [1, 1]]))
+
+
+def test_a_trailer_has_no_exact_steering():
+    reduced = tractor(1)
+    with pytest.raises(rnc.ConfigurationError, match=r"no exact steering is known.*use rnc\.optimal\.plan"):
+        find_way(reduced, reduced.robot.configuration(), reduced.robot.configuration())
+
+
+def test_an_error_in_the_search_is_not_lost(monkeypatch):
+    def interrupted(self, q):
+        self.calls = getattr(self, "calls", 0) + 1
+        if self.calls > 20:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("rnc_pin.planning.way_checking.WayChecker.violation", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        find_way(*TASKS["car"]())
+
+
+def test_without_ompl_there_is_one_clear_line(monkeypatch):
+    monkeypatch.setattr(rnc_pin.extras, "find_spec", lambda name: None)
+    with pytest.raises(rnc.ConfigurationError, match=r"find_way: OMPL is not installed: pip install '\.\[ompl\]'"):
+        find_way(*TASKS["car"]())
+
+
+def test_a_way_prints_what_it_is():
+    text = str(find_way(*TASKS["car"]()))
+    assert text.startswith("way by car steering\n")
+    assert "narrowest place" in text
