@@ -1,4 +1,4 @@
-"""Calibration from logs: coverage of the standard deviations, processor time, and a real tricycle.
+"""Calibration from logs: coverage of the standard deviations, time and memory, and a real tricycle.
 
     python -m benchmarks logs                       # 200 noisy logs of each vehicle
     python -m benchmarks logs --draws 20 --vehicle tricycle
@@ -12,6 +12,7 @@ import argparse
 import os
 import tempfile
 import time
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -102,6 +103,51 @@ def long_log(duration: float = 2000.0) -> tuple[float, rnc.Calibration]:
         return time.process_time() - begin, found
 
 
+def reading(samples: int, folder: Path) -> dict[str, tuple[float, float, float]]:
+    """Processor time [s], peak of the memory and size of the log [MB] of reading 4 columns of files of 8."""
+    import pyarrow
+    from pyarrow import parquet
+
+    generator = np.random.default_rng(0)
+    table = np.column_stack([np.arange(samples) * 1e-3, generator.normal(size=(samples, 7))])
+    names = ["time", *"abcdefg"]
+    np.savetxt(folder / "log.csv", table, "%.9g", ",", header=",".join(names), comments="")
+    np.savez(folder / "log.npz", **dict(zip(names, table.T, strict=True)))
+    parquet.write_table(pyarrow.table(dict(zip(names, table.T, strict=True))), folder / "log.parquet")
+    _write_mcap(folder / "mcap", table)
+    columns = {"joints": {name: {"position": name} for name in "abc"}}
+    topics = {"topics": {"/joint_states": {"joints": "all"}}}
+    found = {}
+    for name, keys in (("log.csv", columns), ("log.npz", columns), ("log.parquet", columns), ("mcap", topics)):
+        begin = time.process_time()
+        log = rnc.Log.read(folder / name, keys)
+        seconds = time.process_time() - begin
+        tracemalloc.start()
+        rnc.Log.read(folder / name, keys)
+        found[name] = seconds, tracemalloc.get_traced_memory()[1] / 1e6, log.size / 1e6
+        tracemalloc.stop()
+    return found
+
+
+def _write_mcap(path: Path, table: np.ndarray) -> None:
+    """A ROS 2 bag with three joints in each JointState."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    state, header, clock = (
+        store.types[name]
+        for name in ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    )
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topic = writer.add_connection("/joint_states", state.__msgtype__, typestore=store)
+        for row in table:
+            stamp = round(row[0] * 1e9)
+            stamped = header(stamp=clock(stamp // 10**9, stamp % 10**9), frame_id="")
+            message = state(stamped, list("abc"), row[1:4].copy(), np.array([]), np.array([]))
+            writer.write(topic, stamp, store.serialize_cdr(message, state.__msgtype__))
+
+
 def tricycle_system(folder: Path) -> rnc.NonholonomicSystem:
     """The nominal tricycle: a steered and driven front wheel, and no side slip of the rear axle."""
     path = folder / "tricycle.urdf"
@@ -123,6 +169,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--draws", type=int, default=200, help="noisy logs of each vehicle")
     parser.add_argument("--vehicle", choices=VEHICLES, action="append", help="this vehicle only; may be repeated")
+    parser.add_argument("--samples", type=int, default=10**6, help="samples of the files that are read")
     chosen = parser.parse_args()
     for name in chosen.vehicle or VEHICLES:
         inside, sizes = coverage(VEHICLES[name], chosen.draws)
@@ -130,6 +177,10 @@ def main() -> None:
               f"mean square of deviations {np.sqrt(np.mean(sizes**2)):.2f}", flush=True)  # fmt: skip
     if chosen.vehicle:
         return
+    with tempfile.TemporaryDirectory() as folder:
+        for name, (seconds, peak, size) in reading(chosen.samples, Path(folder)).items():
+            memory = f"{peak:.0f} MB while reading, {size:.0f} MB after it"
+            print(f"{name}: {chosen.samples:,} samples of three joints in {seconds:.1f} s, {memory}", flush=True)
     seconds, found = long_log()
     print(f"{found.names and len(found.names)} parameters from 100,000 samples: {seconds:.1f} s of processor time")
     if not (MEASURED / "tricycle").is_dir():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,14 +55,21 @@ class Vehicle:
         path.write_text(self.urdf(numbers))
         return rnc.NonholonomicSystem(rnc.Robot.from_urdf(path, base="planar"), self.constraints(numbers))
 
-    def log(self, seed: int, duration: float = 30.0, noise: float = 1.0, ticks: int = TICKS) -> rnc.Log:
-        """Log of a drawn motion of the true robot; ``ticks`` is zero for exact encoders."""
+    def log(
+        self,
+        seed: int,
+        duration: float = 30.0,
+        noise: float = 1.0,
+        ticks: int = TICKS,
+        inputs: Sequence[Signal] | None = None,
+    ) -> rnc.Log:
+        """Log of a motion of the true robot, by default a drawn one; ``ticks`` is zero for exact encoders."""
         generator = np.random.default_rng(seed)
         time = np.arange(round(duration / STEP) + 1) * STEP
         middle = time[:-1] + STEP / 2
         true = dict(self.true)
         # Inputs in the middle of steps: a second-order rule, far finer than the samples.
-        inputs = [signal(generator) for _ in range(self.inputs)]
+        inputs = [signal(generator) for _ in range(self.inputs)] if inputs is None else inputs
         twist, joints = self.motion(true, [each(middle) for each in inputs])
         heading = np.concatenate([[0.0], np.cumsum(twist[:, 2] * STEP)])
         turn = heading[:-1] + twist[:, 2] * STEP / 2

@@ -1581,6 +1581,7 @@ static PyObject *track(PyObject *module, PyObject *const *args, Py_ssize_t given
 #include "derivatives.h"
 #include "sampling.h"
 #include "batches.h"
+#include "planned_motion.h"
 #include "riccati.h"
 #include "pairs.h"
 #include "least_squares.h"
@@ -1810,6 +1811,7 @@ static PyMethodDef methods[] = {
     {"inverse_dynamics", (PyCFunction)(void (*)(void))inverse_dynamics, METH_FASTCALL, NULL},
     {"forward_dynamics", (PyCFunction)(void (*)(void))forward_dynamics, METH_FASTCALL, NULL},
     {"state_derivative", (PyCFunction)(void (*)(void))state_derivative, METH_FASTCALL, NULL},
+    {"planned_motion", (PyCFunction)(void (*)(void))planned_motion, METH_FASTCALL, NULL},
     {"chart_rate", (PyCFunction)(void (*)(void))chart_rate, METH_FASTCALL, NULL},
     {"integrate", (PyCFunction)(void (*)(void))integrate, METH_FASTCALL, NULL},
     {"admissible_velocity", (PyCFunction)(void (*)(void))admissible_velocity, METH_FASTCALL, NULL},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -134,17 +135,66 @@ def _stacked(found: list[StateDerivatives], reduced: ReducedModel) -> StateDeriv
 
 def _at_one_state(reduced: ReducedModel, state: StateEvaluation, T: Array) -> StateDerivatives:
     """Reference of the compiled kernel. Derivatives by q of rows over time are those at a constant time."""
+    reduced, state = _smooth_at(reduced, state)
+    if not _axes_are_constant(reduced):
+        return _by_differences(reduced, state, T)
+    v2_dot = state.v2_dot(T)
+    found = _partials(reduced, state, state.v_dot(v2_dot), T)
+    E_inverse, M, B, R = state.E_inverse, state.M, state.B, state.R
+    right = B @ T - found.forces
+    multipliers = E_inverse[:, : reduced.m].T @ right
+    force_q = found.input_q - np.einsum("jab,a->bj", found.E_q[:, : reduced.m], multipliers) - found.forces_q
+
+    # A change of q also changes the velocity, by v_q, so that the rows keep their values.
+    v_q = -E_inverse @ found.Ev_q
+    H_inverse_Rt = np.linalg.solve(R.T @ M @ R, R.T)
+    a_v = M @ E_inverse @ found.Ew_v - found.forces_v
+    a_q = force_q + M @ E_inverse @ found.Ew_q + a_v @ v_q
+    return StateDerivatives(
+        v=state.v,
+        v2_dot=v2_dot,
+        v_q=v_q,
+        v_v2=R,
+        v2_dot_q=H_inverse_Rt @ a_q,
+        v2_dot_v2=H_inverse_Rt @ (a_v @ R),
+        v2_dot_T=H_inverse_Rt @ B,
+        difference_error=found.error,
+    )
+
+
+def _smooth_at(reduced: ReducedModel, state: StateEvaluation) -> tuple[ReducedModel, StateEvaluation]:
+    """The model with the rows that E has at the state, at a constant time if that is needed."""
     if reduced.rheonomic and (state.factorization.kept is not None or not _axes_are_constant(reduced)):
         reduced = reduced.frozen(float(np.asarray(state.t)))
         state = reduced.at(state.q, state.v2)
     if state.configuration.factorization.kept is not None:  # E has other rows at q than by default
         reduced = reduced.with_basis_at(state.q)
         state = reduced.at(state.q, state.v2)
-    if not _axes_are_constant(reduced):
-        return _by_differences(reduced, state, T)
-    v2_dot = state.v2_dot(T)
-    q, v, E_inverse, M, B, R = state.q, state.v, state.E_inverse, state.M, state.B, state.R
-    n, m = reduced.n, reduced.m
+    return reduced, state
+
+
+class _Partials(NamedTuple):
+    """Derivatives at one state of the balance of forces, ``E v`` and ``E w + Edot v``, at fixed v and w."""
+
+    E_q: Float[Array, "nv nv nv"]
+    """Of E; the first index is the direction."""
+    Ev_q: Float[Array, "nv nv"]
+    Ew_q: Float[Array, "nv nv"]
+    Ew_v: Float[Array, "nv nv"]
+    forces: Float[Array, " nv"]
+    """``H* w + C* v + g*``, passive forces included."""
+    forces_q: Float[Array, "nv nv"]
+    forces_v: Float[Array, "nv nv"]
+    input_q: Float[Array, "nv nv"]
+    """Of ``B T``."""
+    along: VelocityKinematics
+    """Kinematics for each unit velocity, (nv,) states."""
+    error: float
+    """Estimated error of finite differences."""
+
+
+def _partials(reduced: ReducedModel, state: StateEvaluation, w: Array, T: Array) -> _Partials:
+    q, v, n, m = state.q, state.v, reduced.n, reduced.m
     rows = RowStack.joined(reduced.constraints, reduced.reducing)
     kinematics = Kinematics(reduced.robot, _time(reduced, state))
     along = kinematics.position(np.tile(q, (n, 1))).with_velocity(np.eye(n))
@@ -156,37 +206,61 @@ def _at_one_state(reduced: ReducedModel, state: StateEvaluation, T: Array) -> St
     mu_q[:m] = (reduced.constraints.rate_dot(along) - reduced.constraints.rate_dot(still)).T
     Ev_q = np.einsum("jab,b->aj", E_q, v) - mu_q
     E_dot = np.einsum("jab,j->ab", E_q, v) + E_t
-    w = state.v_dot(v2_dot)
-    drift_q, drift_error = _drift_gradient(rows, Kinematics(reduced.robot, kinematics.time), q, v)
-    Ew_q = np.einsum("jab,b->aj", E_q, w) + drift_q
-    Ew_v = E_dot + Ev_q
+    drift_q, error = _drift_gradient(rows, Kinematics(reduced.robot, kinematics.time), q, v)
 
     model = reduced.robot.model
     data = model.createData()
     tau_q, tau_v, _ = (np.array(each).reshape(n, n) for each in pin.computeRNEADerivatives(model, data, q, v, w))
-    right = B @ T - pin.rnea(model, data, q, v, w)
-    if forces := reduced.reduction_data.forces:
-        found = forces.gradient(state.motion, along)
-        right, tau_q, tau_v = right + state.passive_force, tau_q - found.q, tau_v - found.v
-        drift_error += found.error
-    multipliers = E_inverse[:, :m].T @ right
-    force_q = np.einsum("jab,b->aj", B_q, T) - np.einsum("jab,a->bj", E_q[:, :m], multipliers) - tau_q
+    forces = np.array(pin.rnea(model, data, q, v, w))
+    if reduced.reduction_data.forces:
+        found = reduced.reduction_data.forces.gradient(state.motion, along)
+        forces, tau_q, tau_v = forces - state.passive_force, tau_q - found.q, tau_v - found.v
+        error += found.error
+    Ew_q = np.einsum("jab,b->aj", E_q, w) + drift_q
+    error += B_error * float(np.abs(T).sum())
+    input_q = np.einsum("jab,b->aj", B_q, T)
+    return _Partials(E_q, Ev_q, Ew_q, E_dot + Ev_q, forces, tau_q, tau_v, input_q, along, error)
 
-    # A change of q also changes the velocity, by v_q, so that the rows keep their values.
-    v_q = -E_inverse @ Ev_q
-    H_inverse_Rt = np.linalg.solve(R.T @ M @ R, R.T)
-    a_v = M @ E_inverse @ Ew_v - tau_v
-    a_q = force_q + M @ E_inverse @ Ew_q + a_v @ v_q
-    return StateDerivatives(
-        v=v,
-        v2_dot=v2_dot,
-        v_q=v_q,
-        v_v2=R,
-        v2_dot_q=H_inverse_Rt @ a_q,
-        v2_dot_v2=H_inverse_Rt @ (a_v @ R),
-        v2_dot_T=H_inverse_Rt @ B,
-        difference_error=B_error * float(np.abs(T).sum()) + drift_error,
-    )
+
+class ConstraintForceDerivatives(NamedTuple):
+    """Derivatives at one state, by q, v2 and T, of the motion and of the force that the constraints have to give.
+
+    The force is ``H* w + C* v + g* - B T - A^T f``, with forces f of all constraint rows that stay the same.
+    """
+
+    force: tuple[Float[Array, "nv nv"], Float[Array, "nv r"], Float[Array, "nv p"]]
+    v: tuple[Float[Array, "nv nv"], Float[Array, "nv r"]]
+    w: tuple[Float[Array, "nv nv"], Float[Array, "nv r"], Float[Array, "nv p"]]
+    """Of the full acceleration."""
+
+
+def constraint_force_derivatives(
+    reduced: ReducedModel, state: StateEvaluation, T: Array, forces: Float[Array, "k l"]
+) -> list[ConstraintForceDerivatives]:
+    """Derivatives for k choices of the forces of all l constraint rows, at one state.
+
+    The axes of joints must not depend on their own position.
+    """
+    reduced, state = _smooth_at(reduced, state)
+    motion = state_derivatives(reduced, state.q, state.v2, T)
+    found = _partials(reduced, state, state.v_dot(motion.v2_dot), T)
+    E_inverse, M = state.E_inverse, state.M
+    v_q, R = motion.v_q, state.R
+    w_q = R @ motion.v2_dot_q - E_inverse @ (found.Ew_q + found.Ew_v @ v_q)
+    w_v2 = R @ motion.v2_dot_v2 - E_inverse @ (found.Ew_v @ R)
+    w_T = R @ motion.v2_dot_T
+    rows_q = reduced.all_constraints.jacobian_dot(found.along)
+    if reduced.all_constraints.turning:
+        still = Kinematics(reduced.robot, _time(reduced, state)).position(state.q).with_velocity(np.zeros(reduced.n))
+        rows_q = rows_q - reduced.all_constraints.jacobian_dot(still)
+    same_q = found.forces_q - found.input_q + found.forces_v @ v_q + M @ w_q
+    by_v2, by_T = found.forces_v @ R + M @ w_v2, M @ w_T - state.B
+    return [
+        ConstraintForceDerivatives(
+            (same_q - np.einsum("jab,a->bj", rows_q, each), by_v2, by_T), (v_q, R), (w_q, w_v2, w_T)
+        )
+        for each in forces
+    ]
 
 
 def _axes_are_constant(reduced: ReducedModel) -> bool:

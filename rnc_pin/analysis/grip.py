@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy import ndarray as Array
 
-from rnc_pin.analysis.normal_forces import LiftOff, NormalForces, contacts_of, first_lift_off
-from rnc_pin.array_shapes import Float
+from rnc_pin.analysis.contact_force_set import ContactForceSet, dependent_groups, linked_contacts
+from rnc_pin.analysis.normal_forces import LiftOff, NormalForces, first_lift_off
+from rnc_pin.array_shapes import Bool, Float
 from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.math.cone_margin import least_shares
 from rnc_pin.model.parameter_types import Positive
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -21,10 +23,14 @@ _SMALL = 1e-9
 class Grip(SummaryMixin):
     """Friction that constraints need: the norm of their force along the ground over ``friction`` times the load.
 
-    A contact is any constraint against slip along the ground: ``NoSideSlip``, wheels, balls. Its force is the
-    multiplier of its rows (``ReducedModel.contact_forces``). Dependent rows share the force evenly. Its load is its
-    normal force (``NormalForces``), accelerations included. A normal force below zero gives no grip. Casters do not
-    grip but may lift off: ``lift_off`` checks all contacts.
+    A contact is any constraint against slip along the ground: ``NoSideSlip``, wheels, balls. Its load is its upward
+    force, accelerations included. Rigid bodies determine neither how the wheels of one axle share a lateral force, nor
+    how four wheels share the weight. ``used`` takes the forces with the least largest share: if it is above 1, every
+    choice slips. ``is_choice`` tells which contacts have one. ``InverseDynamicsQP`` and ``optimal.GripBound`` have the
+    same choice. ``forces`` and ``loads`` are those of least norm, which share evenly.
+
+    If no choice pushes at all contacts, ``used`` has the forces of least norm, and a normal force below zero gives no
+    grip. Casters do not grip but may lift off: ``lift_off`` checks all contacts.
 
     Args:
         reduced: the model.
@@ -51,8 +57,9 @@ class Grip(SummaryMixin):
     def __init__(self, reduced: ReducedModel, friction: Positive, loads: Mapping[str, float] | None = None) -> None:
         if not 0 < friction < np.inf:
             raise ConfigurationError(f"friction of the ground has to be positive, found {friction}")
-        self._reduced, self.friction, self.normal = reduced, friction, NormalForces(reduced)
-        self._contacts = [each for each in contacts_of(reduced) if each.along]
+        self._reduced, self.friction, self._set = reduced, friction, ContactForceSet(reduced)
+        self.normal = self._set.normal
+        self._contacts = [each for each in self._set.contacts if each.along]
         self.names = tuple(each.name for each in self._contacts)
         if not self.names:
             raise ConfigurationError("no contact of this system grips the ground by friction")
@@ -70,7 +77,7 @@ class Grip(SummaryMixin):
         return ObjectSummary(title, [("contacts", items(self.names, known))])
 
     def forces(self, q: Array, v2: Array, T: Array) -> Float[Array, "*batch w"]:
-        """Return the contact forces along the ground [N].
+        """Return the contact forces along the ground [N], those of least norm.
 
         Args:
             q: configurations (..., nq).
@@ -80,7 +87,7 @@ class Grip(SummaryMixin):
         return self._along(self._reduced.at(q, v2).contact_forces(T))
 
     def loads(self, q: Array, v2: Array, T: Array) -> Float[Array, "*batch w"]:
-        """Return the upward contact forces [N].
+        """Return the upward contact forces [N], those of least norm.
 
         Args:
             q: configurations (..., nq).
@@ -117,17 +124,65 @@ class Grip(SummaryMixin):
             state: states (...,) of the model.
             T: inputs of the actuators (..., p).
         """
-        return self.used_by_forces(state.contact_forces(T), self.normal.at(state, T))
+        contact_forces, normal_forces = state.contact_forces(T), self.normal.at(state, T)
+        return self._shares(state.q, state.all_rows, contact_forces, normal_forces)
 
-    def used_by_forces(self, contact_forces: Array, normal_forces: Array) -> Float[Array, "*batch w"]:
-        """Return the shares of ``used`` for known forces, such as those of a run.
+    def used_by_forces(
+        self, q: Float[Array, "N nq"], contact_forces: Float[Array, "N m"], normal_forces: Float[Array, "N c"]
+    ) -> Float[Array, "N w"]:
+        """Return the shares of ``used`` for known forces, such as those of a run; NaN where one is not known.
 
         Args:
-            contact_forces: forces of all constraint rows (..., m) [N or N m].
-            normal_forces: normal forces (..., c) of the contacts of ``normal`` [N].
+            q: configurations.
+            contact_forces: forces of all constraint rows [N or N m].
+            normal_forces: normal forces of the contacts of ``normal`` [N].
         """
-        forces, allowed = self._along(contact_forces), self.friction * self._loads(normal_forces)
-        return np.divide(forces, allowed, out=np.where(forces > _SMALL, np.inf, 0.0), where=allowed > 0)
+        used = np.full((len(q), len(self.names)), np.nan)
+        known = np.isfinite(contact_forces).all(axis=1) & np.isfinite(normal_forces).all(axis=1)
+        if known.any():
+            rows = self._reduced.at(q[known]).all_rows
+            used[known] = self._shares(q[known], rows, contact_forces[known], normal_forces[known])
+        return used
+
+    def is_choice(self, q: Array) -> Bool[Array, "*batch w"]:
+        """Return which contacts have forces that rigid bodies do not determine: their shares are a choice.
+
+        Args:
+            q: configurations (..., nq).
+        """
+        state = self._reduced.at(q)
+        rows = state.all_rows.reshape(-1, *state.all_rows.shape[-2:])
+        free = self._set.free(state.q.reshape(-1, state.q.shape[-1]), rows)
+        chosen = np.abs(free).max(axis=(2, 3), initial=0.0)[:, self._set.gripping] > 0
+        return chosen.reshape(*state.q.shape[:-1], len(self.names))
+
+    def _shares(self, q: Array, rows: Array, contact_forces: Array, normal_forces: Array) -> Array:
+        """Shares (..., w) of states (...,)."""
+        even, allowed = self._along(contact_forces), self.friction * self._loads(normal_forces)
+        shares = np.divide(even, allowed, out=np.where(even > _SMALL, np.inf, 0.0), where=allowed > 0)
+        batch = shares.shape[:-1]
+        arrays = (q, rows, contact_forces, normal_forces, shares)
+        sizes = (each.shape[len(each.shape) - order :] for each, order in zip(arrays, (1, 2, 1, 1, 1), strict=True))
+        many = (np.broadcast_to(each, (*batch, *size)) for each, size in zip(arrays, sizes, strict=True))
+        count = int(np.prod(batch))
+        q, rows, contact_forces, normal_forces, shares = (
+            each.reshape(count, *each.shape[len(batch) :]) for each in many
+        )
+        stated = np.full(len(self._set.contacts), np.nan)
+        stated[self._set.gripping] = self._known
+        free = self._set.free(q, rows, np.isfinite(stated))
+        forces, shares = self._set.known(contact_forces, normal_forces), shares.copy()
+        forces[:, :, 0] = np.where(np.isnan(stated), forces[:, :, 0], stated)
+        column = np.cumsum(self._set.gripping) - 1
+        for samples, group in _alike(free):
+            grips = self._set.gripping[group]
+            if not grips.any():
+                continue
+            some = np.ix_(samples, group)
+            least = least_shares(forces[some], free[some], np.where(grips, self.friction, 0.0))
+            where = np.ix_(samples, column[group][grips])
+            shares[where] = np.where(np.isnan(least[:, grips]), shares[where], least[:, grips])
+        return shares.reshape(*batch, len(self.names))
 
     def used_by(self, q: Array, v2: Array, v2_dot: Array) -> Float[Array, "*batch w"]:
         """Return the shares of ``used`` for accelerations instead of inputs.
@@ -156,6 +211,15 @@ class Grip(SummaryMixin):
             ConstraintError: no inputs give these accelerations.
         """
         return lift_off_along(self._reduced, times, q, v2, v2_dot, self.normal)
+
+
+def _alike(free: Array) -> Iterator[tuple[list[int], list[int]]]:
+    """Samples in which the forces of a group of contacts depend on each other, and the group."""
+    patterns, which = np.unique(linked_contacts(free), axis=0, return_inverse=True)
+    for number, linked in enumerate(patterns):
+        samples = np.flatnonzero(which.reshape(-1) == number).tolist()
+        for group in dependent_groups(linked):
+            yield samples, group
 
 
 def lift_off_along(

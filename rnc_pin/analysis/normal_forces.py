@@ -69,16 +69,11 @@ class LiftOff:
         )
 
 
-class PlaneBalance(NamedTuple):
-    """Balance of a robot on a base that moves in the plane: upwards, and about the axes along the ground.
+class ContactLines(NamedTuple):
+    """Lines of action of the contacts: points, and directions of the row that a contact's point is of."""
 
-    ``gives forces + couples u = needed``, with the upward forces of all contacts and any couples u of axles.
-    """
-
-    gives: Float[Array, "3 c"]
-    couples: Float[Array, "3 k"]
-    needed: Float[Array, "N 3"]
-    """For each of N inputs."""
+    points: Float[Array, "N c 3"]
+    directions: Float[Array, "N c 3"]
 
 
 def contacts_of(reduced: ReducedModel) -> list[Contact]:
@@ -209,8 +204,8 @@ class NormalForces:
             count = int(np.prod(batch))
             flat = [each.reshape(count, each.shape[-1]) for each in (state.q, state.v, v_dot, T, forces)]
             q, v, v_dot, T, known = flat
-            wrenches = np.array([self._needed(*each) for each in zip(q, v, v_dot, T, strict=True)]).reshape(-1, 6)
-            known[:, ~self.carried_by_row] = self._of_motion(q, wrenches, known)
+            lines = self.lines(q)
+            known[:, ~self.carried_by_row] = self._of_motion(lines, self.plane_needs(lines, q, v, v_dot, T), known)
             forces = known.reshape(forces.shape)
         return forces
 
@@ -224,41 +219,40 @@ class NormalForces:
             pushing[index] = nonnegative(pushing[index], scipy.linalg.null_space(rows[index].T, rcond=_SMALL)[up])
         return pushing
 
-    def plane_balance(self, state: StateEvaluation, T: Array) -> PlaneBalance | None:
-        """Return the balance of the contacts without a height row, for inputs T (k, p) at one state; None without any.
-
-        It is affine in T, so two inputs give the balance of all others between them.
-        """
-        if self.carried_by_row.all():
-            return None
-        v_dot = state.acceleration(T)
-        wrenches = np.array([self._needed(state.q, state.v, *each) for each in zip(v_dot, T, strict=True)])
-        gives, couples, needed = self._balance(state.q[None], wrenches)
-        return PlaneBalance(gives[0], couples[0], needed)
-
-    def _of_motion(self, q: Array, wrenches: Array, known: Array) -> Array:
-        """Forces (N, c) of the contacts without a height row, for a needed external wrench (N, 6)."""
-        gives, couples, needed = self._balance(q, wrenches)
-        needed = needed - np.matvec(gives, known)
-        return balanced(gives[..., ~self.carried_by_row], couples, needed)
-
-    def _balance(self, q: Array, wrenches: Array) -> tuple[Array, Array, Array]:
-        """Effects of unit upward forces and of unit couples, and the needed effects."""
-        lines = self._reduced.all_constraints.lines_of_action(self._kinematics.position(q))
-        points, across = (each[:, [contact.point for contact in self.contacts]] for each in lines)
-        ground = points[..., 2].min(axis=1)
+    def plane_effects(self, lines: ContactLines) -> tuple[Float[Array, "N 3 c"], Float[Array, "N 3 u"]]:
+        """Return what unit upward forces and unit couples of axles give: upwards, and about axes along the ground."""
+        points, across = lines
         ones = np.ones(points.shape[:2])
         # Effects of upward forces: their sum, and their moments about the axes along the ground.
         gives = np.stack([ones, points[..., 1], -points[..., 0]], axis=1)
-        force, moment = wrenches[:, :3], wrenches[:, 3:]
-        needed = np.stack(
-            [force[:, 2], moment[:, 0] + ground * force[:, 1], moment[:, 1] - ground * force[:, 0]], axis=1
-        )
         axles = [column for column, contact in enumerate(self.contacts) if contact.up is None]
         spread = np.sqrt(points[..., :2].var(axis=1).sum(axis=-1))
         spread = np.where(spread > 0, spread, 1.0)[:, None, None]
         headings = np.stack([np.zeros_like(ones), across[..., 1], -across[..., 0]], axis=1)
-        return gives, spread * headings[..., axles], needed
+        return gives, spread * headings[..., axles]
+
+    def plane_needs(self, lines: ContactLines, q: Array, v: Array, v_dot: Array, T: Array) -> Float[Array, "N 3"]:
+        """Return what the upward forces and couples have to balance.
+
+        Args:
+            lines: lines of action at the configurations, or at the one configuration of all.
+            q, v, v_dot, T: configurations (N, nq), velocities and accelerations (N, nv), inputs (N, p).
+        """
+        wrenches = np.array([self._needed(*each) for each in zip(q, v, v_dot, T, strict=True)]).reshape(-1, 6)
+        ground = lines.points[..., 2].min(axis=1)
+        force, moment = wrenches[:, :3], wrenches[:, 3:]
+        return np.stack([force[:, 2], moment[:, 0] + ground * force[:, 1], moment[:, 1] - ground * force[:, 0]], axis=1)
+
+    def _of_motion(self, lines: ContactLines, needed: Array, known: Array) -> Array:
+        """Forces (N, c) of the contacts without a height row, for needed effects (N, 3)."""
+        gives, couples = self.plane_effects(lines)
+        return balanced(gives[..., ~self.carried_by_row], couples, needed - np.matvec(gives, known))
+
+    def lines(self, q: Float[Array, "N nq"]) -> ContactLines:
+        """Return the points of the contacts and the directions of their forces."""
+        lines = self._reduced.all_constraints.lines_of_action(self._kinematics.position(q))
+        points, across = (each[:, [contact.point for contact in self.contacts]] for each in lines)
+        return ContactLines(points, across)
 
     def _needed(self, q: Array, v: Array, v_dot: Array, T: Array) -> Array:
         """External force, and moment about the origin, without gravity and forces on frames."""

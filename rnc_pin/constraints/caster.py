@@ -10,7 +10,7 @@ import pinocchio as pin
 from rnc_pin.constraints.ground_plane import GroundPlane, on_carrier, plane_below
 from rnc_pin.errors import ConstraintError
 from rnc_pin.model.kernel_rows import Form, KernelRow, attached, wrench_rows
-from rnc_pin.model.kinematics import PositionKinematics
+from rnc_pin.model.kinematics import Placement, PositionKinematics
 from rnc_pin.model.mechanisms import GroundContact, Phrases
 from rnc_pin.model.parameter_types import NotNegative
 from rnc_pin.model.rows import Rows
@@ -74,6 +74,9 @@ class _CasterRow(ConstantWrenchRows):
     def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
         contact = at.placement(self.frame).translation[..., None, :] - self._caster.radius * self._normal
         return contact, np.broadcast_to(self._normal, contact.shape)
+
+    def arm_gradient(self, place: Placement, turning: np.ndarray) -> np.ndarray:
+        return np.zeros_like(turning)
 
     def mechanisms(self) -> tuple[GroundContact]:
         return (GroundContact(self._caster.frame, self._caster.radius, friction="none"),)

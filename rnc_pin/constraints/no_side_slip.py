@@ -12,7 +12,7 @@ from rnc_pin.constraints.ground_plane import GroundPlane, on_carrier, plane_belo
 from rnc_pin.math.components import Entry, cross
 from rnc_pin.model.frame_velocity import axis_index
 from rnc_pin.model.kernel_rows import Form, KernelRow, wrench_rows
-from rnc_pin.model.kinematics import PositionKinematics
+from rnc_pin.model.kinematics import Placement, PositionKinematics
 from rnc_pin.model.mechanisms import GroundContact, Phrases
 from rnc_pin.model.offset_frame import OffsetFrame
 from rnc_pin.model.parameter_types import Axis, Vector
@@ -79,6 +79,9 @@ class _NoSideSlipRow(DirectionRows):
     def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
         placement = self._point.placement(at)
         return placement.translation[..., None, :].copy(), placement.rotation[..., :, self._axis][..., None, :].copy()
+
+    def arm_gradient(self, place: Placement, turning: np.ndarray) -> np.ndarray:
+        return np.cross(turning, (place.rotation @ self.directions[:, 1])[:, None], axis=0)
 
     def mechanisms(self) -> tuple[GroundContact]:
         center = np.asarray(self._edge.at, dtype=float)

@@ -13,7 +13,7 @@ from rnc_pin.constraints.ground_plane import GroundPlane, on_carrier
 from rnc_pin.constraints.rolling_body import RollingBody
 from rnc_pin.errors import ConstraintError
 from rnc_pin.model.kernel_rows import Form, KernelRow, attached, wrench_rows
-from rnc_pin.model.kinematics import PositionKinematics
+from rnc_pin.model.kinematics import Placement, PositionKinematics
 from rnc_pin.model.mechanisms import GroundContact, Phrases
 from rnc_pin.model.parameter_types import Positive
 from rnc_pin.model.rows import Rows
@@ -88,6 +88,9 @@ class _RollingBallRows(ConstantWrenchRows):
         contact = self._contact(at)[..., None, :]
         shape = (*contact.shape[:-2], 3, 3)
         return np.broadcast_to(contact, shape), np.broadcast_to(self._axes, shape)
+
+    def arm_gradient(self, place: Placement, turning: np.ndarray) -> np.ndarray:
+        return np.zeros_like(turning)
 
     def mechanisms(self) -> tuple[GroundContact]:
         return (GroundContact(self._ball.frame, self._ball.radius),)

@@ -18,6 +18,7 @@ from rnc_pin.errors import ConfigurationError, SingularityError, nearest
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import RowStack
+from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.robots.robot import Robot
 
 _SAMPLES = 6
@@ -213,6 +214,26 @@ class WheelRegressor:
                 Y[place, radius] = rolling
             y[place] = -known
         return y, Y
+
+    def values_of(self, system: NonholonomicSystem) -> np.ndarray:
+        """Return the radii and tracks (s,) of a system [m], e.g. of a calibrated one: first estimates of an estimator.
+
+        Args:
+            system: a system with the same wheels. A common radius is the mean of those of its wheels.
+        """
+        radii = {
+            place.block.wheel: place.block.radius
+            for place in system.rows.places
+            if isinstance(place.block, RollingRows)
+        }
+        values: list[list[float]] = [[] for _ in self.names]
+        for wheel in self._unknown:
+            if wheel.radius is not None:
+                values[wheel.radius].append(float(radii[wheel.rows.wheel]))
+            if wheel.axle is not None:
+                here = system.robot.model.jointPlacements[wheel.axle.joint].translation + wheel.axle.centre
+                values[wheel.axle.column].append(float(2 * (2 * wheel.axle.side) @ (here - wheel.axle.middle)))
+        return np.array([np.mean(each) for each in values])
 
     def estimated(self, reduced: ReducedModel) -> EstimatedModel:
         """Return models with the estimated radii and tracks."""

@@ -12,18 +12,20 @@ import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, InfeasibleError, nearest
 from rnc_pin.identification.rolled_path import rotated
-from rnc_pin.identification.rolling_motion import RollingMotion, UnknownNumber, radii_of
-from rnc_pin.identification.unknowns import SensorPlace, Unknown
+from rnc_pin.identification.rolling_motion import RollingMotion
+from rnc_pin.identification.unknowns import SensorPlace, Unknown, UnknownNumber, corrections_of, radii_of
 from rnc_pin.identification.urdf_places import write_urdf
 from rnc_pin.identification.window_fit import Fit, WindowFit, Windows, correlation_of
 from rnc_pin.logs.channel import Channel
 from rnc_pin.logs.log import Log
+from rnc_pin.logs.mapping import Correction
 from rnc_pin.model.rows import ConstraintKind
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 
 _FEWEST = 4  # samples of a window
 _FIRST, _LAST = 1.0, 0.03  # precision of the first windows and of the last ones, in standard deviations
+_PRIOR = 0.1  # standard deviation of the parameters of the file in short windows, relative to their sizes
 _FAR = 5.0  # standard deviations of an outlier
 _NAMED = 0.1  # share of a combination below which a parameter is not named
 
@@ -97,7 +99,9 @@ class Calibration(SummaryMixin):
     unused_rows: tuple[str, ...]
     """Rows that depend on joints which the log does not have."""
     system: NonholonomicSystem
-    """The robot and its constraints with the estimates. Corrections of encoders and clocks are not part of it."""
+    """The robot and its constraints with the estimates."""
+    corrections: Mapping[str, Correction]
+    """Corrections of encoders and clocks by joint or frame, for ``Log.corrected`` and mapping files."""
 
     @property
     def std(self) -> np.ndarray:
@@ -117,6 +121,15 @@ class Calibration(SummaryMixin):
             raise ConfigurationError(f"no parameter '{name}' was estimated{nearest(name, self.names)}")
         return float(self.values[self.names.index(name)])
 
+    @property
+    def has_new_places(self) -> bool:
+        """True if places or tilts of joints, or the place of the sensor, were estimated: numbers of the URDF."""
+        return self._moves_sensor or any(name.startswith(("place of", "tilt of")) for name in self.names)
+
+    @property
+    def _moves_sensor(self) -> bool:
+        return any(name in ("x of the sensor", "y of the sensor", "yaw of the sensor") for name in self.names)
+
     def write_urdf(self, source: str | Path, path: str | Path) -> None:
         """Write a copy of the robot's URDF with the estimated places and tilts of joints and place of the sensor.
 
@@ -127,9 +140,9 @@ class Calibration(SummaryMixin):
             path: file to write.
 
         Raises:
-            ConfigurationError: the source is not a URDF of this robot.
+            ConfigurationError: the source is not a URDF of this robot, or has no fixed joint of the sensor.
         """
-        write_urdf(Path(source), Path(path), self.system.robot, self.sensor)
+        write_urdf(Path(source), Path(path), self.system.robot, self.sensor if self._moves_sensor else None)
 
     def _summary(self) -> ObjectSummary:
         lines = [
@@ -206,8 +219,9 @@ def calibrate(
     for duration in durations:
         chosen = problem.windows(problem.times[0], end, duration)
         if chosen.count:
-            precision = _LAST if np.isinf(duration) else _FIRST
-            p, fit, converged = problem.fit(chosen).minimized(p, problem.scales, problem.is_valid, precision)
+            # Short windows hardly show some combinations: the first parameters count there, not in the last windows.
+            precision, prior = (_LAST, np.inf) if np.isinf(duration) else (_FIRST, _PRIOR)
+            p, fit, converged = problem.fit(chosen).minimized(p, problem.scales, problem.is_valid, precision, prior)
     if not chosen.count:
         raise ConfigurationError(f"the log has fewer than {_FEWEST} poses of '{sensor}' while its joints are measured")
     if not converged:
@@ -239,19 +253,25 @@ def calibrate(
         sensor,
         motion.unused,
         calibrated(system, motion.parameters, p, sensor),
+        corrections_of(motion.parameters, p, sensor),
     )
 
 
 class PoseProblem:
-    """Measured poses beside those of a rolling motion."""
+    """Measured poses beside those of a rolling motion, except those in some intervals (K, 2) [s]."""
 
-    def __init__(self, motion: RollingMotion, channel: Channel, heading: bool) -> None:
+    def __init__(
+        self, motion: RollingMotion, channel: Channel, heading: bool, skip: Sequence[Sequence[float]] | np.ndarray = ()
+    ) -> None:
         self._motion, self._heading = motion, heading
+        self._breaks = np.sort([*motion.breaks, *(end for _, end in skip)])
         inside = (channel.time >= motion.time[0]) & (channel.time <= motion.time[-1])
+        for start, end in skip:
+            inside &= (channel.time < start) | (channel.time > end)
         self.times, poses = channel.time[inside], channel.values[inside]
         x, y, z, w = poses[:, 3:].T
         yaw = np.unwrap(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y**2 + z**2)))
-        self._measured = np.column_stack([poses[:, :2], yaw])
+        self.measured = np.column_stack([poses[:, :2], yaw])
         self.nominal = np.array([each.nominal for each in motion.parameters])
         self.scales = np.array([each.scale for each in motion.parameters])
 
@@ -264,7 +284,7 @@ class PoseProblem:
         """Windows of a duration between two times; none contains a break of the joints' log."""
         chosen = np.flatnonzero((self.times >= start) & (self.times <= end))
         times = self.times[chosen]
-        piece = np.searchsorted(self._motion.breaks, times, side="right")
+        piece = np.searchsorted(self._breaks, times, side="right")
         if np.isfinite(duration):
             piece = piece * (len(times) + 1) + np.floor((times - times[:1]) / duration).astype(int)
         _, number, counts = np.unique(piece, return_inverse=True, return_counts=True)
@@ -278,7 +298,7 @@ class PoseProblem:
             found = self._motion.poses(p, self.times[windows.samples])
             return found.values, found.slopes
 
-        return WindowFit(predict, self._measured[windows.samples], windows, self._heading)
+        return WindowFit(predict, self.measured[windows.samples], windows, self._heading)
 
     def base_poses(self, times: np.ndarray) -> np.ndarray:
         """Measured poses (M, 3) of the base at times within those of the sensor; NaN at others.
@@ -286,7 +306,7 @@ class PoseProblem:
         They are linear between the samples of the sensor, which stands at its place in the file.
         """
         inside = (times >= self.times[0]) & (times <= self.times[-1])
-        at = np.stack([np.interp(times, self.times, column) for column in self._measured.T], axis=1)
+        at = np.stack([np.interp(times, self.times, column) for column in self.measured.T], axis=1)
         mount = self._motion.mount
         heading = at[:, 2] - mount[2]
         arm = rotated(heading, np.broadcast_to(mount[:2], (len(times), 2)))

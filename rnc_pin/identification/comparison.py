@@ -1,56 +1,55 @@
-"""A measured log beside the open-loop path of a model: errors over windows, slip of rows, and suspicious numbers."""
+"""A measured log beside the open-loop path of a model: errors, slip, power balance, and the assumption that fails."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.identification.calibration import PathError, PoseProblem
+from rnc_pin.identification.energy_balance import EnergyBalance, energy_balance
+from rnc_pin.identification.rolled_path import rotated
 from rnc_pin.identification.rolling_motion import RollingMotion
-from rnc_pin.identification.unknowns import (
-    EncoderOffset,
-    EncoderScale,
-    JointShift,
-    SensorPlace,
-    TimeShift,
-    Unknown,
-    WheelRadius,
-)
-from rnc_pin.identification.window_fit import Fit
+from rnc_pin.identification.suspects import NO_TIMES, Pursuit, Suspect, pursued
 from rnc_pin.logs.log import Log
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
 
-_MOST = 4  # numbers that are changed one after the other
-_WORTH = 0.1  # share of the remaining squared error that a further number has to explain
-_FIT = 10.0  # duration of the windows that show which number is wrong [s]
 _SLIP = 1.0  # duration over which slip is averaged [s]
 _ROUNDING = 1e-12  # slip of rows that hold in any case [m/s]
-_PRECISION = 1e-2  # of the fits, in standard deviations
+_FAR = 6.0  # standard deviations of the slip beyond which a wheel slips
+_TRACE = 0.02  # smallest slip that counts, relative to the speed of the log
+_NORMAL = 1.4826  # standard deviation over the median of |x|
+_MOST_KNOWN = 0.5  # share of the error by numbers above which they are the whole truth
 
 
 @dataclass(frozen=True)
-class Suspect:
-    """Number of the model that explains a part of the error.
+class Replay:
+    """Measured and predicted motion at the same times.
 
     Example:
-        >>> rnc.identification.Suspect("radius of left", "m", 0.1, 0.11, 0.8).explained
-        0.8
+        >>> path = np.zeros((2, 3))
+        >>> rnc.identification.Replay(np.arange(2.0), path, path + 1.0, path[:, :0], {}).error
+        array([1.41421356, 1.41421356])
     """
 
-    name: str
-    """Name of the parameter."""
-    unit: str
-    """Its unit."""
-    nominal: float
-    """Its value in the model."""
-    value: float
-    """Its value in the fit with all suspects so far."""
-    explained: float
-    """Share of the squared error that is explained by it and those before it."""
+    time: np.ndarray
+    """Times (M,) of the measured poses [s]."""
+    measured: np.ndarray
+    """Measured poses (M, 3) of the base: x, y [m] and heading [rad]."""
+    predicted: np.ndarray
+    """Poses (M, 3) that the measured joints give, from the best first pose."""
+    q: np.ndarray
+    """Predicted configurations (M, nq), whose base moves as ``predicted``."""
+    slip: Mapping[str, tuple[np.ndarray, np.ndarray]]
+    """Times (W,) [s] and mean slip (W,) [m/s] of each row over windows of one second."""
+
+    @property
+    def error(self) -> np.ndarray:
+        """Distance of both positions (M,) [m]."""
+        return np.asarray(np.hypot(*(self.measured - self.predicted)[:, :2].T))
 
 
 @dataclass(frozen=True, repr=False)
@@ -81,16 +80,26 @@ class Comparison(SummaryMixin):
     """Numbers that explain the error, the most suspicious first."""
     unused_rows: tuple[str, ...]
     """Rows that depend on joints which the log does not have."""
+    replay: Replay = field(repr=False)
+    """Measured and predicted motion."""
+    energy: EnergyBalance | None = None
+    """Power balance with the numbers that were found, if the log has efforts."""
+
+    @property
+    def first(self) -> Suspect | None:
+        """Suspect that fails first: of the path, or, if the path holds, of the power balance."""
+        return next(iter((*self.suspects, *(() if self.energy is None else self.energy.suspects))), None)
 
     @property
     def conclusion(self) -> str:
         """Sentence about the assumption that fails first."""
-        if not self.suspects:
-            return "no single number of the model explains the error: it is noise of the sensor, or slip"
-        first, share = self.suspects[0], self.suspects[-1].explained
-        text = f"the {first.name} fails first: {first.explained:.0%} of the squared error"
-        rest = f", and {share:.0%} with {', '.join(each.name for each in self.suspects[1:])}"
-        return text + (rest if len(self.suspects) > 1 else "")
+        balance = () if self.energy is None else self.energy.suspects
+        found = [_sentence(self.suspects, "the squared error of the path")] if self.suspects else []
+        found += [_sentence(balance, "the squared residual of the power balance")] if balance else []
+        return (
+            "; with it corrected, ".join(found)
+            or "no number of the model explains the error: it is noise of the sensor"
+        )
 
     def _summary(self) -> ObjectSummary:
         lines = [
@@ -101,8 +110,10 @@ class Comparison(SummaryMixin):
         lines += [
             ("suspect", [Item(f"{each.name}: {each.value:.6g} {each.unit}".strip(),
                               f"model {each.nominal:.6g}, explains {each.explained:.0%}")])
-            for each in self.suspects
+            for each in (*self.suspects, *(() if self.energy is None else self.energy.suspects))
         ]  # fmt: skip
+        if self.energy is not None:
+            lines.append(("power balance", [Item(f"residual {self.energy.imbalance:.2g} of the exchanged energy")]))
         lines += [("unused rows", [Item(name) for name in self.unused_rows])] if self.unused_rows else []
         return ObjectSummary(f"Comparison: {self.conclusion}", lines)
 
@@ -114,12 +125,14 @@ def compare(
     *,
     windows: Sequence[float] = (1.0, 10.0, 100.0),
     heading: bool = True,
+    speeds: bool = False,
 ) -> Comparison:
     """Compare a log with the path that measured joints give in a model of a rolling robot.
 
     Numbers of the model are changed one after the other. Each time, the number is chosen that explains most of the
     remaining squared error, and all that were chosen before are fitted again with it. The order is that of evidence:
-    numbers with the same effect, such as a radius and the scale of its encoder, cannot be told apart.
+    numbers with the same effect, such as a radius and the scale of its encoder, cannot be told apart. Slip in a few
+    windows is a suspect too. If the log has efforts, the power balance with these numbers shows friction and masses.
 
     Args:
         system: the robot on a planar base, with its constraints.
@@ -127,6 +140,7 @@ def compare(
         sensor: frame on the base whose pose is measured.
         windows: durations of windows with a free first pose [s].
         heading: True if the sensor measures the heading.
+        speeds: True to replay measured velocities of wheels instead of their positions.
 
     Raises:
         ConfigurationError: a name is unknown, or the log does not determine the motion of the base.
@@ -143,6 +157,9 @@ def compare(
     """
     channel = log.channel("pose", sensor)
     plain = RollingMotion(system, log, (), sensor)
+    if speeds:
+        log = _by_speeds(log, plain)
+        plain = RollingMotion(system, log, (), sensor)
     problem = PoseProblem(plain, channel, heading)
     durations = [each for each in windows if each < np.ptp(problem.times)]
     errors = {}
@@ -152,91 +169,115 @@ def compare(
             errors[duration] = problem.error(problem.nominal, chosen)
     if not errors:
         raise ConfigurationError(f"the log has no poses of '{sensor}' while its joints are measured")
-    suspects = _suspects(system, log, sensor, candidates(system, plain), heading)
-    return Comparison(errors, _slip(plain, problem), suspects, plain.unused)
-
-
-def candidates(system: NonholonomicSystem, motion: RollingMotion) -> list[Unknown]:
-    """Numbers that may be wrong: of wheels and joints of the rows in use, of encoders, clocks and of the sensor."""
-    radii = {str(getattr(each, "frame", "")): float(each.radius) for each in system.kinds if hasattr(each, "radius")}
-    radii = {wheel: size for wheel, size in radii.items() if any(f"({wheel})" in row for row in motion.used)}
-    alike = [[wheel for wheel in radii if radii[wheel] == size] for size in dict.fromkeys(radii.values())]
-    found: list[Unknown] = [SensorPlace("x"), SensorPlace("y"), SensorPlace("yaw"), TimeShift()]
-    found += [WheelRadius(wheels) for wheels in alike if len(wheels) > 1]
-    found += [WheelRadius(wheel) for wheel in radii]
-    for joint in motion.shape_joints:
-        found += [EncoderOffset(joint), EncoderScale(joint), TimeShift(joint)]
-    model = system.robot.model
-    places = {joint: model.jointPlacements[system.robot.joint_id(joint)].translation for joint in motion.row_joints}
-    for joint, place in places.items():
-        found.append(JointShift(joint, "x"))
-        mirrored = [other for other, there in places.items() if np.allclose(there, place * [1, -1, 1]) and place[1] > 0]
-        found += [JointShift({joint: 0.5, other: -0.5}, "y") for other in mirrored]
-    return found
-
-
-def _suspects(
-    system: NonholonomicSystem, log: Log, sensor: str, numbers: Sequence[Unknown], heading: bool
-) -> tuple[Suspect, ...]:
-    """Numbers chosen one after the other: orthogonal matching pursuit with fits in between."""
-    motion = RollingMotion(system, log, numbers, sensor)
-    problem = PoseProblem(motion, log.channel("pose", sensor), heading)
-    windows = problem.windows(-np.inf, np.inf, min(_FIT, float(np.ptp(problem.times))) + 1e-9)
-    if not windows.count:
-        return ()
-    whole = problem.fit(windows)
-    p, found = problem.nominal.copy(), []
-    chosen: list[int] = []
-    fit = whole.at(p)
-    deviations = fit.deviations
-    first = remaining = _squares(fit, deviations)
-    while len(chosen) < _MOST:
-        r, J = fit.scaled()
-        rest = J * problem.scales
-        if chosen:  # parts that the chosen numbers explain as well
-            basis, _ = np.linalg.qr(rest[:, chosen])
-            rest = rest - basis @ (basis.T @ rest)
-        sizes = np.sum(rest**2, axis=0)
-        gains = np.divide((rest.T @ r) ** 2, sizes, out=np.zeros_like(sizes), where=sizes > 1e-9 * sizes.max(initial=0))
-        gains[chosen] = 0.0
-        best = int(np.argmax(gains))
-        if gains[best] <= _WORTH * (r @ r):
-            break
-        chosen.append(best)
-        part = RollingMotion(system, log, [numbers[k] for k in chosen], sensor)
-        smaller = PoseProblem(part, log.channel("pose", sensor), heading)
-        values, _, _ = smaller.fit(windows).minimized(p[chosen], smaller.scales, smaller.is_valid, _PRECISION)
-        p[chosen] = values
-        fit = whole.at(p)
-        left = _squares(fit, deviations)
-        if left > (1 - _WORTH) * remaining:
-            break
-        remaining = left
-        number = motion.parameters[best]
-        found.append((number, 1.0 - remaining / first))
-    values_of = {id(motion.parameters[k]): float(p[k]) for k in chosen}
-    return tuple(
-        Suspect(each.name, each.unit, each.nominal, values_of[id(each)], explained) for each, explained in found
+    suspects, known = _suspects(system, log, sensor, heading)
+    times, slips = _slip(plain, problem)
+    sizes = {name: float(np.sqrt(np.mean(each**2))) for name, each in slips.items()}
+    fitted = RollingMotion(known.system, known.log, (), sensor)
+    return Comparison(
+        errors,
+        {name: size for name, size in sizes.items() if not size < _ROUNDING},
+        suspects,
+        plain.unused,
+        _replay(plain, problem, {name: (times, each) for name, each in slips.items()}),
+        energy_balance(fitted, known.system.robot, known.log),
     )
 
 
-def _squares(fit: Fit, deviations: np.ndarray) -> float:
-    """Sum of squared residuals, in standard deviations of the first fit."""
-    return float(np.sum((fit.residuals / deviations[[0, 0, 1]]) ** 2))
+def _sentence(suspects: Sequence[Suspect], of: str) -> str:
+    first, share = suspects[0], suspects[-1].explained
+    text = f"the {first.name} fails first: {first.explained:.0%} of {of}"
+    rest = f", and {share:.0%} with {', '.join(each.name for each in suspects[1:])}"
+    return text + (rest if len(suspects) > 1 else "")
 
 
-def _slip(motion: RollingMotion, problem: PoseProblem) -> dict[str, float]:
-    """Root mean square slip of the rows, averaged over a second each."""
+def _by_speeds(log: Log, motion: RollingMotion) -> Log:
+    """The log without positions of joints that have velocities, unless rows depend on these positions."""
+    rolling = set(log.names("velocity")) - set(motion.shape_joints)
+    return Log(each for each in log if not (each.quantity == "position" and each.of in rolling))
+
+
+def _suspects(system: NonholonomicSystem, log: Log, sensor: str, heading: bool) -> tuple[tuple[Suspect, ...], Pursuit]:
+    """Numbers and slip that explain the error of the path, and the model with these numbers.
+
+    Slip is not constant: it shows as windows whose slip is far from that of most windows, with the best numbers. These
+    windows are left out, and the numbers are looked for again.
+    """
+    numbers = pursued(system, log, sensor, heading, NO_TIMES)
+    share = numbers.suspects[-1].explained if numbers.suspects else 0.0
+    slipped = _slipped(numbers.system, numbers.log, sensor, heading)
+    if slipped is None and share < _MOST_KNOWN:
+        slipped = _slipped(system, log, sensor, heading)
+    if slipped is None or not numbers.before:
+        return numbers.suspects, numbers
+    name, speed, times = slipped
+    rest = pursued(system, log, sensor, heading, times, numbers.deviations)
+    explained = 1.0 - rest.before / numbers.before
+    if explained <= 0:
+        return numbers.suspects, numbers
+    slip = Suspect(f"slip of {name}", "m/s", 0.0, speed, explained)
+    alone = [1.0 - each.explained for each in rest.suspects]  # of what the windows without slip leave
+    if numbers.suspects and numbers.suspects[0].explained > explained:
+        both = 1.0 - rest.after / numbers.before
+        return (*numbers.suspects, Suspect(slip.name, slip.unit, 0.0, speed, max(both, share))), rest
+    after = [
+        Suspect(each.name, each.unit, each.nominal, each.value, 1.0 - (1.0 - explained) * left)
+        for each, left in zip(rest.suspects, alone, strict=True)
+    ]
+    return (slip, *after), rest
+
+
+def _slipped(system: NonholonomicSystem, log: Log, sensor: str, heading: bool) -> tuple[str, float, np.ndarray] | None:
+    """Row that slips most, its largest slip [m/s], and the intervals (K, 2) in which a row slips; None without slip."""
+    motion = RollingMotion(system, log, (), sensor)
+    problem = PoseProblem(motion, log.channel("pose", sensor), heading)
+    times, slips = _slip(motion, problem)
+    if not len(times):
+        return None
+    path = problem.base_poses(motion.time)
+    length = np.nansum(np.hypot(*np.diff(path[:, :2], axis=0).T))
+    floor = _TRACE * length / np.ptp(motion.time)
+    found, worst = np.zeros(len(times), dtype=bool), ("", 0.0)
+    for name, values in slips.items():
+        away = np.abs(values - np.median(values))
+        far = away > np.maximum(_FAR * _NORMAL * np.median(away), floor)
+        found |= far
+        size = float(away[far].max(initial=0.0))
+        worst = max(worst, (name, size), key=lambda each: each[1])
+    if not found.any() or found.mean() > 0.5:
+        return None
+    middle = times[found]
+    return *worst, np.column_stack([middle - _SLIP, middle + _SLIP])
+
+
+def _replay(motion: RollingMotion, problem: PoseProblem, slip: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Replay:
+    """Both paths, the predicted one from the first pose that fits best."""
+    chosen = problem.windows(-np.inf, np.inf, np.inf)
+    times = problem.times[chosen.samples]
+    fit = problem.fit(chosen).at(problem.nominal)
+    measured = problem.base_poses(times)
+    q, _ = motion.states(times, float(np.median(np.diff(motion.time))))
+    # Sensor and base are one body: the predicted sensor is that of the fit.
+    heading = measured[:, 2] + fit.residuals[:, 2]
+    sensor = problem.measured[chosen.samples, :2] + fit.residuals[:, :2]
+    arm = rotated(heading, np.broadcast_to(motion.mount[:2], (len(times), 2)))
+    predicted = np.column_stack([sensor - arm, heading])
+    q = motion.with_base(q, predicted)
+    return Replay(times, measured, predicted, q, slip)
+
+
+def _slip(motion: RollingMotion, problem: PoseProblem) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Times (W,) and mean slip (W,) of the rows over windows of a second [m/s]."""
     time, slipped = motion.slip(problem.base_poses(motion.time))
     whole = np.isfinite(slipped).all(axis=1)
-    if not whole.any():
-        return {}
-    number = np.floor((time[whole] - time[0]) / _SLIP).astype(int)
-    count = np.bincount(number)
-    period = float(np.median(np.diff(time)))
+    number = np.floor((time - time[0]) / _SLIP).astype(int)
+    count = np.bincount(number[whole], minlength=number[-1] + 1)
+    period = float(np.median(np.diff(motion.time)))
     full = count > 0.8 * _SLIP / period
-    sums = np.stack([np.bincount(number, column)[full] for column in slipped[whole].T], axis=1)
-    sizes = np.sqrt(np.mean((sums / (count[full, None] * period)) ** 2, axis=0)) if full.any() else np.full(
-        slipped.shape[1], np.nan
-    )  # fmt: skip
-    return {name: size for name, size in zip(motion.used, sizes.tolist(), strict=True) if not size < _ROUNDING}
+    if not full.any():
+        return np.zeros(0), {}
+    durations = count[full] * period
+    middle = time[0] + (np.flatnonzero(full) + 0.5) * _SLIP
+    return middle, {
+        name: np.bincount(number[whole], column[whole], minlength=len(count))[full] / durations
+        for name, column in zip(motion.used, slipped.T, strict=True)
+    }

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from rnc_pin.identification.component_solution import Entry, minus, plus, times
 from rnc_pin.math.coordinates import arc_chord
 
 _SMALL = 1e-3  # angle below which series replace quotients
@@ -26,31 +28,44 @@ class RolledPath:
 
     Args:
         time: times (N + 1,) [s].
-        steps: twists of the steps in the axes of the base (N, 3): two lengths [m] and an angle [rad].
-        slopes: derivatives of the steps (N, 3, P).
+        steps: twists of the steps in the axes of the base (3, N): two lengths [m] and an angle [rad].
+        slopes: derivatives of the steps (3 entries) by the number of the parameter, where they are not zero.
+        size: number of parameters P.
     """
 
-    def __init__(self, time: np.ndarray, steps: np.ndarray, slopes: np.ndarray) -> None:
-        self._time, self._steps, self._slopes = time, steps, slopes
-        moved, d_moved = _displacement(steps, slopes)
-        self._heading = _summed(steps[:, 2])
-        self._d_heading = _summed(slopes[:, 2])
-        turned, d_turned = _turned(self._heading[:-1], self._d_heading[:-1], moved, d_moved)
-        self._position, self._d_position = _summed(turned), _summed(d_turned)
+    def __init__(self, time: np.ndarray, steps: np.ndarray, slopes: Mapping[int, Sequence[Entry]], size: int) -> None:
+        self._time, self._steps, self._slopes, self._size = time, steps, slopes, size
+        self._pose = np.zeros((3, len(time)))
+        np.cumsum(steps[2], out=self._pose[2, 1:])
+        displacement = _Displacement(self._pose[2, :-1], steps)
+        np.cumsum(displacement.values, axis=1, out=self._pose[:2, 1:])
+        self._d_pose: dict[int, np.ndarray] = {}
+        for k, slope in slopes.items():
+            change = self._d_pose[k] = np.zeros((3, len(time)))
+            np.cumsum(np.broadcast_to(slope[2], len(time) - 1), out=change[2, 1:])
+            for row, part in enumerate(displacement.along(slope, change[2, :-1])):
+                np.cumsum(np.broadcast_to(part, len(time) - 1), out=change[row, 1:])
 
     def at(self, times: np.ndarray) -> Poses:
         """Poses at times (M,) within the path."""
-        k = np.clip(np.searchsorted(self._time, times, side="right") - 1, 0, len(self._steps) - 1)
+        k = np.clip(np.searchsorted(self._time, times, side="right") - 1, 0, self._steps.shape[1] - 1)
         interval = self._time[k + 1] - self._time[k]
         share = (times - self._time[k]) / interval
-        part, d_part = self._steps[k] * share[:, None], self._slopes[k] * share[:, None, None]
-        moved, d_moved = _displacement(part, d_part)
-        turned, d_turned = _turned(self._heading[k], self._d_heading[k], moved, d_moved)
-        heading, d_heading = self._heading[k] + part[:, 2], self._d_heading[k] + d_part[:, 2]
-        values = np.column_stack([self._position[k] + turned, heading])
-        slopes = np.concatenate([self._d_position[k] + d_turned, d_heading[:, None]], axis=1)
-        rate = self._steps[k] / interval[:, None]
-        rates = np.column_stack([rotated(heading, rate[:, :2]), rate[:, 2]])
+        step, begin = self._steps[:, k], self._pose[:, k]
+        displacement = _Displacement(begin[2], step * share)
+        values = np.empty((len(times), 3), order="F")
+        values[:, :2] = (begin[:2] + displacement.values).T
+        values[:, 2] = begin[2] + step[2] * share
+        slopes = np.zeros((len(times), 3, self._size), order="F")
+        for number, slope in self._slopes.items():
+            part = [share * (each[k] if isinstance(each, np.ndarray) else each) for each in slope]
+            change = self._d_pose[number][:, k]
+            x, y = displacement.along(part, change[2])
+            np.add(change[0], x, out=slopes[:, 0, number])
+            np.add(change[1], y, out=slopes[:, 1, number])
+            np.add(change[2], part[2], out=slopes[:, 2, number])
+        rate = (step / interval).T
+        rates = np.column_stack([rotated(values[:, 2], rate[:, :2]), rate[:, 2]])
         return Poses(values, slopes, rates)
 
 
@@ -67,28 +82,28 @@ def sideways(vectors: np.ndarray) -> np.ndarray:
     return np.stack([-vectors[:, 1], vectors[:, 0]], axis=1)
 
 
-def _summed(values: np.ndarray) -> np.ndarray:
-    return np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
+class _Displacement:
+    """Displacements (2, N) of twists (3, N) of a base with a heading (N,), with their derivatives."""
 
+    def __init__(self, heading: np.ndarray, twist: np.ndarray) -> None:
+        x, y, w = twist
+        small = np.abs(w) < _SMALL
+        safe = np.where(small, 1.0, w)
+        s, c = arc_chord(w)
+        d_s = np.where(small, -w / 3 + w**3 / 30, (np.cos(w) - s) / safe)
+        d_c = np.where(small, 0.5 - w**2 / 8 + w**4 / 144, (np.sin(w) - c) / safe)
+        cosine, sine = np.cos(heading), np.sin(heading)
+        # By the twist: (p, -q; q, p) = R(heading) (s, -c; c, s) for its lengths, (a, b) for its angle.
+        self._p, self._q = cosine * s - sine * c, sine * s + cosine * c
+        along, side = d_s * x - d_c * y, d_s * y + d_c * x
+        self._a, self._b = cosine * along - sine * side, sine * along + cosine * side
+        self.values = np.stack([self._p * x - self._q * y, self._q * x + self._p * y])
 
-def _turned(
-    angle: np.ndarray, d_angle: np.ndarray, vectors: np.ndarray, d_vectors: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Vectors (M, 2) turned by angles (M,), and their derivatives (M, 2, P)."""
-    found = rotated(angle, vectors)
-    return found, rotated(angle, d_vectors) + sideways(found)[:, :, None] * d_angle[:, None]
-
-
-def _displacement(steps: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Displacements (N, 2) of twists (N, 3) and their derivatives (N, 2, P)."""
-    w = steps[:, 2]
-    small = np.abs(w) < _SMALL
-    safe = np.where(small, 1.0, w)
-    s, c = arc_chord(w)
-    d_s = np.where(small, -w / 3 + w**3 / 30, (np.cos(w) - s) / safe)
-    d_c = np.where(small, 0.5 - w**2 / 8 + w**4 / 144, (np.sin(w) - c) / safe)
-    along, side = steps[:, :2], sideways(steps[:, :2])
-    turned = np.stack([-slopes[:, 1], slopes[:, 0]], axis=1)
-    found = s[:, None] * along + c[:, None] * side
-    linear = s[:, None, None] * slopes[:, :2] + c[:, None, None] * turned
-    return found, linear + (d_s[:, None] * along + d_c[:, None] * side)[:, :, None] * slopes[:, None, 2]
+    def along(self, slope: Sequence[Entry], turn: Entry) -> tuple[Entry, Entry]:
+        """Derivatives for those of the twist (3 entries) and of the heading."""
+        x, y, w = slope
+        there, aside = minus(times(self._p, x), times(self._q, y)), plus(times(self._q, x), times(self._p, y))
+        return (
+            minus(plus(there, times(self._a, w)), times(self.values[1], turn)),
+            plus(plus(aside, times(self._b, w)), times(self.values[0], turn)),
+        )

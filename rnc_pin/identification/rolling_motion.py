@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, argument, few, nearest
+from rnc_pin.identification.component_solution import Entry, NormalEquations, Row, against, combined, minus, plus, times
 from rnc_pin.identification.rolled_path import Poses, RolledPath, rotated, sideways
 from rnc_pin.identification.row_geometry import RowGeometry, Virtual
 from rnc_pin.identification.unknowns import (
     EncoderOffset,
     EncoderScale,
-    JointShift,
-    JointTilt,
     SensorPlace,
     TimeShift,
     Unknown,
-    WheelRadius,
+    number_of,
+    radii_of,
 )
 from rnc_pin.logs.channel import Channel
 from rnc_pin.logs.log import Log
@@ -29,21 +30,6 @@ _BREAK = 5.0  # intervals longer than so many usual ones end a window
 _REGULAR = 1e-6  # smallest singular value of the unit rows of the base, relative to the largest
 
 
-class UnknownNumber(NamedTuple):
-    """Unknown number with its value in the robot's file."""
-
-    kind: Unknown
-    name: str
-    unit: str
-    nominal: float
-    scale: float
-    """Typical size: a radius, a length of the robot, one radian, one."""
-    displaced: Mapping[Virtual, float]
-    """Displacements of joints for a unit of the parameter."""
-    wheels: tuple[str, ...] = ()
-    """Wheels of a radius."""
-
-
 @dataclass(frozen=True)
 class _Joint:
     """Measured joint of the rows."""
@@ -51,15 +37,6 @@ class _Joint:
     name: str
     column: int
     channel: Channel
-
-
-def radii_of(parameters: Sequence[UnknownNumber], p: np.ndarray) -> dict[str, float]:
-    """Radius of each wheel that parameters p (P,) concern; a second parameter of a wheel adds its change."""
-    radii: dict[str, float] = {}
-    for value, each in zip(p, parameters, strict=True):
-        for wheel in each.wheels:
-            radii[wheel] = float(radii[wheel] + value - each.nominal if wheel in radii else value)
-    return radii
 
 
 class RollingMotion:
@@ -98,61 +75,17 @@ class RollingMotion:
             raise ConfigurationError(f"sensor '{sensor}' is on a body behind joint '{model.names[frame.parentJoint]}', "
                                      "expected a frame of the base")  # fmt: skip
         self.mount = np.array([*frame.placement.translation[:2], _heading_of(frame.placement.rotation)])
-        self._length = max([float(np.linalg.norm(model.jointPlacements[k].translation))
-                            for k in range(2, model.njoints)] or [1.0]) or 1.0  # fmt: skip
-        self.parameters = [self._parameter(system, each) for each in unknown]
+        self.parameters = [number_of(each, system, self.mount) for each in unknown]
         names = [each.name for each in self.parameters]
         for name in names:
             if names.count(name) > 1:
                 raise ConfigurationError(f"the {name} is named twice")
         virtual = list(dict.fromkeys(each for parameter in self.parameters for each in parameter.displaced))
         radii = list(dict.fromkeys(wheel for parameter in self.parameters for wheel in parameter.wheels))
+        self._model = model
         self._geometry = RowGeometry(robot, [place.block for place in system.rows.places], virtual, radii)
         self._find_joints(log)
         self._set_time()
-
-    # ------------------------------------------------------------------ parameters
-
-    def _parameter(self, system: NonholonomicSystem, kind: Unknown) -> UnknownNumber:
-        robot, length = system.robot, self._length
-        if isinstance(kind, WheelRadius):
-            sizes = [getattr(each, "radius", None) for each in system.kinds
-                     if getattr(each, "frame", None) in kind.frames]  # fmt: skip
-            for wheel in kind.frames:
-                robot.frame_id(wheel)
-            radii = [size for size in sizes if size is not None]
-            if not radii:
-                raise ConfigurationError(f"{kind.name}: no wheel or ball rolls there")
-            nominal = float(np.mean(radii))
-            return UnknownNumber(kind, kind.name, "m", nominal, nominal, {}, kind.frames)
-        if isinstance(kind, JointShift | JointTilt):
-            turns = isinstance(kind, JointTilt)
-            for joint in kind.shares:
-                if robot.joint_id(joint) == 1:
-                    raise ConfigurationError(f"{kind.name}: '{joint}' is the base")
-            displaced = {Virtual(joint, turns, kind.axis): share for joint, share in kind.shares.items()}
-            if turns:
-                return UnknownNumber(kind, kind.name, "rad", 0.0, 1.0, displaced)
-            axis = "xyz".index(kind.axis)
-            places = {
-                joint: robot.model.jointPlacements[robot.joint_id(joint)].translation[axis] for joint in kind.shares
-            }
-            nominal = sum(share * places[joint] for joint, share in kind.shares.items())
-            nominal /= sum(share**2 for share in kind.shares.values())
-            return UnknownNumber(kind, kind.name, "m", float(nominal), length, displaced)
-        if isinstance(kind, SensorPlace):
-            axis = ("x", "y", "yaw").index(kind.axis)
-            unit, scale = ("rad", 1.0) if axis == 2 else ("m", length)
-            return UnknownNumber(kind, kind.name, unit, float(self.mount[axis]), scale, {})
-        if isinstance(kind, TimeShift):
-            if kind.of is not None:
-                robot.joint_id(kind.of)
-            return UnknownNumber(kind, kind.name, "s", 0.0, 1.0, {})
-        robot.single_joint(kind.joint)
-        unit = robot.velocity_units[robot.velocity_indices(kind.joint).start].removesuffix("/s")
-        if isinstance(kind, EncoderScale):
-            return UnknownNumber(kind, kind.name, "", 1.0, 1.0, {})
-        return UnknownNumber(kind, kind.name, unit, 0.0, 1.0 if unit == "rad" else length, {})
 
     # ------------------------------------------------------------------ joints and times
 
@@ -170,7 +103,9 @@ class RollingMotion:
             raise ConfigurationError(f"the log has no joint of the rows {few(self.unused)}")
         self.used = geometry.names
         every = range(geometry.size)
-        sample, _ = geometry.evaluate(np.random.default_rng(1).uniform(-0.5, 0.5, (4, geometry.size)), {}, every)
+        sample = geometry.matrices(
+            dict(enumerate(np.random.default_rng(1).uniform(-0.5, 0.5, (geometry.size, 4)))), every, 4
+        )
         acting = np.abs(sample).max(axis=(0, 1)) > 1e-12
         self._joints = [each for column, each in measured.items() if acting[column] or column in geometry.shape]
         others = [column for column in columns.values() if acting[column] and column not in measured]
@@ -218,7 +153,7 @@ class RollingMotion:
         late = [
             k for k, each in enumerate(self.parameters) if isinstance(each.kind, TimeShift) and each.kind.of is None
         ]
-        path = RolledPath(self.time, *self._steps(p))
+        path = RolledPath(self.time, *self._steps(p), len(p))
         base = path.at(times - sum(p[k] for k in late))
         mount = self.mount.copy()
         places = [(k, ("x", "y", "yaw").index(each.kind.axis)) for k, each in enumerate(self.parameters)
@@ -228,9 +163,11 @@ class RollingMotion:
         heading = base.values[:, 2]
         arm = rotated(heading, np.broadcast_to(mount[:2], (len(times), 2)))
         values = base.values + np.column_stack([arm, np.full(len(times), mount[2])])
-        slopes, rates = base.slopes.copy(), base.rates.copy()
-        slopes[:, :2] += sideways(arm)[:, :, None] * base.slopes[:, None, 2]
-        rates[:, :2] += sideways(arm) * base.rates[:, 2:]
+        slopes, rates, away = base.slopes, base.rates, sideways(arm)
+        for k in range(len(p)):
+            slopes[:, 0, k] += away[:, 0] * slopes[:, 2, k]
+            slopes[:, 1, k] += away[:, 1] * slopes[:, 2, k]
+        rates[:, :2] += away * rates[:, 2:]
         for k, axis in places:
             unit = np.eye(3)[axis]
             slopes[:, :2, k] += rotated(heading, np.broadcast_to(unit[:2], (len(times), 2)))
@@ -250,6 +187,80 @@ class RollingMotion:
         acting = {*self._columns, *self._geometry.shape}
         return tuple(name for name, column in self._geometry.columns.items() if column in acting)
 
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Measured joints that the rows use."""
+        return tuple(each.name for each in self._joints)
+
+    @property
+    def step_times(self) -> np.ndarray:
+        """Times (N,) in the middle of the steps [s]."""
+        return np.asarray((self.time[1:] + self.time[:-1]) / 2)
+
+    def joint_changes(self) -> dict[str, np.ndarray]:
+        """Changes (N,) of the measured joints during the steps, with parameters of the file [rad or m]."""
+        _, changes, _, _ = self._measured(self._nominal)
+        return {name: np.asarray(change) for name, change in zip(self.joint_names, changes, strict=True)}
+
+    @property
+    def _nominal(self) -> np.ndarray:
+        return np.array([each.nominal for each in self.parameters])
+
+    def states(self, times: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
+        """Configurations (T, nq) and velocities (T, nv) of the robot at times, with parameters of the file.
+
+        Unmeasured joints of rows start at zero, other joints stand still there.
+
+        Args:
+            times: times (T,) [s].
+            width: duration over which velocities are averaged [s].
+        """
+        whole, steps = self._whole(), len(self.time) - 1
+        path = RolledPath(self.time, np.stack([np.broadcast_to(each, steps) for each in whole[:3]]), {}, 0)
+        before, here, after = (path.at(np.clip(times + at, self.time[0], self.time[-1])).values
+                               for at in (-width / 2, 0.0, width / 2))  # fmt: skip
+        q = np.tile(pin.neutral(self._model), (len(times), 1))
+        v = np.zeros((len(times), self._model.nv))
+        q, base = self.with_base(q, here), self._model.joints[1]
+        moved = after - before
+        v[:, base.idx_v : base.idx_v + 3] = np.column_stack([rotated(-here[:, 2], moved[:, :2]), moved[:, 2]]) / width
+        starts = dict.fromkeys(self._columns, 0.0) | {
+            each.column: float(_held(each.channel, self.time[:1])[0]) for each in self._joints
+        }
+        joints = {joint.idx_v: joint for joint in self._model.joints if joint.nv == 1}
+        for column, change in zip(self._columns[3:], whole[3:], strict=True):
+            joint = joints[column]
+            position = np.concatenate([[0.0], np.cumsum(np.broadcast_to(change, steps))]) + starts[column]
+            early, now, late = (np.interp(times + at, self.time, position) for at in (-width / 2, 0.0, width / 2))
+            v[:, column] = (late - early) / width
+            if joint.nq == 1:
+                q[:, joint.idx_q] = now
+            else:
+                q[:, joint.idx_q], q[:, joint.idx_q + 1] = np.cos(now), np.sin(now)
+        return q, v
+
+    def with_base(self, q: np.ndarray, poses: np.ndarray) -> np.ndarray:
+        """Configurations (T, nq) with other poses (T, 3) of the base."""
+        first = self._model.joints[1].idx_q
+        found = q.copy()
+        found[:, first : first + 2] = poses[:, :2]
+        found[:, first + 2], found[:, first + 3] = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+        return found
+
+    def _whole(self) -> list[Entry]:
+        """Motion of all columns during the steps, with parameters of the file."""
+        positions, moved, _, _ = self._measured(self._nominal)
+        rows, _ = self._geometry.evaluate(positions, {}, self._columns)
+        return self._solved(rows, moved)[2]
+
+    def _solved(self, rows: list[Row], moved: list[Entry]) -> tuple[list[Row], NormalEquations, list[Entry]]:
+        """Rows of the unknown columns, their normal equations, and the motion of all columns for measured joints."""
+        size = len(self._unknown_columns)
+        left = [{column: entry for column, entry in row.items() if column < size} for row in rows]
+        normal = NormalEquations(left, size)
+        driven = {number: combined(row, [0.0] * size + moved) for number, row in enumerate(rows)}
+        return left, normal, [*normal.solve(against(left, driven, size)), *moved]
+
     def slip(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Slip of the rows at a given motion of the base, with parameters of the file.
 
@@ -260,8 +271,8 @@ class RollingMotion:
             Times (N,) in the middle of the steps [s], and slip (N, k) during each step [m]. Joints that are not
             measured move such that its square is smallest.
         """
-        positions, moved, _, _ = self._measured(np.array([each.nominal for each in self.parameters]))
-        A, _ = self._geometry.evaluate(positions, {}, self._columns)
+        positions, changes, _, _ = self._measured(self._nominal)
+        A, moved = self._geometry.matrices(positions, self._columns, len(self.time) - 1), np.stack(changes, axis=1)
         change = np.diff(poses, axis=0)
         turn = change[:, 2]
         half = rotated(-(poses[:-1, 2] + turn / 2), change[:, :2]) / np.sinc(turn / (2 * np.pi))[:, None]
@@ -271,11 +282,11 @@ class RollingMotion:
         if others.shape[2]:
             inverse = np.linalg.pinv(others)
             slip = slip - _product(others, _product(inverse, np.nan_to_num(slip)))
-        return (self.time[1:] + self.time[:-1]) / 2, slip
+        return self.step_times, slip
 
-    def _steps(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Twists of the steps (N, 3) and their derivatives (N, 3, P)."""
-        geometry, count = self._geometry, len(self.time) - 1
+    def _steps(self, p: np.ndarray) -> tuple[np.ndarray, dict[int, list[Entry]]]:
+        """Twists of the steps (3, N), and their derivatives (3 entries) by the parameters that change them."""
+        geometry = self._geometry
         shifts: dict[Virtual, float] = {}
         for value, parameter in zip(p, self.parameters, strict=True):
             for virtual, share in parameter.displaced.items():
@@ -288,45 +299,51 @@ class RollingMotion:
                 directions.setdefault(each, len(directions))
         for column, _ in d_middle.values():
             directions.setdefault(column, len(directions))
-        A, slopes = geometry.evaluate(positions, shifts, self._columns, list(directions))
+        rows, slopes = geometry.evaluate(positions, shifts, self._columns, list(directions))
         size = len(self._unknown_columns)
-        left, right = A[:, :, :size], A[:, :, size:]
-        driven = _product(right, moved)
-        normal = left.mT @ left
-        solution = -np.linalg.solve(normal, _product(left.mT, driven)[:, :, None])[:, :, 0]
-        residual = _product(left, solution) + driven
-        whole = np.concatenate([solution, moved], axis=1)
-        effects = []  # of each direction on the normal equations, (N, size)
-        for parts in slopes:
-            effect = np.zeros((count, size))
-            for where, slope in parts:
-                change = _product(slope, whole)
-                effect += _product(left[:, where].mT, change) + _product(slope[:, :, :size].mT, residual[:, where])
+        left, normal, whole = self._solved(rows, moved)
+        residuals = [combined(row, whole) for row in rows] if len(rows) > size else []
+        effects = []  # of each direction, on the right side
+        for changed in slopes:
+            effect = against(left, {row: combined(slope, whole) for row, slope in changed.items()}, size)
+            for row, slope in changed.items() if residuals else ():
+                for column, entry in slope.items():
+                    if column < size:
+                        effect[column] = minus(effect[column], times(entry, residuals[row]))
             effects.append(effect)
-        sides = np.zeros((count, size, len(p)))
+        found = {}
         for k, parameter in enumerate(self.parameters):
-            for each, share in (*parameter.displaced.items(), *((wheel, 1.0) for wheel in parameter.wheels)):
-                sides[:, :, k] += share * effects[directions[each]]
-            if k in d_moved:
-                index, rate = d_moved[k]
-                sides[:, :, k] += _product(left.mT, right[:, :, index] * rate[:, None])
+            parts: list[tuple[Entry, list[Entry]]] = [
+                (share, effects[directions[each]])
+                for each, share in (*parameter.displaced.items(), *((wheel, 1.0) for wheel in parameter.wheels))
+            ]
             if k in d_middle:
-                column, rate = d_middle[k]
-                sides[:, :, k] += effects[directions[column]] * rate[:, None]
-        return solution[:, :3], -np.linalg.solve(normal, sides)[:, :3]
+                column, by = d_middle[k]
+                parts.append((by, effects[directions[column]]))
+            if k in d_moved:
+                index, by = d_moved[k]
+                acting = {row: entries[size + index] for row, entries in enumerate(rows) if size + index in entries}
+                parts.append((1.0, against(left, {row: times(entry, by) for row, entry in acting.items()}, size)))
+            side: list[Entry] = [0.0] * size
+            for by, effect in parts:
+                side = [plus(total, times(by, each)) for total, each in zip(side, effect, strict=True)]
+            if parts:
+                found[k] = normal.solve(side)[:3]
+        steps = np.stack([np.broadcast_to(each, len(self.time) - 1) for each in whole[:3]])
+        return steps, found
 
     def _measured(
         self, p: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, dict[int, tuple[int, np.ndarray]], dict[int, tuple[int, np.ndarray]]]:
-        """Positions in the middle of steps (N, n) and changes (N, joints), with derivatives by parameter.
+    ) -> tuple[dict[int, np.ndarray], list[Entry], dict[int, tuple[int, Entry]], dict[int, tuple[int, Entry]]]:
+        """Positions in the middle of steps by column, and changes of joints, with derivatives by parameter.
 
-        A derivative of a position is a column of v with numbers (N,), one of a change the number of a joint with
-        numbers (N,). Joints that the rows do not depend on have none of positions, and their positions are zero.
+        A derivative of a position is a column of v with numbers, one of a change the number of a joint with numbers.
+        Only joints that the rows depend on have positions.
         """
-        count = len(self.time) - 1
-        positions, moved = np.zeros((count, self._geometry.size)), np.zeros((count, len(self._joints)))
-        d_middle: dict[int, tuple[int, np.ndarray]] = {}
-        d_moved: dict[int, tuple[int, np.ndarray]] = {}
+        positions: dict[int, np.ndarray] = {}
+        moved: list[Entry] = []
+        d_middle: dict[int, tuple[int, Entry]] = {}
+        d_moved: dict[int, tuple[int, Entry]] = {}
         for index, joint in enumerate(self._joints):
             own = {type(each.kind): k for k, each in enumerate(self.parameters)
                    if joint.name in (getattr(each.kind, "joint", None), getattr(each.kind, "of", None))}  # fmt: skip
@@ -336,10 +353,10 @@ class RollingMotion:
             # Stamps are late: what was true at a time has a later stamp.
             raw = _held(joint.channel, self.time + late)
             middle, change = (raw[1:] + raw[:-1]) / 2, np.diff(raw)
-            moved[:, index] = scale * change
-            slopes: dict[type, tuple[np.ndarray, np.ndarray]] = {
+            moved.append(scale * change)
+            slopes: dict[type, tuple[Entry, Entry]] = {
                 EncoderScale: (middle, change),
-                EncoderOffset: (np.ones(count), np.zeros(count)),
+                EncoderOffset: (1.0, 0.0),
             }
             if TimeShift in own:
                 rate = scale * _slope(joint.channel, self.time + late)
@@ -349,7 +366,7 @@ class RollingMotion:
                 if joint.column in self._geometry.shape:
                     d_middle[k] = joint.column, slopes[kind][0]
             if joint.column in self._geometry.shape:
-                positions[:, joint.column] = scale * middle + offset
+                positions[joint.column] = scale * middle + offset
         return positions, moved, d_middle, d_moved
 
 

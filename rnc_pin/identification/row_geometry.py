@@ -16,12 +16,24 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.identification.component_solution import Row
+from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.joint_values import NamedModel
 from rnc_pin.robots.robot import Robot
 
 _NODES = 40  # of an interpolation over one angle
+_PHASES = np.pi * (np.arange(_NODES) + 0.5) / _NODES
+_TO_COEFFICIENTS = (
+    np.cos(np.outer(np.arange(_NODES), _PHASES)) * np.append(1.0, np.full(_NODES - 1, 2.0))[:, None] / _NODES
+)
+"""Chebyshev coefficients from values at the nodes.
+
+Rows are analytic in the angle of a joint. They have poles only where a wheel lies flat, far from real angles, so that
+the error over a turn is that of rounding.
+"""
+_BLOCK = 2048  # samples of an interpolation at a time
+_ROUNDING = 1e-15  # coefficients that are left out
 _MANY = 4 * _NODES  # states above which it pays
 _WIDEST = 2.0 * np.pi  # range of an interpolation [rad]
 _SILENT = 1e-9  # entries of a derivative below which a row does not depend on a joint
@@ -134,10 +146,9 @@ class RowGeometry:
         generator = np.random.default_rng(0)
         positions = generator.uniform(-0.5, 0.5, size=(_SAMPLES, self._robot.nv))
         positions[:, list(self._virtual.values())] *= 1e-2
-        q = self._configurations(positions)
+        place = self._kinematics.position(self._configurations(positions))
         for column in range(self._robot.nv):
-            direction = np.eye(self._robot.nv)[column]
-            slope = self._slope(block, q, direction)
+            slope = self._slope(block, place, np.eye(self._robot.nv)[column])
             if column in self.base:
                 # The base's velocity is in its own axes: on level ground, rows do not depend on its place.
                 if np.abs(slope).max(initial=0.0) > _SILENT:
@@ -182,62 +193,73 @@ class RowGeometry:
 
     def evaluate(
         self,
-        positions: np.ndarray,
+        positions: Mapping[int, np.ndarray],
         shifts: Mapping[Virtual, float],
         columns: Sequence[int],
         directions: Sequence[int | Virtual | str] = (),
-    ) -> tuple[np.ndarray, list[list[tuple[slice, np.ndarray]]]]:
+    ) -> tuple[list[Row], list[dict[int, Row]]]:
         """Rows and their derivatives along joints (columns), displacements and radii (frames).
 
         Args:
-            positions: joint positions (N, n).
+            positions: positions (N,) of the joints that the rows depend on, by column.
             shifts: displacements of joints.
-            columns: columns c to return.
+            columns: columns to return; entries of a row are named by their place in them.
             directions: directions of the derivatives.
 
         Returns:
-            Rows (N, k, c), and for each direction the rows that change with their derivatives (N or 1, rows, c).
+            Rows, and for each direction the rows that change, by number, with their derivatives.
         """
-        parts, start = [], 0
-        changes: list[list[tuple[slice, np.ndarray]]] = [[] for _ in directions]
+        found: list[Row] = []
+        changes: list[dict[int, Row]] = [{} for _ in directions]
         for block in self._blocks:
             if not block.kept:
                 continue
-            where = slice(start, start + len(block.kept))
-            start = where.stop
-            spread = _Spread.over(positions[:, block.shape])
+            spread = _Spread.over([positions[column] for column in block.shape])
             states = np.zeros((len(spread.states), self._robot.nv))
             states[:, block.shape] = spread.states
             for virtual, value in shifts.items():
                 states[:, self._virtual[virtual]] = value
-            q = self._configurations(states)
+            place = self._kinematics.position(self._configurations(states))
+            rows = block.rows.jacobian(place)
+            slopes = [self._along(block, place, rows, each) for each in directions]
+            tables = [rows, *(slope for slope in slopes if slope is not None)]
             kept, chosen = np.array(block.kept)[:, None], list(columns)
-            rows = block.rows.jacobian(self._kinematics.position(q))
-            values = spread.to_samples(rows[:, kept, chosen])
-            parts.append(np.broadcast_to(values, (len(positions), *values.shape[1:])))
-            for each, found in zip(directions, changes, strict=True):
-                slope = self._along(block, q, rows, each)
-                if slope is not None and np.abs(slope[:, kept, chosen]).max(initial=0.0) > 0:
-                    found.append((where, spread.to_samples(slope[:, kept, chosen])))
-        return np.concatenate(parts, axis=1), changes
+            values = np.stack([np.broadcast_to(each, rows.shape)[:, kept, chosen] for each in tables], axis=1)
+            entries = iter(spread.to_samples(values))
+            for table, changed in zip((None, *slopes), (None, *changes), strict=True):
+                if changed is None:
+                    found += next(entries)
+                elif table is not None:
+                    first = len(found) - len(block.kept)
+                    changed.update({first + k: row for k, row in enumerate(next(entries)) if row})
+        return found, changes
+
+    def matrices(self, positions: Mapping[int, np.ndarray], columns: Sequence[int], count: int) -> np.ndarray:
+        """Rows (N, k, c) of the file for columns c, at positions (N,) by column."""
+        rows, _ = self.evaluate(positions, {}, columns)
+        found = np.zeros((count, len(rows), len(columns)))
+        for k, row in enumerate(rows):
+            for column, entry in row.items():
+                found[:, k, column] = entry
+        return found
 
     def _along(
-        self, block: _Block, q: np.ndarray, rows: np.ndarray, direction: int | Virtual | str
+        self, block: _Block, place: PositionKinematics, rows: np.ndarray, direction: int | Virtual | str
     ) -> np.ndarray | None:
         """Derivative (S, k, n) of a block along a direction; None if it does not depend on it."""
         if isinstance(direction, str):
             if block not in self._radii[direction]:
                 return None
             larger = replace(block.kind, radius=block.kind.radius + 1.0).bind(self._robot)
-            return np.asarray(larger.jacobian(self._kinematics.position(q)) - rows)
+            return np.asarray(larger.jacobian(place) - rows)
         column = self._virtual[direction] if isinstance(direction, Virtual) else direction
         if isinstance(direction, int) and column not in block.shape:
             return None
-        return self._slope(block, q, np.eye(self._robot.nv)[column])
+        return self._slope(block, place, np.eye(self._robot.nv)[column])
 
-    def _slope(self, block: _Block, q: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        motion = self._kinematics.position(q).with_velocity(np.broadcast_to(direction, (len(q), self._robot.nv)))
-        return block.rows.jacobian_dot(motion)
+    def _slope(self, block: _Block, place: PositionKinematics, direction: np.ndarray) -> np.ndarray:
+        rate = np.broadcast_to(direction, (len(place.q), self._robot.nv))
+        return block.rows.jacobian_dot(place.with_velocity(rate))
 
     def _configurations(self, positions: np.ndarray) -> np.ndarray:
         """Configurations (N, nq) of positions (N, n) of single joints, with the base at its origin."""
@@ -257,44 +279,56 @@ class _Spread(NamedTuple):
 
     states: np.ndarray
     """Joint positions (S, d)."""
-    basis: np.ndarray | None
-    """Weights (N, S) of an interpolation; None if there is none."""
+    angle: np.ndarray | None
+    """Angles (N,) relative to the range of the nodes, from -1 to 1; None without an interpolation."""
     inverse: np.ndarray | None
     """State of each sample (N,); None for one state."""
 
     @classmethod
-    def over(cls, shape: np.ndarray) -> _Spread:
-        """States for joint positions (N, d): one without joints, nodes for one angle, else each once."""
-        if not shape.shape[1]:
+    def over(cls, shape: Sequence[np.ndarray]) -> _Spread:
+        """States for positions (N,) of joints: one without joints, nodes for one angle, else each once."""
+        if not shape:
             return cls(np.zeros((1, 0)), None, None)
-        if shape.shape[1] == 1 and len(shape) > _MANY and np.ptp(shape) <= _WIDEST:
-            nodes, basis = _interpolation(shape[:, 0])
-            return cls(nodes[:, None], basis, None)
-        states, inverse = np.unique(shape, axis=0, return_inverse=True)
+        if len(shape) == 1 and len(shape[0]) > _MANY and np.ptp(shape[0]) <= _WIDEST:
+            low, high = shape[0].min(), shape[0].max()
+            middle, half = (low + high) / 2, max(high - low, 1e-3) / 2
+            return cls((middle + half * np.cos(_PHASES))[:, None], (shape[0] - middle) / half, None)
+        states, inverse = np.unique(np.stack(shape, axis=1), axis=0, return_inverse=True)
         return cls(states, None, inverse.ravel())
 
-    def to_samples(self, values: np.ndarray) -> np.ndarray:
-        """Values (N, ...), or (1, ...) of one state, from those of the states (S, ...)."""
-        if self.basis is not None:
-            found = self.basis @ values.reshape(len(values), -1)
-            return np.asarray(found.reshape(len(found), *values.shape[1:]))
-        return values if self.inverse is None else values[self.inverse]
+    def to_samples(self, values: np.ndarray) -> list[list[Row]]:
+        """Rows of tables, at the samples, from values (S, tables, rows, columns) at the states; zeros are left out."""
+        flat = values.reshape(len(values), -1)
+        if self.angle is None:
+            varying = np.flatnonzero((flat != flat[0]).any(axis=0))
+            constant, samples = flat[0], flat.T[varying][:, self.inverse] if len(varying) else flat[:0]
+        else:
+            coefficients = _TO_COEFFICIENTS @ flat
+            limit = _ROUNDING * max(np.abs(flat).max(), 1.0)
+            large = np.abs(coefficients) > limit
+            constant, varying = np.where(large[0], coefficients[0], 0.0), np.flatnonzero(large[1:].any(axis=0))
+            count = 1 + int(np.flatnonzero(large.any(axis=1)).max(initial=0))
+            samples = _polynomials(self.angle, coefficients[:count, varying])
+        found: list[list[Row]] = [[{} for _ in range(values.shape[2])] for _ in range(values.shape[1])]
+        for index in np.flatnonzero(constant):
+            table, row, column = np.unravel_index(index, values.shape[1:])
+            found[table][row][int(column)] = float(constant[index])
+        for index, entries in zip(varying, samples, strict=True):
+            table, row, column = np.unravel_index(index, values.shape[1:])
+            found[table][row][int(column)] = entries
+        return found
 
 
-def _interpolation(angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Chebyshev nodes (S,) over angles (N,), and weights (N, S) of the barycentric formula.
-
-    Rows are analytic in the angle of a joint. They have poles only where a wheel lies flat, far from real angles, so
-    that the error over a turn is that of rounding.
-    """
-    low, high = angles.min(), angles.max()
-    k = np.arange(_NODES)
-    nodes = (low + high) / 2 + max(high - low, 1e-3) / 2 * np.cos(np.pi * (k + 0.5) / _NODES)
-    weights = (-1.0) ** k * np.sin(np.pi * (k + 0.5) / _NODES)
-    distance = angles[:, None] - nodes
-    hit = distance == 0
-    distance[hit] = 1.0
-    basis = weights / distance
-    basis[hit.any(axis=1)] = 0.0
-    basis[hit] = 1.0
-    return nodes, basis / basis.sum(axis=1, keepdims=True)
+def _polynomials(x: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+    """Sums (E, N) of Chebyshev polynomials of x (N,) with coefficients (degrees, E)."""
+    found, weights = np.empty((coefficients.shape[1], len(x))), coefficients.T.copy()
+    values = np.empty((len(coefficients), _BLOCK))  # few at a time, which stay in the cache
+    for start in range(0, len(x) if len(found) else 0, _BLOCK):
+        part = x[start : start + _BLOCK]
+        terms, double = values[:, : len(part)], 2 * part
+        terms[0], terms[1] = 1.0, part
+        for k in range(2, len(terms)):
+            np.multiply(double, terms[k - 1], out=terms[k])
+            terms[k] -= terms[k - 2]
+        np.matmul(weights, terms, out=found[:, start : start + len(part)])
+    return found

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias, cast
 
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError
+from rnc_pin.identification.row_geometry import Virtual
+from rnc_pin.logs.mapping import Correction
+from rnc_pin.model.system import NonholonomicSystem
 
 Axis = Literal["x", "y", "z"]
 
@@ -176,7 +180,124 @@ class TimeShift:
 
 
 Unknown: TypeAlias = WheelRadius | JointShift | JointTilt | EncoderScale | EncoderOffset | SensorPlace | TimeShift
-AXES: Mapping[str, np.ndarray] = dict(zip("xyz", np.eye(3), strict=True))
+
+
+class UnknownNumber(NamedTuple):
+    """Unknown number with its value in the robot's file."""
+
+    kind: Unknown
+    name: str
+    unit: str
+    nominal: float
+    scale: float
+    """Typical size: a radius, a length of the robot, one radian, one."""
+    displaced: Mapping[Virtual, float]
+    """Displacements of joints for a unit of the parameter."""
+    wheels: tuple[str, ...] = ()
+    """Wheels of a radius."""
+
+
+def radii_of(parameters: Sequence[UnknownNumber], p: np.ndarray) -> dict[str, float]:
+    """Radius of each wheel that parameters p (P,) concern; a second parameter of a wheel adds its change."""
+    radii: dict[str, float] = {}
+    for value, each in zip(p, parameters, strict=True):
+        for wheel in each.wheels:
+            radii[wheel] = float(radii[wheel] + value - each.nominal if wheel in radii else value)
+    return radii
+
+
+def number_of(kind: Unknown, system: NonholonomicSystem, mount: np.ndarray) -> UnknownNumber:
+    """Unknown number of a system, whose sensor has a place (3,) on the base: x, y [m] and heading [rad].
+
+    Raises:
+        ConfigurationError: a frame or joint is not there, or has no such number.
+    """
+    robot, model = system.robot, system.robot.model
+    distances = [float(np.linalg.norm(model.jointPlacements[k].translation)) for k in range(2, model.njoints)]
+    length = max(distances or [1.0]) or 1.0
+    if isinstance(kind, WheelRadius):
+        sizes = [getattr(each, "radius", None) for each in system.kinds
+                 if getattr(each, "frame", None) in kind.frames]  # fmt: skip
+        for wheel in kind.frames:
+            robot.frame_id(wheel)
+        radii = [size for size in sizes if size is not None]
+        if not radii:
+            raise ConfigurationError(f"{kind.name}: no wheel or ball rolls there")
+        nominal = float(np.mean(radii))
+        return UnknownNumber(kind, kind.name, "m", nominal, nominal, {}, kind.frames)
+    if isinstance(kind, JointShift | JointTilt):
+        turns = isinstance(kind, JointTilt)
+        for joint in kind.shares:
+            if robot.joint_id(joint) == 1:
+                raise ConfigurationError(f"{kind.name}: '{joint}' is the base")
+        displaced = {Virtual(joint, turns, kind.axis): share for joint, share in kind.shares.items()}
+        if turns:
+            return UnknownNumber(kind, kind.name, "rad", 0.0, 1.0, displaced)
+        axis = "xyz".index(kind.axis)
+        places = {joint: model.jointPlacements[robot.joint_id(joint)].translation[axis] for joint in kind.shares}
+        nominal = sum(share * places[joint] for joint, share in kind.shares.items())
+        nominal /= sum(share**2 for share in kind.shares.values())
+        return UnknownNumber(kind, kind.name, "m", float(nominal), length, displaced)
+    if isinstance(kind, SensorPlace):
+        axis = ("x", "y", "yaw").index(kind.axis)
+        unit, scale = ("rad", 1.0) if axis == 2 else ("m", length)
+        return UnknownNumber(kind, kind.name, unit, float(mount[axis]), scale, {})
+    if isinstance(kind, TimeShift):
+        if kind.of is not None:
+            robot.joint_id(kind.of)
+        return UnknownNumber(kind, kind.name, "s", 0.0, 1.0, {})
+    robot.single_joint(kind.joint)
+    unit = robot.velocity_units[robot.velocity_indices(kind.joint).start].removesuffix("/s")
+    if isinstance(kind, EncoderScale):
+        return UnknownNumber(kind, kind.name, "", 1.0, 1.0, {})
+    return UnknownNumber(kind, kind.name, unit, 0.0, 1.0 if unit == "rad" else length, {})
+
+
+def corrections_of(parameters: Sequence[UnknownNumber], p: np.ndarray, sensor: str) -> dict[str, Correction]:
+    """Corrections of joints and clocks that parameters p (P,) say, by joint or frame."""
+    found: dict[str, Correction] = {}
+    for value, each in zip(p.tolist(), parameters, strict=True):
+        kind = each.kind
+        key = {EncoderScale: "scale", EncoderOffset: "offset", TimeShift: "delay"}.get(type(kind))
+        if key is not None:
+            name = (kind.of or sensor) if isinstance(kind, TimeShift) else str(getattr(kind, "joint", ""))
+            found[name] = found.get(name, Correction()).model_copy(update={key: value})
+    return found
+
+
+def unknown_of(words: str) -> Unknown:
+    """The unknown number with a name, such as ``radius of left`` or ``delay of the sensor``.
+
+    Raises:
+        ConfigurationError: no kind of number has such a name.
+    """
+    for pattern, kind in _WORDS.items():
+        match = re.fullmatch(pattern, words.strip())
+        if match:
+            several = [name.strip() for name in match[1].split(",")]
+            if kind is WheelRadius:
+                return WheelRadius(several)
+            if kind in (JointShift, JointTilt):
+                return kind(dict.fromkeys(several, 1.0), cast(Axis, match[2]))
+            if kind is TimeShift:
+                return TimeShift(None if match[1] == "the sensor" else match[1])
+            return kind(match[1])
+    raise ConfigurationError(
+        f"'{words}' is no number that a log can show: expected 'radius of WHEEL', 'place of JOINT along x', "
+        "'tilt of JOINT about z', 'scale of JOINT', 'offset of JOINT', 'delay of JOINT', 'delay of the sensor', "
+        "or 'x of the sensor'"
+    )
+
+
+_WORDS: Mapping[str, Callable[..., Unknown]] = {
+    "radius of (.+)": WheelRadius,
+    "place of (.+) along ([xyz])": JointShift,
+    "tilt of (.+) about ([xyz])": JointTilt,
+    "scale of (.+)": EncoderScale,
+    "offset of (.+)": EncoderOffset,
+    "delay of (.+)": TimeShift,
+    "(x|y|yaw) of the sensor": SensorPlace,
+}
 
 
 def _several(names: str | Sequence[str]) -> tuple[str, ...]:

@@ -17,17 +17,17 @@ from rnc_pin.robots.robot import Robot
 _SAME = 1e-9  # difference of placements below which an origin is not written again
 
 
-def write_urdf(source: Path, path: Path, robot: Robot, sensor: str) -> None:
+def write_urdf(source: Path, path: Path, robot: Robot, sensor: str | None) -> None:
     """Write a URDF whose movable joints, and the fixed joint of a sensor, have the places of a robot.
 
     Args:
         source: the URDF.
         path: file to write.
         robot: robot with the same joints.
-        sensor: link that is fixed to a body.
+        sensor: link that is fixed to a body, if its place is new.
 
     Raises:
-        ConfigurationError: the source cannot be read, or has other joints.
+        ConfigurationError: the source cannot be read, has other joints, or no fixed joint of the sensor.
     """
     try:
         root = parse_tree(read_bytes(source))
@@ -44,9 +44,11 @@ def write_urdf(source: Path, path: Path, robot: Robot, sensor: str) -> None:
         if name not in joints or joints[name].get("type") == "fixed":
             raise ConfigurationError(f"{source}: no joint '{name}' that moves")
         _place(joints[name], robot, model.jointPlacements[index])
-    for joint in joints.values():
-        if _link(joint, "child") == sensor and joint.get("type") == "fixed":
-            _place(joint, robot, model.frames[robot.frame_id(sensor)].placement)
+    if sensor is not None:
+        mounts = [each for each in joints.values() if (_link(each, "child"), each.get("type")) == (sensor, "fixed")]
+        if not mounts:
+            raise ConfigurationError(f"{source}: no fixed joint carries '{sensor}': its place cannot be written")
+        _place(mounts[0], robot, model.frames[robot.frame_id(sensor)].placement)
     with atomic_file(path) as partial:
         partial.write_bytes(tostring(root, encoding="utf-8", xml_declaration=True))
 

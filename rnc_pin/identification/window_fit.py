@@ -11,6 +11,7 @@ from rnc_pin.identification.rolled_path import rotated, sideways
 
 _POSITION, _HEADING = 2.0, 1.5  # residuals in standard deviations above which a sample counts less (Huber)
 _NORMAL, _RAYLEIGH = 1.4826, 0.8493  # standard deviation over the median of |x|, and of the length of a plane vector
+_ALIKE = 0.05  # relative change of standard deviations that keeps them
 _FLOOR = 1e-9  # smallest standard deviation [m, rad]: rounding of a log without noise
 _TURNS, _ITERATIONS = 30, 60
 _STEP = 1e-9  # step relative to the sizes of the parameters at which the iteration ends
@@ -54,9 +55,10 @@ class Fit:
     """Standard deviations of position and heading (2,) [m, rad]."""
 
     def scaled(self) -> tuple[np.ndarray, np.ndarray]:
-        """Weighted residuals (3 M,) and derivatives (3 M, P), without unit."""
-        root = np.sqrt(self.weights)[:, [0, 0, 1]] / self.deviations[[0, 0, 1]]
-        return (root * self.residuals).ravel(), (root[:, :, None] * self.jacobian).reshape(3 * len(root), -1)
+        """Weighted residuals (3 M,) and derivatives (3 M, P), without unit; all x first, then all y and headings."""
+        root = (np.sqrt(self.weights)[:, [0, 0, 1]] / self.deviations[[0, 0, 1]]).ravel(order="F")
+        J = self.jacobian.reshape(len(root), -1, order="F")
+        return root * self.residuals.ravel(order="F"), (root * J.T).T
 
 
 def aligned(
@@ -69,17 +71,34 @@ def aligned(
     w = weights / deviations**2 * [1.0, float(heading)]
     turn, shift = _first_poses(poses, measured, windows, w)
     at = windows.number
+    cosine, sine = np.cos(turn)[at], np.sin(turn)[at]
     moved = rotated(turn[at], poses[:, :2])
-    residuals = np.column_stack([moved + shift[at] - measured[:, :2], poses[:, 2] + turn[at] - measured[:, 2]])
-    J = np.concatenate([rotated(turn[at], slopes[:, :2]), slopes[:, 2:]], axis=1)
-    first = np.zeros((count, 3, 3))  # derivatives with respect to the first pose
-    first[:, 0, 0] = first[:, 1, 1] = first[:, 2, 2] = 1.0
-    first[:, :2, 2] = sideways(moved)
-    spread = w[:, [0, 0, 1], None]
-    normal = windows.sums(first.mT @ (spread * first))
-    J = J - first @ (np.linalg.pinv(normal, hermitian=True) @ windows.sums(first.mT @ (spread * J)))[at]
-    if not heading:
-        residuals[:, 2], J[:, 2] = 0.0, 0.0
+    residuals = np.empty((count, 3), order="F")
+    residuals[:, :2] = moved + shift[at] - measured[:, :2]
+    residuals[:, 2] = poses[:, 2] + turn[at] - measured[:, 2] if heading else 0.0
+    size = slopes.shape[2]
+    J = np.empty((count, 3, size), order="F")
+    if size:
+        away, of_position, of_heading = sideways(moved), np.ascontiguousarray(w[:, 0]), np.ascontiguousarray(w[:, 1])
+        # Weighted sums over products of derivatives with respect to the first pose: x, y and turn.
+        pushed = of_position[:, None] * away
+        total, cross = windows.sums(of_position), windows.sums(pushed)
+        normal = np.zeros((windows.count, 3, 3))
+        normal[:, 0, 0] = normal[:, 1, 1] = total
+        normal[:, :2, 2] = normal[:, 2, :2] = cross
+        normal[:, 2, 2] = windows.sums(np.sum(pushed * away, axis=1) + of_heading)
+        inverse = np.linalg.pinv(normal, hermitian=True)
+    for k in range(size):
+        dx, dy, turned = slopes[:, 0, k], slopes[:, 1, k], slopes[:, 2, k]
+        x, y = cosine * dx - sine * dy, sine * dx + cosine * dy
+        sums = np.stack([
+            windows.sums(of_position * x), windows.sums(of_position * y),
+            windows.sums(pushed[:, 0] * x + pushed[:, 1] * y + of_heading * turned),
+        ], axis=1)  # fmt: skip
+        first = (inverse @ sums[:, :, None])[at, :, 0]
+        J[:, 0, k] = x - first[:, 0] - away[:, 0] * first[:, 2]
+        J[:, 1, k] = y - first[:, 1] - away[:, 1] * first[:, 2]
+        J[:, 2, k] = turned - first[:, 2] if heading else 0.0
     return Fit(residuals, J, weights, deviations)
 
 
@@ -109,12 +128,18 @@ def _first_poses(
     return turn, means[1] - rotated(turn, means[0])
 
 
-def weighted(fit: Fit, heading: bool) -> Fit:
-    """The fit with standard deviations from the medians of its residuals, and the weights that follow (Huber)."""
+def weighted(fit: Fit, heading: bool, previous: np.ndarray | None = None) -> Fit:
+    """The fit with standard deviations from the medians of its residuals, and the weights that follow (Huber).
+
+    Previous deviations (2,) stay if the new ones hardly differ. Medians jump from step to step. A cost that follows
+    them has no minimum along a combination of parameters that the log hardly shows.
+    """
     length, angle = np.hypot(fit.residuals[:, 0], fit.residuals[:, 1]), np.abs(fit.residuals[:, 2])
     deviations = np.maximum([_RAYLEIGH * np.median(length), _NORMAL * np.median(angle)], _FLOOR)
     if not heading:
         deviations[1] = 1.0
+    if previous is not None and (np.abs(deviations - previous) < _ALIKE * previous).all():
+        deviations = previous
     with np.errstate(divide="ignore"):
         limits = [_POSITION * deviations[0] / length, _HEADING * deviations[1] / angle]
     return Fit(fit.residuals, fit.jacobian, np.minimum(np.stack(limits, axis=1), 1.0), deviations)
@@ -162,25 +187,24 @@ class WindowFit:
     def __init__(self, predict: Prediction, measured: np.ndarray, windows: Windows, heading: bool) -> None:
         self._predict, self._measured, self._windows, self._heading = predict, measured, windows, heading
 
-    def at(self, p: np.ndarray, previous: Fit | None = None) -> Fit:
-        """Fit at parameters (P,) with the weights of another one, or with weights that follow from its residuals."""
+    def at(self, p: np.ndarray) -> Fit:
+        """Fit at parameters (P,), with weights that follow from its residuals."""
         poses, slopes = self._predict(p)
-        fit = self._aligned(poses, slopes, previous)
-        return fit if previous is not None else self._settled(poses, slopes, fit)
+        return self._settled(poses, slopes, self._aligned(poses, slopes[:, :, :0], None))
 
     def _aligned(self, poses: np.ndarray, slopes: np.ndarray, previous: Fit | None) -> Fit:
         return aligned(poses, slopes, self._measured, self._windows, previous, self._heading)
 
-    def _settled(self, poses: np.ndarray, slopes: np.ndarray, fit: Fit) -> Fit:
+    def _settled(self, poses: np.ndarray, slopes: np.ndarray, fit: Fit, previous: np.ndarray | None = None) -> Fit:
         """The fit with first poses that are best for the weights of its residuals.
 
         Derivatives follow the first poses for these weights too; else parameters that are hardly told from a first
         pose, such as the heading of the sensor, would make steps that overshoot.
         """
-        return self._aligned(poses, slopes, weighted(fit, self._heading))
+        return self._aligned(poses, slopes, weighted(fit, self._heading, previous))
 
     def minimized(
-        self, p: np.ndarray, scales: np.ndarray, valid: Callable[[np.ndarray], bool], precision: float
+        self, p: np.ndarray, scales: np.ndarray, valid: Callable[[np.ndarray], bool], precision: float, prior: float
     ) -> tuple[np.ndarray, Fit, bool]:
         """Levenberg-Marquardt on Huber's cost; standard deviations follow the residuals.
 
@@ -190,15 +214,20 @@ class WindowFit:
             valid: function that returns False for parameters that no robot has.
             precision: step at which the iteration ends, in standard deviations of the parameters for the correlation
                 of the residuals.
+            prior: standard deviation of the first parameters, relative to their sizes; infinity if they say nothing.
 
         Returns:
             Parameters, their fit, and True if the iteration converged.
         """
-        fit, damping = self.at(p), 1e-6
+        fit, damping, known, first = self.at(p), 1e-6, 1.0 / prior**2, p
+
+        def total(found: Fit, other: np.ndarray) -> float:
+            return cost(found, fit.deviations) + known / 2 * float(np.sum(((other - first) / scales) ** 2))
+
         for _ in range(_ITERATIONS):
             r, J = fit.scaled()
             J = J * scales
-            H, g, before = J.T @ J, J.T @ r, cost(fit, fit.deviations)
+            H, g, before = J.T @ J + known * np.eye(len(p)), J.T @ r + known * (p - first) / scales, total(fit, p)
             size = np.maximum(np.diag(H), 1e-12 * np.diag(H).max(initial=1e-300))
             relax = 0.1
             while True:
@@ -206,13 +235,13 @@ class WindowFit:
                 other = p + scales * step
                 if valid(other):
                     poses, slopes = self._predict(other)
-                    found = self._aligned(poses, slopes, fit)
-                    if cost(found, fit.deviations) <= before * (1 + 1e-12):
+                    found = self._aligned(poses, slopes[:, :, :0], fit)
+                    if total(found, other) <= before * (1 + 1e-12):
                         break
                 damping, relax = max(10 * damping, 1e-6), 1.0
                 if damping > _MOST_DAMPING:
                     return p, fit, True  # no descent is left but rounding
-            p, fit, damping = other, self._settled(poses, slopes, found), damping * relax
+            p, fit, damping = other, self._settled(poses, slopes, found, fit.deviations), damping * relax
             if np.abs(step).max(initial=0.0) < _STEP or step @ H @ step < precision**2 * correlation_of(fit):
                 return p, fit, True
         return p, fit, False

@@ -18,6 +18,7 @@ from rnc_pin.io.safe_read import open_regular
 MANIFEST = ".rnc_pin"
 _RESULT = re.compile(
     r"trajectory(_\w+)?\.npz|plan\.npz|summary\.json|commands\.json|scenario\.yaml|animation\.html|[^/\0]+\.(png|pdf|svg)"
+    r"|calibration\.json|comparison\.json|mapping\.yaml|robot\.urdf"
 )
 _MAX_SIZE = 64_000_000  # [bytes]
 

@@ -3,4 +3,5 @@
 from .channel import Channel as Channel
 from .encoder import unwrapped as unwrapped
 from .log import Log as Log
+from .mapping import Correction as Correction
 from .mapping import LogMapping as LogMapping

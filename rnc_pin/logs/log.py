@@ -16,7 +16,7 @@ from rnc_pin.io.json import Json
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
 from rnc_pin.logs.bags import is_bag, read_bag
 from rnc_pin.logs.channel import Channel, Quantity
-from rnc_pin.logs.mapping import LogMapping
+from rnc_pin.logs.mapping import Correction, LogMapping
 from rnc_pin.logs.tables import read_table
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin, counted
@@ -76,7 +76,7 @@ class Log(SummaryMixin):
         """
         path, keys = Path(path), LogMapping.of(mapping)
         try:
-            return cls(read_bag(path, keys) if is_bag(path) else read_table(path, keys))
+            return cls(read_bag(path, keys) if is_bag(path) else read_table(path, keys)).corrected(keys.corrections)
         except InputError as error:
             raise ConfigurationError(f"{path}: {error}") from None
 
@@ -168,6 +168,32 @@ class Log(SummaryMixin):
         """
         return Log(each.part(start, end) for each in self.channels.values())
 
+    def corrected(self, corrections: Mapping[str, Correction]) -> Log:
+        """Return the log with corrected joints and clocks.
+
+        Args:
+            corrections: corrections by joint or frame, such as ``Calibration.corrections``.
+
+        Raises:
+            ConfigurationError: nothing of that name is measured, or a frame has a scale or an offset.
+
+        Example:
+            >>> log = rnc.Log([rnc.logs.Channel("position", "wheel", [0.0, 1.0], [[0.0], [2.0]])])
+            >>> log.corrected({"wheel": rnc.logs.Correction(scale=1.1, offset=0.5)}).channel("position", "wheel").values
+            array([[0.5],
+                   [2.7]])
+        """
+        measured = {each.of for each in self}
+        for name, correction in corrections.items():
+            if name not in measured:
+                raise ConfigurationError(f"corrections.{name}: the log has no such channel{nearest(name, measured)}")
+            only_frames = not any(f"{quantity}({name})" in self.channels for quantity in ("position", "velocity"))
+            if only_frames and (correction.scale, correction.offset) != (1.0, 0.0):
+                raise ConfigurationError(f"corrections.{name}: expected only a delay, '{name}' is no measured joint")
+        changed = Log(_corrected(each, corrections.get(each.of)) for each in self)
+        changed.start += self.start
+        return changed
+
     def joined(self, other: Log) -> Log:
         """Return a log with the channels of both, whose stamps are of one clock.
 
@@ -224,6 +250,15 @@ class Log(SummaryMixin):
     def _summary(self) -> ObjectSummary:
         title = f"Log: {self.duration:.6g} s, {counted(len(self.channels), 'channel')}"
         return ObjectSummary(title, [(each.name, _described(each)) for each in self])
+
+
+def _corrected(channel: Channel, by: Correction | None) -> Channel:
+    if by is None:
+        return channel
+    values = channel.values
+    if channel.quantity in ("position", "velocity"):
+        values = by.scale * values + (by.offset if channel.quantity == "position" else 0.0)
+    return Channel(channel.quantity, channel.of, channel.time - by.delay, values, channel.repairs)
 
 
 def _described(channel: Channel) -> list[Item]:

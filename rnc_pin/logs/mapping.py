@@ -128,6 +128,35 @@ class Topic(Strict):
     """Time of a sample: that of the message's header, or that of its recording."""
 
 
+class Correction(Strict):
+    """Correction of a measured joint, ``scale * position + offset``, or of the clock of a joint or frame.
+
+    Example:
+        >>> first = rnc.logs.Correction(scale=2.0, offset=1.0)
+        >>> rnc.logs.Correction(scale=3.0).after(first).offset
+        3.0
+    """
+
+    scale: float = 1.0
+    """Factor of positions and velocities of a joint."""
+    offset: float = 0.0
+    """Value added to the scaled position of a joint [rad or m]."""
+    delay: float = 0.0
+    """Time by which the stamps of the joint or frame are late [s]."""
+
+    def after(self, first: Correction) -> Correction:
+        """Return this correction of a log that has the first one already.
+
+        Args:
+            first: the first correction.
+        """
+        return Correction(
+            scale=self.scale * first.scale,
+            offset=self.scale * first.offset + self.offset,
+            delay=self.delay + first.delay,
+        )
+
+
 class LogMapping(Strict):
     """Columns of a table, or topics of a bag, and the joints and frames that they belong to.
 
@@ -155,6 +184,8 @@ class LogMapping(Strict):
     """Frames of inertial sensors and their columns."""
     topics: dict[str, Topic] = {}
     """Topics of a bag and their use."""
+    corrections: dict[str, Correction] = {}
+    """Corrections of measured joints and of clocks, by joint or frame, e.g. from a calibration."""
 
     @classmethod
     def of(cls, mapping: str | Path | Mapping[str, Json] | LogMapping) -> LogMapping:

@@ -10,8 +10,10 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 
 import numpy as np
+import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin import _kernel
@@ -21,7 +23,7 @@ from rnc_pin.model.compiled_states import CompiledArraysAtQ, CompiledArraysAtV, 
 from rnc_pin.model.evaluator import ArraysAtQ, ArraysAtV, Configurations, Evaluator, HasArraysAtQ, ReducedTerms, States
 from rnc_pin.model.input_validation import ArrayInput
 from rnc_pin.model.kinematics import VelocityKinematics
-from rnc_pin.model.numpy_evaluator import NumPyEvaluator, NumPyRuns, RunRecords
+from rnc_pin.model.numpy_evaluator import NumPyEvaluator, NumPyRuns, PlannedFeedback, RunRecords
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.model.reduction_kernel import ReductionKernel
 from rnc_pin.model.state_evaluation import StateEvaluation
@@ -155,6 +157,24 @@ class CompiledEvaluator(NumPyEvaluator):
         if not self._calls.integrate(q, y, T, h, steps, rates, found):
             return None
         return found[: len(q)], found[len(q) :]
+
+    def planned_motion(
+        self, form: str, start: tuple[Array, Array], u: Array, h: float, steps: int, feedback: PlannedFeedback | None
+    ) -> tuple[Array, Array, Array] | None:
+        q, w = (np.array(each, dtype=float) for each in start)
+        K, nu = u.shape
+        found = np.empty((K * steps, len(q) + len(w) + nu))
+        gains = planned = None
+        limits = np.zeros((2, nu))
+        if feedback is not None:
+            gains = np.ascontiguousarray(feedback.gains)
+            planned, limits = np.hstack([feedback.q, feedback.w]), np.stack([feedback.lower, feedback.upper])
+        difference = partial(pin.difference, self.data.robot.model)
+        arrays = (gains, planned, limits, difference, np.empty_like(q), np.empty_like(q), found)
+        kind = ("kinematic", "acceleration", "dynamic").index(form)
+        if not self._calls.planned_motion(kind, K, steps, h, q, w, np.ascontiguousarray(u), *arrays):
+            return None
+        return found[:, : len(q)], found[:, len(q) : -nu], found[:, -nu:]
 
     def chart_rate(self, q: Array, x: Array, T: Array, damping: Array | None) -> Array | None:
         found = np.empty(len(x))

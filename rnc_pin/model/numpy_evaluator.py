@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.errors import InputError
 from rnc_pin.math.components import Component
 from rnc_pin.model.configuration_evaluation import NOTHING_AT_Q, ConfigurationEvaluation
@@ -100,6 +101,17 @@ class NumPyRuns:
 
 
 _NOTHING_AT_V = ArraysAtV()
+
+
+class PlannedFeedback(NamedTuple):
+    """Feedback ``u + gains dx`` about planned states, within limits that the planned inputs widen."""
+
+    q: Float[Array, "N nq"]
+    """Planned configurations at the begin of each step."""
+    w: Float[Array, "N nw"]
+    gains: Float[Array, "K nu nx"]
+    lower: Float[Array, " nu"]
+    upper: Float[Array, " nu"]
 
 
 class NumPyEvaluator:
@@ -247,6 +259,21 @@ class NumPyEvaluator:
             T: actuator inputs (p,), constant.
             h: duration of each step [s].
             steps: number of steps.
+        """
+        return None
+
+    def planned_motion(
+        self, form: str, start: tuple[Array, Array], u: Array, h: float, steps: int, feedback: PlannedFeedback | None
+    ) -> tuple[Array, Array, Array] | None:
+        """States (K steps, nq), (K steps, nw) after each midpoint step, and their inputs; None if Python has to step.
+
+        Args:
+            form: "kinematic", "acceleration" or "dynamic": inputs are v2, v2_dot or T.
+            start: configuration (nq,) and reduced velocities (nw,), of which the kinematic form has none.
+            u: inputs (K, nu), constant over intervals.
+            h: duration of a step [s].
+            steps: steps of each interval.
+            feedback: feedback about planned states; None without.
         """
         return None
 

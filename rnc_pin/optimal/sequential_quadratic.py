@@ -16,7 +16,8 @@ from annotated_types import Ge, Le
 
 from rnc_pin.errors import RncError, SimulationError
 from rnc_pin.model.parameter_types import Positive
-from rnc_pin.optimal.linear_quadratic import Direction, InteriorPointSolver, LinearQuadratic
+from rnc_pin.optimal.interior_point import Direction, InteriorPointSolver
+from rnc_pin.optimal.linear_quadratic import LinearQuadratic
 from rnc_pin.optimal.transcription import Iterate, Transcription, Values, Violation
 
 _LENGTHS = 0.5 ** np.arange(8)
@@ -87,11 +88,11 @@ class SequentialQuadratic:
 
     def __init__(self, problem: Transcription, settings: SolverSettings) -> None:
         self.problem, self.settings = problem, settings
-        self._solver = InteriorPointSolver()
         self.restart()
 
     def restart(self) -> None:
-        """Forget damping and penalties of earlier iterations."""
+        """Forget damping, penalties and multipliers of earlier iterations."""
+        self._solver = InteriorPointSolver()
         self._damping, self._weight, self._gap_weight = _FIRST_DAMPING, self.settings.penalty, 0.0
 
     def solve(self, guess: Iterate) -> Solution:

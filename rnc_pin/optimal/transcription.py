@@ -140,13 +140,20 @@ class Transcription:
             cost += 0.5 * h * float((r**2).sum())
         for each in self.terminal:
             cost += 0.5 * float(((each.rows(end, False).value * each.root_weights(end.time)) ** 2).sum())
+        return Values(cost, gaps, self._rows(nodes, end))
+
+    def rows(self, at: Iterate) -> Float[Array, "K1 k"]:
+        """Bounded rows at every node."""
+        return self._rows(*self._data(at))
+
+    def _rows(self, nodes: NodeData, end: NodeData) -> Array:
         rows = np.zeros(self.lower.shape)
         for block, where in self.blocks:
             if block is not self.goal:
                 rows[:-1, where] = block.rows(nodes, False).value
             if block.of_state:
                 rows[-1, where] = block.rows(end, False).value[0]
-        return Values(cost, gaps, rows)
+        return rows
 
     def excess(self, values: Values) -> Float[Array, "K1 k"]:
         """Amounts by which the rows are beyond their limits."""

@@ -190,18 +190,20 @@ def _contacts(run: Trajectory, grip: Grip | None) -> Iterator[Finding]:
 
 def _demands(run: Trajectory, grip: Grip) -> Iterator[Finding]:
     """Findings of contacts whose constraints need more than the stated friction: where a real wheel slips."""
-    used = np.nan_to_num(grip.used_by_forces(run.contact_forces, run.normal_forces), posinf=np.inf)
-    for name, demand in zip(grip.names, used.T, strict=True):
+    used = np.nan_to_num(grip.used_by_forces(run.q, run.contact_forces, run.normal_forces), posinf=np.inf)
+    for column, (name, demand) in enumerate(zip(grip.names, used.T, strict=True)):
         if demand.max(initial=0.0) > _SLIPS:
-            yield _beyond(run, name, demand)
+            most = int(demand.argmax())
+            chosen = demand[most] < np.inf and grip.is_choice(run.q[most])[column]
+            yield _beyond(run, name, demand, ", at the best share that rigid bodies leave open" if chosen else "")
 
 
-def _beyond(run: Trajectory, contact: str, used: Float[np.ndarray, " N"]) -> Finding:
-    """Finding of a contact that needs more than its friction at some sample."""
+def _beyond(run: Trajectory, contact: str, used: Float[np.ndarray, " N"], share: str = "") -> Finding:
+    """Finding of a contact that needs more than its friction at some sample, and how it shares the force."""
     most = int(used.argmax())
     need, time = float(used[most]), float(run.time[most])
     words = f"needs {need:.3g} times the stated friction" if need < np.inf else "needs friction, but carries no load,"
-    message = f"contact '{contact}' {words} at t = {time:.2f} s"
+    message = f"contact '{contact}' {words} at t = {time:.2f} s{share}"
     return Finding(FindingKind.SLIP, contact, need, "", time, Severity.FAILS, message)
 
 

@@ -6,6 +6,8 @@ from .drawn_state import recorded_states as recorded_states
 from .limit_plots import plot_limits as plot_limits
 from .live import LiveView as LiveView
 from .live import MeshcatViewer as MeshcatViewer
+from .log_plots import plot_comparison as plot_comparison
+from .log_plots import record_comparison as record_comparison
 from .loop_view import LoopView as LoopView
 from .loop_view import show as show
 from .meshcat_library import mg as mg

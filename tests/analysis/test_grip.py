@@ -3,11 +3,13 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.optimize import linprog, minimize
 
 import rnc_pin as rnc
 import systems
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.control.whole_body.inverse_dynamics_qp import ContactCones
 from rnc_pin.model.rows import Rows
 from rnc_pin.planning import MinimumJerk, Slowed, TaskReference
 from rnc_pin.simulation import grip_along, within_grip
@@ -304,7 +306,6 @@ def test_the_grip_of_a_cart_is_that_of_its_rows_and_of_statics():
     still = np.zeros_like(v2)
     np.testing.assert_allclose(grip.forces(q, v2, T), forces, rtol=1e-7)
     np.testing.assert_allclose(grip.loads(q, still, 0.0 * T), loads, rtol=1e-7)
-    np.testing.assert_allclose(grip.used(q, v2, T), forces / (friction * grip.loads(q, v2, T)), rtol=1e-7)
     known = rnc.Grip(reduced, friction, {"a": 0.4})
     np.testing.assert_allclose(known.loads(q, still, 0.0 * T)[..., :2], loads[..., :2], rtol=1e-7)
     np.testing.assert_array_equal(known.loads(q, v2, T)[..., 2], 0.4)
@@ -390,4 +391,85 @@ def test_accelerations_ask_for_the_grip_of_the_inputs_that_give_them():
     for q, v2 in random_states(reduced, 3):
         T = generator.normal(size=2)
         v2_dot = reduced.forward_dynamics(q, v2, T)
-        np.testing.assert_allclose(grip.used_by(q, v2, v2_dot), grip.used(q, v2, T), rtol=1e-7)
+        np.testing.assert_allclose(grip.used_by(q, v2, v2_dot).max(), grip.used(q, v2, T).max(), rtol=1e-7)
+
+
+def test_a_robot_on_two_wheels_skids_on_a_circle_at_the_root_of_mu_g_rho():
+    """Both wheels skid together: the outer one has more load and takes more of the force.
+
+    The load of one wheel is m (g / 2 -+ v^2 h / (rho track)): an evenly shared force would skid there earlier.
+    """
+    friction, rho, height, track = 0.5, 2.0, 0.3, 0.4
+    reduced = systems.on_two_wheels(height=height, track=track)
+    grip, q = rnc.Grip(reduced, friction), reduced.robot.configuration({"root_joint": (1.0, -2.0, 0.7)})
+    evenly = np.sqrt(rho * friction * G / (1 + 2 * friction * height / track))
+    speeds = np.array([1.0, evenly, 3.1, np.sqrt(friction * G * rho), 3.2])
+    v2 = np.stack([speeds, speeds / rho], axis=1)
+    used = grip.used(np.tile(q, (5, 1)), v2, np.zeros((5, 2)))
+    np.testing.assert_allclose(used, np.tile(speeds[:, None] ** 2 / (friction * G * rho), 2), rtol=1e-7)
+    assert grip.is_choice(q).tolist() == [True, True]
+    forces, loads = (of(q, v2[1], np.zeros(2)) for of in (grip.forces, grip.loads))
+    assert (forces / (friction * loads)).max() == pytest.approx(1.0, rel=1e-7)
+    inner = 10.0 * (G / 2 - speeds[1] ** 2 * height / (rho * track))
+    np.testing.assert_allclose(loads.min(), inner, rtol=1e-6)
+
+
+def least_largest_share(torques, friction):
+    """Of the car of ``on_four_wheels`` at rest: Newton and Euler for one body, and a solver for smooth programs."""
+    mass, center, places = (
+        20.0,
+        np.array([0.05, 0.02, 0.1 + WHEEL]),
+        np.array([[*xy, 0.0] for xy in systems.CORNERS.values()]),
+    )
+    driving = np.asarray(torques) / WHEEL
+    inertial = np.array([driving.sum(), 0.0, mass * G])  # force of the ground
+
+    def forces(z):
+        return np.stack([driving, z[:4], z[4:8]], axis=1)
+
+    def balance(z):
+        each = forces(z)
+        moment = np.cross(places - center, each).sum(axis=0)
+        return np.concatenate([(each.sum(axis=0) - inertial)[1:], moment])
+
+    def room(z):
+        return z[8] * friction * z[4:8] - np.linalg.norm(forces(z)[:, :2], axis=1)
+
+    start = np.concatenate([np.zeros(4), np.full(4, mass * G / 4), [2.0]])
+    constraints = [
+        {"type": "eq", "fun": balance},
+        {"type": "ineq", "fun": room},
+        {"type": "ineq", "fun": lambda z: z[4:8]},
+    ]
+    found = minimize(
+        lambda z: z[8], start, constraints=constraints, method="SLSQP", options={"ftol": 1e-13, "maxiter": 900}
+    )
+    assert found.success
+    return found.x[8]
+
+
+def test_four_wheels_share_weight_and_side_forces_so_that_the_largest_share_is_least():
+    reduced, friction = systems.on_four_wheels(), 0.6
+    grip, q = rnc.Grip(reduced, friction), reduced.robot.configuration()
+    assert grip.is_choice(q).all()
+    for torques in ([1.0, 1.0, 1.0, 1.0], [3.0, 0.0, 0.0, 0.0], [2.0, -1.0, 0.5, 0.3], [0.0, 0.0, 4.0, 1.0]):
+        least = least_largest_share(torques, friction)
+        assert grip.used(q, np.zeros(1), np.array(torques)).max() == pytest.approx(least, rel=1e-5)
+        even = grip.forces(q, np.zeros(1), np.array(torques)) / (
+            friction * grip.loads(q, np.zeros(1), np.array(torques))
+        )
+        assert even.max() > least
+
+
+def test_the_program_of_whole_body_control_has_the_same_forces():
+    """Its pyramids lie inside the cones: feasible above the share divided by the cosine, infeasible below the share."""
+    reduced, generator = systems.on_four_wheels(), np.random.default_rng(2)
+    q = reduced.robot.configuration()
+    for T in generator.normal(size=(5, 4)):
+        share = rnc.Grip(reduced, 1.0).used(q, np.zeros(1), T).max()
+        for friction, feasible in ((0.999 * share, False), (1.001 * share / np.cos(np.pi / 8), True)):
+            bounds = ContactCones(reduced, friction).at(reduced.at(q, np.zeros(1)))
+            room = bounds.upper - bounds.rows[:, :4] @ T
+            free = bounds.rows[:, 4:]
+            found = linprog(np.zeros(free.shape[1]), free, room, bounds=(None, None))
+            assert (found.status == 0) == feasible

@@ -1,5 +1,7 @@
 """Calibration of vehicles whose logs follow from textbook formulas, refusals, and a real tricycle."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -162,6 +164,33 @@ def test_combinations_that_no_log_shows_are_named(tmp_path):
     )
     with pytest.raises(rnc.InfeasibleError, match=r"place of .* along [xy] [-+] .* place of .* along [xy]"):
         rnc.calibrate(MECANUM.system(tmp_path), MECANUM.log(0), [*MECANUM.unknown, lengthwise], "sensor")
+
+
+@pytest.mark.parametrize(
+    ("name", "seen"),
+    [
+        ("differential drive", {"radius of left", "radius of right"}),
+        ("tricycle", {"radius of front", "offset of fork_joint"}),
+        ("car", {"offset of left_steer_joint"}),
+        ("Mecanum", {"radius of fl, fr, rl, rr"}),
+        ("car with trailer", {"radius of rear", "offset of steer_joint"}),
+    ],
+)
+def test_a_straight_motion_shows_no_track_no_wheelbase_and_no_sensor(name, seen, tmp_path):
+    """Only radii and zeros of steering act on a straight path; of four measured wheels, it shows the mean radius."""
+    vehicle = replace(VEHICLES[name], true=VEHICLES[name].nominal)
+    steady, still = (lambda time: 0.3 + 0.1 * np.sin(time)), (lambda time: 0.0 * time)
+    inputs = [steady, steady if name in ("differential drive", "Mecanum") else still, still]
+    log = vehicle.log(0, inputs=inputs[: vehicle.inputs], ticks=0)
+    with pytest.raises(rnc.InfeasibleError, match="the log does not determine the ") as error:
+        rnc.calibrate(vehicle.system(tmp_path), log, vehicle.unknown, "sensor")
+    missing = {each.name for each in vehicle.unknown if each.name in str(error.value)}
+    assert missing == {each.name for each in vehicle.unknown} - seen
+    # What the motion shows alone is estimated.
+    alone = [each for each in vehicle.unknown if each.name in seen]
+    if alone:
+        found = rnc.calibrate(vehicle.system(tmp_path), log, alone, "sensor")
+        np.testing.assert_allclose(found.values, found.nominal, atol=2e-3)
 
 
 def test_outliers_are_named_and_hardly_count(tmp_path):

@@ -1,80 +1,13 @@
-"""The subproblem against a quadratic program of another solver, and its Riccati recursion against dense solves."""
+"""The Riccati recursion of the subproblem against dense solves."""
 
-import daqp
 import numpy as np
 import pytest
 
 from rnc_pin import _kernel
 from rnc_pin.errors import SimulationError
-from rnc_pin.optimal.linear_quadratic import InteriorPointSolver, LinearQuadratic, RiccatiFactors
+from rnc_pin.optimal.linear_quadratic import RiccatiFactors
 
 N, NX, NU, M = 5, 3, 2, 2
-
-
-def subproblem(limit, end=None, seed=0, N=12, nx=4, nu=2):
-    """Random subproblem with bounded inputs, and equations at the end."""
-    generator = np.random.default_rng(seed)
-    A = np.eye(nx) + 0.1 * generator.normal(size=(N, nx, nx))
-    B = 0.3 * generator.normal(size=(N, nx, nu))
-    H = np.tile(np.diag([0.1] * nx + [1.0] * nu), (N, 1, 1))
-    equations = 0 if end is None else len(end)
-    k = nu + equations
-    C, D = np.zeros((N + 1, k, nx)), np.zeros((N + 1, k, nu))
-    lower, upper = np.full((N + 1, k), -np.inf), np.full((N + 1, k), np.inf)
-    D[:-1, :nu], lower[:-1, :nu], upper[:-1, :nu] = np.eye(nu), -limit, limit
-    if equations:
-        C[-1, nu:] = np.eye(nx)[:equations]
-        lower[-1, nu:] = upper[-1, nu:] = end
-    g = generator.normal(size=(N, nx + nu))
-    gap = 0.1 * generator.normal(size=(N, nx))
-    return LinearQuadratic(A, B, gap, H, g, np.eye(nx), generator.normal(size=nx), C, D, lower, upper)
-
-
-def dense_solution(p):
-    """Inputs (N nu,) from daqp, with the states eliminated."""
-    N, nx, nu = p.B.shape
-    S, c = np.zeros((N + 1, nx, N * nu)), np.zeros((N + 1, nx))
-    for k in range(N):
-        S[k + 1], c[k + 1] = p.A[k] @ S[k], p.A[k] @ c[k] + p.gap[k]
-        S[k + 1][:, k * nu : (k + 1) * nu] += p.B[k]
-    U = np.eye(N * nu).reshape(N, nu, N * nu)
-    Z = np.concatenate([S[:-1], U], axis=1)
-    z = np.concatenate([c[:-1], np.zeros((N, nu))], axis=1)
-    H = np.einsum("nia,nij,njb->ab", Z, p.H, Z) + S[-1].T @ p.H_end @ S[-1]
-    g = np.einsum("nia,ni->a", Z, np.einsum("nij,nj->ni", p.H, z) + p.g) + S[-1].T @ (p.H_end @ c[-1] + p.g_end)
-    rows = np.einsum("nkx,nxa->nka", p.C, S)
-    rows[:-1] += np.einsum("nku,nua->nka", p.D[:-1], U)
-    offset = np.einsum("nkx,nx->nk", p.C, c)
-    real = np.isfinite(p.upper)
-    G, low, high = rows[real], (p.lower - offset)[real], (p.upper - offset)[real]
-    sense = np.where(low == high, 5, 0).astype(np.int32)
-    x, _, flag, _ = daqp.solve(H, g, np.ascontiguousarray(G), high, low, sense)
-    assert flag == 1
-    return x
-
-
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("limit", [0.5, 2.0, 100.0])
-def test_solution_is_that_of_a_dense_program(limit, seed):
-    problem = subproblem(limit, end=[0.2, -0.1], seed=seed)
-    found = InteriorPointSolver().solve(problem, damping=0.0, weight=1e5)
-    np.testing.assert_allclose(found.u.ravel(), dense_solution(problem), atol=2e-4)
-
-
-def test_without_active_bounds_one_factorization_is_enough():
-    problem = subproblem(100.0, end=[0.2, -0.1])
-    assert InteriorPointSolver().solve(problem, damping=0.0, weight=1e5).iterations == 0
-
-
-def test_an_end_out_of_reach_is_approached_within_the_bounds():
-    problem = subproblem(0.01, end=[50.0])
-    found = InteriorPointSolver().solve(problem, damping=0.0, weight=1e6)
-    assert np.abs(found.u).max() <= 0.01 * (1 + 1e-3)
-    reach = [problem.C[-1, 2] @ x for x in found.x]
-    assert reach[-1] < 50.0
-    signs = np.sign(found.u)
-    costates = np.einsum("nxu,nx->nu", problem.B, found.costate[1:])
-    np.testing.assert_array_equal(signs, -np.sign(costates))  # every input gives its most towards the end
 
 
 def positive(generator, *shape):

@@ -273,6 +273,34 @@ def mecanum() -> rnc.ReducedModel:
     )
 
 
+def on_two_wheels(
+    height: float = 0.3, track: float = 0.4, ahead: float = 0.2, center: float = 0.0, radius: float = 0.1
+) -> rnc.ReducedModel:
+    """A body of 10 kg on two driven wheels without mass and a caster ahead; its centre is between axle and caster."""
+    model, ground = pin.Model(), -radius
+    base = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "root_joint")
+    body = pin.Inertia(10.0, np.array([center, 0.0, height + ground]), np.diag([0.3, 0.3, 0.2]))
+    model.appendBodyToJoint(base, body, pin.SE3.Identity())
+    for name, place in (("base", [0.0, 0.0, 0.0]), ("nose", [ahead, 0.0, 0.0])):
+        model.addFrame(pin.Frame(name, base, 0, pin.SE3(np.eye(3), np.array(place)), pin.FrameType.OP_FRAME))
+    for name, y in (("l", track / 2), ("r", -track / 2)):
+        wheel = model.addJoint(base, pin.JointModelRUBY(), pin.SE3(np.eye(3), np.array([0.0, y, 0.0])), f"{name}_spin")
+        model.appendBodyToJoint(wheel, pin.Inertia(0.0, np.zeros(3), 1e-9 * np.eye(3)), pin.SE3.Identity())
+        model.addFrame(pin.Frame(name, wheel, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    rows = [rnc.RollingWheel("l", radius), rnc.RollingWheel("r", radius), rnc.Caster("nose", radius)]
+    system = rnc.NonholonomicSystem(rnc.Robot(model), rows, ["l_spin", "r_spin"])
+    return system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
+
+
+def on_four_wheels() -> rnc.ReducedModel:
+    """A body of 20 kg with four driven wheels without mass; its centre is aside."""
+    robot = rnc.Robot(rolling_base(CORNERS, WHEEL))
+    for joint in range(2, robot.model.njoints):
+        robot.model.inertias[joint] = pin.Inertia(0.0, np.zeros(3), 1e-9 * np.eye(3))
+    rows = [rnc.RollingWheel(name, WHEEL) for name in CORNERS]
+    return rnc.NonholonomicSystem(robot, rows, [f"{name}_spin" for name in CORNERS]).reduce()
+
+
 WHEELBASE, TRACK, SCRUB = 1.1, 0.6, 0.07
 
 

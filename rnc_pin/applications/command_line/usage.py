@@ -158,20 +158,61 @@ def drive(**given: Given) -> int:
     return _command("drive_robot")(**given)
 
 
+def _measured(command: _Command) -> _Command:
+    """Add the arguments and options of a measured log to a command."""
+    for add in (
+        click.option("--heading/--no-heading", default=True, help="Whether the sensor measures its heading."),
+        click.option("--sensor", metavar="FRAME", help="Frame whose pose is measured; the only one by default."),
+        click.option("--mapping", type=click.Path(path_type=Path), help="YAML file: columns or topics of the log."),
+        click.argument("log", type=click.Path(path_type=Path), shell_complete=_files),
+        click.argument("system", shell_complete=_scenarios),
+    ):
+        command = add(command)
+    return command
+
+
+def _with_log(name: str, given: dict[str, Given]) -> Given:
+    """Call a command about a system and a measured log, which is read first."""
+    find_scenario(given["system"])
+    announce(f"{given['log']}: reading it beside {given['system']}", quiet=True)
+    log, mapping, sensor = (given.pop(key) for key in ("log", "mapping", "sensor"))
+    return _command(name)(measured=_command("read_measured")(log, mapping, sensor), **given)
+
+
 @cli.command(context_settings=_HELP)
-@click.argument("system", shell_complete=_scenarios)
-@click.argument("log", type=click.Path(path_type=Path), shell_complete=_files)
-@click.option("--mapping", type=click.Path(path_type=Path), help="YAML file: columns or topics of joints and frames.")
-@click.option("--sensor", metavar="FRAME", help="Frame whose pose is measured; the only one by default.")
-@click.option("--heading/--no-heading", default=True, help="Whether the sensor measures its heading.")
+@_measured
+@click.option("--speeds", is_flag=True, help="Replay measured velocities of wheels instead of their positions.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for plots, a page and a report.")
 @_options
 @_json
+@_force
 @_debug
 def compare(**given: Given) -> None:
-    """Compare a measured LOG with a SYSTEM: errors of its path, slip, and the number that fails first."""
-    find_scenario(given["system"])
-    announce(f"{given['log']}: comparing it with {given['system']}", quiet=True)
-    _command("compare_log")(**given)
+    """Compare a measured LOG with a SYSTEM: errors of its path, slip, power, and the assumption that fails first."""
+    choice = {name: given.pop(name) for name in ("speeds", "out", "force")}
+    _with_log("compare_log", {**given, "choice": _command("ComparisonChoice")(**choice)})
+
+
+@cli.command(context_settings=_HELP)
+@_measured
+@click.option(
+    "--estimate",
+    metavar="NAME",
+    multiple=True,
+    help="Number to estimate, such as 'radius of left_wheel' or 'offset of steering'; by default those that compare "
+    "names.",
+)
+@click.option("--held-out", type=float, default=0.0, help="Share of the log at its end that only checks the result.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for the scenario with the new numbers.")
+@_options
+@_json
+@_force
+@_debug
+def calibrate(**given: Given) -> None:
+    """Estimate numbers of a SYSTEM from a measured LOG: radii, places of joints, encoders, delays, the sensor."""
+    names = ("estimate", "held_out", "out", "force")
+    choice = {name: given.pop(name) for name in names}
+    _with_log("calibrate_log", {**given, "choice": _command("CalibrationChoice")(**choice)})
 
 
 @cli.command(context_settings=_HELP)

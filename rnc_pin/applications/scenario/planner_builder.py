@@ -22,9 +22,11 @@ from rnc_pin.optimal import (
     CostKind,
     DistanceBound,
     EffortCost,
+    GripBound,
     InputBound,
     MotionPlan,
     Nodes,
+    NormalForceBound,
     OutputBound,
     PostureCost,
     RunFeedback,
@@ -173,6 +175,10 @@ def _bounds(
     if bounds.output:
         _check_names("bounds.output", bounds.output, names)
         yield OutputBound(list(bounds.output), *_limits(bounds.output))
+    if bounds.normal_force is not None:
+        yield NormalForceBound(bounds.normal_force)
+    if bounds.grip is not None:
+        yield GripBound(bounds.grip)
     if settings.clearance is not None and (obstacles or settings.links):
         distances = CollisionDistances(reduced.robot, obstacles, PairSelection(links=settings.links))
         if distances.pairs:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import click
@@ -12,48 +12,117 @@ from rich.table import Table
 
 from rnc_pin.applications.command_line.messages import print_json
 from rnc_pin.applications.scenario.files import parse_options
+from rnc_pin.applications.scenario.output_folder import OutputFolder
+from rnc_pin.applications.scenario.pictures import ANIMATION
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.identification import Comparison, compare
-from rnc_pin.logs import Log
+from rnc_pin.figures import Labels, save
+from rnc_pin.identification import Comparison, Suspect, compare
+from rnc_pin.io import Json, dump_json
+from rnc_pin.logs import Log, LogMapping
+from rnc_pin.visualization import plot_comparison, record_comparison
+
+_NAME = "comparison"
+
+
+@dataclass(frozen=True)
+class MeasuredLog:
+    """Measured log of the command line.
+
+    Attributes:
+        path: the file or folder.
+        mapping: its mapping; None for a file of ``Log.save``.
+        log: the log.
+        sensor: frame whose pose is measured.
+    """
+
+    path: Path
+    mapping: Path | None
+    log: Log
+    sensor: str
+
+
+def read_measured(path: Path, mapping: Path | None, sensor: str | None) -> MeasuredLog:
+    """Read a log; its sensor is the only frame with poses if none is named."""
+    log = _read(path, mapping)
+    frames = log.names("pose")
+    if sensor is None and len(frames) != 1:
+        found = ", ".join(frames) or "none"
+        raise ConfigurationError(f"{path}: expected the pose of one frame, found {found}; choose one: --sensor FRAME")
+    return MeasuredLog(path, mapping, log, sensor or frames[0])
+
+
+def _read(path: Path, mapping: Path | None) -> Log:
+    saved = path.suffix.lower() == ".npz"
+    if mapping is not None:
+        keys = LogMapping.of(mapping)
+        only_corrections = not (keys.joints or keys.frames or keys.twists or keys.imus or keys.topics)
+        return Log.load(path).corrected(keys.corrections) if saved and only_corrections else Log.read(path, keys)
+    if saved:
+        return Log.load(path)
+    raise ConfigurationError(f"{path}: give the columns or topics of joints and frames: --mapping FILE")
+
+
+@dataclass(frozen=True)
+class ComparisonChoice:
+    """Replayed signals, and the folder for the result.
+
+    Attributes:
+        speeds: True to replay velocities of wheels instead of positions.
+        out: folder; None to print only.
+        force: True to replace files there.
+    """
+
+    speeds: bool
+    out: Path | None
+    force: bool
 
 
 def compare_log(
     system: str,
-    log: Path,
-    mapping: Path | None,
-    sensor: str | None,
+    measured: MeasuredLog,
     heading: bool,
     options: tuple[str, ...],
+    choice: ComparisonChoice,
     as_json: bool,
 ) -> None:
-    """Print a measured log beside the model of a scenario."""
+    """Print a measured log beside the model of a scenario, and write its plots and page."""
     scenario = Scenario.load(system, parse_options(options))
-    measured = _read(log, mapping)
-    found = compare(scenario.model.system, measured, sensor or _only_frame(log, measured), heading=heading)
+    found = compare(scenario.model.system, measured.log, measured.sensor, heading=heading, speeds=choice.speeds)
+    content = _content(system, measured.path, found)
+    written = None if choice.out is None else _write(scenario, found, content, choice)
     if as_json:
-        print_json(_content(system, log, found))
+        print_json({**content, "written": written})
         return
-    _print(system, log, found)
+    _print(system, measured.path, found)
+    if written is not None:
+        click.echo(f"wrote {', '.join(written)} into {choice.out}")
 
 
-def _read(log: Path, mapping: Path | None) -> Log:
-    if mapping is not None:
-        return Log.read(log, mapping)
-    if log.suffix.lower() == ".npz":
-        return Log.load(log)
-    raise ConfigurationError(f"{log}: give the columns or topics of joints and frames: --mapping FILE")
+# ---------------------------------------------------------------------- files
 
 
-def _only_frame(log: Path, measured: Log) -> str:
-    frames = measured.names("pose")
-    if len(frames) != 1:
-        found = ", ".join(frames) or "none"
-        raise ConfigurationError(f"{log}: expected the pose of one frame, found {found}; choose one: --sensor FRAME")
-    return frames[0]
+def _write(scenario: Scenario, found: Comparison, content: dict[str, Json], choice: ComparisonChoice) -> list[str]:
+    """Write the report, the plots and the page; return their names."""
+    assert choice.out is not None
+    figures, visual = scenario.content.figures, scenario.robot.visual_model
+    plots = [f"{_NAME}.{each}" for each in figures.formats]
+    with OutputFolder(choice.out, choice.force, (f"{_NAME}.json", *plots, ANIMATION)) as folder:
+        with folder.writing() as fresh:
+            (fresh / f"{_NAME}.json").write_text(dump_json(content) + "\n", encoding="utf-8")
+            figure = plot_comparison(found, figures.size, Labels(figures.labels))
+            for name in plots:
+                save(figure, fresh / name)
+            names = [f"{_NAME}.json", *plots]
+            if visual is not None and len(visual.geometryObjects):
+                title = f"{scenario.content.title or scenario.name}: prediction of the model"
+                record_comparison(scenario.robot, found, scenario.content.view, title).save(fresh / ANIMATION)
+                names.append(ANIMATION)
+        folder.keep()
+    return names
 
 
-def _content(system: str, log: Path, found: Comparison) -> dict[str, object]:
+def _content(system: str, log: Path, found: Comparison) -> dict[str, Json]:
     return {
         "system": system,
         "log": str(log),
@@ -63,9 +132,20 @@ def _content(system: str, log: Path, found: Comparison) -> dict[str, object]:
             for duration, error in found.errors.items()
         ],
         "slip": dict(found.slip),
-        "suspects": [asdict(each) for each in found.suspects],
+        "assumption": found.first.assumption if found.first else None,
+        "suspects": [_suspect(each) for each in found.suspects],
         "unused_rows": list(found.unused_rows),
+        "energy": None
+        if found.energy is None
+        else {
+            "imbalance": found.energy.imbalance,
+            "suspects": [_suspect(each) for each in found.energy.suspects],
+        },
     }
+
+
+def _suspect(each: Suspect) -> dict[str, Json]:
+    return {**asdict(each), "assumption": each.assumption}
 
 
 def _print(system: str, log: Path, found: Comparison) -> None:
@@ -78,11 +158,12 @@ def _print(system: str, log: Path, found: Comparison) -> None:
         name = "whole log" if np.isinf(duration) else f"{duration:g} s"
         errors.add_row(name, f"{error.mean:.3g}", f"{error.largest:.3g}", f"{error.heading:.3g}")
     console.print(errors, highlight=False)
-    if found.suspects:
+    every = (*found.suspects, *(() if found.energy is None else found.energy.suspects))
+    if every:
         suspects = Table(title="numbers that explain the error", title_justify="left", title_style="bold")
         for heading in ("number", "model", "fit", "explained"):
             suspects.add_column(heading)
-        for each in found.suspects:
+        for each in every:
             numbers = (f"{value:.6g} {each.unit}".strip() for value in (each.nominal, each.value))
             suspects.add_row(each.name, *numbers, f"{each.explained:.0%}")
         console.print(suspects, highlight=False)
@@ -92,5 +173,7 @@ def _print(system: str, log: Path, found: Comparison) -> None:
     for name, size in found.slip.items():
         slip.add_row(name, f"{size:.2g}")
     console.print(slip, highlight=False)
+    if found.energy is not None:
+        click.echo(f"power balance: residual {found.energy.imbalance:.2g} of the exchanged energy")
     if found.unused_rows:
         click.echo(f"rows of joints that are not measured: {', '.join(found.unused_rows)}")

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, model_validator
 from rnc_pin.applications.scenario.schema.base import Numbers, Positive, Strict
 from rnc_pin.applications.scenario.schema.derived import Entry
 from rnc_pin.applications.scenario.schema.reference_settings import ReferenceItem, VehiclePath
-from rnc_pin.model import ReducedModel
+from rnc_pin.model import NotNegative, ReducedModel
 from rnc_pin.optimal import FileLimits, MotionPlan, OutputCost, SolverSettings, plan
 
 WeightSetting = float | Numbers | dict[str, float]
@@ -57,6 +57,10 @@ class BoundSettings(Strict):
     """Rates of reducing outputs."""
     output: dict[str, Limits] = {}
     """Outputs that have a value, such as joint angles."""
+    normal_force: NotNegative | None = None
+    """Smallest normal force of every contact with the ground [N]; null for none."""
+    grip: Positive | None = None
+    """Coefficient of friction of the ground: the contact forces stay in their cones; null for none."""
 
 
 _Kept = Annotated[Literal["file"] | None, AfterValidator(lambda said: said is not None)]

@@ -1,0 +1,148 @@
+"""Bounds of the contact forces of a plan: wheels stay on the ground, and within friction.
+
+Rigid bodies leave some forces y with ``W y = b`` undetermined. A plan is possible if some choice is within the bound.
+The choice here is that of ``SmoothMargins``: it maximises a smooth least margin of the contacts that it links. So each
+contact has a smooth row of its own. The choice moves with the state, as the conditions of its optimum tell.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+
+from rnc_pin.analysis.contact_force_gradients import ContactForceGradients
+from rnc_pin.analysis.contact_force_set import ContactForceSet, dependent_groups, linked_contacts
+from rnc_pin.analysis.derivatives import state_derivatives
+from rnc_pin.errors import ConfigurationError, RncError
+from rnc_pin.math.smooth_margin import SmoothMargins
+from rnc_pin.model.parameter_types import NotNegative, Positive
+from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.optimal.action_models import ActionModel
+from rnc_pin.optimal.bounds import BoundKind, NodeBound
+from rnc_pin.optimal.node_data import NodeData, RowValues
+
+_SAMPLES = 3  # configurations, beside the neutral one, that decide which contacts have a choice
+
+
+@dataclass(frozen=True)
+class NormalForceBound(BoundKind):
+    """Smallest normal force of every contact: above zero, no wheel, ball or caster lifts off.
+
+    Rigid bodies do not determine how four wheels share the weight: the choice with the largest least force counts, to
+    0.1 % of the weight. Rows are in units of the robot's weight, and so are the planner's accuracy and its messages.
+
+    Args:
+        least: smallest normal force of each contact [N].
+
+    Raises:
+        ConfigurationError: the form of the plan has no forces, or no contact carries.
+
+    Example:
+        >>> rnc.optimal.NormalForceBound(20.0).least
+        20.0
+    """
+
+    least: NotNegative = 0.0
+
+    def bind(self, model: ActionModel) -> NodeBound:
+        return ContactForceRows(model, None, self.least)
+
+
+@dataclass(frozen=True)
+class GripBound(BoundKind):
+    """Friction cones of the contacts: the ground pushes, and friction is at most ``friction`` times the normal force.
+
+    A row is ``friction`` times the normal force minus the norm of the force along the ground. Rigid bodies do not
+    determine how the wheels of one axle share a lateral force: the choice with the largest least row counts, to 0.1 %
+    of the weight, as in ``Grip``. Casters only push. Rows are in units of the robot's weight, and so are the planner's
+    accuracy and its messages.
+
+    Args:
+        friction: coefficient of friction of the ground.
+
+    Raises:
+        ConfigurationError: the form of the plan has no forces, no contact grips, or the friction is not positive.
+
+    Example:
+        >>> rnc.optimal.GripBound(0.6).friction
+        0.6
+    """
+
+    friction: Positive
+
+    def bind(self, model: ActionModel) -> NodeBound:
+        if not 0 < self.friction < np.inf:
+            raise ConfigurationError(f"GripBound: friction has to be positive, found {self.friction}")
+        return ContactForceRows(model, self.friction, 0.0)
+
+
+class ContactForceRows(NodeBound):
+    """Margins of contact forces, one row for each contact."""
+
+    def __init__(self, model: ActionModel, friction: float | None, least: float) -> None:
+        reduced, kind = model.reduced, "NormalForceBound" if friction is None else "GripBound"
+        if model.form == "kinematic" or not reduced.p:
+            raise ConfigurationError(f"{kind}: contact forces need form 'dynamic' or 'acceleration', and actuators")
+        if model.form == "acceleration" and reduced.p != reduced.r:
+            raise ConfigurationError(
+                f"{kind}: {reduced.r} accelerations do not determine {reduced.p} inputs; use form 'dynamic'"
+            )
+        if not reduced.reduction_data.kinematics.axes_are_constant:
+            raise ConfigurationError(f"{kind}: the axes of a joint depend on its own position (universal, composite)")
+        self._set, self._friction = ContactForceSet(reduced, along=friction is not None), friction
+        self._gradients = ContactForceGradients(reduced, self._set)
+        if not len(self._set.contacts) or not (friction is None or self._set.gripping.any()):
+            raise ConfigurationError(f"{kind}: no contact of this system {'carries' if friction is None else 'grips'}")
+        self.quantity = "normal_force" if friction is None else "grip"
+        mass = sum(inertia.mass for inertia in list(reduced.robot.model.inertias)[1:])
+        weight = mass * float(np.linalg.norm(reduced.robot.model.gravity.linear))
+        self._unit = weight if weight > 0 else 1.0
+        axis = np.where(self._set.gripping, friction or 1.0, 1.0)
+        self._margins = SmoothMargins(axis, self._set.gripping, _groups(self._set, reduced))
+        units = ["times the weight"] * len(self._set.names)
+        super().__init__(self._set.names, least / self._unit, None, False, units)
+
+    @property
+    def titles(self) -> tuple[str, ...]:
+        word = "normal force" if self._friction is None else "grip"
+        return tuple(f"{word} of {name}" for name in self.names)
+
+    def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
+        reduced, w = nodes.model.reduced, nodes.at.w
+        assert nodes.u is not None
+        state = reduced.at(nodes.at.q, w)
+        dynamic = nodes.model.form == "dynamic"
+        T = nodes.u if dynamic else state.allocate(state.inverse_dynamics(nodes.u))
+        effects, needed = self._set.equations(state, T)
+        solved = self._set.solve(effects, needed / self._unit)
+        best = self._margins.largest(solved.forces, solved.free)
+        if not derivatives:
+            return RowValues(best.margins)
+        # With y at the optimum of f(y), f_y = W^T p: see ``SmoothMargins`` for the sensitivity of the choice.
+        y = solved.y + np.matvec(solved.lift, best.z)
+        p = np.matvec(solved.inverse.mT, np.einsum("nmk,mky->ny", best.slope, self._set.selection))
+        shares = np.einsum("nye,nrmk,mky->nre", solved.inverse, best.sensitivity, self._set.selection)
+        turned = y[:, None] + np.einsum("nyd,nrd->nry", solved.lift, best.change)
+        rows = best.margins.shape[1]
+        many_y = np.concatenate([np.repeat(y[:, None], rows + 1, axis=1), turned], axis=1) * self._unit
+        many_p = np.concatenate([shares, np.repeat(p[:, None], rows + 1, axis=1)], axis=1) / self._unit
+        found = self._gradients.at(state, T, many_y, many_p)
+        q, v2, by_T = (each[:, :rows] + each[:, rows : rows + 1] - each[:, rows + 1 :] for each in found)
+        if dynamic:
+            return RowValues(best.margins, np.concatenate([q, v2], axis=2), by_T)
+        motion = state_derivatives(reduced, state.q, w, T)
+        u = by_T @ np.linalg.inv(motion.v2_dot_T)
+        x = np.concatenate([q - u @ motion.v2_dot_q, v2 - u @ motion.v2_dot_v2], axis=2)
+        return RowValues(best.margins, x, u)
+
+
+def _groups(forces: ContactForceSet, reduced: ReducedModel) -> list[list[int]]:
+    """Groups of contacts whose forces a choice links at some configuration."""
+    generator, linked = np.random.default_rng(0), np.zeros((len(forces.contacts),) * 2, dtype=bool)
+    for q in (reduced.robot.configuration(), *(reduced.robot.random_configuration(generator) for _ in range(_SAMPLES))):
+        with suppress(RncError):
+            state = reduced.at(reduced.assembled(q))
+            linked |= linked_contacts(forces.free(state.q[None], state.all_rows[None]))[0]
+    return dependent_groups(linked)

@@ -1,0 +1,48 @@
+"""Verification of plans: the compiled motion beside the step of the action models."""
+
+import numpy as np
+import pytest
+
+import systems
+from rnc_pin.model.numpy_evaluator import NumPyEvaluator, PlannedFeedback
+from rnc_pin.optimal import Nodes, action_model
+from systems import random_states
+
+SYSTEMS = ("sleigh", "mobile_manipulator", "tiago", "free_flying_panda", "space_robot", "ackermann_car")
+
+
+def stepped(model, start, u, h, steps, feedback):
+    """The same motion step by step, with the difference of the configuration manifold."""
+    now, found = Nodes(*(each[None] for each in start)), []
+    for i in range(len(u) * steps):
+        used = u[i // steps]
+        if feedback is not None:
+            dx = model.difference(Nodes(feedback.q[i : i + 1], feedback.w[i : i + 1]), now)[0]
+            low, high = np.minimum(feedback.lower, used), np.maximum(feedback.upper, used)
+            used = np.clip(used + feedback.gains[i // steps] @ dx, low, high)
+        now = model.step(now, used[None], np.array([h]))
+        found.append((now.q[0], now.w[0], used))
+    return tuple(np.array(each) for each in zip(*found, strict=True))
+
+
+@pytest.mark.parametrize("form", ["kinematic", "acceleration", "dynamic"])
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_the_compiled_motion_is_that_of_the_steps(name, form):
+    reduced, generator = getattr(systems, name)(), np.random.default_rng(2)
+    if form == "dynamic" and not reduced.p:
+        pytest.skip("no actuators")
+    model = action_model(reduced, form)
+    ((q, v2),) = random_states(reduced, 1)
+    start, u = (q, v2[: model.nw]), 0.1 * generator.normal(size=(3, model.nu))
+    if type(reduced.evaluator) is NumPyEvaluator:
+        assert reduced.evaluator.planned_motion(form, start, u, 1e-3, 4, None) is None
+        return
+    planned = [np.repeat(each[None], 12, axis=0) for each in start]
+    limits = np.full(model.nu, 0.05)
+    feedback = PlannedFeedback(*planned, generator.normal(size=(3, model.nu, model.nx)), -limits, limits)
+    for each in (None, feedback):
+        found = reduced.evaluator.planned_motion(form, start, u, 1e-3, 4, each)
+        expected = stepped(model, start, u, 1e-3, 4, each)
+        assert found is not None
+        for one, other in zip(found, expected, strict=True):
+            np.testing.assert_allclose(one, other, rtol=0, atol=1e-13 * (1 + np.abs(other).max(initial=0.0)))
