@@ -50,5 +50,7 @@ class FindingKind(StrEnum):
     """A plan was driven whose re-integration does not confirm it."""
     MODEL = "model"
     """A property of the model was assumed or is not trusted, e.g. nearly dependent rows or an assumed radius."""
+    INTEGRATION = "integration"
+    """The integration of the motion was less accurate than its tolerance."""
     LIMIT_GAVE_WAY = "limit_gave_way"
     """A limit of a whole-body program gave way to others."""

@@ -87,17 +87,18 @@ static PyObject *measure_runs(Evaluator *ev, PyObject *const *args, Py_ssize_t g
 }
 
 /* Tuple of evaluators; q (nq), y (s) and T (p), step, number of steps, kinematics at q, or None; q and y at the end,
- * status. Where it is 0, they are undefined. */
+ * status, roughness. Where the status is 0, the others are undefined. */
 static PyObject *integrate_runs(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = -1};
-    double *q, *y, *T, *P, *q_end, *y_end, *status;
+    double *q, *y, *T, *P, *q_end, *y_end, *status, *rough;
     Py_ssize_t s = 0;
     int ok = -1;
-    if (expect(ev, given, 10) && (all.count = PyTuple_Size(args[0])) >= 0 && take(&all, args[1], ev->nq, READ, &q)
+    if (expect(ev, given, 11) && (all.count = PyTuple_Size(args[0])) >= 0 && take(&all, args[1], ev->nq, READ, &q)
         && take_rows(&all, args[2], 0, READ, &y, &s) && take(&all, args[3], ev->p, READ, &T)
         && optional(&all, args[6], kinematics_size(ev), &P) && take(&all, args[7], ev->nq, WRITE, &q_end)
-        && take(&all, args[8], s, WRITE, &y_end) && take(&all, args[9], 1, WRITE, &status)) {
+        && take(&all, args[8], s, WRITE, &y_end) && take(&all, args[9], 1, WRITE, &status)
+        && take(&all, args[10], 1, WRITE, &rough)) {
         double h = PyFloat_AsDouble(args[4]);
         Py_ssize_t steps = PyErr_Occurred() ? 0 : PyLong_AsSsize_t(args[5]);
         ok = PyErr_Occurred() ? -1 : 1;
@@ -108,8 +109,9 @@ static PyObject *integrate_runs(Evaluator *ev, PyObject *const *args, Py_ssize_t
             int done = chart && chart->fused && !chart->timed && !chart->external_vertical && chart->curved
                        && s == integrated(chart) && all_finite(T, ev->p);
             if (PyErr_Occurred()) ok = -1;
+            rough[i] = 0.0;
             for (Py_ssize_t j = 0; j < steps && ok > 0 && done > 0; j++)
-                done = step(chart, T, h, j || !P ? NULL : P + i * kinematics_size(ev), NULL, q_end, y_end);
+                done = step(chart, T, h, j || !P ? NULL : P + i * kinematics_size(ev), NULL, q_end, y_end, rough + i);
             if (done < 0) ok = -1;
             status[i] = done > 0;
         }

@@ -143,5 +143,6 @@ class Evaluator:
         q_end: _Array,
         y_end: _Array,
         status: _Array,
+        roughness: _Array,
         /,
     ) -> None: ...

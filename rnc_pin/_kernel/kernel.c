@@ -1331,19 +1331,22 @@ static int displace(Evaluator *ev, const double *q, const double *u, double *out
     return ok;
 }
 
-static Py_ssize_t stages_size(const Evaluator *ev) { return 3 * (ev->n + integrated(ev)) + ev->nq; }
+static Py_ssize_t stages_size(const Evaluator *ev) { return 5 * (ev->n + integrated(ev)) + ev->nq; }
 
 /* One step of the method of lie_runge_kutta.py: q and y after a time h. known: kinematics at q, or NULL. rates: mu and
-   its rates at the begin, the middle and the end of the step, or NULL. */
+   its rates at the begin, the middle and the end of the step, or NULL. rough: grows by the roughness of the step. */
 static int step(Evaluator *ev, const double *T, double h, const double *known, const double *rates, double *q,
-                double *y)
+                double *y, double *rough)
 {
     static const int half_steps[4] = {0, 1, 1, 2};
     static const double fraction[4] = {0.0, 0.5, 0.5, 1.0}, weight[4] = {1.0, 2.0, 2.0, 1.0};
+    static const double middle[4] = {0.0, -1.0, 1.0, 0.0}, ends[4] = {1.0, -1.0, -1.0, 1.0};
     Py_ssize_t n = ev->n, s = integrated(ev);
     double *rate = ev->stages, *sum = rate + n + s, *u = sum + n + s, *y_at = u + n, *q_at = y_at + s;
+    double *uneven = q_at + ev->nq, *bent = uneven + n + s, largest = 0.0;
     memcpy(q_at, q, (size_t)ev->nq * sizeof(double));
     memset(sum, 0, (size_t)(n + s) * sizeof(double));
+    memset(uneven, 0, (size_t)(2 * (n + s)) * sizeof(double));
     memset(rate, 0, (size_t)(n + s) * sizeof(double));
     for (int stage = 0; stage < 4; stage++) {
         for (Py_ssize_t i = 0; i < n; i++) u[i] = fraction[stage] * h * rate[i];
@@ -1355,7 +1358,11 @@ static int step(Evaluator *ev, const double *T, double h, const double *known, c
         if (ok <= 0) return ok;
         coordinate_rates(ev, u, rate);
         add(sum, weight[stage], rate, n + s);
+        add(uneven, middle[stage], rate, n + ev->r);
+        add(bent, ends[stage], rate, n + ev->r);
     }
+    for (Py_ssize_t i = 0; i < n + ev->r; i++) largest = fmax(largest, fmax(fabs(uneven[i]), fabs(bent[i])));
+    *rough += h * largest;
     for (Py_ssize_t i = 0; i < n; i++) u[i] = h / 6 * sum[i];
     if (!displace(ev, q, u, q_at)) return -1;
     memcpy(q, q_at, (size_t)ev->nq * sizeof(double));
@@ -1363,8 +1370,8 @@ static int step(Evaluator *ev, const double *T, double h, const double *known, c
     return 1;
 }
 
-/* q, y, T, step, number of steps, mu and its rates (2 m) at each half step or None, record of q and y at the end. False
- * if the general way has to decide. */
+/* q, y, T, step, number of steps, mu and its rates (2 m) at each half step or None, record of q and y at the end and of
+ * the roughness. False if the general way has to decide. */
 static PyObject *integrate(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
     Arrays all = {.count = 1};
@@ -1372,7 +1379,7 @@ static PyObject *integrate(Evaluator *ev, PyObject *const *args, Py_ssize_t give
     Py_ssize_t s = integrated(ev);
     int ok = -1;
     if (expect(ev, given, 7) && take(&all, args[0], ev->nq, READ, &q) && take(&all, args[1], s, READ, &y)
-        && take(&all, args[2], ev->p, READ, &T) && take(&all, args[6], ev->nq + s, WRITE, &out)) {
+        && take(&all, args[2], ev->p, READ, &T) && take(&all, args[6], ev->nq + s + 1, WRITE, &out)) {
         double h = PyFloat_AsDouble(args[3]);
         Py_ssize_t steps = PyErr_Occurred() ? 0 : PyLong_AsSsize_t(args[4]);
         if (!PyErr_Occurred() && within((long)steps, 1 << 20)
@@ -1381,9 +1388,10 @@ static PyObject *integrate(Evaluator *ev, PyObject *const *args, Py_ssize_t give
                  && (ev->mu || !rates);
             memcpy(out, q, (size_t)ev->nq * sizeof(double));
             memcpy(out + ev->nq, y, (size_t)s * sizeof(double));
+            out[ev->nq + s] = 0.0;
         }
         for (Py_ssize_t i = 0; i < steps && ok > 0; i++)
-            ok = step(ev, T, h, NULL, rates ? rates + i * 4 * ev->m : NULL, out, out + ev->nq);
+            ok = step(ev, T, h, NULL, rates ? rates + i * 4 * ev->m : NULL, out, out + ev->nq, out + ev->nq + s);
     }
     return result(&all, ok);
 }

@@ -32,16 +32,25 @@ def deviation(coordinates: Coordinates, desired: ReferencePoint, actual: np.ndar
     return Deviation(velocity, acceleration, error, coordinates.difference_rate(error, velocity, rate))
 
 
-def fed_back(gain: float | np.ndarray, error: np.ndarray) -> np.ndarray:
-    """Return ``gain * error`` (..., k); an output with zero gain needs no value.
+def fed_back(gain: float | np.ndarray, error: np.ndarray, actual: np.ndarray) -> np.ndarray:
+    """Return ``gain * error`` (..., k) for outputs (..., k); an output with zero gain needs no value.
 
     Raises:
-        InputError: a quasi-velocity has a nonzero gain, but its integral is not given.
+        InputError: an output with a nonzero gain has no desired value; or it is a quasi-velocity whose integral is not
+            given.
     """
     product = gain * error
     if np.isfinite(product).all():
         return product
-    if np.isnan(np.where(np.broadcast_to(gain, error.shape) == 0, 0.0, error)).any():
+    missing = np.isnan(error) & (np.broadcast_to(gain, error.shape) != 0)
+    without = missing & ~np.isnan(actual)
+    if without.any():
+        column = int(np.flatnonzero(without.any(axis=tuple(range(without.ndim - 1))))[0])
+        raise InputError(
+            f"the reference is NaN at output {column + 1} of {error.shape[-1]}: expected a number for each output with "
+            "a feedback gain"
+        )
+    if missing.any():
         raise InputError(
             "a feedback gain acts on an output without a value: it is a quasi-velocity, and its integral is not given; "
             "pass it to measure(q, v2, integrals)"
@@ -79,4 +88,6 @@ class Feedback:
                 rows = [self(desired, *row) for row in zip(actual, rate, strict=True)]
                 return np.stack([row[0] for row in rows]), np.stack([row[1] for row in rows])
         seen = deviation(self._coordinates, desired, actual, rate)
-        return seen.velocity + fed_back(self._gain, seen.error), seen.acceleration + self._gain * seen.error_rate
+        return seen.velocity + fed_back(
+            self._gain, seen.error, actual
+        ), seen.acceleration + self._gain * seen.error_rate

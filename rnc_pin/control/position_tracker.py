@@ -121,8 +121,8 @@ class PositionTracker(DescribedMixin):
         )
 
     def _error(self, t: float, measurement: Measurement) -> np.ndarray:
-        error = angle_difference(self.reference.at(t).position, measurement.x2[..., self.outputs], self.angular)
-        return fed_back(1.0, error)
+        actual = measurement.x2[..., self.outputs]
+        return fed_back(1.0, angle_difference(self.reference.at(t).position, actual, self.angular), actual)
 
     def step(self, t: float, measurement: Measurement, state: PositionState) -> tuple[Command, PositionState]:
         """Compute one sample; the sampling interval may vary.

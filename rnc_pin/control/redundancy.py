@@ -166,7 +166,7 @@ class RedundancyController(DescribedMixin):
         task = self.task
         first = deviation(task.primary_coordinates, x21d, m.x2[..., task.primary], m.v2[..., task.primary])
         base = deviation(task.vertical_coordinates, x1d, m.x1[..., task.vertical], m.v1[..., task.vertical])
-        v21 = first.velocity + fed_back(self.k21, first.error)
+        v21 = first.velocity + fed_back(self.k21, first.error, m.x2[..., task.primary])
         v21_dot = first.acceleration + self.k21 * first.error_rate
         wanted = base.velocity + self.k3 * base.error
         wanted_dot = base.acceleration + self.k3 * base.error_rate

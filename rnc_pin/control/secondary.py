@@ -101,7 +101,7 @@ class Posture(DescribedMixin):
         redundant = self._task.redundant
         x22, v22 = measurement.x2[..., redundant], measurement.v2[..., redundant]
         seen = deviation(self._task.redundant_coordinates, self.reference.at(t), x22, v22)
-        return seen.velocity + fed_back(self.k, seen.error), seen.acceleration + self.k * seen.error_rate
+        return seen.velocity + fed_back(self.k, seen.error, x22), seen.acceleration + self.k * seen.error_rate
 
 
 class JointLimits(DescribedMixin):

@@ -51,7 +51,7 @@ class ExponentialRungeKutta4:
         >>> damped = LinearPart(one, one, decay=np.array([100.0]), u=along, others=np.zeros((0, 1)))
         >>> rate = lambda q, y: (along @ y, 200.0 - 100.0 * y)
         >>> integrator = ExponentialRungeKutta4(robot)
-        >>> q, y = integrator.step(rate, damped, robot.configuration(), y=np.zeros(1), h=1.0)
+        >>> q, y, roughness = integrator.step(rate, damped, robot.configuration(), y=np.zeros(1), h=1.0)
         >>> y.round(6), q[:1].round(6)  # steady speed 2 m/s after 1/100 s
         (array([2.]), array([1.98]))
     """
@@ -62,8 +62,8 @@ class ExponentialRungeKutta4:
 
     def step(
         self, rate: Rate, linear: LinearPart, q: np.ndarray, y: np.ndarray, h: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the state after a time h.
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """Return the state after a time h, and the roughness of the step as ``LieRungeKutta4.measured_step``.
 
         Args:
             rate: ``rate(q, y) -> (v, ydot)``.
@@ -113,7 +113,9 @@ class ExponentialRungeKutta4:
             + phi(3, whole, h, 4.0 * (N - N_a - N_b + N_c))
         )
         check_reach(end[:n], h)
-        return pin.integrate(self._model, q, end[:n]), np.concatenate([linear.modes @ end[n : n + r], end[n + r :]])
+        y = np.concatenate([linear.modes @ end[n : n + r], end[n + r :]])
+        uneven, bent = (np.abs(each[: n + r]).max(initial=0.0) for each in (N_b - N_a, N - N_a - N_b + N_c))
+        return pin.integrate(self._model, q, end[:n]), y, h * float(max(uneven, bent))
 
 
 def phi_functions(x: np.ndarray, last: int) -> list[np.ndarray]:

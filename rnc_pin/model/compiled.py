@@ -149,14 +149,14 @@ class CompiledEvaluator(NumPyEvaluator):
             return found[:-1], found[-1]
         return super().admissible_velocity(q, v2, t)
 
-    def integrate(self, q: Array, y: Array, T: Array, h: float, steps: int) -> tuple[Array, Array] | None:
-        found = np.empty(len(q) + len(y))
+    def integrate(self, q: Array, y: Array, T: Array, h: float, steps: int) -> tuple[Array, Array, float] | None:
+        found = np.empty(len(q) + len(y) + 1)
         rates = None
         if self.data.rheonomic and self.kernel.fused:
             rates = self.kernel.rates_between(y[-2] + 0.5 * h * np.arange(2 * steps + 1))
         if not self._calls.integrate(q, y, T, h, steps, rates, found):
             return None
-        return found[: len(q)], found[len(q) :]
+        return found[: len(q)], found[len(q) : -1], float(found[-1])
 
     def planned_motion(
         self, form: str, start: tuple[Array, Array], u: Array, h: float, steps: int, feedback: PlannedFeedback | None
@@ -321,10 +321,10 @@ class CompiledRuns(NumPyRuns):
         h: float,
         steps: int,
         kinematics: Array | None,
-    ) -> tuple[Array, Array, Array]:
-        q_end, y_end, status = np.empty_like(q), np.empty_like(y), np.zeros(len(q))
-        self._calls.integrate_runs(charts, q, y, T, h, steps, kinematics, q_end, y_end, status)
-        return q_end, y_end, status
+    ) -> tuple[Array, Array, Array, Array]:
+        q_end, y_end, status, roughness = np.empty_like(q), np.empty_like(y), np.zeros(len(q)), np.zeros(len(q))
+        self._calls.integrate_runs(charts, q, y, T, h, steps, kinematics, q_end, y_end, status, roughness)
+        return q_end, y_end, status, roughness
 
     def measure(self, q: Array, v: Array, kinematics: Array, status: Array) -> RunRecords:
         kernel, data = self._kernel, self._kernel.data

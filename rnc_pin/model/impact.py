@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -12,14 +13,18 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConstraintError, InputError, nearest
 from rnc_pin.math.linear_algebra import apply, apply_transposed, solve_positive_definite
+from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.compiled import evaluator_for
 from rnc_pin.model.input_validation import ArrayInput, numbers_of
+from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import best_entries
 from rnc_pin.model.row_stack import RowStack
+from rnc_pin.model.rows import ConstraintKind
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
+from rnc_pin.robots.robot import Robot
 
 _APART = 1e-4  # largest residual of holonomic rows that counts as rounding [m or rad]
 _DIFFERENT = 1e-6  # relative difference of velocities or momenta that counts as a contradiction
@@ -89,6 +94,7 @@ def impact(
     v: ArrayInput,
     restitution: Restitution = 0.0,
     t: float | None = None,
+    appearing: Sequence[ConstraintKind] = (),
 ) -> Impact:
     """Velocity after constraints appear or vanish, with the impulses that cause the jump.
 
@@ -106,9 +112,11 @@ def impact(
         v: velocity (nv,) before the impact.
         restitution: coefficient of all rows, or row name to coefficient, from 0 (no rebound) to 1 (elastic).
         t: time of rheonomic constraints [s].
+        appearing: constraints that appear in addition to those of a system. They may stop it: a system itself has to
+            leave some motion.
 
     Raises:
-        InputError: wrong shapes, or the configuration violates a holonomic row.
+        InputError: wrong shapes, the configuration violates a holonomic row, or ``appearing`` with a reduced model.
         ConstraintError: an unknown row or a coefficient outside 0 to 1; coefficients of dependent rows contradict each
             other; coefficients that create energy; or the velocity before the impact violates a conserved momentum.
         SingularityError: the constraints lose rank at q.
@@ -120,6 +128,16 @@ def impact(
         >>> bool(abs(jump.loss) < 1e-12), jump.v_before.tolist()
         (True, [1.0, 0.5, 0.2])
     """
+    if len(appearing):
+        if not isinstance(system, NonholonomicSystem):
+            raise InputError(f"appearing: expected a NonholonomicSystem before the impact, found {system!r}")
+        rows = RowStack(
+            [*(each.block for each in system.rows.places), *(kind.bind(system.robot) for kind in appearing)]
+        )
+        stopped = _stopped(system.robot, rows, q, v, restitution, t)
+        if stopped is not None:
+            return stopped
+        system = system.with_constraints(appearing)
     reduced = system.reduce() if isinstance(system, NonholonomicSystem) else system
     reduced = reduced if t is None else reduced.frozen(t)
     state = _regular_state(reduced, q, v)
@@ -127,25 +145,82 @@ def impact(
     coefficients, conserved = _coefficients(rows, restitution), _conserved(rows)
     mu = rows.rate(state.position)
     slip = apply(state.all_rows, state.v) - mu
-    _check_momenta(rows, state, mu, slip, conserved)
+    _check_momenta(rows, _sizes(state.all_rows, state.v), mu, slip, conserved)
     after = mu - coefficients * slip  # rates of all rows
     # Velocities are X A v + R w, with E^-1 = [X, R] in a reduction to entries w of v.
     X, R = state.E_inverse[:, : reduced.m], state.R
     fixed = apply(X, after[kept])
     w = solve_positive_definite(state.H, apply_transposed(R, apply(state.M, state.v - fixed)))
     v_after = fixed + apply(R, w)
-    _check_dependent(rows, state, apply(state.all_rows, v_after), after)
-    momentum = apply(state.M, v_after - state.v)
-    impulses = _shared(state.all_rows, conserved, momentum, reduced.m - int(conserved[kept].sum()))
+    _check_dependent(rows, _sizes(state.all_rows, state.v), apply(state.all_rows, v_after), after)
+    rank = reduced.m - int(conserved[kept].sum())
+    return _found(rows, conserved, _Jump(state.all_rows, np.asarray(state.M), state.v, v_after), rank)
+
+
+class _Jump(NamedTuple):
+    """Rows (k, nv), mass matrix, and velocities before and after an impact."""
+
+    rows: Array
+    M: Array
+    before: Array
+    after: Array
+
+
+def _found(rows: RowStack, conserved: Array, jump: _Jump, rank: int) -> Impact:
+    """Impact of a jump of the velocity.
+
+    Raises:
+        ConstraintError: the coefficients create energy.
+    """
+    matrix, M, before, after = jump
+    impulses = _shared(matrix, conserved, apply(M, after - before), rank)
     reacting = zip(rows.names, impulses.tolist(), conserved.tolist(), strict=True)
     named = {name: impulse for name, impulse, is_conserved in reacting if not is_conserved}
-    found = _read_only(state.v, v_after, named, float(state.kinetic_energy), float(0.5 * v_after @ state.M @ v_after))
+    found = _read_only(before, after, named, *(float(0.5 * each @ M @ each) for each in (before, after)))
     if not rows.affine and -found.loss > _GAINED * found.energy_before:
         raise ConstraintError(
             f"restitution: these coefficients create energy, {-found.loss:.3g} J of {found.energy_before:.3g} J: "
             "choose smaller coefficients, or the same for all rows"
         )
     return found
+
+
+def _stopped(
+    robot: Robot, rows: RowStack, q: ArrayInput, v: ArrayInput, restitution: Restitution, t: float | None
+) -> Impact | None:
+    """Impact of rows that determine the whole velocity; None if they leave some motion."""
+    start = NonholonomicSystem(robot).reduce().at(_one(q, "q"), v=_one(v, "v"))
+    at, before = Kinematics(robot).position(start.q, t), start.v
+    matrix, mu = rows.jacobian(at), rows.rate(at)
+    lengths = np.linalg.norm(matrix, axis=1)
+    scaled = matrix / np.where(lengths > 0, lengths, 1.0)[:, None]
+    if np.linalg.matrix_rank(scaled, tol=_DIFFERENT) < robot.nv:
+        return None
+    _check_assembled(Assembly(robot, [place.block for place in rows.places]), start.q, t)
+    coefficients, conserved = _coefficients(rows, restitution), _conserved(rows)
+    slip, sizes = matrix @ before - mu, _sizes(matrix, before)
+    _check_momenta(rows, sizes, mu, slip, conserved)
+    wanted = mu - coefficients * slip
+    after = np.linalg.lstsq(matrix, wanted, rcond=None)[0]
+    _check_dependent(rows, sizes, matrix @ after, wanted)
+    return _found(rows, conserved, _Jump(matrix, np.asarray(start.M), before, after), robot.nv)
+
+
+def _one(values: ArrayInput, name: str) -> Array:
+    found = numbers_of(values, name)
+    if found.ndim != 1:
+        raise InputError(f"impact: expected one state, found {name} of shape {found.shape}")
+    return found
+
+
+def _check_assembled(assembly: Assembly, q: Array, t: float | None = None) -> None:
+    """Raise an error if a configuration violates a holonomic row."""
+    if assembly.size and np.abs(assembly.residual(q, t)).max() > _APART:
+        name, residual = assembly.worst(q)
+        raise InputError(
+            f"impact: the configuration violates {name} by {residual:.3g} [m or rad]: constraints appear only where "
+            "they are satisfied; reduced.assembled(q) returns such a configuration"
+        )
 
 
 def _read_only(v_before: Array, v: Array, impulses: dict[str, float], before: float, after: float) -> Impact:
@@ -157,16 +232,8 @@ def _read_only(v_before: Array, v: Array, impulses: dict[str, float], before: fl
 
 def _regular_state(reduced: ReducedModel, q: ArrayInput, v: ArrayInput) -> StateEvaluation:
     """State in a reduction that is regular wherever the constraints have full rank."""
-    q, v = numbers_of(q, "q"), numbers_of(v, "v")
-    if q.ndim != 1 or v.ndim != 1:
-        raise InputError(f"impact: expected one state, found q of shape {q.shape} and v of shape {v.shape}")
-    state = reduced.at(q, v=v)
-    if reduced.assembly.size and np.abs(reduced.assembly.residual(state.q)).max() > _APART:
-        name, residual = reduced.assembly.worst(state.q)
-        raise InputError(
-            f"impact: the configuration violates {name} by {residual:.3g} [m or rad]: constraints appear only where "
-            "they are satisfied; reduced.assembled(q) returns such a configuration"
-        )
+    state = reduced.at(_one(q, "q"), v=_one(v, "v"))
+    _check_assembled(reduced.assembly, state.q)
     data = reduced.reduction_data.in_entries(best_entries(state.A, reduced.r), free=True)
     return state.in_reduction(evaluator_for(data, reduced.evaluator))
 
@@ -190,8 +257,8 @@ def _conserved(rows: RowStack) -> Array:
     return mask
 
 
-def _check_momenta(rows: RowStack, state: StateEvaluation, mu: Array, slip: Array, conserved: Array) -> None:
-    limits = _DIFFERENT * (_sizes(state) + np.abs(mu))
+def _check_momenta(rows: RowStack, sizes: Array, mu: Array, slip: Array, conserved: Array) -> None:
+    limits = _DIFFERENT * (sizes + np.abs(mu))
     for row in np.flatnonzero(conserved & (np.abs(slip) > limits)):
         raise ConstraintError(
             f"{rows.names[row]} is {mu[row] + slip[row]:.8g} before the impact, and the constraint requires "
@@ -199,14 +266,14 @@ def _check_momenta(rows: RowStack, state: StateEvaluation, mu: Array, slip: Arra
         )
 
 
-def _sizes(state: StateEvaluation) -> Array:
+def _sizes(matrix: Array, v: Array) -> Array:
     """Largest rate of each row (k,) at the speed of a state."""
-    return np.linalg.norm(state.all_rows, axis=-1) * np.linalg.norm(state.v)
+    return np.asarray(np.linalg.norm(matrix, axis=-1) * np.linalg.norm(v))
 
 
-def _check_dependent(rows: RowStack, state: StateEvaluation, rates: Array, wanted: Array) -> None:
+def _check_dependent(rows: RowStack, sizes: Array, rates: Array, wanted: Array) -> None:
     """Raise an error if a dependent row does not get its velocity."""
-    excess = np.abs(rates - wanted) - _ROUNDED * (_sizes(state) + np.abs(wanted))
+    excess = np.abs(rates - wanted) - _ROUNDED * (sizes + np.abs(wanted))
     for row in np.flatnonzero(excess > 0)[:1]:
         raise ConstraintError(
             f"restitution: row '{rows.names[row]}' has to move at {wanted[row]:.4g} after the impact, the rows that it "

@@ -73,8 +73,8 @@ class NumPyRuns:
         h: float,
         steps: int,
         kinematics: Array | None,
-    ) -> tuple[Array, Array, Array]:
-        """States (B, nq) and (B, s) after equal Runge-Kutta steps, and status (B,); each as ``integrate``.
+    ) -> tuple[Array, Array, Array, Array]:
+        """States (B, nq) and (B, s) after equal Runge-Kutta steps, status (B,), roughness (B,); each as ``integrate``.
 
         Args:
             charts: as for ``velocities``.
@@ -83,7 +83,7 @@ class NumPyRuns:
             steps: number of steps.
             kinematics: records of kinematics at q, if known.
         """
-        return q, y, np.zeros(len(q))
+        return q, y, np.zeros(len(q)), np.zeros(len(q))
 
     def measure(self, q: Array, v: Array, kinematics: Array, status: Array) -> RunRecords:
         """Quantities of states (q, v) with records of kinematics.
@@ -249,8 +249,8 @@ class NumPyEvaluator:
         """Derivatives by name, as read-only views; None if ``analysis.derivatives`` has to evaluate them."""
         return None
 
-    def integrate(self, q: Array, y: Array, T: Array, h: float, steps: int) -> tuple[Array, Array] | None:
-        """Configuration and y after equal Runge-Kutta steps; None if an integrator has to step.
+    def integrate(self, q: Array, y: Array, T: Array, h: float, steps: int) -> tuple[Array, Array, float] | None:
+        """Configuration and y after equal Runge-Kutta steps, and their roughness; None if an integrator has to step.
 
         Args:
             q: configuration (nq,); all arrays are contiguous floats.

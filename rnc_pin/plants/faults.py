@@ -19,6 +19,8 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants.plant import Plant, energy_minus_work
 from rnc_pin.robots.robot import Robot
 
+_OF_INTEGRATION = ("errors", "tolerance", "keep_errors")  # attributes of plants that estimate their errors
+
 
 @dataclass(frozen=True)
 class Faults:
@@ -134,7 +136,7 @@ class FaultyPlant:
 
     def __getattr__(self, name: str) -> object:
         """Forward optional attributes to the plant."""
-        if name in ("friction_used", "wheel_names", "reduced", "takes_velocities", "effort"):
+        if name in ("friction_used", "wheel_names", "reduced", "takes_velocities", "effort", *_OF_INTEGRATION):
             return getattr(self.plant, name)
         raise AttributeError(name)
 
@@ -213,11 +215,19 @@ class FaultyPlant:
             A = self._reduced.at(q).A
             self._slip = np.linalg.pinv(A) @ np.full(len(A), faults.slip_speed)
             balance = energy_minus_work(self.plant)
-            self.plant.reset(pin.integrate(self._model, q, dt * self._slip), v)
+            _continue(self.plant, self.plant, pin.integrate(self._model, q, dt * self._slip), v)
             self.plant.apply(self._transmitted)
             self._slip_work += energy_minus_work(self.plant) - balance
         else:
             self._slip = np.zeros(self._model.nv)
+
+
+def _continue(before: Plant, after: Plant, q: np.ndarray, v: np.ndarray) -> None:
+    """Start a plant at a state in place of another one, with its estimated errors of the integration."""
+    errors = getattr(before, "errors", None)
+    after.reset(q, v)
+    if errors is not None and hasattr(after, "keep_errors"):
+        after.keep_errors(errors)
 
 
 @dataclass(frozen=True)
@@ -336,7 +346,8 @@ class ChangingPlant:
 
     def __getattr__(self, name: str) -> object:
         """Forward optional attributes to the current plant."""
-        if name in ("applied", "friction_used", "wheel_names", "reduced", "external", "takes_velocities", "effort"):
+        forwarded = "applied", "friction_used", "wheel_names", "reduced", "external", "takes_velocities", "effort"
+        if name in (*forwarded, *_OF_INTEGRATION):
             return getattr(self._current, name)
         raise AttributeError(name)
 
@@ -355,7 +366,7 @@ class ChangingPlant:
             q, v = self._current.read()
             balance = energy_minus_work(self._current)
             self._current = self._after
-            self._current.reset(q, v)
+            _continue(self._before, self._after, q, v)
             if self._T is not None:
                 self._current.apply(self._T)
             self._switch_energy += energy_minus_work(self._current) - balance

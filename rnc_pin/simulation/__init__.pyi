@@ -8,6 +8,7 @@ from rnc_pin.verdict import Verdict as Verdict
 
 from .export import export_run as export_run
 from .free_motion import free_motion as free_motion
+from .integration_accuracy import IntegrationAccuracy as IntegrationAccuracy
 from .judgement import PENETRATION as PENETRATION
 from .judgement import SHORTFALL as SHORTFALL
 from .judgement import distance_findings as distance_findings

@@ -71,6 +71,7 @@ def judge(
         *_fallback(run),
         *_missed_updates(run),
         *_braking(run),
+        *_integration(run),
         *(_goals(run, goal_errors or {}, goal_tolerance) if completed else ()),
         *(() if replay is None else _limits(replay)),
         *_contacts(run, grip),
@@ -155,6 +156,19 @@ def _braking(run: Trajectory) -> Iterator[Finding]:
         if amount > SHORTFALL:
             message = f"limit {name} of the program was exceeded by {amount:.3g}"
             yield Finding(FindingKind.LIMIT_GAVE_WAY, name, amount, "", None, Severity.FAILS, message)
+
+
+def _integration(run: Trajectory) -> Iterator[Finding]:
+    """Finding of an integration that is less accurate than its tolerance."""
+    found = run.info.integration
+    if found is None or found.is_kept:
+        return
+    message = (
+        f"the integration adds an error of up to {found.rate:.2g} per second [m, rad, m/s or rad/s], allowed is "
+        f"{found.tolerance:g}: {found.remedy}"
+    )
+    severity = Severity.NOTE if found.enough == found.substeps else Severity.DEGRADES
+    yield Finding(FindingKind.INTEGRATION, "plant", found.rate, "1/s", None, severity, message)
 
 
 def _goals(run: Trajectory, errors: Mapping[str, float], tolerance: float) -> Iterator[Finding]:

@@ -30,6 +30,7 @@ from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import ReducedPlant, ReducedPlantBatch
 from rnc_pin.simulation.ending import Progress
+from rnc_pin.simulation.integration_accuracy import IntegrationAccuracy
 from rnc_pin.simulation.sampled_run import SampledRun
 
 _GOALS = ("v2_desired", "x1_desired", "x2_desired")
@@ -169,8 +170,11 @@ class LockStep:
 
     def settle(self) -> None:
         """Complete the records of the runs that are still here."""
-        for run in self.places.tolist():
-            self._runs[run].record.written(self.samples_done)
+        tolerance, units = self._plants.tolerance, self._plants.reduced.robot.velocity_units
+        for place, run in enumerate(self.places.tolist()):
+            record = self._runs[run].record
+            record.written(self.samples_done)
+            record.integration = IntegrationAccuracy.of_errors(self._plants.errors_of(place), tolerance, units)
 
     # ------------------------------------------------------------------ a sample
 

@@ -14,6 +14,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.rows import OutputRows
 from rnc_pin.simulation.derived_quantities import columns_by_name
+from rnc_pin.simulation.integration_accuracy import IntegrationAccuracy
 from rnc_pin.simulation.judgement import judged_by
 from rnc_pin.simulation.record import columns_of
 from rnc_pin.simulation.run_info import BrakingUse, FallbackUse, MissedUpdates, Outcome, OutputNames, PhaseInfo, RunInfo
@@ -95,6 +96,7 @@ def joined(parts: Sequence[PhasePart], dt: float, outcome: Outcome, message: str
         _fallback([run.info.fallback for run in runs]),
         _missed_updates([run.info.missed_updates for run in runs]),
         _braking([run.info.braking for run in runs]),
+        IntegrationAccuracy.together([run.info.integration for run in runs]),
     )
     return judged_by(Trajectory(**arrays, info=info), parts[0].reduced)
 

@@ -19,6 +19,7 @@ from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.simulation.derived_quantities import MATRICES, DerivedQuantities, RowNames, blocks
 from rnc_pin.simulation.ground_bodies import GroundBody, ground_bodies
+from rnc_pin.simulation.integration_accuracy import IntegrationAccuracy
 from rnc_pin.simulation.judgement import judged_by
 from rnc_pin.simulation.run_info import (
     FORCE_UNITS,
@@ -74,8 +75,11 @@ class Record:
         self.fallback: FallbackUse | None = None
         """Use of fallback commands by the control loop."""
         self.missed_updates: MissedUpdates | None = None
-        self.braking: BrakingUse | None = None
         """Updates of a predictive controller that were late or failed."""
+        self.braking: BrakingUse | None = None
+        """Braking motions of a program in inputs."""
+        self.integration: IntegrationAccuracy | None = None
+        """Estimated error of the integration."""
         self.start = 0.0
         """Time of the first sample [s], at which the time of rheonomic constraints is zero."""
 
@@ -240,6 +244,7 @@ class Record:
             self.fallback,
             self.missed_updates,
             self.braking,
+            self.integration,
         )
         if deferred and outcome is Outcome.COMPLETED:
             q, v, T = (a[name].copy() for name in ("q", "v", "T"))  # the caller may change the others

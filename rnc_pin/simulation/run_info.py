@@ -15,6 +15,7 @@ from rnc_pin.errors import ConfigurationError, printable
 from rnc_pin.io.json import Json, to_json_mapping
 from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.printing import printed
+from rnc_pin.simulation.integration_accuracy import IntegrationAccuracy
 from rnc_pin.verdict import Verdict
 
 _Record = TypeVar("_Record")
@@ -301,6 +302,7 @@ class RunInfo:
         fallback: use of fallback commands; None if there was none.
         missed_updates: updates of a predictive controller that were not used; None if there were none.
         braking: braking motions of a program in inputs; None if it always went on and they were verified.
+        integration: estimated error of the integration; None if the plant does not estimate it.
         verdict: findings about the run, if it was judged.
     """
 
@@ -315,6 +317,7 @@ class RunInfo:
     fallback: FallbackUse | None = None
     missed_updates: MissedUpdates | None = None
     braking: BrakingUse | None = None
+    integration: IntegrationAccuracy | None = None
     verdict: Verdict | None = None
 
     def to_json(self) -> dict[str, Json]:
@@ -337,6 +340,7 @@ class RunInfo:
             **({} if self.fallback is None else {"fallback": asdict(self.fallback)}),
             **({} if self.missed_updates is None else {"missed_updates": asdict(self.missed_updates)}),
             **({} if self.braking is None else {"braking": asdict(self.braking)}),
+            **({} if self.integration is None else {"integration": asdict(self.integration)}),
             **({} if self.verdict is None else {"verdict": self.verdict.to_json()}),
         }
         return to_json_mapping(content, "meta")

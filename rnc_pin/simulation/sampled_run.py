@@ -20,6 +20,7 @@ from rnc_pin.plants import ContactEvent, Plant, ReducedPlant
 from rnc_pin.plants.plant import takes_velocities
 from rnc_pin.plants.reduced import Checkpoint, integrated_outputs
 from rnc_pin.simulation.ending import MODEL, Progress
+from rnc_pin.simulation.integration_accuracy import IntegrationAccuracy, blamed
 from rnc_pin.simulation.judgement import judged_by
 from rnc_pin.simulation.phase_events import lift_off_monitor
 from rnc_pin.simulation.record import Record
@@ -45,6 +46,7 @@ class PlantAdapter:
     * ``friction_used()``: friction use of the contacts ``wheel_names``,
     * ``reduced``: reduced model of the plant,
     * ``external``: generalized forces in addition to the inputs,
+    * ``errors`` and ``tolerance``: estimated errors of the integration, and the allowed error per second,
     * ``contact_events``: contacts that opened and closed since the start,
     * ``takes_velocities`` and ``effort``: see ``Plant``.
 
@@ -143,6 +145,11 @@ class PlantAdapter:
         )
 
     @property
+    def integration(self) -> IntegrationAccuracy | None:
+        """Estimated error of the integration since the start; None if the plant does not estimate it."""
+        return IntegrationAccuracy.of(self.plant, self._reduced.robot.velocity_units)
+
+    @property
     def friction_used(self) -> np.ndarray:
         """Friction use (w,) of the contacts: friction force over its limit."""
         friction_used = getattr(self.plant, "friction_used", None)
@@ -225,7 +232,10 @@ class SampledRun:
         adapter, loop = self._adapter, self.loop
         progress.time = t = self._start + self.time
         state = adapter.read_state(t)
-        self.stop.check(t, state)
+        try:
+            self.stop.check(t, state)
+        except DivergenceError as error:
+            raise blamed(error, adapter.plant, state.v) from None
         T = _compute_input(adapter, loop, self.time, progress)
         T = adapter.apply(loop, T)
         self._count_fallback(t, loop.state.fault)
@@ -315,6 +325,8 @@ class SampledRun:
         if self.record.fallback is not None:
             lasts = self._stretch * self._dt > self.loop.timeout or self._stretch > self._longest
             self.record.fallback = replace(self.record.fallback, at_the_end=lasts or self.loop.state.failed)
+        if self.record.integration is None:
+            self.record.integration = self._adapter.integration
         self.record.missed_updates = _missed_updates(self.loop.state.controller)
         self.record.braking = _braking(self.controller, self.loop.state.controller, self._start)
         run = self.record.finish(self._dt, self._provenance, outcome, message, deferred)

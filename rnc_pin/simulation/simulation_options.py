@@ -16,6 +16,7 @@ from rnc_pin.loop.options import type_name
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants import Plant, ReducedPlant
+from rnc_pin.plants.reduced import DEFAULT_TOLERANCE
 from rnc_pin.printing import printed
 from rnc_pin.simulation.run_info import Provenance
 from rnc_pin.simulation.stop import DEFAULT_STOP, Stop
@@ -109,19 +110,21 @@ class RunArguments(NamedTuple):
     @property
     def lock_step_key(self) -> Hashable | None:
         """Key that runs have in common if they can advance together; None for a run that has to be alone."""
-        reduced, plant, options, substeps, limits = self.reduced, self.plant, self.options, 1, False
+        reduced, plant, options = self.reduced, self.plant, self.options
+        integration: tuple[int | None, float] = (None, DEFAULT_TOLERANCE)
+        limits = False
         if not isinstance(reduced, ReducedModel) or not isinstance(options, SimulationOptions):
             return None  # refused at its start
         if plant is not None:
             if type(plant) is not ReducedPlant or plant.reduced is not reduced or plant.dissipates:
                 return None
-            substeps, limits = plant.substeps, plant.actuator_limits
+            integration, limits = (plant.substeps, plant.tolerance), plant.actuator_limits
         data = reduced.reduction_data
         if options.observer is not None or options.loop or options.stop.lift_off:
             return None
         if not reduced.evaluator.measures or data.rheonomic or data.affine:
             return None
-        return id(reduced), type(self.controller), self.samples, self.dt, substeps, limits, options.stop
+        return id(reduced), type(self.controller), self.samples, self.dt, integration, limits, options.stop
 
     def on_own_plant(self) -> RunArguments:
         """Return these arguments with a new ``ReducedPlant`` of equal options, for a run with a ``lock_step_key``."""

@@ -89,6 +89,14 @@ class PhaseSummary(TypedDict):
     end: str | None
 
 
+class IntegrationSummary(TypedDict):
+    """Estimated error of the integration, by unit: largest of a sample, and accumulated under the same inputs."""
+
+    substeps: int
+    largest_of_a_sample: Mapping[str, float]
+    accumulated: Mapping[str, float]
+
+
 class DecidingFinding(TypedDict):
     """Kind and message of the finding that decides a verdict."""
 
@@ -110,6 +118,7 @@ class Summary(Compared):
     completed run of a scenario did not reach within ``goal_tolerance``; it is missing if it reached all.
     ``verdict`` is "succeeded", "degraded" or "failed", with its ``findings`` and the kinds that are ``accepted``.
     ``first_finding`` fails or degrades the run; it is missing if no finding does.
+    ``integration`` is missing if the plant does not estimate its error.
     ``phases`` and ``impacts`` are in summaries of runs with phases.
     """
 
@@ -119,6 +128,7 @@ class Summary(Compared):
     constraint_residual_max: float
     position_residual_max: float
     energy_drift: float | None
+    integration: NotRequired[IntegrationSummary]
     min_singular_value: float | None
     lift_off: LiftedOff | None
     max_input: dict[str, float]
@@ -193,6 +203,13 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> Summary
     }
     if info.message is not None:
         summary["message"] = info.message
+    if info.integration is not None:
+        found = info.integration
+        summary["integration"] = {
+            "substeps": found.substeps,
+            "largest_of_a_sample": dict(found.local),
+            "accumulated": dict(found.accumulated),
+        }
     if info.phases:
         summary["phases"] = [{"name": each.name, "start": each.start, "end": each.end} for each in info.phases]
         summary["impacts"] = [

@@ -26,16 +26,16 @@ def test_time_passes_from_sample_to_sample_and_may_stand_still():
 
 def test_an_output_without_a_value_needs_none_where_nothing_is_fed_back():
     gains, error = np.array([2.0, 0.0, -3.0]), np.array([[0.5, np.nan, 2.0], [1.5, 4.0, -1.0]])
-    np.testing.assert_array_equal(fed_back(gains, error), [[1.0, 0.0, -6.0], [3.0, 0.0, 3.0]])
-    np.testing.assert_array_equal(fed_back(0.0, error), np.zeros((2, 3)))
-    assert fed_back(0.0, error).shape == (2, 3)
-    np.testing.assert_array_equal(fed_back(2.0, error[1]), [3.0, 8.0, -2.0])
-    np.testing.assert_array_equal(fed_back(gains, np.array([np.inf, np.nan, 1.0])), [np.inf, 0.0, -3.0])
+    np.testing.assert_array_equal(fed_back(gains, error, error), [[1.0, 0.0, -6.0], [3.0, 0.0, 3.0]])
+    np.testing.assert_array_equal(fed_back(0.0, error, error), np.zeros((2, 3)))
+    assert fed_back(0.0, error, error).shape == (2, 3)
+    np.testing.assert_array_equal(fed_back(2.0, error[1], error[1]), [3.0, 8.0, -2.0])
+    np.testing.assert_array_equal(fed_back(gains, lost := np.array([np.inf, np.nan, 1.0]), lost), [np.inf, 0.0, -3.0])
     for gain in (2.0, -2.0, np.array([0.0, 1e-9, 0.0])):
         with pytest.raises(
             rnc.InputError, match=r"without a value: it is a quasi-velocity, .* measure\(q, v2, integrals\)"
         ):
-            fed_back(gain, error)
+            fed_back(gain, error, error)
 
 
 @pytest.mark.parametrize("gain", [2.0, np.array([1.5, 0.0, 0.7])])
@@ -56,6 +56,9 @@ def test_feedback_compares_angles_within_a_half_turn(gain):
         np.testing.assert_allclose(law(desired, x, rate)[1], expected, rtol=1e-14, atol=1e-15)
     with pytest.raises(rnc.InputError, match="without a value"):
         law(desired, np.array([np.nan, 0.0, 0.0]), rate)
+    for x in (np.zeros(3), np.zeros((2, 3))):  # of one run and of many
+        with pytest.raises(rnc.InputError, match="the reference is NaN at output 3 of 3"):
+            law(desired._replace(position=np.array([0.0, 0.0, np.nan])), x, np.zeros_like(x))
 
 
 def test_goals_of_orientations_may_be_absent_where_the_gain_is_zero():

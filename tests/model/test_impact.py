@@ -172,3 +172,51 @@ def test_results_are_immutable(bar, pinned, again):
     with pytest.raises(TypeError):
         jump.impulses["closure_x(universe[-0.7 0 0], tail_0)"] = 1.0
     assert "are lost" in repr(jump)
+
+
+def two_links(masses=(1.0, 2.0), length=0.7):
+    """A planar arm of two rods, hinged at the origin, and its mass matrix in closed form."""
+    model = pin.Model()
+    joint = 0
+    for number, mass in enumerate(masses):
+        place = pin.SE3(np.eye(3), np.array([length if number else 0.0, 0.0, 0.0]))
+        joint = model.addJoint(joint, pin.JointModelRZ(), place, f"joint_{number}")
+        moments = np.diag([0.0, 1.0, 1.0]) * mass * length**2 / 12
+        model.appendBodyToJoint(joint, pin.Inertia(mass, np.array([length / 2, 0, 0]), moments), pin.SE3.Identity())
+    tip = pin.SE3(np.eye(3), np.array([length, 0.0, 0.0]))
+    model.addFrame(pin.Frame("tip", joint, 0, tip, pin.FrameType.OP_FRAME))
+    return rnc.NonholonomicSystem(rnc.Robot(model))
+
+
+def test_an_arm_that_grasps_a_fixed_point_stops():
+    arm, q, v, length = two_links(), np.array([0.4, 0.9]), np.array([1.5, -0.7]), 0.7
+    place = length * np.array([np.cos(0.4) + np.cos(1.3), np.sin(0.4) + np.sin(1.3)])
+    grasp = rnc.FixedOutput(rnc.FramePosition("tip", "xy"), place)
+    jump = rnc.impact(arm, q, v, appearing=[grasp])
+    assert np.abs(jump.v).max() < 1e-12
+    # Rods of masses 1 and 2: energy by the parallel axis theorem, and J^T Lambda = -M v by hand.
+    inertia, coupling = length**2 / 3, length**2 / 2
+    c = np.cos(0.9)
+    M22 = 2 * inertia
+    M12 = M22 + 2 * coupling * c
+    M11 = inertia + M22 + 2 * length**2 + 4 * coupling * c
+    M = np.array([[M11, M12], [M12, M22]])
+    assert jump.loss == pytest.approx(0.5 * v @ M @ v, rel=1e-12)
+    J = length * np.array([[-np.sin(0.4) - np.sin(1.3), -np.sin(1.3)], [np.cos(0.4) + np.cos(1.3), np.cos(1.3)]])
+    assert np.array(list(jump.impulses.values())) == pytest.approx(-np.linalg.solve(J.T, M @ v), rel=1e-9)
+    back = rnc.impact(arm, q, v, 1.0, appearing=[grasp])
+    assert back.v == pytest.approx(-v)
+    assert abs(back.loss) < 1e-12
+
+
+def test_constraints_that_appear_and_leave_motion_act_as_those_of_the_system():
+    arm, q, v = two_links(), np.array([0.4, 0.9]), np.array([1.5, -0.7])
+    weld = rnc.FixedOutput(rnc.JointPosition("joint_1"), 0.9)
+    jump, same = rnc.impact(arm, q, v, appearing=[weld]), rnc.impact(arm.with_constraints([weld]), q, v)
+    assert jump.v == pytest.approx(same.v)
+    assert dict(jump.impulses) == pytest.approx(dict(same.impulses))
+    with pytest.raises(rnc.InputError, match="appearing: expected a NonholonomicSystem"):
+        rnc.impact(arm.reduce(), q, v, appearing=[weld])
+    far = rnc.FixedOutput(rnc.FramePosition("tip", "xy"), [0.1, 0.2])
+    with pytest.raises(rnc.InputError, match="impact: the configuration violates"):
+        rnc.impact(arm, q, v, appearing=[far])

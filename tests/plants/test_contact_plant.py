@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+from contextlib import suppress
 
 import numpy as np
 import pinocchio as pin
@@ -260,3 +261,79 @@ def test_endless_bounces_are_refused(ball):
     plant.reset(at(ball, 0.2), np.zeros(6))
     with pytest.raises(rnc.SimulationError, match="increase the rest_speed"):
         plant.advance(3.0)
+
+
+@pytest.mark.parametrize(("radius", "height"), [(0.2, 9e-5), (5e-5, 8e-5), (5e-5, 1e-7), (20.0, 1e-3)])
+def test_a_ball_above_the_ground_falls_whatever_its_size(radius, height):
+    robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
+    model = robot.model.copy()
+    model.inertias[1] = pin.Inertia.FromSphere(1.0, radius)
+    ball = rnc.NonholonomicSystem(rnc.Robot(model))
+    plant = rnc.ContactPlant(ball, [rnc.UnilateralContact(rnc.RollingBall("ball", radius))], tolerance=1e-9)
+    q = pin.neutral(model)
+    q[2] = radius + height
+    plant.reset(q, np.zeros(6))
+    time = np.sqrt(2 * height / 9.81)
+    plant.advance(2 * time)
+    start, landing = plant.contact_events
+    assert (start.closed, landing.closed) == ((), ("ball",))
+    assert landing.time == pytest.approx(time, rel=1e-6)
+    for depth in (0.0, 1e-6 * radius):
+        q[2] = radius - depth
+        plant.reset(q, np.zeros(6))
+        assert plant.contact_events[0].closed == ("ball",)
+    q[2] = radius - 1e-3 * radius
+    with pytest.raises(rnc.InputError, match="below the ground"):
+        plant.reset(q, np.zeros(6))
+
+
+@pytest.mark.parametrize("e", [0.2, 0.5, 0.9, 1.0])
+@pytest.mark.parametrize("angle", [0.3, 0.9, 1.3])
+@pytest.mark.parametrize("spin", [-4.0, 0.0, 3.0])
+def test_a_point_with_friction_rebounds_by_the_energetic_law(e, angle, spin):
+    """Slip stops, then the work of the normal impulse returns by the share e^2; in the plane, by hand."""
+    mass, half, radius = 2.0, 0.4, 0.01
+    moment = mass * half**2 / 3
+    robot = body(mass, [1e-3, moment, moment], tip=[half, 0.0, 0.0])
+    plant = rnc.ContactPlant(
+        rnc.NonholonomicSystem(robot),
+        [rnc.UnilateralContact(rnc.RollingBall("tip", radius), restitution=e, rest_speed=0.0)],
+    )
+    x, z = half * np.cos(angle), -half * np.sin(angle) - radius  # of the point that touches, seen from the centre
+    turned = pin.Quaternion(pin.rpy.rpyToMatrix(0.0, angle, 0.0)).coeffs()
+    along, down = 0.7, -3.0
+    R = pin.rpy.rpyToMatrix(0.0, angle, 0.0)
+    plant.reset(np.r_[0.0, 0.0, -z, turned], np.r_[R.T @ [along, 0.0, down], 0.0, spin, 0.0])
+    slip, fall = along + spin * z, down - spin * x
+    W = np.array([[1 / mass + z**2 / moment, -x * z / moment], [-x * z / moment, 1 / mass + x**2 / moment]])
+    left = fall - W[0, 1] / W[0, 0] * slip
+    if left >= 0.0:
+        pytest.skip("slip that stops lifts the tip: nothing is compressed")
+    loss = slip**2 / (2 * W[0, 0]) + (1 - e**2) * left**2 * W[0, 0] / (2 * np.linalg.det(W))
+    (start,) = plant.contact_events[:1]
+    assert start.energy_loss == pytest.approx(loss, rel=1e-9)
+
+
+def test_no_coefficient_of_a_drop_creates_energy():
+    generator = np.random.default_rng(5)
+    rod = body(1.0, [1e-3, 0.02, 0.02], a=[0.25, 0.0, 0.0], b=[-0.25, 0.0, 0.0])
+    corners = {f"c{k}": [(k & 1) * 0.2 - 0.1, (k >> 1 & 1) * 0.3 - 0.15, (k >> 2) * 0.1 - 0.05] for k in range(8)}
+    box = body(1.0, [0.0084, 0.0042, 0.0109], **corners)
+    impacts = 0
+    for number in range(12):
+        robot, names = (rod, "ab") if number % 2 else (box, list(corners))
+        e = generator.choice([0.3, 0.9, 1.0], size=len(names))
+        contacts = [
+            rnc.UnilateralContact(rnc.RollingBall(name, 0.01), restitution=float(own))
+            for name, own in zip(names, e, strict=True)
+        ]
+        plant = rnc.ContactPlant(rnc.NonholonomicSystem(robot), contacts)
+        turned = pin.Quaternion(pin.exp3(generator.normal(size=3))).coeffs()
+        plant.reset(np.r_[0.0, 0.0, 0.6, turned], generator.normal(size=6))
+        with suppress(rnc.SimulationError):  # friction without a limit has no motion in some poses
+            for _ in range(50):
+                plant.advance(0.01)
+        losses = [each.energy_loss for each in plant.contact_events]
+        assert min(losses) > -1e-9
+        impacts += len(losses) - 1
+    assert impacts > 20

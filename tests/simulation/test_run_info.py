@@ -68,7 +68,7 @@ def test_a_run_tells_its_file_what_it_knows(run, tmp_path):
         written = json.loads(str(file["meta"]))
     assert list(written) == [
         "names", "units", "angular", "rotations", "quasi", "goals", "dt", "versions", "scenario", "seed", "config",
-        "folder", "controller", "task", "path", "estimates", "predicted", "note", "outcome",
+        "folder", "controller", "task", "path", "estimates", "predicted", "note", "outcome", "integration",
     ]  # fmt: skip
     assert written["names"]["T"] == ["joint_1", "joint_2", "joint_3"]
     assert written["task"] == {"primary": ["tip_x"], "redundant": ["joint_1"]}

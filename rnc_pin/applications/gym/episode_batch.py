@@ -14,7 +14,6 @@ from rnc_pin.finding_kinds import FindingKind
 from rnc_pin.math import wrapped
 from rnc_pin.model import StateEvaluation, scaled_rows
 from rnc_pin.plants import ReducedPlant, ReducedPlantBatch
-from rnc_pin.plants.reduced import Checkpoint
 from rnc_pin.simulation import PENETRATION, Stop, StopMonitor
 
 
@@ -72,8 +71,10 @@ class EpisodeBatch:
         self.largest_inputs = bounds.input
         settings, reduced = task.scenario.simulation, task.reduced
         assert settings is not None
-        damped, rubbing, substeps = settings.joint_damping, settings.joint_friction, settings.substeps * task.samples
-        plant = ReducedPlant(reduced, damped, False, rubbing, substeps)  # ``step`` clips
+        options = settings.plant_options | {"actuator_limits": False}  # ``step`` clips
+        if settings.substeps is not None:
+            options["substeps"] = settings.substeps * task.samples
+        plant = ReducedPlant(reduced, **options)
         self._plants = ReducedPlantBatch(plant, size)
         self._plants.reset(task.nominal.q, task.nominal.v)
         self._nominal = self._plants.checkpoint(0)
@@ -124,7 +125,7 @@ class EpisodeBatch:
         y[:r] = nominal.chart.W @ start.v
         try:
             nominal.chart.velocity(start.q, y[:r], 0.0)
-            plants.rollback(i, Checkpoint(start.q, y, None, np.zeros(self._reduced.p), nominal.chart))
+            plants.rollback(i, nominal._replace(q=start.q, y=y, state=None, applied=np.zeros(self._reduced.p)))
         except SingularityError:
             plants.reset(start.q, start.v, [i])
         self._starts[i], self._counts[i], self.failures[i] = start, 0, ""

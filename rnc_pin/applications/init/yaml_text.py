@@ -11,6 +11,7 @@ import yaml
 from rnc_pin.applications.init.base_assumptions import BaseAssumptions, Entry
 from rnc_pin.applications.init.decision import DraftDecision
 from rnc_pin.applications.init.trial import Trial
+from rnc_pin.errors import printable
 from rnc_pin.io import Json
 from rnc_pin.verdict import Severity
 
@@ -130,6 +131,7 @@ def _entries(key: str, entries: list[tuple[Entry, str]], remark: str, indent: st
 
 
 def _remark(text: str, indent: str = "") -> list[str]:
+    text = printable(text, longest=len(text))  # names come from files, and YAML refuses control characters
     return textwrap.wrap(text, _WIDTH, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}# ")
 
 

@@ -39,7 +39,7 @@ def build_plant(scenario: ScenarioFile, reduced: ReducedModel, q0: np.ndarray, f
     plant, faults, settings = scenario.plant, scenario.faults, scenario.simulation
     assert settings is not None
     in_mujoco = plant is not None and plant.type == "mujoco"
-    if in_mujoco and (settings.joint_damping or settings.joint_friction or settings.substeps > 1):
+    if in_mujoco and (settings.joint_damping or settings.joint_friction or settings.substeps is not None):
         raise ConfigurationError(
             "simulation: joint_damping, joint_friction and substeps require plant 'reduced'; "
             "set the options of MuJoCo in 'plant'"
@@ -58,7 +58,7 @@ def build_plant(scenario: ScenarioFile, reduced: ReducedModel, q0: np.ndarray, f
             assert plant is not None
             return mujoco.MuJoCoPlant(model, plant.settings, q0)
         if servo_time is not None:
-            return VelocityPlant(model, servo_time, settings.substeps)
+            return VelocityPlant(model, servo_time, settings.substeps or 1)
         return ReducedPlant(model, **settings.plant_options)
 
     if faults is None:

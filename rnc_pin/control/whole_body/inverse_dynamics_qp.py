@@ -364,14 +364,15 @@ class InverseDynamicsQP(WholeBodyProgram):
         reduced = self._reduced
         start = np.concatenate([state.v2, np.zeros(reduced.vertical.size + 1)])
         found = reduced.evaluator.integrate(np.array(state.q), start, np.ascontiguousarray(T), self.dt, 1)
-        if found is None:
+        if found is not None:
+            q, y, _ = found
+        else:
 
             def rate(q: Array, v2: Array) -> tuple[Array, Array]:
                 here = reduced.at(q, v2)
                 return here.v, here.v2_dot(T)
 
-            found = self._integrator.step(rate, state.q, np.array(state.v2), self.dt)
-        q, y = found
+            q, y = self._integrator.step(rate, state.q, np.array(state.v2), self.dt)
         return reduced.at(q, y[: reduced.r])
 
     # ------------------------------------------------------------------ braking

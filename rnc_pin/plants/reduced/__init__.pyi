@@ -7,5 +7,7 @@ from .contact_plant import ContactPlant as ContactPlant
 from .plant_batch import ReducedPlantBatch as ReducedPlantBatch
 from .reduced_plant import Checkpoint as Checkpoint
 from .reduced_plant import ReducedPlant as ReducedPlant
+from .step_control import DEFAULT_TOLERANCE as DEFAULT_TOLERANCE
+from .step_control import IntegrationErrors as IntegrationErrors
 from .unilateral_contact import UnilateralContact as UnilateralContact
 from .velocity_plant import VelocityPlant as VelocityPlant

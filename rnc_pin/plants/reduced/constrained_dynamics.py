@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError
 from rnc_pin.integrators import LieRungeKutta4, Rate
@@ -17,7 +18,10 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.rows import ConstantRows, OutputRows
 from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.plants.reduced.step_control import difference_errors
 
+State = tuple[np.ndarray, np.ndarray]
+"""Configuration and y of the integrator."""
 MAX_GROWTH = 3.0
 """Growth of ``|R|^2`` at which a chart is replaced: some velocity is then 60 degrees off the basis."""
 
@@ -178,6 +182,13 @@ class ConstrainedDynamics:
         """State (q, v) in the reduction of the model, at the time of y."""
         return self.reduced.evaluator.measured(q, v, self.time(y))
 
+    def errors(self, coarse: State, fine: State, smooth: bool) -> np.ndarray:
+        """Estimated errors (2 nv,) of a state (q, y) by another one from half the step, as ``difference_errors``."""
+        (q, y), (q_fine, y_fine), r = coarse, fine, self._r
+        velocity = (y_fine[:r] - y[:r]) @ self.chart.W
+        scale = max(np.abs(q_fine).max(initial=0.0), np.abs(y_fine[:r]).max(initial=0.0))
+        return difference_errors(pin.difference(self.reduced.robot.model, q, q_fine), velocity, scale, smooth)
+
     def project(self, q: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Configuration near q that satisfies the holonomic rows at the time of y."""
         assembly = self.reduced.assembly
@@ -195,8 +206,8 @@ class ConstrainedDynamics:
 
     def advance(
         self, q: np.ndarray, y: np.ndarray, T: np.ndarray, h: float, steps: int
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return (q, y) after equal steps of a time h [s] under inputs T, without damping.
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """Return (q, y) after equal steps of a time h [s] under inputs T, without damping, and their roughness.
 
         Raises:
             DivergenceError: accelerations are not finite, or a step is longer than the integrator's chart.
@@ -204,10 +215,11 @@ class ConstrainedDynamics:
         found = self.chart.evaluator.integrate(q, y, T, h, steps)
         if found is not None:
             return found
-        rate = self.derivative(T)
+        rate, roughness = self.derivative(T), 0.0
         for _ in range(steps):
-            q, y = self._integrator.step(rate, q, y, h)
-        return q, y
+            q, y, rough = self._integrator.measured_step(rate, q, y, h, self._r)
+            roughness += rough
+        return q, y, roughness
 
     def local_rate(self, q: np.ndarray, x: np.ndarray, T: np.ndarray) -> np.ndarray | None:
         """Rates of coordinates ``x = (u, y)`` at ``q (+) u`` under inputs T; None if an integrator computes them."""

@@ -67,22 +67,68 @@ class ContactImpacts:
             force: impulse that counts as zero, relative to the sum of all, plus 1 N s.
             motion: speed of a gap or a slip that counts as zero [m/s].
         """
-        numbers = sorted(closed)
-        slips, changes, _ = self._without_slip(numbers)
-        rebounds = any(self._contacts[number].rebound(self._rates[number]) for number in numbers)
-        for number in numbers:
-            coefficient = float(self._contacts[number].contact.restitution) * rebounds
-            changes.append(np.array([-(1.0 + coefficient) * self._rates[number]]))
-        rows, wanted = np.vstack([*slips, *(self._heights[number] for number in numbers)]), np.concatenate(changes)
-        inverse = np.linalg.pinv(rows, rcond=_SMALL)
-        y = inverse @ wanted
-        if np.abs(rows @ y - wanted).max(initial=0.0) > _CONTRADICTS * (1.0 + np.abs(self._v).max()):
+        found = self._change(sorted(closed))
+        if found is None:
             return False
-        normal = (inverse.T @ y)[len(rows) - len(numbers) :]
-        if (normal < 0).any():
-            normal = nonnegative(normal, scipy.linalg.null_space(rows.T, rcond=_SMALL)[len(rows) - len(numbers) :])
+        _, y, _, normal = found
         pushing = (normal >= -force * (1.0 + np.abs(normal).sum())).all()
-        return bool(pushing) and all(self._leaves(k, y, motion) for k in self._contacts if k not in numbers)
+        return bool(pushing) and all(self._leaves(k, y, motion) for k in self._contacts if k not in closed)
+
+    def together(self, closed: Iterable[int]) -> Impact:
+        """Impact in which all contacts of a set take part: they do not slip, and rebound by the energetic law.
+
+        Slip stops first. The gap rate that remains is compressed to zero; the rebound returns the share ``e^2`` of the
+        work of the compression (Stronge 1990). So no coefficient creates energy. Without slip this is Newton's law.
+
+        Raises:
+            SimulationError: the rows of the set contradict each other.
+        """
+        numbers = sorted(closed)
+        found = self._change(numbers)
+        if found is None:
+            raise SimulationError("the rows of contacts that close together contradict each other")
+        names, y, tangential, normal = found
+        return self._impact(numbers, names, y, tangential, normal)
+
+    def _change(self, numbers: list[int]) -> tuple[list[str], np.ndarray, np.ndarray, np.ndarray] | None:
+        """Names of the rows besides the gaps, change y, impulses of both kinds of rows; None if these contradict."""
+        slips, changes, names = self._without_slip(numbers)
+        E, stop = np.vstack(slips), np.concatenate(changes)
+        G = np.vstack([E[:0], *(self._heights[number] for number in numbers)])
+        rates = np.array([self._rates[number] for number in numbers])
+        left = rates + G @ (np.linalg.pinv(E, rcond=_SMALL) @ stop)  # once slip has stopped
+        rows = np.vstack([E, G])
+        inverse = np.linalg.pinv(rows, rcond=_SMALL)
+        coefficients = self._coefficients(numbers)
+        wanted = np.concatenate([stop, -rates])
+        plastic = inverse @ wanted
+        rebound = np.concatenate([np.zeros(len(E)), -coefficients * left])
+        compression = inverse @ np.concatenate([np.zeros(len(E)), -left])
+        rebound = rebound * _least_scale(coefficients, compression, inverse @ rebound)
+        wanted = wanted + rebound
+        y = plastic + inverse @ rebound
+        if np.abs(rows @ y - wanted).max(initial=0.0) > _CONTRADICTS * (1.0 + np.abs(self._v).max()):
+            return None
+        impulses = inverse.T @ y
+        if (impulses[len(E) :] < 0).any():
+            impulses = impulses + _shift(impulses[len(E) :], scipy.linalg.null_space(rows.T, rcond=_SMALL), len(E))
+        return names, y, impulses[: len(E)], impulses[len(E) :]
+
+    def _coefficients(self, numbers: list[int]) -> np.ndarray:
+        """Coefficient of each contact (c,); zero if all are slow."""
+        rebounds = any(self._contacts[number].rebound(self._rates[number]) for number in numbers)
+        return np.array([float(self._contacts[number].contact.restitution) * rebounds for number in numbers])
+
+    def _impact(
+        self, numbers: list[int], names: list[str], y: np.ndarray, tangential: np.ndarray, normal: np.ndarray
+    ) -> Impact:
+        v_after = self._v + scipy.linalg.solve_triangular(self._L, y, lower=True, trans="T")
+        for array in (self._v, v_after):
+            array.setflags(write=False)
+        named = dict(zip(names, tangential.tolist(), strict=True))
+        named |= {self._contacts[number].row: impulse for number, impulse in zip(numbers, normal.tolist(), strict=True)}
+        energies = (float(0.5 * each @ self._M @ each) for each in (self._v, v_after))
+        return Impact(self._v, v_after, MappingProxyType(named), *energies)
 
     def _leaves(self, number: int, y: np.ndarray, motion: float) -> bool:
         """True if a contact separates after a change y, or stays without slip."""
@@ -93,33 +139,34 @@ class ContactImpacts:
     def sticking(self) -> Impact | None:
         """Impact of least change of velocity, measured by kinetic energy, after which no contact slips or comes closer.
 
-        This is Gauss's principle for impacts: a quadratic program whose conditions are Newton's law for the gaps, with
-        impulses that only push, and no slip of all contacts.
+        This is Gauss's principle for impacts: a quadratic program with impulses that only push, and no slip of all
+        contacts. Its impulses of the gaps are those of the compression. Rebounds follow as in ``together``, unless
+        another contact would come closer by them.
 
         Returns:
             The impact; None if no velocity satisfies the conditions.
         """
-        slips, changes, names = self._without_slip(list(self._contacts))
+        numbers = list(self._contacts)
+        slips, changes, names = self._without_slip(numbers)
         E, wanted = np.vstack(slips), np.concatenate(changes)
         inverse = np.linalg.pinv(E, rcond=_SMALL)
         first = inverse @ wanted
         if np.abs(E @ first - wanted).max(initial=0.0) > _SMALL * (1.0 + np.abs(self._v).max()):
             return None
         G = np.vstack(list(self._heights.values()))
-        least = [-(1.0 + each.rebound(self._rates[k])) * self._rates[k] for k, each in self._contacts.items()]
-        found = _least_distance(G - (G @ inverse) @ E, np.array(least) - G @ first)
+        free = G - (G @ inverse) @ E
+        rates = np.array(list(self._rates.values()))
+        found = _least_distance(free, -rates - G @ first)
         if found is None:
             return None
         more, normal = found
-        y = first + more
-        tangential = inverse.T @ (y - G.T @ normal)
-        v_after = self._v + scipy.linalg.solve_triangular(self._L, y, lower=True, trans="T")
-        for array in (self._v, v_after):
-            array.setflags(write=False)
-        named = zip(names, tangential.tolist(), strict=True)
-        up = {each.row: impulse for each, impulse in zip(self._contacts.values(), normal.tolist(), strict=True)}
-        energies = (float(0.5 * each @ self._M @ each) for each in (self._v, v_after))
-        return Impact(self._v, v_after, MappingProxyType({**dict(named), **up}), *energies)
+        coefficients = self._coefficients(numbers)
+        rebound = free.T @ (coefficients * normal)
+        scale = _least_scale(coefficients, more, rebound)
+        y, pushes = first + more + scale * rebound, (1.0 + scale * coefficients) * normal
+        if (G @ y + rates < -_MOTION * (1.0 + np.abs(self._v).max())).any():
+            y, pushes = first + more, normal
+        return self._impact(numbers, names, y, inverse.T @ (y - G.T @ pushes), pushes)
 
     def _without_slip(self, numbers: Iterable[int]) -> tuple[list[np.ndarray], list[np.ndarray], list[str]]:
         """Rows of the system and of contacts that do not slip, the changes of their velocities, and their names."""
@@ -130,6 +177,19 @@ class ContactImpacts:
             [np.zeros(len(self._rows)), *(each[1] for each in slips)],
             names,
         )
+
+
+def _least_scale(coefficients: np.ndarray, compression: np.ndarray, rebound: np.ndarray) -> float:
+    """Factor of at most 1 with which a rebound has no more than the largest share of the compression's energy."""
+    length = float(np.linalg.norm(rebound))
+    allowed = float(coefficients.max(initial=0.0) * np.linalg.norm(compression))
+    return 1.0 if length <= allowed else allowed / length
+
+
+def _shift(normal: np.ndarray, null: np.ndarray, first: int) -> np.ndarray:
+    """Change of all impulses, without effect on the motion, that leaves the normal ones (c,) not negative."""
+    shared = nonnegative(normal, null[first:])
+    return np.asarray(null @ np.linalg.lstsq(null[first:], shared - normal, rcond=None)[0])
 
 
 def _least_distance(G: np.ndarray, h: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
@@ -224,13 +284,14 @@ class ContactModes:
         for closed in _subsets(touching):
             if not impacts.allows(closed, _FORCE, speed):
                 continue
-            jump = self._impact(closed, rates, q, v, t)
+            slides = any(self.contacts[number].slips for number in closed)
+            jump = impacts.together(closed) if slides else self._impact(closed, rates, q, v, t)
             return frozenset(each for each in touching if self.contacts[each].gap_rate(at, jump.v) <= speed), jump
         found = impacts.sticking()
         if found is None or found.loss < -_SMALL * found.energy_before:
             raise SimulationError(
-                f"impact of {self.names(touching)} at t = {t:.4f} s: no velocity after it satisfies Newton's law of "
-                "restitution without slip: the contacts have to share one coefficient of restitution"
+                f"impact of {self.names(touching)} at t = {t:.4f} s: no velocity after it keeps the contacts apart "
+                "without slip"
             )
         return frozenset(each for each in touching if self.contacts[each].gap_rate(at, found.v) <= speed), found
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
+import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, InputError, SimulationError
 from rnc_pin.model.impact import Impact
@@ -14,11 +15,13 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.plants.reduced.contact_modes import Closed, ContactModes, consistent, force_margin
 from rnc_pin.plants.reduced.reduced_plant import EventStep, ReducedPlant
+from rnc_pin.plants.reduced.step_control import DEFAULT_TOLERANCE, IntegrationErrors
 from rnc_pin.plants.reduced.unilateral_contact import BoundContact, UnilateralContact
 
-_INSIDE = 1e-4  # depth below the ground that counts as rounding of an initial configuration [m]
-_TOUCHES = 1e-9  # gap of a contact that lands together with another one [m]
-_ROUNDING = 1e-12  # depth below the ground that rounding explains after a contact has opened [m]
+# Relative to the size of the robot, its radius of gyration:
+_INSIDE = 2e-4  # depth below the ground that the digits of an initial configuration explain
+_TOUCHES = 1e-8  # gap of a contact that lands together with another one
+_ROUNDING = 1e-11  # gap that rounding explains
 _HALVINGS = 40
 _EVENTS = 100  # largest number of events in one step
 
@@ -71,9 +74,10 @@ class ContactPlant:
     Args:
         system: system without the contacts, with the actuators.
         contacts: the contacts.
-        joint_damping, actuator_limits, joint_friction, substeps: as for ``ReducedPlant``.
+        joint_damping, actuator_limits, joint_friction, substeps, tolerance: as for ``ReducedPlant``.
 
     Attributes:
+        tolerance: allowed error of the integration per second.
         closed: indices of the closed contacts.
         contact_events: events since the start.
 
@@ -97,7 +101,8 @@ class ContactPlant:
         joint_damping: bool = False,
         actuator_limits: bool = False,
         joint_friction: bool = False,
-        substeps: int = 1,
+        substeps: int | None = None,
+        tolerance: float = DEFAULT_TOLERANCE,
     ) -> None:
         if not isinstance(system, NonholonomicSystem):
             raise ConfigurationError(
@@ -116,12 +121,14 @@ class ContactPlant:
             actuator_limits=actuator_limits,
             joint_friction=joint_friction,
             substeps=substeps,
+            tolerance=tolerance,
         )
+        self.tolerance = tolerance
         self._modes = ContactModes(system, bound, plant_of)
         self.closed: Closed = frozenset()
         self._plant = self._modes.plant(self.closed)
         self.contact_events: tuple[ContactEvent, ...] = ()
-        self._time, self._past_work = 0.0, 0.0
+        self._time, self._past_work, self._size = 0.0, 0.0, 0.0
 
     # ------------------------------------------------------------------ state
 
@@ -141,6 +148,11 @@ class ContactPlant:
         return self._plant.external
 
     @property
+    def errors(self) -> IntegrationErrors:
+        """Estimated errors of the integration since the start."""
+        return self._plant.errors
+
+    @property
     def work(self) -> float:
         """Work since the start, minus the energy that damping, friction and impacts removed [J]."""
         return self._past_work + self._plant.work
@@ -148,7 +160,7 @@ class ContactPlant:
     def reset(self, q: np.ndarray, v: np.ndarray) -> None:
         """Restart at time zero, at configuration q (nq,) and velocity v (nv,).
 
-        Contacts without a gap are closed; if they approach the ground, with an impact.
+        Contacts that touch the ground, or are a little below it, are closed; if they approach it, with an impact.
 
         Raises:
             InputError: a contact is below the ground.
@@ -157,11 +169,12 @@ class ContactPlant:
         self.closed = frozenset()
         self._plant = self._modes.plant(self.closed)
         self._plant.reset(np.array(q, dtype=float), np.array(v, dtype=float))
+        self._size = _radius_of_gyration(self._plant.reduced.robot.model, self._plant.read()[0])
         start = _Signals(self._modes, self.closed, self._plant)
         for each, gap in zip(self._modes.contacts, start.gaps, strict=True):
-            if gap < -_INSIDE:
+            if gap < -_INSIDE * self._size:
                 raise InputError(f"contact '{each.name}' starts {-gap:.3g} m below the ground")
-        touching = frozenset(np.flatnonzero((start.gaps <= _INSIDE) & (start.rates <= 0.0)).tolist())
+        touching = frozenset(np.flatnonzero((start.gaps <= _ROUNDING * self._size) & (start.rates <= 0.0)).tolist())
         if touching:
             self._land("start", touching)
         else:
@@ -212,7 +225,7 @@ class ContactPlant:
             self._record(f"lift-off of {name}")
             return
         now = _Signals(self._modes, frozenset(), self._plant)
-        with_it = np.flatnonzero((now.gaps <= _TOUCHES) & (now.rates < 0.0)).tolist()
+        with_it = np.flatnonzero((now.gaps <= _TOUCHES * self._size) & (now.rates < 0.0)).tolist()
         self._land(f"landing of {name}", self.closed | {number, *with_it})
 
     def _land(self, cause: str, touching: Closed) -> None:
@@ -256,9 +269,10 @@ class ContactPlant:
 
     def _started(self, closed: Closed, q: np.ndarray, v: np.ndarray, T: np.ndarray) -> ReducedPlant:
         """Plant of a set of closed contacts, at a state and under inputs T."""
-        plant = self._modes.plant(closed)
+        plant, errors = self._modes.plant(closed), self._plant.errors
         plant.reset(q, v, self._time)
         plant.apply(T)
+        plant.keep_errors(errors)
         return plant
 
     def _record(self, cause: str, jump: Impact | None = None) -> None:
@@ -290,7 +304,7 @@ class ContactPlant:
 
     def _landing_time(self, step: EventStep, before: _Signals, after: _Signals, number: int) -> float | None:
         """Time at which the gap of a contact becomes zero; None if it stays open."""
-        contact = self._modes.contacts[number]
+        contact, rounding = self._modes.contacts[number], _ROUNDING * self._size
 
         def gap() -> float:
             return contact.gap(self._modes.position(self._plant.state.q))
@@ -298,14 +312,14 @@ class ContactPlant:
         def rate() -> float:
             return contact.gap_rate(self._modes.position(self._plant.state.q), self._plant.state.v)
 
-        end, departs = step.dt, before.gaps[number] <= _ROUNDING
-        if after.gaps[number] >= (-_ROUNDING if departs else 0.0):
+        end, departs = step.dt, before.gaps[number] <= rounding
+        if after.gaps[number] >= (-rounding if departs else 0.0):
             # It may touch the ground in between, such as the corner of a body that turns.
             if not before.rates[number] < 0.0 < after.rates[number]:
                 return None
             end = step.crossing(rate)
             step.move_to(end)
-            if gap() >= -_ROUNDING:
+            if gap() >= -rounding:
                 return None
         if not departs:
             return step.crossing(gap, 0.0, end)
@@ -315,3 +329,11 @@ class ContactPlant:
             if gap() > 0.0:
                 return step.crossing(gap, start, end)
         return 0.0
+
+
+def _radius_of_gyration(model: pin.Model, q: np.ndarray) -> float:
+    """Radius of gyration of a robot about its centre of mass, the mean of three axes [m]."""
+    data = model.createData()
+    pin.ccrba(model, data, q, np.zeros(model.nv))
+    total = data.Ig
+    return float(np.sqrt(np.trace(total.inertia) / (2.0 * total.mass)))

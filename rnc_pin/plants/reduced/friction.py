@@ -177,8 +177,8 @@ class DissipativeStep:
         friction = self.friction.forces_in_step(state, w_dot, linear, _INSTANT)
         return friction.forces @ self.friction.rows(state)
 
-    def advance(self, q: np.ndarray, y: np.ndarray, T: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the state after a time h under inputs T.
+    def advance(self, q: np.ndarray, y: np.ndarray, T: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray, float]:
+        """Return the state after a time h under inputs T, and the roughness; infinite if a row came to rest.
 
         Raises:
             DivergenceError: velocities or accelerations are not finite.
@@ -188,21 +188,27 @@ class DissipativeStep:
             state = self._dynamics.at(q, y)
             linear, _ = self._linear(state, T)
             return self._smooth(q, y, T, None, None, linear, h)
-        events, remaining = 2 * len(limits), h
+        events, remaining, roughness = 2 * len(limits), h, 0.0
         while True:
             state = self._dynamics.at(q, y)
             linear, w_dot = self._linear(state, T)
             friction = self.friction.forces_in_step(state, w_dot, linear, remaining)
             first = float(friction.stops.min())
+            if events and remaining <= first < np.inf:  # a row comes to rest at the end of the step
+                y = self._stopped(state, y, friction.resting)
+                sliding = self._sliding_forces(friction)
+                q, y, _ = self._sliding(q, y, T, sliding, friction.resting, linear, remaining)
+                return q, self._stopped(self._dynamics.at(q, y), y, friction.sticking), np.inf
             if events == 0 or first >= remaining:
                 y = self._stopped(state, y, friction.sticking)
-                return self._sliding(q, y, T, friction.forces, friction.sticking, linear, remaining)
-            events -= 1
+                q, y, rough = self._sliding(q, y, T, friction.forces, friction.sticking, linear, remaining)
+                return q, y, roughness + rough
+            events, roughness = events - 1, np.inf
             stopping = friction.stops <= (1.0 + _SHORT) * first
             if first < _SHORT * h:
                 y = self._stopped(state, y, friction.resting | stopping)
                 continue
-            q, y = self._sliding(q, y, T, self._sliding_forces(friction), friction.resting, linear, first)
+            q, y, _ = self._sliding(q, y, T, self._sliding_forces(friction), friction.resting, linear, first)
             y = self._stopped(self._dynamics.at(q, y), y, friction.resting | stopping)
             remaining -= first
 
@@ -233,11 +239,11 @@ class DissipativeStep:
         sticking: np.ndarray,
         linear: LinearPart,
         h: float,
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> tuple[np.ndarray, np.ndarray, float]:
         friction = self.friction
         inputs, external = T + friction.inputs(forces), friction.external(forces)
-        q, y = self._smooth(q, y, inputs, external, sticking, linear, h)
-        return q, self._stopped(self._dynamics.at(q, y), y, sticking)
+        q, y, roughness = self._smooth(q, y, inputs, external, sticking, linear, h)
+        return q, self._stopped(self._dynamics.at(q, y), y, sticking), roughness
 
     def _smooth(
         self,
@@ -248,7 +254,7 @@ class DissipativeStep:
         sticking: np.ndarray | None,
         linear: LinearPart,
         h: float,
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> tuple[np.ndarray, np.ndarray, float]:
         """Integrate one step without events.
 
         The integrator uses work minus the kinetic energy ``|a|^2 / 2`` of the frozen inertia. Damping cancels in that
@@ -261,7 +267,7 @@ class DissipativeStep:
 
         smooth = dynamics.derivative(T, external, projection)
         if dynamics.damping is None:
-            return self._explicit.step(smooth, q, y, h)
+            return self._explicit.measured_step(smooth, q, y, h, r)
 
         def rate(p: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             v, y_dot = smooth(p, x)
@@ -270,9 +276,9 @@ class DissipativeStep:
 
         start = y.copy()
         start[-1] -= _half_square(linear.inverse @ y[:r])
-        q, end = self._integrator.step(rate, linear, q, start, h)
+        q, end, roughness = self._integrator.step(rate, linear, q, start, h)
         end[-1] += _half_square(linear.inverse @ end[:r])
-        return q, end
+        return q, end, roughness
 
     def _linear(self, state: StateEvaluation, T: np.ndarray) -> tuple[LinearPart, np.ndarray]:
         """Linear part of the motion at a state, and accelerations (r,) without dry friction."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import cast
 
 import numpy as np
 from numpy import ndarray as Array
@@ -16,6 +17,7 @@ from rnc_pin.model.numpy_evaluator import NumPyRuns, RunRecords
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.reduced.constrained_dynamics import MAX_GROWTH, VelocityChart
 from rnc_pin.plants.reduced.reduced_plant import Checkpoint, ReducedPlant
+from rnc_pin.plants.reduced.step_control import IntegrationErrors, Substeps
 
 
 class ReducedPlantBatch:
@@ -32,6 +34,7 @@ class ReducedPlantBatch:
         reduced: model of all runs.
         applied: applied inputs (B, p).
         failed: mask (B,) of the runs that failed.
+        tolerance: allowed error of the integration per second, as of the plant.
         measures: True if ``measure`` is possible.
         errors: error of each run that failed, None for the others.
 
@@ -58,13 +61,16 @@ class ReducedPlantBatch:
         if not isinstance(size, int | np.integer) or isinstance(size, bool) or size < 1:
             raise InputError(f"size of a ReducedPlantBatch has to be a positive integer, found {size!r}")
         self._single = plant.twin()
-        self.reduced, self.size = plant.reduced, int(size)
+        self.reduced, self.size, self.tolerance = plant.reduced, int(size), plant.tolerance
         data = self.reduced.reduction_data
         self.measures = self.reduced.evaluator.measures and not data.affine and not data.rheonomic
         self._limit = self.reduced.r + MAX_GROWTH
         self._q = np.full((self.size, self.reduced.robot.nq), np.nan)
         self._y = np.zeros((self.size, self._single._dynamics.state_size))
         self.applied = np.zeros((self.size, self.reduced.p))
+        self._substeps = Substeps(plant.substeps, plant.tolerance)
+        start = IntegrationErrors.initial(self.reduced.n, self._substeps)
+        self._errors = start.of_runs(self.size)
         self._charts: list[VelocityChart | None] = [None] * self.size
         self._v, self._kinematics = (np.empty((self.size, 0)) for _ in range(2))
         self._located = False  # True if ``_v`` and ``_kinematics`` are those of the state
@@ -101,11 +107,12 @@ class ReducedPlantBatch:
         q = _rows(numbers_of(q, "q"), len(which), self.reduced.robot.nq, "q")
         v = _rows(numbers_of(v, "v"), len(which), self.reduced.n, "v")
         charts: dict[bytes, VelocityChart] = {}  # runs with the same start share a chart
+        start = IntegrationErrors.initial(self.reduced.n, self._substeps)
         for run, q_0, v_0 in zip(which.tolist(), q, v, strict=True):
             dynamics = self._single._dynamics
             y = dynamics.initial(q_0, v_0, charts.get(q_0.tobytes()))
             charts[q_0.tobytes()] = dynamics.chart
-            self.rollback(run, Checkpoint(q_0, y, None, np.zeros(self.reduced.p), dynamics.chart))
+            self.rollback(run, Checkpoint(q_0, y, None, np.zeros(self.reduced.p), dynamics.chart, start))
 
     def read(self) -> tuple[Float[Array, "B nq"], Float[Array, "B nv"]]:
         """Return copies of configurations (B, nq) and velocities (B, nv), with NaN velocities of failed runs."""
@@ -124,21 +131,65 @@ class ReducedPlantBatch:
         self._locate()
         single, alone = self._single, ~self.failed
         if not single.dissipates:
-            steps = single.substeps
-            arrays = self._q, self._y, self.applied, dt / steps, steps, self._kinematics
-            q, y, status = self._runs.integrate(tuple(self._chart_calls), *arrays)
-            done = alone & (status == 1.0)
-            if self.reduced.assembly.size:
-                for run in np.flatnonzero(done).tolist():
-                    if np.isfinite(q[run]).all():
-                        q[run] = single._dynamics.project(q[run].copy(), y[run].copy())
-            self._q, self._y = (
-                (q, y) if done.all() else (np.where(done[:, None], *each) for each in ((q, self._q), (y, self._y)))
-            )
-            alone &= ~done
+            steps_of_runs = np.array(self._errors.steps)
+            for steps in np.unique(steps_of_runs[alone]).tolist():
+                which = np.flatnonzero(alone & (steps_of_runs == steps))
+                alone[which[self._together(which, dt, steps)]] = False
         for run in np.flatnonzero(alone).tolist():
             self._alone(run, partial(single.advance, dt))
         self._located = False
+
+    def _together(self, which: Array, dt: float, steps: int) -> Array:
+        """Integrate runs (b,) with one number of substeps by the kernel; return the mask (b,) of those that moved.
+
+        The decisions are those of ``ReducedPlant.advance``. A run that needs another number of substeps moves alone.
+        """
+        errors, dynamics = self._errors, self._single._dynamics
+        some = len(which) < self.size
+        now = errors.selected(which) if some else errors
+        q, y, status, roughness = self._integrated(which, dt, steps)
+        accepts, after = now.after(cast(float, roughness), dt, self._substeps.followed * dt)
+        moved = status == 1.0
+        accepted = np.asarray(accepts) & moved
+        if accepted.all() and not some:
+            self._errors = after._replace(used=cast(int, np.array(after.steps)))  # ``write`` changes each array
+        else:
+            for each, all_runs in zip(after.arrays, errors.arrays, strict=True):
+                all_runs[which[accepted]] = each[accepted]
+        due = np.flatnonzero(moved & ~accepted)
+        if len(due):
+            fine = self._integrated(which[due], dt, 2 * steps)
+            valid = fine[2] == 1.0
+            for each in (q[due], y[due], *fine[:2]):
+                valid &= np.isfinite(each).all(axis=1)
+            moved[due] = valid
+            for k, *finer in zip(due[valid].tolist(), fine[0][valid], fine[1][valid], strict=True):
+                run = int(which[k])
+                dynamics.chart = self._chart(run)
+                found = dynamics.errors((q[k], y[k]), (finer[0], finer[1]), smooth=True)
+                moved[k] = found.max() <= self._substeps.tolerance * dt
+                if moved[k]:
+                    compared = errors.of_run(run).compared(steps, float(roughness[k]), found, dt, self._substeps, steps)
+                    errors.write(run, compared)
+        if self.reduced.assembly.size:
+            for k in np.flatnonzero(moved).tolist():
+                if np.isfinite(q[k]).all():
+                    q[k] = dynamics.project(q[k].copy(), y[k].copy())
+        if moved.all() and not some:
+            self._q, self._y = q, y
+        else:
+            self._q, self._y = self._q.copy(), self._y.copy()
+            self._q[which[moved]], self._y[which[moved]] = q[moved], y[moved]
+        return moved
+
+    def _integrated(self, which: Array, dt: float, steps: int) -> tuple[Array, Array, Array, Array]:
+        """Result of the kernel for runs (b,): q, y, status and roughness."""
+        calls, arrays = self._chart_calls, (self._q, self._y, self.applied)
+        kinematics = self._kinematics
+        if len(which) < self.size:
+            calls, arrays = [calls[run] for run in which], tuple(each[which] for each in arrays)
+            kinematics = kinematics[which]
+        return self._runs.integrate(tuple(calls), *arrays, dt / steps, steps, kinematics)
 
     def _alone(self, run: int, move: Callable[[], object]) -> None:
         """Let the single plant take the place of a run for a call; the run fails if the call raises an error."""
@@ -178,13 +229,21 @@ class ReducedPlantBatch:
 
     def checkpoint(self, run: int) -> Checkpoint:
         """Return the state of one run; ``ReducedPlant.rollback`` continues from it to the bit."""
-        chart = self._charts[run]
-        if chart is None:
-            raise InputError(f"run {run} has not started: call reset")
+        chart = self._chart(run)
         q, y = self._q[run].copy(), self._y[run].copy()
         known = self._located and not self.failed[run]
         state = self._single._dynamics.measured(q, self._v[run].copy(), y) if known else None
-        return Checkpoint(q, y, state, self.applied[run].copy(), chart)
+        return Checkpoint(q, y, state, self.applied[run].copy(), chart, self._errors.of_run(run))
+
+    def errors_of(self, run: int) -> IntegrationErrors:
+        """Return the estimated errors of the integration of one run since its start."""
+        return self._errors.of_run(run)
+
+    def _chart(self, run: int) -> VelocityChart:
+        chart = self._charts[run]
+        if chart is None:
+            raise InputError(f"run {run} has not started: call reset")
+        return chart
 
     def rollback(self, run: int, checkpoint: Checkpoint) -> None:
         """Continue one run from a ``checkpoint`` of it or of a ``ReducedPlant`` with the same options."""
@@ -193,7 +252,8 @@ class ReducedPlantBatch:
 
     def _take(self, run: int, checkpoint: Checkpoint) -> None:
         """Write the state of one run."""
-        self._q[run], self._y[run], _, self.applied[run], chart = checkpoint
+        self._q[run], self._y[run], _, self.applied[run], chart, errors = checkpoint
+        self._errors.write(run, errors)
         if chart is not self._charts[run]:
             self._charts[run], self._chart_calls[run] = chart, chart.evaluator.chart
 
@@ -203,6 +263,7 @@ class ReducedPlantBatch:
         self.size = len(which)
         for name in ("_q", "_v", "_y", "applied", "_kinematics", "failed"):
             setattr(self, name, getattr(self, name)[which])
+        self._errors = self._errors.selected(which)
         self._charts = [self._charts[run] for run in which]
         self._chart_calls = [self._chart_calls[run] for run in which]
         self.errors = [self.errors[run] for run in which]

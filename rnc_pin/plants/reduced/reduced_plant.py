@@ -9,11 +9,18 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from rnc_pin.errors import DivergenceError, InputError
+from rnc_pin.errors import DivergenceError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics, VelocityChart
 from rnc_pin.plants.reduced.friction import DissipativeStep, DryFriction
+from rnc_pin.plants.reduced.step_control import (
+    DEFAULT_TOLERANCE,
+    MOST_EVENT_SUBSTEPS,
+    MOST_SUBSTEPS,
+    IntegrationErrors,
+    Substeps,
+)
 from rnc_pin.printing import ReprMixin
 
 _PRECISION = 1e-12  # of the time of an event, relative to the end of its bracket
@@ -27,6 +34,16 @@ class Checkpoint(NamedTuple):
     state: StateEvaluation | None
     applied: np.ndarray
     chart: VelocityChart
+    errors: IntegrationErrors
+
+
+class _Step(NamedTuple):
+    """State after a sample, the roughness of its steps, and the error that ended them."""
+
+    q: np.ndarray
+    y: np.ndarray
+    roughness: float
+    failure: DivergenceError | None = None
 
 
 class ReducedPlant(ReprMixin):
@@ -41,11 +58,17 @@ class ReducedPlant(ReprMixin):
         joint_damping: True for the viscous joint damping of the robot's file.
         actuator_limits: True to clip inputs to the effort limits of the robot's file and of the actuators.
         joint_friction: True for the dry joint friction of the robot's file, with stiction.
-        substeps: integration steps in one call of ``advance``, which is a sampling period.
+        substeps: integration steps in one call of ``advance``, which is a sampling period. By default as many as the
+            tolerance asks for: 1, 2, 4 and so on.
+        tolerance: largest error that the integration adds in a second, on any entry of configuration and velocity
+            [m, rad, m/s or rad/s].
+
+    Attributes:
+        errors: estimated errors of the integration since the start.
 
     Raises:
         ConstraintError: damping or friction acts on a momentum that the model declares conserved.
-        InputError: substeps is not a positive integer.
+        InputError: substeps is not a positive integer, or the tolerance not a positive number.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
@@ -66,26 +89,28 @@ class ReducedPlant(ReprMixin):
         joint_damping: bool = False,
         actuator_limits: bool = False,
         joint_friction: bool = False,
-        substeps: int = 1,
+        substeps: int | None = None,
+        tolerance: float = DEFAULT_TOLERANCE,
     ) -> None:
-        if not isinstance(substeps, int | np.integer) or isinstance(substeps, bool) or substeps < 1:
-            raise InputError(f"substeps of a ReducedPlant have to be a positive integer, found {substeps!r}")
-        self.reduced, self.substeps = reduced, substeps
+        self._substeps = Substeps.checked(substeps, tolerance, "ReducedPlant")
+        self.reduced, (self.substeps, self.tolerance) = reduced, self._substeps
+        self._followed = self._substeps.followed
         self.joint_damping, self.actuator_limits, self.joint_friction = joint_damping, actuator_limits, joint_friction
         self._dynamics = ConstrainedDynamics(reduced, joint_damping, actuator_limits)
         self._dissipative = DissipativeStep(self._dynamics, DryFriction(reduced, joint_friction))
         self._actuator_friction = 0.0
+        self.errors = IntegrationErrors.initial(reduced.n, self._substeps)
         self.applied = np.zeros(reduced.p)
         self._q: np.ndarray
         self._y: np.ndarray
         self._state: StateEvaluation | None = None
 
     def _settings(self) -> dict[str, object]:
-        return {name: value for name, value in super()._settings().items() if name != "applied"}
+        return {name: value for name, value in super()._settings().items() if name not in ("applied", "errors")}
 
     def twin(self) -> ReducedPlant:
         """Return another plant with the same model and options."""
-        options = self.joint_damping, self.actuator_limits, self.joint_friction, self.substeps
+        options = self.joint_damping, self.actuator_limits, self.joint_friction, *self._substeps
         other = ReducedPlant(self.reduced, *options)
         other.set_actuator_friction(self._actuator_friction)
         return other
@@ -99,6 +124,7 @@ class ReducedPlant(ReprMixin):
         """
         self._q, self._y = q, self._dynamics.initial(q, v, t=t)
         self.applied, self._state = np.zeros(self.reduced.p), None
+        self.errors = IntegrationErrors.initial(self.reduced.n, self._substeps)
 
     @property
     def state(self) -> StateEvaluation:
@@ -129,15 +155,19 @@ class ReducedPlant(ReprMixin):
 
     def checkpoint(self) -> Checkpoint:
         """Return the present state for ``rollback``."""
-        return Checkpoint(self._q, self._y, self._state, self.applied, self._dynamics.chart)
+        return Checkpoint(self._q, self._y, self._state, self.applied, self._dynamics.chart, self.errors)
 
     def rollback(self, checkpoint: Checkpoint) -> None:
         """Return to the state of a ``checkpoint``, to the bit."""
-        self._q, self._y, self._state, self.applied, self._dynamics.chart = checkpoint
+        self._q, self._y, self._state, self.applied, self._dynamics.chart, self.errors = checkpoint
 
     def apply(self, T: np.ndarray) -> None:
         """Hold the inputs T (p,), clipped to the actuator limits; ``applied`` has the result."""
         self.applied = self._dynamics.saturate(T)
+
+    def keep_errors(self, errors: IntegrationErrors) -> None:
+        """Go on with the estimated errors of a motion that this plant continues."""
+        self.errors = errors.interrupted()
 
     def set_actuator_friction(self, limit: float) -> None:
         """Set the dry friction limit of every actuator [N or N m]; ``applied`` does not include it."""
@@ -167,15 +197,82 @@ class ReducedPlant(ReprMixin):
             DivergenceError: velocities or accelerations are not finite.
         """
         _ = self.state  # in a chart that is regular here
-        q, y, h = self._q, self._y, dt / self.substeps
-        if self.dissipates:
-            for _ in range(self.substeps):
-                q, y = self._dissipative.advance(q, y, self.applied, h)
+        errors = self.errors
+        step = self._step(dt, errors.steps)
+        accepted, after = errors.after(step.roughness, dt, self._followed * dt)
+        if accepted:
+            self._take(step)
+            self.errors = after
         else:
-            q, y = self._dynamics.advance(q, y, self.applied, h, self.substeps)
+            self._take(self._compared(step, dt))
+
+    def advance_part(self, dt: float, steps: int) -> None:
+        """Integrate over a part of a sample by a number of steps.
+
+        Args:
+            dt: duration of the part [s].
+            steps: number of equal steps.
+
+        Raises:
+            DivergenceError: as ``advance``.
+        """
+        _ = self.state
+        step = self._step(dt, steps)
+        self._take(step)
+        if step.roughness < np.inf:
+            _, self.errors = self.errors.after(step.roughness, dt, np.inf)
+
+    def _take(self, step: _Step) -> None:
+        """Take a state, or raise the error that the steps ended with."""
+        if step.failure is not None:
+            raise step.failure
+        q, y = step.q, step.y
         if self.reduced.assembly.size and np.isfinite(q).all():  # otherwise the next access to ``state`` raises
             q = self._dynamics.project(q, y)
         self._q, self._y, self._state = q, y, None
+
+    def _step(self, dt: float, steps: int) -> _Step:
+        """State after equal steps from the present state."""
+        q, y, h, roughness = self._q, self._y, dt / steps, 0.0
+        try:
+            if not self.dissipates:
+                return _Step(*self._dynamics.advance(q, y, self.applied, h, steps))
+            for _ in range(steps):
+                q, y, rough = self._dissipative.advance(q, y, self.applied, h)
+                roughness += rough
+        except DivergenceError as error:
+            return _Step(q, y, np.inf, error)
+        return _Step(q, y, roughness)
+
+    def _compared(self, step: _Step, dt: float) -> _Step:
+        """Compare a sample with twice as many substeps, and return it with as many as the tolerance asks for."""
+        errors, substeps, steps = self.errors, self._substeps, self.errors.steps
+        limit, first, enough = substeps.tolerance * dt, step, steps
+        finer = self._step(dt, 2 * steps)
+        found = first_found = self._difference(step, finer)
+        if substeps.number is None or not found.max() <= max(limit, errors.rate * dt):
+            most = MOST_EVENT_SUBSTEPS if self.dissipates else MOST_SUBSTEPS
+            while not found.max() <= limit and enough < most:
+                enough, step, finer = 2 * enough, finer, self._step(dt, 4 * enough)
+                found = self._difference(step, finer)
+        if substeps.number is not None:
+            if first.failure is not None and step.failure is None:
+                raise DivergenceError(
+                    f"the integrator, not the robot: {first.failure.what}; substeps {steps} is too small, "
+                    f"set {max(enough, errors.enough) if errors.enough == 1 else errors.enough}"
+                )
+            self.errors = errors.compared(steps, first.roughness, first_found, dt, substeps, enough)
+            return first
+        if step.failure is None:
+            self.errors = errors.compared(enough, step.roughness, found, dt, substeps, enough)
+        return step
+
+    def _difference(self, step: _Step, finer: _Step) -> np.ndarray:
+        """Estimated errors (2 nv,) of a state by one from half the step; infinite if one of them is not finite."""
+        for each in (step, finer):
+            if each.failure is not None or not (np.isfinite(each.q).all() and np.isfinite(each.y).all()):
+                return np.full(2 * self.reduced.n, np.inf)
+        return self._dynamics.errors(step[:2], finer[:2], finer.roughness < np.inf)
 
 
 class EventStep:
@@ -196,12 +293,13 @@ class EventStep:
         self._plant, self.dt, self._start = plant, dt, plant.checkpoint()
         plant.advance(dt)
         self._end = plant.checkpoint()
+        self._steps = self._end.errors.used  # one number, so that the state depends continuously on the time
 
     def move_to(self, elapsed: float) -> None:
         """Move the plant to a time after the start of the step [s]."""
         self._plant.rollback(self._end if elapsed == self.dt else self._start)
         if 0.0 < elapsed < self.dt:
-            self._plant.advance(elapsed)
+            self._plant.advance_part(elapsed, self._steps)
 
     def crossing(self, value: Callable[[], float], start: float = 0.0, end: float | None = None) -> float:
         """Return the time after the start of the step at which a value of the plant's state crosses zero [s].

@@ -27,7 +27,8 @@ class UnilateralContact:
 
     Args:
         constraint: ``RollingWheel``, ``RollingBall``, ``RollingBody`` or ``Caster`` on a plane.
-        restitution: Newton's coefficient of the height row, from 0 (no rebound) to 1 (elastic).
+        restitution: coefficient of the height row, from 0 (no rebound) to 1 (elastic): Newton's of a contact without
+            friction; with friction the energetic one, whose square is the share of the work that the rebound returns.
         rest_speed: speed [m/s] of a rebound below which the contact stays closed. Contacts that touch close together if
             their gaps and slips are slower. So bouncing and rocking end after a finite time.
 
@@ -97,6 +98,11 @@ class BoundContact:
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
         """Jacobian of the gap, (nv,)."""
         return np.asarray(self._rows.jacobian(at)[self._height])
+
+    @property
+    def slips(self) -> bool:
+        """True if the contact has rows that prevent slip."""
+        return len(self._rows.names) > 1
 
     def slip(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray, list[str]]:
         """Rows that prevent slip, (k, nv), with their velocities (k,) and names."""

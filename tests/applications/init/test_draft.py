@@ -329,3 +329,15 @@ def test_a_base_that_a_file_cannot_have_is_refused_in_the_files_words(tmp_path):
     words = r"^\S*two.xml: base='free' moves one body, and in <worldbody> there are 2: a, b"
     with pytest.raises(ModelError, match=words):
         draft(str(tmp_path / "two.xml"), tmp_path, DraftOptions(base="free"))
+
+
+def test_a_name_with_control_characters_gives_a_draft_that_can_be_read(tmp_path):
+    text = find_urdf("differential_drive.urdf", Path()).read_text()
+    name = re.search(r'<robot name="([^"]*)"', text)[1]
+    (tmp_path / "robot.urdf").write_text(
+        text.replace(f'name="{name}"', 'name="cart\u009b2J\u0085"', 1), encoding="utf-8"
+    )
+    path = tmp_path / "robot.yaml"
+    path.write_text(draft(str(tmp_path / "robot.urdf"), tmp_path, DraftOptions()), encoding="utf-8")
+    assert r"cart\x9b2J" in path.read_text(encoding="utf-8").splitlines()[0]
+    Scenario.load(str(path)).build()

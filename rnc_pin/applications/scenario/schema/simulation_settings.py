@@ -13,7 +13,8 @@ from rnc_pin.model import ReducedModel
 from rnc_pin.plants import ReducedPlant
 from rnc_pin.simulation import Stop
 
-_PLANT = Entry(ReducedPlant, late=("reduced",), forms={"substeps": Annotated[int, Field(ge=1)]})
+_FORMS = {"substeps": Annotated[int, Field(ge=1)] | None, "tolerance": Positive}
+_PLANT = Entry(ReducedPlant, late=("reduced",), forms=_FORMS)
 _STOP = Entry(Stop, late=("speed", "lift_off"))
 _GRIP = Entry(Grip, late=("reduced",), forms={"loads": dict[str, Positive]}, defaults={"loads": {}})
 

@@ -1,0 +1,102 @@
+"""Estimated error of the integration of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rnc_pin.errors import DivergenceError
+from rnc_pin.plants import Plant
+from rnc_pin.plants.reduced import IntegrationErrors
+from rnc_pin.printing import printed
+
+_AT_FAULT = 0.01  # estimated error of the velocities, relative to their size, from which the integrator diverges
+
+
+@printed()
+@dataclass(frozen=True)
+class IntegrationAccuracy:
+    """Estimated error of the integration of a run, under the same inputs.
+
+    Errors are the largest of the entries of configuration and velocity with the same unit. Errors of the velocity go on
+    as errors of the position. Feedback that removes errors, or an unstable motion that lets them grow, is not included.
+
+    Attributes:
+        tolerance: largest error per second that the plant allows [m, rad, m/s or rad/s].
+        rate: largest error of a sample per second.
+        substeps: largest number of integration steps in a sample.
+        enough: number that the tolerance asks for.
+        local: largest error of a sample by unit.
+        accumulated: error accumulated over the run by unit.
+    """
+
+    tolerance: float
+    rate: float
+    substeps: int
+    enough: int
+    local: Mapping[str, float] = field(default_factory=dict)
+    accumulated: Mapping[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, plant: Plant, units: Sequence[str]) -> IntegrationAccuracy | None:
+        """Return the accuracy of the motion of a plant since its start; None if the plant does not estimate it.
+
+        Args:
+            plant: the plant.
+            units: units of the entries of the velocity (nv,).
+        """
+        errors: IntegrationErrors | None = getattr(plant, "errors", None)
+        return None if errors is None else cls.of_errors(errors, plant.tolerance, units)  # type: ignore[attr-defined]
+
+    @classmethod
+    def of_errors(cls, errors: IntegrationErrors, tolerance: float, units: Sequence[str]) -> IntegrationAccuracy:
+        """Return the accuracy for estimated errors; other arguments as for ``of``."""
+        now, all_units = errors.folded(), [*(unit.removesuffix("/s") for unit in units), *units]
+        local, accumulated = (
+            {unit: max(float(value) for value, own in zip(values, all_units, strict=True) if own == unit)
+             for unit in dict.fromkeys(all_units)}
+            for values in (now.largest, now.past)
+        )  # fmt: skip
+        return cls(tolerance, float(now.rate), now.most, max(now.enough, now.most), local, accumulated)
+
+    @classmethod
+    def together(cls, parts: Sequence[IntegrationAccuracy | None]) -> IntegrationAccuracy | None:
+        """Return the accuracy of a run of several parts; None if one part has none."""
+        found = [each for each in parts if each is not None]
+        if not found or len(found) < len(parts):
+            return None
+        units = found[0].local
+        return cls(
+            max(each.tolerance for each in found),
+            max(each.rate for each in found),
+            max(each.substeps for each in found),
+            max(each.enough for each in found),
+            {unit: max(each.local[unit] for each in found) for unit in units},
+            {unit: sum(each.accumulated[unit] for each in found) for unit in units},
+        )
+
+    @property
+    def is_kept(self) -> bool:
+        """True if no sample exceeds the tolerance."""
+        return self.rate <= self.tolerance
+
+    @property
+    def remedy(self) -> str:
+        """Number of substeps that keeps the tolerance, in words."""
+        if self.enough == self.substeps:
+            return f"{self.substeps} substeps do not suffice: reduce the sampling period"
+        return f"substeps {self.substeps} is too small: remove it, or set {self.enough}"
+
+
+def blamed(error: DivergenceError, plant: Plant, v: np.ndarray) -> DivergenceError:
+    """Return an error of a motion at velocity v (nv,) that says whether the integrator diverges, and not the robot."""
+    errors: IntegrationErrors | None = getattr(plant, "errors", None)
+    if errors is None or errors.enough <= errors.most:
+        return error
+    estimated = errors.folded().past[len(v) :].max(initial=0.0)
+    if estimated > _AT_FAULT * np.abs(v).max(initial=0.0):
+        what = f"the integrator, not the robot: {error.what}; substeps {errors.most} is too small, set {errors.enough}"
+        return DivergenceError(what, time=error.time)
+    return error
