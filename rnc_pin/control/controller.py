@@ -270,7 +270,13 @@ class MissedGoal(NamedTuple):
 
 
 def missed_goals(controller: object, q: Float[Array, " nq"], v2: Float[Array, " r"]) -> tuple[MissedGoal, ...]:
-    """Goals that a controller, or the one within it as its ``target``, has missed if a run ends in a state."""
+    """Goals that a controller, or the one within it as its ``target``, has missed if a run ends in a state.
+
+    Args:
+        controller: any controller; one without ``missed_goals`` has none.
+        q: configuration (nq,).
+        v2: reduced velocity (r,).
+    """
     while controller is not None and not hasattr(controller, "missed_goals"):
         controller = getattr(controller, "target", None)
     return () if controller is None else tuple(controller.missed_goals(q, v2))

@@ -289,3 +289,13 @@ def action_model(reduced: ReducedModel, form: str) -> ActionModel:
     if form == "dynamic" and not reduced.p:
         raise ConfigurationError("form 'dynamic': the system has no actuators; use 'acceleration' or 'kinematic'")
     return _FORMS[form](reduced)
+
+
+def check_velocity_form(velocities: bool, form: str) -> None:
+    """Refuse velocities as commands in another form than "acceleration".
+
+    Raises:
+        ConfigurationError: another form.
+    """
+    if velocities and form != "acceleration":
+        raise ConfigurationError(f"velocities: expected the form 'acceleration', found '{form}'")

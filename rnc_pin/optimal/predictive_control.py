@@ -12,11 +12,11 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.control.controller import Command, Description, LimitedAcceleration, MissedGoal
+from rnc_pin.control.controller import Command, Description, LimitedAcceleration, MissedGoal, VelocityTarget
 from rnc_pin.errors import ConfigurationError, ModelWarning, RncError
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.optimal.action_models import Form, Nodes, action_model
+from rnc_pin.optimal.action_models import Form, Nodes, action_model, check_velocity_form
 from rnc_pin.optimal.bounds import BoundKind, Goal, GoalRows
 from rnc_pin.optimal.costs import CostKind
 from rnc_pin.optimal.guesses import along
@@ -86,7 +86,7 @@ _EVERY_50_MS = UpdateSchedule()
 
 
 class PredictiveController(ReprMixin):
-    """Model-predictive control (MPC) of a reduced system in the forms "acceleration" and "dynamic".
+    """Model-predictive control (MPC) of a reduced system, by forces or by velocities.
 
     At every update, a fixed number of iterations improves the motion over the horizon. It starts from the last motion,
     shifted in time. Between updates, the feedback gains of the motion act on the measured state. An update that exceeds
@@ -97,7 +97,7 @@ class PredictiveController(ReprMixin):
     late by the time of the search. A set point that is missed at the end of a run is in its verdict.
 
     The motion starts at the state that is predicted for the end of the delay. The controller reads the model. Reads
-    from the measurement ``q, v2``.
+    from the measurement ``q, v2``; of a robot that takes velocities, ``v2`` before the first update only.
 
     Args:
         reduced: the model.
@@ -109,9 +109,13 @@ class PredictiveController(ReprMixin):
         updates: schedule of the updates.
         goal: values by output or a configuration (nq,), which hold at the end of the horizon, at rest. The horizon has
             to be long enough to reach them; near the goal, motions are as short as the costs allow.
+        velocities: True for a kinematic controller, whose steps return velocities, for robots that take these: the
+            target of a ``VelocityLoop`` or an ``ActuatorVelocityController``. The form is "acceleration": bounds of
+            inputs limit the rates of the commands. An update starts at the last command, not at the measured velocity.
+            After the end of a motion, the command is zero.
 
     Raises:
-        ConfigurationError: the form is "kinematic".
+        ConfigurationError: the form is "kinematic", or velocities with another form than "acceleration".
 
     Warns:
         ModelWarning: quadratic costs at the end determine a set point beside which they stall.
@@ -141,9 +145,15 @@ class PredictiveController(ReprMixin):
         nodes: int = 20,
         updates: UpdateSchedule = _EVERY_50_MS,
         goal: Goal | None = None,
+        velocities: bool = False,
     ) -> None:
         if form == "kinematic":
-            raise ConfigurationError("form 'kinematic': a predictive controller needs 'acceleration' or 'dynamic'")
+            text = (
+                "needs 'acceleration' or 'dynamic'; with velocities=True, the form 'acceleration' commands velocities"
+            )
+            raise ConfigurationError(f"form 'kinematic': a predictive controller {text}")
+        check_velocity_form(velocities, form)
+        self.velocities = velocities
         self._reduced, self._solver_settings = reduced, SolverSettings(nodes=nodes)
         self.horizon, self.updates = horizon, updates
         self._model = action_model(reduced, form)
@@ -163,7 +173,7 @@ class PredictiveController(ReprMixin):
     @property
     def limited_accelerations(self) -> tuple[LimitedAcceleration, ...]:
         """Accelerations that the bounds of the inputs limit in the form "acceleration", for the verdict of a run."""
-        if self._model.form != "acceleration":
+        if self._model.form != "acceleration" or self.velocities:
             return ()
         names = self._model.input_names
         return tuple(
@@ -179,6 +189,7 @@ class PredictiveController(ReprMixin):
         return {
             "type": type(self).__name__,
             "form": self._model.form,
+            "velocities": self.velocities,
             "horizon": self.horizon,
             "nodes": self._solver_settings.nodes,
             **asdict(self.updates),
@@ -207,10 +218,16 @@ class PredictiveController(ReprMixin):
         gains = np.zeros((K, model.nu, model.nx))
         return PredictiveState(0.0, stand.q, stand.w, stand.u, gains, -np.inf, 0, 0)
 
-    def step(self, t: float, measurement: Measurement, state: PredictiveState) -> tuple[Command, PredictiveState]:
+    def step(
+        self, t: float, measurement: Measurement, state: PredictiveState
+    ) -> tuple[Command | VelocityTarget, PredictiveState]:
         now = Nodes(np.asarray(measurement.q)[None], np.asarray(measurement.v2)[None])
+        if self.velocities and state.updates:
+            now = now._replace(w=self._planned(t, state)[0].w)
         if t >= state.next_update - 1e-9:
             state = self._updated(t, now, state)
+        if self.velocities:
+            return self._velocity(t + self.updates.delay, state), state
         u = self._input(t + self.updates.delay, self._predicted(t, now, state), state)
         if self._model.form == "dynamic":
             return Command(T=u), state
@@ -278,9 +295,18 @@ class PredictiveController(ReprMixin):
         k = min(int(since / self._h), len(state.u) - 1)
         return self._model.after(Nodes(state.q, state.w), state.u, k, since - k * self._h), k
 
-    def _input(self, t: float, at: Nodes, state: PredictiveState) -> Array:
-        """Input with feedback at a time."""
+    def _velocity(self, t: float, state: PredictiveState) -> VelocityTarget:
+        """Velocity of the motion at a time, with its rate; zero after the end."""
         planned, k = self._planned(t, state)
+        if t > state.begin + self.horizon + 1e-9:
+            return VelocityTarget(v2=np.zeros(self._model.r), v2_dot=np.zeros(self._model.r))
+        return VelocityTarget(v2=planned.w[0], v2_dot=state.u[k])
+
+    def _input(self, t: float, at: Nodes, state: PredictiveState) -> Array:
+        """Input with feedback at a time; without it for velocities, whose rates the bounds limit."""
+        planned, k = self._planned(t, state)
+        if self.velocities:
+            return state.u[k]
         return state.u[k] + state.gains[k] @ self._model.difference(planned, at)[0]
 
     def _shifted(self, begin: float, start: Nodes, state: PredictiveState) -> Iterate:

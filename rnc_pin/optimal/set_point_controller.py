@@ -14,8 +14,8 @@ from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.parameter_types import Positive
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.optimal.action_models import Form, KinematicModel, Nodes, action_model
-from rnc_pin.optimal.bounds import BoundKind, Goal, InputBound, OutputBound
+from rnc_pin.optimal.action_models import Form, KinematicModel, Nodes, action_model, check_velocity_form
+from rnc_pin.optimal.bounds import BoundKind, DistanceBound, Goal, InputBound, OutputBound
 from rnc_pin.optimal.costs import CostKind
 from rnc_pin.optimal.file_limits import FileLimits
 from rnc_pin.optimal.guesses import inputs_for
@@ -31,7 +31,7 @@ _OF_FILE = FileLimits()
 _AT_REST = 0.02  # reduced velocity below which a robot stands [m/s or rad/s]
 _NEAR = 20.0  # times the tolerance: an error at which the feedback at rest moves the directions of weight one
 _SETTLED = 4.0  # time constants of this feedback before the error counts
-
+_SAMPLES = 40  # whose mean is the error at rest: noise that is above the tolerance now and then starts no plan
 _SLOWER = 0.7  # factor of the velocity in each sample, where velocities are the commands, while the robot brakes
 _RETRY, _LONGEST = 1.0, 6  # time until the next search after the first one in vain [s], and how often it doubles
 
@@ -54,7 +54,7 @@ class SetPointState(NamedTuple):
     mean: Float[Array, " nv"]
     """Mean displacement from the goal while the robot stands."""
     samples: int
-    """Measurements in this mean."""
+    """Measurements in this mean; from 40 on, older ones fade."""
     next_check: float
     """Time of the next check of the error, or of the end that the feedback leads to [s]."""
     plans: int
@@ -85,8 +85,8 @@ class SetPointController(ReprMixin):
         nodes: number of intervals.
         seeds: number of random guesses of each search.
         tolerance: error at rest above which it plans again [m or rad].
-        tube: error at the end of a plan, or of an output beyond its bound on the way, as the integration predicts
-            them, from which it plans again [m or rad].
+        tube: predicted error at the end of a plan from which it plans again [m or rad]. Outputs and distances beyond
+            their bounds on the way by more count too.
         check: time between two checks [s].
         state_cost: weight of each state in the gains of the feedback.
         bandwidth: decay rate of the velocity error in the kinematic form [1/s].
@@ -136,8 +136,7 @@ class SetPointController(ReprMixin):
         for name, value in rates.items():
             if not 0 < value < np.inf:
                 raise ConfigurationError(f"{name}: expected a positive number, found {value:g}")
-        if velocities and form != "acceleration":
-            raise ConfigurationError(f"velocities: expected the form 'acceleration', found '{form}'")
+        check_velocity_form(velocities, form)
         self.velocities = velocities
         self.goal, self.duration, self.tolerance, self.tube, self.check = goal, duration, tolerance, tube, check
         self.nodes, self.seeds, self.state_cost = nodes, seeds, state_cost
@@ -150,7 +149,7 @@ class SetPointController(ReprMixin):
         coordinates = self.set_point.coordinates
         self._direct = np.array(coordinates.weights) == 1  # coordinates that single inputs move
         stated = [each.bind(self._model) for each in bounds if isinstance(each, InputBound)]
-        self._outputs = [each.bind(self._model) for each in bounds if isinstance(each, OutputBound)]
+        self._watched = [each.bind(self._model) for each in bounds if isinstance(each, OutputBound | DistanceBound)]
         nu = self._model.nu
         self._lower = np.max([np.full(nu, -np.inf), *(each.lower for each in stated)], axis=0)
         self._upper = np.min([np.full(nu, np.inf), *(each.upper for each in stated)], axis=0)
@@ -226,14 +225,14 @@ class SetPointController(ReprMixin):
             return self._standing(t, state, self.check) if self._stands(v2) else state
         if t < state.next_check - self.check:
             return state
-        count = state.samples + 1
+        count = min(state.samples + 1, _SAMPLES)
         step = self._model.manifold.difference(self.set_point.q[None], now.q)[0]
         state = state._replace(mean=state.mean + (step - state.mean) / count, samples=count)
         if t < state.next_check - 1e-9:
             return state
         q = self._model.manifold.integrate(self.set_point.q[None], state.mean[None])[0]
         if not self.set_point.missed(q, self.tolerance):
-            return state._replace(samples=0, next_check=t + self.check)
+            return state._replace(next_check=t + self.check)
         return self._searched(t, q, state)
 
     def _standing(self, t: float, state: SetPointState, until: float) -> SetPointState:
@@ -270,7 +269,7 @@ class SetPointController(ReprMixin):
         A plan that the verification does not confirm serves if only its goal is missed, and by less than half of the
         distance: the next plan starts nearer.
         """
-        settings = SolverSettings(nodes=self.nodes, refinements=0, accuracy=self.tolerance)
+        settings = SolverSettings(nodes=self.nodes, accuracy=self.tolerance)
         try:
             return plan_motion(
                 self._reduced,
@@ -325,17 +324,17 @@ class SetPointController(ReprMixin):
                 until = state.begin + (self._interval(t, state) + 1) * state.h
                 u = self._followed((t + until) / 2 if self.velocities else t, now, state)
                 now, t = self._driven.step(now, u[None], np.array([until - t])), until
-                if self._excess(now) > self.tube:
+                if self._excess(t, now) > self.tube:
                     return np.inf
             return max(self.set_point.errors(now.q[0]).values())
         except RncError:  # it meets a singular configuration
             return np.inf
 
-    def _excess(self, now: Nodes) -> float:
-        """Largest amount by which an output is beyond its bound [m or rad], such as a steering angle."""
-        nodes = NodeData(self._driven, now, None, np.zeros(1))
+    def _excess(self, t: float, now: Nodes) -> float:
+        """Largest amount by which an output or a distance is beyond its bound [m or rad], such as a steering angle."""
+        nodes = NodeData(self._driven, now, None, np.full(1, t))
         amounts = [0.0]
-        for each in self._outputs:
+        for each in self._watched:
             value = each.rows(nodes, False).value[0]
             amounts.append(float(np.maximum(each.lower - value, value - each.upper).max()))
         return max(amounts)

@@ -16,6 +16,7 @@ from rnc_pin.errors import InfeasibleError, RncError
 from rnc_pin.optimal.action_models import ActionModel, Nodes
 from rnc_pin.optimal.bounds import BoundKind, Goal
 from rnc_pin.optimal.costs import CostKind, OutputCost, PostureCost
+from rnc_pin.optimal.file_limits import FileLimits
 from rnc_pin.optimal.node_data import NodeOutputs, OutputChoice
 from rnc_pin.optimal.planner import plan_motion
 from rnc_pin.optimal.sequential_quadratic import SolverSettings
@@ -56,6 +57,9 @@ def first_motion(
 ) -> Iterate | None:
     """Beginning of a plan from rest to a set point, over a horizon of K intervals; None if there is none.
 
+    The plan keeps the limits of the robot's file: they keep guesses from singular configurations, such as a steering
+    angle of 90 degrees.
+
     Args:
         model: action model.
         point: the set point.
@@ -75,7 +79,7 @@ def first_motion(
                 times * horizon,
                 form=model.form,
                 bounds=bounds,
-                limits=None,
+                limits=FileLimits(),
                 settings=settings,
                 seeds=_SEEDS,
                 seed=seed,

@@ -13,6 +13,7 @@ from .judgement import PENETRATION as PENETRATION
 from .judgement import SHORTFALL as SHORTFALL
 from .judgement import distance_findings as distance_findings
 from .judgement import judge as judge
+from .judgement import missed_goal_findings as missed_goal_findings
 from .limit_replay import Clearance as Clearance
 from .limit_replay import FurtherLimits as FurtherLimits
 from .limit_replay import LimitReplay as LimitReplay

@@ -292,7 +292,12 @@ def _judged(robot: Robot, further: FurtherLimits, missed: Sequence[MissedGoal], 
 
 
 def missed_goal_findings(run: Trajectory, missed: Sequence[MissedGoal]) -> list[Finding]:
-    """Findings of goals that the controller of a run has missed at its end."""
+    """Findings of goals that the controller of a run has missed at its end.
+
+    Args:
+        run: the run.
+        missed: the goals, as of ``rnc.control.missed_goals``.
+    """
     found = []
     for name, error, tolerance, reason in missed if run.outcome is Outcome.COMPLETED else ():
         message = f"the set point of {name} is missed by {error:.3g}, allowed is {tolerance:g}"

@@ -90,3 +90,74 @@ def test_prediction_over_the_delay_is_the_simulated_state():
     _, state = controller.step(0.0, moving, controller.initial_state(moving))
     np.testing.assert_allclose(state.q[0][:2], [0.04, 0.0], atol=1e-3)  # coasting: no inputs before
     assert state.begin == 0.1
+
+
+def parking(bounds, **options):
+    """Differential drive, and control of its velocities to the origin."""
+    robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
+    wheels = [rnc.RollingWheel("left_wheel", 0.1), rnc.RollingWheel("right_wheel", 0.1)]
+    system = rnc.NonholonomicSystem(robot, wheels, ["left_wheel_joint", "right_wheel_joint"])
+    reduced = system.reduce([rnc.FrameSpeed("base"), rnc.FrameYaw("base")])
+    goal = {rnc.FramePosition("base", "xy"): [0.0, 0.0], rnc.FrameYaw("base"): 0.0}
+    costs = [rnc.optimal.SetPointCost(goal, weight=10.0, velocity_weight=0.1), EffortCost(0.01)]
+    return reduced, PredictiveController(
+        reduced, costs, 4.0, form="acceleration", bounds=bounds, velocities=True, **options
+    )
+
+
+def loop_of(reduced, controller, q, steps, dt=0.05):
+    """Commands and configurations of an ideal robot that takes the velocities of a ``VelocityLoop``."""
+    loop = rnc.VelocityLoop(reduced, controller, dt, velocity="commanded", limits=False)
+    model = rnc.optimal.action_model(reduced, "kinematic")
+    commands, states = [], [np.array(q)]
+    for k in range(steps):
+        twist = loop.step(k * dt, states[-1]).twist
+        commands.append([twist.forward, twist.yaw])
+        now = rnc.optimal.Nodes(states[-1][None], np.empty((1, 0)))
+        states.append(model.step(now, np.array(commands[-1:]), np.array([dt])).q[0])
+    return np.array(commands), np.array(states)
+
+
+@pytest.mark.parametrize("aside", [0.4, 0.01])
+def test_velocities_park_within_bounds_and_rates_in_both_gears(aside):
+    """0.4 m and 1 cm aside: every command, and every change of one, is within its bounds exactly."""
+    bounds = [InputBound([-1.0, -2.0], [1.0, 2.0]), rnc.optimal.VelocityBound([-0.5, -1.0], [0.5, 1.0])]
+    reduced, controller = parking(bounds)
+    commands, q = loop_of(reduced, controller, reduced.robot.configuration({"root_joint": [0.0, aside, 0.0]}), 200)
+    assert max(controller.set_point.errors(q[-1]).values()) < 0.1 * aside + 2e-4
+    assert (np.abs(commands) <= np.array([0.5, 1.0]) + 1e-4).all()
+    assert (np.abs(np.diff(commands, axis=0)) <= 0.05 * np.array([1.0, 2.0]) + 1e-4).all()
+    assert commands[:, 0].min() < -0.01
+    assert commands[:, 0].max() > 0.01
+    assert np.abs(commands[-1]).max() < 1e-3
+
+
+def test_velocities_stop_after_the_last_motion():
+    """A motion of 4 s whose updates are then all late: its commands go on to its end, and no farther."""
+    bounds = [InputBound(-1.0, 1.0), rnc.optimal.VelocityBound(-0.5, 0.5)]
+    reduced, controller = parking(bounds)
+    q = reduced.robot.configuration({"root_joint": [-3.0, 0.0, 0.0]})
+    measured = reduced.at(q, np.zeros(2)).measure(np.zeros(2))
+    _, state = controller.step(0.0, measured, controller.initial_state(measured))
+    controller.updates = UpdateSchedule(budget=0.0)
+    target, later = controller.step(3.9, measured, state)
+    assert later.missed == 1
+    assert target.v2[0] > 0.1
+    target, _ = controller.step(4.1, measured, state)
+    np.testing.assert_array_equal(target.v2, 0.0)
+
+
+def test_velocities_of_the_plant_with_servos_and_a_delay():
+    reduced, controller = parking([InputBound(-1.0, 1.0)], updates=UpdateSchedule(delay=0.05))
+    servos = rnc.control.ActuatorVelocityController(reduced, controller, limits=False)
+    start = reduced.robot.configuration({"root_joint": [0.3, 0.3, 0.3]})
+    run = rnc.simulate(reduced, servos, start, 12.0, 0.05, plant=rnc.plants.VelocityPlant(reduced))
+    assert max(controller.set_point.errors(run.q[-1]).values()) < 0.01
+    assert run.verdict.succeeded
+
+
+def test_velocities_need_the_form_with_rates():
+    with pytest.raises(rnc.ConfigurationError, match="expected the form 'acceleration', found 'dynamic'"):
+        controller_of(systems.sleigh(), velocities=True)
+    with pytest.raises(rnc.ConfigurationError, match="velocities=True"):
+        controller_of(systems.sleigh(), form="kinematic")

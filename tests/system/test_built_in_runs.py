@@ -44,6 +44,7 @@ GAINS = {  # in the record of a run, by the type of what its controller is made 
     "UnicycleStabilizer": {"goal", "k", "rate"},
     "SplitController": {"parts"},
     "PlanFeedback": {"form", "cost", "outcome", "gains"},
+    "SetPointController": {"tolerance", "tube", "check", "weights"},
     "StateFeedback": {"states", "K"},
     "InverseDynamicsQP": {"tasks", "limits", "dt", "velocity_gain", "friction"},
 }
@@ -88,6 +89,7 @@ def its_gains_are_recorded(prepared):
     assert trackers or parts[0]["type"] in (
         "InverseDynamicsQP",
         "PlanFeedback",
+        "SetPointController",
         "StateFeedback",
     )  # which need no tracker
     for gains in trackers:

@@ -223,6 +223,7 @@ def experiment_at(
             obstacles=obstacles,
             plan=motion,
             goal_tolerance=scenario.goal_tolerance,
+            outputs=scenario.listed_outputs,
         ),
     )
     experiment = Experiment(

@@ -9,6 +9,7 @@ import numpy as np
 
 from rnc_pin.applications.scenario.frame_poses import frame_poses
 from rnc_pin.applications.scenario.schema import ScenarioFile
+from rnc_pin.applications.scenario.schema.planner_settings import MotionProblem
 from rnc_pin.control import SlitheringReference
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.math import Coordinates
@@ -35,7 +36,10 @@ class OutputReference(NamedTuple):
 def output_references(
     scenario: ScenarioFile, reduced: ReducedModel, task: Task, q0: np.ndarray
 ) -> tuple[OutputReference, ...]:
-    """References that a scenario itself gives, from an initial configuration (nq,); none of a planner."""
+    """References that a scenario itself gives, from an initial configuration (nq,); none of a planner.
+
+    The goal of a controller to a set point is the reference of its outputs.
+    """
     references, given = task_references(scenario, reduced, task, q0, None)
     found = [OutputReference(name == "vertical", getattr(task, name), references[name]) for name in given]
     path = plan_path(scenario, reduced, task, q0)
@@ -43,6 +47,12 @@ def output_references(
         found.append(OutputReference(False, task.primary, path.primary))
     if path.monitored is not None:
         found.append(OutputReference(True, *path.monitored))
+    goal = scenario.controller.goal if isinstance(scenario.controller, MotionProblem) else {}
+    for is_vertical, stack in ((True, reduced.vertical), (False, reduced.reducing)):
+        places = np.array([k for k, name in enumerate(stack.names) if name in goal], dtype=int)
+        if len(places):
+            held = Hold([goal[stack.names[k]] for k in places])
+            found.append(OutputReference(is_vertical, places, held))
     return tuple(found)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -10,27 +10,21 @@ from numpy.typing import ArrayLike
 
 from rnc_pin.applications.scenario.controllers.plan_feedback import PlanFeedbackSettings
 from rnc_pin.applications.scenario.frame_poses import frame_poses
+from rnc_pin.applications.scenario.motion_problem import bounds_of, check_output_names, goal_of
 from rnc_pin.applications.scenario.schema import ScenarioFile
-from rnc_pin.applications.scenario.schema.planner_settings import Limits, OptimalPlanner
+from rnc_pin.applications.scenario.schema.planner_settings import OptimalPlanner
 from rnc_pin.applications.scenario.schema.reference_settings import VehiclePath
-from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
-from rnc_pin.errors import ConfigurationError, RncError, nearest
+from rnc_pin.collision import Obstacle, PairSelection
+from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model import ReducedModel
 from rnc_pin.optimal import (
     AccelerationCost,
-    BoundKind,
     CostKind,
-    DistanceBound,
     EffortCost,
-    GripBound,
-    InputBound,
     MotionPlan,
     Nodes,
-    NormalForceBound,
-    OutputBound,
     PostureCost,
     RunFeedback,
-    VelocityBound,
     VelocityCost,
     Weight,
     action_model,
@@ -85,13 +79,13 @@ def build_plan(
     try:
         if kinematic and start.v2.any():
             raise ConfigurationError("form 'kinematic' starts with any velocity; remove 'initial.v2'")
-        goal = _goal(scenario, reduced, names) or None
+        goal = goal_of(settings, scenario.listed_outputs, reduced) or None
         return settings.build(
             reduced,
             q0=start.q,
             goal=goal,
             costs=list(_costs(settings, start, names)),
-            bounds=list(_bounds(settings, reduced, obstacles, names)),
+            bounds=list(bounds_of(settings, reduced, obstacles)),
             guess=_first_guess(scenario, reduced, start, goal, obstacles),
             seed=scenario.seed,
             v2_0=None if kinematic else start.v2,
@@ -133,22 +127,6 @@ def planned_path(found: MotionPlan, reduced: ReducedModel, frame: str) -> Planne
     return PlannedPath(frame, None, tuple((x, y, heading) for x, y, heading in rows), kept)
 
 
-def _goal(scenario: ScenarioFile, reduced: ReducedModel, names: Sequence[str]) -> dict[OutputTarget, ArrayLike]:
-    """Goal by output: rows of one output together, so that orientations are whole."""
-    assert scenario.planner is not None
-    given = scenario.planner.goal
-    for name in given:
-        if name not in names:
-            raise ConfigurationError(f"goal: no output '{name}'{nearest(name, names)}")
-    goal: dict[OutputTarget, ArrayLike] = {}
-    rest, rows = dict(given), iter(names)
-    for output in scenario.listed_outputs:
-        own = [next(rows) for _ in output.bind(reduced.robot).names]
-        if len(own) > 1 and all(name in rest for name in own):
-            goal[output] = [rest.pop(name) for name in own]
-    return goal | rest
-
-
 def _costs(settings: OptimalPlanner, start: Start, names: Sequence[str]) -> Iterator[CostKind]:
     costs = settings.costs
     if costs.effort is not None:
@@ -160,41 +138,8 @@ def _costs(settings: OptimalPlanner, start: Start, names: Sequence[str]) -> Iter
     if costs.posture is not None:
         yield PostureCost(start.q, costs.posture)
     for each in costs.outputs:
-        _check_names("costs.outputs", cast(list[str], each.output), names)
+        check_output_names("costs.outputs", cast(list[str], each.output), names)
         yield each
-
-
-def _bounds(
-    settings: OptimalPlanner, reduced: ReducedModel, obstacles: Sequence[Obstacle], names: Sequence[str]
-) -> Iterator[BoundKind]:
-    bounds = settings.bounds
-    if bounds.input:
-        yield InputBound(*_limits(bounds.input))
-    if bounds.velocity:
-        yield VelocityBound(*_limits(bounds.velocity))
-    if bounds.output:
-        _check_names("bounds.output", bounds.output, names)
-        yield OutputBound(list(bounds.output), *_limits(bounds.output))
-    if bounds.normal_force is not None:
-        yield NormalForceBound(bounds.normal_force)
-    if bounds.grip is not None:
-        yield GripBound(bounds.grip)
-    if settings.clearance is not None and (obstacles or settings.links):
-        distances = CollisionDistances(reduced.robot, obstacles, PairSelection(links=settings.links))
-        if distances.pairs:
-            yield DistanceBound(distances, settings.clearance)
-
-
-def _check_names(key: str, given: Iterable[str], names: Sequence[str]) -> None:
-    for name in given:
-        if name not in names:
-            raise ConfigurationError(f"{key}: no output '{name}'{nearest(name, names)}")
-
-
-def _limits(given: Mapping[str, Limits]) -> tuple[dict[str, float], dict[str, float]]:
-    """Lower and upper limits by name; null is no limit, not that of the robot's file."""
-    lower = {name: -np.inf if low is None else float(low) for name, (low, _) in given.items()}
-    return lower, {name: np.inf if high is None else float(high) for name, (_, high) in given.items()}
 
 
 def _first_guess(

@@ -96,11 +96,13 @@ def _check_servos(scenario: ScenarioFile, servo_time: float | None) -> None:
     """Raise an error unless controller and plant agree about inputs: forces or velocities."""
     settings = scenario.simulation
     assert settings is not None
-    velocities = getattr(scenario.controller, "tracker", None) == "velocity"
+    to_set_point = getattr(scenario.controller, "velocities", False)
+    velocities = to_set_point or getattr(scenario.controller, "tracker", None) == "velocity"
     if velocities and servo_time is None:
-        raise ConfigurationError("controller.tracker: 'velocity' requires velocity servos: set plant.servo_time")
+        said = "velocities: true" if to_set_point else "tracker: 'velocity'"
+        raise ConfigurationError(f"controller.{said} requires velocity servos: set plant.servo_time")
     if servo_time is not None and not velocities:
-        raise ConfigurationError("plant.servo_time: requires controller.tracker 'velocity'")
+        raise ConfigurationError("plant.servo_time: requires controller.tracker 'velocity', or controller.velocities")
     unused = [name for name in ("joint_damping", "joint_friction", "actuator_limits") if getattr(settings, name)]
     if velocities and unused and scenario.plant is not None and scenario.plant.type == "reduced":
         raise ConfigurationError(f"simulation.{unused[0]}: has no effect on ideal velocity servos; remove it")

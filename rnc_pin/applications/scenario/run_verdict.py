@@ -10,7 +10,10 @@ import numpy as np
 
 from rnc_pin.analysis import Grip
 from rnc_pin.applications.scenario.builder import Experiment, off_tracking
-from rnc_pin.control import limited_accelerations
+from rnc_pin.applications.scenario.controllers.set_points import SetPointSettings
+from rnc_pin.applications.scenario.schema import ScenarioFile
+from rnc_pin.applications.scenario.schema.planner_settings import MotionProblem
+from rnc_pin.control import limited_accelerations, missed_goals
 from rnc_pin.control.whole_body import InverseDynamicsQP
 from rnc_pin.control.whole_body.limits import CollisionAvoidance
 from rnc_pin.errors import ConfigurationError
@@ -25,6 +28,7 @@ from rnc_pin.simulation import (
     add_verdict,
     distance_findings,
     judge,
+    missed_goal_findings,
     replay_limits,
     summarize,
 )
@@ -60,9 +64,15 @@ def judged_summary(
     asked = _asked(experiment)
     replay = _replay(experiment, run, asked) if len(run.time) else None
     errors = _goal_errors(experiment, run, summary) if goals and run.outcome is Outcome.COMPLETED else {}
-    tolerance = SHORTFALL if scenario.planner is None else scenario.planner.accuracy
+    tolerance = _accuracy(scenario)
     unfinished = _unfinished(experiment, run) if goals and run.outcome is Outcome.COMPLETED else ()
-    more = [*experiment.findings, *unfinished, *(() if replay is None else distance_findings(replay, asked, tolerance))]
+    missed = _missed(experiment, run) if goals else ()
+    more = [
+        *experiment.findings,
+        *unfinished,
+        *missed,
+        *(() if replay is None else distance_findings(replay, asked, tolerance)),
+    ]
     verdict = judge(
         run,
         replay,
@@ -83,9 +93,9 @@ def judged_summary(
         summary["goal_tolerance"] = scenario.goal_tolerance
         if experiment.goals is not None and errors:
             summary["goal_error"] = errors
-        missed = {name: error for name, error in errors.items() if not error <= scenario.goal_tolerance}
-        if missed:
-            summary["goals_missed"] = missed
+        beyond = {name: error for name, error in errors.items() if not error <= scenario.goal_tolerance}
+        if beyond:
+            summary["goals_missed"] = beyond
     return summary, replay
 
 
@@ -102,6 +112,20 @@ def run_summary(experiment: Experiment, run: Trajectory, wall_time: float | None
     if strayed is not None:
         summary["off_tracking_max"] = strayed
     return summary
+
+
+def _missed(experiment: Experiment, run: Trajectory) -> list[Finding]:
+    """Findings of the controller's own goal; that of the first phase does not last until the end."""
+    if not len(run.time) or experiment.phases:
+        return []
+    return missed_goal_findings(run, missed_goals(experiment.controller, run.q[-1], run.v2[-1]))
+
+
+def _accuracy(scenario: ScenarioFile) -> float:
+    """Accuracy to which the motion of a scenario is planned [m or rad]; that of rounding without a plan."""
+    if isinstance(scenario.controller, SetPointSettings):
+        return scenario.controller.tolerance
+    return SHORTFALL if scenario.planner is None else scenario.planner.accuracy
 
 
 def _goal_errors(experiment: Experiment, run: Trajectory, summary: Summary) -> dict[str, float]:
@@ -170,9 +194,9 @@ def _grip(experiment: Experiment, run: Trajectory) -> Grip | None:
 
 def _asked(experiment: Experiment) -> float | None:
     """Distance from obstacles that the planner or the controller has to keep [m]; None if none is asked for."""
-    planner, program = experiment.scenario.planner, experiment.program
+    program, scenario = experiment.program, experiment.scenario
     limits = () if program is None else program.limits
     asked = [each.clearance for each in limits if isinstance(each, CollisionAvoidance) and each.obstacles]
-    if planner is not None and planner.clearance is not None and experiment.obstacles:
-        asked.append(planner.clearance)
+    problems = [each for each in (scenario.planner, scenario.controller) if isinstance(each, MotionProblem)]
+    asked += [each.clearance for each in problems if each.clearance is not None and experiment.obstacles]
     return max(asked, default=None)

@@ -318,3 +318,16 @@ def test_an_episode_whose_state_overflows_fails_and_leaves_the_others_alone():
     assert info["failure"].tolist() == ["", "ended_early"]
     assert equal(observations[0], single.step(np.array([0.1, 0.2, 0.3, 0.4]))[0])
     assert equal(observations[1], before[1])  # the last regular one
+
+
+def test_the_goal_of_a_set_point_is_the_reference_of_its_outputs():
+    """The car of "park": errors are goal less value, and a start at the goal has none."""
+    settings = {"limits": rnc.gym.EpisodeLimits(input=20.0, speed=5.0, output=5.0)}
+    observation, _ = rnc.gym.make("park", **settings).reset(seed=3)
+    np.testing.assert_allclose(
+        observation[[5, 6, 7, 8]], [0.0 - each for each in observation[[0, 1, 2, 4]]], atol=1e-12
+    )
+    assert np.abs(observation[5:7]).max() > 0.1
+    there = rnc.gym.make("park", options={"initial.q.root_joint": [0, 0, 0]}, draws={}, **settings)
+    observation, _ = there.reset(seed=0)
+    np.testing.assert_allclose(observation, 0.0, atol=1e-12)

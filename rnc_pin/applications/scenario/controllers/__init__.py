@@ -14,6 +14,7 @@ from rnc_pin.applications.scenario.controllers.base import ControllerSettings, N
 from rnc_pin.applications.scenario.controllers.context import BuiltController, ControllerContext
 from rnc_pin.applications.scenario.controllers.plan_feedback import PlanFeedbackSettings
 from rnc_pin.applications.scenario.controllers.position_tracking import JacobianTransposeSettings, TwoPhaseSettings
+from rnc_pin.applications.scenario.controllers.set_points import PredictiveSettings, SetPointSettings
 from rnc_pin.applications.scenario.controllers.state_feedback import StateFeedbackSettings
 from rnc_pin.applications.scenario.controllers.velocity_tracking import (
     ReducingOutputsSettings,
@@ -38,6 +39,8 @@ _AnyType = (
     | VelocityProgramSettings
     | InverseDynamicsSettings
     | PlanFeedbackSettings
+    | SetPointSettings
+    | PredictiveSettings
     | TwoPhaseSettings
     | NoControlSettings
 )

@@ -16,7 +16,7 @@ from rnc_pin.collision import Obstacle
 from rnc_pin.control import Controller, SlitheringReference
 from rnc_pin.errors import ConfigurationError, InfeasibleError, nearest
 from rnc_pin.io import Json
-from rnc_pin.model import ReducedModel, Task
+from rnc_pin.model import OutputKind, ReducedModel, Task
 from rnc_pin.optimal import MotionPlan
 from rnc_pin.planning import Reference
 
@@ -42,6 +42,7 @@ class ControllerContext:
         obstacles: bodies in the world, for the check before the run.
         plan: optimal motion of ``planner``, if the scenario has one.
         goal_tolerance: error of a goal at the end of the run above which it is missed [m, rad].
+        outputs: outputs of the scenario.
         monitored: indices in x1 and reference of vertical outputs that are not controlled; for the record only.
     """
 
@@ -61,6 +62,7 @@ class ControllerContext:
     obstacles: tuple[Obstacle, ...] = ()
     plan: MotionPlan | None = None
     goal_tolerance: float = 0.02
+    outputs: tuple[OutputKind, ...] = ()
 
     @property
     def horizon(self) -> float:

@@ -89,6 +89,19 @@ class GuessSettings(Strict):
         return self
 
 
+class MotionProblem(Strict):
+    """Goal and bounds of an optimal motion."""
+
+    goal: dict[str, float] = {}
+    """Values at the end by names of outputs. An orientation needs all its rows. Empty leaves the end to costs."""
+    bounds: BoundSettings = BoundSettings()
+    """Hard bounds. They replace limits of the robot's file for the same rows; [null, null] leaves a row without any."""
+    clearance: Annotated[float, Field(ge=0)] | None = 0.05
+    """Distance from the obstacles of the scenario during the whole motion [m]; null to ignore them."""
+    links: bool = False
+    """True for that distance between links of the robot too."""
+
+
 _SOLVER = Entry(SolverSettings, late=("tolerance", "cost_tolerance", "penalty", "substeps"))
 _LATE = (
     "reduced",
@@ -107,27 +120,19 @@ _LATE = (
 _PLAN = Entry(plan, late=_LATE)
 
 
-class OptimalPlanner(_PLAN.model, _SOLVER.model):  # type: ignore[name-defined, misc]
+class OptimalPlanner(MotionProblem, _PLAN.model, _SOLVER.model):  # type: ignore[name-defined, misc]
     """Optimal motion, planned before the run. It gives the references of the task that the file does not give, and the
     plan of a controller of type "plan_feedback".
     """
 
     type: Literal["optimal", "global"]
     """Optimal control with exact derivatives; "global" first searches a way around the obstacles, its guess."""
-    goal: dict[str, float] = {}
-    """Values at the end by names of outputs. An orientation needs all its rows. Empty leaves the end to costs."""
     duration: Positive | Annotated[list[Positive], Field(min_length=2, max_length=2)]
     """Duration [s], or its shortest and longest value for a free duration."""
     costs: CostSettings = CostSettings()
     """Costs."""
-    bounds: BoundSettings = BoundSettings()
-    """Hard bounds. They replace limits of the robot's file for the same rows; [null, null] leaves a row without any."""
     limits: LimitItem | None = Field({}, validate_default=True)
     """Limits of the robot's file; null for none."""
-    clearance: Annotated[float, Field(ge=0)] | None = 0.05
-    """Distance from the obstacles of the scenario during the whole motion [m]; null to ignore them."""
-    links: bool = False
-    """True for that distance between links of the robot too."""
     guess: GuessSettings | None = None
     """First guess; the straight line by default."""
 

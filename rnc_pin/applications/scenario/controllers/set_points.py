@@ -1,0 +1,106 @@
+"""Control to a goal at rest: plans with feedback, or model-predictive control."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Annotated, ClassVar, Literal, cast
+
+from pydantic import Field
+
+from rnc_pin.applications.scenario.controllers.base import ControllerSettings
+from rnc_pin.applications.scenario.controllers.context import BuiltController, ControllerContext, at_key
+from rnc_pin.applications.scenario.motion_problem import bounds_of, goal_of
+from rnc_pin.applications.scenario.schema.base import Positive
+from rnc_pin.applications.scenario.schema.derived import part
+from rnc_pin.applications.scenario.schema.planner_settings import LimitItem, MotionProblem, WeightSetting
+from rnc_pin.control import ActuatorVelocityController, Controller, KinematicController
+from rnc_pin.optimal import EffortCost, PredictiveController, SetPointController, SetPointCost, UpdateSchedule
+
+_FORM = {"form": Literal["acceleration", "dynamic"]}
+_POINT = part(
+    SetPointController,
+    "form",
+    "nodes",
+    "seeds",
+    "tolerance",
+    "tube",
+    "check",
+    "state_cost",
+    "braking",
+    "velocities",
+    forms=_FORM,
+)
+_PREDICTIVE = part(PredictiveController, "horizon", "form", "nodes", "velocities", forms=_FORM)
+_COST = part(
+    SetPointCost,
+    "weight",
+    "velocity_weight",
+    "precision",
+    forms=dict.fromkeys(("weight", "velocity_weight"), WeightSetting),
+)
+_SCHEDULE = part(UpdateSchedule, "period", "iterations", "delay", "budget")
+
+
+class _ToSetPoint(ControllerSettings, MotionProblem):
+    """Goal and bounds of a controller to a set point."""
+
+    follows: ClassVar[frozenset[str]] = frozenset()
+    advice: ClassVar[str] = ", which drives to its own goal"
+
+    goal: Annotated[dict[str, float], Field(min_length=1)]
+    """Values at rest by names of outputs, which determine a configuration. An orientation needs all its rows."""
+
+    def _build(self, context: ControllerContext) -> BuiltController:
+        with at_key("controller"):
+            made = self._controller(context)
+            if made.velocities:
+                servos = ActuatorVelocityController(context.reduced, cast(KinematicController, made))
+                return BuiltController(servos, ())
+        return BuiltController(cast(Controller, made), ())
+
+    @abstractmethod
+    def _controller(self, context: ControllerContext) -> SetPointController | PredictiveController: ...
+
+
+class SetPointSettings(_ToSetPoint, _POINT.model):  # type: ignore[name-defined, misc]
+    """Plans to a goal at rest with feedback: one at the start, and another where the feedback would miss the goal."""
+
+    type: Literal["set_point"]
+    """Plans to a goal at rest, and follows them with feedback. It uses the model."""
+    duration: Positive | Annotated[list[Positive], Field(min_length=2, max_length=2)]
+    """Duration of a plan [s], or its shortest and longest value."""
+    limits: LimitItem | None = Field({}, validate_default=True)
+    """Limits of the robot's file that plans keep; null for none."""
+
+    def _controller(self, context: ControllerContext) -> SetPointController:
+        duration = tuple(self.duration) if isinstance(self.duration, list) else self.duration
+        return _POINT.build(
+            self,
+            reduced=context.reduced,
+            goal=goal_of(self, context.outputs, context.reduced),
+            duration=duration,
+            bounds=list(bounds_of(self, context.reduced, context.obstacles)),
+            limits=self.limits,
+        )
+
+
+class PredictiveSettings(_ToSetPoint, _PREDICTIVE.model, _COST.model, _SCHEDULE.model):  # type: ignore[name-defined, misc]
+    """Model-predictive control to a goal at rest, with the cost of its set point."""
+
+    type: Literal["predictive"]
+    """Model-predictive control to a goal at rest. It uses the model."""
+    effort: WeightSetting = 0.01
+    """Weight of the inputs of the form: one number, one for each, or a mapping by name."""
+    equality: bool = False
+    """True if the goal holds at the end of the horizon too, which has to be long enough to reach it."""
+
+    def _controller(self, context: ControllerContext) -> PredictiveController:
+        goal = goal_of(self, context.outputs, context.reduced)
+        return _PREDICTIVE.build(
+            self,
+            reduced=context.reduced,
+            costs=[_COST.build(self, goal=goal), EffortCost(self.effort)],
+            bounds=list(bounds_of(self, context.reduced, context.obstacles)),
+            updates=_SCHEDULE.build(self),
+            goal=goal if self.equality else None,
+        )
