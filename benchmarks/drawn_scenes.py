@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -43,12 +44,12 @@ def _generator(scenario: str, run: int) -> np.random.Generator:
 
 @cache
 def _nominal(scenario: str) -> tuple[Robot, np.ndarray]:
-    experiment = Scenario.load(scenario, {**_QUIET, "simulation.duration": 0.1}).experiment
+    experiment = Scenario.load(FILES.get(scenario, scenario), {**_QUIET, "simulation.duration": 0.1}).experiment
     return experiment.reduced.robot, experiment.q0
 
 
 def _free(scenario: str, options: Options) -> bool:
-    path = find_scenario(scenario)
+    path = find_scenario(FILES.get(scenario, scenario))
     drawn = validate(with_options(read_yaml(path), options), scenario)
     robot, q0 = _nominal(scenario)
     obstacles = build_obstacles(drawn.obstacles, path.parent)
@@ -183,11 +184,54 @@ def _free_flying_arm(generator: np.random.Generator) -> Options:
     return options
 
 
+def _telescopic_arm(generator: np.random.Generator) -> Options:
+    """A reach of which most extend the boom until its efforts can no longer carry it, among people who walk by."""
+    names = ("lift", "turn", "boom", "telescope", "wrist")
+    starts = _numbers(generator, (0.1, 0.6), (-1.0, 1.0), (0.0, 0.5), (0.05, 0.15), (-0.5, 0.5))
+    angle, reach, height, duration = _numbers(generator, (-2.3, 2.3), (0.7, 1.3), (0.8, 1.5), (1.0, 3.0))
+    goal = [reach * float(np.cos(angle)), reach * float(np.sin(angle)), height]
+    options: Options = {f"initial.q.{name}": value for name, value in zip(names, starts, strict=True)}
+    options["controller.tasks.0.output.reference.minimum_jerk"] = {"to": goal, "duration": duration}
+    for k, side in enumerate((1.0, -1.0)):
+        x, y, time = _numbers(generator, (1.5, 2.5), (1.55, 1.9), (6.0, 9.0))
+        options[f"obstacles.{k}.capsule.position"] = [side * x, side * y, 0.9]
+        options[f"obstacles.{k}.capsule.motion.minimum_jerk"] = {"by": [-2 * side * x, 0, 0, 0], "duration": time}
+    return {**options, "preflight": "warn"}
+
+
+def _space_robot(generator: np.random.Generator) -> Options:
+    """A reach of a free-floating arm whose joints have limits of velocity and acceleration."""
+    first, second, third, x, y = _numbers(generator, (-0.9, 0.1), (1.2, 2.2), (-1.6, -0.6), (0.6, 1.4), (0.2, 0.9))
+    fast, slow = _numbers(generator, (0.4, 1.2), (0.3, 1.0))
+    reach: Json = {
+        "output": {"frame_position": {"frame": "tip", "axes": "xy"}},
+        "reference": {"minimum_jerk": {"to": [x, y], "duration": 2.0}},
+        "gain": 3,
+    }
+    joints: Json = {"joint_1": fast, "joint_2": fast, "joint_3": 2 * fast}
+    limits: Json = {"joint_velocity": {"limit": slow, "joints": list(joints)}, "acceleration": {"limit": joints}}
+    return {
+        "task": {},
+        "reference": {},
+        "sweep": {},
+        "outputs.reducing": [{"joint": name} for name in joints],
+        "outputs.vertical": [{"frame_position": {"frame": "tip", "axes": "xy"}}],
+        "initial.q": {"joint_1": first, "joint_2": second, "joint_3": third},
+        "controller": {"type": "inverse_dynamics", "tasks": [{"output": reach}], "limits": limits},
+        "simulation.duration": 6.0,
+        "preflight": "warn",
+    }
+
+
+FILES = {"telescopic-arm": str(Path(__file__).parent / "scenes" / "telescopic-arm.yaml")}
+"""Files of scenarios that are not built in."""
 DRAWS: dict[str, Callable[[np.random.Generator], Options]] = {
     "tiago-shelf": _tiago_shelf,
     "doorway": _doorway,
     "mecanum-crowd": _mecanum_crowd,
     "free-flying-arm-limits": _free_flying_arm,
+    "telescopic-arm": _telescopic_arm,
+    "space-robot": _space_robot,
 }
 """Options of a scenario from a generator."""
 
@@ -196,5 +240,7 @@ GOALS = {
     "doorway": ["tip_x", "tip_y", "base_x"],
     "mecanum-crowd": ["base_link_x", "base_link_y", "base_link_yaw"],
     "free-flying-arm-limits": ["panda_hand_tcp_x", "panda_hand_tcp_y", "panda_hand_tcp_z"],
+    "telescopic-arm": ["hand_x", "hand_y", "hand_z"],
+    "space-robot": ["tip_x", "tip_y"],
 }
 """Outputs whose errors count at the end."""

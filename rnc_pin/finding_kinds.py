@@ -42,6 +42,8 @@ class FindingKind(StrEnum):
     """A contact needed more friction than was stated."""
     FALLBACK = "fallback"
     """A fallback command was in use, because the loop had a fault or a program was late or failed."""
+    BRAKING = "braking"
+    """A program braked to keep its limits, or no braking motion could be verified."""
     SATURATION = "saturation"
     """An input was at its bound for a large part of the run."""
     PLAN = "plan"

@@ -42,6 +42,7 @@ from .rollout import RolloutEvaluation as RolloutEvaluation
 from .rollout import kinematic_rollout as kinematic_rollout
 from .run_data import tracking_errors as tracking_errors
 from .run_figure import run_name as run_name
+from .run_info import BrakingUse as BrakingUse
 from .run_info import Columns as Columns
 from .run_info import FallbackUse as FallbackUse
 from .run_info import MissedUpdates as MissedUpdates

@@ -21,7 +21,7 @@ from rnc_pin.verdict import Finding, FindingKind, Severity, Verdict
 PENETRATION = 1e-6
 """Depth of a penetration that counts as a collision [m]."""
 SHORTFALL = 1e-4
-"""Shortfall of a clearance that counts [m]."""
+"""Shortfall of a clearance, or excess over a limit of a program, that counts [m, rad, and per second]."""
 _SATURATED = 0.2  # share of a run at a bound from which an input counts as saturated
 _MOSTLY = 0.5  # share of a run under a fallback command that fails
 _AT_LIMIT = 0.99  # use of friction of a contact that slides; MuJoCo gives it to 1e-3
@@ -70,6 +70,7 @@ def judge(
         *_finite(run),
         *_fallback(run),
         *_missed_updates(run),
+        *_braking(run),
         *_integration(run),
         *(_goals(run, goal_errors or {}, goal_tolerance) if completed else ()),
         *(() if replay is None else _limits(replay)),
@@ -129,6 +130,32 @@ def _missed_updates(run: Trajectory) -> Iterator[Finding]:
     )
     severity = Severity.FAILS if share > _MOSTLY else Severity.DEGRADES
     yield Finding(FindingKind.FALLBACK, "predictive controller", share, "", None, severity, message)
+
+
+def _braking(run: Trajectory) -> Iterator[Finding]:
+    """Findings of a program whose verified braking motion took its place, and of samples without one."""
+    used = run.info.braking
+    if used is None:
+        return
+    total = max(len(run.time), 1)
+    if used.samples:
+        message = (
+            f"a verified braking motion took the place of the program in {used.samples} of {total} samples, first at "
+            f"t = {used.first or 0.0:.3f} s: {used.reason} otherwise"
+        )
+        share = used.samples / total
+        yield Finding(FindingKind.BRAKING, "program", share, "", used.first, Severity.DEGRADES, message)
+    if used.unverified:
+        message = (
+            f"no braking motion could be verified in {used.unverified} of {total} samples, first at "
+            f"t = {used.unverified_first or 0.0:.3f} s: {used.problem}"
+        )
+        share = used.unverified / total
+        yield Finding(FindingKind.BRAKING, "verification", share, "", used.unverified_first, Severity.DEGRADES, message)
+    for name, amount in used.exceeded.items():
+        if amount > SHORTFALL:
+            message = f"limit {name} of the program was exceeded by {amount:.3g}"
+            yield Finding(FindingKind.LIMIT_GAVE_WAY, name, amount, "", None, Severity.FAILS, message)
 
 
 def _integration(run: Trajectory) -> Iterator[Finding]:

@@ -17,7 +17,7 @@ from rnc_pin.simulation.derived_quantities import columns_by_name
 from rnc_pin.simulation.integration_accuracy import IntegrationAccuracy
 from rnc_pin.simulation.judgement import judged_by
 from rnc_pin.simulation.record import columns_of
-from rnc_pin.simulation.run_info import FallbackUse, MissedUpdates, Outcome, OutputNames, PhaseInfo, RunInfo
+from rnc_pin.simulation.run_info import BrakingUse, FallbackUse, MissedUpdates, Outcome, OutputNames, PhaseInfo, RunInfo
 from rnc_pin.simulation.trajectory import Trajectory
 
 _EQUAL = ("time", "q", "v", "energy", "constraint_residual", "position_residual", "singular_value")
@@ -95,6 +95,7 @@ def joined(parts: Sequence[PhasePart], dt: float, outcome: Outcome, message: str
         tuple(part.info for part in parts),
         _fallback([run.info.fallback for run in runs]),
         _missed_updates([run.info.missed_updates for run in runs]),
+        _braking([run.info.braking for run in runs]),
         IntegrationAccuracy.together([run.info.integration for run in runs]),
     )
     return judged_by(Trajectory(**arrays, info=info), parts[0].reduced)
@@ -122,6 +123,27 @@ def _missed_updates(counts: Sequence[MissedUpdates | None]) -> MissedUpdates | N
     """Missed updates of predictive controllers in all phases that missed some."""
     found = [each for each in counts if each is not None]
     return MissedUpdates(sum(each.missed for each in found), sum(each.updates for each in found)) if found else None
+
+
+def _braking(uses: Sequence[BrakingUse | None]) -> BrakingUse | None:
+    """Braking motions in all phases: the sums, and what was first."""
+    found = [each for each in uses if each is not None]
+    if not found:
+        return None
+    braked = next((each for each in found if each.samples), found[0])
+    unverified = next((each for each in found if each.unverified), found[0])
+    exceeded: dict[str, float] = {}
+    for each in found:
+        exceeded |= {name: max(amount, exceeded.get(name, 0.0)) for name, amount in each.exceeded.items()}
+    return BrakingUse(
+        sum(each.samples for each in found),
+        braked.first,
+        braked.reason,
+        sum(each.unverified for each in found),
+        unverified.unverified_first,
+        unverified.problem,
+        exceeded,
+    )
 
 
 def _blocks(parts: Sequence[PhasePart]) -> tuple[list[OutputRows], list[OutputRows]]:

@@ -23,6 +23,7 @@ from rnc_pin.simulation.integration_accuracy import IntegrationAccuracy
 from rnc_pin.simulation.judgement import judged_by
 from rnc_pin.simulation.run_info import (
     FORCE_UNITS,
+    BrakingUse,
     Columns,
     FallbackUse,
     MissedUpdates,
@@ -75,6 +76,8 @@ class Record:
         """Use of fallback commands by the control loop."""
         self.missed_updates: MissedUpdates | None = None
         """Updates of a predictive controller that were late or failed."""
+        self.braking: BrakingUse | None = None
+        """Braking motions of a program in inputs."""
         self.integration: IntegrationAccuracy | None = None
         """Estimated error of the integration."""
         self.start = 0.0
@@ -240,6 +243,7 @@ class Record:
             self.phases,
             self.fallback,
             self.missed_updates,
+            self.braking,
             self.integration,
         )
         if deferred and outcome is Outcome.COMPLETED:

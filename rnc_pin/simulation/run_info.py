@@ -262,6 +262,29 @@ class MissedUpdates:
     updates: Whole
 
 
+@dataclass(frozen=True)
+class BrakingUse:
+    """Braking motions of a program in inputs.
+
+    Attributes:
+        samples: number of samples that executed a verified braking motion, or inputs between it and the program's.
+        first: time of the first one [s]; None if there is none.
+        reason: limit that the program would not have kept at that time.
+        unverified: number of samples without a verified braking motion, in which the program went on.
+        unverified_first: time of the first one [s]; None if there is none.
+        problem: what the braking motion did not keep at that time.
+        exceeded: largest amounts by which the motion exceeds limits of the program, by name, as its model predicts it.
+    """
+
+    samples: Whole
+    first: Number | None
+    reason: str
+    unverified: Whole
+    unverified_first: Number | None
+    problem: str
+    exceeded: Mapping[str, float] = field(default_factory=dict)
+
+
 @printed()
 @dataclass(frozen=True)
 class RunInfo:
@@ -278,6 +301,7 @@ class RunInfo:
         phases: phases of the run; empty for a run under one set of constraints.
         fallback: use of fallback commands; None if there was none.
         missed_updates: updates of a predictive controller that were not used; None if there were none.
+        braking: braking motions of a program in inputs; None if it always went on and they were verified.
         integration: estimated error of the integration; None if the plant does not estimate it.
         verdict: findings about the run, if it was judged.
     """
@@ -292,6 +316,7 @@ class RunInfo:
     phases: tuple[PhaseInfo, ...] = ()
     fallback: FallbackUse | None = None
     missed_updates: MissedUpdates | None = None
+    braking: BrakingUse | None = None
     integration: IntegrationAccuracy | None = None
     verdict: Verdict | None = None
 
@@ -314,6 +339,7 @@ class RunInfo:
             **({"phases": [asdict(each) for each in self.phases]} if self.phases else {}),
             **({} if self.fallback is None else {"fallback": asdict(self.fallback)}),
             **({} if self.missed_updates is None else {"missed_updates": asdict(self.missed_updates)}),
+            **({} if self.braking is None else {"braking": asdict(self.braking)}),
             **({} if self.integration is None else {"integration": asdict(self.integration)}),
             **({} if self.verdict is None else {"verdict": self.verdict.to_json()}),
         }

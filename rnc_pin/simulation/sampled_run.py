@@ -7,7 +7,8 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from rnc_pin.control.controller import Command, limited_accelerations, missed_goals
+from rnc_pin.control.controller import Command, State, limited_accelerations, missed_goals
+from rnc_pin.control.whole_body.braking_motion import BrakingCount
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError
 from rnc_pin.loop import ControlLoop, LoopOptions, LoopState, VelocityInputLoop
 from rnc_pin.loop.options import admit_controller, admit_model, type_name
@@ -23,7 +24,7 @@ from rnc_pin.simulation.integration_accuracy import IntegrationAccuracy, blamed
 from rnc_pin.simulation.judgement import judged_by
 from rnc_pin.simulation.phase_events import lift_off_monitor
 from rnc_pin.simulation.record import Record
-from rnc_pin.simulation.run_info import FallbackUse, MissedUpdates, Outcome, PhaseInfo, provenance_of
+from rnc_pin.simulation.run_info import BrakingUse, FallbackUse, MissedUpdates, Outcome, PhaseInfo, provenance_of
 from rnc_pin.simulation.simulation_options import RunArguments, Sample, SimulationOptions
 from rnc_pin.simulation.stop import StopMonitor
 from rnc_pin.simulation.trajectory import Trajectory
@@ -161,6 +162,13 @@ class _Updating(Protocol):
 
     missed: int
     updates: int
+
+
+@runtime_checkable
+class _Braking(Protocol):
+    """Controller that verifies braking motions, and counts them in its state."""
+
+    def exceeded_limits(self, state: State) -> dict[str, float]: ...
 
 
 class SampledRun:
@@ -320,6 +328,7 @@ class SampledRun:
         if self.record.integration is None:
             self.record.integration = self._adapter.integration
         self.record.missed_updates = _missed_updates(self.loop.state.controller)
+        self.record.braking = _braking(self.controller, self.loop.state.controller, self._start)
         run = self.record.finish(self._dt, self._provenance, outcome, message, deferred)
         missed = missed_goals(self.controller, run.q[-1], run.v2[-1]) if len(run.time) else ()
         return judged_by(run, self._reduced, self._accelerations, missed)
@@ -330,6 +339,18 @@ def _missed_updates(state: object) -> MissedUpdates | None:
     while state is not None and not isinstance(state, _Updating):
         state = getattr(state, "target", None)
     return MissedUpdates(state.missed, state.updates) if state is not None and state.missed else None
+
+
+def _braking(controller: object, state: object, start: float) -> BrakingUse | None:
+    """Braking motions of a program in inputs, by its state, with times of the run, which starts at a time [s]."""
+    if not isinstance(controller, _Braking) or not hasattr(state, "braking"):
+        return None
+    count: BrakingCount = state.braking
+    exceeded = controller.exceeded_limits(state)
+    if not (count.braked or count.unverified or exceeded):
+        return None
+    first, unverified = (None if each is None else start + each for each in (count.first, count.unverified_first))
+    return BrakingUse(*count._replace(first=first, unverified_first=unverified), exceeded)
 
 
 def _check_arguments(reduced: object, controller: object, plant: object, options: object) -> None:

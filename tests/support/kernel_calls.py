@@ -76,10 +76,13 @@ TASKS = {
 }
 LIMITS = {
     "joint positions": (tiago, limits.JointPositionLimit(deceleration=2.0)),
+    "joint positions by efforts": (tiago, limits.JointPositionLimit()),
     "joint velocities": (tiago, limits.JointVelocityLimit(margin=0.1)),
     "accelerations": (tiago, limits.AccelerationLimit(2.0)),
     "accelerations of joints": (tiago, limits.AccelerationLimit(2.0, joints=["arm_1_joint"])),
     "region": (tiago, limits.RegionLimit("arm_7_link", box={"x": (-1.0, 2.0)}, gain=5.0)),
+    "base speed": (tiago, limits.BaseSpeedLimit("base_link", 0.5)),
+    "base acceleration": (tiago, limits.BaseAccelerationLimit("base_link", 1.0)),
     "wheel speeds": (mecanum, limits.WheelSpeedLimit(0.4)),
     "collisions": (tiago, limits.CollisionAvoidance(influence=0.3)),
 }

@@ -11,9 +11,10 @@ from numpy import ndarray as Array
 from rnc_pin.analysis.contact_force_set import ContactForceSet
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Description, elapsed_time, listed
+from rnc_pin.control.whole_body.braking_motion import BrakedSample, Braking, BrakingCount
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.limit_stack import ProgramBounds
-from rnc_pin.control.whole_body.limits.control_limit import ControlLimit
+from rnc_pin.control.whole_body.limits.control_limit import ControlLimit, LimitRows
 from rnc_pin.control.whole_body.task_hierarchy import (
     RelaxedSolution,
     SampledDamping,
@@ -115,6 +116,22 @@ class InverseDynamicsState(NamedTuple):
     """Amount by which each limit gave way at the last sample; zero if it did not."""
     worst_excess: Float[Array, " k"]
     """Largest such amount since the start."""
+    exceeded: Float[Array, " k"]
+    """Amount by which the last sample leads beyond each limit itself; zero without ``braking_time``."""
+    worst_exceeded: Float[Array, " k"]
+    """Largest such amount since the start."""
+    braking: BrakingCount = BrakingCount()
+    """Samples that brake, and samples without a verified braking motion."""
+
+
+class _SampleProgram(NamedTuple):
+    """Limits of a sample and the effect of its inputs: v2 at the end is ``offset + gain [T; z]``."""
+
+    sample: ControlSample
+    rows: LimitRows
+    contacts: ContactBounds
+    gain: Float[Array, "r x"]
+    offset: Float[Array, " r"]
 
 
 class InputSolution(NamedTuple):
@@ -125,6 +142,8 @@ class InputSolution(NamedTuple):
     """Velocity that the model predicts for the end of the sample."""
     multipliers: Float[Array, "levels k"]
     excess: Float[Array, " k"]
+    end: StateEvaluation | None = None
+    """State at the end of the sample by the dynamics; None if no limit of motion needs it."""
 
 
 class InverseDynamicsQP(WholeBodyProgram):
@@ -142,6 +161,10 @@ class InverseDynamicsQP(WholeBodyProgram):
     Tasks use the acceleration at the start of the sample. Limits of motion hold for the velocity at its end: if one
     Runge-Kutta step of the dynamics exceeds them, the program is solved again with the difference.
 
+    Before a sample is executed, a braking motion from its end is rolled out on the model. If a limit would give way,
+    the braking motion that was verified one sample before takes the place of the program. ``state.braking`` counts
+    these samples. Models with fewer actuators than reduced velocities, or with constraints that move them, have none.
+
     Unlike the adaptive trackers, it reads the model. Reads from the measurement: ``q, v2``.
 
     Args:
@@ -153,6 +176,7 @@ class InverseDynamicsQP(WholeBodyProgram):
             same rate.
         friction: coefficient of friction of the ground, for the friction cone of each contact; None if only normal
             forces have a limit.
+        braking_time: longest braking motion that is verified [s]; None for no verification.
         solver: solver of the quadratic program: "daqp", or another solver of qpsolvers by name.
 
     Raises:
@@ -178,12 +202,14 @@ class InverseDynamicsQP(WholeBodyProgram):
         dt: float,
         velocity_gain: Positive = 20.0,
         friction: Positive | None = None,
+        braking_time: Positive | None = 2.0,
         solver: str = "daqp",
     ) -> None:
-        for name, value in (("dt", dt), ("velocity_gain", velocity_gain), ("friction", friction)):
+        given = ("dt", dt), ("velocity_gain", velocity_gain), ("friction", friction), ("braking_time", braking_time)
+        for name, value in given:
             if value is not None and not 0 < value < np.inf:
                 raise ConfigurationError(f"{name} of an inverse-dynamics controller has to be positive, found {value}")
-        self.dt, self.velocity_gain, self.friction = dt, velocity_gain, friction
+        self.dt, self.velocity_gain, self.friction, self.braking_time = dt, velocity_gain, friction, braking_time
         super().__init__(reduced, tasks, limits, solver)
         self._contacts, self._integrator = ContactCones(reduced, friction), LieRungeKutta4(reduced.robot)
         self._curved = [*self._tasks.curved, np.zeros(reduced.r, dtype=bool)]  # bringing motion to rest is constant
@@ -196,17 +222,23 @@ class InverseDynamicsQP(WholeBodyProgram):
             *self._contacts.names,
         )
         stops = np.cumsum([len(self._limits.names), len(self._limited), len(self._contacts.names)])
+        rests = reduced.p >= reduced.r and not reduced.affine  # others cannot be brought to rest in general
+        self._braking: Braking | None = None
+        if rests and braking_time is not None and self._limits.names:
+            self._braking = Braking(self._braked, self.limit_names, dt, braking_time)
         self._forces = [np.arange(stops[0], stops[1]), np.arange(stops[1], stops[2])]
 
     def describe(self) -> Description:
         """Return the settings of tasks and limits."""
-        return self._describe(dt=self.dt, velocity_gain=listed(self.velocity_gain), friction=self.friction)
+        return self._describe(
+            dt=self.dt, velocity_gain=listed(self.velocity_gain), friction=self.friction, braking_time=self.braking_time
+        )
 
     def initial_state(self, measurement: Measurement) -> InverseDynamicsState:
         """Return the state before the first sample."""
         k = len(self.limit_names)
         self._check_velocity(measurement.v2)
-        return InverseDynamicsState(None, np.zeros((self._tasks.levels + 1, k)), np.zeros(k), np.zeros(k))
+        return InverseDynamicsState(None, np.zeros((self._tasks.levels + 1, k)), *np.zeros((4, k)))
 
     def step(
         self, t: float, measurement: Measurement, state: InverseDynamicsState
@@ -218,11 +250,26 @@ class InverseDynamicsQP(WholeBodyProgram):
             SingularityError: the reducing outputs do not parametrise the motion at the configuration.
         """
         elapsed_time(t, state.time)
-        found = self.solve(t, self._configuration(measurement), measurement.v2, state.multipliers)
+        q, v2 = self._configuration(measurement), measurement.v2
+        program, found = self._decided(t, q, v2, state.multipliers)
+        exceeded, count = state.exceeded, state.braking
+        if self._braking is not None:
+            start = program.sample.start
+            before = self._exceeded_at(start, t) if state.time is None else exceeded
+            planned = self._reached(program, found)
+
+            def under(T: Array) -> BrakedSample:
+                return self._reached(program, found._replace(T=T, end=None))
+
+            chosen, count = self._braking.decide((t, start.q, start.v2), before, planned, under, count)
+            exceeded = chosen.exceeded
+            if chosen is not planned:
+                found = found._replace(T=chosen.T, v2=chosen.v2, excess=exceeded)
         x1, x2 = self._desired.at(t)
         worst = np.maximum(state.worst_excess, found.excess)
         command = Command(T=found.T, v2_desired=found.v2, x1_desired=x1, x2_desired=x2)
-        return command, InverseDynamicsState(t, found.multipliers, found.excess, worst)
+        beyond = exceeded, np.maximum(state.worst_exceeded, exceeded)
+        return command, InverseDynamicsState(t, found.multipliers, found.excess, worst, *beyond, count)
 
     def solve(self, t: float, q: Array, v2: Array, multipliers: Array | None = None) -> InputSolution:
         """Solve the program of one sample.
@@ -233,14 +280,58 @@ class InverseDynamicsQP(WholeBodyProgram):
             v2: reduced velocities at the start (r,).
             multipliers: multipliers of the last program, (levels, k), to start from.
         """
-        now, sample = (ControlSample(self._reduced, t, q, v2, dt) for dt in (0.0, self.dt))
+        return self._decided(t, q, v2, multipliers)[1]
+
+    def _decided(
+        self, t: float, q: Array, v2: Array, multipliers: Array | None
+    ) -> tuple[_SampleProgram, InputSolution]:
+        """Program of one sample, and its solution."""
+        program = self._program(t, q, v2)
+        now, sample = ControlSample(self._reduced, t, q, v2, 0.0), program.sample
+        levels, levers = self._levels(now, sample, program.offset, program.gain)
+        sampled = SampledDamping(self.dt, program.gain, -program.offset, levers, self._curved)
+        return program, self._solved(program, levels, multipliers, sampled)
+
+    def braking_problem(self, t: float, q: Array, v2: Array) -> str | None:
+        """Return what the braking motion from a state does not keep; None if all limits hold until rest.
+
+        It is None too if nothing is verified: without ``braking_time`` or limits of motion, and for models that cannot
+        be brought to rest.
+
+        Args:
+            t: time [s].
+            q: configuration (nq,).
+            v2: reduced velocities (r,).
+        """
+        if self._braking is None:
+            return None
+        return self._braking.motion(t, q, v2, self._exceeded_at(self._reduced.at(q, v2, t=t), t)).problem
+
+    def exceeded_limits(self, state: InverseDynamicsState) -> dict[str, float]:
+        """Return the limits of motion that the run exceeds by the model since its start, with the largest amounts."""
+        worst = state.worst_exceeded[: len(self._limits.names)]
+        return {name: float(each) for name, each in zip(self._limits.names, worst, strict=True) if each > 0.0}
+
+    def _program(self, t: float, q: Array, v2: Array) -> _SampleProgram:
+        """Limits of one sample and the effect of its inputs, for tasks and braking motions."""
+        sample = ControlSample(self._reduced, t, q, v2, self.dt)
         state, p = sample.start, self._reduced.p
         contacts = self._contacts.at(state)
-        gain = np.zeros((self._reduced.r, p + contacts.unknowns))  # v2 at the end is offset + gain [T; z]
+        gain = np.zeros((self._reduced.r, p + contacts.unknowns))
         gain[:, :p] = self.dt * np.linalg.solve(state.H, state.input_matrix)
         offset = state.v2 + self.dt * state.v2_dot(np.zeros(p))
-        levels, levers = self._levels(now, sample, offset, gain)
-        sampled, rows = SampledDamping(self.dt, gain, -offset, levers, self._curved), self._limits.rows(sample)
+        return _SampleProgram(sample, self._limits.rows(sample), contacts, gain, offset)
+
+    def _solved(
+        self,
+        program: _SampleProgram,
+        levels: list[TaskLevel],
+        multipliers: Array | None = None,
+        sampled: SampledDamping | None = None,
+    ) -> InputSolution:
+        """Solve the levels within the limits, which hold for the velocity that the dynamics give at the end."""
+        sample, rows, contacts, gain, offset = program
+        state, p = sample.start, self._reduced.p
         motion = self._limits.bounds(sample, rows)
 
         def solved(limits: ProgramBounds, start: Array | None) -> RelaxedSolution:
@@ -250,13 +341,14 @@ class InverseDynamicsQP(WholeBodyProgram):
             )
 
         found = best = solved(motion, multipliers)
-        least = np.inf
+        least, best_end = np.inf, None
         for _ in range(_CORRECTIONS + 1 if len(motion.lower) else 0):
-            reached = rows.jacobian @ self._end_velocity(state, found.unknowns[:p])
+            end = self._end(state, found.unknowns[:p])
+            reached = rows.jacobian @ end.v
             beyond = np.maximum(reached - rows.upper, rows.lower - reached) - found.excess[motion.places]
             if not beyond.max() < least:
                 break  # near singular coordinates, corrections need not converge
-            best, least = found, float(beyond.max())
+            best, best_end, least = found, end, float(beyond.max())
             if least <= _BEYOND:
                 break
             error = reached - rows.jacobian @ (sample.end.R @ (offset + gain @ found.unknowns) + sample.end.b)
@@ -265,10 +357,10 @@ class InverseDynamicsQP(WholeBodyProgram):
         found = best
         largest = self._reduced.actuation.limits
         T = np.clip(found.unknowns[:p], -largest, largest)  # the solver's rounding is no effort beyond the file
-        return InputSolution(T, offset + gain @ found.unknowns, found.multipliers, found.excess)
+        return InputSolution(T, offset + gain @ found.unknowns, found.multipliers, found.excess, best_end)
 
-    def _end_velocity(self, state: StateEvaluation, T: Array) -> Array:
-        """Full velocity (nv,) at the end of the sample under constant inputs, by one Runge-Kutta step."""
+    def _end(self, state: StateEvaluation, T: Array) -> StateEvaluation:
+        """State at the end of the sample under constant inputs, by one Runge-Kutta step."""
         reduced = self._reduced
         start = np.concatenate([state.v2, np.zeros(reduced.vertical.size + 1)])
         found = reduced.evaluator.integrate(np.array(state.q), start, np.ascontiguousarray(T), self.dt, 1)
@@ -281,7 +373,31 @@ class InverseDynamicsQP(WholeBodyProgram):
                 return here.v, here.v2_dot(T)
 
             q, y = self._integrator.step(rate, state.q, np.array(state.v2), self.dt)
-        return reduced.at(q, y[: reduced.r]).v
+        return reduced.at(q, y[: reduced.r])
+
+    # ------------------------------------------------------------------ braking
+
+    def _reached(self, program: _SampleProgram, found: InputSolution) -> BrakedSample:
+        """End of a sample under the inputs of a solution, and the limits that it exceeds."""
+        end = found.end or self._end(program.sample.start, found.T)
+        exceeded = np.zeros(len(self.limit_names))
+        exceeded[: len(self._limits.names)] = self._limits.exceeded(end, program.sample.time, program.rows)
+        ground = self._forces[1]
+        exceeded[ground] = found.excess[ground]
+        return BrakedSample(found.T, end.q, end.v2, float(np.abs(end.v).max(initial=0.0)), exceeded)
+
+    def _braked(self, t: float, q: Array, v2: Array) -> BrakedSample:
+        """Sample that removes as much kinetic energy as the limits allow."""
+        program = self._program(t, q, v2)
+        root = np.linalg.cholesky(program.sample.start.H).T
+        rest = TaskLevel(root @ program.gain, -root @ program.offset)
+        return self._reached(program, self._solved(program, [rest]))
+
+    def _exceeded_at(self, state: StateEvaluation, t: float) -> Float[Array, " k"]:
+        """Amount by which a state exceeds each limit of motion."""
+        found = np.zeros(len(self.limit_names))
+        found[: len(self._limits.names)] = self._limits.exceeded(state, t)
+        return found
 
     def _levels(
         self, now: ControlSample, sample: ControlSample, offset: Array, gain: Array

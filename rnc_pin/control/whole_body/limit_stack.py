@@ -15,6 +15,7 @@ from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
 from rnc_pin.control.whole_body.limits.control_limit import ControlLimit, LimitRows
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
 
 _VELOCITY_COST = 1e-4  # of a velocity, beside the cost 1 of exceeding a limit
 _ROUNDING = 1e-9  # [of a row] by which bounds are widened after they gave way
@@ -104,6 +105,24 @@ class LimitStack:
             offset = J @ sample.end.b
             low, high = low - offset, high - offset
         return ProgramBounds(J @ sample.end.R, low, high, places, len(self.names))
+
+    def exceeded(self, state: StateEvaluation, time: float, rows: LimitRows | None = None) -> Float[Array, " k"]:
+        """Return the amount by which a state exceeds each limit (k,); zero if it satisfies the limit.
+
+        Args:
+            state: the state.
+            time: its time [s].
+            rows: rows of the sample that led to the state, for limits that its velocity decides; None for a start.
+        """
+        found = np.zeros(len(self.names))
+        if rows is not None:
+            reached = rows.jacobian @ state.v
+            found[rows.places] = np.maximum(reached - rows.upper, rows.lower - reached)
+        for limit, where in zip(self._bound, self._places, strict=True):
+            own = limit.exceeded_by(state, time)
+            if own is not None:
+                found[where] = own
+        return np.maximum(found, 0.0)
 
     def relaxed(
         self, bounds: ProgramBounds, solver: LeastDistanceSolver, before: Sequence[Array] = ()

@@ -276,7 +276,7 @@ def swinging_arm(folder, effort):
 
 @pytest.mark.parametrize(
     ("effort", "deceleration", "kept"),
-    [(15.0, 5.0, {"velocity", "position"}), (15.0, None, {"velocity"}), (5.0, 5.0, {"position"})],
+    [(15.0, 5.0, {"velocity", "position"}), (15.0, None, {"velocity", "position"}), (5.0, 5.0, {"position"})],
 )
 def test_limits_of_motion_hold_while_the_efforts_can_hold_the_velocity(tmp_path, effort, deceleration, kept):
     """Load 9.81 sin(angle): an effort above it keeps any velocity; the rest of it, 5.19, has to brake in time."""

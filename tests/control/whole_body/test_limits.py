@@ -3,11 +3,12 @@
 from functools import cache
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
 from driven import drive
-from rnc_pin.control import VelocityQP, limits, tasks
+from rnc_pin.control import InverseDynamicsQP, VelocityQP, limits, tasks
 from rnc_pin.control.whole_body.limits.joint_position_limit import velocity_to_stop
 from rnc_pin.planning import Hold
 from systems import mecanum, mobile_manipulator, space_robot_in_joints, tiago
@@ -277,6 +278,41 @@ def test_wheels_turn_no_faster_than_their_speed():
         assert fastest.max() > 0.399
 
 
+@pytest.mark.parametrize("program", [VelocityQP, InverseDynamicsQP])
+def test_norms_of_a_base_stay_within_their_circles(program):
+    """A Mecanum base turns on its way: velocities come from Pinocchio, accelerations from their differences."""
+    reduced, dt, fastest, strongest = mecanum(), 0.02, 0.4, 0.8
+    robot = reduced.robot
+    frame = next(f.name for f in robot.model.frames if f.parentJoint == 1)
+    bounded = [limits.BaseSpeedLimit(frame, fastest), limits.BaseAccelerationLimit(frame, strongest, priority=0)]
+    run_of = drive if program is VelocityQP else rnc.simulate
+    goals = tasks.BasePoseTask(frame, Hold([1.0, 0.7, 1.5]), gain=2.0)
+    run = run_of(reduced, program(reduced, [goals], bounded, dt=dt), robot.configuration(), 2.5, dt)
+    data, identity, world = robot.model.createData(), robot.frame_id(frame), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    velocities = []
+    for q, v in zip(run.q, run.v, strict=True):
+        pin.forwardKinematics(robot.model, data, q, v)
+        pin.updateFramePlacements(robot.model, data)
+        velocities.append(pin.getFrameVelocity(robot.model, data, identity, world).linear[:2].copy())
+    speeds = np.linalg.norm(velocities, axis=1)
+    rates = np.linalg.norm(np.diff(velocities, axis=0), axis=1) / dt
+    inside = 0.998 * np.cos(np.pi / 16)
+    assert inside * fastest < speeds.max() <= fastest * (1 + RANGE)
+    assert inside * strongest < rates.max() <= strongest * (1 + RANGE)
+
+
+def test_accelerations_of_joints_have_limits_by_name():
+    reduced, given = tiago(), {"arm_1_joint": 1.0, "torso_lift_joint": 0.3}
+    entries = limits.AccelerationLimit(given).entries(reduced)
+    assert {each.name: (each.lower, each.upper) for each in entries} == {k: (-a, a) for k, a in given.items()}
+    assert [each.column for each in entries] == [reduced.robot.velocity_indices(name).start for name in given]
+    sample = rnc.control.ControlSample(reduced, 0.0, reduced.robot.configuration(), np.zeros(reduced.r), dt=0.01)
+    rows = limits.AccelerationLimit(given).bind(reduced).rows(sample)
+    one_by_one = [limits.AccelerationLimit(a, joints=[name]).bind(reduced).rows(sample) for name, a in given.items()]
+    np.testing.assert_array_equal(rows.jacobian, np.vstack([each.jacobian for each in one_by_one]))
+    np.testing.assert_array_equal(rows.upper, np.concatenate([each.upper for each in one_by_one]))
+
+
 def test_bad_limits_are_refused():
     reduced = tiago()
 
@@ -291,6 +327,11 @@ def test_bad_limits_are_refused():
         (lambda: limits.JointVelocityLimit(limit=0.0), "margin of 0 to 1"),
         (lambda: limits.AccelerationLimit(0.0), "positive number or 12"),
         (lambda: limits.AccelerationLimit([1.0, 2.0]), "positive number or 12"),
+        (lambda: limits.AccelerationLimit({}), "give one or more"),
+        (lambda: limits.AccelerationLimit({"arm_1_joint": 1.0}, joints=["arm_2_joint"]), "no 'joints'"),
+        (lambda: limits.AccelerationLimit({"arm_1_joint": -1.0}), "positive number or 1"),
+        (lambda: limits.BaseSpeedLimit("base_link", 0.0), "speed of 'base_link' has to be positive"),
+        (lambda: limits.BaseAccelerationLimit("base_link", -1.0), "acceleration of 'base_link' has to be positive"),
         (lambda: limits.WheelSpeedLimit(1.0, wheels=["wheel_left"]), "did you mean 'wheel_left_link'"),
         (lambda: limits.WheelSpeedLimit(-1.0), "has to be positive"),
         (lambda: limits.RegionLimit("base_link"), "give a box, a polygon or half-spaces"),

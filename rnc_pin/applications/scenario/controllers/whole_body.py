@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from rnc_pin.applications.scenario.controllers.base import ControllerSettings
-from rnc_pin.applications.scenario.controllers.context import BuiltController, ControllerContext
+from rnc_pin.applications.scenario.controllers.context import BuiltController, ControllerContext, refuse_or_warn
 from rnc_pin.applications.scenario.controllers.motion_check import check_motion
 from rnc_pin.applications.scenario.controllers.task_goals import TaskGoals, goal_values
 from rnc_pin.applications.scenario.controllers.velocity_tracking import VelocityTrackerSettings
@@ -26,6 +26,8 @@ from rnc_pin.collision import Obstacle, PairSelection
 from rnc_pin.control.whole_body import InverseDynamicsQP, VelocityQP
 from rnc_pin.control.whole_body.limits import (
     AccelerationLimit,
+    BaseAccelerationLimit,
+    BaseSpeedLimit,
     CollisionAvoidance,
     ControlLimit,
     JointPositionLimit,
@@ -47,7 +49,7 @@ from rnc_pin.control.whole_body.tasks import (
 from rnc_pin.errors import RncError
 
 _SOLVER = part(VelocityQP, "solver")
-_VELOCITIES, _INPUTS = part(VelocityQP, "damping"), part(InverseDynamicsQP, "velocity_gain", "friction")
+_VELOCITIES, _INPUTS = part(VelocityQP, "damping"), part(InverseDynamicsQP, "velocity_gain", "friction", "braking_time")
 _entry = partial(Entry, forms={"output": OutputItem, "reference": ReferenceItem})
 _following = partial(_entry, defaults={"reference": HOLD}, incomplete=True)
 """Entry of a task with a reference, which starts at the initial configuration."""
@@ -88,6 +90,10 @@ class LimitSettings(Strict):
     """Velocity limits of joints, from the robot's file by default."""
     acceleration: Annotated[AccelerationLimit, Entry(AccelerationLimit)] | None = None
     """Accelerations of the reduced velocities or of joints."""
+    base_speed: Annotated[BaseSpeedLimit, Entry(BaseSpeedLimit)] | None = None
+    """Norm of the horizontal velocity of a base."""
+    base_acceleration: Annotated[BaseAccelerationLimit, Entry(BaseAccelerationLimit)] | None = None
+    """Norm of the horizontal acceleration of a base."""
     wheel_speed: Annotated[WheelSpeedLimit, Entry(WheelSpeedLimit)] | None = None
     """Speed of rolling wheels."""
     regions: list[Annotated[RegionLimit, Entry(RegionLimit)]] = []
@@ -159,14 +165,18 @@ class InverseDynamicsSettings(WholeBodySettings, _INPUTS.model):  # type: ignore
             program = _INPUTS.build(
                 self, reduced=reduced, tasks=tasks, limits=limits, dt=simulation.dt, solver=self.solver
             )
-        complaints: tuple[str, ...] = ()
+        v2 = np.zeros(reduced.r) if context.v2_0 is None else context.v2_0
+        problem = program.braking_problem(0.0, context.q0, v2)
+        unsafe = () if problem is None else (f"no braking motion from the start keeps all limits: {problem}",)
+        complaints = refuse_or_warn(context.preflight, unsafe)
         doubts: tuple[str, ...] = ()
         goals = TaskGoals(self.tasks, tasks, reduced)
         if reduced.p >= reduced.r:  # with fewer actuators, the motion is not free to choose
             kinematic = VelocityQP(reduced, tasks, limits, solver=self.solver)
-            _, complaints, doubts = check_motion(
+            _, found, doubts = check_motion(
                 context, kinematic, horizon=simulation.duration, goals=goals, stands_in=True
             )
+            complaints += found
         return BuiltController(program, complaints, goals=goals, doubts=doubts)
 
 

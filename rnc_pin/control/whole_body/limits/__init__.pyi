@@ -1,6 +1,8 @@
 """Exports of ``rnc_pin.control.whole_body.limits``, which ``__init__.py`` imports at their first use."""
 
 from .acceleration_limit import AccelerationLimit as AccelerationLimit
+from .base_norm_limits import BaseAccelerationLimit as BaseAccelerationLimit
+from .base_norm_limits import BaseSpeedLimit as BaseSpeedLimit
 from .collision_avoidance import CollisionAvoidance as CollisionAvoidance
 from .control_limit import BoundLimit as BoundLimit
 from .control_limit import ControlLimit as ControlLimit

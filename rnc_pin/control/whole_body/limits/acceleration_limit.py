@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -13,7 +13,7 @@ from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.limits.control_limit import BoundLimit, ControlLimit, LimitRows
 from rnc_pin.control.whole_body.limits.limited_joints import selection_rows
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.model.parameter_types import Numbers
+from rnc_pin.model.parameter_types import Numbers, Positive
 from rnc_pin.model.reduced_model import ReducedModel
 
 
@@ -22,7 +22,8 @@ class AccelerationLimit(ControlLimit):
     """Limit of the acceleration between two samples: of every reduced velocity, or of joints. A soft limit.
 
     Args:
-        limit: largest acceleration [rad/s^2 or m/s^2]; one number, or one for each reduced velocity or joint entry.
+        limit: largest acceleration [rad/s^2 or m/s^2]; one number, or one for each reduced velocity or joint entry, or
+            one by the name of each joint, e.g. ``{"joint_1": 2.0}``.
         joints: names of joints; by default the limit is on the reduced velocities v2.
         priority: order in which soft limits give way; the largest number first.
 
@@ -36,7 +37,7 @@ class AccelerationLimit(ControlLimit):
         (array([-0.02, -0.02]), array([0.02, 0.02]))
     """
 
-    limit: float | Numbers
+    limit: float | Numbers | Mapping[str, Positive]
     joints: Sequence[str] | None = None
     priority: int = field(default=2, kw_only=True)
 
@@ -50,14 +51,21 @@ class AccelerationLimit(ControlLimit):
             ModelError: a joint does not exist.
             ConfigurationError: the limits are not positive, or do not fit the entries.
         """
-        if self.joints is None:
+        joints, given = self.joints, self.limit
+        largest = np.zeros(0) if isinstance(given, Mapping) else np.asarray(given, dtype=float)
+        if isinstance(given, Mapping):
+            if joints is not None or not given:
+                raise ConfigurationError("an acceleration limit has joints by name: give one or more, and no 'joints'")
+            places = [reduced.robot.velocity_indices(name) for name in given]
+            sizes = [place.stop - place.start for place in places]
+            joints, largest = list(given), np.repeat(np.array(list(given.values()), dtype=float), sizes)
+        if joints is None:
             quantity: Literal["v", "v2"] = "v2"
             columns, names = list(range(reduced.r)), list(reduced.reducing.names)
         else:
-            quantity, velocities = "v", [reduced.robot.velocity_indices(name) for name in self.joints]
+            quantity, velocities = "v", [reduced.robot.velocity_indices(name) for name in joints]
             columns = [index for each in velocities for index in range(each.start, each.stop)]
             names = [reduced.robot.velocity_names[index] for index in columns]
-        largest = np.asarray(self.limit, dtype=float)
         if largest.shape not in ((), (len(names),)) or not ((largest > 0) & (largest < np.inf)).all():
             raise ConfigurationError(
                 f"an acceleration limit has to be a positive number or {len(names)}, found {self.limit}"
@@ -72,7 +80,8 @@ class _BoundAccelerations(BoundLimit):
         entries = limit.entries(reduced)
         self.names = tuple(f"{each.name} acceleration" for each in entries)
         self._largest = np.array([each.upper for each in entries])
-        self._indices = None if limit.joints is None else [each.column for each in entries]
+        of_joints = limit.joints is not None or isinstance(limit.limit, Mapping)
+        self._indices = [each.column for each in entries] if of_joints else None
         if self._indices is not None:
             self._jacobian = selection_rows(self._indices, reduced.n)
 

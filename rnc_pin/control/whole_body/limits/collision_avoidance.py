@@ -7,20 +7,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
 from rnc_pin.collision import CollisionDistances, Obstacle, PairDistances, PairSelection
 from rnc_pin.collision.flat_contacts import MOST_CORNERS
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.limits.control_limit import BoundLimit, ControlLimit, LimitRows
+from rnc_pin.control.whole_body.limits.planned_braking import PlannedBraking
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.parameter_types import NotNegative, Positive
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
 
 _SHARE = 0.5
-_BRAKING = 0.5  # share of the efforts that may be planned for stopping
-_LEAST = 0.1  # of that deceleration remains where gravity takes more
-_NO_EFFECT = 1e-9  # [m/s^2 per N m] below which an actuator does not change a distance
 
 
 @dataclass(frozen=True)
@@ -107,10 +105,7 @@ class BoundCollisionAvoidance(BoundLimit):
         further = [f"{label} corner {k + 1}" for k in range(MOST_CORNERS if limit.corners else 0) for label in labels]
         self.names = (*(f"{label} distance" for label in labels), *further)
         self._influence, self._rate = limit.influence, limit.rate
-        efforts = reduced.actuation.limits
-        self._deceleration, self._unlimited = limit.deceleration, np.flatnonzero(~np.isfinite(efforts))
-        self._braking_efforts = np.where(np.isfinite(efforts), _BRAKING * efforts, 0.0)
-        self._brakes, self._without_limit = bool(self._braking_efforts.any()), (~np.isfinite(efforts)).astype(float)
+        self._deceleration, self._braking = limit.deceleration, PlannedBraking(reduced)
         self._corners, self.clearances = limit.corners, np.full(len(labels), limit.clearance)
         links = len(robot.collision_model.geometryObjects) if robot.collision_model is not None else 0
         at_start = self.distances.at(q0, within=limit.clearance / _SHARE)
@@ -118,6 +113,7 @@ class BoundCollisionAvoidance(BoundLimit):
             if self.distances.pairs[k].second < links:
                 self.clearances[k] = _SHARE * distance
         self.clearances.setflags(write=False)
+        self._nearest = float(self.clearances.max(initial=0.0))
 
     def rows(self, sample: ControlSample) -> LimitRows:
         near = self.distances.at(sample.end, sample.time, self._influence, corners=self._corners)
@@ -131,23 +127,16 @@ class BoundCollisionAvoidance(BoundLimit):
             places = places + number * len(self.clearances)
         return LimitRows(near.jacobian, lower, np.full(len(lower), np.inf), places)
 
-    def _decelerations(self, near: PairDistances, sample: ControlSample) -> Float[np.ndarray, " k"]:
-        """Decelerations (k,) of the approach of pairs [m/s^2] that the efforts allow; infinite without limits."""
-        if self._deceleration is not None or not (self._brakes and len(near.pairs)):
-            return np.full(len(near.pairs), self._deceleration or np.inf)
-        state = sample.start
-        found, efforts = np.empty(len(near.pairs)), (self._braking_efforts, self._without_limit)
-        known = near.jacobian, state.E_inverse, state.H, state.input_matrix, state.unforced
-        if _kernel.library.decelerations(*known, *efforts, _LEAST, _NO_EFFECT, found):
-            return found
-        effects, adverse = state.row_accelerations(near.jacobian @ state.R)
-        effects = np.abs(effects)
-        planned = effects @ self._braking_efforts
-        found = np.maximum(planned + np.minimum(adverse, 0.0), _LEAST * planned)  # less gravity and velocity products
-        found[planned <= _NO_EFFECT] = np.inf
-        if len(self._unlimited):
-            found[(effects[:, self._unlimited] > _NO_EFFECT).any(axis=1)] = np.inf
+    def exceeded_by(self, state: StateEvaluation, time: float) -> Float[np.ndarray, " k"]:
+        near, found = self.distances.at(state, time, self._nearest), np.zeros(len(self.names))
+        found[near.pairs] = self.clearances[near.pairs] - near.distance
         return found
+
+    def _decelerations(self, near: PairDistances, sample: ControlSample) -> Float[np.ndarray, " k"]:
+        """Decelerations (k,) of the approach of pairs [m/s^2]; infinite without effort limits."""
+        if self._deceleration is not None:
+            return np.full(len(near.pairs), self._deceleration)
+        return self._braking.decelerations(near.jacobian, sample.start)
 
 
 def approach_speed(

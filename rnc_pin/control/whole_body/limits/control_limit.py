@@ -11,6 +11,7 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float, Int
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
 
 
 class LimitRows(NamedTuple):
@@ -38,6 +39,18 @@ class BoundLimit(ABC):
     @abstractmethod
     def rows(self, sample: ControlSample) -> LimitRows:
         """Return the rows at the end of a sample. An idle row has infinite bounds, or is not among ``places``."""
+
+    def exceeded_by(self, state: StateEvaluation, time: float) -> Float[Array, " k"] | None:
+        """Return the amount by which a state exceeds each limit, negative or zero for the others.
+
+        Rows can be stricter than a limit: they plan to stop in time. By default, None: a state exceeds the limit if
+        its velocity violates the rows of the sample that led to it.
+
+        Args:
+            state: the state.
+            time: its time [s].
+        """
+        return None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,9 +15,11 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.limits.control_limit import BoundLimit, ControlLimit, LimitRows
 from rnc_pin.control.whole_body.limits.limited_joints import limited_positions, selection_rows
+from rnc_pin.control.whole_body.limits.planned_braking import PlannedBraking
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.parameter_types import Positive
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.robots.joint_values import NO_LIMIT
 
 _STOPPING_TIME = 0.25  # [s] from the velocity limit, if no deceleration is given
@@ -35,7 +37,8 @@ class JointPositionLimit(ControlLimit):
     Args:
         joints: names; by default every joint with position limits.
         deceleration: deceleration of these joints [rad/s^2 or m/s^2]. By default each joint stops from its velocity
-            limit in 0.25 s; without a velocity limit, it is the range of the joint per s^2.
+            limit in 0.25 s; without a velocity limit, it is the range of the joint per s^2. Where efforts are limited,
+            it is at most what half of them gives at the state, less the load.
         margin: share of the range that stays unused at each end.
 
     Example:
@@ -71,6 +74,7 @@ class _BoundPositions(BoundLimit):
         self._q, self._v = found.q, found.v
         room = limit.margin * (found.upper - found.lower)
         self._lower, self._upper = found.lower + room, found.upper - room
+        self._ends = found.lower, found.upper
         names = reduced.robot.velocity_names
         self.names = tuple(f"{names[index]} position" for index in found.v)
         self._jacobian = selection_rows(found.v, reduced.n)
@@ -81,16 +85,25 @@ class _BoundPositions(BoundLimit):
         self._deceleration = own if limit.deceleration is None else np.full(len(own), limit.deceleration)
         self._places = np.array(found.q, dtype=int), np.array(found.v, dtype=int)
         self._limits = np.array([self._lower, self._upper, self._deceleration])
+        self._braking = PlannedBraking(reduced) if limit.deceleration is None else None
+        self._sides = np.vstack([-self._jacobian, self._jacobian])
 
     def rows(self, sample: ControlSample) -> LimitRows:
         start = sample.start
-        bounds = np.empty((2, len(self._v)))
-        if _kernel.library.stopping_velocities(start.q, start.v, *self._places, self._limits, sample.dt, bounds):
+        limits, bounds = self._limits, np.empty((2, len(self._v)))
+        if self._braking is not None:
+            planned = self._braking.decelerations(self._sides, start).reshape(2, -1).min(axis=0)
+            limits = np.array([self._lower, self._upper, np.minimum(self._deceleration, planned)])
+        if _kernel.library.stopping_velocities(start.q, start.v, *self._places, limits, sample.dt, bounds):
             return LimitRows(self._jacobian, bounds[0], bounds[1])
         q, ahead = start.q[self._q], 0.5 * sample.dt * start.v[self._v]
         room = np.array([self._upper - q - ahead, q + ahead - self._lower])
-        upper, lower = velocity_to_stop(room, self._deceleration, sample.dt)
+        upper, lower = velocity_to_stop(room, limits[2], sample.dt)
         return LimitRows(self._jacobian, -lower, upper)
+
+    def exceeded_by(self, state: StateEvaluation, time: float) -> Float[Array, " k"]:
+        q, (lower, upper) = state.q[self._q], self._ends
+        return np.maximum(q - upper, lower - q)
 
 
 def velocity_to_stop(

@@ -6,14 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
+import numpy as np
 from annotated_types import Ge, Lt
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.limits.control_limit import BoundLimit, ControlLimit, LimitRows
 from rnc_pin.control.whole_body.limits.limited_joints import limited_velocities, selection_rows
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.parameter_types import Positive
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,10 @@ class _BoundVelocities(BoundLimit):
         names = reduced.robot.velocity_names
         self.names = tuple(f"{names[index]} velocity" for index in indices)
         self._rows = LimitRows(selection_rows(indices, reduced.n), -used, used)
+        self._indices, self._largest = indices, largest
 
     def rows(self, sample: ControlSample) -> LimitRows:
         return self._rows
+
+    def exceeded_by(self, state: StateEvaluation, time: float) -> Float[np.ndarray, " k"]:
+        return np.abs(state.v[self._indices]) - self._largest

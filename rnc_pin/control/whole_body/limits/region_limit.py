@@ -7,12 +7,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.limits.control_limit import BoundLimit, ControlLimit, LimitRows
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.frame_velocity import axis_index
 from rnc_pin.model.parameter_types import Positive
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,9 @@ class _BoundRegion(BoundLimit):
         distance = self._offsets - self._normals @ at.placement(self._frame).translation
         jacobian = self._normals @ at.jacobian(self._frame)[:3]
         return LimitRows(jacobian, self._below, self._gain * distance)
+
+    def exceeded_by(self, state: StateEvaluation, time: float) -> Float[np.ndarray, " k"]:
+        return self._normals @ state.position.placement(self._frame).translation - self._offsets
 
 
 _Side = tuple[str, np.ndarray, float]

@@ -1,5 +1,7 @@
 """Whole-body control from a scenario file: references start at the initial values, limits of the file apply."""
 
+from pathlib import Path
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -55,6 +57,26 @@ def test_the_hand_follows_its_reference_within_the_limits(tmp_path):
     assert np.abs(trajectory.x1[-1] - goals[-1]).max() < 0.01
     assert np.abs(trajectory.v[:, 3:]).max() <= 0.25
     assert trajectory.q[:, 0].max() <= 0.25 + 1e-3
+
+
+def test_limits_of_joints_by_name_and_of_norms_hold_in_a_file(tmp_path):
+    given = {
+        "acceleration": {"limit": {"joint_1": 2.0, "joint_2": 4.0}},
+        "base_speed": {"frame": "base", "limit": 0.05},
+        "base_acceleration": {"frame": "base", "limit": 0.3},
+    }
+    reach = yaml.safe_load(SCENARIO)["controller"]["tasks"]
+    path = written(tmp_path, type="inverse_dynamics", tasks=reach, limits=given)
+    raw = yaml.safe_load(Path(path).read_text())
+    raw["controller"] = {key: raw["controller"][key] for key in ("type", "tasks", "limits")}
+    Path(path).write_text(yaml.safe_dump(raw))
+    run = execute(Scenario.load(path, {"simulation.duration": 0.4})).trajectory
+    rates = np.diff(run.v, axis=0) / 0.008
+    assert (np.abs(rates[:, 3:5]).max(axis=0) <= np.array([2.0, 4.0]) * (1 + 1e-4)).all()
+    (vx, vy), (c, s) = run.v[:, :2].T, run.q[:, 2:4].T  # in the base's axes, and its heading
+    base = np.column_stack([c * vx - s * vy, s * vx + c * vy])
+    assert 0.97 * 0.05 < np.linalg.norm(base, axis=1).max() <= 0.05
+    assert np.linalg.norm(np.diff(base, axis=0), axis=1).max() <= 0.3 * 0.008 * (1 + 1e-6)
 
 
 REACHING = {
@@ -251,6 +273,15 @@ def test_preflight_warns_of_a_lower_goal_that_is_given_up(tmp_path):
     behind["tasks"] = [{"output": {**first["output"], "priority": 1}}, *others]
     (warning,) = Scenario.load(point(tmp_path, controller=behind, obstacles=[], preflight="refuse")).experiment.warnings
     assert "task 0 (ball_x) of priority 1 may give its goal up: a coarse roll-out ends 0.3 from it" in warning
+
+
+def test_preflight_asks_for_a_braking_motion_from_the_start(tmp_path):
+    """A ball that flies towards a post faster than its efforts can stop it."""
+    fast = {"controller": PROGRAMS[1], "initial": {"v2": {"x": 4.0}, "q": {"y": 0.12}}, "simulation": {"duration": 0.2}}
+    (warning, *_) = Scenario.load(point(tmp_path, **fast)).experiment.warnings
+    assert warning.startswith("no braking motion from the start keeps all limits: ")
+    with pytest.raises(rnc.InfeasibleError, match="no braking motion from the start"):
+        Scenario.load(point(tmp_path, preflight="refuse", **fast)).build()
 
 
 def three_posts(folder, **changes):

@@ -1,0 +1,124 @@
+"""Braking motions that are verified before a sample: limits hold where the program alone would let them give way."""
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from bodies import add_body
+from places import ROOT
+from rnc_pin.collision import Obstacle
+from rnc_pin.control import InverseDynamicsQP, limits, tasks
+from rnc_pin.control.whole_body.braking_motion import BrakedSample, Braking
+from rnc_pin.planning import Hold, MinimumJerk
+from rnc_pin.simulation import FindingKind, replay_limits
+
+CLEARANCE = 0.05
+
+
+def telescopic_arm():
+    """A boom that cannot carry itself far extended, on a turret and a lift."""
+    robot = rnc.Robot.from_urdf(ROOT / "benchmarks" / "scenes" / "telescopic_arm.urdf")
+    return rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce()
+
+
+def reaching_run(reduced, seed, braking_time):
+    """Run of a drawn reach among people who walk, and the distances and limits of its replay."""
+    robot, draw = reduced.robot, np.random.default_rng(seed)
+    starts = {"lift": (0.1, 0.6), "turn": (-1, 1), "telescope": (0.05, 0.15), "boom": (0, 0.5), "wrist": (-0.5, 0.5)}
+    q0 = robot.configuration({name: draw.uniform(*ends) for name, ends in starts.items()})
+    angle = draw.uniform(-2.3, 2.3)
+    goal = [*(draw.uniform(0.7, 1.3) * np.array([np.cos(angle), np.sin(angle)])), draw.uniform(0.8, 1.5)]
+    walks = [MinimumJerk([x, y, 0.9, 0], [-x, y, 0.9, 0], 5.0) for x, y in ((2.0, 1.6), (-2.5, -1.7))]
+    people = [Obstacle(coal.Capsule(0.2, 1.4), motion=each, name=f"person {k}") for k, each in enumerate(walks)]
+    position = rnc.FramePosition("hand").bind(robot)
+    reference = MinimumJerk(position.value(reduced.at(q0).position), goal, 1.5)
+    avoid = limits.CollisionAvoidance(clearance=CLEARANCE, influence=0.4, obstacles=people, q0=q0)
+    program = InverseDynamicsQP(
+        reduced,
+        [
+            tasks.OutputTask(rnc.FramePosition("hand"), reference, gain=6.0),
+            tasks.PostureTask({"wrist": 0.0}, priority=1),
+        ],
+        [limits.JointPositionLimit(), limits.JointVelocityLimit(), avoid],
+        dt=0.025,
+        braking_time=braking_time,
+    )
+    run = rnc.simulate(reduced, program, q0, 2.5, dt=0.025)
+    return run, replay_limits(robot, run, people, within=0.2)
+
+
+def test_a_weak_telescopic_arm_keeps_its_limits_among_people_who_walk():
+    """Alone, the program extends the boom until its efforts cannot carry it: lift, boom and telescope then fall."""
+    reduced, broken, braked = telescopic_arm(), 0, 0
+    for seed in (1, 4):
+        broken += bool(reaching_run(reduced, seed, None)[1].violations)
+        run, replay = reaching_run(reduced, seed, 2.0)
+        used = run.info.braking
+        assert used is None or used.unverified == 0
+        assert max(use.excess for use in replay.uses) <= 1e-6
+        nearest = replay.nearest(obstacle=True)
+        assert nearest is None or nearest.distance > CLEARANCE - 1e-4
+        assert run.verdict.succeeded
+        if used is not None:
+            braked += used.samples
+            (finding,) = [each for each in run.verdict.findings if each.kind is FindingKind.BRAKING]
+            assert finding.time == used.first
+            assert f"{used.samples} of {len(run.time)}" in str(finding)
+    assert broken == 2
+    assert braked > 0
+
+
+def cart(effort):
+    """One joint of 1 kg on a level rail, with a range of 2 m and a limited force."""
+    model = pin.Model()
+    add_body(model, "rail", "PX", 1.0, moments=0.1)
+    model.lowerPositionLimit[:], model.upperPositionLimit[:] = -1.0, 1.0
+    model.upperVelocityLimit[:], model.upperEffortLimit[:] = 10.0, effort
+    return rnc.NonholonomicSystem(rnc.Robot(model), [], ["rail"]).reduce()
+
+
+def test_braking_starts_at_the_stopping_distance():
+    """A mass of 1 kg with 2 N stops from v in ``v^2 / 4``: a limit that plans with more leaves this to the last."""
+    reduced, dt = cart(2.0), 0.02
+    there = tasks.OutputTask(rnc.JointPosition("rail"), Hold([5.0]), gain=4.0)
+    late = limits.JointPositionLimit(deceleration=1e3, margin=0.0)
+    ends = []
+    for braking_time in (None, 2.0):
+        program = InverseDynamicsQP(reduced, [there], [late], dt=dt, braking_time=braking_time)
+        run = rnc.simulate(reduced, program, reduced.robot.configuration({"rail": -1.0}), 2.5, dt=dt)
+        ends.append(run.q[:, 0].max())
+    assert ends[0] > 1.1
+    assert 1.0 - 1e-3 < ends[1] <= 1.0 + 2e-6
+    used = run.info.braking
+    k = int(np.argmin(np.abs(run.time - used.first)))
+    q, v = run.q[:, 0], run.v[:, 0]
+    # The motion is the fastest there is: full force to the middle at 2 m/s, then back to rest at the limit.
+    np.testing.assert_allclose([q[k], v[k], v[k] ** 2 / 4.0], [0.0, 2.0, 1.0 - q[k]], atol=1e-9)
+
+
+def test_a_start_that_cannot_stop_is_named_and_the_run_does_not_succeed():
+    """At 2 m/s a mass of 1 kg needs 1 m to stop with 2 N, and has half of it."""
+    reduced = cart(2.0)
+    rest = tasks.OutputTask(rnc.JointPosition("rail"), Hold([0.5]), gain=4.0)
+    program = InverseDynamicsQP(reduced, [rest], [limits.JointPositionLimit()], dt=0.02)
+    run = rnc.simulate(reduced, program, reduced.robot.configuration({"rail": 0.5}), 1.0, dt=0.02, v2_0=[2.0])
+    used = run.info.braking
+    assert (used.samples, used.unverified_first) == (0, 0.0)
+    assert "rail position gives way" in used.problem
+    assert program.braking_problem(0.0, run.q[0], run.v2[0]) == used.problem
+    assert program.braking_problem(0.0, run.q[0], run.v2[0] / 2) is None
+    assert not run.verdict.succeeded
+    assert used.exceeded["rail position"] == pytest.approx(run.q.max() - 1.0, abs=1e-6)
+    assert rnc.simulation.RunInfo.from_json(run.info.to_json()).braking == used
+
+
+def test_a_load_beyond_the_efforts_is_no_rest():
+    """A motion at rest for one sample is verified only if the next sample keeps it at rest."""
+
+    def falling(t, q, v2):
+        return BrakedSample(np.zeros(1), q, v2 + 0.1, float(abs(v2[0] + 0.1)), np.zeros(1))
+
+    found = Braking(falling, ["x"], 0.1, 1.0).motion(0.0, np.zeros(1), np.array([-0.1]), np.zeros(1))
+    assert found.problem == "the robot does not come to rest within 1 s"
