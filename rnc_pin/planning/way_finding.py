@@ -13,12 +13,11 @@ from annotated_types import Ge
 from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
-from rnc_pin.array_shapes import Bool, Float
+from rnc_pin.array_shapes import Float
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
 from rnc_pin.collision.convex_shapes import bounding_box
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError
 from rnc_pin.extras import check_extra
-from rnc_pin.model.configuration_manifold import ConfigurationManifold
 from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.model.parameter_types import NotNegative, Positive
 from rnc_pin.model.reduced_model import ReducedModel
@@ -28,14 +27,13 @@ from rnc_pin.planning.inverse_kinematics import IkSearch, solve_ik
 from rnc_pin.planning.kinematic_flow import KinematicFlow
 from rnc_pin.planning.output_targets import OutputTarget
 from rnc_pin.planning.steering_detection import find_steering, planned_velocities
-from rnc_pin.planning.way import Way, WayInfo
+from rnc_pin.planning.way import Way, WayInfo, way_along
 from rnc_pin.planning.way_checking import WayChecker
 from rnc_pin.planning.way_propagation import DEVIATION, PropagatedSearch
 from rnc_pin.planning.way_search import Clock, WaySearch, speed_limits
 
 _FIRST = 400  # motions of the first search, in which joints stay within the range of start and goals
 _ATTEMPT = 4000  # motions of each further search, before it starts again with other random numbers
-_SEEN = 1.0  # [m]; the narrowest place is looked for within this distance
 _DRAWN = 4  # random starts for each further goal configuration
 _BASES = ("JointModelPlanar", "JointModelFreeFlyer")
 
@@ -148,7 +146,7 @@ def find_way(
         first = float(propagated.durations(found.steps).sum())
         found = propagated.shortened(found, settings.shortcuts)
         info = WayInfo("propagated", clock.elapsed, propagated.edges, len(ends), first)
-        return _way(reduced, planned, checker, found, info)
+        return way_along(reduced, planned, checker, found, info)
     search = WaySearch(steering, checker, start, ends, clock)
     found = search.direct() or _searched(search, reduced, area, settings, seed, clock)
     if found is None:
@@ -158,7 +156,7 @@ def find_way(
     if checker is not None and not planned.all() and not checker.is_free(whole):
         raise InfeasibleError("find_way: wheels that follow collide, because they are not round")
     info = WayInfo(steering.kind, clock.elapsed, search.edges, len(ends), first)
-    return _way(reduced, planned, checker, whole, info)
+    return way_along(reduced, planned, checker, whole, info)
 
 
 def _steering(reduced: ReducedModel, start: Array, settings: WaySettings, seed: int) -> Steering | None:
@@ -335,55 +333,6 @@ def _area(
     if checker is not None:
         room += 2.0 * float(checker.distances.radii[: checker.distances.link_shapes].max())
     return np.array([every.min(axis=0) - room, every.max(axis=0) + room])
-
-
-def _way(
-    reduced: ReducedModel,
-    planned: Bool[Array, " nv"],
-    checker: WayChecker | None,
-    motion: ExactMotion,
-    info: WayInfo,
-) -> Way:
-    """Way along a motion of all joints."""
-    durations = (np.abs(motion.steps) / speed_limits(reduced, planned)).max(axis=1, initial=0.0)
-    time = np.concatenate([[0.0], np.cumsum(durations)])
-    v = motion.steps / durations[:, None]
-    narrowest = None
-    if checker is not None and len(v):
-        narrowest = checker.narrowest(time, motion.q, _SEEN)
-    for array in (time, motion.q, v):
-        array.setflags(write=False)
-    geodesic = info.steering != "propagated"
-    return Way(
-        reduced=reduced,
-        time=time,
-        q=motion.q,
-        v=v,
-        length=_length(reduced, motion),
-        residual=_residual(reduced, motion, v, geodesic),
-        narrowest=narrowest,
-        info=info,
-        geodesic=geodesic,
-    )
-
-
-def _length(reduced: ReducedModel, motion: ExactMotion) -> float:
-    """Length of the path of a base [m]."""
-    base = reduced.robot.model.joints[1]
-    size = {"JointModelPlanar": 2, "JointModelFreeFlyer": 3}.get(base.shortname(), 0)
-    return float(np.linalg.norm(motion.steps[:, base.idx_v : base.idx_v + size], axis=1).sum())
-
-
-def _residual(reduced: ReducedModel, motion: ExactMotion, v: Array, geodesic: bool) -> float:
-    """Largest entry of ``A(q) v`` at the nodes; for geodesics also halfway and at their ends."""
-    places = [motion.q[:-1]]
-    if geodesic:
-        places += [
-            ConfigurationManifold(reduced.robot.model).integrate(motion.q[:-1], 0.5 * motion.steps),
-            motion.q[1:],
-        ]
-    pairs = [(q, rate) for each in places for q, rate in zip(each, v, strict=True)]
-    return max((float(np.abs(reduced.at(q).A @ rate).max(initial=0.0)) for q, rate in pairs), default=0.0)
 
 
 def _failure(

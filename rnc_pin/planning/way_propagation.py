@@ -137,7 +137,7 @@ class PropagatedSearch:
                 if not grown:
                     self._note(tree.q[-1])
                 if apart[meeting] < _NEAR:
-                    places = (tree.size - 1, meeting)[:: -1 if grown else 1]
+                    places = (meeting, tree.size - 1) if grown else (tree.size - 1, meeting)
                     found = self._joined(trees, places)
                     if found is not None:
                         return found
