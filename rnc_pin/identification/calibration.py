@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, InfeasibleError, nearest
+from rnc_pin.identification.base_parameters import combination_name
 from rnc_pin.identification.rolled_path import rotated
 from rnc_pin.identification.rolling_motion import RollingMotion
 from rnc_pin.identification.unknowns import SensorPlace, Unknown, UnknownNumber, corrections_of, radii_of
@@ -27,7 +28,6 @@ _FEWEST = 4  # samples of a window
 _FIRST, _LAST = 1.0, 0.03  # precision of the first windows and of the last ones, in standard deviations
 _PRIOR = 0.1  # standard deviation of the parameters of the file in short windows, relative to their sizes
 _FAR = 5.0  # standard deviations of an outlier
-_NAMED = 0.1  # share of a combination below which a parameter is not named
 
 
 @dataclass(frozen=True)
@@ -334,7 +334,7 @@ def _precision(
     rounding = len(scaled) * np.finfo(float).eps * max(values.max(initial=0.0), 1.0)
     deviations = np.sqrt(correlation) / np.maximum(values, 1e-300)
     names = [each.name for each in parameters]
-    words = [_combination(vector, names) for vector in vectors]
+    words = [combination_name(vector, names) for vector in vectors]
     found = sorted(zip(words, deviations.tolist(), strict=True), key=lambda each: -each[1])
     unseen = (deviations > resolution) | (values <= rounding)
     lost = [word for word, each in zip(words, unseen, strict=True) if each]
@@ -342,16 +342,6 @@ def _precision(
         raise InfeasibleError(f"the log does not determine the {'; or the '.join(lost)}")
     spread = (vectors.T / values) * scales[:, None]
     return correlation * spread @ spread.T, tuple(found)
-
-
-def _combination(vector: np.ndarray, names: Sequence[str]) -> str:
-    """Words of a combination of scaled parameters: its largest part is positive."""
-    vector = vector * np.sign(vector[np.argmax(np.abs(vector))])
-    large = [k for k in np.argsort(-np.abs(vector)) if abs(vector[k]) > _NAMED]
-    if len(large) == 1:
-        return names[large[0]]
-    words = " ".join(f"{'-' if vector[k] < 0 else '+'} {abs(vector[k]):.2f} {names[k]}" for k in large)
-    return f"combination {words.removeprefix('+ ')}"
 
 
 def calibrated(

@@ -197,7 +197,7 @@ def _read_parquet(path: Path, places: Sequence[Place]) -> list[np.ndarray]:
         import pyarrow
         from pyarrow import parquet
     except ImportError:
-        raise ConfigurationError(f"{path}: {missing_extra('sweep')}") from None
+        raise ConfigurationError(f"{path}: {missing_extra('logs')}") from None
     try:
         names = parquet.read_schema(path).names
         chosen = [names[_within(path, place, names)] for place in places]
