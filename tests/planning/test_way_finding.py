@@ -10,7 +10,7 @@ import rnc_pin as rnc
 import rnc_pin.extras
 from benchmarks.planned_models import car, mobile_manipulator, tractor
 from rnc_pin.planning import WaySettings, find_way
-from systems import ROLLERS, WHEEL, mecanum, tiago
+from systems import ROLLERS, WHEEL, four_bar, mecanum, tiago
 
 Obstacle = rnc.collision.Obstacle
 
@@ -251,6 +251,15 @@ def test_a_free_floating_arm_turns_its_base_by_its_joints():
     away[0] += 0.1  # the centre of mass cannot move
     with pytest.raises(rnc.InfeasibleError, match=r"no way found in 1 s.*nearest 0\.\d+ m"):
         find_way(reduced, start, away, settings=WaySettings(seconds=1.0))
+
+
+def test_a_closed_loop_stays_closed_and_the_same_seed_gives_the_same_way():
+    reduced = four_bar()
+    start, goal = (reduced.assembled(reduced.robot.configuration({"crank": angle}), ["crank"]) for angle in (0.4, 0.9))
+    way, again = (find_way(reduced, start, goal, settings=WaySettings(seconds=120.0), seed=3) for _ in range(2))
+    np.testing.assert_array_equal(way.q, again.q)
+    assert np.abs(pin.difference(reduced.robot.model, way.q[-1], goal)).max() < 1e-9
+    assert max(np.abs(reduced.assembled(q, ["crank"]) - q).max() for q in way.q[::20]) < 1e-9
 
 
 def test_propagated_motions_refuse_what_they_cannot_do():
