@@ -76,13 +76,24 @@ def _axle(reduced: ReducedModel, row: Array) -> Array:
 def _refuse(reduced: ReducedModel, why: str) -> NoReturn:
     raise ConfigurationError(
         f"no exact steering is known for '{reduced.robot.name}': {why}. Known are arms, free bodies, differential "
-        "drives, cars with one steering joint and Mecanum bases, each with arms; use rnc.optimal.plan for others"
+        "drives, cars with one steering joint and Mecanum bases, each with arms"
     )
 
 
 def _annihilators(R: Float[Array, "n r"]) -> Float[Array, "k n"]:
     """Orthonormal rows (n - r, n) that all velocities satisfy."""
     return np.linalg.svd(R)[0][:, R.shape[1] :].T
+
+
+def planned_velocities(reduced: ReducedModel, q0: Float[Array, " nq"], seed: int = 0) -> Bool[Array, " nv"]:
+    """Mask of the velocities that are planned; wheels without limits, on which no row depends, follow.
+
+    Args:
+        reduced: the model.
+        q0: a configuration (nq,).
+        seed: seed of the random configurations.
+    """
+    return ~_Samples(reduced, q0, seed).followers()
 
 
 class _Samples:

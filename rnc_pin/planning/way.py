@@ -9,11 +9,16 @@ import numpy as np
 from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Bool, Float
 from rnc_pin.model.configuration_manifold import ConfigurationManifold
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.planning.way_checking import NarrowPlace
+from rnc_pin.planning.exact_steering import ExactMotion
+from rnc_pin.planning.kinematic_flow import KinematicFlow
+from rnc_pin.planning.way_checking import NarrowPlace, WayChecker
+from rnc_pin.planning.way_search import speed_limits
 from rnc_pin.printing import Line, ObjectSummary, SummaryMixin, counted, items
+
+_SEEN = 1.0  # [m]; the narrowest place is looked for within this distance
 
 
 @dataclass(frozen=True, repr=False)
@@ -21,7 +26,7 @@ class WayInfo:
     """Record of the search for a way.
 
     Attributes:
-        steering: kind of the exact steering.
+        steering: kind of the exact steering; "propagated" if none is known.
         seconds: time of the search [s].
         edges: number of motions whose collisions were checked.
         goals: number of goal configurations.
@@ -39,8 +44,9 @@ class WayInfo:
 class Way(SummaryMixin):
     """Collision-free motion along which the constraint rows hold.
 
-    Joints move at constant rates between nodes: a node is followed by a geodesic with velocity ``v``. The velocity
-    jumps at nodes, so that a robot has to stop there, or to follow a smoother motion beside the way.
+    The reduced velocities ``J2(q) v`` are constant between nodes. By exact steering, joints move at constant rates too:
+    a node is followed by a geodesic. The velocity jumps at nodes, so that a robot has to stop there, or to follow a
+    smoother motion beside the way.
 
     Attributes:
         reduced: the model.
@@ -52,6 +58,7 @@ class Way(SummaryMixin):
         residual: largest entry of ``A(q) v`` at the nodes, and halfway between them.
         narrowest: narrowest place beside obstacles; None if none is nearer than 1 m.
         info: record of the search.
+        geodesic: True if joints move at constant rates between nodes.
     """
 
     reduced: ReducedModel
@@ -62,6 +69,7 @@ class Way(SummaryMixin):
     residual: float
     narrowest: NarrowPlace | None
     info: WayInfo
+    geodesic: bool = True
 
     @property
     def duration(self) -> float:
@@ -83,7 +91,12 @@ class Way(SummaryMixin):
             found = np.repeat(self.q, len(times), axis=0)
         else:
             k = np.clip(np.searchsorted(self.time, times, "right") - 1, 0, len(self.v) - 1)
-            found = self._manifold.integrate(self.q[k], (times - self.time[k])[:, None] * self.v[k])
+            v, since = self.v[k], (times - self.time[k])[:, None]
+            if self.geodesic:
+                found = self._manifold.integrate(self.q[k], since * v)
+            else:
+                u = np.einsum("nij,nj->ni", self.reduced.at(self.q[k]).J2, v)
+                found = KinematicFlow(self.reduced).step(self.q[k], since * u)
         return found[0] if np.ndim(t) == 0 else found
 
     def reduced_velocity(self, t: float) -> Float[Array, " r"]:
@@ -102,4 +115,62 @@ class Way(SummaryMixin):
             place = self.narrowest
             lines.append(("narrowest place", items([f"{place.distance:.3g} m at {place.time:.3g} s, {place.pair}"])))
         found = f"found in {self.info.seconds:.2g} s, {counted(self.info.edges, 'motion')} checked"
-        return ObjectSummary(f"way by {self.info.steering} steering", [*lines, ("search", items([found]))])
+        how = "steering" if self.geodesic else "motions"
+        return ObjectSummary(f"way by {self.info.steering} {how}", [*lines, ("search", items([found]))])
+
+
+def way_along(
+    reduced: ReducedModel,
+    planned: Bool[Array, " nv"],
+    checker: WayChecker | None,
+    motion: ExactMotion,
+    info: WayInfo,
+) -> Way:
+    """Way along a motion of all joints, at the largest speeds.
+
+    Args:
+        reduced: the model.
+        planned: mask (nv,) of the velocities that are planned.
+        checker: distances to obstacles.
+        motion: displacements of all joints.
+        info: record of the search.
+    """
+    durations = (np.abs(motion.steps) / speed_limits(reduced, planned)).max(axis=1, initial=0.0)
+    time = np.concatenate([[0.0], np.cumsum(durations)])
+    v = motion.steps / durations[:, None]
+    narrowest = None
+    if checker is not None and len(v):
+        narrowest = checker.narrowest(time, motion.q, _SEEN)
+    for array in (time, motion.q, v):
+        array.setflags(write=False)
+    geodesic = info.steering != "propagated"
+    return Way(
+        reduced=reduced,
+        time=time,
+        q=motion.q,
+        v=v,
+        length=_length(reduced, motion),
+        residual=_residual(reduced, motion, v, geodesic),
+        narrowest=narrowest,
+        info=info,
+        geodesic=geodesic,
+    )
+
+
+def _length(reduced: ReducedModel, motion: ExactMotion) -> float:
+    """Length of the path of a base [m]."""
+    base = reduced.robot.model.joints[1]
+    size = {"JointModelPlanar": 2, "JointModelFreeFlyer": 3}.get(base.shortname(), 0)
+    return float(np.linalg.norm(motion.steps[:, base.idx_v : base.idx_v + size], axis=1).sum())
+
+
+def _residual(reduced: ReducedModel, motion: ExactMotion, v: Array, geodesic: bool) -> float:
+    """Largest entry of ``A(q) v`` at the nodes; for geodesics also halfway and at their ends."""
+    places = [motion.q[:-1]]
+    if geodesic:
+        places += [
+            ConfigurationManifold(reduced.robot.model).integrate(motion.q[:-1], 0.5 * motion.steps),
+            motion.q[1:],
+        ]
+    pairs = [(q, rate) for each in places for q, rate in zip(each, v, strict=True)]
+    return max((float(np.abs(reduced.at(q).A @ rate).max(initial=0.0)) for q, rate in pairs), default=0.0)

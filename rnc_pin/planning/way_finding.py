@@ -24,15 +24,16 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.planning.bounded_descent import TangentBounds
 from rnc_pin.planning.exact_steering import CarSteering, ExactMotion, Steering
 from rnc_pin.planning.inverse_kinematics import IkSearch, solve_ik
+from rnc_pin.planning.kinematic_flow import KinematicFlow
 from rnc_pin.planning.output_targets import OutputTarget
-from rnc_pin.planning.steering_detection import find_steering
-from rnc_pin.planning.way import Way, WayInfo
+from rnc_pin.planning.steering_detection import find_steering, planned_velocities
+from rnc_pin.planning.way import Way, WayInfo, way_along
 from rnc_pin.planning.way_checking import WayChecker
+from rnc_pin.planning.way_propagation import DEVIATION, PropagatedSearch
 from rnc_pin.planning.way_search import Clock, WaySearch, speed_limits
 
 _FIRST = 400  # motions of the first search, in which joints stay within the range of start and goals
 _ATTEMPT = 4000  # motions of each further search, before it starts again with other random numbers
-_SEEN = 1.0  # [m]; the narrowest place is looked for within this distance
 _DRAWN = 4  # random starts for each further goal configuration
 _BASES = ("JointModelPlanar", "JointModelFreeFlyer")
 
@@ -87,9 +88,10 @@ def find_way(
 ) -> Way:
     """Return a collision-free way from a configuration to a goal, along which the constraint rows hold.
 
-    OMPL's planner RRTConnect searches over exact motions (``find_steering``). A motion counts as free only if bounds
-    of the distances show it, between samples too. Then pairs of places on the way are connected directly, as far as
-    this makes it faster. The same seed gives the same way, unless the time is up before.
+    OMPL's planner RRTConnect searches over exact motions (``find_steering``). Where none are known, as for trailers and
+    momentum, motions with constant reduced velocities are propagated from start and goal, and joined by Newton's
+    method. A motion counts as free only if bounds of the distances show it, between samples too. Then the way becomes
+    shorter, as far as this makes it faster. The same seed gives the same way, unless the time is up before.
 
     The position limits of the robot's file hold. Wheels that follow end at any angle.
 
@@ -104,7 +106,7 @@ def find_way(
         seed: seed of all random choices.
 
     Raises:
-        ConfigurationError: OMPL is not installed, no exact steering is known, or an obstacle moves.
+        ConfigurationError: OMPL is not installed, rows prescribe a motion, or an obstacle moves.
         InfeasibleError: the start or the goal is in collision or beyond a limit, or no way is found in the time. The
             message names the nearest place and the pair that blocks most motions; ``error.q`` is the nearest
             configuration that was reached.
@@ -120,7 +122,6 @@ def find_way(
         >>> way.at(way.duration)[:2].round(6), way.residual < 1e-9, way.narrowest.distance > 0.01
         (array([3., 0.]), True, True)
     """
-    check_extra("ompl", "find_way")
     if not 0.0 <= clearance < np.inf:
         raise InputError(f"clearance: expected a number of at least 0 m, found {clearance!r}")
     clock = Clock(settings.seconds)
@@ -128,18 +129,50 @@ def find_way(
     for obstacle in obstacles:
         if obstacle.motion is not None:
             raise ConfigurationError(f"find_way: obstacle '{obstacle.name}' moves; a way is for obstacles that stand")
-    steering = find_steering(reduced, start, seed)
-    checker = _checker(reduced, start, obstacles, selection, clearance)
+    steering = _steering(reduced, start, settings, seed)
+    planned = planned_velocities(reduced, start, seed) if steering is None else steering.planned
+    apart = clearance if steering else clearance + DEVIATION
+    checker = _checker(reduced, start, obstacles, selection, apart)
     _check_configuration(reduced, checker, start, "start")
     ends = _Goals(reduced, steering, checker, settings, clock).of(goal, start, seed)
+    places = np.vstack([start, ends])
+    area = _area(reduced, 0.0 if steering is None else steering.radius, places, obstacles, checker, settings)
+    if steering is None:
+        flow, speeds = KinematicFlow(reduced), speed_limits(reduced, planned)
+        propagated = PropagatedSearch(flow, planned, checker, places, area, speeds, clock)
+        found = propagated.run(seed)
+        if found is None:
+            raise _failure(propagated, checker, reduced, ends, clock)
+        first = float(propagated.durations(found.steps).sum())
+        found = propagated.shortened(found, settings.shortcuts)
+        info = WayInfo("propagated", clock.elapsed, propagated.edges, len(ends), first)
+        return way_along(reduced, planned, checker, found, info)
     search = WaySearch(steering, checker, start, ends, clock)
-    area = _area(reduced, steering, np.vstack([start, ends]), obstacles, checker, settings)
     found = search.direct() or _searched(search, reduced, area, settings, seed, clock)
     if found is None:
         raise _failure(search, checker, reduced, ends, clock)
     first = float(search.durations(found.steps).sum())
-    found = search.shortened(found, settings.shortcuts, seed)
-    return _way(search, steering, checker, found, (start, first, len(ends), clock))
+    whole = steering.completed(search.shortened(found, settings.shortcuts, seed), start)
+    if checker is not None and not planned.all() and not checker.is_free(whole):
+        raise InfeasibleError("find_way: wheels that follow collide, because they are not round")
+    info = WayInfo(steering.kind, clock.elapsed, search.edges, len(ends), first)
+    return way_along(reduced, planned, checker, whole, info)
+
+
+def _steering(reduced: ReducedModel, start: Array, settings: WaySettings, seed: int) -> Steering | None:
+    """Exact steering; None if none is known, so that motions have to be propagated."""
+    try:
+        steering = find_steering(reduced, start, seed)
+    except ConfigurationError:
+        if reduced.affine:
+            raise ConfigurationError("find_way: rows prescribe a motion, which cannot be driven backwards") from None
+        if list(settings.hold):
+            raise ConfigurationError(
+                "find_way: hold needs an exact steering, which is not known for this system; lock these joints"
+            ) from None
+        return None
+    check_extra("ompl", "find_way")
+    return steering
 
 
 def _searched(
@@ -208,7 +241,7 @@ class _Goals:
     def __init__(
         self,
         reduced: ReducedModel,
-        steering: Steering,
+        steering: Steering | None,
         checker: WayChecker | None,
         settings: WaySettings,
         clock: Clock,
@@ -272,7 +305,7 @@ class _Goals:
 
 def _area(
     reduced: ReducedModel,
-    steering: Steering,
+    radius: float,
     configurations: Float[Array, "n nq"],
     obstacles: Sequence[Obstacle],
     checker: WayChecker | None,
@@ -296,60 +329,18 @@ def _area(
             middle, reach = pose.act(center), np.abs(pose.rotation) @ halves
             corners.append(np.array([middle - reach, middle + reach]))
     every = np.concatenate(corners)
-    room = 1.0 + 2.0 * steering.radius
+    room = 1.0 + 2.0 * radius
     if checker is not None:
         room += 2.0 * float(checker.distances.radii[: checker.distances.link_shapes].max())
     return np.array([every.min(axis=0) - room, every.max(axis=0) + room])
 
 
-def _way(
-    search: WaySearch,
-    steering: Steering,
-    checker: WayChecker | None,
-    motion: ExactMotion,
-    found: tuple[Array, float, int, Clock],
-) -> Way:
-    """Way along a motion, with the joints that follow."""
-    start, first, goals, clock = found
-    whole = steering.completed(motion, start)
-    durations = (np.abs(whole.steps) / speed_limits(steering)).max(axis=1, initial=0.0)
-    time = np.concatenate([[0.0], np.cumsum(durations)])
-    v = whole.steps / durations[:, None]
-    if checker is not None and steering.planned.sum() < len(steering.planned) and not checker.is_free(whole):
-        raise InfeasibleError("find_way: wheels that follow collide, because they are not round")
-    narrowest = None
-    if checker is not None and len(v):
-        narrowest = checker.narrowest(time, whole.q, _SEEN)
-    for array in (time, whole.q, v):
-        array.setflags(write=False)
-    return Way(
-        reduced=steering.reduced,
-        time=time,
-        q=whole.q,
-        v=v,
-        length=_length(steering, whole),
-        residual=_residual(steering, whole, v),
-        narrowest=narrowest,
-        info=WayInfo(steering.kind, clock.elapsed, search.edges, goals, first),
-    )
-
-
-def _length(steering: Steering, motion: ExactMotion) -> float:
-    """Length of the path of a base [m]."""
-    base = steering.reduced.robot.model.joints[1]
-    size = {"JointModelPlanar": 2, "JointModelFreeFlyer": 3}.get(base.shortname(), 0)
-    return float(np.linalg.norm(motion.steps[:, base.idx_v : base.idx_v + size], axis=1).sum())
-
-
-def _residual(steering: Steering, motion: ExactMotion, v: Array) -> float:
-    """Largest entry of ``A(q) v`` at the nodes, and halfway between them."""
-    halfway = steering.manifold.integrate(motion.q[:-1], 0.5 * motion.steps)
-    places = [(q, rate) for each in (motion.q[:-1], halfway, motion.q[1:]) for q, rate in zip(each, v, strict=True)]
-    return max((float(np.abs(steering.reduced.at(q).A @ rate).max(initial=0.0)) for q, rate in places), default=0.0)
-
-
 def _failure(
-    search: WaySearch, checker: WayChecker | None, reduced: ReducedModel, ends: Array, clock: Clock
+    search: WaySearch | PropagatedSearch,
+    checker: WayChecker | None,
+    reduced: ReducedModel,
+    ends: Array,
+    clock: Clock,
 ) -> InfeasibleError:
     """Error about a search without a way: how near it came, and what is in the way."""
     base, near = reduced.robot.model.joints[1], search.nearest.q

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Bool, Float
+from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.planning.exact_steering import ExactMotion, Steering
 from rnc_pin.planning.way_checking import WayChecker
 from rnc_pin.planning.way_space import WaySpace
@@ -75,7 +76,7 @@ class WaySearch:
     ) -> None:
         self._steering, self._checker, self._clock = steering, checker, clock
         self._start, self._goals = start, goals
-        self._speeds = speed_limits(steering)
+        self._speeds = speed_limits(steering.reduced, steering.planned)
         self._known: dict[tuple[bytes, bytes], ExactMotion | None] = {}
         self._reached = {start.tobytes()}
         self._measured: Callable[[Array], float] = lambda q: np.inf
@@ -248,8 +249,8 @@ def _state(information: object, space: WaySpace, q: Array) -> object:
     return state
 
 
-def speed_limits(steering: Steering) -> Float[Array, " nv"]:
+def speed_limits(reduced: ReducedModel, planned: Bool[Array, " nv"]) -> Float[Array, " nv"]:
     """Largest speeds (nv,) of the robot's file; without one, 1 m/s or 1 rad/s, and any speed for joints that follow."""
-    limits = np.array(steering.reduced.robot.model.velocityLimit, dtype=float)
-    usual = np.where(steering.planned, _USUAL_SPEED, np.inf)
+    limits = np.array(reduced.robot.model.velocityLimit, dtype=float)
+    usual = np.where(planned, _USUAL_SPEED, np.inf)
     return np.where((limits > 0.0) & (limits < NO_LIMIT), limits, usual)

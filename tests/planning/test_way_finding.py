@@ -10,7 +10,7 @@ import rnc_pin as rnc
 import rnc_pin.extras
 from benchmarks.planned_models import car, mobile_manipulator, tractor
 from rnc_pin.planning import WaySettings, find_way
-from systems import ROLLERS, WHEEL, mecanum, tiago
+from systems import ROLLERS, WHEEL, four_bar, mecanum, tiago
 
 Obstacle = rnc.collision.Obstacle
 
@@ -205,10 +205,70 @@ def test_what_is_not_possible_is_one_line():
         find_way(reduced, start, goal, gap(2.0), settings=WaySettings(area=[[0, 0], [1, 1]]))
 
 
-def test_a_trailer_has_no_exact_steering():
+def floating_arm():
+    """A satellite with three joints in the plane."""
+    model = rnc.Robot.from_urdf("floating_arm.urdf", base="planar", gravity=(0, 0, 0)).model.copy()
+    place = pin.SE3(np.eye(3), np.array([0.8, 0.0, 0.0]))
+    hand = model.addJoint(model.getJointId("elbow"), pin.JointModelRZ(), place, "wrist")
+    model.appendBodyToJoint(hand, pin.Inertia(1.0, np.array([0.2, 0.0, 0.0]), 0.05 * np.eye(3)), pin.SE3.Identity())
+    return rnc.NonholonomicSystem(rnc.Robot(model), [rnc.MomentumConservation("root_joint")]).reduce()
+
+
+def with_center_of(reduced, q, other):
+    """The configuration, moved so that its centre of mass is that of another one."""
+    found, data = np.array(q), reduced.robot.model.createData()
+    centers = [np.array(pin.centerOfMass(reduced.robot.model, data, each)) for each in (q, other)]
+    found[:2] += (centers[1] - centers[0])[:2]
+    return found
+
+
+def test_a_trailer_drives_around_a_box_by_propagated_motions():
     reduced = tractor(1)
-    with pytest.raises(rnc.ConfigurationError, match=r"no exact steering is known.*use rnc\.optimal\.plan"):
-        find_way(reduced, reduced.robot.configuration(), reduced.robot.configuration())
+    start, goal = at_pose(reduced, 0.0, 0.0), at_pose(reduced, 1.5, 1.0, 0.8, hitch_1=0.2)
+    box = [Obstacle(coal.Box(0.4, 0.4, 1.0), position=(1.9, -0.6, 0.5), name="box")]
+    way = find_way(reduced, start, goal, box, settings=WaySettings(seconds=120.0, shortcuts=2), seed=2)
+    assert reintegrated(way) < 1e-9
+    assert way.residual < 1e-12
+    assert closest(way, box) >= 0.01
+    assert np.abs(pin.difference(reduced.robot.model, way.q[-1], goal)).max() < 1e-9
+    assert way.info.steering == "propagated"
+    assert way.duration <= way.info.first_duration
+    halfway, h = 0.5 * (way.time[:-1] + way.time[1:])[::20], 1e-5
+    for before, q, after in zip(way.at(halfway - h), way.at(halfway), way.at(halfway + h), strict=True):
+        v = pin.difference(reduced.robot.model, before, after) / (2.0 * h)
+        assert reduced.at(q).A @ v == pytest.approx(0.0, abs=1e-7)
+    assert (np.abs(way.q[:, 4:]) <= reduced.robot.model.upperPositionLimit[4:] + 1e-9).all()
+
+
+def test_a_free_floating_arm_turns_its_base_by_its_joints():
+    reduced = floating_arm()
+    start = at_pose(reduced, 0.0, 0.0, 0.0, shoulder=0.3, elbow=0.5, wrist=0.2)
+    goal = with_center_of(reduced, at_pose(reduced, 0.0, 0.0, 0.2, shoulder=-0.4, elbow=0.9, wrist=-0.5), start)
+    way = find_way(reduced, start, goal, settings=WaySettings(seconds=120.0, shortcuts=2))
+    assert reintegrated(way) < 1e-9
+    assert np.abs(pin.difference(reduced.robot.model, way.q[-1], goal)).max() < 1e-9
+    away = np.array(goal)
+    away[0] += 0.1  # the centre of mass cannot move
+    with pytest.raises(rnc.InfeasibleError, match=r"no way found in 1 s.*nearest 0\.\d+ m"):
+        find_way(reduced, start, away, settings=WaySettings(seconds=1.0))
+
+
+def test_a_closed_loop_stays_closed_and_the_same_seed_gives_the_same_way():
+    reduced = four_bar()
+    start, goal = (reduced.assembled(reduced.robot.configuration({"crank": angle}), ["crank"]) for angle in (0.4, 0.9))
+    way, again = (find_way(reduced, start, goal, settings=WaySettings(seconds=120.0), seed=3) for _ in range(2))
+    np.testing.assert_array_equal(way.q, again.q)
+    assert np.abs(pin.difference(reduced.robot.model, way.q[-1], goal)).max() < 1e-9
+    assert max(np.abs(reduced.assembled(q, ["crank"]) - q).max() for q in way.q[::20]) < 1e-9
+
+
+def test_propagated_motions_refuse_what_they_cannot_do():
+    reduced = tractor(1)
+    q = reduced.robot.configuration()
+    with pytest.raises(rnc.ConfigurationError, match="hold needs an exact steering"):
+        find_way(reduced, q, at_pose(reduced, 1.0, 0.0), settings=WaySettings(hold=["hitch_1"]))
+    with pytest.raises(rnc.ConfigurationError, match="no exact steering is known"):
+        rnc.planning.find_steering(reduced, q)
 
 
 def test_an_error_in_the_search_is_not_lost(monkeypatch):
