@@ -17,6 +17,7 @@ from rnc_pin.collision.obstacle import Obstacle
 from rnc_pin.errors import ModelError, nearest
 from rnc_pin.io.safe_read import read_bytes
 from rnc_pin.io.safe_yaml import load_yaml
+from rnc_pin.printing import printed
 
 _KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode")
 _NEEDED = _KEYS[:6]
@@ -24,6 +25,7 @@ _LARGEST = 2**26  # pixels of an image
 _MOST = 2000  # boxes; each is a pair with every shape of the robot
 
 
+@printed(resolution="m")
 @dataclass(frozen=True)
 class OccupancyMap:
     """Map of occupied cells.

@@ -9,6 +9,7 @@ from .controller import Controller as Controller
 from .controller import Describable as Describable
 from .controller import Description as Description
 from .controller import KinematicController as KinematicController
+from .controller import MissedGoal as MissedGoal
 from .controller import State as State
 from .controller import VelocityTarget as VelocityTarget
 from .controller import describe as describe

@@ -253,12 +253,13 @@ class LimitedAcceleration(NamedTuple):
     until: float = math.inf
 
 
+@printed()
 class MissedGoal(NamedTuple):
     """Goal of a controller from which a robot is away at the end of a run.
 
     Attributes:
         name: name of the goal's row.
-        error: its error [m or rad].
+        error: its error, in the unit of the row.
         tolerance: largest error that the goal allows.
         reason: why, for the message of the verdict; "" if it is not known.
     """

@@ -116,7 +116,7 @@ class Way(SummaryMixin):
             lines.append(("narrowest place", items([f"{place.distance:.3g} m at {place.time:.3g} s, {place.pair}"])))
         found = f"found in {self.info.seconds:.2g} s, {counted(self.info.edges, 'motion')} checked"
         how = "steering" if self.geodesic else "motions"
-        return ObjectSummary(f"way by {self.info.steering} {how}", [*lines, ("search", items([found]))])
+        return ObjectSummary(f"Way by {self.info.steering} {how}", [*lines, ("search", items([found]))])
 
 
 def way_along(

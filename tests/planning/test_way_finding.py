@@ -290,5 +290,5 @@ def test_without_ompl_there_is_one_clear_line(monkeypatch):
 
 def test_a_way_prints_what_it_is():
     text = str(find_way(*TASKS["car"]()))
-    assert text.startswith("way by car steering\n")
+    assert text.startswith("Way by car steering\n")
     assert "narrowest place" in text

@@ -112,7 +112,7 @@ def respects_its_limits(summary):
         assert nearest is None or nearest["distance"] > 0.0, nearest
 
 
-@pytest.mark.parametrize("name", [name for name in built_in_names() if name not in ("fire-truck", "grasp", *FREE)])
+@pytest.mark.parametrize("name", [name for name in built_in_names() if name not in ("fire-truck", "grasp", "park", *FREE)])
 def test_scaled_gains_end_within_two_hundredths_of_every_goal(name):
     """At four times their period where gains suit that, for a quarter of the time."""
     options = {"simulation.dt": PERIODS.get(name, 0.008)}
@@ -120,6 +120,15 @@ def test_scaled_gains_end_within_two_hundredths_of_every_goal(name):
     summary = summary_of(name, **options)
     ends_at_its_goals(summary)
     respects_its_limits(summary)
+
+
+def test_the_car_parks_where_its_controller_has_its_goal():
+    """It has no reference, so no errors of outputs; ``succeeded`` needs the goal."""
+    result = execute(Scenario.load("park", {"plots": {}, "simulation.dt": 0.04}))
+    assert result.trajectory.verdict.succeeded
+    x, y, cosine, sine = result.trajectory.q[-1, :4]
+    np.testing.assert_allclose([x, y, np.arctan2(sine, cosine)], 0.0, atol=0.02)
+    respects_its_limits(result.summary)
 
 
 def test_free_motions_are_those_of_textbooks():
