@@ -112,7 +112,9 @@ def respects_its_limits(summary):
         assert nearest is None or nearest["distance"] > 0.0, nearest
 
 
-@pytest.mark.parametrize("name", [name for name in built_in_names() if name not in ("fire-truck", "grasp", "park", *FREE)])
+@pytest.mark.parametrize(
+    "name", [name for name in built_in_names() if name not in ("fire-truck", "grasp", "park", *FREE)]
+)
 def test_scaled_gains_end_within_two_hundredths_of_every_goal(name):
     """At four times their period where gains suit that, for a quarter of the time."""
     options = {"simulation.dt": PERIODS.get(name, 0.008)}

@@ -59,7 +59,13 @@ VALUES = {  # of every setting that some type has
     "velocity_gain": 10.0,
     "friction": 0.6,
     "solver": "daqp",
-    **{"bounds": {"input": {"joint_1": [-1, 1]}}, "clearance": 0.1, "links": True, "velocities": True, "equality": True},
+    **{
+        "bounds": {"input": {"joint_1": [-1, 1]}},
+        "clearance": 0.1,
+        "links": True,
+        "velocities": True,
+        "equality": True,
+    },
     **{"nodes": 10, "seeds": 2, "tube": 0.1, "check": 0.5, "braking": 2.0, "tolerance": 0.01, "form": "acceleration"},
     **{"period": 0.1, "iterations": 2, "budget": 0.02, "weight": 2.0, "velocity_weight": 2.0, "precision": 0.01},
     **{"effort": 0.1, "braking_time": 1.0},
@@ -88,7 +94,7 @@ def test_a_type_takes_its_own_settings_and_no_other(kind, name):
     # What some mean nothing without.
     beside = {"inertia_bound": {"preset": "normalised"}, "alpha": {"unknown": VALUES["unknown"]}}
     needed = {key: value for key, value in beside.get(name, {}).items() if key in TYPES[kind].model_fields}
-    value = {"effort": False} if (kind, name) == ("set_point", "limits") else VALUES[name]  # those of the robot's file
+    value = {"effort": None} if (kind, name) == ("set_point", "limits") else VALUES[name]  # those of the robot's file
     raw = scenario({"type": kind, **NEEDED[kind], **needed, name: value})
     own = name in TYPES[kind].model_fields
     assert validator().is_valid(raw) == own
