@@ -26,6 +26,7 @@ FREE = (  # which have no goals
     "rattleback", "ball-in-bowl", "ball-on-turntable", "roller-racer", "disk-on-slope", "chaplygin-ball",
     "shaken-pendulum", "dropped-disk",
 )  # fmt: skip
+ELSEWHERE = ("fire-truck", "grasp", "park", *FREE)  # tests of their own below
 ENOUGH = {  # [s]; of scenarios that go on and on, after which nothing new happens
     "space-robot-uncertain": 12.0,
     "wheels-uncertain": 12.0,
@@ -112,9 +113,7 @@ def respects_its_limits(summary):
         assert nearest is None or nearest["distance"] > 0.0, nearest
 
 
-@pytest.mark.parametrize(
-    "name", [name for name in built_in_names() if name not in ("fire-truck", "grasp", "park", *FREE)]
-)
+@pytest.mark.parametrize("name", [name for name in built_in_names() if name not in ELSEWHERE])
 def test_scaled_gains_end_within_two_hundredths_of_every_goal(name):
     """At four times their period where gains suit that, for a quarter of the time."""
     options = {"simulation.dt": PERIODS.get(name, 0.008)}
