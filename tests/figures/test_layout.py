@@ -1,5 +1,6 @@
 """One layout rule for every size: nothing overlaps, nothing leaves the figure, no warning is issued."""
 
+import gc
 import warnings
 from dataclasses import replace
 from itertools import combinations
@@ -16,6 +17,13 @@ from rnc_pin.figures import Labels, Panel, Series, Sheet, panel_figure
 
 PIXEL = 1.5  # that texts may touch [pixels]
 SIZES = [None, "column", "page", (3.4, 18.0), (13.3, 16.0)]
+
+
+@pytest.fixture(autouse=True)
+def _freed():
+    """Figures refer to themselves: a hundred large ones would wait for the collector, in 5 GB."""
+    yield
+    gc.collect()
 
 
 @pytest.fixture(scope="module")
