@@ -41,7 +41,11 @@ MISSING = {
         """'import rnc_pin as rnc; rnc.Log.read("x.bag", {"topics": {"/j": {"joints": "all"}}})'"""
     ),
     "mujoco": "rnc-pin run space-robot --plant mujoco",
-    "ompl": """python -c 'import rnc_pin as rnc; rnc.planning.find_way(None, None, None)'""",
+    "ompl": (
+        """python -c 'import rnc_pin as rnc; robot = rnc.Robot.from_urdf("unicycle.urdf", base="planar"); """
+        """system = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]); start = robot.configuration(); """
+        """rnc.planning.find_way(system.reduce(), start, robot.configuration({"root_joint": [1, 0, 0]}), [])'"""
+    ),
     "qp": (
         "python -c 'import rnc_pin as rnc; from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver; "
         """LeastDistanceSolver("piqp")'"""
