@@ -1,9 +1,14 @@
 """Shapes in annotations are checked while tests run; the command line as a fixture."""
 
 import gc
+import os
 import signal
 import sys
 from pathlib import Path
+
+# Threads of OpenBLAS spin while they wait for each other: beside other work, tests with large matrices take three times
+# as long. NumPy reads this when it is imported; the plugin of jaxtyping, which imports it, is not loaded.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 from jaxtyping import install_import_hook
