@@ -444,7 +444,10 @@ def least_largest_share(torques, friction):
     found = minimize(
         lambda z: z[8], start, constraints=constraints, method="SLSQP", options={"ftol": 1e-13, "maxiter": 900}
     )
-    assert found.success
+    # Rounding may end the line search before the last digits; the comparison needs five of them, at a feasible point.
+    assert found.success or found.status == 8
+    assert np.abs(balance(found.x)).max() < 1e-8
+    assert min(room(found.x).min(), found.x[4:8].min()) > -1e-8
     return found.x[8]
 
 
