@@ -104,7 +104,7 @@ class Identification(SummaryMixin):
     held_out: Mapping[str, EffortError]
     """Errors of each row on the part of the log that was held out."""
     weakest: WeakCombination
-    """What to measure next."""
+    """Combination of parameters to measure next."""
     system: NonholonomicSystem
     """The robot with the estimated inertias, friction and motor inertia. Scales of efforts are not part of it."""
     changed: tuple[tuple[str, ...], tuple[str, ...]]

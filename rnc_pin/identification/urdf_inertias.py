@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from xml.etree.ElementTree import Element, ParseError, SubElement, tostring
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.io.atomic_write import atomic_file
-from rnc_pin.io.safe_read import read_bytes
-from rnc_pin.io.safe_xml import parse_tree
+from rnc_pin.identification.urdf_tree import read_tree, write_tree
 from rnc_pin.robots.robot import Robot
 
 
@@ -30,15 +28,9 @@ def write_inertias(source: Path, path: Path, robot: Robot, bodies: list[str], jo
     Raises:
         ConfigurationError: the source cannot be read, or has other joints.
     """
-    try:
-        root = parse_tree(read_bytes(source))
-    except OSError as error:
-        raise ConfigurationError(f"{source}: {error.strerror or 'cannot be read'}") from None
-    except ParseError as error:
-        raise ConfigurationError(f"{source}: not a URDF: {error}") from None
+    root, elements = read_tree(source)
     model = robot.model
     links = {str(each.get("name")): each for each in root.iter("link")}
-    elements = {str(each.get("name")): each for each in root.iter("joint") if each.find("child") is not None}
     children = {str(_found(each, "child").get("link")) for each in elements.values()}
     top = next((name for name in links if name not in children), "")
     for name in bodies:
@@ -59,8 +51,7 @@ def write_inertias(source: Path, path: Path, robot: Robot, bodies: list[str], jo
             dynamics = SubElement(elements[name], "dynamics")
         dynamics.set("damping", f"{model.damping[entry]:.12g}")
         dynamics.set("friction", f"{model.upperDryFrictionLimit[entry]:.12g}")
-    with atomic_file(path) as partial:
-        partial.write_bytes(tostring(root, encoding="utf-8", xml_declaration=True))
+    write_tree(root, path)
 
 
 def _found(element: Element, role: str) -> Element:

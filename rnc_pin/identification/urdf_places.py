@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from xml.etree.ElementTree import Element, ParseError, SubElement, tostring
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.io.atomic_write import atomic_file
-from rnc_pin.io.safe_read import read_bytes
-from rnc_pin.io.safe_xml import parse_tree
+from rnc_pin.identification.urdf_tree import read_tree, write_tree
 from rnc_pin.robots.robot import Robot
 
 _SAME = 1e-9  # difference of placements below which an origin is not written again
@@ -29,14 +27,8 @@ def write_urdf(source: Path, path: Path, robot: Robot, sensor: str | None) -> No
     Raises:
         ConfigurationError: the source cannot be read, has other joints, or no fixed joint of the sensor.
     """
-    try:
-        root = parse_tree(read_bytes(source))
-    except OSError as error:
-        raise ConfigurationError(f"{source}: {error.strerror or 'cannot be read'}") from None
-    except ParseError as error:
-        raise ConfigurationError(f"{source}: not a URDF: {error}") from None
+    root, joints = read_tree(source)
     model = robot.model
-    joints = {str(each.get("name")): each for each in root.iter("joint") if each.find("child") is not None}
     for index in range(1, model.njoints):
         name = model.names[index]
         if name == "root_joint":
@@ -49,8 +41,7 @@ def write_urdf(source: Path, path: Path, robot: Robot, sensor: str | None) -> No
         if not mounts:
             raise ConfigurationError(f"{source}: no fixed joint carries '{sensor}': its place cannot be written")
         _place(mounts[0], robot, model.frames[robot.frame_id(sensor)].placement)
-    with atomic_file(path) as partial:
-        partial.write_bytes(tostring(root, encoding="utf-8", xml_declaration=True))
+    write_tree(root, path)
 
 
 def _link(joint: Element, role: str) -> str:

@@ -43,7 +43,7 @@ class BrakingMotion(NamedTuple):
     first: BrakedSample
     """Its first sample; without inputs if the model is singular there."""
     problem: str | None
-    """What it does not keep; None if all limits hold until rest."""
+    """Reason why it does not keep all limits until rest; None if it does."""
 
 
 class BrakingCount(NamedTuple):
@@ -54,13 +54,13 @@ class BrakingCount(NamedTuple):
     first: float | None = None
     """Time of the first one [s]."""
     reason: str = ""
-    """What the program would not have kept at that time."""
+    """Reason why the program gave way at that time."""
     unverified: int = 0
     """Samples without a verified braking motion: the program went on."""
     unverified_first: float | None = None
     """Time of the first one [s]."""
     problem: str = ""
-    """What the braking motion did not keep at that time."""
+    """Reason why no braking motion was verified at that time."""
 
     def with_braked(self, t: float, reason: str) -> BrakingCount:
         """Count one more sample that brakes."""

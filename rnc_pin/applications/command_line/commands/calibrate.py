@@ -11,7 +11,7 @@ import yaml
 from rich.console import Console
 from rich.table import Table
 
-from rnc_pin.applications.command_line.commands.compare import MeasuredLog
+from rnc_pin.applications.command_line.commands.compare import MeasuredLog, print_path_errors
 from rnc_pin.applications.command_line.messages import print_json
 from rnc_pin.applications.scenario.files import parse_options, with_options
 from rnc_pin.applications.scenario.output_folder import OutputFolder
@@ -175,12 +175,7 @@ def _print(system: str, log: Path, found: Calibration) -> None:
         )
         numbers.add_row(name, before, value, std)
     console.print(numbers, highlight=False)
-    errors = Table(title="open-loop path from the measured joints", title_justify="left", title_style="bold")
-    for heading in ("with", "mean [m]", "largest [m]", "heading [rad]"):
-        errors.add_column(heading)
-    for name, error in found.errors.items():
-        errors.add_row(name, f"{error.mean:.3g}", f"{error.largest:.3g}", f"{error.heading:.3g}")
-    console.print(errors, highlight=False)
+    print_path_errors(console, "with", found.errors)
     words, deviation = found.combinations[0]
     click.echo(f"worst known: {words}, standard deviation {deviation:.2g} of its size")
     if len(found.outliers):

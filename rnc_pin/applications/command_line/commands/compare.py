@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from rnc_pin.applications.scenario.pictures import ANIMATION
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.figures import Labels, save
-from rnc_pin.identification import Comparison, Suspect, compare
+from rnc_pin.identification import Comparison, PathError, Suspect, compare
 from rnc_pin.io import Json, dump_json
 from rnc_pin.logs import Log, LogMapping
 from rnc_pin.visualization import plot_comparison, record_comparison
@@ -151,13 +152,8 @@ def _suspect(each: Suspect) -> dict[str, Json]:
 def _print(system: str, log: Path, found: Comparison) -> None:
     console = Console(markup=False, emoji=False)
     click.echo(f"{log} beside {system}: {found.conclusion}\n")
-    errors = Table(title="open-loop path from the measured joints", title_justify="left", title_style="bold")
-    for heading in ("windows", "mean [m]", "largest [m]", "heading [rad]"):
-        errors.add_column(heading)
-    for duration, error in found.errors.items():
-        name = "whole log" if np.isinf(duration) else f"{duration:g} s"
-        errors.add_row(name, f"{error.mean:.3g}", f"{error.largest:.3g}", f"{error.heading:.3g}")
-    console.print(errors, highlight=False)
+    named = {"whole log" if np.isinf(each) else f"{each:g} s": error for each, error in found.errors.items()}
+    print_path_errors(console, "windows", named)
     every = (*found.suspects, *(() if found.energy is None else found.energy.suspects))
     if every:
         suspects = Table(title="numbers that explain the error", title_justify="left", title_style="bold")
@@ -177,3 +173,13 @@ def _print(system: str, log: Path, found: Comparison) -> None:
         click.echo(f"power balance: residual {found.energy.imbalance:.2g} of the exchanged energy")
     if found.unused_rows:
         click.echo(f"rows of joints that are not measured: {', '.join(found.unused_rows)}")
+
+
+def print_path_errors(console: Console, column: str, errors: Mapping[str, PathError]) -> None:
+    """Print errors of a predicted path, one line for each name under the heading of the first column."""
+    table = Table(title="open-loop path from the measured joints", title_justify="left", title_style="bold")
+    for heading in (column, "mean [m]", "largest [m]", "heading [rad]"):
+        table.add_column(heading)
+    for name, error in errors.items():
+        table.add_row(name, f"{error.mean:.3g}", f"{error.largest:.3g}", f"{error.heading:.3g}")
+    console.print(table, highlight=False)
