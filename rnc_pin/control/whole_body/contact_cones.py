@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray as Array
 
 from rnc_pin.analysis.contact_force_set import ContactForceSet
 from rnc_pin.array_shapes import Float
