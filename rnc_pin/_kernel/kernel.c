@@ -1820,6 +1820,7 @@ static PyMethodDef methods[] = {
     {"forward_dynamics", (PyCFunction)(void (*)(void))forward_dynamics, METH_FASTCALL, NULL},
     {"state_derivative", (PyCFunction)(void (*)(void))state_derivative, METH_FASTCALL, NULL},
     {"planned_motion", (PyCFunction)(void (*)(void))planned_motion, METH_FASTCALL, NULL},
+    {"planned_steps", (PyCFunction)(void (*)(void))planned_steps, METH_FASTCALL, NULL},
     {"chart_rate", (PyCFunction)(void (*)(void))chart_rate, METH_FASTCALL, NULL},
     {"integrate", (PyCFunction)(void (*)(void))integrate, METH_FASTCALL, NULL},
     {"admissible_velocity", (PyCFunction)(void (*)(void))admissible_velocity, METH_FASTCALL, NULL},
