@@ -10,40 +10,54 @@
 
 #define INLINE static inline __attribute__((always_inline))
 
-/* out (rows, width) += a (rows, k) b (k, width), with sums in registers; arrays have their steps between rows */
-INLINE void multiply_tile(int rows, int width, const double *a, Py_ssize_t row, Py_ssize_t column, const double *b,
-                          Py_ssize_t b_row, double *out, Py_ssize_t out_row, Py_ssize_t k)
+/* Four numbers at any address; compilers make two of two where a processor has no vectors of four. */
+typedef double Four __attribute__((vector_size(32), aligned(8), may_alias));
+
+/* out (rows, 4 fours) += a (rows, k) b (k, 4 fours), without the first columns of out; sums stay in registers */
+INLINE void multiply_tile(int rows, int fours, Py_ssize_t without, const double *a, Py_ssize_t row, Py_ssize_t column,
+                          const double *b, Py_ssize_t b_row, double *out, Py_ssize_t out_row, Py_ssize_t k)
 {
-    double sums[2][8];
+    Four sums[2][2];
     for (int i = 0; i < rows; i++)
-        for (int j = 0; j < width; j++) sums[i][j] = out[i * out_row + j];
-    for (Py_ssize_t l = 0; l < k; l++)
-        for (int i = 0; i < rows; i++) {
-            double factor = a[i * row + l * column];
-            for (int j = 0; j < width; j++) sums[i][j] += factor * b[l * b_row + j];
+        for (int j = 0; j < fours; j++) sums[i][j] = *(const Four *)(out + i * out_row + 4 * j);
+    for (Py_ssize_t l = 0; l < k; l++, a += column, b += b_row)
+        for (int j = 0; j < fours; j++) {
+            Four other = *(const Four *)(b + 4 * j);
+            for (int i = 0; i < rows; i++) sums[i][j] += a[i * row] * other;
         }
     for (int i = 0; i < rows; i++)
-        for (int j = 0; j < width; j++) out[i * out_row + j] = sums[i][j];
+        for (int j = 0; j < fours; j++)
+            if (!without) *(Four *)(out + i * out_row + 4 * j) = sums[i][j];
+            else
+                for (Py_ssize_t lane = without; lane < 4; lane++) out[i * out_row + 4 * j + lane] = sums[i][j][lane];
 }
 
-INLINE Py_ssize_t multiply_tiles(int rows, Py_ssize_t left, const double *a, Py_ssize_t row, Py_ssize_t column,
-                                 const double *b, Py_ssize_t b_row, double *out, Py_ssize_t out_row, Py_ssize_t k)
+/* Some columns of a product; the last ones are the end of a tile of four, of which only they are written. */
+INLINE Py_ssize_t multiply_columns(int rows, Py_ssize_t j, Py_ssize_t end, const double *a, Py_ssize_t row,
+                                   Py_ssize_t column, const double *b, Py_ssize_t b_row, double *out,
+                                   Py_ssize_t out_row, Py_ssize_t k)
 {
-    if (left >= 8) return multiply_tile(rows, 8, a, row, column, b, b_row, out, out_row, k), 8;
-    if (left >= 4) return multiply_tile(rows, 4, a, row, column, b, b_row, out, out_row, k), 4;
-    if (left >= 2) return multiply_tile(rows, 2, a, row, column, b, b_row, out, out_row, k), 2;
-    return multiply_tile(rows, 1, a, row, column, b, b_row, out, out_row, k), 1;
+    if (end - j >= 8) return multiply_tile(rows, 2, 0, a, row, column, b + j, b_row, out + j, out_row, k), j + 8;
+    if (end - j >= 4) return multiply_tile(rows, 1, 0, a, row, column, b + j, b_row, out + j, out_row, k), j + 4;
+    if (end >= 4) {
+        Py_ssize_t first = end - 4;
+        multiply_tile(rows, 1, j - first, a, row, column, b + first, b_row, out + first, out_row, k);
+        return end;
+    }
+    for (int i = 0; i < rows; i++)
+        for (Py_ssize_t l = 0; l < k; l++) out[i * out_row + j] += a[i * row + l * column] * b[l * b_row + j];
+    return j + 1;
 }
 
-/* out (m, n) += a (m, k) b (k, n); entry i, l of a is at i row + l column. Lower: no more than the lower triangle. */
+/* out (m, n) += a (m, k) b (k, n); entry i, l of a is at i row + l column. Lower: the lower triangle is enough. */
 INLINE void multiply_add(int lower, const double *a, Py_ssize_t row, Py_ssize_t column, const double *b,
                          Py_ssize_t b_row, double *out, Py_ssize_t out_row, Py_ssize_t m, Py_ssize_t k, Py_ssize_t n)
 {
     for (Py_ssize_t i = 0; i < m; i += 2, a += 2 * row, out += 2 * out_row) {
         Py_ssize_t end = lower && i + 2 < n ? i + 2 : n;
         for (Py_ssize_t j = 0; j < end;)
-            if (i + 1 < m) j += multiply_tiles(2, end - j, a, row, column, b + j, b_row, out + j, out_row, k);
-            else j += multiply_tiles(1, end - j, a, row, column, b + j, b_row, out + j, out_row, k);
+            j = i + 1 < m ? multiply_columns(2, j, end, a, row, column, b, b_row, out, out_row, k)
+                          : multiply_columns(1, j, end, a, row, column, b, b_row, out, out_row, k);
     }
 }
 
