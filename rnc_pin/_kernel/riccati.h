@@ -312,23 +312,26 @@ static void newton_step(const Bounded *b, const Point *at, const Newton *n, doub
 {
     Py_ssize_t N = b->N, nx = b->nx, nz = b->nz;
     memcpy(n->slope, n->g, (size_t)(N * nz + nx) * sizeof(double));
-    for (Py_ssize_t i = 0; i < (N + 1) * b->k; i++) {
-        double y = at->y[i], other = b->weight - y;
-        n->first[i] = mu - at->s[i] * y - (predicted ? step->s[i] * step->y[i] : 0.0);
-        n->second[i] = mu - at->e[i] * other + (predicted ? step->e[i] * step->y[i] : 0.0);
-        n->offset[i] = n->primal[i] + n->first[i] / y - n->second[i] / other;
-        double force = b->active[i] * (y + n->W[i] * n->offset[i]), *slope = n->slope + i / b->k * nz;
-        for (Py_ssize_t l = b->start[i]; l < b->start[i + 1]; l++) slope[b->column[l]] += force * b->entry[l];
-    }
+    for (Py_ssize_t k = 0; k <= N; k++)
+        for (Py_ssize_t i = k * b->k; i < (k + 1) * b->k; i++) {
+            double y = at->y[i], other = b->weight - y;
+            n->first[i] = mu - at->s[i] * y - (predicted ? step->s[i] * step->y[i] : 0.0);
+            n->second[i] = mu - at->e[i] * other + (predicted ? step->e[i] * step->y[i] : 0.0);
+            n->offset[i] = n->primal[i] + n->first[i] / y - n->second[i] / other;
+            double force = b->active[i] * (y + n->W[i] * n->offset[i]);
+            for (Py_ssize_t l = b->start[i]; l < b->start[i + 1]; l++)
+                n->slope[k * nz + b->column[l]] += force * b->entry[l];
+        }
     memcpy(n->p + N * nx, n->slope + N * nz, (size_t)nx * sizeof(double));
     solve_stages(N, nx, nz, 1, b->AB, n->K, n->inverse, n->P, n->slope, n->gap, n->p, step->z, n->states, n->work);
     memcpy(step->z + N * nz, n->states + N * nx, (size_t)nx * sizeof(double));
-    for (Py_ssize_t i = 0; i < (N + 1) * b->k; i++) {
-        double dy = n->W[i] * (row_product(b, i, step->z + i / b->k * nz) + n->offset[i]);
-        step->y[i] = dy;
-        step->s[i] = b->active[i] * (n->first[i] - at->s[i] * dy) / at->y[i];
-        step->e[i] = b->active[i] * (n->second[i] + at->e[i] * dy) / (b->weight - at->y[i]);
-    }
+    for (Py_ssize_t k = 0; k <= N; k++)
+        for (Py_ssize_t i = k * b->k; i < (k + 1) * b->k; i++) {
+            double dy = n->W[i] * (row_product(b, i, step->z + k * nz) + n->offset[i]);
+            step->y[i] = dy;
+            step->s[i] = b->active[i] * (n->first[i] - at->s[i] * dy) / at->y[i];
+            step->e[i] = b->active[i] * (n->second[i] + at->e[i] * dy) / (b->weight - at->y[i]);
+        }
 }
 
 /* Number of iterations that improve an iterate; 0 if the problem is not convex. Limits: largest number, part of the way
