@@ -1,8 +1,8 @@
 """One plan of an arm here and by Crocoddyl: the same dynamics, costs, start, guess, and limits of the torques.
 
 Crocoddyl lives in an environment of its own, because it needs another version of Pinocchio: ``crocoddyl==3.1.0``,
-``pin==3.8.0`` and ``cmeel-urdfdom<5``. The variable ``RNC_PIN_CROCODDYL`` names its interpreter. Before times count, its
-accelerations and the optimal costs have to agree with those here.
+``pin==3.8.0``, ``cmeel-urdfdom<5`` and ``cmeel-tinyxml2<11``. The variable ``RNC_PIN_CROCODDYL`` names its interpreter.
+Before times count, its accelerations and the optimal costs have to agree with those here.
 """
 
 from __future__ import annotations
@@ -68,10 +68,10 @@ def peers() -> None:
         options = {"form": "dynamic", "costs": costs, "limits": None, "bounds": bounds}
         whole, plan = _least(lambda given=options: rnc.optimal.plan(reduced, q0, None, _DURATION, **given))
         here.append(found.cost)
-        print(f"  here, {_words(bool(bounds)):15s} solve {taken:6.1f} in {found.iterations} iterations, {found.cost:.5f}; "
-              f"plan() {whole:.1f}, {plan.info.cost:.5f}", flush=True)  # fmt: skip
+        solved = f"solve {taken:.1f} in {found.iterations} iterations, {found.cost:.5f}"
+        print(f"  here, {_words(bool(bounds))}: {solved}; plan() {whole:.1f}, {plan.info.cost:.5f}", flush=True)
     print(f"  here, update of predictive control within bounds, one iteration: {_update(reduced, q0, costs):.1f}")
-    _beside(robot, goal, here)
+    beside(robot, goal, here)
 
 
 def _words(bounded: bool) -> str:
@@ -104,7 +104,7 @@ def _update(reduced: rnc.ReducedModel, q: np.ndarray, costs: list[object]) -> fl
     return float(np.median(taken[3:]))
 
 
-def _beside(robot: rnc.Robot, goal: np.ndarray, here: list[float]) -> None:
+def beside(robot: rnc.Robot, goal: np.ndarray, here: list[float]) -> None:
     """Print what Crocoddyl finds, if it is there and computes the same accelerations."""
     interpreter = os.environ.get(_VARIABLE)
     if not interpreter:

@@ -252,9 +252,10 @@ class PredictiveController(ReprMixin):
                 if found is None:
                     break
                 at, rows = found[0], found[1].rows
-            # Real-time iteration: the linearization of the last iteration gives the gains, too.
-            exact = rows is None or solver.linear is None
-            gains = self._problem.feedback_gains(at) if exact else self._problem.gains_of(solver.linear, rows)
+            if rows is None or solver.linear is None:
+                gains = self._problem.feedback_gains(at)
+            else:  # real-time iteration: the linearization of the last iteration gives the gains, too
+                gains = self._problem.gains_of(solver.linear, rows)
         except RncError:
             return waiting._replace(missed=state.missed + 1)
         late = limit is not None and time.process_time() - begin > limit
