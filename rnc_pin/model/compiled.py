@@ -30,6 +30,7 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 
 _TOLERANCE = 1e-9  # largest relative difference of kernel and NumPy at the state that compares them
 _TIME = 0.3  # of rows over time [s]
+_FORMS = ("kinematic", "acceleration", "dynamic")
 _ATTEMPTS = 8  # random states that may be singular
 
 
@@ -171,10 +172,16 @@ class CompiledEvaluator(NumPyEvaluator):
             planned, limits = np.hstack([feedback.q, feedback.w]), np.stack([feedback.lower, feedback.upper])
         difference = partial(pin.difference, self.data.robot.model)
         arrays = (gains, planned, limits, difference, np.empty_like(q), np.empty_like(q), found)
-        kind = ("kinematic", "acceleration", "dynamic").index(form)
-        if not self._calls.planned_motion(kind, K, steps, h, q, w, np.ascontiguousarray(u), *arrays):
+        if not self._calls.planned_motion(_FORMS.index(form), K, steps, h, q, w, np.ascontiguousarray(u), *arrays):
             return None
         return found[:, : len(q)], found[:, len(q) : -nu], found[:, -nu:]
+
+    def planned_steps(self, form: str, q: Array, w: Array, u: Array, h: Array) -> tuple[Array, Array] | None:
+        found = np.empty((len(q), q.shape[1] + w.shape[1]))
+        arrays = (np.ascontiguousarray(each, dtype=float) for each in (q, w, u, h))
+        if not self._calls.planned_steps(_FORMS.index(form), *arrays, found):
+            return None
+        return found[:, : q.shape[1]], found[:, q.shape[1] :]
 
     def chart_rate(self, q: Array, x: Array, T: Array, damping: Array | None) -> Array | None:
         found = np.empty(len(x))

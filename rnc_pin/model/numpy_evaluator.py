@@ -277,6 +277,18 @@ class NumPyEvaluator:
         """
         return None
 
+    def planned_steps(self, form: str, q: Array, w: Array, u: Array, h: Array) -> tuple[Array, Array] | None:
+        """States (n, nq), (n, nw) of nodes after one midpoint step of each; None if Python has to step.
+
+        Args:
+            form: as for ``planned_motion``.
+            q: configurations (n, nq).
+            w: reduced velocities (n, nw), of which the kinematic form has none.
+            u: inputs (n, nu).
+            h: durations of the steps (n,) [s].
+        """
+        return None
+
     def chart_rate(self, q: Array, x: Array, T: Array, damping: Array | None) -> Array | None:
         """Rates of local coordinates ``x = (u, y)`` at ``q (+) u``; None if an integrator has to compute them.
 
