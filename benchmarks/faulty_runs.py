@@ -103,7 +103,9 @@ def final_error(run: Trajectory) -> float:
     ways = [np.ptp(getattr(run, kind), axis=0) for kind in ("x2", "x1")]
     names = [name for kind in ("x2", "x1") for name in run.info.outputs.of(kind).names]
     way = dict(zip(names, np.concatenate(ways), strict=True))
-    return max((float(abs(each[-1])) / max(way[name], 0.1) for name, each in errors.items() if len(each)), default=np.nan)
+    return max(
+        (float(abs(each[-1])) / max(way[name], 0.1) for name, each in errors.items() if len(each)), default=np.nan
+    )
 
 
 def reference(scenario: str) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from rnc_pin.control.controller import Command
 from rnc_pin.errors import RncError
 from rnc_pin.loop import Decision, LoopState
 from rnc_pin.loop.measurements import InvalidMeasurementError, ValidMeasurement
-from rnc_pin.model.configuration_evaluation import NOTHING_AT_Q
+from rnc_pin.model.compiled_states import CompiledArraysAtV
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.faults import FaultyPlant, Reading, transmitted
@@ -67,9 +67,7 @@ class FaultyRuns:
         self._last: _LastSample | None = None
         self._last_time = 0.0
         self.applied = self._passed = np.zeros((len(runs), self._reduced.p))
-        self._v_measured = np.full((len(runs), samples, self._reduced.n), np.nan)
-        for run, rows in zip(runs, self._v_measured, strict=True):
-            run.record.arrays["v_measured"] = rows
+        self._v_measured = list(np.full((len(runs), samples, self._reduced.n), np.nan))
 
     # ------------------------------------------------------------------ a sample
 
@@ -106,9 +104,10 @@ class FaultyRuns:
         """States (..., nq), (..., nv) if the kernel evaluates all of them, else None."""
         try:
             found = self._reduced.at(q, v=v)
-            return None if found.arrays_at_q is NOTHING_AT_Q or found.arrays_at_v.rates is None else found
         except RncError:  # of one state, whose run raises it alone
             return None
+        filled = found.arrays_at_v
+        return found if isinstance(filled, CompiledArraysAtV) and filled.rates is not None else None
 
     def _integrals(self, t: float, v2: Array) -> Array:
         """Integrals (B, r), by the trapezoidal rule as in ``ControlLoop``."""
@@ -143,7 +142,8 @@ class FaultyRuns:
             each.loop.state = LoopState(0.0, t, valid.q, motion=valid.motion)
             reading = self._readings[run]
             assert reading is not None
-            each.record.arrays["v_measured"][sample] = reading[1]
+            self._v_measured[run][sample] = reading[1]
+            each.record.arrays["v_measured"] = self._v_measured[run]
         for run in np.flatnonzero(differences.any(axis=1)).tolist():
             record = self._runs[run].record
             record.written(sample)
@@ -179,7 +179,7 @@ class FaultyRuns:
 
     def keep(self, staying: Array) -> None:
         """Keep only the runs of a mask (B,)."""
-        for name in ("_runs", "_faulty", "_readings", "_valid"):
+        for name in ("_runs", "_faulty", "_readings", "_valid", "_v_measured"):
             setattr(self, name, list(compress(getattr(self, name), staying)))
         for name in ("_effort", "_dead_zone", "applied", "_passed"):
             setattr(self, name, getattr(self, name)[staying])

@@ -294,10 +294,12 @@ class DissipativeStep:
         difference; otherwise the integral of work would contain decays faster than the step.
         """
         r, dynamics = len(linear.decay), self._dynamics
-        stops = sticking is not None and bool(sticking.any())
-        if not stops and external is None and dynamics.damping is None:
+        stopped = None
+        if sticking is not None and sticking.any():
+            stopped = partial(self.friction.stopped, which=sticking)
+        elif external is None and dynamics.damping is None:
             return dynamics.advance(q, y, T, h, 1)
-        smooth = dynamics.derivative(T, external, partial(self.friction.stopped, which=sticking) if stops else None)
+        smooth = dynamics.derivative(T, external, stopped)
         if dynamics.damping is None:
             return self._explicit.measured_step(smooth, q, y, h, r)
 
