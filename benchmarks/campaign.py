@@ -89,7 +89,7 @@ def main() -> int:
         "scenario", "fault", "largest", "runs", "survived", "95 % do up to", "median error", "worst error",
         "how the others ended",
     )  # fmt: skip
-    kept, start, computed = Kept(given.out), time.perf_counter(), 0
+    kept, start, used, computed = Kept(given.out), time.perf_counter(), time.process_time(), 0
     for scenario in given.scenarios:
         clean = reference(scenario)
         table.add_row(
@@ -117,7 +117,7 @@ def main() -> int:
     print(
         f"{computed:,} runs in {elapsed / 60:.1f} minutes on {given.jobs} processes: {rate:.1f} runs/s; "
         f"{WHOLE:,} runs, {WHOLE // 64} of each kind, at this rate: {WHOLE / max(rate, 1e-9) / 60:.0f} minutes; "
-        f"load {os.getloadavg()[0]:.1f}"
+        f"load {os.getloadavg()[0]:.1f}; processor time of this process {time.process_time() - used:.0f} s"
     )
     return 1 if nameless else 0
 
