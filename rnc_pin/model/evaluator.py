@@ -150,7 +150,7 @@ class Evaluator(Protocol):
     def fused_terms(self, q: Array, v2: Array | None, t: Component | None) -> ReducedTerms | None:
         """All matrices at states (q, v2) from one call; None if NumPy has to evaluate them."""
 
-    def fused_v2_dot(self, q: Array, v2: Array | None, T: Array, t: Component | None) -> Array | None:
+    def fused_v2_dot(self, q: Array, v2: Array | None, T: ArrayInput, t: Component | None) -> Array | None:
         """Reduced accelerations at states (q, v2) from one call; None if the formula applies."""
 
 
