@@ -17,6 +17,7 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.math.components import Component
 from rnc_pin.model.cached_property import cached_property
+from rnc_pin.model.input_validation import ArrayInput
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.printing import printed

@@ -27,7 +27,7 @@ from rnc_pin.simulation.sampled_run import SampledRun
 
 
 class _LastSample(NamedTuple):
-    """What the loops keep of a sample."""
+    """Quantities of a sample that the loops keep."""
 
     measurement: Measurement
     command: Command
