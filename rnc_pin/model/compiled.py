@@ -204,7 +204,7 @@ class CompiledEvaluator(NumPyEvaluator):
     def fused_terms(self, q: Array, v2: Array | None, t: Component | None) -> ReducedTerms | None:
         return None if v2 is None else self._fused_terms(q, v2, t)
 
-    def fused_v2_dot(self, q: Array, v2: Array | None, T: Array, t: Component | None) -> Array | None:
+    def fused_v2_dot(self, q: Array, v2: Array | None, T: ArrayInput, t: Component | None) -> Array | None:
         return None if v2 is None else self._called(self._calls.forward_dynamics, (q, v2, T), t)
 
     def _fused_terms(self, q: object, v2: object, t: Component | None) -> ReducedTerms | None:

@@ -240,7 +240,7 @@ class NumPyEvaluator:
         """All matrices at states (q, v2) from one call; None if the formulas have to evaluate them."""
         return None
 
-    def fused_v2_dot(self, q: Array, v2: Array | None, T: Array, t: Component | None) -> Array | None:
+    def fused_v2_dot(self, q: Array, v2: Array | None, T: ArrayInput, t: Component | None) -> Array | None:
         return None
 
     def state_derivatives(
