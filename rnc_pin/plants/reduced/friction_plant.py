@@ -42,6 +42,7 @@ class _Rows(NamedTuple):
     ground: np.ndarray  # velocities of the ground along the rows (k,)
     normals: list[int]
     groups: list[FrictionGroup]
+    names: list[str]
     keys: list[tuple[int, int]]  # of the groups: number of the contact, or -1, and kind of friction
 
 
@@ -55,6 +56,8 @@ class _Solved(NamedTuple):
     pushing: dict[int, float]  # mean normal force of each contact that touches [N]
     sliding: frozenset[tuple[int, int]]  # keys of the friction groups that move
     rates: np.ndarray  # mean forces of the rows, (k,)
+    slip: np.ndarray  # velocities of the rows relative to the ground, (k,)
+    reverses: bool = False  # True if a friction group turns back
 
 
 class _Trial(NamedTuple):
@@ -143,7 +146,7 @@ class FrictionPlant:
         self._touching: frozenset[int] = frozenset()
         self._pushing: dict[int, float] = {}
         self._sliding: frozenset[tuple[int, int]] = frozenset()
-        self._rates = np.zeros(0)
+        self._rates, self._slip = np.zeros(0), np.zeros(0)
         self._q, self._v = np.zeros(self.reduced.robot.nq), np.zeros(self.reduced.n)
 
     # ------------------------------------------------------------------ state
@@ -172,6 +175,7 @@ class FrictionPlant:
         self.work, self._time, self._step, self.contact_events = 0.0, 0.0, np.inf, ()
         self.applied, self.external = np.zeros(self.reduced.p), None
         self._pushing, self._sliding, self._rates = {}, frozenset(), np.zeros(0)
+        self._slip = np.zeros(0)
         gaps = self._gaps(state)
         check_depth(self._contacts, gaps, self._size)
         self._touching = frozenset(np.flatnonzero(gaps <= _TOUCHES * self._size).tolist())
@@ -225,7 +229,7 @@ class FrictionPlant:
             last = self._start()
             for step in range(count):
                 last = self._euler(last, h / count)
-                changes |= last.sliding != self._sliding
+                changes |= last.sliding != self._sliding or last.reverses
                 if count == _STEPS[-1] and landed is None and self._below(last.q):
                     landed = h * (step + 1) / count
             row = [np.concatenate([pin.difference(self._model, self._q, last.q), last.v, [last.work]])]
@@ -244,7 +248,7 @@ class FrictionPlant:
         return _Trial(last, error, landed)
 
     def _start(self) -> _Solved:
-        return _Solved(self._q, self._v, 0.0, np.zeros(0), {}, self._sliding, self._rates)
+        return _Solved(self._q, self._v, 0.0, np.zeros(0), {}, self._sliding, self._rates, self._slip)
 
     def _euler(self, start: _Solved, h: float) -> _Solved:
         """State after one half-explicit Euler step."""
@@ -262,23 +266,32 @@ class FrictionPlant:
         if self.reduced.reduction_data.forces:
             outside = outside + state.passive_sums.without_potential
         pushing = {number: p[row] / h for number, row in zip(sorted(self._touching), rows.normals, strict=True)}
-        return _Solved(q, v, start.work + h * float(mean @ outside), force, pushing, self._slides(rows, v), p / h)
+        slip = rows.matrix @ v - rows.ground
+        sliding, reverses = self._slides(rows, slip), False
+        if len(start.slip) == len(slip):
+            moving = (each.rows for each, key in zip(rows.groups, rows.keys, strict=True) if key in sliding)
+            reverses = any(slip[own] @ start.slip[own] < 0.0 for own in moving)
+        work = start.work + h * float(mean @ outside)
+        return _Solved(q, v, work, force, pushing, sliding, p / h, slip, reverses)
 
-    def _slides(self, rows: _Rows, v: np.ndarray) -> frozenset[tuple[int, int]]:
-        """Keys of the friction groups that move at a velocity v (nv,)."""
-        slip, limit = rows.matrix @ v - rows.ground, _SLIDES * (1.0 + float(np.abs(v).max()))
-        moving = (bool((slip[each.rows] @ slip[each.rows]) > limit**2) for each in rows.groups)
+    def _slides(self, rows: _Rows, slip: np.ndarray) -> frozenset[tuple[int, int]]:
+        """Keys of the friction groups that move at velocities (k,) of the rows."""
+        limit = _SLIDES * (1.0 + float(np.abs(self._v).max()))
+        moving = (bool(slip[each.rows] @ slip[each.rows] > limit**2) for each in rows.groups)
         return frozenset(key for key, moves in zip(rows.keys, moving, strict=True) if moves)
 
     def _rows(self, state: StateEvaluation, touching: frozenset[int], h: float) -> _Rows:
         """Rows of contacts that touch, and of dry friction in joints during a time h [s]."""
         parts, ground, normals, groups = [np.zeros((0, self.reduced.n))], [np.zeros(0)], list[int](), []
-        keys, k, at = list[tuple[int, int]](), 0, state.position
+        names, keys, k, at = list[str](), list[tuple[int, int]](), 0, state.position
         for number in sorted(touching):
             each, limits, normal = self._contacts[number], self._limits[number], k
             matrix, speeds = each.rows(at)
             turns = each.turning(at) if any(limits) else matrix[:0]
             kinds = (matrix[1:], each.contact.friction), (turns[:2], limits[0]), (turns[2:], limits[1])
+            turning = [f"{kind}({each.name})" for kind in ("turning_x", "turning_y", "turning_z")]
+            named = each.names[1:], turning[:2], turning[2:]
+            names.append(each.row)
             parts.append(matrix[:1])
             ground.append(np.zeros(1))
             normals.append(normal)
@@ -289,13 +302,15 @@ class FrictionPlant:
                     ground.append(np.zeros(len(rows)) if kind else speeds[1:])
                     groups.append(FrictionGroup(np.arange(k, k + len(rows)), normal, float(coefficient)))
                     keys.append((number, kind))
+                    names += named[kind]
                     k += len(rows)
         if h and len(self._dry.limits):
             parts.append(self._dry.rows(state))
             ground.append(np.zeros(len(self._dry.limits)))
             groups += [FrictionGroup(np.array([k + i]), -1, 0.0, h * each) for i, each in enumerate(self._dry.limits)]
+            names += [f"friction {i}" for i in range(len(self._dry.limits))]
             keys += [(-1, i) for i in range(len(self._dry.limits))]
-        return _Rows(np.vstack(parts), np.concatenate(ground), normals, groups, keys)
+        return _Rows(np.vstack(parts), np.concatenate(ground), normals, groups, names, keys)
 
     def _impulses(
         self, state: StateEvaluation, rows: _Rows, momentum: np.ndarray, M: np.ndarray, guess: np.ndarray
@@ -364,13 +379,14 @@ class FrictionPlant:
         last = trial.last
         self._time, self.work = min(self._time + h, end), self.work + last.work
         self._q, self._v, self.external, self._pushing = last.q, last.v, last.force, last.pushing
-        self._rates = last.rates
+        self._rates, self._slip = last.rates, last.slip
         if self._touching or self.reduced.assembly.size:
             self._project()
         gaps = self._gaps(self.reduced.at(self._q, v=self._v))
         opened = [i for i in sorted(self._touching) if gaps[i] > _TOUCHES * self._size and not last.pushing.get(i)]
         self._touching -= frozenset(opened)
         if opened:
+            self._rates, self._slip = np.zeros(0), np.zeros(0)  # of other rows from now on
             self._record("lift-off", opened)
         self._note(last.sliding)
 
@@ -410,12 +426,13 @@ class FrictionPlant:
             v = self._v + impulses @ W
             loss = float(0.5 * self._v @ state.M @ self._v - 0.5 * v @ state.M @ v)
             self._v, self.work = v, self.work - loss
-            named = {self._contacts[i].row: float(impulses[row])
-                     for i, row in zip(sorted(self._touching), rows.normals, strict=True)}  # fmt: skip
+            named = dict(zip(rows.names, impulses.tolist(), strict=True))
             leaves = rows.matrix[rows.normals] @ v > _TOUCHES * (1.0 + float(np.abs(v).max()))
             self._touching -= {number for number, gone in zip(sorted(self._touching), leaves, strict=True) if gone}
         self._record(cause, numbers, named, loss)
-        self._note(self._slides(self._rows(state, self._touching, 1.0), self._v))
+        rows = self._rows(state, self._touching, 1.0)
+        self._rates, self._slip = np.zeros(0), rows.matrix @ self._v - rows.ground
+        self._note(self._slides(rows, self._slip))
 
     def _impact_impulses(self, rows: _Rows, G: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Impulses (k,) of an impact, from the inverse inertia of the rows and their velocities before it."""

@@ -80,6 +80,7 @@ class BoundContact:
         contact: the contact.
         name: frame of the constraint, or its height row.
         row: name of the height row.
+        names: names of all rows, the height row first.
 
     Raises:
         ConfigurationError: the constraint has no height row, its ground is not a plane, or no joint changes the gap.
@@ -102,6 +103,7 @@ class BoundContact:
             )
         self.contact, self._height = contact, heights[0]
         self.row = rows.names[self._height]
+        self.names = (*rows.names[self._height :], *rows.names[: self._height])
         self.name = str(getattr(kind, "frame", self.row))
         self._plane, self._frame = ground or GroundPlane(), robot.frame_id(str(getattr(kind, "frame", "")))
         if contact.friction and not self.slips:
@@ -128,9 +130,8 @@ class BoundContact:
 
     def slip(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray, list[str]]:
         """Rows that prevent slip, (k, nv), with their velocities (k,) and names."""
-        names = [name for number, name in enumerate(self._rows.names) if number != self._height]
-        rows, rates = self._rows.jacobian(at), self._rows.rate(at)
-        return np.delete(rows, self._height, axis=0), np.delete(rates, self._height), names
+        rows, rates = self.rows(at)
+        return rows[1:], rates[1:], list(self.names[1:])
 
     @property
     def has_friction(self) -> bool:
