@@ -265,8 +265,12 @@ class FrictionPlant:
         outside = forced + force
         if self.reduced.reduction_data.forces:
             outside = outside + state.passive_sums.without_potential
-        pushing = {number: p[row] / h for number, row in zip(sorted(self._touching), rows.normals, strict=True)}
         slip = rows.matrix @ v - rows.ground
+        leaving = _ROUNDING * (1.0 + float(np.abs(v).max()))
+        pushing = {
+            number: float(p[row]) / h if slip[row] <= leaving else 0.0
+            for number, row in zip(sorted(self._touching), rows.normals, strict=True)
+        }
         sliding, reverses = self._slides(rows, slip), False
         if len(start.slip) == len(slip):
             moving = (each.rows for each, key in zip(rows.groups, rows.keys, strict=True) if key in sliding)
