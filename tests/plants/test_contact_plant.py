@@ -9,30 +9,21 @@ import pytest
 import scipy
 
 import rnc_pin as rnc
-from bodies import add_body
+from bodies import add_body, free_body
 from simple_controllers import Idle, Inputs
 
 G = 9.81
 
 
-def body(mass, inertia, **frames):
-    """A free body with frames at given places."""
-    model = pin.Model()
-    joint = add_body(model, "root_joint", "FreeFlyer", mass, moments=inertia)
-    for name, place in frames.items():
-        model.addFrame(pin.Frame(name, joint, 0, pin.SE3(np.eye(3), np.array(place)), pin.FrameType.OP_FRAME))
-    return rnc.Robot(model)
-
-
-ROD = body(1.0, [1e-3, 0.02, 0.02], a=[0.25, 0.0, 0.0], b=[-0.25, 0.0, 0.0])
+ROD = free_body(1.0, [1e-3, 0.02, 0.02], a=[0.25, 0.0, 0.0], b=[-0.25, 0.0, 0.0])
 CORNERS = {f"c{k}": [(k & 1) * 0.2 - 0.1, (k >> 1 & 1) * 0.3 - 0.15, (k >> 2) * 0.1 - 0.05] for k in range(8)}
-BOX = body(1.0, [0.0084, 0.0042, 0.0109], **CORNERS)
+BOX = free_body(1.0, [0.0084, 0.0042, 0.0109], **CORNERS)
 
 
 @pytest.fixture(scope="module")
 def ball():
     """A ball of 2 kg with radius 0.1 m, and an upward force."""
-    robot = body(2.0, [0.008] * 3, ball=[0.0, 0.0, 0.0])
+    robot = free_body(2.0, [0.008] * 3, ball=[0.0, 0.0, 0.0])
     return rnc.NonholonomicSystem(robot, [], [rnc.FrameForce("ball", "z")])
 
 
@@ -114,7 +105,7 @@ def test_rod_falls_on_one_end(e):
     """Impulse ``m (1 + e) u / (1 + 3 cos^2)`` of a rod that falls at speed u without turning, on a frictionless end."""
     length, mass, pitch, height = 1.2, 3.0, 0.5, 0.8
     turning = mass * length**2 / 12
-    robot = body(mass, [1e-3, turning, turning], end=[0.5 * length, 0, 0])
+    robot = free_body(mass, [1e-3, turning, turning], end=[0.5 * length, 0, 0])
     system = rnc.NonholonomicSystem(robot)
     plant = rnc.ContactPlant(system, [rnc.UnilateralContact(rnc.Caster("end", 0.0), e)])
     drop = height - 0.5 * length * np.sin(pitch)  # a positive pitch lowers the end
@@ -134,7 +125,7 @@ def test_rod_falls_on_one_end(e):
 def test_body_that_rocks(turning, closed):
     """As the right foot lands, the left one stays if ``I < m a^2``, and lifts off if ``I > m a^2``."""
     mass, a, tilt = 1.0, 0.5, 0.05
-    robot = body(mass, [1e-3, turning, turning], left=[-a, 0, 0], right=[a, 0, 0])
+    robot = free_body(mass, [1e-3, turning, turning], left=[-a, 0, 0], right=[a, 0, 0])
     system = rnc.NonholonomicSystem(robot)
     feet = [rnc.UnilateralContact(rnc.Caster(name, 0.0)) for name in ("left", "right")]
     plant = rnc.ContactPlant(system, feet)
@@ -226,7 +217,7 @@ def test_hopper_as_scipy_integrates_it_with_events():
 
 def test_wheels_that_share_the_load_stay_closed():
     """Three supports in a line share the weight in many ways; none of them opens."""
-    robot = body(1.0, [0.1, 0.1, 0.1], a=[-1, 0, 0], b=[0, 0, 0], c=[1, 0, 0])
+    robot = free_body(1.0, [0.1, 0.1, 0.1], a=[-1, 0, 0], b=[0, 0, 0], c=[1, 0, 0])
     system = rnc.NonholonomicSystem(robot)
     plant = rnc.ContactPlant(system, [rnc.UnilateralContact(rnc.Caster(name, 0.1), 0.5) for name in "abc"])
     plant.reset(at(system, 0.2), np.array([0.3, 0, 0, 0, 0, 0]))
@@ -298,7 +289,7 @@ def test_a_point_with_friction_rebounds_by_the_energetic_law(e, angle, spin):
     """Slip stops, then the work of the normal impulse returns by the share e^2; in the plane, by hand."""
     mass, half, radius = 2.0, 0.4, 0.01
     moment = mass * half**2 / 3
-    robot = body(mass, [1e-3, moment, moment], tip=[half, 0.0, 0.0])
+    robot = free_body(mass, [1e-3, moment, moment], tip=[half, 0.0, 0.0])
     plant = rnc.ContactPlant(
         rnc.NonholonomicSystem(robot),
         [rnc.UnilateralContact(rnc.RollingBall("tip", radius), restitution=e, rest_speed=0.0)],

@@ -3,6 +3,8 @@
 import numpy as np
 import pinocchio as pin
 
+import rnc_pin as rnc
+
 
 def add_body(model, name, kind, body, parent=0, *, com=(0, 0, 0), moments=1.0, at=None, frame=None):
     """Add a joint that carries a body, and return the index of the joint.
@@ -29,3 +31,12 @@ def add_body(model, name, kind, body, parent=0, *, com=(0, 0, 0), moments=1.0, a
     if frame is not None:
         model.addFrame(pin.Frame(frame, joint, 0, here, pin.FrameType.OP_FRAME))
     return joint
+
+
+def free_body(mass, moments, **frames):
+    """Return a robot of one free body with frames at given places."""
+    model = pin.Model()
+    joint = add_body(model, "root_joint", "FreeFlyer", mass, moments=moments)
+    for name, place in frames.items():
+        model.addFrame(pin.Frame(name, joint, 0, pin.SE3(np.eye(3), np.array(place, float)), pin.FrameType.OP_FRAME))
+    return rnc.Robot(model)

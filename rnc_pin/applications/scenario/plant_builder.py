@@ -15,6 +15,7 @@ from rnc_pin.plants import (
     ChangingPlant,
     ContactPlant,
     FaultyPlant,
+    FrictionPlant,
     MassErrors,
     Plant,
     ReducedPlant,
@@ -51,7 +52,8 @@ def build_plant(scenario: ScenarioFile, reduced: ReducedModel, q0: np.ndarray, f
         _check_contacts(scenario)
         args = scenario.constraints, scenario.actuators, scenario.mimic, scenario.forces
         system = NonholonomicSystem(reduced.robot, *args)
-        return ContactPlant(system, scenario.contacts, **settings.plant_options)
+        with_friction = any(each.friction is not None for each in scenario.contacts)
+        return (FrictionPlant if with_friction else ContactPlant)(system, scenario.contacts, **settings.plant_options)
 
     def plant_of(model: ReducedModel) -> Plant:
         if in_mujoco:

@@ -7,19 +7,22 @@ from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
-import pinocchio as pin
 
-from rnc_pin.errors import ConfigurationError, InputError, SimulationError
+from rnc_pin.errors import ConfigurationError, SimulationError
 from rnc_pin.model.impact import Impact
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.plants.reduced.contact_modes import NONE, Closed, ContactModes, consistent, force_margin
 from rnc_pin.plants.reduced.reduced_plant import EventStep, ReducedPlant
 from rnc_pin.plants.reduced.step_control import DEFAULT_TOLERANCE, IntegrationErrors
-from rnc_pin.plants.reduced.unilateral_contact import BoundContact, UnilateralContact
+from rnc_pin.plants.reduced.unilateral_contact import (
+    UnilateralContact,
+    bound_contacts,
+    check_depth,
+    radius_of_gyration,
+)
 
 # Relative to the size of the robot, its radius of gyration:
-_INSIDE = 2e-4  # depth below the ground that the digits of an initial configuration explain
 _TOUCHES = 1e-8  # gap of a contact that lands together with another one
 _ROUNDING = 1e-11  # gap that rounding explains
 _HALVINGS = 40
@@ -104,17 +107,13 @@ class ContactPlant:
         substeps: int | None = None,
         tolerance: float = DEFAULT_TOLERANCE,
     ) -> None:
-        if not isinstance(system, NonholonomicSystem):
-            raise ConfigurationError(
-                f"ContactPlant: expected a NonholonomicSystem without the contacts, found {type(system).__name__}"
-            )
-        if not contacts or not all(isinstance(each, UnilateralContact) for each in contacts):
-            raise ConfigurationError(f"contacts: expected a list of UnilateralContact, found {contacts!r}")
-        bound = [BoundContact(each, system.robot) for each in contacts]
-        names = [each.name for each in bound]
-        for name in names:
-            if names.count(name) > 1:
-                raise ConfigurationError(f"contacts: '{name}' occurs twice")
+        bound = bound_contacts("ContactPlant", system, contacts)
+        for each in bound:
+            if each.has_friction:
+                raise ConfigurationError(
+                    f"contact '{each.name}': a ContactPlant has no limit of friction and no moments of friction; use a "
+                    "FrictionPlant"
+                )
         plant_of = partial(  # a lambda could not be pickled
             ReducedPlant,
             joint_damping=joint_damping,
@@ -169,11 +168,9 @@ class ContactPlant:
         self.closed, self._clinging = NONE, NONE
         self._plant = self._modes.plant(self.closed)
         self._plant.reset(np.array(q, dtype=float), np.array(v, dtype=float))
-        self._size = _radius_of_gyration(self._plant.reduced.robot.model, self._plant.read()[0])
+        self._size = radius_of_gyration(self._plant.reduced.robot.model, self._plant.read()[0])
         start = _Signals(self._modes, self.closed, self._plant)
-        for each, gap in zip(self._modes.contacts, start.gaps, strict=True):
-            if gap < -_INSIDE * self._size:
-                raise InputError(f"contact '{each.name}' starts {-gap:.3g} m below the ground")
+        check_depth(self._modes.contacts, start.gaps, self._size)
         touching = frozenset(np.flatnonzero((start.gaps <= _ROUNDING * self._size) & (start.rates <= 0.0)).tolist())
         if touching:
             self._land("start", touching)
@@ -346,11 +343,3 @@ class ContactPlant:
             if gap() > 0.0:
                 return step.crossing(gap, start, end)
         return 0.0
-
-
-def _radius_of_gyration(model: pin.Model, q: np.ndarray) -> float:
-    """Radius of gyration of a robot about its centre of mass, the mean of three axes [m]."""
-    data = model.createData()
-    pin.ccrba(model, data, q, np.zeros(model.nv))
-    total = data.Ig
-    return float(np.sqrt(np.trace(total.inertia) / (2.0 * total.mass)))

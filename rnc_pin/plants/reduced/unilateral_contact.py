@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
 from rnc_pin.constraints import GroundPlane
-from rnc_pin.errors import ConfigurationError
+from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.model.kernel_rows import KernelRow
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics, VelocityKinematics
+from rnc_pin.model.mechanisms import carrier_of
 from rnc_pin.model.parameter_types import NotNegative
 from rnc_pin.model.rows import ConstraintKind, Rows
+from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.robots.robot import Robot
 
 _SMALL = 1e-9  # entry of a height row that counts as zero
 _SAMPLES = 3
+_INSIDE = 2e-4  # depth that the digits of an initial configuration explain, over the radius of gyration
 
 
 @dataclass(frozen=True)
@@ -24,8 +28,8 @@ class UnilateralContact:
     """Contact that only pushes: it closes when the body lands, and opens when its normal force becomes zero.
 
     Its constraint acts while the contact is closed. The height row of the constraint gives the gap, its other rows
-    prevent slip without a limit of friction. A ``Caster`` has the height row only, so it is a contact without friction,
-    of a ball or of a point (radius 0).
+    prevent slip: without a limit in a ``ContactPlant``, by Coulomb friction in a ``FrictionPlant``. A ``Caster`` has
+    the height row only, so it is a contact without friction, of a ball or of a point (radius 0).
 
     Args:
         constraint: ``RollingWheel``, ``RollingBall``, ``RollingBody`` or ``Caster`` on a plane.
@@ -33,9 +37,14 @@ class UnilateralContact:
             friction; with friction the energetic one, whose square is the share of the work that the rebound returns.
         rest_speed: speed [m/s] of a rebound below which the contact stays closed. Contacts that touch close together if
             their gaps and slips are slower. So bouncing and rocking end after a finite time.
+        friction: coefficient of Coulomb friction, for a ``FrictionPlant``; None for no limit.
+        rolling_friction: largest moment against rolling over the normal force [m]; the body's angular velocity along
+            the ground counts, for a ``FrictionPlant``.
+        spin_friction: the same for the angular velocity about the normal of the ground [m].
 
     Raises:
-        ConfigurationError: a coefficient out of its range; when it is bound, a constraint without a gap.
+        ConfigurationError: a coefficient out of its range; when it is bound, a constraint without a gap, or friction of
+            a contact without rows that prevent slip.
 
     Example:
         >>> contact = rnc.UnilateralContact(rnc.RollingBall("ball", radius=0.2), restitution=0.7)
@@ -46,9 +55,15 @@ class UnilateralContact:
     constraint: ConstraintKind
     restitution: float = 0.0
     rest_speed: NotNegative = 0.01
+    friction: NotNegative | None = None
+    rolling_friction: NotNegative = 0.0
+    spin_friction: NotNegative = 0.0
 
     def __post_init__(self) -> None:
-        for name, value, most in (("restitution", self.restitution, 1.0), ("rest_speed", self.rest_speed, np.inf)):
+        for name in ("restitution", "rest_speed", "friction", "rolling_friction", "spin_friction"):
+            value, most = getattr(self, name), 1.0 if name == "restitution" else np.inf
+            if name == "friction" and value is None:
+                continue
             number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
             if not (number and 0.0 <= value <= most and np.isfinite(value)):
                 limit = "a number from 0 to 1" if most == 1.0 else "a number that is not negative"
@@ -67,6 +82,7 @@ class BoundContact:
         friction: constraint of the rows that prevent slip, without the height row.
         name: frame of the constraint, or its height row.
         row: name of the height row.
+        names: names of all rows, the height row first.
 
     Raises:
         ConfigurationError: the constraint has no height row, its ground is not a plane, or no joint changes the gap.
@@ -90,7 +106,14 @@ class BoundContact:
         self.contact, self._height = contact, heights[0]
         self.friction = _Friction(rows, self._height)
         self.row = rows.names[self._height]
+        self.names = (*rows.names[self._height :], *rows.names[: self._height])
         self.name = str(getattr(kind, "frame", self.row))
+        self._plane, self._frame = ground or GroundPlane(), robot.frame_id(str(getattr(kind, "frame", "")))
+        if contact.friction and not self.slips:
+            raise ConfigurationError(
+                f"contact '{self.name}': a {type(kind).__name__} has no rows along the ground for friction; a "
+                "RollingBall has them, also a small one for a corner or a foot"
+            )
         kinematics, generator = Kinematics(robot), np.random.default_rng(0)
         moments = (kinematics.position(robot.random_configuration(generator)) for _ in range(_SAMPLES))
         if max(float(np.abs(self.jacobian(at)).max()) for at in moments) < _SMALL:
@@ -111,6 +134,34 @@ class BoundContact:
     def slip(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray, list[str]]:
         """Rows that prevent slip, (k, nv), with their velocities (k,) and names."""
         return self.friction.jacobian(at), self.friction.rate(at), list(self.friction.names)
+
+    @property
+    def has_friction(self) -> bool:
+        """True if a coefficient limits friction, or a moment of friction acts."""
+        return self.contact.friction is not None or any(self.turning_limits)
+
+    @property
+    def turning_limits(self) -> tuple[float, float]:
+        """Coefficients [m] of the moments against rolling and against spin.
+
+        Raises:
+            ConfigurationError: such a moment on ground that moves.
+        """
+        limits = float(self.contact.rolling_friction), float(self.contact.spin_friction)
+        if any(limits) and (self._plane.moves or carrier_of(self._plane) is not None):
+            raise ConfigurationError(
+                f"contact '{self.name}': rolling_friction and spin_friction require ground at rest in the world"
+            )
+        return limits
+
+    def turning(self, at: PositionKinematics) -> np.ndarray:
+        """Angular velocity of the body along the axes of the plane, the normal last, as rows (3, nv)."""
+        return np.asarray(self._plane.axes @ at.jacobian(self._frame)[3:])
+
+    def rows(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
+        """Rows (k, nv) with their velocities (k,): the gap first, then those that prevent slip."""
+        rates = np.roll(self._rows.rate(at), -self._height)
+        return np.roll(self._rows.jacobian(at), -self._height, axis=0), rates
 
     def rebound(self, rate: float) -> float:
         """Coefficient of restitution of an impact at a rate of the gap [m/s]; zero for slow ones."""
@@ -174,3 +225,52 @@ class _Friction(Rows):
     def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
         found = self._rows.kernel_rows(model)
         return None if found is None else [found[row] for row in self._kept]
+
+
+def bound_contacts(plant: str, system: object, contacts: Sequence[UnilateralContact]) -> list[BoundContact]:
+    """Return the contacts of a plant, bound to the robot of its system.
+
+    Args:
+        plant: name of the class, for messages.
+        system: system without the contacts.
+        contacts: the contacts.
+
+    Raises:
+        ConfigurationError: no system, no contacts, contacts of the same name, or a contact without a gap.
+    """
+    if not isinstance(system, NonholonomicSystem):
+        raise ConfigurationError(
+            f"{plant}: expected a NonholonomicSystem without the contacts, found {type(system).__name__}"
+        )
+    if not contacts or not all(isinstance(each, UnilateralContact) for each in contacts):
+        raise ConfigurationError(f"contacts: expected a list of UnilateralContact, found {contacts!r}")
+    bound = [BoundContact(each, system.robot) for each in contacts]
+    names = [each.name for each in bound]
+    for name in names:
+        if names.count(name) > 1:
+            raise ConfigurationError(f"contacts: '{name}' occurs twice")
+    return bound
+
+
+def check_depth(contacts: Sequence[BoundContact], gaps: np.ndarray, size: float) -> None:
+    """Raise an error if a contact starts below the ground.
+
+    Args:
+        contacts: the contacts.
+        gaps: their gaps (c,) [m].
+        size: radius of gyration of the robot [m].
+
+    Raises:
+        InputError: names the contact.
+    """
+    for each, gap in zip(contacts, gaps, strict=True):
+        if gap < -_INSIDE * size:
+            raise InputError(f"contact '{each.name}' starts {-gap:.3g} m below the ground")
+
+
+def radius_of_gyration(model: pin.Model, q: np.ndarray) -> float:
+    """Radius of gyration of a robot about its centre of mass, the mean of three axes [m]."""
+    data = model.createData()
+    pin.ccrba(model, data, q, np.zeros(model.nv))
+    total = data.Ig
+    return float(np.sqrt(np.trace(total.inertia) / (2.0 * total.mass)))

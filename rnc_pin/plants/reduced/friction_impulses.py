@@ -1,0 +1,169 @@
+"""Impulses of unilateral contacts with Coulomb friction: a nonlinear complementarity problem at velocity level."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+_PRECISE = 1e-13  # residual of a solution, relative to the largest impulse
+_NEWTON, _ROUNDS, _SWEEPS, _CONVEX_SWEEPS = 25, 6, 40, 2000
+
+
+class FrictionGroup(NamedTuple):
+    """Rows of one friction force: its norm is at most ``coefficient`` times the normal impulse, plus ``constant``.
+
+    Attributes:
+        rows: indices of the rows.
+        normal: row of the normal impulse; -1 without one, as of dry friction in a joint.
+        coefficient: coefficient of friction, or a length [m] for moments.
+        constant: impulse [N s or N m s].
+    """
+
+    rows: np.ndarray
+    normal: int
+    coefficient: float
+    constant: float = 0.0
+
+    def limit(self, p: np.ndarray) -> float:
+        """Largest norm of the impulse beside impulses p (k,)."""
+        return self.constant + (self.coefficient * max(float(p[self.normal]), 0.0) if self.normal >= 0 else 0.0)
+
+
+class FrictionImpulses:
+    """Impulses p (k,) with velocities ``y = G p + b`` of the rows after them.
+
+    A normal row has ``0 <= p, 0 <= y, p y = 0``. A friction group has ``|p| <= limit``, and where it slides, p has this
+    norm and opposes y. Every solution has ``p^T (G p / 2 + b) <= 0``: the impulses never create energy.
+
+    Args:
+        G: inverse inertia of the rows (k, k), symmetric and positive semidefinite.
+        b: velocities of the rows without impulses (k,).
+        normals: rows of the normal impulses.
+        groups: friction.
+    """
+
+    def __init__(self, G: np.ndarray, b: np.ndarray, normals: list[int], groups: list[FrictionGroup]) -> None:
+        self._G, self._b, self._normals, self._groups = G, b, normals, groups
+        diagonal = np.maximum(G.diagonal(), 1e-12 * G.diagonal().max(initial=1e-300))
+        self._scale = 1.0 / diagonal
+        for each in groups:
+            self._scale[each.rows] = 1.0 / diagonal[each.rows].max()
+
+    def solve(self, guess: np.ndarray | None = None) -> np.ndarray:
+        """Return the impulses (k,).
+
+        Newton's method on the natural map of the conditions alternates with projected Gauss-Seidel sweeps. Where the
+        conditions have no solution nearby, as for Painleve's rod, the impulses of the associated convex problem act:
+        ``p^T (G p / 2 + b)`` is least in the cones of friction, so these impulses do not create energy either.
+
+        Args:
+            guess: impulses (k,) near the solution, if they are known.
+        """
+        p = np.zeros(len(self._b)) if guess is None else guess
+        for _ in range(_ROUNDS):
+            p, solved = self._newton(p)
+            if solved:
+                return p
+            for _ in range(_SWEEPS):
+                p = self._swept(p)
+        return self._associated()
+
+    def _newton(self, p: np.ndarray) -> tuple[np.ndarray, bool]:
+        """Impulses after Newton steps, and True if they are a solution."""
+        best, least = p, np.inf
+        for _ in range(_NEWTON):
+            F, slope = self._natural_map(p)
+            size = float(np.abs(F).max(initial=0.0))
+            if size < least:
+                best, least = p, size
+            if size <= _PRECISE * max(float(np.abs(p).max(initial=0.0)), float(np.abs(self._scale * self._b).max())):
+                return self._admissible(p), self._energy(p) <= 0.0 or size == 0.0
+            p = p - np.linalg.lstsq(slope, F, rcond=1e-12)[0]
+        return best, False
+
+    def _energy(self, p: np.ndarray) -> float:
+        change, size = p @ (0.5 * self._G @ p + self._b), np.abs(p) @ np.abs(self._b)
+        return float(change - 1e-12 * size)
+
+    def _admissible(self, p: np.ndarray) -> np.ndarray:
+        p = p.copy()
+        p[self._normals] = np.maximum(p[self._normals], 0.0)
+        return p
+
+    def _natural_map(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Difference (k,) of p from its projected gradient step, and its slope (k, k)."""
+        scaled = self._scale[:, None] * self._G
+        F = self._scale * (self._G @ p + self._b)  # where a row does not move after the impulse
+        z, slope = p - F, scaled.copy()
+        for row in self._normals:
+            if z[row] <= 0.0:
+                F[row], slope[row] = p[row], 0.0
+                slope[row, row] = 1.0
+        identity = np.eye(len(p))
+        for group in self._groups:
+            rows, limit, length = group.rows, group.limit(p), float(np.linalg.norm(z[group.rows]))
+            if length <= limit:
+                continue
+            direction = z[rows] / length
+            F[rows] = p[rows] - limit * direction
+            across = limit / length * (np.eye(len(rows)) - np.outer(direction, direction))
+            slope[rows] = identity[rows] - across @ (identity[rows] - scaled[rows])
+            if group.normal >= 0 and p[group.normal] > 0.0:
+                slope[rows, group.normal] -= group.coefficient * direction
+        return F, slope
+
+    def _swept(self, p: np.ndarray) -> np.ndarray:
+        """Impulses after one projected Gauss-Seidel sweep."""
+        p, G, b, scale = p.copy(), self._G, self._b, self._scale
+        for row in self._normals:
+            p[row] = max(0.0, p[row] - scale[row] * (G[row] @ p + b[row]))
+        for group in self._groups:
+            rows, limit = group.rows, group.limit(p)
+            z = p[rows] - scale[rows] * (G[rows] @ p + b[rows])
+            length = float(np.linalg.norm(z))
+            p[rows] = z if length <= limit else z * (limit / length)
+        return p
+
+    # ------------------------------------------------------------------ associated problem
+
+    def _associated(self) -> np.ndarray:
+        """Impulses of least ``p^T (G p / 2 + b)`` in the cones of friction, by block coordinate descent from zero."""
+        p, blocks = np.zeros(len(self._b)), list(self._blocks())
+        for _ in range(_CONVEX_SWEEPS):
+            before = p.copy()
+            for rows, step, normal, groups in blocks:
+                p[rows] = p[rows] - step * (self._G[rows] @ p + self._b[rows])
+                _project(p, normal, groups)
+            if np.abs(p - before).max() <= 1e-12 * np.abs(p).max():
+                break
+        return p
+
+    def _blocks(self) -> Iterator[tuple[np.ndarray, float, int, list[FrictionGroup]]]:
+        """Rows that share a cone, the length of a descent step, the normal row and the groups."""
+        for normal in [*self._normals, -1]:
+            groups = [each for each in self._groups if each.normal == normal]
+            rows = np.concatenate([[normal] if normal >= 0 else [], *(each.rows for each in groups)]).astype(int)
+            if len(rows):
+                yield rows, 1.0 / np.linalg.eigvalsh(self._G[np.ix_(rows, rows)])[-1], normal, groups
+
+
+def _project(p: np.ndarray, normal: int, groups: list[FrictionGroup]) -> None:
+    """Replace impulses by the nearest ones in the cone of a contact, or within constant limits."""
+    lengths = [float(np.linalg.norm(p[each.rows])) for each in groups]
+    if normal >= 0:
+        # The nearest normal impulse n solves n = p_n + sum of c (|p_g| - c n) over the groups beyond their limits.
+        order = sorted((a / c if c else np.inf, c, a) for a, each in zip(lengths, groups, strict=True)
+                       for c in [each.coefficient])[::-1]  # fmt: skip
+        n, weight, total = float(p[normal]), 1.0, float(p[normal])
+        for ratio, c, a in order:
+            if n >= ratio:
+                break
+            weight, total = weight + c * c, total + c * a
+            n = total / weight
+        p[normal] = max(n, 0.0)
+    for length, each in zip(lengths, groups, strict=True):
+        limit = each.limit(p)
+        if length > limit:
+            p[each.rows] *= limit / length

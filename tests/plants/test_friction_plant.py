@@ -1,0 +1,318 @@
+"""Contacts that stick and slide, against closed forms, ``ReducedPlant`` and ``Grip``."""
+
+import copy
+import pickle
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import rnc_pin as rnc
+from bodies import add_body, free_body
+
+G = 9.81
+
+
+def energy(plant):
+    q, v = plant.read()
+    return float(plant.reduced.at(q, v=v).energy)
+
+
+def world_velocity(plant, joint=1):
+    """Linear velocity of the free base in the world."""
+    q, v = plant.read()
+    return pin.Quaternion(*q[[6, 3, 4, 5]]).matrix() @ v[:3]
+
+
+def run(plant, duration, dt=0.01):
+    """Advance, and return the largest increase of energy minus work."""
+    start, most = energy(plant) - plant.work, 0.0
+    for _ in range(round(duration / dt)):
+        plant.advance(dt)
+        most = max(most, abs(energy(plant) - plant.work - start))
+    return most
+
+
+def causes(plant):
+    return [event.cause for event in plant.contact_events]
+
+
+def pose(x=0.0, z=0.0, rotation=None):
+    """Configuration of a free body at (x, 0, z)."""
+    turned = [0, 0, 0, 1] if rotation is None else pin.Quaternion(rotation).coeffs()
+    return np.r_[x, 0.0, z, turned]
+
+
+def block(friction, half=(0.2, 0.15, 0.1), mass=2.0, ground=None, radius=0.01, **options):
+    """A box on balls at its four lower corners, and its height above the ground at rest."""
+    a, b, h = half
+    corners = {f"c{i}": [a * (1 - 2 * (i & 1)), b * (1 - (i & 2)), -h] for i in range(4)}
+    moments = mass / 3 * np.array([b * b + h * h, a * a + h * h, a * a + b * b])
+    robot = free_body(mass, moments, **corners)
+    contacts = [
+        rnc.UnilateralContact(rnc.RollingBall(name, radius, ground), friction=friction, **options) for name in corners
+    ]
+    return rnc.FrictionPlant(rnc.NonholonomicSystem(robot), contacts), h + radius
+
+
+@pytest.mark.parametrize("friction", [0.2, 0.45])
+def test_block_on_a_slope(friction):
+    """It stays below ``tan(slope) = mu``, and slides with ``g (sin - mu cos)`` above, also down from a push uphill."""
+    slope = 0.35
+    R = pin.rpy.rpyToMatrix(0.0, slope, 0.0)  # x points downhill
+    plant, height = block(friction, ground=rnc.GroundPlane(normal=tuple(R[:, 2])))
+    q = pose(rotation=R)
+    q[:3] = R[:, 2] * height
+    plant.reset(q, np.zeros(6))
+    assert run(plant, 0.3) < 1e-9
+    along = plant.read()[1][0]
+    if friction > np.tan(slope):
+        assert np.abs(plant.read()[1]).max() < 1e-9
+        assert plant.sliding == ()
+    else:
+        assert along == pytest.approx(0.3 * G * (np.sin(slope) - friction * np.cos(slope)), rel=1e-8)
+        assert set(plant.sliding) == {"c0", "c1", "c2", "c3"}
+    assert sum(plant.normal_forces.values()) == pytest.approx(2.0 * G * np.cos(slope), rel=1e-8)
+    plant.reset(q, np.array([-0.8, 0, 0, 0, 0, 0]))
+    up = G * (np.sin(slope) + friction * np.cos(slope))
+    run(plant, 0.3)
+    if friction > np.tan(slope):
+        grip = next(event for event in plant.contact_events if event.cause.startswith("grip"))
+        assert grip.time == pytest.approx(0.8 / up, abs=1e-5)
+        down = 0.0
+    else:
+        down = (0.3 - 0.8 / up) * G * (np.sin(slope) - friction * np.cos(slope))
+    assert plant.read()[1][0] == pytest.approx(down, abs=1e-5)
+
+
+def test_billiard_ball_from_sliding_to_rolling():
+    """It rolls with 5/7 of its speed from ``t = 2 v / (7 mu g)`` on."""
+    speed, friction, radius = 1.4, 0.25, 0.2
+    robot = free_body(1.0, [0.4 * radius**2] * 3, ball=[0, 0, 0])
+    contact = rnc.UnilateralContact(rnc.RollingBall("ball", radius), friction=friction)
+    plant = rnc.FrictionPlant(rnc.NonholonomicSystem(robot), [contact], tolerance=1e-6)
+    plant.reset(pose(z=radius), np.array([speed, 0, 0, 0, 0, 0]))
+    time = 2 * speed / (7 * friction * G)
+    assert run(plant, 0.2) < 1e-7
+    assert causes(plant) == ["start", "slip of ball", "grip of ball"]
+    assert plant.contact_events[-1].time == pytest.approx(time, abs=1e-5)
+    assert plant.read()[1][4] == pytest.approx(5 / 7 * speed / radius, rel=1e-8)
+    slid = speed * time - friction * G * time**2 / 2
+    assert plant.read()[0][0] == pytest.approx(slid + 5 / 7 * speed * (0.2 - time), abs=1e-6)
+
+
+def test_moments_against_rolling_and_spin():
+    """``a = 5/7 c g / r`` until the ball rests, and ``5/2 c g / r^2`` of a ball that spins in place."""
+    radius, rolling, spinning = 0.1, 0.004, 0.001
+    robot = free_body(1.0, [0.4 * radius**2] * 3, ball=[0, 0, 0])
+    contact = rnc.UnilateralContact(
+        rnc.RollingBall("ball", radius), friction=0.5, rolling_friction=rolling, spin_friction=spinning
+    )
+    plant = rnc.FrictionPlant(rnc.NonholonomicSystem(robot), [contact], tolerance=1e-6)
+    plant.reset(pose(z=radius), np.array([0.04, 0, 0, 0, 0.4, 0]))
+    assert run(plant, 0.2) < 1e-7
+    assert plant.read()[0][0] == pytest.approx(0.04**2 / (2 * 5 / 7 * rolling * G / radius), abs=1e-6)
+    assert np.abs(plant.read()[1]).max() < 1e-9
+    plant.reset(pose(z=radius), np.array([0, 0, 0, 0, 0, 2.0]))
+    run(plant, 0.05)
+    assert plant.read()[1][5] == pytest.approx(2.0 - 0.05 * 2.5 * spinning * G / radius**2, rel=1e-7)
+
+
+@pytest.mark.parametrize("friction", [0.1, 0.9])
+@pytest.mark.parametrize("e", [0.0, 0.5])
+def test_disk_that_lands_with_spin(friction, e):
+    """The impulse along the ground is ``mu m (1 + e) u``, or what stops slip if this is less."""
+    robot = rnc.Robot.from_urdf("rolling_disk.urdf", base="free")
+    radius, height, spin = 0.25, 0.1, 8.0
+    contact = rnc.UnilateralContact(rnc.RollingWheel("disk", radius, axis="y"), e, friction=friction)
+    plant = rnc.FrictionPlant(rnc.NonholonomicSystem(robot), [contact], tolerance=1e-6)
+    plant.reset(pose(z=radius + height), np.array([0, 0, 0, 0, spin, 0]))
+    fall, down = np.sqrt(2 * height / G), np.sqrt(2 * G * height)
+    plant.advance(fall + 1e-6)
+    landing = plant.contact_events[1]
+    assert (landing.cause, landing.time) == ("landing of disk", pytest.approx(fall, rel=1e-8))
+    speed = min(friction * (1 + e) * down, radius * spin / 3)
+    assert landing.impulses["vertical(disk)"] == pytest.approx(2.0 * (1 + e) * down, rel=1e-6)
+    assert landing.impulses["rolling(disk)"] == pytest.approx(2.0 * speed, rel=1e-6)
+    turned = spin - 2 * speed / radius
+    lost = down**2 * (1 - e**2) + 0.03125 * (spin**2 - turned**2) - speed**2
+    assert landing.energy_loss == pytest.approx(lost, rel=1e-6)
+
+
+def car(friction, brake=0.0, driven=()):
+    """A car of 20 kg on four wheels: half length 0.5 m, centre of mass 0.4 m above the ground."""
+    model = pin.Model()
+    base = add_body(model, "root_joint", "FreeFlyer", 16.0, moments=[0.5, 1.0, 1.2])
+    for x, end in ((0.5, "front"), (-0.5, "rear")):
+        for y, side in ((0.3, "left"), (-0.3, "right")):
+            name = f"{end}_{side}"
+            add_body(model, name, "RY", 1.0, base, moments=[0.005, 0.01, 0.005], at=(x, y, -0.3), frame=name + "_wheel")
+    limits = model.upperDryFrictionLimit
+    limits[6:] = brake
+    model.upperDryFrictionLimit = limits
+    model.lowerDryFrictionLimit = -limits
+    robot = rnc.Robot(model)
+    contacts = [
+        rnc.UnilateralContact(rnc.RollingWheel(name + "_wheel", 0.1, axis="y"), friction=friction)
+        for name in model.names[2:]
+    ]
+    system = rnc.NonholonomicSystem(robot, [], list(driven))
+    return rnc.FrictionPlant(system, contacts, joint_friction=brake > 0, tolerance=1e-6)
+
+
+@pytest.mark.parametrize("brake", [50.0, 1.0])
+def test_braking_car(brake):
+    """``v^2 / (2 mu g)`` with locked wheels, ``v^2 M r / (8 T)`` with ``M = m + 4 I / r^2`` if they roll."""
+    speed, friction, locks = 1.2, 0.4, brake > 10
+    plant = car(friction, brake)
+    plant.reset(np.r_[pose(z=0.4), np.zeros(4)], np.r_[speed, np.zeros(5), np.full(4, 0.0 if locks else speed / 0.1)])
+    assert run(plant, 0.8, 0.05) < 1e-6
+    rolling = speed**2 / 2 * (20 + 4 * 0.01 / 0.1**2) * 0.1 / (4 * brake)
+    distance = speed**2 / (2 * friction * G) if locks else rolling
+    assert plant.read()[0][0] == pytest.approx(distance, rel=1e-5)
+    assert ("slip" in " ".join(causes(plant))) == locks
+    assert np.abs(plant.read()[1]).max() < 1e-7
+
+
+def test_acceleration_that_lifts_the_front():
+    """Its load falls in proportion to the torque, and is zero where the moments about the rear contact balance."""
+    plant = car(50.0, driven=("rear_left", "rear_right"))
+    # All wheels roll: (20 + 4) a = 2 T / r. Moments about the rear contact, with the spin of the wheels, wheel base
+    # L = 1 m: N = m g / 2 - a (16 * 0.4 + 4 * 0.1) - 4 I a / r.
+    body_height, wheels = 16.0 * 0.4 + 4.0 * 0.1, 4 * 0.01 / 0.1
+    limit = 20 * G * 0.5 / (body_height + wheels)
+    for share in (0.98, 1.02):
+        plant.reset(np.r_[pose(z=0.4), np.zeros(4)], np.zeros(10))
+        torque = share * limit * 24 * 0.1 / 2
+        plant.apply(np.full(2, torque))
+        plant.advance(0.02)
+        front = plant.normal_forces["front_left_wheel"] + plant.normal_forces["front_right_wheel"]
+        if share < 1:
+            assert front == pytest.approx((1 - share) * 20 * G / 2, rel=1e-5)
+            assert causes(plant) == ["start"]
+        else:
+            assert front == 0.0
+            assert causes(plant)[-1].startswith("lift-off of front_left_wheel, front_right_wheel")
+
+
+@pytest.mark.parametrize(("friction", "spin"), [(2.0, 2.4), (2.0, 2.8), (0.3, 1.8)])
+def test_block_on_a_turntable_tips_or_slides(friction, spin):
+    """At a distance R it slides if ``w^2 R > mu g``, and tips over its outer edge if ``w^2 R h > g a`` before that."""
+    half, distance = (0.1, 0.15, 0.15), 1.0
+    plant, height = block(friction, half, ground=rnc.GroundPlane(spin=spin), radius=1e-4)
+    plant.reset(pose(distance, height), np.array([0, spin * distance, 0, 0, 0, spin]))
+    plant.tolerance = 1e-5
+    plant.advance(0.01)
+    plant.advance(0.01)
+    tips, slides = spin**2 * distance * height > G * half[0], spin**2 * distance > friction * G
+    assert ("lift-off" in " ".join(causes(plant))) == (tips and not slides)
+    assert ("slip" in " ".join(causes(plant))) == slides
+
+
+def test_rod_of_painleve():
+    """A rod that slides where rigid friction has no force: it goes on, and no energy appears."""
+    mass, half, angle, friction = 1.0, 0.5, 1.0, 3.0
+    robot = free_body(mass, [1e-3, mass * half**2 / 3, mass * half**2 / 3], tip=[half, 0, 0])
+    contact = rnc.UnilateralContact(rnc.RollingBall("tip", 1e-4), friction=friction)
+    plant = rnc.FrictionPlant(rnc.NonholonomicSystem(robot), [contact], tolerance=1e-4)
+    # The normal acceleration per normal force is negative for slip towards -x: Genot and Brogliato 1999.
+    sin, cos = np.sin(angle), np.cos(angle)
+    inverse = (1 + 3 * cos * (cos - friction * sin)) / mass
+    assert inverse < 0.0
+    for turning in (-1.0, 0.0, 1.0):
+        for direction in (-1.0, 1.0):
+            R = pin.rpy.rpyToMatrix(0.0, angle, 0.0)
+            slip = np.array([3.0 * direction, 0.0, 0.0])  # of the tip, which does not leave the ground
+            w = np.array([0.0, turning, 0.0])
+            center = slip - np.cross(w, np.array([half * cos, 0.0, -half * sin - 1e-4]))
+            plant.reset(pose(z=half * sin + 1e-4, rotation=R), np.r_[R.T @ center, R.T @ w])
+            before = energy(plant)
+            for _ in range(10):
+                plant.advance(0.01)
+                assert energy(plant) < before + 1e-4
+                before = energy(plant)
+
+
+def test_random_drops_do_not_create_energy():
+    generator, landings = np.random.default_rng(3), 0
+    for _ in range(2):
+        plant, _ = block(float(generator.uniform(0, 1)), restitution=float(generator.uniform(0, 0.8)), rest_speed=0.1)
+        plant.tolerance = 1e-4
+        rotation = pin.exp3(generator.normal(size=3))
+        plant.reset(pose(z=0.4, rotation=rotation), generator.normal(size=6))
+        before = energy(plant)
+        for _ in range(20):
+            plant.advance(0.02)
+            assert energy(plant) < before + 1e-4
+            before = min(before, energy(plant))
+        assert min(event.energy_loss for event in plant.contact_events) > -1e-9
+        landings += sum(cause.startswith("landing") for cause in causes(plant))
+    assert landings > 2
+
+
+def test_much_friction_is_the_rigid_model():
+    """A leaning disk rolls along its curve as ``ReducedPlant`` integrates it."""
+    robot = rnc.Robot.from_urdf("rolling_disk.urdf", base="free")
+    wheel = rnc.RollingWheel("disk", 0.25, axis="y")
+    rigid = rnc.ReducedPlant(rnc.NonholonomicSystem(robot, [wheel]).reduce(), tolerance=1e-9)
+    contact = rnc.UnilateralContact(wheel, friction=1e6)
+    plant = rnc.FrictionPlant(rnc.NonholonomicSystem(robot), [contact], tolerance=1e-9)
+    lean = pin.rpy.rpyToMatrix(0.15, 0.0, 0.0)
+    q = pose(z=0.25 * np.cos(0.15), rotation=lean)
+    rigid.reset(q, np.array([1.5, 0, 0, 0, 6.0, 0.8]))
+    plant.reset(q, rigid.read()[1])
+    for each in (rigid, plant):
+        for _ in range(10):
+            each.advance(0.01)
+    np.testing.assert_allclose(np.concatenate(plant.read()), np.concatenate(rigid.read()), atol=3e-8)
+    assert plant.sliding == ()
+
+
+def test_grip_predicts_the_first_slip():
+    """A torque that grows by 4 N m/s: ``Grip`` of the rigid model is used up when the plant begins to slide."""
+    robot = rnc.Robot.from_urdf("rolling_disk.urdf", base="free")
+    wheel, drive = rnc.RollingWheel("disk", 0.25, axis="y"), [rnc.FrameTorque("disk", "y")]
+    reduced = rnc.NonholonomicSystem(robot, [wheel], drive).reduce()
+    friction, rate, dt = 0.3, 40.0, 0.002
+    grip = rnc.Grip(reduced, friction)
+    contact = rnc.UnilateralContact(wheel, friction=friction)
+    plant = rnc.FrictionPlant(rnc.NonholonomicSystem(robot, [], drive), [contact], tolerance=1e-5)
+    plant.reset(pose(z=0.25), np.zeros(6))
+    shares = []
+    while not plant.sliding and len(shares) < 200:
+        T = np.array([rate * dt * len(shares)])
+        q, v = plant.read()
+        state = reduced.at(q, v=v)
+        shares.append(float(np.max(grip.used_at(state, T))))
+        plant.apply(T)
+        plant.advance(dt)
+    assert shares[-2] <= 1.0 < shares[-1]
+
+
+def test_copies_continue_and_refusals():
+    plant, height = block(0.3)
+    plant.reset(pose(z=height), np.array([0.5, 0, 0, 0, 0, 0.2]))
+    plant.advance(0.02)
+    for other in (pickle.loads(pickle.dumps(plant)), copy.deepcopy(plant)):
+        other.advance(0.01)
+        assert not np.array_equal(other.read()[0], plant.read()[0])
+    robot = free_body(1.0, [0.1] * 3, ball=[0, 0, 0])
+    system, ball = rnc.NonholonomicSystem(robot), rnc.RollingBall("ball", 0.1)
+    with pytest.raises(rnc.ConfigurationError, match="contact 'ball': a FrictionPlant requires its coefficient"):
+        rnc.FrictionPlant(system, [rnc.UnilateralContact(ball)])
+    with pytest.raises(rnc.ConfigurationError, match="contact 'ball': a ContactPlant has no limit of friction"):
+        rnc.ContactPlant(system, [rnc.UnilateralContact(ball, friction=0.5)])
+    with pytest.raises(rnc.ConfigurationError, match="a Caster has no rows along the ground for friction"):
+        rnc.FrictionPlant(system, [rnc.UnilateralContact(rnc.Caster("ball", 0.1), friction=0.5)])
+    moving = rnc.RollingBall("ball", 0.1, rnc.GroundPlane(spin=1.0))
+    with pytest.raises(rnc.ConfigurationError, match="rolling_friction and spin_friction require ground at rest"):
+        rnc.FrictionPlant(system, [rnc.UnilateralContact(moving, friction=0.5, spin_friction=0.01)])
+    with pytest.raises(rnc.ConfigurationError, match="friction of a contact: expected a number"):
+        rnc.UnilateralContact(ball, friction=-0.1)
+    model = pin.Model()
+    model.gravity = pin.Motion.Zero()
+    base = add_body(model, "root_joint", "FreeFlyer", 1.0, frame="ball")
+    add_body(model, "arm", "RX", 1.0, base)
+    floating = rnc.NonholonomicSystem(rnc.Robot(model), [rnc.MomentumConservation("root_joint")])
+    with pytest.raises(rnc.ConfigurationError, match="conserve a momentum are not supported"):
+        rnc.FrictionPlant(floating, [rnc.UnilateralContact(ball, friction=0.5)])
