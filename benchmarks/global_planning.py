@@ -110,8 +110,8 @@ def _random_drive(world: World, reduced: rnc.ReducedModel, start: Array, generat
     flow, model = KinematicFlow(reduced), reduced.robot.model
     places = [start[None]]
     while np.linalg.norm(places[-1][-1, :2] - start[:2]) < world.half or len(places) < 2 * _STOPS:
-        inputs = np.repeat(generator.uniform(-2.0, 2.0, (1, reduced.r)) / _PIECES, _PIECES, axis=0)
-        piece = flow.along(places[-1][-1], inputs)
+        inputs = generator.uniform(-2.0, 2.0, (1, reduced.r))
+        (piece,) = flow.along(places[-1][-1:], inputs, np.array([_PIECES]))
         limited = model.lowerPositionLimit < model.upperPositionLimit
         inside = (piece >= model.lowerPositionLimit) & (piece <= model.upperPositionLimit) | ~limited
         if inside.all() and (np.abs(piece[:, :2]) < world.half).all():

@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 import rnc_pin as rnc
 import rnc_pin.extras
 from benchmarks.planned_models import car, mobile_manipulator, tractor
+from rnc_pin.model.configuration_manifold import ConfigurationManifold
 from rnc_pin.planning import WaySettings, find_way
 from systems import ROLLERS, WHEEL, four_bar, mecanum, tiago
 
@@ -226,16 +227,19 @@ def test_a_trailer_drives_around_a_box_by_propagated_motions():
     reduced = tractor(1)
     start, goal = at_pose(reduced, 0.0, 0.0), at_pose(reduced, 1.5, 1.0, 0.8, hitch_1=0.2)
     box = [Obstacle(coal.Box(0.4, 0.4, 1.0), position=(1.9, -0.6, 0.5), name="box")]
-    way = find_way(reduced, start, goal, box, settings=WaySettings(seconds=120.0, shortcuts=2), seed=2)
+    way = find_way(reduced, start, goal, box, settings=WaySettings(seconds=120.0, shortcuts=6), seed=2)
     assert reintegrated(way) < 1e-9
     assert way.residual < 1e-12
     assert closest(way, box) >= 0.01
     assert np.abs(pin.difference(reduced.robot.model, way.q[-1], goal)).max() < 1e-9
     assert way.info.steering == "propagated"
-    assert way.duration <= way.info.first_duration
+    assert way.duration < way.info.first_duration
     halfway, h = 0.5 * (way.time[:-1] + way.time[1:])[::20], 1e-5
-    for before, q, after in zip(way.at(halfway - h), way.at(halfway), way.at(halfway + h), strict=True):
-        v = pin.difference(reduced.robot.model, before, after) / (2.0 * h)
+    halfway = halfway[np.diff(way.time)[::20] > 4.0 * h]  # the velocity jumps at some nodes
+    assert len(halfway) > 20
+    # pin.difference takes turns by less than 1e-7 as none
+    rates = ConfigurationManifold(reduced.robot.model).difference(way.at(halfway - h), way.at(halfway + h)) / (2.0 * h)
+    for q, v in zip(way.at(halfway), rates, strict=True):
         assert reduced.at(q).A @ v == pytest.approx(0.0, abs=1e-7)
     assert (np.abs(way.q[:, 4:]) <= reduced.robot.model.upperPositionLimit[4:] + 1e-9).all()
 
