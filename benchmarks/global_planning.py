@@ -100,7 +100,6 @@ def flying_arm() -> rnc.ReducedModel:
 
 WORLDS = {
     "TIAGo in rooms": World(tiago, 2.5),
-    "TIAGo among boxes": World(tiago, 3.5, (0.1, 0.3, 1.6), (0.2, 3.0, 2.0)),
     "car in a lot": World(car, 5.0, (0.6, 0.6, 1.0), (1.0, 2.5, 1.0)),
     "arm among boxes": World(panda, 0.9, (0.08, 0.08, 0.08), (0.25, 0.25, 0.5), (0.1, 0.9)),
     "free-flying arm in a truss": World(flying_arm, 3.0, (0.1, 0.1, 0.1), (0.2, 3.0, 2.0), (-3.0, 3.0)),
