@@ -171,8 +171,8 @@ def _rooms(world: World, reduced: rnc.ReducedModel, generator: np.random.Generat
         checker = WayChecker(CollisionDistances(reduced.robot, q0=stops[0]), 0.0)
         if checker.violation(stops[-1]) is not None or not 0.4 < hand.translation[2] < 1.5:
             continue
-        motions = [next(steering.motions(*pair)) for pair in pairwise(stops)]
-        if all(checker.is_free(each) for each in motions) and _all_free(reduced, walls + shelf, motions):
+        motions = [next(steering.motions(*pair)) for pair in pairwise(stops)][::-1]  # the arm moves along the first one
+        if checker.is_free(motions[0]) and _all_free(reduced, walls + shelf, motions):
             goal = {
                 rnc.FramePosition(_HAND): hand.translation.copy(),
                 rnc.FrameOrientation(_HAND): hand.rotation.copy(),
