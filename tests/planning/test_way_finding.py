@@ -133,15 +133,17 @@ def test_a_goal_of_outputs_is_reached():
     assert rows.value(at.position) == pytest.approx([4.0, 1.0], abs=1e-5)
 
 
+@pytest.mark.parametrize("reverse", [True, False])
 @pytest.mark.parametrize("seed", range(5))
-def test_without_obstacles_a_car_drives_the_shortest_path_of_ompl(seed):
+def test_without_obstacles_a_car_drives_the_shortest_path_of_ompl(seed, reverse):
     from ompl import base as ob
 
     reduced = car()
     x, y, yaw = np.random.default_rng(seed).uniform([-3, -3, -3], 3)
-    way = find_way(reduced, at_pose(reduced, 0.0, 0.0), at_pose(reduced, x, y, yaw), settings=WaySettings(shortcuts=0))
+    settings = WaySettings(shortcuts=0, reverse=reverse)
+    way = find_way(reduced, at_pose(reduced, 0.0, 0.0), at_pose(reduced, x, y, yaw), settings=settings)
     radius = 1.0 / np.tan(1.0)  # wheelbase of 1 m, steering limit of 1 rad
-    space = ob.ReedsSheppStateSpace(radius)
+    space = (ob.ReedsSheppStateSpace if reverse else ob.DubinsStateSpace)(radius)
     states = [space.allocState() for _ in range(2)]
     for state, pose in zip(states, ((0.0, 0.0, 0.0), (x, y, yaw)), strict=True):
         state.setXY(*pose[:2])
@@ -175,6 +177,18 @@ def test_shortcuts_make_a_way_faster_and_keep_it_free():
     shorter = find_way(reduced, q0, goal, obstacles)
     assert shorter.duration <= first.duration
     assert closest(shorter, obstacles) >= 0.01
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("car", 0), ("car", 1), ("differential drive", 0)])
+def test_who_does_not_reverse_drives_forwards_only(kind, seed):
+    reduced, start, goal, obstacles = TASKS[kind]()
+    if kind == "car":  # beside the parked cars: nobody enters such a gap forwards
+        goal = at_pose(reduced, 5.0, 1.0, 2.0)
+    way = find_way(reduced, start, goal, obstacles, settings=WaySettings(reverse=False), seed=seed)
+    assert way.v[:, 0].min() > -1e-12  # the base's own x; its origin is on the axle
+    assert way.v[:, 0].max() > 0.1
+    assert closest(way, obstacles) >= 0.01
+    assert way.residual < 1e-9
 
 
 def test_the_joints_that_are_held_do_not_move():
@@ -273,6 +287,15 @@ def test_propagated_motions_refuse_what_they_cannot_do():
         find_way(reduced, q, at_pose(reduced, 1.0, 0.0), settings=WaySettings(hold=["hitch_1"]))
     with pytest.raises(rnc.ConfigurationError, match="no exact steering is known"):
         rnc.planning.find_steering(reduced, q)
+
+
+def test_no_reverse_needs_a_forward_direction():
+    for reduced, message in (
+        (mecanum_box(), "reverse: only cars and differential drives have a direction that is forwards"),
+        (tractor(1), "no exact steering is known"),
+    ):
+        with pytest.raises(rnc.ConfigurationError, match=message):
+            find_way(reduced, at_pose(reduced, 0, 0), at_pose(reduced, 1, 0), settings=WaySettings(reverse=False))
 
 
 def test_an_error_in_the_search_is_not_lost(monkeypatch):
