@@ -85,7 +85,7 @@ def merged_boxes(filled: Bool[Array, "*n"]) -> Int[Array, "k m"]:
         for axis in reversed(range(rest.ndim)):
             window[axis] = slice(start[axis], None)
             others = tuple(k for k in range(rest.ndim) if k != axis)
-            along = rest[tuple(window)].all(axis=others)
+            along = np.asarray(rest[tuple(window)].all(axis=others))
             size = len(along) if along.all() else int(np.argmin(along))
             window[axis] = slice(start[axis], start[axis] + size)
         rest[tuple(window)] = False
