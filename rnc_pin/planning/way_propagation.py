@@ -248,7 +248,7 @@ class PropagatedSearch:
         return self._refined(nodes, inputs, shots, np.maximum(np.ceil(lengths / _FINE), 1).astype(int))
 
     def _missed(self, ends: Float[Array, "k nq"], q: Float[Array, "k nq"]) -> Float[Array, "k n"]:
-        """What is missing from ends to configurations, in the planned coordinates."""
+        """Differences from ends to configurations, in the planned coordinates."""
         return self._flow.manifold.difference(ends, q)[:, self._planned]
 
     def _change(
