@@ -1,15 +1,18 @@
 """Ways in drawn worlds that have one by construction, and a gap that is one centimetre too narrow.
 
-``python -m benchmarks.global_planning [N] [WORLD ...] [--seconds S] [--gaps M]``. A world begins with a way through
-random configurations; obstacles are drawn around it and kept if the way stays free. The search does not know this way.
-A success is a way within the seconds that a dense replay confirms: distances at samples without bounds between them.
+``python -m benchmarks.global_planning [N] [WORLD ...] [--seconds S] [--gaps M] [--beside K]``. A world begins with a
+way through random configurations; obstacles are drawn around it and kept if the way stays free. TIAGo starts in one of
+three rooms with doors, and its hand reaches into a shelf in the last one; a way through both doors is known. The search
+does not know these ways. A success is a way within the seconds of processor time that a dense replay confirms:
+distances at samples without bounds between them. The first ways of cars are timed beside a program for OMPL that is
+written for cars: its space of Reeds and Shepp, and collisions of Pinocchio at samples.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -17,12 +20,13 @@ import coal
 import numpy as np
 import pinocchio as pin
 from numpy import ndarray as Array
+from numpy.typing import ArrayLike
 
 import rnc_pin as rnc
 from benchmarks.planned_models import car, tractor
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
 from rnc_pin.errors import ConfigurationError, InfeasibleError
-from rnc_pin.planning import Way, WaySettings, find_steering, find_way
+from rnc_pin.planning import OutputTarget, Way, WaySettings, find_steering, find_way
 from rnc_pin.planning.exact_steering import ExactMotion
 from rnc_pin.planning.kinematic_flow import KinematicFlow
 from rnc_pin.planning.steering_detection import planned_velocities
@@ -32,15 +36,40 @@ _CLEARANCE, _ROOM = 0.01, 0.05  # [m] that the search keeps, and that the way of
 _STOPS, _BOXES, _TRIES = 3, 30, 300
 _PIECES = 100  # steps of each random input
 _DENSE = 0.01  # [m or rad] between the samples of the replay
+_REACHED = 1e-6  # [m or rad] error at the goal
+_SHARED = 3.0  # time on the wall over that of the processor, at most
+_SAMPLED = 0.05  # [m] between the samples of the program that is written for cars
+_HAND, _DOORS = "arm_tool_link", (0.85, 1.1)  # [m] width of doors
+_CARRIED = {"torso_lift_joint": 0.15, "arm_1_joint": 0.2, "arm_2_joint": -1.34, "arm_3_joint": -0.2}
+_CARRIED |= {"arm_4_joint": 1.94, "arm_5_joint": -1.57, "arm_6_joint": 1.37}
+_REACHING = {"torso_lift_joint": 0.2, "arm_1_joint": 1.5, "arm_2_joint": 0.1, "arm_3_joint": -1.5}
+_REACHING |= {"arm_4_joint": 1.2, "arm_5_joint": 0.0, "arm_6_joint": 0.0}
 
 
 class World(NamedTuple):
-    """Kind of drawn worlds: the model, the half size of the area [m], and sizes of the boxes (smallest, largest)."""
+    """Kind of drawn worlds.
+
+    Attributes:
+        model: the model.
+        half: half size of the area [m].
+        smallest: smallest sides of the boxes [m].
+        largest: largest sides of the boxes [m].
+        heights: smallest and largest height of their middles [m]; None if they stand on the ground.
+    """
 
     model: Callable[[], rnc.ReducedModel]
     half: float
-    smallest: tuple[float, float, float]
-    largest: tuple[float, float, float]
+    smallest: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    largest: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    heights: tuple[float, float] | None = None
+
+
+class Task(NamedTuple):
+    """Start (nq,), goal, obstacles and a configuration (nq,) that reaches the goal."""
+
+    start: Array
+    goal: Array | dict[OutputTarget, Array]
+    obstacles: list[Obstacle]
 
 
 def tiago() -> rnc.ReducedModel:
@@ -62,18 +91,28 @@ def mecanum_arm() -> rnc.ReducedModel:
     return rnc.NonholonomicSystem(robot, []).reduce()
 
 
+def flying_arm() -> rnc.ReducedModel:
+    """The arm on a satellite with thrusters."""
+    arm = rnc.Robot.from_example("panda", lock={"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0})
+    satellite = rnc.Robot.from_urdf("satellite.urdf", base="free", gravity=(0, 0, 0))
+    return rnc.NonholonomicSystem(satellite.attach(arm, "mount"), []).reduce()
+
+
 WORLDS = {
-    "TIAGo in rooms": World(tiago, 3.5, (0.1, 0.3, 1.6), (0.2, 3.0, 2.0)),
+    "TIAGo in rooms": World(tiago, 2.5),
     "car in a lot": World(car, 5.0, (0.6, 0.6, 1.0), (1.0, 2.5, 1.0)),
-    "arm among boxes": World(panda, 0.9, (0.08, 0.08, 0.08), (0.25, 0.25, 0.5)),
+    "arm among boxes": World(panda, 0.9, (0.08, 0.08, 0.08), (0.25, 0.25, 0.5), (0.1, 0.9)),
+    "free-flying arm in a truss": World(flying_arm, 3.0, (0.1, 0.1, 0.1), (0.2, 3.0, 2.0), (-3.0, 3.0)),
     "base with an arm in rooms": World(mecanum_arm, 3.0, (0.1, 0.3, 1.6), (0.2, 3.0, 2.0)),
     "car with a trailer": World(lambda: tractor(1), 5.0, (0.6, 0.6, 1.0), (1.0, 2.5, 1.0)),
 }
 
 
-def drawn(world: World, reduced: rnc.ReducedModel, seed: int) -> tuple[Array, Array, list[Obstacle]]:
-    """Start, goal and obstacles of a world that has a way."""
+def drawn(world: World, reduced: rnc.ReducedModel, seed: int) -> Task:
+    """World that has a way."""
     generator = np.random.default_rng(seed)
+    if not any(world.largest):
+        return _rooms(world, reduced, generator)
     while True:
         start = _configuration(world, reduced, generator)
         alone = WayChecker(CollisionDistances(reduced.robot, q0=start), 0.0)  # as the search: without pairs that touch
@@ -84,15 +123,74 @@ def drawn(world: World, reduced: rnc.ReducedModel, seed: int) -> tuple[Array, Ar
     for k in range(_TRIES):
         size = generator.uniform(world.smallest, world.largest)
         x, y = generator.uniform(-world.half, world.half, 2)
-        height = size[2] / 2 if world.model is not panda else generator.uniform(0.1, 0.9)
-        yaw = generator.choice([0.0, np.pi / 2])
-        box = Obstacle(coal.Box(*size.tolist()), position=(x, y, height), yaw=yaw, name=f"box {k}")
-        checker = WayChecker(CollisionDistances(reduced.robot, [box], PairSelection(links=False)), _ROOM)
-        if all(checker.is_free(motion) for motion in motions):
+        height = size[2] / 2 if world.heights is None else generator.uniform(*world.heights)
+        box = _box(f"box {k}", size.tolist(), (x, y, height), generator.choice([0.0, np.pi / 2]))
+        if _all_free(reduced, [box], motions):
             kept.append(box)
         if len(kept) == _BOXES:
             break
-    return start, motions[-1].q[-1], kept
+    return Task(start, motions[-1].q[-1], kept)
+
+
+def _box(name: str, size: Sequence[float], position: ArrayLike, yaw: float = 0.0) -> Obstacle:
+    return Obstacle(coal.Box(*size), position=position, yaw=yaw, name=name)
+
+
+def _all_free(reduced: rnc.ReducedModel, obstacles: list[Obstacle], motions: Iterable[ExactMotion]) -> bool:
+    """True if motions have room beside obstacles."""
+    checker = WayChecker(CollisionDistances(reduced.robot, obstacles, PairSelection(links=False)), _ROOM)
+    return all(checker.is_free(motion) for motion in motions)
+
+
+def _rooms(world: World, reduced: rnc.ReducedModel, generator: np.random.Generator) -> Task:
+    """Three rooms in a row, doors between them, and a shelf in the last one, which the hand reaches into."""
+    half, steering = world.half, find_steering(reduced, np.array(reduced.robot.configuration()))
+    length, frame = 3.0 * half, reduced.robot.model.getFrameId(_HAND)
+    outer = [
+        *(_box(f"wall {y}", (length, 0.1, 2.0), (0.0, y, 1.0)) for y in (-half, half)),
+        *(_box(f"wall {x}", (0.1, 2 * half, 2.0), (x, 0.0, 1.0)) for x in (-length / 2, length / 2)),
+    ]
+    while True:
+        stops, walls = [_posed(reduced, *_place(-length / 2, half, generator), _CARRIED)], list(outer)
+        for x in (-half / 2, half / 2):
+            y, width = generator.uniform(0.8 - half, half - 0.8), generator.uniform(*_DOORS)
+            stops += [_posed(reduced, x + side, y, 0.0, _CARRIED) for side in (-0.7, 0.7)]
+            for name, low, high in (("right", -half, y - width / 2), ("left", y + width / 2, half)):
+                walls.append(_box(f"{name} of door {x}", (0.1, high - low, 2.0), (x, (low + high) / 2, 1.0)))
+        place = _place(half / 2, half, generator)
+        arm = {joint: angle + generator.normal(0.0, 0.5) for joint, angle in _REACHING.items()}
+        stops += [_posed(reduced, *place, each) for each in (_CARRIED, arm)]
+        data = reduced.robot.model.createData()
+        pin.framesForwardKinematics(reduced.robot.model, data, stops[-1])
+        hand, forward = data.oMf[frame], np.array([np.cos(place[2]), np.sin(place[2]), 0.0])
+        middle, room = hand.translation + 0.1 * forward, np.array([0.0, 0.0, generator.uniform(0.2, 0.3)])
+        shelf = [
+            *(_box(f"board {k}", (0.4, 0.9, 0.03), middle + k * room, place[2]) for k in (-1, 1)),
+            _box("back", (0.03, 0.9, 2.0 * room[2]), middle + 0.2 * forward, place[2]),
+        ]
+        checker = WayChecker(CollisionDistances(reduced.robot, q0=stops[0]), 0.0)
+        if checker.violation(stops[-1]) is not None or not 0.4 < hand.translation[2] < 1.5:
+            continue
+        motions = [next(steering.motions(*pair)) for pair in pairwise(stops)][::-1]  # the arm moves along the first one
+        if checker.is_free(motions[0]) and _all_free(reduced, walls + shelf, motions):
+            goal = {
+                rnc.FramePosition(_HAND): hand.translation.copy(),
+                rnc.FrameOrientation(_HAND): hand.rotation.copy(),
+            }
+            return Task(stops[0], goal, walls + shelf)
+
+
+def _place(x: float, half: float, generator: np.random.Generator) -> tuple[float, float, float]:
+    """Random pose (x, y, yaw) in the room that begins at x."""
+    y = generator.uniform(0.6 - half, half - 0.6)
+    return x + generator.uniform(0.6, half - 0.6), y, generator.uniform(-np.pi, np.pi)
+
+
+def _posed(reduced: rnc.ReducedModel, x: float, y: float, yaw: float, joints: dict[str, float]) -> Array:
+    model = reduced.robot.model
+    q = np.clip(reduced.robot.configuration(joints), model.lowerPositionLimit, model.upperPositionLimit)
+    q[:4] = x, y, *_angle(yaw)
+    return q
 
 
 def _drive(world: World, reduced: rnc.ReducedModel, start: Array, generator: np.random.Generator) -> list[ExactMotion]:
@@ -110,8 +208,8 @@ def _random_drive(world: World, reduced: rnc.ReducedModel, start: Array, generat
     flow, model = KinematicFlow(reduced), reduced.robot.model
     places = [start[None]]
     while np.linalg.norm(places[-1][-1, :2] - start[:2]) < world.half or len(places) < 2 * _STOPS:
-        inputs = np.repeat(generator.uniform(-2.0, 2.0, (1, reduced.r)) / _PIECES, _PIECES, axis=0)
-        piece = flow.along(places[-1][-1], inputs)
+        inputs = generator.uniform(-2.0, 2.0, (1, reduced.r))
+        (piece,) = flow.along(places[-1][-1:], inputs, np.array([_PIECES]))
         limited = model.lowerPositionLimit < model.upperPositionLimit
         inside = (piece >= model.lowerPositionLimit) & (piece <= model.upperPositionLimit) | ~limited
         if inside.all() and (np.abs(piece[:, :2]) < world.half).all():
@@ -130,6 +228,9 @@ def _configuration(world: World, reduced: rnc.ReducedModel, generator: np.random
         if joint.shortname() == "JointModelPlanar":
             yaw = generator.uniform(-np.pi, np.pi)
             q[k : k + 4] = *generator.uniform(-world.half, world.half, 2), *_angle(yaw)
+        elif joint.shortname() == "JointModelFreeFlyer":
+            turn = generator.normal(size=4)
+            q[k : k + 7] = *generator.uniform(-world.half, world.half, 3), *(turn / np.linalg.norm(turn))
         elif joint.nq == 1 and world.model is not car:
             q[k] = generator.uniform(*np.clip([low[k], high[k]], -np.pi, np.pi))
     return q
@@ -139,15 +240,21 @@ def _angle(yaw: float) -> tuple[float, float]:
     return float(np.cos(yaw)), float(np.sin(yaw))
 
 
-def confirmed(way: Way, goal: Array, obstacles: list[Obstacle]) -> bool:
+def confirmed(way: Way, task: Task) -> bool:
     """True if a dense replay keeps the clearance, the rows hold, and the way ends at the goal."""
-    distances = CollisionDistances(way.reduced.robot, obstacles, PairSelection(links=False))
+    distances = CollisionDistances(way.reduced.robot, task.obstacles, PairSelection(links=False))
     moved = (np.abs(way.v).max(axis=1) * np.diff(way.time)).sum()
     replay = way.at(np.linspace(0.0, way.duration, int(moved / _DENSE) + 2))
     apart = min(distances.smallest(q, 0.0, 0.1).min() for q in replay)
-    planned = planned_velocities(way.reduced, way.q[0])
-    missed = pin.difference(way.reduced.robot.model, way.q[-1], goal)[planned]
-    return bool(apart >= _CLEARANCE and way.residual < 1e-9 and np.abs(missed).max() < 1e-8)
+    model = way.reduced.robot.model
+    if isinstance(task.goal, dict):
+        data, (position, rotation) = model.createData(), task.goal.values()
+        pin.framesForwardKinematics(model, data, way.q[-1])
+        hand = data.oMf[model.getFrameId(_HAND)]
+        missed = pin.log6(hand.actInv(pin.SE3(rotation, position))).vector
+    else:
+        missed = pin.difference(model, way.q[-1], task.goal)[planned_velocities(way.reduced, way.q[0])]
+    return bool(apart >= _CLEARANCE and way.residual < 1e-9 and np.abs(missed).max() < _REACHED)
 
 
 def run(name: str, count: int, seconds: float) -> None:
@@ -156,20 +263,80 @@ def run(name: str, count: int, seconds: float) -> None:
     reduced = world.model()
     times, bad = [], []
     for seed in range(count):
-        start, goal, obstacles = drawn(world, reduced, seed)
-        begin = time.perf_counter()
+        task = drawn(world, reduced, seed)
+        begin = time.process_time()
         try:
-            settings = WaySettings(seconds=seconds)
-            way = find_way(reduced, start, goal, obstacles, clearance=_CLEARANCE, settings=settings, seed=seed)
+            settings = WaySettings(seconds=_SHARED * seconds)
+            way = find_way(*(reduced, *task), clearance=_CLEARANCE, settings=settings, seed=seed)
         except InfeasibleError as error:
             bad.append(f"  world {seed}: {error}")
             continue
-        times.append(time.perf_counter() - begin)
-        if not confirmed(way, goal, obstacles):
+        times.append(time.process_time() - begin)
+        if times[-1] > seconds:
+            bad.append(f"  world {seed}: {times[-1]:.0f} s")
+        elif not confirmed(way, task):
             bad.append(f"  world {seed}: the replay does not confirm the way")
     share = f"{count - len(bad)} of {count} within {seconds:g} s"
     spread = f", median {np.median(times):.1f} s, longest {max(times):.1f} s" if times else ""
     print(f"{name}: {share}{spread}", *bad, sep="\n", flush=True)
+
+
+def beside(count: int) -> None:
+    """Print the times to the first way of cars, beside those of a program that is written for cars."""
+    world = WORLDS["car in a lot"]
+    reduced = world.model()
+    times = []
+    for seed in range(count):
+        task = drawn(world, reduced, seed)
+        begin = time.process_time()
+        find_way(*(reduced, *task), clearance=_CLEARANCE, settings=WaySettings(shortcuts=0), seed=seed)
+        middle = time.process_time()
+        found = _written_for_cars(reduced, task, seed)
+        times.append((middle - begin, time.process_time() - middle if found else np.inf))
+    ours, theirs = np.median(times, axis=0)
+    print(f"first way of a car, median: find_way {ours:.2f} s, written for cars {theirs:.2f} s", flush=True)
+
+
+def _written_for_cars(reduced: rnc.ReducedModel, task: Task, seed: int) -> bool:
+    """True if OMPL's RRTConnect finds a way between poses of a car with straight wheels."""
+    from ompl import base as ob
+    from ompl import geometric as og
+    from ompl import util as ou
+
+    model, q = reduced.robot.model, task.start.copy()
+    geometry = reduced.robot.collision_model.copy()
+    links = range(geometry.ngeoms)
+    for each in task.obstacles:
+        index = geometry.addGeometryObject(pin.GeometryObject(each.name, 0, each.placement(0.0), each.shape))
+        for link in links:
+            geometry.addCollisionPair(pin.CollisionPair(link, index))
+    data, shapes = model.createData(), geometry.createData()
+    for request in shapes.collisionRequests:
+        request.security_margin = _CLEARANCE
+
+    def is_valid(state: ob.State) -> bool:
+        q[:4] = state.getX(), state.getY(), *_angle(state.getYaw())
+        return not pin.computeCollisions(model, data, geometry, shapes, q, True)
+
+    ou.setLogLevel(ou.LogLevel.LOG_NONE)
+    ou.RNG.setSeed(seed + 1)
+    space = ob.ReedsSheppStateSpace(find_steering(reduced, task.start).radius)
+    bounds = ob.RealVectorBounds(2)
+    bounds.setLow(-2.0 * WORLDS["car in a lot"].half)
+    bounds.setHigh(2.0 * WORLDS["car in a lot"].half)
+    space.setBounds(bounds)
+    setup = og.SimpleSetup(space)
+    setup.setStateValidityChecker(is_valid)
+    setup.getSpaceInformation().setStateValidityCheckingResolution(_SAMPLED / space.getMaximumExtent())
+    ends = []
+    for place in (task.start, task.goal):
+        ends.append(space.allocState())
+        ends[-1].setXY(*place[:2].tolist())
+        ends[-1].setYaw(float(np.arctan2(place[3], place[2])))
+    setup.setStartAndGoalStates(*ends)
+    setup.setPlanner(og.RRTConnect(setup.getSpaceInformation()))
+    setup.solve(30.0)
+    return bool(setup.haveExactSolutionPath())
 
 
 def gaps(count: int) -> None:
@@ -210,9 +377,12 @@ def main() -> None:
     parser.add_argument("worlds", nargs="*", help=f"of {', '.join(WORLDS)}; all by default")
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--gaps", type=int, default=1000)
+    parser.add_argument("--beside", type=int, default=30, help="worlds of the comparison")
     given = parser.parse_args()
     for name in given.worlds or WORLDS:
         run(name, given.count, given.seconds)
+    if given.beside:
+        beside(given.beside)
     if given.gaps:
         gaps(given.gaps)
 

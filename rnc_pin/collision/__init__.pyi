@@ -11,6 +11,9 @@ from .obstacle import ground_shape as ground_shape
 from .obstacle import load_mesh_shape as load_mesh_shape
 from .occupancy_map import OccupancyMap as OccupancyMap
 from .occupancy_map import load_map as load_map
+from .occupied_cells import OccupiedCells as OccupiedCells
+from .occupied_cells import cells_around as cells_around
+from .occupied_cells import load_cells as load_cells
 from .pair_measurement import PairDistances as PairDistances
 from .pair_selection import LinkPair as LinkPair
 from .pair_selection import OmittedPair as OmittedPair

@@ -12,8 +12,9 @@ import coal
 import numpy as np
 from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Bool, Float, Int
+from rnc_pin.array_shapes import Bool, Float
 from rnc_pin.collision.obstacle import Obstacle
+from rnc_pin.collision.occupied_cells import MOST_BOXES, merged_boxes
 from rnc_pin.errors import ModelError, nearest
 from rnc_pin.io.safe_read import read_bytes
 from rnc_pin.io.safe_yaml import load_yaml
@@ -22,7 +23,6 @@ from rnc_pin.printing import printed
 _KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode")
 _NEEDED = _KEYS[:6]
 _LARGEST = 2**26  # pixels of an image
-_MOST = 2000  # boxes; each is a pair with every shape of the robot
 
 
 @printed(resolution="m")
@@ -62,9 +62,9 @@ class OccupancyMap:
             padded = np.zeros((rows, columns), dtype=bool)
             padded[: filled.shape[0], : filled.shape[1]] = filled
             filled = padded.reshape(rows // cells, cells, columns // cells, cells).any(axis=(1, 3))
-        found = merged_rectangles(filled)
-        if len(found) > _MOST:
-            raise ModelError(f"map '{self.name}': {len(found)} boxes, expected at most {_MOST}: give more 'cells'")
+        found = merged_boxes(filled)
+        if len(found) > MOST_BOXES:
+            raise ModelError(f"map '{self.name}': {len(found)} boxes, expected at most {MOST_BOXES}: give more 'cells'")
         side, (x, y, yaw) = cells * self.resolution, self.origin.tolist()
         turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
         boxes = []
@@ -74,23 +74,6 @@ class OccupancyMap:
             place = (float(middle[0]), float(middle[1]), 0.5 * height)
             boxes.append(Obstacle(shape, position=place, yaw=yaw, name=f"{self.name} {k + 1}"))
         return tuple(boxes)
-
-
-def merged_rectangles(filled: Bool[Array, "n m"]) -> Int[Array, "k 4"]:
-    """Disjoint rectangles (first row, first column, rows, columns) that cover the True cells of a grid exactly."""
-    rest, found = filled.copy(), []
-    while rest.any():
-        row, column = (int(each) for each in np.unravel_index(int(np.argmax(rest)), rest.shape))
-        columns = _leading(rest[row, column:])
-        rows = _leading(np.asarray(rest[row:, column : column + columns].all(axis=1)))
-        rest[row : row + rows, column : column + columns] = False
-        found.append((row, column, rows, columns))
-    return np.array(found, dtype=int).reshape(-1, 4)
-
-
-def _leading(values: Bool[Array, " n"]) -> int:
-    """Number of True values before the first False one."""
-    return int(np.argmin(values)) if not values.all() else len(values)
 
 
 def load_map(path: str | Path, name: str = "map") -> OccupancyMap:

@@ -6,7 +6,8 @@ configuration manifold. A planar base then drives an arc of constant curvature. 
     free                 all planned joints move independently: arms, Mecanum bases, bodies with thrusters
     differential drive   one row forbids side slip of the base: turn, drive straight, turn
     car                  the curvature of the base depends on one joint: shortest paths of Reeds and Shepp between
-                         straight wheels; the car stands while it steers
+                         straight wheels; the car stands while it steers. A car that does not drive backwards takes
+                         those of Dubins
 
 Wheels without limits, on which no row depends, follow: their angles are a result, and no part of a goal.
 """
@@ -26,12 +27,14 @@ from rnc_pin.errors import InfeasibleError, SingularityError
 from rnc_pin.math.coordinates import wrapped
 from rnc_pin.model.configuration_manifold import ConfigurationManifold
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.planning.shortest_paths import reeds_shepp_words
+from rnc_pin.planning.shortest_paths import dubins_words, reeds_shepp_words
 from rnc_pin.robots.joint_values import NO_LIMIT
 
 _STEEPEST = np.deg2rad(80.0)  # largest steering angle of a joint without limits
 _GRID = 161  # steering angles at which the curvature is evaluated
 _SHORT = 1e-12  # displacement [m or rad] that is left out
+_TURN = 1.7  # [rad]; longest turn of one displacement, below a half turn about any axis
+_LAST_TURNS = {"JointModelPlanar": 1, "JointModelFreeFlyer": 3}  # velocities that turn; all of other circles and balls
 _PATHS = 3  # shortest paths of a car that are tried
 
 
@@ -52,14 +55,21 @@ class Steering(ABC):
     Attributes:
         kind: name of the family.
         radius: smallest turning radius [m]; zero if the base can turn on the spot.
+        reverse: True if motions can be driven in both directions.
     """
 
     kind: str
     radius = 0.0
+    reverse = True
 
     def __init__(self, reduced: ReducedModel, planned: Bool[Array, " nv"]) -> None:
         self.reduced, self.planned = reduced, planned
         self.manifold = ConfigurationManifold(reduced.robot.model)
+        self._turns = np.zeros(len(planned), dtype=bool)
+        for joint in list(reduced.robot.model.joints)[1:]:
+            if joint.nq != joint.nv:
+                count = _LAST_TURNS.get(joint.shortname(), joint.nv)
+                self._turns[joint.idx_v + joint.nv - count : joint.idx_v + joint.nv] = True
 
     @abstractmethod
     def displacements(self, start: Float[Array, " nq"], goal: Float[Array, " nq"]) -> Iterator[Float[Array, "k nv"]]:
@@ -71,7 +81,9 @@ class Steering(ABC):
             yield self.along(start, steps[np.abs(steps).max(axis=1, initial=0.0) > _SHORT])
 
     def along(self, start: Float[Array, " nq"], steps: Float[Array, "k nv"]) -> ExactMotion:
-        """Motion along displacements."""
+        """Motion along displacements, with long turns divided: two configurations do not tell them from short ones."""
+        counts = np.maximum(np.ceil(np.abs(steps[:, self._turns]).max(axis=1, initial=0.0) / _TURN), 1.0).astype(int)
+        steps = np.repeat(steps / counts[:, None], counts, axis=0)
         found = [np.array(start)]
         for step in steps:
             found.append(self.manifold.integrate(found[-1][None], step[None])[0])
@@ -104,10 +116,14 @@ class _AxleSteering(Steering):
         reduced: the model.
         planned: as for ``Steering``.
         row: coefficients (3,) of the base's velocity in the row without side slip.
+        reverse: False if the base drives towards its own x, or its y if the axle is along x, and not backwards.
     """
 
-    def __init__(self, reduced: ReducedModel, planned: Bool[Array, " nv"], row: Float[Array, " 3"]) -> None:
+    def __init__(
+        self, reduced: ReducedModel, planned: Bool[Array, " nv"], row: Float[Array, " 3"], reverse: bool
+    ) -> None:
         super().__init__(reduced, planned)
+        self.reverse = reverse
         base = reduced.robot.model.joints[1]
         self.base, self._place = slice(base.idx_v, base.idx_v + 3), slice(base.idx_q, base.idx_q + 4)
         size = float(np.hypot(row[0], row[1]))
@@ -160,18 +176,20 @@ class DifferentialDrive(_AxleSteering):
         choices = []
         for length, bearing in ((away, np.arctan2(y, x)), (-away, np.arctan2(-y, -x))) if away > _SHORT else ((0, 0),):
             last = float(wrapped(turn - bearing))
-            choices.append((abs(bearing) + abs(last), [(0.0, bearing), (length, 0.0), (0.0, last)]))
+            if length >= 0.0 or self.reverse:
+                choices.append((abs(bearing) + abs(last), [(0.0, bearing), (length, 0.0), (0.0, last)]))
         for _, pieces in sorted(choices, key=lambda choice: choice[0]):
             yield _shared([self.driven(*piece) for piece in pieces], joints)
 
 
 class CarSteering(_AxleSteering):
-    """Shortest paths of Reeds and Shepp between configurations with straight wheels.
+    """Shortest paths of Reeds and Shepp, or of Dubins, between configurations with straight wheels.
 
     Args:
         reduced: the model.
         planned: as for ``Steering``.
         row: as for ``_AxleSteering``.
+        reverse: as for ``_AxleSteering``.
         joint: index of the velocity of the steering joint.
         q0: configuration (nq,) at which the curvature is evaluated; only the steering joint matters.
 
@@ -186,10 +204,11 @@ class CarSteering(_AxleSteering):
         reduced: ReducedModel,
         planned: Bool[Array, " nv"],
         row: Float[Array, " 3"],
+        reverse: bool,
         joint: int,
         q0: Float[Array, " nq"],
     ) -> None:
-        super().__init__(reduced, planned, row)
+        super().__init__(reduced, planned, row, reverse)
         model = reduced.robot.model
         self._steering, self._q0 = joint, q0
         self._entry = next(int(each.idx_q) for each in list(model.joints)[1:] if each.idx_v == joint)
@@ -247,7 +266,8 @@ class CarSteering(_AxleSteering):
         if np.hypot(x, y) < _SHORT and abs(turn) < _SHORT:
             yield self._steered([], start, goal, joints)
             return
-        for word in reeds_shepp_words(x / self.radius, y / self.radius, turn)[:_PATHS]:
+        words = reeds_shepp_words if self.reverse else dubins_words
+        for word in words(x / self.radius, y / self.radius, turn)[:_PATHS]:
             yield self._steered(word, start, goal, joints)
 
     def _steered(self, word: Sequence[tuple[int, float]], start: Array, goal: Array, joints: Array) -> Array:

@@ -9,16 +9,23 @@ import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin.analysis.derivatives import StateDerivatives, state_derivatives
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Float, Int
 from rnc_pin.model.configuration_manifold import ConfigurationManifold
 from rnc_pin.model.reduced_model import ReducedModel
 
 
-class FlowSensitivity(NamedTuple):
-    """Configurations (k + 1, nq) along inputs, and derivatives (nv, k, r) of the tangent vector at the end by them."""
+class Shots(NamedTuple):
+    """Ends of motions from several starts, and derivatives of the tangent vectors there.
 
-    q: Float[Array, "n nq"]
-    end: Float[Array, "nv k r"]
+    Attributes:
+        q: configurations (steps + 1, k, nq).
+        by_start: derivatives (k, nv, nv) by the tangent vectors at the starts.
+        by_input: derivatives (k, nv, r) by the inputs.
+    """
+
+    q: Float[Array, "n k nq"]
+    by_start: Float[Array, "k nv nv"]
+    by_input: Float[Array, "k nv r"]
 
 
 class KinematicFlow:
@@ -48,33 +55,53 @@ class KinematicFlow:
         halfway = move(q, (3.0 * first + both - fourth) / 12.0)
         return move(halfway, (-first + both + 3.0 * fourth) / 12.0)
 
-    def along(self, q: Float[Array, " nq"], u: Float[Array, "k r"]) -> Float[Array, "n nq"]:
-        """Configurations (k + 1, nq) along displacements."""
-        found = [np.array(q)[None]]
-        for each in u:
-            found.append(self.step(found[-1], each[None]))
-        return np.concatenate(found)
+    def along(self, q: Float[Array, "k nq"], u: Float[Array, "k r"], counts: Int[Array, " k"]) -> list[Array]:
+        """Configurations (count + 1, nq) along each of k motions.
 
-    def sensitivity(self, q: Float[Array, " nq"], u: Float[Array, "k r"]) -> FlowSensitivity:
-        """Configurations along displacements by the midpoint rule, with the exact derivatives of that rule."""
-        model, nv = self.reduced.robot.model, self.reduced.n
-        places, middles, moved = [np.array(q)[None]], [], []
-        for each in u:
-            start, half, v = self._midpoint(places[-1], each[None])
-            moved.append((0.5 * start[0], v[0]))
+        Args:
+            q: starts.
+            u: displacements.
+            counts: numbers of equal steps.
+        """
+        found, each = np.repeat(q[None], counts.max() + 1, axis=0), u / counts[:, None]
+        for k in range(int(counts.max())):
+            going = counts > k
+            found[k + 1, going] = self.step(found[k, going], each[going])
+        return [found[: count + 1, k] for k, count in enumerate(counts)]
+
+    def shots(self, q: Float[Array, "k nq"], u: Float[Array, "k r"], steps: int) -> Shots:
+        """Motions by the midpoint rule, with the exact derivatives of that rule.
+
+        Args:
+            q: starts.
+            u: displacements.
+            steps: number of equal steps.
+        """
+        each, places, middles, halves, wholes = u / steps, [np.array(q)], [], [], []
+        for _ in range(steps):
+            start, half, v = self._midpoint(places[-1], each)
+            halves.append(0.5 * start)
+            wholes.append(v)
             middles.append(half)
             places.append(self.manifold.integrate(places[-1], v))
-        q_all = np.concatenate(places)
-        first, second = self._derivatives(q_all[:-1], u), self._derivatives(np.concatenate(middles), u)
-        end, after = np.zeros((nv, len(u), self.reduced.r)), np.eye(nv)
-        for k in reversed(range(len(u))):
-            turned, pushed = pin.dIntegrate(model, q_all[k], moved[k][0])
-            v_q = second.v_q[k] @ (turned + 0.5 * pushed @ first.v_q[k])
-            v_u = second.v_v2[k] + 0.5 * second.v_q[k] @ pushed @ first.v_v2[k]
-            turned, pushed = pin.dIntegrate(model, q_all[k], moved[k][1])
-            end[:, k] = after @ pushed @ v_u
-            after = after @ (turned + pushed @ v_q)
-        return FlowSensitivity(q_all, end)
+        starts, inputs = np.concatenate(places[:-1]), np.tile(each, (steps, 1))
+        first, second = self._derivatives(starts, inputs), self._derivatives(np.concatenate(middles), inputs)
+        turned, pushed = self._transports(starts, np.concatenate(halves))
+        v_q = second.v_q @ (turned + 0.5 * pushed @ first.v_q)
+        v_u = second.v_v2 + 0.5 * second.v_q @ pushed @ first.v_v2
+        turned, pushed = self._transports(starts, np.concatenate(wholes))
+        by_q = (turned + pushed @ v_q).reshape(steps, len(q), self.reduced.n, -1)
+        by_u = (pushed @ v_u).reshape(steps, len(q), self.reduced.n, -1) / steps
+        by_start, by_input = by_q[0], by_u[0]
+        for k in range(1, steps):
+            by_start, by_input = by_q[k] @ by_start, by_q[k] @ by_input + by_u[k]
+        return Shots(np.array(places), by_start, by_input)
+
+    def _transports(self, q: Array, step: Array) -> tuple[Array, Array]:
+        """Derivatives (n, nv, nv) of displaced configurations by the configurations and by the displacements."""
+        model = self.reduced.robot.model
+        found = [pin.dIntegrate(model, *pair) for pair in zip(q, step, strict=True)]
+        return np.array([each[0] for each in found]), np.array([each[1] for each in found])
 
     def coarse_step(self, q: Float[Array, "n nq"], u: Float[Array, "n r"]) -> Float[Array, "n nq"]:
         """Configurations after displacements u, by the midpoint rule.

@@ -17,7 +17,13 @@ LEFT, STRAIGHT, RIGHT = 1, 0, -1
 
 def dubins_length(x: float, y: float, heading: float) -> float:
     """Length of the shortest forward path from the origin to a pose, in turning radii."""
-    return min(_length(word) for word in _dubins_words(x, y, heading) if _ends_at(word, x, y, heading))
+    return _length(dubins_words(x, y, heading)[0])
+
+
+def dubins_words(x: float, y: float, heading: float) -> list[Word]:
+    """Forward paths from the origin to a pose, in turning radii, the shortest first."""
+    found = [word for word in _dubins_words(x, y, heading) if _ends_at(word, x, y, heading)]
+    return sorted(found, key=_length)
 
 
 def reeds_shepp_words(x: float, y: float, heading: float) -> list[Word]:

@@ -18,7 +18,7 @@ _SAMPLES = 6  # random configurations at which the rows are compared
 _EXACT = 1e-9  # largest difference of unit vectors that counts as rounding
 
 
-def find_steering(reduced: ReducedModel, q0: Float[Array, " nq"], seed: int = 0) -> Steering:
+def find_steering(reduced: ReducedModel, q0: Float[Array, " nq"], seed: int = 0, *, reverse: bool = True) -> Steering:
     """Find the exact steering that the constraint rows of a reduced system allow.
 
     Random configurations decide, so that a property that holds there holds everywhere.
@@ -27,9 +27,12 @@ def find_steering(reduced: ReducedModel, q0: Float[Array, " nq"], seed: int = 0)
         reduced: the model.
         q0: a configuration (nq,).
         seed: seed of the random configurations.
+        reverse: False if a car or a differential drive does not drive backwards. Forwards is the direction of the
+            base's x axis, or of its y axis if it cannot drive along x.
 
     Raises:
-        ConfigurationError: no exact steering is known: trailers, momentum rows, or closed loops.
+        ConfigurationError: no exact steering is known: trailers, momentum rows, or closed loops. Or a base that moves
+            in all directions has no reverse.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("car.urdf", base="planar")
@@ -44,6 +47,8 @@ def find_steering(reduced: ReducedModel, q0: Float[Array, " nq"], seed: int = 0)
     planned = ~samples.followers()
     places = np.flatnonzero(planned)
     if reduced.r == len(places):
+        if not reverse:
+            raise ConfigurationError("reverse: only cars and differential drives have a direction that is forwards")
         return FreeSteering(reduced, planned)
     base = reduced.robot.model.joints[1]
     if base.shortname() != "JointModelPlanar":
@@ -58,13 +63,13 @@ def find_steering(reduced: ReducedModel, q0: Float[Array, " nq"], seed: int = 0)
         directions = np.array([each[0, on_base] for each in rows])
         if np.abs(directions * np.sign(directions @ directions[0])[:, None] - directions[0]).max() > _EXACT:
             _refuse(reduced, "the direction of the row without side slip changes")
-        return DifferentialDrive(reduced, planned, _axle(reduced, directions[0]))
+        return DifferentialDrive(reduced, planned, _axle(reduced, directions[0]), reverse)
     twists = np.array([np.linalg.svd(each[:, on_base])[2][-1] for each in rows])
     _, sizes, axes = np.linalg.svd(twists)
     steering = samples.steering_joints(slice(first, first + 3), planned)
     if count != 2 or sizes[2] > _EXACT * sizes[0] or len(steering) != 1:
         _refuse(reduced, "the motion of the base is not that of a car with one steering joint")
-    return CarSteering(reduced, planned, _axle(reduced, axes[2]), steering[0], q0)
+    return CarSteering(reduced, planned, _axle(reduced, axes[2]), reverse, steering[0], q0)
 
 
 def _axle(reduced: ReducedModel, row: Array) -> Array:

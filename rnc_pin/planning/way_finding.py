@@ -49,6 +49,7 @@ class WaySettings:
         hold: names of joints that keep their positions.
         area: smallest and largest x, y and z (2, 3) of the base [m]; by default the box around start, goals and
             obstacles, with room to turn around it.
+        reverse: False if a car or a differential drive does not drive backwards, as for ``find_steering``.
 
     Raises:
         InputError: a number is out of range.
@@ -63,6 +64,7 @@ class WaySettings:
     shortcuts: Annotated[int, Ge(0)] = 100
     hold: Sequence[str] = ()
     area: ArrayLike | None = None
+    reverse: bool = True
 
     def __post_init__(self) -> None:
         if not 0.0 < self.seconds < np.inf:
@@ -153,7 +155,7 @@ def find_way(
         raise _failure(search, checker, reduced, ends, clock)
     first = float(search.durations(found.steps).sum())
     whole = steering.completed(search.shortened(found, settings.shortcuts, seed), start)
-    if checker is not None and not planned.all() and not checker.is_free(whole):
+    if checker is not None and not planned.all() and not checker.is_free(steering.along(start, whole.steps)):
         raise InfeasibleError("find_way: wheels that follow collide, because they are not round")
     info = WayInfo(steering.kind, clock.elapsed, search.edges, len(ends), first)
     return way_along(reduced, planned, checker, whole, info)
@@ -162,8 +164,10 @@ def find_way(
 def _steering(reduced: ReducedModel, start: Array, settings: WaySettings, seed: int) -> Steering | None:
     """Exact steering; None if none is known, so that motions have to be propagated."""
     try:
-        steering = find_steering(reduced, start, seed)
+        steering = find_steering(reduced, start, seed, reverse=settings.reverse)
     except ConfigurationError:
+        if not settings.reverse:
+            raise
         if reduced.affine:
             raise ConfigurationError("find_way: rows prescribe a motion, which cannot be driven backwards") from None
         if list(settings.hold):

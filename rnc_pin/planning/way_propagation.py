@@ -15,7 +15,7 @@ from numpy import ndarray as Array
 from rnc_pin.analysis.growth import filtration
 from rnc_pin.array_shapes import Bool, Float, Int
 from rnc_pin.planning.exact_steering import ExactMotion
-from rnc_pin.planning.kinematic_flow import KinematicFlow
+from rnc_pin.planning.kinematic_flow import KinematicFlow, Shots
 from rnc_pin.planning.way_checking import WayChecker
 from rnc_pin.planning.way_search import Clock, Nearest
 from rnc_pin.robots.joint_values import NO_LIMIT
@@ -31,7 +31,8 @@ _NEAR = 0.6  # [m]; trees that are nearer are joined
 _RANDOM = 0.6  # share of targets that are random; others are places of the other tree
 _MADE, _TRIED = 0.05, 0.3  # [m]; nodes with children, and those without a free motion, count as farther away
 _NEWTON, _CHORD = 12, 12  # largest numbers of iterations
-_EXACT = 3e-10  # [m or rad] error at the goal
+_EXACT, _END = 1e-11, 3e-10  # [m or rad] largest errors where motions follow each other, and at the goal
+_LOOSE = 100.0  # weight of the inputs beside that of the nodes, when ways are made shorter
 _FADED = 0.05  # share of the inputs below which shortening ends
 
 
@@ -45,28 +46,31 @@ class _Tree:
     def __init__(self, roots: Float[Array, "n nq"]) -> None:
         self.size = len(roots)
         self._q, self.away = np.array(roots), np.zeros(self.size)
-        self._parents, self._inputs = [-1] * self.size, [np.empty((0, 0))] * self.size
+        self._parents, self._edges = [-1] * self.size, [(np.empty((0, 0)), np.empty((0, 0)))] * self.size
 
     @property
     def q(self) -> Float[Array, "n nq"]:
         return self._q[: self.size]
 
-    def add(self, q: Array, parent: int, inputs: Array) -> None:
+    def add(self, motion: Float[Array, "k nq"], parent: int, inputs: Array) -> None:
+        """Add the end of a motion; ``inputs`` (2, r) lead to its middle and from there to its end."""
         if self.size == len(self._q):
             self._q = np.concatenate([self._q, np.empty_like(self._q)])
             self.away = np.concatenate([self.away, np.zeros_like(self.away)])
-        self._q[self.size] = q
+        self._q[self.size] = motion[-1]
         self._parents.append(parent)
-        self._inputs.append(inputs)
+        self._edges.append((motion[[len(motion) // 2, -1]], inputs))
         self.size += 1
 
-    def path(self, node: int) -> tuple[int, list[Array]]:
-        """Root of a node, and the inputs of the edges that lead from it to the node."""
-        found: list[Array] = []
+    def path(self, node: int) -> tuple[int, Float[Array, "n nq"], list[Array]]:
+        """Root of a node, and the configurations and inputs that lead from it to the node."""
+        q, inputs = [], []
         while self._parents[node] >= 0:
-            found.append(self._inputs[node])
+            places, moved = self._edges[node]
+            q.append(places)
+            inputs.append(moved)
             node = self._parents[node]
-        return node, found[::-1]
+        return node, np.concatenate([self._q[node : node + 1], *q[::-1]]), inputs[::-1]
 
 
 class PropagatedSearch:
@@ -171,7 +175,7 @@ class PropagatedSearch:
         for k in inside[order[:3]]:
             self.edges += 1
             if self._clear(motions[k, 1:]):
-                tree.add(motions[k, -1], parent, inputs[k])
+                tree.add(motions[k], parent, inputs[k])
                 tree.away[parent] += _MADE
                 return True
         tree.away[parent] += _TRIED
@@ -198,81 +202,131 @@ class PropagatedSearch:
 
     def _joined(self, trees: list[_Tree], places: tuple[int, int]) -> ExactMotion | None:
         """Free motion through nodes of both trees that are near each other."""
-        _, first = trees[0].path(places[0])
-        goal, second = trees[1].path(places[1])
+        _, before, first = trees[0].path(places[0])
+        goal, after, second = trees[1].path(places[1])
         edges = [*first, *(-each[::-1] for each in reversed(second))]
         if not edges:
             return None
         self._goal, self._open = self._goals[goal], self._reachable[goal]
-        self._inputs = np.concatenate(edges)
-        return self._exact(self._inputs)
+        nodes = np.concatenate([before, after[-2::-1]])
+        nodes[-1] = self._goal
+        return self._exact(nodes, np.concatenate(edges))
 
-    def _exact(self, inputs: Float[Array, "k r"], shorter: float = 0.0) -> ExactMotion | None:
-        """Free motion from the start to the goal near inputs; None if Newton's method finds none.
+    def _exact(
+        self, nodes: Float[Array, "n nq"], inputs: Float[Array, "k r"], shorter: float = 0.0
+    ) -> ExactMotion | None:
+        """Free motion from the start to the goal near a path; None if Newton's method finds none.
+
+        The nodes are unknowns too (multiple shooting): a change stays near its place, also where motions are unstable,
+        as those of trailers that are pushed.
 
         Args:
+            nodes: configurations between the inputs.
             inputs: displacements of the reduced coordinates.
             shorter: share by which the inputs become smaller, as far as the goal allows.
         """
-        inputs, last = np.array(inputs), np.inf
+        nodes, inputs, last = np.array(nodes), np.array(inputs), np.inf
+        loose = _LOOSE if shorter else 1.0
         for iteration in range(_NEWTON):
-            found = self._flow.sensitivity(self._start, np.repeat(inputs / _COARSE, _COARSE, axis=0))
-            J = found.end.reshape(len(self._planned), len(inputs), _COARSE, -1).mean(axis=2)
-            J = self._open.T @ J.reshape(len(self._planned), -1)[self._planned]
-            missed = self._open.T @ self._missed(found.q[-1])
+            shots = self._flow.shots(nodes[:-1], inputs, _COARSE)
+            missed = self._missed(shots.q[-1], nodes[1:])
             size = np.abs(missed).max()
             if not size < 5.0 or (iteration > 3 and size > 0.5 * last):
                 return None
             last = size
             if size < 1e-6 and iteration:
                 break
-            share = shorter if not iteration else 0.0
-            wanted = missed * min(1.0, 0.5 / max(size, 1e-300)) + share * J @ inputs.ravel()
-            change = np.linalg.lstsq(J, wanted, rcond=1e-8)[0] - share * inputs.ravel()
-            inputs += change.reshape(inputs.shape)
+            wanted = -shorter * inputs if not iteration else np.zeros_like(inputs)
+            self._change(nodes, inputs, shots, missed * min(1.0, 0.5 / max(size, 1e-300)), wanted, loose)
         else:
             return None
-        if not self._within(found.q) or not self._clear(found.q):
+        q = np.swapaxes(shots.q, 0, 1)
+        if not self._within(q).all() or not self._clear(q[:, 1:].reshape(-1, q.shape[-1])):
             return None
-        moved = np.abs(self._flow.manifold.difference(found.q[:-1], found.q[1:])).max(axis=1)
-        lengths = moved.reshape(-1, _COARSE).max(axis=1) * _COARSE
-        return self._refined(inputs, J, np.maximum(np.ceil(lengths / _FINE), 1).astype(int))
+        moved = self._flow.manifold.difference(q[:, :-1].reshape(-1, q.shape[-1]), q[:, 1:].reshape(-1, q.shape[-1]))
+        lengths = np.abs(moved).max(axis=1).reshape(len(q), _COARSE).max(axis=1) * _COARSE
+        return self._refined(nodes, inputs, shots, np.maximum(np.ceil(lengths / _FINE), 1).astype(int))
 
-    def _missed(self, q: Array) -> Float[Array, " k"]:
-        return self._flow.manifold.difference(q[None], self._goal[None])[0, self._planned]
+    def _missed(self, ends: Float[Array, "k nq"], q: Float[Array, "k nq"]) -> Float[Array, "k n"]:
+        """Differences from ends to configurations, in the planned coordinates."""
+        return self._flow.manifold.difference(ends, q)[:, self._planned]
 
-    def _refined(self, inputs: Float[Array, "k r"], J: Array, counts: Int[Array, " k"]) -> ExactMotion | None:
-        """Free motion in fine steps, which ends at the goal exactly; J is the derivative of a coarse one."""
+    def _change(
+        self, nodes: Array, inputs: Array, shots: Shots, missed: Float[Array, "k n"], wanted: Array, loose: float
+    ) -> None:
+        """Change nodes and inputs, so that the shots meet the nodes to first order.
+
+        The change is the one with the least ``|du - wanted|^2 + |dq|^2 / loose``. Its conditions are block tridiagonal.
+        """
+        A, B = shots.by_start[:, self._planned][:, :, self._planned], shots.by_input[:, self._planned]
+        AT, BT = A.transpose(0, 2, 1), B.transpose(0, 2, 1)
+        free = np.eye(A.shape[1]) - self._open @ self._open.T  # directions in which rows keep the end
+        diagonal = B @ BT + loose * np.eye(A.shape[1])
+        diagonal[1:] += loose * A[1:] @ AT[1:]
+        diagonal[-1] += free - loose * np.eye(A.shape[1])
+        rest = missed - (B @ wanted[:, :, None])[:, :, 0]
+        factors = scipy.linalg.solveh_banded(_banded(diagonal, -loose * AT[1:]), rest.ravel()).reshape(rest.shape)
+        inputs += wanted + (BT @ factors[:, :, None])[:, :, 0]
+        moved = np.zeros((len(A), len(self._planned)))
+        moved[:-1, self._planned] = loose * ((AT[1:] @ factors[1:, :, None])[:, :, 0] - factors[:-1])
+        moved[-1, self._planned] = -free @ factors[-1]
+        nodes[1:] = self._flow.manifold.integrate(nodes[1:], moved)
+
+    def _refined(
+        self, nodes: Float[Array, "n nq"], inputs: Float[Array, "k r"], shots: Shots, counts: Int[Array, " k"]
+    ) -> ExactMotion | None:
+        """Free motion in fine steps, which ends at the goal exactly; the derivatives are those of coarse shots."""
         last = np.inf
         for _ in range(_CHORD):
-            steps = np.repeat(inputs / counts[:, None], counts, axis=0)
-            q = self._flow.along(self._start, steps)
-            missed = self._missed(q[-1])
-            if np.abs(missed).max() < _EXACT:
-                break
-            missed = self._open.T @ missed
+            pieces = self._flow.along(nodes[:-1], inputs, counts)
+            missed = self._missed(np.array([piece[-1] for piece in pieces]), nodes[1:])
             size = np.abs(missed).max()
+            if size < _EXACT:
+                finer = self._finer(pieces, inputs, counts)
+                if (finer == counts).all():
+                    break
+                counts, last = finer, np.inf
+                continue
             if not size < last:
                 return None
             last = size
-            inputs = inputs + np.linalg.lstsq(J, missed, rcond=1e-8)[0].reshape(inputs.shape)
+            self._change(nodes, inputs, shots, missed, np.zeros_like(inputs), 1.0)
         else:
             return None
-        self.edges += 1
-        motion = ExactMotion(q, np.asarray(self._flow.reduced.at(q[:-1], steps).v))
-        if not self._within(q) or not self._is_free(motion, steps):
+        q = self._with_followers(pieces)
+        if np.abs(self._missed(q[-1:], self._goal[None])).max() > _END or not self._within(q):
             return None
-        self._inputs = inputs
+        self.edges += 1
+        motion = ExactMotion(
+            q, np.asarray(self._flow.reduced.at(q[:-1], np.repeat(inputs / counts[:, None], counts, axis=0)).v)
+        )
+        if self._checker is not None and not self._checker.is_free(motion):
+            return None
+        self._nodes, self._inputs = nodes, inputs
         return motion
 
-    def _is_free(self, motion: ExactMotion, steps: Array) -> bool:
-        """True if the geodesics between nodes are free, and the motion is near them."""
+    def _finer(self, pieces: list[Array], inputs: Array, counts: Int[Array, " k"]) -> Int[Array, " k"]:
+        """Numbers of steps with which the motions are near the geodesics between their configurations."""
         if self._checker is None:
-            return True
-        manifold = self._flow.manifold
-        straight = manifold.integrate(motion.q[:-1], 0.5 * manifold.difference(motion.q[:-1], motion.q[1:]))
-        away = manifold.difference(straight, self._flow.step(motion.q[:-1], 0.5 * steps))
-        return self._reach * np.abs(away).sum(axis=1).max() < DEVIATION and self._checker.is_free(motion)
+            return counts
+        manifold, places = self._flow.manifold, np.concatenate([piece[:-1] for piece in pieces])
+        steps = manifold.difference(places, np.concatenate([piece[1:] for piece in pieces]))
+        middles = self._flow.step(places, np.repeat(0.5 * inputs / counts[:, None], counts, axis=0))
+        away = manifold.difference(manifold.integrate(places, 0.5 * steps), middles)
+        farthest = np.maximum.reduceat(self._reach * np.abs(away).sum(axis=1), np.cumsum(counts) - counts)
+        more = np.ceil(counts * np.sqrt(1.1 * farthest / DEVIATION)).astype(int)  # the deviation is of second order
+        return np.where(farthest < DEVIATION, counts, np.maximum(more, counts + 1))
+
+    def _with_followers(self, pieces: list[Array]) -> Float[Array, "n nq"]:
+        """One sequence of configurations; joints that follow continue from piece to piece."""
+        place, found = self._start, []
+        for piece in pieces:
+            away = self._flow.manifold.difference(piece[:1], place[None])
+            away[:, self._planned] = 0.0
+            moved = self._flow.manifold.integrate(piece, np.repeat(away, len(piece), axis=0))
+            found.append(moved[:-1])
+            place = moved[-1]
+        return np.concatenate([*found, place[None]])
 
     # ------------------------------------------------------------------ shorter ways
 
@@ -291,11 +345,23 @@ class PropagatedSearch:
         for _ in range(tries):
             if self._clock.is_over or share < _FADED:
                 break
-            kept = self._inputs
-            found = self._exact(kept, share)
+            kept = self._nodes, self._inputs
+            found = self._exact(*kept, share)
             if found is not None and self.durations(found.steps).sum() < 0.99 * self.durations(motion.steps).sum():
                 motion = found
             else:
-                self._inputs = kept
+                self._nodes, self._inputs = kept
                 share /= 2
         return motion
+
+
+def _banded(diagonal: Float[Array, "k n n"], beside: Float[Array, "k-1 n n"]) -> Float[Array, "b m"]:
+    """Upper band of a symmetric block tridiagonal matrix, for ``scipy.linalg.solveh_banded``."""
+    n = diagonal.shape[1]
+    band = np.zeros((2 * n, len(diagonal) * n))
+    for i in range(n):
+        for j in range(n):
+            if j >= i:
+                band[2 * n - 1 + i - j, j::n] = diagonal[:, i, j]
+            band[n - 1 + i - j, n + j :: n] = beside[:, i, j]
+    return band

@@ -5,7 +5,7 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.collision import CollisionDistances, load_map
-from rnc_pin.collision.occupancy_map import merged_rectangles
+from rnc_pin.collision.occupied_cells import merged_boxes
 
 YAML = """
 image: {image}
@@ -57,7 +57,7 @@ def test_boxes_are_where_the_cells_are(tmp_path):
 def test_rectangles_cover_each_cell_once(seed):
     filled = np.random.default_rng(seed).random((17, 23)) < 0.6
     count = np.zeros(filled.shape, dtype=int)
-    for row, column, rows, columns in merged_rectangles(filled):
+    for row, column, rows, columns in merged_boxes(filled):
         count[row : row + rows, column : column + columns] += 1
     assert np.array_equal(count, filled)
 

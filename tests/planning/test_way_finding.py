@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 import rnc_pin as rnc
 import rnc_pin.extras
 from benchmarks.planned_models import car, mobile_manipulator, tractor
+from rnc_pin.model.configuration_manifold import ConfigurationManifold
 from rnc_pin.planning import WaySettings, find_way
 from systems import ROLLERS, WHEEL, four_bar, mecanum, tiago
 
@@ -132,15 +133,17 @@ def test_a_goal_of_outputs_is_reached():
     assert rows.value(at.position) == pytest.approx([4.0, 1.0], abs=1e-5)
 
 
+@pytest.mark.parametrize("reverse", [True, False])
 @pytest.mark.parametrize("seed", range(5))
-def test_without_obstacles_a_car_drives_the_shortest_path_of_ompl(seed):
+def test_without_obstacles_a_car_drives_the_shortest_path_of_ompl(seed, reverse):
     from ompl import base as ob
 
     reduced = car()
     x, y, yaw = np.random.default_rng(seed).uniform([-3, -3, -3], 3)
-    way = find_way(reduced, at_pose(reduced, 0.0, 0.0), at_pose(reduced, x, y, yaw), settings=WaySettings(shortcuts=0))
+    settings = WaySettings(shortcuts=0, reverse=reverse)
+    way = find_way(reduced, at_pose(reduced, 0.0, 0.0), at_pose(reduced, x, y, yaw), settings=settings)
     radius = 1.0 / np.tan(1.0)  # wheelbase of 1 m, steering limit of 1 rad
-    space = ob.ReedsSheppStateSpace(radius)
+    space = (ob.ReedsSheppStateSpace if reverse else ob.DubinsStateSpace)(radius)
     states = [space.allocState() for _ in range(2)]
     for state, pose in zip(states, ((0.0, 0.0, 0.0), (x, y, yaw)), strict=True):
         state.setXY(*pose[:2])
@@ -174,6 +177,18 @@ def test_shortcuts_make_a_way_faster_and_keep_it_free():
     shorter = find_way(reduced, q0, goal, obstacles)
     assert shorter.duration <= first.duration
     assert closest(shorter, obstacles) >= 0.01
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("car", 0), ("car", 1), ("differential drive", 0)])
+def test_who_does_not_reverse_drives_forwards_only(kind, seed):
+    reduced, start, goal, obstacles = TASKS[kind]()
+    if kind == "car":  # beside the parked cars: nobody enters such a gap forwards
+        goal = at_pose(reduced, 5.0, 1.0, 2.0)
+    way = find_way(reduced, start, goal, obstacles, settings=WaySettings(reverse=False), seed=seed)
+    assert way.v[:, 0].min() > -1e-12  # the base's own x; its origin is on the axle
+    assert way.v[:, 0].max() > 0.1
+    assert closest(way, obstacles) >= 0.01
+    assert way.residual < 1e-9
 
 
 def test_the_joints_that_are_held_do_not_move():
@@ -226,16 +241,19 @@ def test_a_trailer_drives_around_a_box_by_propagated_motions():
     reduced = tractor(1)
     start, goal = at_pose(reduced, 0.0, 0.0), at_pose(reduced, 1.5, 1.0, 0.8, hitch_1=0.2)
     box = [Obstacle(coal.Box(0.4, 0.4, 1.0), position=(1.9, -0.6, 0.5), name="box")]
-    way = find_way(reduced, start, goal, box, settings=WaySettings(seconds=120.0, shortcuts=2), seed=2)
+    way = find_way(reduced, start, goal, box, settings=WaySettings(seconds=120.0, shortcuts=6), seed=2)
     assert reintegrated(way) < 1e-9
     assert way.residual < 1e-12
     assert closest(way, box) >= 0.01
     assert np.abs(pin.difference(reduced.robot.model, way.q[-1], goal)).max() < 1e-9
     assert way.info.steering == "propagated"
-    assert way.duration <= way.info.first_duration
+    assert way.duration < way.info.first_duration
     halfway, h = 0.5 * (way.time[:-1] + way.time[1:])[::20], 1e-5
-    for before, q, after in zip(way.at(halfway - h), way.at(halfway), way.at(halfway + h), strict=True):
-        v = pin.difference(reduced.robot.model, before, after) / (2.0 * h)
+    halfway = halfway[np.diff(way.time)[::20] > 4.0 * h]  # the velocity jumps at some nodes
+    assert len(halfway) > 20
+    # pin.difference takes turns by less than 1e-7 as none
+    rates = ConfigurationManifold(reduced.robot.model).difference(way.at(halfway - h), way.at(halfway + h)) / (2.0 * h)
+    for q, v in zip(way.at(halfway), rates, strict=True):
         assert reduced.at(q).A @ v == pytest.approx(0.0, abs=1e-7)
     assert (np.abs(way.q[:, 4:]) <= reduced.robot.model.upperPositionLimit[4:] + 1e-9).all()
 
@@ -269,6 +287,15 @@ def test_propagated_motions_refuse_what_they_cannot_do():
         find_way(reduced, q, at_pose(reduced, 1.0, 0.0), settings=WaySettings(hold=["hitch_1"]))
     with pytest.raises(rnc.ConfigurationError, match="no exact steering is known"):
         rnc.planning.find_steering(reduced, q)
+
+
+def test_no_reverse_needs_a_forward_direction():
+    for reduced, message in (
+        (mecanum_box(), "reverse: only cars and differential drives have a direction that is forwards"),
+        (tractor(1), "no exact steering is known"),
+    ):
+        with pytest.raises(rnc.ConfigurationError, match=message):
+            find_way(reduced, at_pose(reduced, 0, 0), at_pose(reduced, 1, 0), settings=WaySettings(reverse=False))
 
 
 def test_an_error_in_the_search_is_not_lost(monkeypatch):

@@ -53,7 +53,8 @@ PERIODS = {
     "free-flying-arm": 0.0035, "tiago": 0.004, "unicycle": 0.0055,  # whose gains do not suit a slower one
     # Whose samples cost most.
     "docking": 0.04, "doorway": 0.04, "free-flying-arm-limits": 0.032, "mecanum-crowd": 0.04, "parallel-parking": 0.02,
-    "snakeboard-point": 0.02, "tiago-doorway": 0.02, "tiago-shelf": 0.04, "wheels-uncertain": 0.012,
+    "snakeboard-point": 0.02, "tiago-doorway": 0.02, "tiago-shelf": 0.04, "trailer-lot": 0.04,
+    "wheels-uncertain": 0.012,
 }  # fmt: skip
 """Sampling periods [s] other than 0.008."""
 

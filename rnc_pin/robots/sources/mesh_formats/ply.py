@@ -69,6 +69,26 @@ def read_ply(content: bytes) -> Mesh:
     return checked_mesh(points, fans(np.array(corners, dtype=np.int64), np.array(sizes, dtype=np.int64)))
 
 
+def ply_points(content: bytes) -> np.ndarray | None:
+    """Points (n, 3) of a PLY file without faces; None if it has faces.
+
+    Raises:
+        MeshError: as ``read_ply``.
+        ValueError: there are no coordinates.
+    """
+    order, elements, start = _head(content)
+    if any(element.name == "face" and element.size for element in elements):
+        return None
+    body = _Bytes(content, start, order) if order else _Lines(content, start)
+    for element in elements:
+        if element.name == "vertex":
+            check_counts(element.size, 0)
+            return _points(body, element)
+        for _ in body.rows(element):
+            pass
+    raise MeshError("has no element 'vertex'")
+
+
 def _head(content: bytes) -> tuple[str, list[_Element], int]:
     """Return the byte order (empty for text), the elements, and the offset of the first element."""
     end = content.find(b"end_header", 0, _MAX_BYTES)
