@@ -9,10 +9,10 @@ from pathlib import Path
 import click
 import yaml
 from rich.console import Console
-from rich.table import Table
 
 from rnc_pin.applications.command_line.commands.compare import MeasuredLog, print_path_errors
 from rnc_pin.applications.command_line.messages import print_json
+from rnc_pin.applications.command_line.tables import print_table
 from rnc_pin.applications.scenario.files import parse_options, with_options
 from rnc_pin.applications.scenario.output_folder import OutputFolder
 from rnc_pin.applications.scenario.scenario import Scenario
@@ -166,15 +166,11 @@ def _mapping(measured: MeasuredLog, found: Calibration) -> dict[str, Json]:
 def _print(system: str, log: Path, found: Calibration) -> None:
     console = Console(markup=False, emoji=False)
     click.echo(f"{system} calibrated with {log}\n")
-    numbers = Table(title="numbers", title_justify="left", title_style="bold")
-    for heading in ("number", "file", "estimate", "standard deviation"):
-        numbers.add_column(heading)
+    rows = []
     for name, unit, *values in zip(found.names, found.units, found.nominal, found.values, found.std, strict=True):
-        before, value, std = (
-            f"{each:.{digits}g} {unit}".strip() for each, digits in zip(values, (6, 6, 2), strict=True)
-        )
-        numbers.add_row(name, before, value, std)
-    console.print(numbers, highlight=False)
+        figures = zip(values, (6, 6, 2), strict=True)
+        rows.append((name, *(f"{each:.{digits}g} {unit}".strip() for each, digits in figures)))
+    print_table(console, "numbers", ("number", "file", "estimate", "standard deviation"), rows)
     print_path_errors(console, "with", found.errors)
     words, deviation = found.combinations[0]
     click.echo(f"worst known: {words}, standard deviation {deviation:.2g} of its size")
