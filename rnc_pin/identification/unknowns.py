@@ -291,6 +291,12 @@ class UnknownNumber(NamedTuple):
     wheels: tuple[str, ...] = ()
     """Wheels of a radius."""
 
+    @property
+    def shares(self) -> Mapping[Virtual | str, float]:
+        """Displacements of joints, and changes of the radii of wheels, for a unit of the parameter."""
+        found: dict[Virtual | str, float] = dict(self.displaced.items())
+        return found | dict.fromkeys(self.wheels, 1.0)
+
 
 def radii_of(parameters: Sequence[UnknownNumber], p: np.ndarray) -> dict[str, float]:
     """Radius of each wheel that parameters p (P,) concern; a second parameter of a wheel adds its change."""
