@@ -12,7 +12,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.analysis.equilibrium import Equilibrium, Velocities, search, velocities
-from rnc_pin.analysis.frame_bracket import frame_bracket
+from rnc_pin.analysis.lie_brackets import frame_bracket
 from rnc_pin.analysis.symmetry import Symmetries, find_symmetries
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConstraintError, InputError, ModelError, SingularityError, nearest

@@ -25,9 +25,39 @@ import scipy
 from numpy.polynomial import chebyshev, legendre
 
 from rnc_pin.analysis.complex_rows import ComplexRows, has_complex_rows
-from rnc_pin.analysis.frame_bracket import frame_bracket
+from rnc_pin.errors import ConstraintError
 from rnc_pin.model.placement_chart import PlacementChart
 from rnc_pin.model.reduced_model import ReducedModel
+
+Bracket = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+def frame_bracket(model: pin.Model) -> Bracket:
+    """Return the bracket of tangent vectors (..., nv) as left-invariant fields of SE(2), SO(3) and SE(3) joints."""
+    parts: list[tuple[slice, str]] = []
+    for joint in list(model.joints)[1:]:
+        kind = joint.shortname()
+        if kind in ("JointModelPlanar", "JointModelFreeFlyer", "JointModelSpherical"):
+            parts.append((slice(joint.idx_v, joint.idx_v + joint.nv), kind))
+        elif joint.nv > 1 and joint.nq != joint.nv:
+            raise ConstraintError(f"no Lie bracket is known for a joint of type {kind}")
+
+    def bracket(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        result = np.zeros_like(x)
+        for where, kind in parts:
+            a, b, out = x[..., where], y[..., where], result[..., where]
+            if kind == "JointModelPlanar":
+                out[..., 0] = b[..., 2] * a[..., 1] - a[..., 2] * b[..., 1]
+                out[..., 1] = a[..., 2] * b[..., 0] - b[..., 2] * a[..., 0]
+            elif kind == "JointModelSpherical":
+                out[...] = np.cross(a, b)
+            else:
+                out[..., :3] = np.cross(a[..., 3:], b[..., :3]) + np.cross(a[..., :3], b[..., 3:])
+                out[..., 3:] = np.cross(a[..., 3:], b[..., 3:])
+        return result
+
+    return bracket
+
 
 PIECES = 3
 """Number of fields that a flow follows in turn. With three fields, their brackets with brackets of generators span a

@@ -11,7 +11,7 @@ import scipy
 from numpy import ndarray as Array
 
 from rnc_pin.analysis.derivatives import StateDerivatives, state_derivatives
-from rnc_pin.analysis.frame_bracket import frame_bracket
+from rnc_pin.analysis.lie_brackets import frame_bracket
 from rnc_pin.analysis.symmetry import entries_of
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConstraintError, InputError, ModelError, nearest

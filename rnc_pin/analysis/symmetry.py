@@ -16,7 +16,7 @@ import pinocchio as pin
 import scipy
 
 from rnc_pin.analysis.derivatives import state_derivatives
-from rnc_pin.analysis.frame_bracket import frame_bracket
+from rnc_pin.analysis.lie_brackets import frame_bracket
 from rnc_pin.errors import ConstraintError, SingularityError
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel

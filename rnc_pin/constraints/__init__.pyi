@@ -3,6 +3,8 @@
 from rnc_pin.model.rows import Rows as Rows
 
 from .ackermann_steering import AckermannSteering as AckermannSteering
+from .body_shapes import Cone as Cone
+from .body_shapes import Cylinder as Cylinder
 from .body_shapes import Ellipsoid as Ellipsoid
 from .body_shapes import Sphere as Sphere
 from .body_shapes import Torus as Torus
@@ -15,8 +17,6 @@ from .curved_grounds import SphericalGround as SphericalGround
 from .fixed_output import FixedOutput as FixedOutput
 from .ground_plane import GroundPlane as GroundPlane
 from .joint_coupling import JointCoupling as JointCoupling
-from .line_shapes import Cone as Cone
-from .line_shapes import Cylinder as Cylinder
 from .loop_closure import LoopClosure as LoopClosure
 from .momentum import MomentumConservation as MomentumConservation
 from .no_side_slip import NoSideSlip as NoSideSlip

@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.constraints.body_shapes import BodyShape, support_numbers
+from rnc_pin.constraints.body_shapes import Apex, BodyShape, Cone, Cylinder, support_numbers
 from rnc_pin.constraints.curved_grounds import CurvedGround, admit_ground
 from rnc_pin.constraints.ground_plane import GroundPlane, on_carrier
-from rnc_pin.constraints.line_shapes import Apex, Cone, Cylinder
 from rnc_pin.constraints.surface_contact import SurfaceContactRows, contact_wrench_rates, contact_wrenches
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply, apply_transposed, vector_product

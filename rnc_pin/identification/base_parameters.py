@@ -1,4 +1,4 @@
-"""Base parameters: the combinations of parameters that a linear model shows, with names."""
+"""Base parameters, the combinations of parameters that a linear model shows, and estimates of parameters."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+
+from rnc_pin.errors import ConfigurationError, nearest
+from rnc_pin.printing import Item, Line, SummaryMixin
 
 _DEPENDENT = 1e-7  # distance of a unit column from the span of others below which it depends on them
 _NAMED = 1e-6  # coefficient below which a parameter is not named
@@ -54,6 +57,46 @@ class BaseParameters:
         words = tuple(_words(row, k, names) for row, k in zip(K, chosen, strict=True))
         unseen = tuple(name for name, each in zip(names, seen, strict=True) if not each)
         return cls(K, words, np.array(chosen, dtype=int), unseen)
+
+
+@dataclass(frozen=True, repr=False)
+class Estimates(SummaryMixin):
+    """Estimated parameters with their covariance."""
+
+    names: tuple[str, ...]
+    """Names of the parameters, (P,)."""
+    nominal: np.ndarray
+    """Their values in the robot's file, (P,)."""
+    values: np.ndarray
+    """Estimates (P,)."""
+    covariance: np.ndarray
+    """Covariance of the estimates (P, P), for errors as long correlated as the residuals are."""
+
+    @property
+    def std(self) -> np.ndarray:
+        """Standard deviations of the estimates (P,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def value(self, name: str) -> float:
+        """Return one estimate.
+
+        Args:
+            name: name of the parameter.
+
+        Raises:
+            ConfigurationError: there is no such parameter.
+        """
+        if name not in self.names:
+            raise ConfigurationError(f"no parameter '{name}' was estimated{nearest(name, self.names)}")
+        return float(self.values[self.names.index(name)])
+
+    def _estimates(self, units: Sequence[str]) -> list[Line]:
+        """Lines of a summary, one for each parameter with its unit."""
+        every = zip(self.names, units, self.values, self.std, self.nominal, strict=True)
+        return [
+            (name, [Item(f"{value:.6g} {unit}".strip(), f"std {std:.2g}, file {nominal:.6g}")])
+            for name, unit, value, std, nominal in every
+        ]
 
 
 def combination_name(vector: np.ndarray, names: Sequence[str], least: float = 0.1) -> str:

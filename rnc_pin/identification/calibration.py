@@ -10,19 +10,19 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ConfigurationError, InfeasibleError, nearest
-from rnc_pin.identification.base_parameters import combination_name
+from rnc_pin.errors import ConfigurationError, InfeasibleError
+from rnc_pin.identification.base_parameters import Estimates, combination_name
 from rnc_pin.identification.rolled_path import rotated
 from rnc_pin.identification.rolling_motion import RollingMotion
 from rnc_pin.identification.unknowns import SensorPlace, Unknown, UnknownNumber, corrections_of, radii_of
-from rnc_pin.identification.urdf_places import write_urdf
+from rnc_pin.identification.urdf_copy import write_places
 from rnc_pin.identification.window_fit import Fit, WindowFit, Windows, correlation_of
 from rnc_pin.logs.channel import Channel
 from rnc_pin.logs.log import Log
 from rnc_pin.logs.mapping import Correction
 from rnc_pin.model.rows import ConstraintKind
 from rnc_pin.model.system import NonholonomicSystem
-from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
+from rnc_pin.printing import Item, ObjectSummary
 
 _FEWEST = 4  # samples of a window
 _FIRST, _LAST = 1.0, 0.03  # precision of the first windows and of the last ones, in standard deviations
@@ -55,7 +55,7 @@ class PathError:
 
 
 @dataclass(frozen=True, repr=False)
-class Calibration(SummaryMixin):
+class Calibration(Estimates):
     """Estimated parameters of a robot, with their covariance, and what the log says about them.
 
     Example:
@@ -72,16 +72,8 @@ class Calibration(SummaryMixin):
         array([0.1])
     """
 
-    names: tuple[str, ...]
-    """Names of the parameters, (P,)."""
     units: tuple[str, ...]
-    """Their units."""
-    nominal: np.ndarray
-    """Their values in the robot's file, (P,)."""
-    values: np.ndarray
-    """Estimates (P,)."""
-    covariance: np.ndarray
-    """Covariance of the estimates (P, P), for errors as long correlated as the residuals are."""
+    """Units of the parameters, (P,)."""
     scales: np.ndarray
     """Typical sizes of the parameters (P,)."""
     combinations: tuple[tuple[str, float], ...]
@@ -104,24 +96,6 @@ class Calibration(SummaryMixin):
     """Corrections of encoders and clocks by joint or frame, for ``Log.corrected`` and mapping files."""
 
     @property
-    def std(self) -> np.ndarray:
-        """Standard deviations of the estimates (P,)."""
-        return np.sqrt(np.diag(self.covariance))
-
-    def value(self, name: str) -> float:
-        """Return one estimate.
-
-        Args:
-            name: name of the parameter.
-
-        Raises:
-            ConfigurationError: there is no such parameter.
-        """
-        if name not in self.names:
-            raise ConfigurationError(f"no parameter '{name}' was estimated{nearest(name, self.names)}")
-        return float(self.values[self.names.index(name)])
-
-    @property
     def has_new_places(self) -> bool:
         """True if places or tilts of joints, or the place of the sensor, were estimated: numbers of the URDF."""
         return self._moves_sensor or any(name.startswith(("place of", "tilt of")) for name in self.names)
@@ -142,15 +116,10 @@ class Calibration(SummaryMixin):
         Raises:
             ConfigurationError: the source is not a URDF of this robot, or has no fixed joint of the sensor.
         """
-        write_urdf(Path(source), Path(path), self.system.robot, self.sensor if self._moves_sensor else None)
+        write_places(Path(source), Path(path), self.system.robot, self.sensor if self._moves_sensor else None)
 
     def _summary(self) -> ObjectSummary:
-        lines = [
-            (name, [Item(f"{value:.6g} {unit}".strip(), f"std {std:.2g}, file {nominal:.6g}")])
-            for name, value, unit, std, nominal in zip(
-                self.names, self.values, self.units, self.std, self.nominal, strict=True
-            )
-        ]
+        lines = self._estimates(self.units)
         lines += [(f"path, {name}", [Item(str(error))]) for name, error in self.errors.items()]
         words, deviation = self.combinations[0]
         lines += [("worst known", [Item(words, f"std {deviation:.2g}")])]
@@ -240,10 +209,10 @@ def calibrate(
     far = np.maximum(size, np.abs(fit.residuals[:, 2]) / fit.deviations[1]) > _FAR
     return Calibration(
         tuple(each.name for each in motion.parameters),
-        tuple(each.unit for each in motion.parameters),
         problem.nominal,
         p,
         covariance,
+        tuple(each.unit for each in motion.parameters),
         scales,
         combinations,
         errors,

@@ -10,9 +10,9 @@ import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, InfeasibleError, SingularityError
 from rnc_pin.identification.base_parameters import BaseParameters
-from rnc_pin.identification.dynamic_unknowns import INERTIAL
 from rnc_pin.identification.inertial_problem import column_names
 from rnc_pin.identification.reduced_regressor import ReducedRegressor
+from rnc_pin.identification.unknowns import INERTIAL
 from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.system import NonholonomicSystem
@@ -55,22 +55,22 @@ class Excitation(SummaryMixin):
     parameters: tuple[str, ...]
     """Names of the first parameters of the combinations that the motion shows."""
 
-    def v2(self, t: float) -> np.ndarray:
-        """Return the reduced velocities (r,) at a time.
+    def v2(self, t: float | np.ndarray) -> np.ndarray:
+        """Return the reduced velocities (..., r) at times.
 
         Args:
-            t: time since the start [s].
+            t: times (...) since the start [s].
         """
-        turn = self._rates * t
+        turn = np.multiply.outer(t, self._rates)
         return np.cos(turn) @ self.cosines + np.sin(turn) @ self.sines
 
-    def v2_dot(self, t: float) -> np.ndarray:
-        """Return the reduced accelerations (r,) at a time.
+    def v2_dot(self, t: float | np.ndarray) -> np.ndarray:
+        """Return the reduced accelerations (..., r) at times.
 
         Args:
-            t: time since the start [s].
+            t: times (...) since the start [s].
         """
-        turn = self._rates * t
+        turn = np.multiply.outer(t, self._rates)
         return (self._rates * np.cos(turn)) @ self.sines - (self._rates * np.sin(turn)) @ self.cosines
 
     @property
@@ -227,21 +227,23 @@ class _Search:
         reduced, model = self._reduced, self._reduced.robot.model
         cosines, sines = np.split(x, 2)
         series = Excitation(self._duration, cosines, sines, 1.0, 1.0, ())
-        dt, q, states, efforts = self._duration / _STEPS, self._q0, [], []
-        for t in dt * np.arange(_STEPS):
-            v2, v2_dot = series.v2(t), series.v2_dot(t)
-            state = reduced.at(q, v2)
-            states.append((q, state.v, state.v_dot(v2_dot)))
-            efforts.append(reduced.allocate(q, reduced.inverse_dynamics(q, v2, v2_dot)))
-            middle = pin.integrate(model, q, dt / 2 * state.v)
-            q = pin.integrate(model, q, dt * reduced.at(middle, series.v2(t + dt / 2)).v)
-        positions, velocities, accelerations = (np.array(each) for each in zip(*states, strict=True))
+        dt, q, path = self._duration / _STEPS, self._q0, []
+        times = dt * np.arange(_STEPS)
+        v2, v2_dot = series.v2(times), series.v2_dot(times)
+        for start, halfway in zip(v2, series.v2(times + dt / 2), strict=True):
+            path.append(q)
+            middle = pin.integrate(model, q, dt / 2 * reduced.at(q, start).v)
+            q = pin.integrate(model, q, dt * reduced.at(middle, halfway).v)
+        positions = np.array(path)
+        states = reduced.at(positions, v2)
+        velocities, accelerations = states.v, states.v_dot(v2_dot)
+        efforts = states.allocate(reduced.inverse_dynamics(positions, v2, v2_dot))
         columns = [self._regressor.forces(positions, velocities, accelerations)]
         if self._regressor.conserved:
             columns.append(self._regressor.momenta(positions, velocities)[0])
         columns = [each.reshape(-1, self._regressor.width)[:, : 10 * len(self._regressor.bodies)] for each in columns]
         excess, limit = -np.inf, ""
-        measured = {"position": positions, "velocity": velocities, "effort": np.array(efforts)}
+        measured = {"position": positions, "velocity": velocities, "effort": efforts}
         for name, kind, index, low, high in self._bounds:
             values = measured[kind][:, index]
             half, middle = self._share * (high - low) / 2, (high + low) / 2

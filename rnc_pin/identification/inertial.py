@@ -10,19 +10,19 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ConfigurationError, InfeasibleError, nearest
-from rnc_pin.identification.base_parameters import BaseParameters, combination_name
-from rnc_pin.identification.dynamic_unknowns import (
+from rnc_pin.errors import ConfigurationError, InfeasibleError
+from rnc_pin.identification.base_parameters import BaseParameters, Estimates, combination_name
+from rnc_pin.identification.inertial_fit import InertialFit, MeasuredRow
+from rnc_pin.identification.inertial_problem import AskedParameters, InertialProblem, column_names
+from rnc_pin.identification.unknowns import (
     INERTIAL,
     DynamicUnknown,
 )
-from rnc_pin.identification.inertial_fit import InertialFit, MeasuredRow
-from rnc_pin.identification.inertial_problem import AskedParameters, InertialProblem, column_names
-from rnc_pin.identification.urdf_inertias import write_inertias
+from rnc_pin.identification.urdf_copy import write_inertias
 from rnc_pin.identification.window_fit import correlation_length
 from rnc_pin.logs.log import Log
 from rnc_pin.model.system import NonholonomicSystem
-from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
+from rnc_pin.printing import Item, ObjectSummary
 from rnc_pin.robots.robot import Robot
 
 _HELPS = 0.3  # change that a joint shows, relative to the best joint, from which it is named
@@ -68,8 +68,10 @@ class WeakCombination:
 
 
 @dataclass(frozen=True, repr=False)
-class Identification(SummaryMixin):
+class Identification(Estimates):
     """Base parameters, friction and effort scales of a robot, with their covariance.
+
+    Base parameters are combinations that the rows can show. Effort scales and offsets come after them.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("space_robot.urdf")
@@ -87,14 +89,6 @@ class Identification(SummaryMixin):
         'inertia of the robot in its zero position of momentum(platform)'
     """
 
-    names: tuple[str, ...]
-    """Base parameters: combinations that the rows can show; then effort scales and offsets. (P,)"""
-    nominal: np.ndarray
-    """Their values in the robot's file, (P,)."""
-    values: np.ndarray
-    """Estimates (P,)."""
-    covariance: np.ndarray
-    """Covariance of the estimates (P, P), for errors as long correlated as the residuals are."""
     invisible: tuple[str, ...]
     """Parameters that act on no row in any motion."""
     assumed: str
@@ -110,24 +104,6 @@ class Identification(SummaryMixin):
     changed: tuple[tuple[str, ...], tuple[str, ...]]
     """Joints of the bodies, and joints whose friction was estimated."""
 
-    @property
-    def std(self) -> np.ndarray:
-        """Standard deviations of the estimates (P,)."""
-        return np.sqrt(np.diag(self.covariance))
-
-    def value(self, name: str) -> float:
-        """Return one estimate.
-
-        Args:
-            name: name of the parameter.
-
-        Raises:
-            ConfigurationError: there is no such parameter.
-        """
-        if name not in self.names:
-            raise ConfigurationError(f"no parameter '{name}' was identified{nearest(name, self.names)}")
-        return float(self.values[self.names.index(name)])
-
     def write_urdf(self, source: str | Path, path: str | Path) -> None:
         """Write a copy of the robot's URDF with the estimated inertias, damping and friction.
 
@@ -142,10 +118,7 @@ class Identification(SummaryMixin):
         write_inertias(Path(source), Path(path), self.system.robot, list(bodies), list(joints))
 
     def _summary(self) -> ObjectSummary:
-        lines = [
-            (name, [Item(f"{value:.6g}", f"std {std:.2g}, file {nominal:.6g}")])
-            for name, value, std, nominal in zip(self.names, self.values, self.std, self.nominal, strict=True)
-        ]
+        lines = self._estimates([""] * len(self.names))
         lines += [(f"error, {name}", [Item(str(error))]) for name, error in self.errors.items()]
         lines += [(f"error held out, {name}", [Item(str(error))]) for name, error in self.held_out.items()]
         lines += [("assumed", [Item(self.assumed)])] if self.assumed else []

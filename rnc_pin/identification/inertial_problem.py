@@ -8,7 +8,11 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, nearest
-from rnc_pin.identification.dynamic_unknowns import (
+from rnc_pin.identification.inertial_fit import InertialFit, MeasuredRow
+from rnc_pin.identification.measured_motion import MeasuredMotion
+from rnc_pin.identification.pseudo_inertia import dynamic_parameters
+from rnc_pin.identification.reduced_regressor import ReducedRegressor, WindowAverages
+from rnc_pin.identification.unknowns import (
     BodyInertia,
     CoulombFriction,
     DynamicUnknown,
@@ -17,10 +21,6 @@ from rnc_pin.identification.dynamic_unknowns import (
     MotorInertia,
     ViscousFriction,
 )
-from rnc_pin.identification.inertial_fit import InertialFit, MeasuredRow
-from rnc_pin.identification.measured_motion import MeasuredMotion
-from rnc_pin.identification.pseudo_inertia import dynamic_parameters
-from rnc_pin.identification.reduced_regressor import ReducedRegressor, WindowAverages
 from rnc_pin.logs.log import Log
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.system import NonholonomicSystem

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -293,9 +292,9 @@ class RollingMotion:
                 shifts[virtual] = shifts.get(virtual, 0.0) + share * (value - parameter.nominal)
         geometry.set_radii(radii_of(self.parameters, p))
         positions, moved, d_middle, d_moved = self._measured(p)
-        directions: dict[Any, int] = {}  # columns, displacements and wheels
+        directions: dict[int | Virtual | str, int] = {}  # columns, displacements and wheels
         for parameter in self.parameters:
-            for each in (*parameter.displaced, *parameter.wheels):
+            for each in parameter.shares:
                 directions.setdefault(each, len(directions))
         for column, _ in d_middle.values():
             directions.setdefault(column, len(directions))
@@ -314,8 +313,7 @@ class RollingMotion:
         found = {}
         for k, parameter in enumerate(self.parameters):
             parts: list[tuple[Entry, list[Entry]]] = [
-                (share, effects[directions[each]])
-                for each, share in (*parameter.displaced.items(), *((wheel, 1.0) for wheel in parameter.wheels))
+                (share, effects[directions[each]]) for each, share in parameter.shares.items()
             ]
             if k in d_middle:
                 column, by = d_middle[k]

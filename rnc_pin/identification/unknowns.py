@@ -1,11 +1,11 @@
-"""Kinds of unknown kinematic parameters: of wheels, of joints, of encoders, of sensors and of clocks."""
+"""Kinds of unknown parameters: of wheels, joints, encoders, sensors and clocks, of bodies and of reported efforts."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, TypeAlias, cast
+from typing import ClassVar, Literal, NamedTuple, TypeAlias, cast
 
 import numpy as np
 
@@ -15,6 +15,23 @@ from rnc_pin.logs.mapping import Correction
 from rnc_pin.model.system import NonholonomicSystem
 
 Axis = Literal["x", "y", "z"]
+
+
+@dataclass(frozen=True)
+class JointNumber:
+    """Unknown number of one joint; a subclass has the words before the joint in its name.
+
+    Args:
+        joint: the joint.
+    """
+
+    joint: str
+    words: ClassVar[str]
+
+    @property
+    def name(self) -> str:
+        """Name of the parameter."""
+        return f"{self.words} of {self.joint}"
 
 
 @dataclass(frozen=True)
@@ -39,11 +56,35 @@ class WheelRadius:
     @property
     def frames(self) -> tuple[str, ...]:
         """Frames of the wheels."""
-        return _several(self.wheels)
+        return (self.wheels,) if isinstance(self.wheels, str) else tuple(self.wheels)
 
 
 @dataclass(frozen=True)
-class JointShift:
+class JointPlacement:
+    """Unknown number of the placement of joints; a subclass has the words of its name.
+
+    Args:
+        joints: a joint, or joints with their shares.
+        axis: axis of the number.
+    """
+
+    joints: str | Mapping[str, float]
+    axis: Axis
+    words: ClassVar[tuple[str, str]]
+
+    @property
+    def name(self) -> str:
+        """Name of the parameter."""
+        what, where = self.words
+        return f"{what} of {', '.join(self.shares)} {where} {self.axis}"
+
+    @property
+    def shares(self) -> Mapping[str, float]:
+        """Change of each joint for a unit of the parameter."""
+        return _shares(self.joints, self.words[0])
+
+
+class JointShift(JointPlacement):
     """Place of a joint along an axis of the body that carries it [m]: a wheelbase, or the distance of a wheel.
 
     Several joints shift together by their shares. ``{"left": 0.5, "right": -0.5}`` along y is the track of two wheels:
@@ -58,22 +99,10 @@ class JointShift:
         'place of left, right along y'
     """
 
-    joints: str | Mapping[str, float]
-    axis: Axis
-
-    @property
-    def name(self) -> str:
-        """Name of the parameter."""
-        return f"place of {', '.join(self.shares)} along {self.axis}"
-
-    @property
-    def shares(self) -> Mapping[str, float]:
-        """Shift of each joint for a unit of the parameter."""
-        return _shares(self.joints, "place")
+    words: ClassVar[tuple[str, str]] = ("place", "along")
 
 
-@dataclass(frozen=True)
-class JointTilt:
+class JointTilt(JointPlacement):
     """Rotation of a joint's placement about an axis of the joint [rad], relative to the file: camber, toe, rake.
 
     Args:
@@ -85,22 +114,10 @@ class JointTilt:
         'tilt of left about z'
     """
 
-    joints: str | Mapping[str, float]
-    axis: Axis
-
-    @property
-    def name(self) -> str:
-        """Name of the parameter."""
-        return f"tilt of {', '.join(self.shares)} about {self.axis}"
-
-    @property
-    def shares(self) -> Mapping[str, float]:
-        """Rotation of each joint for a unit of the parameter."""
-        return _shares(self.joints, "tilt")
+    words: ClassVar[tuple[str, str]] = ("tilt", "about")
 
 
-@dataclass(frozen=True)
-class EncoderScale:
+class EncoderScale(JointNumber):
     """Factor of the measured position of a joint, e.g. of a gear.
 
     Args:
@@ -111,16 +128,10 @@ class EncoderScale:
         'scale of steering'
     """
 
-    joint: str
-
-    @property
-    def name(self) -> str:
-        """Name of the parameter."""
-        return f"scale of {self.joint}"
+    words: ClassVar[str] = "scale"
 
 
-@dataclass(frozen=True)
-class EncoderOffset:
+class EncoderOffset(JointNumber):
     """Value added to the measured and scaled position of a joint [rad or m].
 
     Args:
@@ -131,12 +142,7 @@ class EncoderOffset:
         'offset of steering'
     """
 
-    joint: str
-
-    @property
-    def name(self) -> str:
-        """Name of the parameter."""
-        return f"offset of {self.joint}"
+    words: ClassVar[str] = "offset"
 
 
 @dataclass(frozen=True)
@@ -179,7 +185,96 @@ class TimeShift:
         return f"delay of {self.of or 'the sensor'}"
 
 
+class BodyInertia(JointNumber):
+    """Mass, center of mass and moments of inertia of the body behind a joint: ten numbers.
+
+    Links that are fixed to each other are one body.
+
+    Args:
+        joint: the joint that carries the body.
+
+    Example:
+        >>> rnc.identification.BodyInertia("joint_1").name
+        'inertia of joint_1'
+    """
+
+    words: ClassVar[str] = "inertia"
+
+
+class CoulombFriction(JointNumber):
+    """Friction of a joint against its motion, whatever the speed [N m or N].
+
+    Args:
+        joint: the joint.
+
+    Example:
+        >>> rnc.identification.CoulombFriction("joint_1").name
+        'Coulomb friction of joint_1'
+    """
+
+    words: ClassVar[str] = "Coulomb friction"
+
+
+class ViscousFriction(JointNumber):
+    """Friction of a joint in proportion to its speed [N m s/rad or N s/m].
+
+    Args:
+        joint: the joint.
+
+    Example:
+        >>> rnc.identification.ViscousFriction("joint_1").name
+        'viscous friction of joint_1'
+    """
+
+    words: ClassVar[str] = "viscous friction"
+
+
+class MotorInertia(JointNumber):
+    """Inertia of a motor times the square of its gear, as the joint feels it [kg m^2 or kg].
+
+    Args:
+        joint: the joint.
+
+    Example:
+        >>> rnc.identification.MotorInertia("joint_1").name
+        'motor inertia of joint_1'
+    """
+
+    words: ClassVar[str] = "motor inertia"
+
+
+class EffortScale(JointNumber):
+    """Reported effort for a unit of the true one: a gear, a motor constant, or a unit of the driver.
+
+    Args:
+        joint: the joint whose effort is reported.
+
+    Example:
+        >>> rnc.identification.EffortScale("joint_1").name
+        'effort scale of joint_1'
+    """
+
+    words: ClassVar[str] = "effort scale"
+
+
+class EffortOffset(JointNumber):
+    """Reported effort at zero effort, in the unit of the driver.
+
+    Args:
+        joint: the joint whose effort is reported.
+
+    Example:
+        >>> rnc.identification.EffortOffset("joint_1").name
+        'effort offset of joint_1'
+    """
+
+    words: ClassVar[str] = "effort offset"
+
+
 Unknown: TypeAlias = WheelRadius | JointShift | JointTilt | EncoderScale | EncoderOffset | SensorPlace | TimeShift
+DynamicUnknown: TypeAlias = BodyInertia | CoulombFriction | ViscousFriction | MotorInertia | EffortScale | EffortOffset
+INERTIAL = ("m", "m x", "m y", "m z", "I_xx", "I_xy", "I_yy", "I_xz", "I_yz", "I_zz")
+"""Parameters of a body in Pinocchio's order: mass, first moments, moments of inertia about the origin of the joint."""
 
 
 class UnknownNumber(NamedTuple):
@@ -195,6 +290,12 @@ class UnknownNumber(NamedTuple):
     """Displacements of joints for a unit of the parameter."""
     wheels: tuple[str, ...] = ()
     """Wheels of a radius."""
+
+    @property
+    def shares(self) -> Mapping[Virtual | str, float]:
+        """Displacements of joints, and changes of the radii of wheels, for a unit of the parameter."""
+        found: dict[Virtual | str, float] = dict(self.displaced.items())
+        return found | dict.fromkeys(self.wheels, 1.0)
 
 
 def radii_of(parameters: Sequence[UnknownNumber], p: np.ndarray) -> dict[str, float]:
@@ -298,10 +399,6 @@ _WORDS: Mapping[str, Callable[..., Unknown]] = {
     "delay of (.+)": TimeShift,
     "(x|y|yaw) of the sensor": SensorPlace,
 }
-
-
-def _several(names: str | Sequence[str]) -> tuple[str, ...]:
-    return (names,) if isinstance(names, str) else tuple(names)
 
 
 def _shares(joints: str | Mapping[str, float], what: str) -> Mapping[str, float]:

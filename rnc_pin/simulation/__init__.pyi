@@ -41,6 +41,8 @@ from .rollout import Rollout as Rollout
 from .rollout import RolloutEvaluation as RolloutEvaluation
 from .rollout import kinematic_rollout as kinematic_rollout
 from .run_data import tracking_errors as tracking_errors
+from .run_figure import compared_paths as compared_paths
+from .run_figure import ground_paths as ground_paths
 from .run_figure import run_name as run_name
 from .run_info import BrakingUse as BrakingUse
 from .run_info import Columns as Columns
@@ -55,8 +57,6 @@ from .run_info import RunInfo as RunInfo
 from .run_info import TaskNames as TaskNames
 from .run_info import provenance_of as provenance_of
 from .run_panels import PLOTTED_QUANTITIES as PLOTTED_QUANTITIES
-from .run_paths import compared_paths as compared_paths
-from .run_paths import ground_paths as ground_paths
 from .sampled_run import assembled_start as assembled_start
 from .simulate import sample_count as sample_count
 from .simulate import simulate as simulate

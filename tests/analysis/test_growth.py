@@ -8,8 +8,8 @@ import pytest
 
 import rnc_pin as rnc
 from rnc_pin.analysis import growth, growth_vector
-from rnc_pin.analysis.frame_bracket import frame_bracket
 from rnc_pin.analysis.growth import MARGIN, generic_growth, grow
+from rnc_pin.analysis.lie_brackets import frame_bracket
 from systems import fire_truck, free_flying_panda, leaning_wheel, random_states, space_robot, tiago
 from textbook_systems import sliders_with_rows, tractor_trailers, unicycle, unicycle_with_trailers
 

@@ -53,24 +53,21 @@ def test_free_motion_is_that_of_aba(reduced):
     np.testing.assert_allclose(reduced.at(q, v=w).residual, 0, atol=1e-8)
 
 
-def test_momentum_of_a_free_flyer_is_that_about_the_origin_of_the_world():
-    reduced, given = tumbling_panda(), np.array([2.0, -1.0, 0.5, 0.3, 0.4, -0.6])
-    model = reduced.robot.model
-    data = model.createData()
+@pytest.mark.parametrize(
+    ("make", "axes", "given"),
+    [
+        (tumbling_panda, [0, 1, 2, 3, 4, 5], [2.0, -1.0, 0.5, 0.3, 0.4, -0.6]),
+        (drifting_manipulator, [0, 1, 5], [3.0, -2.0, 5.0]),
+    ],
+)
+def test_momentum_is_that_about_the_origin_of_the_world(make, axes, given):
+    reduced = make()
+    model, data = reduced.robot.model, reduced.robot.model.createData()
     for q, v2 in random_states(reduced, 4):
         pin.computeCentroidalMomentum(model, data, q, reduced.at(q, v2).v)
         linear = data.hg.linear
         about_origin = data.hg.angular + np.cross(data.com[0], linear)
-        np.testing.assert_allclose(np.concatenate([linear, about_origin]), given, atol=1e-10)
-
-
-def test_momentum_in_the_plane_is_that_about_the_origin_of_the_world():
-    reduced, model = drifting_manipulator(), drifting_manipulator().robot.model
-    data = model.createData()
-    for q, v2 in random_states(reduced, 4):
-        pin.computeCentroidalMomentum(model, data, q, reduced.at(q, v2).v)
-        about_origin = data.hg.angular + np.cross(data.com[0], data.hg.linear)
-        np.testing.assert_allclose([*data.hg.linear[:2], about_origin[2]], [3.0, -2.0, 5.0], atol=1e-10)
+        np.testing.assert_allclose(np.concatenate([linear, about_origin])[axes], given, atol=1e-10)
 
 
 def test_a_pivot_keeps_its_angular_momentum():

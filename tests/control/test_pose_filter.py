@@ -44,11 +44,12 @@ def driven(seed, gyro, heading=True):
     for k in range(round(SECONDS / TICK)):
         t, before = k * TICK, pose[2]
         rates = np.array([6.0 + 3.0 * np.sin(0.7 * t), 6.0 - 4.0 * np.sin(0.4 * t)])
-        for _ in range(FINE):
-            rolled = RADIUS * rates * dt + np.sqrt(dt) * SLIP * draw.normal(size=2)
-            across, forward, turn = np.sqrt(dt) * SLIP * draw.normal(), rolled.mean(), np.diff(rolled)[0] / TRACK
-            c, s = np.cos(pose[2] + turn / 2), np.sin(pose[2] + turn / 2)
-            pose = pose + np.array([c * forward - s * across, s * forward + c * across, turn])
+        slip = np.sqrt(dt) * SLIP * draw.normal(size=(FINE, 3))
+        rolled = RADIUS * rates * dt + slip[:, :2]
+        across, forward, turn = slip[:, 2], rolled.mean(axis=1), np.diff(rolled)[:, 0] / TRACK
+        heading_between = before + np.cumsum(turn) - turn / 2
+        c, s = np.cos(heading_between), np.sin(heading_between)
+        pose = pose + np.sum([c * forward - s * across, s * forward + c * across, turn], axis=1)
         wheels = wheels + rates * TICK + np.sqrt(TICK) * ENCODER * draw.normal(size=2)
         bias += BIAS * np.sqrt(TICK) * draw.normal()
         rate = (pose[2] - before) / TICK + bias + GYRO / np.sqrt(TICK) * draw.normal() if gyro else None

@@ -8,6 +8,7 @@ from itertools import combinations
 import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import rnc_pin as rnc
 import systems
@@ -36,11 +37,11 @@ def drive():
 def boxes(figure):
     """Boxes of axes with their tick labels and labels, and of legends."""
     figure.draw_without_rendering()
-    found = []
+    renderer, found = FigureCanvasAgg(figure).get_renderer(), []  # without one, each box draws the figure again
     for axes in figure.axes:
         legend = axes.get_legend()
-        parts = [axes.get_window_extent(), axes.xaxis.get_tightbbox(), axes.yaxis.get_tightbbox()]
-        found.append(([part for part in parts if part is not None], legend and legend.get_window_extent()))
+        parts = [axes.get_window_extent(renderer), *(axis.get_tightbbox(renderer) for axis in (axes.xaxis, axes.yaxis))]
+        found.append(([part for part in parts if part is not None], legend and legend.get_window_extent(renderer)))
     return found
 
 

@@ -19,7 +19,7 @@ from rnc_pin.identification import (
 )
 from rnc_pin.identification.calibration import calibrated
 from rnc_pin.identification.rolling_motion import RollingMotion
-from rnc_pin.identification.urdf_places import write_urdf
+from rnc_pin.identification.urdf_copy import write_places
 from rnc_pin.logs import Channel
 
 
@@ -81,7 +81,7 @@ def test_the_urdf_has_the_new_places(tmp_path):
     unknown = [JointShift("left_joint", "y"), JointTilt("left_joint", "z"), SensorPlace("x"), SensorPlace("yaw")]
     motion = RollingMotion(system, DIFFERENTIAL.log(0, duration=2.0), unknown, "sensor")
     moved = calibrated(system, motion.parameters, np.array([0.5, 0.1, 0.4, 0.2]), "sensor").robot
-    write_urdf(source, target, moved, "sensor")
+    write_places(source, target, moved, "sensor")
     again = rnc.Robot.from_urdf(target, base="planar")
     for name in ("left_joint", "right_joint"):
         index = robot.joint_id(name)
@@ -94,7 +94,7 @@ def test_the_urdf_has_the_new_places(tmp_path):
     assert np.arctan2(placed.rotation[1, 0], placed.rotation[0, 0]) == pytest.approx(0.2)
     assert moved.model.jointPlacements[robot.joint_id("left_joint")].translation[1] == pytest.approx(0.5)
     with pytest.raises(rnc.ConfigurationError, match="no joint 'left_joint' that moves"):
-        write_urdf(_without(source, tmp_path), target, moved, "sensor")
+        write_places(_without(source, tmp_path), target, moved, "sensor")
 
 
 def _without(source, folder):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.applications.command_line.sentences import sentences
+from rnc_pin.applications.command_line.commands.inspect import sentences
 from rnc_pin.model.kinematics import OWN_AXES
 from rnc_pin.model.mechanisms import FrameAnchor, GroundContact, JointCoupler, Phrases
 from rnc_pin.model.rows import Rows

@@ -20,7 +20,7 @@ from rnc_pin.control.controller import LimitedAcceleration
 from rnc_pin.planning import Hold, InTurn, MinimumJerk, Slowed, TaskReference, ViaPoints
 from rnc_pin.printing import WIDTH, SummaryMixin
 from rnc_pin.simulation import Finding, FindingKind, Severity, grip_along, judge, obstacles_passed, replay_limits
-from rnc_pin.simulation.run_paths import compared_paths, ground_paths
+from rnc_pin.simulation.run_figure import compared_paths, ground_paths
 from rnc_pin.visualization import LoopView, Recording, recorded_states
 from systems import space_robot
 

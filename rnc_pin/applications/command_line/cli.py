@@ -16,7 +16,7 @@ with interruptible_imports():
     import click
 
     from rnc_pin.applications.command_line.messages import complain, told_warnings
-    from rnc_pin.applications.command_line.status import DONE, FAILED, USAGE
+    from rnc_pin.applications.command_line.termination import DONE, FAILED, USAGE
     from rnc_pin.applications.command_line.usage import cli
     from rnc_pin.errors import RncError
 

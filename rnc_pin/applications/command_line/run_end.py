@@ -6,7 +6,7 @@ from collections.abc import Collection
 from pathlib import Path
 
 from rnc_pin.applications.command_line.messages import complain, warn
-from rnc_pin.applications.command_line.status import DONE, FAILED
+from rnc_pin.applications.command_line.termination import DONE, FAILED
 from rnc_pin.applications.scenario.execution import Result
 from rnc_pin.applications.scenario.pictures import Drawn
 from rnc_pin.verdict import Severity, Verdict

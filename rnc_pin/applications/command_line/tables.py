@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,26 @@ from rnc_pin.verdict import weight_of
 
 if TYPE_CHECKING:
     from rnc_pin.applications.sweep.statistics import SweepStatistics  # sweeps import joblib
+
+
+def print_table(
+    console: Console, title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], numbers: bool = False
+) -> None:
+    """Print a table under its title.
+
+    Args:
+        console: console for the table.
+        title: line above the table.
+        columns: headings.
+        rows: cells of each row.
+        numbers: True to align all columns but the first at their right ends.
+    """
+    table = Table(title=title, title_justify="left", title_style="bold")
+    for index, column in enumerate(columns):
+        table.add_column(column, justify="right" if numbers and index else "left")
+    for row in rows:
+        table.add_row(*row)
+    console.print(table, highlight=False)
 
 
 def print_summary(summary: Summary, outputs: OutputNames | None = None) -> None:
@@ -109,12 +129,10 @@ def print_sweep_statistics(scenario: str, summary: SweepStatistics, folder: Path
     outcomes = ", ".join(counts)
     if summary["redrawn"]:
         outcomes += f" ({summary['redrawn']} draws were infeasible and drawn again)"
-    table = Table(title=f"{scenario}: {outcomes}", title_justify="left", title_style="bold")
-    table.add_column("output")
-    table.add_column("median final error", justify="right")
-    table.add_column("95 % below", justify="right")
-    table.add_column("largest final error", justify="right")
-    for name, figures in summary["final_error"].items():
-        table.add_row(name, *(f"{figure:.2e}" for figure in (figures["median"], figures["95 %"], figures["max"])))
-    console.print(table)
+    rows = [
+        (name, *(f"{each:.2e}" for each in (figures["median"], figures["95 %"], figures["max"])))
+        for name, figures in summary["final_error"].items()
+    ]
+    columns = ("output", "median final error", "95 % below", "largest final error")
+    print_table(console, f"{scenario}: {outcomes}", columns, rows, numbers=True)
     console.print(f"in {folder}: runs/*.parquet, distributions.png, sweep.json", highlight=False)

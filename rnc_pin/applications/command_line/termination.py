@@ -1,4 +1,4 @@
-"""Termination signals: all act as Ctrl-C; during imports they print one line and exit."""
+"""Exit statuses, and termination signals: all act as Ctrl-C; during imports they print one line and exit."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from rnc_pin.applications.command_line.status import FAILED
 from rnc_pin.interruption import termination_handler
+
+DONE, FAILED, USAGE = 0, 1, 2
+
 
 _WORDS = "rnc-pin: error: interrupted\n"
 

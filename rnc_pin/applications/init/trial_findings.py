@@ -9,7 +9,7 @@ import numpy as np
 
 from rnc_pin.applications.init.base_assumptions import BaseAssumptions, Entry
 from rnc_pin.applications.init.trial import FAR, LOST, MEANINGFUL, Trial
-from rnc_pin.applications.scenario.frame_poses import frame_poses
+from rnc_pin.applications.scenario.output_references import frame_poses
 from rnc_pin.errors import few
 from rnc_pin.model import NonholonomicSystem
 from rnc_pin.robots import Robot

@@ -15,8 +15,7 @@ from rnc_pin.applications.scenario.controllers import BuiltController, Controlle
 from rnc_pin.applications.scenario.controllers.context import reduced_velocity, refuse_or_warn
 from rnc_pin.applications.scenario.controllers.task_goals import TaskGoals
 from rnc_pin.applications.scenario.controllers.velocity_tracking import VelocityTrackerSettings
-from rnc_pin.applications.scenario.frame_poses import frame_poses
-from rnc_pin.applications.scenario.output_references import plan_path, task_references
+from rnc_pin.applications.scenario.output_references import frame_poses, plan_path, task_references
 from rnc_pin.applications.scenario.planner_builder import Plans, Start, planned_path
 from rnc_pin.applications.scenario.plant_builder import build_plant
 from rnc_pin.applications.scenario.schema import ScenarioFile, SimulationSettings

@@ -16,7 +16,7 @@ import yaml
 
 from rnc_pin.errors import ConfigurationError, ModelError, closest, nearest, short_text
 from rnc_pin.io import Json, load_yaml, read_bytes
-from rnc_pin.robots import example_urdfs, shipped_directory
+from rnc_pin.robots import example_urdfs, find_urdf, shipped_directory
 
 ROBOT_FILES = (".urdf", ".xacro", ".xml", ".mjcf")
 _BUILT_IN = Path(__file__).resolve().parent / "builtin"
@@ -67,6 +67,18 @@ def robot_names() -> list[str]:
     except ModelError:
         examples = []
     return sorted(shipped) + sorted(examples)
+
+
+def urdf_path(robot: Mapping[str, Json], folder: Path) -> Path | None:
+    """Path of the URDF or Xacro file in the entry ``robot`` of a scenario; None for an MJCF.
+
+    Args:
+        robot: the entry.
+        folder: folder of the scenario.
+    """
+    if robot.get("example") is not None:
+        return example_urdfs()[str(robot["example"])]
+    return find_urdf(str(robot["urdf"]), folder) if robot.get("urdf") is not None else None
 
 
 def _is_robot(name: str) -> str:

@@ -1,4 +1,4 @@
-"""References that a scenario gives to its outputs, and the planned path of a vehicle."""
+"""References that a scenario gives to its outputs, poses of frames, and the planned path of a vehicle."""
 
 from __future__ import annotations
 
@@ -6,17 +6,40 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
-from rnc_pin.applications.scenario.frame_poses import frame_poses
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.planner_settings import MotionProblem
+from rnc_pin.array_shapes import Float
 from rnc_pin.control import SlitheringReference
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.math import Coordinates
 from rnc_pin.model import ReducedModel, Task
 from rnc_pin.optimal import MotionPlan
 from rnc_pin.planning import Hold, Reference
+from rnc_pin.robots import Robot
 from rnc_pin.simulation import PlannedPath
+
+
+class FramePoses(NamedTuple):
+    """Poses of a frame."""
+
+    planar: Float[np.ndarray, "n 3"]
+    """Position x, y [m] and heading [rad]."""
+    heights: Float[np.ndarray, " n"]
+    """Position z [m]."""
+
+
+def frame_poses(robot: Robot, frame: str, configurations: np.ndarray) -> FramePoses:
+    """Return the poses of a frame at configurations (n, nq)."""
+    data, index = robot.model.createData(), robot.frame_id(frame)
+    poses = np.empty((len(configurations), 4))
+    for pose, q in zip(poses, configurations, strict=True):
+        pin.framesForwardKinematics(robot.model, data, q)
+        placement = data.oMf[index]
+        pose[[0, 1, 3]] = placement.translation
+        pose[2] = np.arctan2(placement.rotation[1, 0], placement.rotation[0, 0])
+    return FramePoses(poses[:, :3], poses[:, 3])
 
 
 class OutputReference(NamedTuple):

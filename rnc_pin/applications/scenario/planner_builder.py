@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rnc_pin.applications.scenario.controllers.plan_feedback import PlanFeedbackSettings
-from rnc_pin.applications.scenario.frame_poses import frame_poses
 from rnc_pin.applications.scenario.motion_problem import bounds_of, check_output_names, goal_of
+from rnc_pin.applications.scenario.output_references import frame_poses
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.planner_settings import OptimalPlanner
 from rnc_pin.applications.scenario.schema.reference_settings import VehiclePath

@@ -6,6 +6,7 @@ import os
 import re
 import tracemalloc
 import zipfile
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -383,6 +384,24 @@ def run_file(tmp_path_factory):
     return path
 
 
+@contextmanager
+def little_memory():
+    """Fail if the block allocates 20 MB at a time."""
+    tracemalloc.start()
+    try:
+        yield
+        assert tracemalloc.get_traced_memory()[1] < 20 * 2**20
+    finally:
+        tracemalloc.stop()
+
+
+def rewritten(run_file, path, change):
+    """A run whose arrays are changed by a function."""
+    with np.load(run_file) as file:
+        np.savez(path, **change(dict(file)))
+    return path
+
+
 def archive(path, arrays):
     """An .npz of zeros: shape and dtype that its headers say, and the bytes that there are, by name."""
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
@@ -414,14 +433,8 @@ BOMBS = {
 def test_archives_that_would_fill_memory_are_refused_before_they_do(what, tmp_path):
     arrays, reason = BOMBS[what]
     path = archive(tmp_path / "t.npz", arrays)
-    tracemalloc.start()
-    try:
-        with pytest.raises(rnc.ConfigurationError, match=re.escape(reason)):
-            rnc.Trajectory.load(path)
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert peak < 20 * 2**20
+    with little_memory(), pytest.raises(rnc.ConfigurationError, match=re.escape(reason)):
+        rnc.Trajectory.load(path)
 
 
 def test_headers_of_arrays_are_short(tmp_path):
@@ -431,13 +444,8 @@ def test_headers_of_arrays_are_short(tmp_path):
         member.write(np.lib.format.magic(2, 0) + (2**26).to_bytes(4, "little"))
         for _ in range(2**6):
             member.write(b" " * 2**20)
-    tracemalloc.start()
-    try:
-        with pytest.raises(rnc.ConfigurationError, match="'time' is not an array of numbers"):
-            rnc.Trajectory.load(path)
-        assert tracemalloc.get_traced_memory()[1] < 20 * 2**20
-    finally:
-        tracemalloc.stop()
+    with little_memory(), pytest.raises(rnc.ConfigurationError, match="'time' is not an array of numbers"):
+        rnc.Trajectory.load(path)
 
 
 @pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
@@ -457,13 +465,8 @@ def test_a_directory_that_says_less_than_there_is_gains_nothing(tmp_path):
     for size in (2**26 + 128, 2**26):
         content = content.replace(size.to_bytes(4, "little"), (128 + 32).to_bytes(4, "little"))
     path.write_bytes(content)
-    tracemalloc.start()
-    try:
-        with pytest.raises(rnc.ConfigurationError, match="not a trajectory"):
-            rnc.Trajectory.load(path)
-        assert tracemalloc.get_traced_memory()[1] < 20 * 2**20
-    finally:
-        tracemalloc.stop()
+    with little_memory(), pytest.raises(rnc.ConfigurationError, match="not a trajectory"):
+        rnc.Trajectory.load(path)
 
 
 def test_a_large_run_loads_where_it_is_asked_for(run_file, tmp_path, monkeypatch):
@@ -493,31 +496,26 @@ def test_a_large_run_loads_where_it_is_asked_for(run_file, tmp_path, monkeypatch
     ],
 )
 def test_meta_that_is_crafted_is_refused_in_a_line(change, run_file, tmp_path):
-    with np.load(run_file) as file:
-        arrays = dict(file)
-    meta = json.dumps(change(json.loads(str(arrays.pop("meta")))))
-    np.savez(tmp_path / "t.npz", **arrays, meta=np.array(meta))
+    def crafted(arrays):
+        return {**arrays, "meta": np.array(json.dumps(change(json.loads(str(arrays["meta"])))))}
+
     with pytest.raises(rnc.RncError) as raised:
-        rnc.Trajectory.load(tmp_path / "t.npz")
+        rnc.Trajectory.load(rewritten(run_file, tmp_path / "t.npz", crafted))
     assert str(raised.value).isprintable()
     assert len(str(raised.value)) < 1000
 
 
 @pytest.mark.parametrize("meta", ["[" * 100_000, "{", "NaN", '{"names": ' * 5000])
 def test_meta_that_is_no_mapping_is_refused(meta, run_file, tmp_path):
-    with np.load(run_file) as file:
-        arrays = dict(file)
-    np.savez(tmp_path / "t.npz", **{**arrays, "meta": np.array(meta)})
+    path = rewritten(run_file, tmp_path / "t.npz", lambda arrays: {**arrays, "meta": np.array(meta)})
     with pytest.raises(rnc.ConfigurationError, match="not a trajectory"):
-        rnc.Trajectory.load(tmp_path / "t.npz")
+        rnc.Trajectory.load(path)
 
 
 def test_time_that_runs_backwards_is_refused(run_file, tmp_path):
-    with np.load(run_file) as file:
-        arrays = dict(file)
-    np.savez(tmp_path / "t.npz", **{**arrays, "time": arrays["time"][::-1]})
+    path = rewritten(run_file, tmp_path / "t.npz", lambda arrays: {**arrays, "time": arrays["time"][::-1]})
     with pytest.raises(rnc.ConfigurationError, match="runs backwards"):
-        rnc.Trajectory.load(tmp_path / "t.npz")
+        rnc.Trajectory.load(path)
 
 
 def test_every_error_is_one_printable_line_of_bounded_length():

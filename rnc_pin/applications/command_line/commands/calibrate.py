@@ -9,18 +9,17 @@ from pathlib import Path
 import click
 import yaml
 from rich.console import Console
-from rich.table import Table
 
 from rnc_pin.applications.command_line.commands.compare import MeasuredLog, print_path_errors
 from rnc_pin.applications.command_line.messages import print_json
-from rnc_pin.applications.scenario.files import parse_options, with_options
+from rnc_pin.applications.command_line.tables import print_table
+from rnc_pin.applications.scenario.files import parse_options, urdf_path, with_options
 from rnc_pin.applications.scenario.output_folder import OutputFolder
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.identification import Calibration, calibrate, compare, named_numbers
 from rnc_pin.io import Json, dump_json
 from rnc_pin.logs import LogMapping
-from rnc_pin.robots import example_urdfs, find_urdf
 
 _SCENARIO, _URDF, _MAPPING, _REPORT = "scenario.yaml", "robot.urdf", "mapping.yaml", "calibration.json"
 
@@ -93,13 +92,13 @@ def _write(
         with folder.writing() as fresh:
             raw = with_options(scenario.raw, _new_radii(scenario, found))
             if found.has_new_places:
-                source = _urdf_of(scenario)
+                source = _writable_urdf(scenario)
                 found.write_urdf(source, fresh / _URDF)
                 kept = {key: value for key, value in _entry(raw).items() if key not in ("urdf", "example")}
                 packages = [*_packages(scenario), str(source.parent)]
                 raw["robot"] = {"urdf": _URDF, **kept, "package_dirs": list(dict.fromkeys(packages))}
             elif "urdf" in _entry(raw):
-                raw["robot"] = {**_entry(raw), "urdf": str(find_urdf(str(_entry(raw)["urdf"]), scenario.folder))}
+                raw["robot"] = {**_entry(raw), "urdf": str(urdf_path(_entry(raw), scenario.folder))}
             (fresh / _SCENARIO).write_text(yaml.safe_dump(raw, sort_keys=False), encoding="utf-8")
             if found.corrections:
                 text = yaml.safe_dump(_mapping(measured, found), sort_keys=False)
@@ -136,17 +135,15 @@ def _packages(scenario: Scenario) -> list[str]:
     return [str((scenario.folder / each).resolve()) for each in scenario.content.robot.package_dirs]
 
 
-def _urdf_of(scenario: Scenario) -> Path:
+def _writable_urdf(scenario: Scenario) -> Path:
     """URDF of a scenario's robot."""
-    robot = scenario.content.robot
-    if robot.example is not None:
-        return example_urdfs()[robot.example]
-    if robot.urdf is None or robot.urdf.endswith(".xacro"):
+    path, robot = urdf_path(_entry(scenario.raw), scenario.folder), scenario.content.robot
+    if path is None or path.suffix == ".xacro":
         raise ConfigurationError(
             f"{robot.mjcf or robot.urdf}: places of joints can be written into a URDF only; remove --out, "
             "and put the printed numbers into the file"
         )
-    return find_urdf(robot.urdf, scenario.folder)
+    return path
 
 
 def _mapping(measured: MeasuredLog, found: Calibration) -> dict[str, Json]:
@@ -166,15 +163,11 @@ def _mapping(measured: MeasuredLog, found: Calibration) -> dict[str, Json]:
 def _print(system: str, log: Path, found: Calibration) -> None:
     console = Console(markup=False, emoji=False)
     click.echo(f"{system} calibrated with {log}\n")
-    numbers = Table(title="numbers", title_justify="left", title_style="bold")
-    for heading in ("number", "file", "estimate", "standard deviation"):
-        numbers.add_column(heading)
+    rows = []
     for name, unit, *values in zip(found.names, found.units, found.nominal, found.values, found.std, strict=True):
-        before, value, std = (
-            f"{each:.{digits}g} {unit}".strip() for each, digits in zip(values, (6, 6, 2), strict=True)
-        )
-        numbers.add_row(name, before, value, std)
-    console.print(numbers, highlight=False)
+        figures = zip(values, (6, 6, 2), strict=True)
+        rows.append((name, *(f"{each:.{digits}g} {unit}".strip() for each, digits in figures)))
+    print_table(console, "numbers", ("number", "file", "estimate", "standard deviation"), rows)
     print_path_errors(console, "with", found.errors)
     words, deviation = found.combinations[0]
     click.echo(f"worst known: {words}, standard deviation {deviation:.2g} of its size")

@@ -9,9 +9,9 @@ from pathlib import Path
 import click
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from rnc_pin.applications.command_line.messages import print_json
+from rnc_pin.applications.command_line.tables import print_table
 from rnc_pin.applications.scenario.files import parse_options
 from rnc_pin.applications.scenario.output_folder import OutputFolder
 from rnc_pin.applications.scenario.pictures import ANIMATION
@@ -156,30 +156,25 @@ def _print(system: str, log: Path, found: Comparison) -> None:
     print_path_errors(console, "windows", named)
     every = (*found.suspects, *(() if found.energy is None else found.energy.suspects))
     if every:
-        suspects = Table(title="numbers that explain the error", title_justify="left", title_style="bold")
-        for heading in ("number", "model", "fit", "explained"):
-            suspects.add_column(heading)
-        for each in every:
-            numbers = (f"{value:.6g} {each.unit}".strip() for value in (each.nominal, each.value))
-            suspects.add_row(each.name, *numbers, f"{each.explained:.0%}")
-        console.print(suspects, highlight=False)
-    slip = Table(title="slip of rows at the measured motion", title_justify="left", title_style="bold")
-    slip.add_column("row")
-    slip.add_column("over one second [m/s]")
-    for name, size in found.slip.items():
-        slip.add_row(name, f"{size:.2g}")
-    console.print(slip, highlight=False)
+        rows = [(each.name, *_values(each), f"{each.explained:.0%}") for each in every]
+        print_table(console, "numbers that explain the error", ("number", "model", "fit", "explained"), rows)
+    slip = [(name, f"{size:.2g}") for name, size in found.slip.items()]
+    print_table(console, "slip of rows at the measured motion", ("row", "over one second [m/s]"), slip)
     if found.energy is not None:
         click.echo(f"power balance: residual {found.energy.imbalance:.2g} of the exchanged energy")
     if found.unused_rows:
         click.echo(f"rows of joints that are not measured: {', '.join(found.unused_rows)}")
 
 
+def _values(each: Suspect) -> list[str]:
+    return [f"{value:.6g} {each.unit}".strip() for value in (each.nominal, each.value)]
+
+
 def print_path_errors(console: Console, column: str, errors: Mapping[str, PathError]) -> None:
     """Print errors of a predicted path, one line for each name under the heading of the first column."""
-    table = Table(title="open-loop path from the measured joints", title_justify="left", title_style="bold")
-    for heading in (column, "mean [m]", "largest [m]", "heading [rad]"):
-        table.add_column(heading)
-    for name, error in errors.items():
-        table.add_row(name, f"{error.mean:.3g}", f"{error.largest:.3g}", f"{error.heading:.3g}")
-    console.print(table, highlight=False)
+    rows = [
+        (name, *(f"{each:.3g}" for each in (error.mean, error.largest, error.heading)))
+        for name, error in errors.items()
+    ]
+    columns = (column, "mean [m]", "largest [m]", "heading [rad]")
+    print_table(console, "open-loop path from the measured joints", columns, rows)

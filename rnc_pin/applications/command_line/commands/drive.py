@@ -13,8 +13,8 @@ from rich.console import Console
 from rnc_pin.applications.command_line.messages import announce, complain, print_json, seconds_since_start, warn
 from rnc_pin.applications.command_line.progress import ProgressBar
 from rnc_pin.applications.command_line.run_end import report_verdict
-from rnc_pin.applications.command_line.status import FAILED
 from rnc_pin.applications.command_line.tables import print_elapsed, print_files, print_summary
+from rnc_pin.applications.command_line.termination import FAILED
 from rnc_pin.applications.drive.log import CommandQueue, RecordedDrive, read_drive, write_drive
 from rnc_pin.applications.drive.page import DrivePage
 from rnc_pin.applications.drive.preparation import PreparedDrive, prepare_drive, read_source, rebuild_drive

@@ -12,8 +12,8 @@ import click
 
 from rnc_pin.applications.command_line.new_file import check_new_file
 from rnc_pin.applications.command_line.run_end import report_findings
-from rnc_pin.applications.command_line.status import DONE
 from rnc_pin.applications.command_line.tables import print_summary
+from rnc_pin.applications.command_line.termination import DONE
 from rnc_pin.applications.command_line.watching import close, live_view
 from rnc_pin.applications.scenario.saved_run import Run, animation_of, compared, load_run, run_names, view_of
 from rnc_pin.errors import ConfigurationError

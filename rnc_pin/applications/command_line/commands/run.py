@@ -10,8 +10,8 @@ from rich.console import Console
 from rnc_pin.applications.command_line.messages import announce, complain, print_json, seconds_since_start, warn
 from rnc_pin.applications.command_line.progress import ProgressBar
 from rnc_pin.applications.command_line.run_end import report_verdict
-from rnc_pin.applications.command_line.status import FAILED
 from rnc_pin.applications.command_line.tables import print_elapsed, print_files, print_summary
+from rnc_pin.applications.command_line.termination import FAILED
 from rnc_pin.applications.scenario.execution import Result, data_names, execute, write
 from rnc_pin.applications.scenario.files import accept_option, parse_options, plant_option
 from rnc_pin.applications.scenario.output_folder import OutputFolder

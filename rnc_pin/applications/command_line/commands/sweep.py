@@ -11,8 +11,8 @@ from rich.console import Console
 
 from rnc_pin.applications.command_line.messages import complain, print_json
 from rnc_pin.applications.command_line.progress import ProgressBar
-from rnc_pin.applications.command_line.status import DONE, FAILED
 from rnc_pin.applications.command_line.tables import print_sweep_statistics
+from rnc_pin.applications.command_line.termination import DONE, FAILED
 from rnc_pin.applications.scenario.files import accept_option, parse_options, plant_option
 from rnc_pin.applications.sweep import SweepResults, sweep
 from rnc_pin.applications.sweep.reports import failure_lines
