@@ -33,6 +33,7 @@ _STARTING = 1.0  # time from rest to the largest velocities [s]
 _CHECK = 0.5  # time between two predictions of the end [s]
 _CLEAR = 0.03  # clearance of plans beyond that of the program [m]
 _MOVES = 1e-9
+_AT_REST = 1e-3  # largest velocity of other joints in a plan: they follow their own goals
 
 
 class Parking(NamedTuple):
@@ -160,7 +161,7 @@ class ParkingPlanner:
         at, robot = self.reduced.at(q), self.reduced.robot
         rows = self.base.rates(base_rows(robot, self.base.frame, at), robot)
         found = (np.abs(np.linalg.pinv(rows @ at.R)) * [speed, turn, speed]).max(axis=1)
-        return np.where(found > _MOVES, found, np.inf)
+        return np.where(found > _MOVES, found, _AT_REST)
 
     def _own(self, measurement: Measurement) -> Measurement:
         """Measurement without the velocities of other joints: the base stands while an arm moves."""

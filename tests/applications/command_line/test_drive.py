@@ -134,7 +134,7 @@ def test_a_user_drives_from_a_real_browser(browser):
         # A slider asks for more than the velocity limit: the joint's body turns orange, and a list names the limit.
         assert page.evaluate(BODY_COLOR) != ORANGE
         page.evaluate(
-            "const s = document.querySelectorAll('#drive .slider input')[0]; s.value = s.max;"
+            "const s = document.querySelector('#drive > .slider input'); s.value = s.max;"
             "s.dispatchEvent(new Event('input'))"
         )
         assert eventually(lambda: kinds(drive_)[-1][0] == "joint_goal")

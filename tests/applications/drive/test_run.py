@@ -107,6 +107,17 @@ def test_a_base_of_any_kind_drives_to_a_point_with_a_heading_and_stops(source, t
     assert 0.2 < speed.max() < 0.55  # of the base speed, 0.5 m/s, with feedback
 
 
+def test_a_base_with_a_heading_keeps_clear_of_an_obstacle_while_the_arm_keeps_its_posture():
+    post = {"cylinder": {"name": "post", "radius": 0.1, "length": 3.0, "position": [1.2, 0.6, 0.5]}}
+    goal, period = {"kind": "base_goal", "x": 2.5, "y": 1.2, "heading": 1.2}, 0.04
+    run = prepared("mobile-manipulator", [(0, goal)], simulation__dt=period, obstacles=[post])
+    trajectory = drive(run, samples=round(13 / period)).trajectory
+    np.testing.assert_allclose(pose_of(run, trajectory.q[-1]), [2.5, 1.2, 1.2], atol=0.01)
+    assert np.abs(trajectory.q[:, 4:] - trajectory.q[0, 4:]).max() < 0.02
+    (obstacle,) = run.scenario.experiment.obstacles
+    assert 0.04 < distance_to(run, trajectory.q, obstacle, trajectory.time).min() < 0.2  # 0.05 m at the nodes
+
+
 def test_a_key_moves_the_base_until_half_a_second_after_the_last_command():
     run = manipulator([(10, {"kind": "base_velocity", "forward": 1.0, "turn": 0.0})])
     trajectory = drive(run, samples=150).trajectory
