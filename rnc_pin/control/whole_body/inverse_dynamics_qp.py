@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 from numpy import ndarray as Array
 
-from rnc_pin.analysis.contact_force_set import ContactForceSet
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Description, elapsed_time, listed
 from rnc_pin.control.whole_body.braking_motion import BrakedSample, Braking, BrakingCount
+from rnc_pin.control.whole_body.contact_cones import ContactBounds, ContactCones
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.limit_stack import ProgramBounds
 from rnc_pin.control.whole_body.limits.control_limit import ControlLimit, LimitRows
@@ -31,78 +32,10 @@ from rnc_pin.model.parameter_types import Positive
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 
-_SIDES = 8  # of the pyramid inside a friction cone
-_RANK = 1e-10
 _CORRECTIONS = 4  # of the velocity at the end of a sample, each smaller by a factor of order dt
 _BEYOND = 1e-9  # excess over a limit of motion that is rounding
-
-
-class ContactBounds(NamedTuple):
-    """Conditions ``rows [T; z] <= upper`` of the ground on inputs T and on undetermined contact forces z."""
-
-    rows: Float[Array, "k x"]
-    upper: Float[Array, " k"]
-    unknowns: int
-    """Number of undetermined contact forces z."""
-
-
-class ContactCones:
-    """Conditions of the ground on the contact forces of a model: normal forces push, friction stays in its cone.
-
-    With the constraint forces ``A^T lambda`` of the dynamics, and the balance of a planar base upwards and about the
-    axes along the ground, the forces y of all contacts satisfy ``W y = y0 + Y T``. Rigid bodies leave some of them
-    undetermined, e.g. for two wheels on one axle. So the program has these undetermined parts as unknowns beside the
-    inputs.
-
-    The cone is a pyramid of eight sides inside the true cone. Contacts are those of ``NormalForces``: wheels, balls,
-    blades, casters.
-
-    Args:
-        reduced: the model.
-        friction: coefficient of friction of the ground; None if only the normal forces matter.
-
-    Attributes:
-        names: name of each condition, (k,).
-    """
-
-    def __init__(self, reduced: ReducedModel, friction: float | None) -> None:
-        self._reduced, self._friction = reduced, friction or 0.0
-        self._forces = ContactForceSet(reduced)
-        self._normal = self._forces.normal
-        self._carrying = [self._forces.contacts.index(each) for each in self._normal.contacts]
-        self._gripping = [
-            (place, len(contact.along))
-            for place, contact in enumerate(self._forces.contacts)
-            if friction is not None and place in self._carrying and contact.along
-        ]
-        names = [f"{name} normal force" for name in self._normal.names]
-        for place, along in self._gripping:
-            names += [f"{self._forces.names[place]} friction"] * (2 if along == 1 else _SIDES)
-        self.names = tuple(names)
-
-    def at(self, state: StateEvaluation) -> ContactBounds:
-        """Return the conditions at one state."""
-        p = self._reduced.p
-        if not self.names:
-            return ContactBounds(np.zeros((0, p)), np.zeros(0), 0)
-        effects, needed = self._forces.equations(state, np.vstack([np.zeros(p), np.eye(p)]))
-        left, values, right = np.linalg.svd(effects[0])
-        rank = int((values > _RANK * values[0]).sum())
-        inverse = right[:rank].T @ (left[:, :rank] / values[:rank]).T
-        # All contact forces: constant part, gain of T, gain of z.
-        unknowns = np.column_stack([inverse @ needed[0], inverse @ (needed[1:] - needed[0]).T, right[rank:].T])
-        forces = self._forces.selection @ unknowns
-        rows = [-forces[self._carrying, 0]]
-        for place, along in self._gripping:
-            sides = 2 if along == 1 else _SIDES
-            angles = 2 * np.pi * np.arange(sides) / sides
-            across = np.cos(angles)[:, None] * forces[place, 1]
-            if along > 1:
-                across = across + np.sin(angles)[:, None] * forces[place, 2]
-            inside = self._friction * (1.0 if sides == 2 else np.cos(np.pi / sides))
-            rows.append(across - inside * forces[place, 0])
-        whole = np.vstack(rows)
-        return ContactBounds(whole[:, 1:], -whole[:, 0], unknowns.shape[1] - 1 - p)
+_ACCURATE = 1e-8  # [rad/s, m/s, per second] error of predicted velocities, below that of a plant's default
+_MOST_STEPS = 64  # Runge-Kutta steps in a sample
 
 
 class InverseDynamicsState(NamedTuple):
@@ -158,8 +91,8 @@ class InverseDynamicsQP(WholeBodyProgram):
     the ground, normal forces push, and with ``friction`` every contact stays in its friction cone. The ground's
     conditions come next; ``VelocityQP`` has the order of the other limits. ``report`` tells which limits gave way.
 
-    Tasks use the acceleration at the start of the sample. Limits of motion hold for the velocity at its end: if one
-    Runge-Kutta step of the dynamics exceeds them, the program is solved again with the difference.
+    Tasks use the acceleration at the start of the sample. Limits of motion hold for the velocity at its end: if the
+    integrated dynamics exceed them, the program is solved again with the difference.
 
     Before a sample is executed, a braking motion from its end is rolled out on the model. If a limit would give way,
     the braking motion that was verified one sample before takes the place of the program. ``state.braking`` counts
@@ -341,18 +274,25 @@ class InverseDynamicsQP(WholeBodyProgram):
             )
 
         found = best = solved(motion, multipliers)
-        least, best_end = np.inf, None
+        least, best_end, averaged = np.inf, None, self._limits.averaged[motion.places]
         for _ in range(_CORRECTIONS + 1 if len(motion.lower) else 0):
             end = self._end(state, found.unknowns[:p])
             reached = rows.jacobian @ end.v
-            beyond = np.maximum(reached - rows.upper, rows.lower - reached) - found.excess[motion.places]
+            mean = np.where(averaged, rows.jacobian @ self._mean_velocity(state, end), reached)
+            beyond = np.maximum(np.maximum(reached, mean) - rows.upper, rows.lower - np.minimum(reached, mean))
+            beyond -= found.excess[motion.places]
             if not beyond.max() < least:
                 break  # near singular coordinates, corrections need not converge
             best, best_end, least = found, end, float(beyond.max())
             if least <= _BEYOND:
                 break
-            error = reached - rows.jacobian @ (sample.end.R @ (offset + gain @ found.unknowns) + sample.end.b)
-            corrected = motion._replace(lower=motion.lower - error, upper=motion.upper - error)
+            expected = rows.jacobian @ (sample.end.R @ (offset + gain @ found.unknowns) + sample.end.b)
+            # A change of the velocity at the end changes the mean by half of it.
+            above, below = (np.where(averaged, 2.0 * mean - each, reached) for each in (rows.upper, rows.lower))
+            corrected = motion._replace(
+                lower=motion.lower - np.minimum(reached, below) + expected,
+                upper=motion.upper - np.maximum(reached, above) + expected,
+            )
             found = solved(corrected, found.multipliers)
         found = best
         largest = self._reduced.actuation.limits
@@ -360,20 +300,37 @@ class InverseDynamicsQP(WholeBodyProgram):
         return InputSolution(T, offset + gain @ found.unknowns, found.multipliers, found.excess, best_end)
 
     def _end(self, state: StateEvaluation, T: Array) -> StateEvaluation:
-        """State at the end of the sample under constant inputs, by one Runge-Kutta step."""
+        """State at the end of the sample under constant inputs, by as many Runge-Kutta steps as it needs."""
+        steps, coarse = 1, self._integrated(state, T, 1)[1]
+        while True:
+            steps *= 2
+            q, v2 = self._integrated(state, T, steps)
+            error = np.abs(v2 - coarse).max(initial=0.0) / 15.0  # of order four: twice the steps leave a sixteenth
+            if error <= _ACCURATE * self.dt or steps >= _MOST_STEPS:
+                return self._reduced.at(q, v2)
+            coarse = v2
+
+    def _integrated(self, state: StateEvaluation, T: Array, steps: int) -> tuple[Array, Array]:
+        """Configuration and reduced velocity at the end of the sample, by a number of Runge-Kutta steps."""
         reduced = self._reduced
         start = np.concatenate([state.v2, np.zeros(reduced.vertical.size + 1)])
-        found = reduced.evaluator.integrate(np.array(state.q), start, np.ascontiguousarray(T), self.dt, 1)
+        found = reduced.evaluator.integrate(np.array(state.q), start, np.ascontiguousarray(T), self.dt / steps, steps)
         if found is not None:
             q, y, _ = found
-        else:
+            return q, y[: reduced.r]
 
-            def rate(q: Array, v2: Array) -> tuple[Array, Array]:
-                here = reduced.at(q, v2)
-                return here.v, here.v2_dot(T)
+        def rate(q: Array, v2: Array) -> tuple[Array, Array]:
+            here = reduced.at(q, v2)
+            return here.v, here.v2_dot(T)
 
-            q, y = self._integrator.step(rate, state.q, np.array(state.v2), self.dt)
-        return reduced.at(q, y[: reduced.r])
+        q, v2 = state.q, np.array(state.v2)
+        for _ in range(steps):
+            q, v2 = self._integrator.step(rate, q, v2, self.dt / steps)
+        return q, v2
+
+    def _mean_velocity(self, start: StateEvaluation, end: StateEvaluation) -> Float[Array, " nv"]:
+        """Mean velocity from a state to another one, a sample later."""
+        return np.asarray(pin.difference(self._reduced.robot.model, start.q, end.q)) / self.dt
 
     # ------------------------------------------------------------------ braking
 
@@ -381,7 +338,8 @@ class InverseDynamicsQP(WholeBodyProgram):
         """End of a sample under the inputs of a solution, and the limits that it exceeds."""
         end = found.end or self._end(program.sample.start, found.T)
         exceeded = np.zeros(len(self.limit_names))
-        exceeded[: len(self._limits.names)] = self._limits.exceeded(end, program.sample.time, program.rows)
+        mean = self._mean_velocity(program.sample.start, end)
+        exceeded[: len(self._limits.names)] = self._limits.exceeded(end, program.sample.time, program.rows, mean)
         ground = self._forces[1]
         exceeded[ground] = found.excess[ground]
         return BrakedSample(found.T, end.q, end.v2, float(np.abs(end.v).max(initial=0.0)), exceeded)

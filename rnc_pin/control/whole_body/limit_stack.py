@@ -59,6 +59,7 @@ class LimitStack:
 
     Attributes:
         names: name of each row, (k,).
+        averaged: mask of the rows whose bounds hold for the mean velocity over the sample too, (k,).
     """
 
     def __init__(self, limits: Sequence[ControlLimit], reduced: ReducedModel) -> None:
@@ -68,6 +69,7 @@ class LimitStack:
         self._bound = [each.bind(reduced) for each in limits]
         sizes = [len(each.names) for each in self._bound]
         self.names = distinct([name for each in self._bound for name in each.names])
+        self.averaged = np.repeat([each.averaged for each in self._bound], sizes).astype(bool)
         stops = np.cumsum([0, *sizes])
         self._places = [np.arange(stop - size, stop) for stop, size in zip(stops[1:], sizes, strict=True)]
         ranks = np.repeat([-1 if each.hard else each.priority for each in limits], sizes).astype(int)
@@ -106,20 +108,23 @@ class LimitStack:
             low, high = low - offset, high - offset
         return ProgramBounds(J @ sample.end.R, low, high, places, len(self.names))
 
-    def exceeded(self, state: StateEvaluation, time: float, rows: LimitRows | None = None) -> Float[Array, " k"]:
+    def exceeded(
+        self, state: StateEvaluation, time: float, rows: LimitRows | None = None, mean: Array | None = None
+    ) -> Float[Array, " k"]:
         """Return the amount by which a state exceeds each limit (k,); zero if it satisfies the limit.
 
         Args:
             state: the state.
             time: its time [s].
             rows: rows of the sample that led to the state, for limits that its velocity decides; None for a start.
+            mean: mean velocity (nv,) over this sample; None for a start.
         """
         found = np.zeros(len(self.names))
         if rows is not None:
             reached = rows.jacobian @ state.v
             found[rows.places] = np.maximum(reached - rows.upper, rows.lower - reached)
         for limit, where in zip(self._bound, self._places, strict=True):
-            own = limit.exceeded_by(state, time)
+            own = limit.exceeded_by(state, time, mean)
             if own is not None:
                 found[where] = own
         return np.maximum(found, 0.0)

@@ -58,6 +58,8 @@ def test_a_weak_telescopic_arm_keeps_its_limits_among_people_who_walk():
         used = run.info.braking
         assert used is None or used.unverified == 0
         assert max(use.excess for use in replay.uses) <= 1e-6
+        mean = np.abs(np.diff(run.q, axis=0)) / np.diff(run.time)[:, None]  # inputs that are held let velocities bulge
+        assert (mean <= reduced.robot.model.upperVelocityLimit).all()
         nearest = replay.nearest(obstacle=True)
         assert nearest is None or nearest.distance > CLEARANCE - 1e-4
         assert run.verdict.succeeded

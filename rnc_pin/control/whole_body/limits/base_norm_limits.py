@@ -97,7 +97,9 @@ class _BoundNorm(BoundLimit):
             upper = sample.dt * upper + _NORMALS @ at_start
         return LimitRows(jacobian, np.full(_SIDES, -np.inf), upper)
 
-    def exceeded_by(self, state: StateEvaluation, time: float) -> Float[Array, " k"] | None:
+    def exceeded_by(
+        self, state: StateEvaluation, time: float, mean: Float[Array, " nv"] | None = None
+    ) -> Float[Array, " k"] | None:
         if self._of_change:
             return None
         speed = float(np.linalg.norm(state.position.jacobian(self._frame)[:2] @ state.v))

@@ -127,7 +127,9 @@ class BoundCollisionAvoidance(BoundLimit):
             places = places + number * len(self.clearances)
         return LimitRows(near.jacobian, lower, np.full(len(lower), np.inf), places)
 
-    def exceeded_by(self, state: StateEvaluation, time: float) -> Float[np.ndarray, " k"]:
+    def exceeded_by(
+        self, state: StateEvaluation, time: float, mean: Float[np.ndarray, " nv"] | None = None
+    ) -> Float[np.ndarray, " k"]:
         near, found = self.distances.at(state, time, self._nearest), np.zeros(len(self.names))
         found[near.pairs] = self.clearances[near.pairs] - near.distance
         return found

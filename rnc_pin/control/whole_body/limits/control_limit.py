@@ -32,15 +32,19 @@ class BoundLimit(ABC):
 
     Attributes:
         names: name of each row, (k,), e.g. "elbow position".
+        averaged: True if the bounds hold for the mean velocity over the sample too.
     """
 
     names: tuple[str, ...]
+    averaged: ClassVar[bool] = False
 
     @abstractmethod
     def rows(self, sample: ControlSample) -> LimitRows:
         """Return the rows at the end of a sample. An idle row has infinite bounds, or is not among ``places``."""
 
-    def exceeded_by(self, state: StateEvaluation, time: float) -> Float[Array, " k"] | None:
+    def exceeded_by(
+        self, state: StateEvaluation, time: float, mean: Float[Array, " nv"] | None = None
+    ) -> Float[Array, " k"] | None:
         """Return the amount by which a state exceeds each limit, negative or zero for the others.
 
         Rows can be stricter than a limit: they plan to stop in time. By default, None: a state exceeds the limit if
@@ -49,6 +53,7 @@ class BoundLimit(ABC):
         Args:
             state: the state.
             time: its time [s].
+            mean: mean velocity over the sample that led to it; None for a start.
         """
         return None
 

@@ -101,7 +101,9 @@ class _BoundPositions(BoundLimit):
         upper, lower = velocity_to_stop(room, limits[2], sample.dt)
         return LimitRows(self._jacobian, -lower, upper)
 
-    def exceeded_by(self, state: StateEvaluation, time: float) -> Float[Array, " k"]:
+    def exceeded_by(
+        self, state: StateEvaluation, time: float, mean: Float[Array, " nv"] | None = None
+    ) -> Float[Array, " k"]:
         q, (lower, upper) = state.q[self._q], self._ends
         return np.maximum(q - upper, lower - q)
 

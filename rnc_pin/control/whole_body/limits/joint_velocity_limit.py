@@ -23,6 +23,8 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 class JointVelocityLimit(ControlLimit):
     """Velocity limits of joints, from the robot's file by default. A hard limit.
 
+    ``InverseDynamicsQP`` keeps it for the mean velocity over each sample too.
+
     Args:
         joints: names; by default every joint with a velocity limit in the file, or every joint of one degree of freedom
             if ``limit`` is given.
@@ -57,6 +59,8 @@ class JointVelocityLimit(ControlLimit):
 
 
 class _BoundVelocities(BoundLimit):
+    averaged = True
+
     def __init__(self, limit: JointVelocityLimit, reduced: ReducedModel) -> None:
         indices, largest = limited_velocities(reduced.robot, limit.joints, limit.limit)
         used = (1.0 - limit.margin) * largest
@@ -68,5 +72,10 @@ class _BoundVelocities(BoundLimit):
     def rows(self, sample: ControlSample) -> LimitRows:
         return self._rows
 
-    def exceeded_by(self, state: StateEvaluation, time: float) -> Float[np.ndarray, " k"]:
-        return np.abs(state.v[self._indices]) - self._largest
+    def exceeded_by(
+        self, state: StateEvaluation, time: float, mean: Float[np.ndarray, " nv"] | None = None
+    ) -> Float[np.ndarray, " k"]:
+        fastest = np.abs(state.v[self._indices])
+        if mean is not None:
+            fastest = np.maximum(fastest, np.abs(mean[self._indices]))
+        return fastest - self._largest

@@ -72,7 +72,9 @@ class _BoundRegion(BoundLimit):
         jacobian = self._normals @ at.jacobian(self._frame)[:3]
         return LimitRows(jacobian, self._below, self._gain * distance)
 
-    def exceeded_by(self, state: StateEvaluation, time: float) -> Float[np.ndarray, " k"]:
+    def exceeded_by(
+        self, state: StateEvaluation, time: float, mean: Float[np.ndarray, " nv"] | None = None
+    ) -> Float[np.ndarray, " k"]:
         return self._normals @ state.position.placement(self._frame).translation - self._offsets
 
 
