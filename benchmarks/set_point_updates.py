@@ -250,9 +250,7 @@ def main() -> None:
         peer = casadi_time(name)
         said = peer if isinstance(peer, str) else f"{1e3 * peer:.1f}"
         print(f"| {name} | {1e3 * update_time(name):.1f} | {said} |", flush=True)
-    print(
-        f"\n| updates from {DRAWN} drawn starts [ms] | median | largest (count) | at bounds: median, largest | searches |"
-    )
+    print(f"\n| updates from {DRAWN} starts [ms] | median | largest (count) | at bounds: median, largest | searches |")
     print("|---|---|---|---|---|")
     for name in _EQUATIONS:
         print(drawn_row(name), flush=True)
