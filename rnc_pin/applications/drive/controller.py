@@ -222,7 +222,7 @@ class DriveState(NamedTuple):
     program: ProgramState
     parking: Parking | None = None
     problem: str = ""
-    """Why the base has no goal with a heading any more, or no plan to it; empty if it has one, or needs none."""
+    """Reason why the base lost its goal with a heading, or has no plan to it; empty without one."""
 
 
 class DriveController:
@@ -329,7 +329,7 @@ class DriveController:
     def _parked(
         self, goals: DriveGoals, t: float, measurement: Measurement, state: DriveState
     ) -> tuple[DriveGoals, Parking | None, str]:
-        """Goals, motion to the goal of the base with a heading, and what keeps the base from it."""
+        """Goals, motion to the goal of the base with a heading, and the reason if there is none."""
         self._board.v2 = None
         if goals.base_goal is None or goals.heading is None or self._parking is None:
             return goals, None, state.problem

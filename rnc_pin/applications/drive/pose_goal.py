@@ -52,7 +52,7 @@ class Parking(NamedTuple):
 
     @property
     def problem(self) -> str:
-        """What keeps the base from its goal; empty if it follows a plan, or has not searched in vain."""
+        """Reason why the base waits; empty if it follows a plan, or no search was in vain."""
         if self.state.mode == "follow" or not self.state.failures:
             return ""
         count = self.state.failures

@@ -29,7 +29,7 @@ class DriveStatus(NamedTuple):
     refused: str
     """Last command that was refused; empty if there is none."""
     parking: str = ""
-    """What keeps the base from its goal with a heading; empty if nothing does."""
+    """Reason why the base does not drive to its goal with a heading; empty without one."""
 
     @property
     def limits(self) -> list[str]:
