@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import NamedTuple, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rnc_pin.applications.drive.base import DrivenBase, base_rows
 from rnc_pin.applications.drive.controls import DriveControls
@@ -26,6 +27,7 @@ from rnc_pin.optimal import (
     VelocityBound,
 )
 from rnc_pin.outputs import FramePosition, FrameYaw, JointPosition
+from rnc_pin.planning import OutputTarget
 
 _TOLERANCE = 4e-3  # error at rest above which it plans again [m or rad]
 _SPARE = 2.0  # time of a plan beyond that of its distances [s]
@@ -122,8 +124,9 @@ class ParkingPlanner:
         self, q: np.ndarray, goal: tuple[float, float, float], places: Sequence[Point], goals: DriveGoals
     ) -> SetPointController:
         reduced, frame, robot = self.reduced, self.base.frame, self.reduced.robot
-        shape = {JointPosition(name): robot.joint_values(self.q0)[name] for name in self.base.shape}
-        targets = {FramePosition(frame, "xy"): list(goal[:2]), FrameYaw(frame): goal[2], **shape}
+        targets: dict[OutputTarget, ArrayLike] = {FramePosition(frame, "xy"): list(goal[:2]), FrameYaw(frame): goal[2]}
+        for name in self.base.shape:
+            targets[JointPosition(name)] = robot.joint_values(self.q0)[name]
         point = SetPoint(reduced, targets)
         gains = dict(zip(self.controls.gains, goals.gains, strict=True))
         speed, turn = gains["base speed"], gains["turn rate"]
@@ -133,10 +136,7 @@ class ParkingPlanner:
             InputBound(-largest / _STARTING, largest / _STARTING),
         ]
         if self.obstacles:
-            bodies = [
-                replace(each, position=place, motion=None, yaw=each.motion.at(0.0).position[3])
-                for each, place in zip(self.obstacles, places, strict=True)
-            ]
+            bodies = [_placed(each, place) for each, place in zip(self.obstacles, places, strict=True)]
             distances = CollisionDistances(robot, bodies, PairSelection(links=False))
             bounds.append(DistanceBound(distances, self.clearance + _CLEAR))
         placed = reduced.at(q).position.placement(robot.frame_id(frame))
@@ -174,6 +174,12 @@ class ParkingPlanner:
         own = [robot.velocity_indices("root_joint"), *(robot.velocity_indices(name) for name in self.base.shape)]
         R = self.reduced.at(self.q0).R
         return np.array(np.abs(np.vstack([R[each] for each in own])).max(axis=0) > _MOVES)
+
+
+def _placed(obstacle: Obstacle, place: Point) -> Obstacle:
+    """Obstacle that rests at a place with the yaw that it has at the start."""
+    yaw = obstacle.yaw if obstacle.motion is None else float(obstacle.motion.at(0.0).position[3])
+    return replace(obstacle, position=place, yaw=yaw, motion=None)
 
 
 def _places(goals: DriveGoals, t: float) -> tuple[Point, ...]:
