@@ -6,17 +6,20 @@ Apart from its command, for its processes find by name what a run is made of.
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import with_options
 from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.plant_builder import build_plant
 from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.applications.sweep.scenario_runs import arguments_of
 from rnc_pin.errors import RncError
+from rnc_pin.simulation import Trajectory, simulate_many
+from rnc_pin.simulation.run_data import tracking_errors
 
 SCENARIOS: dict[str, dict[str, Any]] = {
     "space-robot": {
@@ -94,35 +97,26 @@ def spoiled(clean: Scenario, options: dict[str, Any]) -> Scenario:
     return clean.built_with(experiment=replace(before, scenario=scenario, plant=plant))
 
 
-def result(scenario: str, options: dict[str, Any]) -> tuple[str, float, bool, Any, Any]:
-    """Outcome, largest final error as a share of the way, whether anything was not a number, experiment and run."""
-    made = spoiled(prepared(scenario), options)
-    found = execute(made)
-    run, errors = found.trajectory, found.summary["final_error"]
+def final_error(run: Trajectory) -> float:
+    """Largest final error, as a share of the way."""
+    errors = {name: error[~np.isnan(error)] for name, error in tracking_errors(run).items()}
     ways = [np.ptp(getattr(run, kind), axis=0) for kind in ("x2", "x1")]
     names = [name for kind in ("x2", "x1") for name in run.info.outputs.of(kind).names]
     way = dict(zip(names, np.concatenate(ways), strict=True))
-    worst = max((error / max(way[name], 0.1) for name, error in errors.items()), default=np.nan)
-    broken = not all(np.isfinite(array).all() for array in (run.q, run.v, run.T))
-    message = found.summary.get("message", "")
-    return (
-        str(run.outcome) + (f": {message.split(' at ')[0][:60]}" if message else ""),
-        float(worst),
-        broken,
-        made.experiment,
-        run,
+    return max(
+        (float(abs(each[-1])) / max(way[name], 0.1) for name, each in errors.items() if len(each)), default=np.nan
     )
 
 
 def reference(scenario: str) -> dict[str, Any]:
     """The run without a fault, and what sizes of faults are measured by."""
-    outcome, error, _, experiment, run = result(scenario, {})
-    reduced = experiment.reduced
-    robot = reduced.robot
-    last = [name for name in robot.joint_names if name in reduced.actuation.names]
+    made = prepared(scenario)
+    run = simulate_many([arguments_of(spoiled(made, {}))])[0].trajectory
+    robot = made.experiment.reduced.robot
+    last = [name for name in robot.joint_names if name in made.experiment.reduced.actuation.names]
     return {
-        "outcome": outcome, "error": error, "duration": float(run.time[-1]), "peak": float(np.abs(run.T).max()),
-        "joint": (last or [robot.joint_names[-1]])[-1],
+        "outcome": str(run.outcome), "error": final_error(run), "duration": float(run.time[-1]),
+        "peak": float(np.abs(run.T).max()), "joint": (last or [robot.joint_names[-1]])[-1],
         "frame": robot.model.frames[-1].name, "mass": float(sum(each.mass for each in robot.model.inertias)),
     }  # fmt: skip
 
@@ -142,12 +136,24 @@ class Row(NamedTuple):
     """Whether it holds NaN."""
 
 
-def one(scenario: str, fault: str, run: int, clean: dict[str, Any]) -> Row:
-    """One run, its fault's size drawn by its number."""
-    size = float(np.random.default_rng([run, *fault.encode()]).uniform(0.0, LARGEST[fault]))
-    options = {"seed": run, "faults": spoilt(fault, size, clean)}
-    try:
-        outcome, error, broken, *_ = result(scenario, options)
-    except RncError as failure:
-        outcome, error, broken = f"refused: {failure}"[:80], np.nan, False
-    return Row(scenario, fault, run, size, outcome, error, broken)
+def rows_of(scenario: str, fault: str, numbers: Sequence[int], clean: dict[str, Any]) -> list[Row]:
+    """Runs whose sizes of a fault are drawn by their numbers. Those that fit together advance in lock-step."""
+    rows, runs, arguments = {}, [], []
+    for run in numbers:
+        size = float(np.random.default_rng([run, *fault.encode()]).uniform(0.0, LARGEST[fault]))
+        try:
+            made = spoiled(prepared(scenario), {"seed": run, "faults": spoilt(fault, size, clean)})
+            arguments.append(arguments_of(made))
+            runs.append((run, size))
+        except RncError as failure:
+            rows[run] = Row(scenario, fault, run, size, f"refused: {failure}"[:80], np.nan, False)
+    with np.errstate(over="ignore", invalid="ignore"):  # diverged values
+        for (run, size), found in zip(runs, simulate_many(arguments), strict=True):
+            if not found.started:
+                rows[run] = Row(scenario, fault, run, size, f"refused: {found.error}"[:80], np.nan, False)
+                continue
+            motion, message = found.trajectory, str(found.error or "")
+            outcome = str(found.outcome) + (f": {message.split(' at ')[0][:60]}" if message else "")
+            broken = not all(np.isfinite(array).all() for array in (motion.q, motion.v, motion.T))
+            rows[run] = Row(scenario, fault, run, size, outcome, final_error(motion), broken)
+    return [rows[run] for run in numbers]

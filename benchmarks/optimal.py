@@ -1,6 +1,6 @@
 """Optimal control: processor time of an iteration, known optima, random problems, predictive control, and feedback.
 
-Run it by ``python -m benchmarks.optimal iteration|optima|predictive``, or with a number of problems by
+Run it by ``python -m benchmarks.optimal iteration|optima|predictive|peers``, or with a number of problems by
 ``python -m benchmarks.optimal parking|docking|dubins|reeds-shepp|turning|regions N``. Without a name all run.
 """
 
@@ -15,6 +15,7 @@ import numpy as np
 
 import rnc_pin as rnc
 from benchmarks.path_lengths import compare
+from benchmarks.plan_peers import peers
 from benchmarks.planned_models import car, knife_edge, mobile_manipulator, tractor
 from benchmarks.regions import regions
 from benchmarks.whole_body import model as tiago
@@ -227,6 +228,7 @@ PARTS: dict[str, Callable[[], None]] = {
     "reeds-shepp": reeds_shepp,
     "turning": turning,
     "predictive": predictive,
+    "peers": peers,
     "regions": lambda: regions(_count(10)),
 }
 

@@ -38,6 +38,34 @@ static int planned_step(Evaluator *ev, long form, double h, const double *u, dou
     return 1;
 }
 
+/* Form, q, w, inputs and steps h of n nodes; record of q and w after one step of each. False if the general way has to
+   decide. */
+static PyObject *planned_steps(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+{
+    Arrays all = {.count = -1};
+    double *q, *w, *u, *h, *out;
+    int ok = -1;
+    if (!expect(ev, given, 6)) return NULL;
+    long form = PyLong_AsLong(args[0]);
+    if (PyErr_Occurred()) return NULL;
+    Py_ssize_t n = ev->n, nq = ev->nq, nw = form == KINEMATIC ? 0 : ev->r, nu = form == DYNAMIC ? ev->p : ev->r;
+    double *shift = malloc((size_t)(n + nq + nw + 1) * sizeof(double));
+    if (!shift) return PyErr_NoMemory();
+    if (take(&all, args[1], nq, READ, &q) && take(&all, args[2], nw, READ, &w) && take(&all, args[3], nu, READ, &u)
+        && take(&all, args[4], 1, READ, &h) && take(&all, args[5], nq + nw, WRITE, &out)) {
+        ok = ev->fused && !ev->external_vertical && !ev->timed && all_finite(u, all.count * nu);
+        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, out += nq + nw) {
+            memcpy(out, q + i * nq, (size_t)nq * sizeof(double));
+            memcpy(out + nq, w + i * nw, (size_t)nw * sizeof(double));
+            ok = all_finite(out, nq + nw)
+                     ? planned_step(ev, form, h[i], u + i * nu, out, out + nq, nw, shift, shift + n, shift + n + nq)
+                     : 0;
+        }
+    }
+    free(shift);
+    return result(&all, ok);
+}
+
 /* out (n) = tangent vector from the first to the second of two arrays, from a function of Pinocchio; false with an
    error */
 static int planned_difference(PyObject *const *call, Py_ssize_t n, double *out)

@@ -124,6 +124,8 @@ def phi_functions(x: np.ndarray, last: int) -> list[np.ndarray]:
     Near zero the upward recurrence loses digits by cancellation. There a series gives the last function, and the
     downward recurrence gives the others.
     """
+    if not x.any():
+        return [np.full_like(x, 1.0 / factorial(k)) for k in range(last + 1)]
     far = x < -_SERIES_BELOW
     near = np.where(far, 0.0, x)
     series = np.zeros_like(x)

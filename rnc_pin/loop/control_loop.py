@@ -97,6 +97,8 @@ class ControlLoop(ReprMixin):
     Attributes:
         state: data of the loop between two steps; ``resume`` continues from it bit for bit.
         last: result of the last step of the controller; None before the first.
+        limits: limits (p,) to which inputs are clipped; None if they are not.
+        guard: validity check of measurements.
         active_component: name of the component that was called last, for error messages.
 
     Raises:
@@ -139,9 +141,9 @@ class ControlLoop(ReprMixin):
         check_number("min_singular_value", min_singular_value, zero=True)
         check_number("brake", brake, zero=True)
         check_number("timeout", self._timeout, zero=True)
-        self._guard = Guard(reduced, max_speed, self._estimator(velocity, cutoff))
-        self._limits = admit_limits(reduced, limits)
-        self._fallback_limits = reduced.actuation.limits if self._limits is None else self._limits
+        self.guard = Guard(reduced, max_speed, self._estimator(velocity, cutoff))
+        self.limits = admit_limits(reduced, limits)
+        self._fallback_limits = reduced.actuation.limits if self.limits is None else self.limits
         self._min_singular_value, self._brake = min_singular_value, brake
         self.state = LoopState()
         self.last: Decision | None = None
@@ -183,7 +185,7 @@ class ControlLoop(ReprMixin):
         if self.state.failed:
             return self._fallback_input(v)
         try:
-            valid = self._guard.check(self.state, t, q, v)
+            valid = self.guard.check(self.state, t, q, v)
         except InvalidMeasurementError as problem:
             return self._reject(t, str(problem), v)
         self.state = self.state._replace(motion=valid.motion)
@@ -232,7 +234,7 @@ class ControlLoop(ReprMixin):
         self.active_component = "the allocation of its command"
         command, own = unpack_step(answer)
         requested = input_of(self.reduced, state, command)
-        T = requested if self._limits is None else clipped(requested, self._limits)
+        T = requested if self.limits is None else clipped(requested, self.limits)
         deficit = None if T is requested else _input_deficit(requested, T)
         self.state = LoopState(begin, t, state.q, state.v2, integrals, before.motion, T, deficit, own)
         self.last = Decision(t - begin, state, measurement, command, requested, T)

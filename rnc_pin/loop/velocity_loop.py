@@ -67,7 +67,7 @@ class VelocityInputLoop(ControlLoop):
         self, reduced: ReducedModel, controller: ControllerOrFactory, dt: float, **options: Unpack[LoopOptions]
     ) -> None:
         super().__init__(reduced, controller, dt, **options)
-        if self._limits is None:
+        if self.limits is None:
             self._fallback_limits = np.full(reduced.p, np.inf)
 
     def _braking_input(self, v: Array | None) -> Array:

@@ -77,7 +77,7 @@ def solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 def solve_positive_definite(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solve ``matrix @ x = right`` for symmetric positive definite (..., n, n) and (..., n); NaN for singular ones."""
-    if matrix.ndim == 2 and right.ndim == 1:
+    if matrix.ndim == 2 and right.ndim == 1 and len(right):
         _, solution, info = scipy.linalg.lapack.dposv(matrix, right)
         return np.full_like(right, np.nan) if info else solution
     try:

@@ -30,6 +30,7 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 
 _TOLERANCE = 1e-9  # largest relative difference of kernel and NumPy at the state that compares them
 _TIME = 0.3  # of rows over time [s]
+_FORMS = ("kinematic", "acceleration", "dynamic")
 _ATTEMPTS = 8  # random states that may be singular
 
 
@@ -171,10 +172,16 @@ class CompiledEvaluator(NumPyEvaluator):
             planned, limits = np.hstack([feedback.q, feedback.w]), np.stack([feedback.lower, feedback.upper])
         difference = partial(pin.difference, self.data.robot.model)
         arrays = (gains, planned, limits, difference, np.empty_like(q), np.empty_like(q), found)
-        kind = ("kinematic", "acceleration", "dynamic").index(form)
-        if not self._calls.planned_motion(kind, K, steps, h, q, w, np.ascontiguousarray(u), *arrays):
+        if not self._calls.planned_motion(_FORMS.index(form), K, steps, h, q, w, np.ascontiguousarray(u), *arrays):
             return None
         return found[:, : len(q)], found[:, len(q) : -nu], found[:, -nu:]
+
+    def planned_steps(self, form: str, q: Array, w: Array, u: Array, h: Array) -> tuple[Array, Array] | None:
+        found = np.empty((len(q), q.shape[1] + w.shape[1]))
+        arrays = (np.ascontiguousarray(each, dtype=float) for each in (q, w, u, h))
+        if not self._calls.planned_steps(_FORMS.index(form), *arrays, found):
+            return None
+        return found[:, : q.shape[1]], found[:, q.shape[1] :]
 
     def chart_rate(self, q: Array, x: Array, T: Array, damping: Array | None) -> Array | None:
         found = np.empty(len(x))
@@ -197,7 +204,7 @@ class CompiledEvaluator(NumPyEvaluator):
     def fused_terms(self, q: Array, v2: Array | None, t: Component | None) -> ReducedTerms | None:
         return None if v2 is None else self._fused_terms(q, v2, t)
 
-    def fused_v2_dot(self, q: Array, v2: Array | None, T: Array, t: Component | None) -> Array | None:
+    def fused_v2_dot(self, q: Array, v2: Array | None, T: ArrayInput, t: Component | None) -> Array | None:
         return None if v2 is None else self._called(self._calls.forward_dynamics, (q, v2, T), t)
 
     def _fused_terms(self, q: object, v2: object, t: Component | None) -> ReducedTerms | None:

@@ -17,6 +17,7 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.math.components import Component
 from rnc_pin.model.cached_property import cached_property
+from rnc_pin.model.input_validation import ArrayInput
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.reduction_data import ReductionData
 from rnc_pin.printing import printed
@@ -150,7 +151,7 @@ class Evaluator(Protocol):
     def fused_terms(self, q: Array, v2: Array | None, t: Component | None) -> ReducedTerms | None:
         """All matrices at states (q, v2) from one call; None if NumPy has to evaluate them."""
 
-    def fused_v2_dot(self, q: Array, v2: Array | None, T: Array, t: Component | None) -> Array | None:
+    def fused_v2_dot(self, q: Array, v2: Array | None, T: ArrayInput, t: Component | None) -> Array | None:
         """Reduced accelerations at states (q, v2) from one call; None if the formula applies."""
 
 

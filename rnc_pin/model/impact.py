@@ -16,7 +16,6 @@ from rnc_pin.math.linear_algebra import apply, apply_transposed, solve_positive_
 from rnc_pin.model.assembly import Assembly
 from rnc_pin.model.compiled import evaluator_for
 from rnc_pin.model.input_validation import ArrayInput, numbers_of
-from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.reduction_data import best_entries
 from rnc_pin.model.row_stack import RowStack
@@ -24,7 +23,6 @@ from rnc_pin.model.rows import ConstraintKind
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
-from rnc_pin.robots.robot import Robot
 
 _APART = 1e-4  # largest residual of holonomic rows that counts as rounding [m or rad]
 _DIFFERENT = 1e-6  # relative difference of velocities or momenta that counts as a contradiction
@@ -131,13 +129,7 @@ def impact(
     if len(appearing):
         if not isinstance(system, NonholonomicSystem):
             raise InputError(f"appearing: expected a NonholonomicSystem before the impact, found {system!r}")
-        rows = RowStack(
-            [*(each.block for each in system.rows.places), *(kind.bind(system.robot) for kind in appearing)]
-        )
-        stopped = _stopped(system.robot, rows, q, v, restitution, t)
-        if stopped is not None:
-            return stopped
-        system = system.with_constraints(appearing)
+        system = system.with_constraints(appearing, may_stop=True)
     reduced = system.reduce() if isinstance(system, NonholonomicSystem) else system
     reduced = reduced if t is None else reduced.frozen(t)
     state = _regular_state(reduced, q, v)
@@ -183,27 +175,6 @@ def _found(rows: RowStack, conserved: Array, jump: _Jump, rank: int) -> Impact:
             "choose smaller coefficients, or the same for all rows"
         )
     return found
-
-
-def _stopped(
-    robot: Robot, rows: RowStack, q: ArrayInput, v: ArrayInput, restitution: Restitution, t: float | None
-) -> Impact | None:
-    """Impact of rows that determine the whole velocity; None if they leave some motion."""
-    start = NonholonomicSystem(robot).reduce().at(_one(q, "q"), v=_one(v, "v"))
-    at, before = Kinematics(robot).position(start.q, t), start.v
-    matrix, mu = rows.jacobian(at), rows.rate(at)
-    lengths = np.linalg.norm(matrix, axis=1)
-    scaled = matrix / np.where(lengths > 0, lengths, 1.0)[:, None]
-    if np.linalg.matrix_rank(scaled, tol=_DIFFERENT) < robot.nv:
-        return None
-    _check_assembled(Assembly(robot, [place.block for place in rows.places]), start.q, t)
-    coefficients, conserved = _coefficients(rows, restitution), _conserved(rows)
-    slip, sizes = matrix @ before - mu, _sizes(matrix, before)
-    _check_momenta(rows, sizes, mu, slip, conserved)
-    wanted = mu - coefficients * slip
-    after = np.linalg.lstsq(matrix, wanted, rcond=None)[0]
-    _check_dependent(rows, sizes, matrix @ after, wanted)
-    return _found(rows, conserved, _Jump(matrix, np.asarray(start.M), before, after), robot.nv)
 
 
 def _one(values: ArrayInput, name: str) -> Array:

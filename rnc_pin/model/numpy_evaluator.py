@@ -240,7 +240,7 @@ class NumPyEvaluator:
         """All matrices at states (q, v2) from one call; None if the formulas have to evaluate them."""
         return None
 
-    def fused_v2_dot(self, q: Array, v2: Array | None, T: Array, t: Component | None) -> Array | None:
+    def fused_v2_dot(self, q: Array, v2: Array | None, T: ArrayInput, t: Component | None) -> Array | None:
         return None
 
     def state_derivatives(
@@ -274,6 +274,18 @@ class NumPyEvaluator:
             h: duration of a step [s].
             steps: steps of each interval.
             feedback: feedback about planned states; None without.
+        """
+        return None
+
+    def planned_steps(self, form: str, q: Array, w: Array, u: Array, h: Array) -> tuple[Array, Array] | None:
+        """States (n, nq), (n, nw) of nodes after one midpoint step of each; None if Python has to step.
+
+        Args:
+            form: as for ``planned_motion``.
+            q: configurations (n, nq).
+            w: reduced velocities (n, nw), of which the kinematic form has none.
+            u: inputs (n, nu).
+            h: durations of the steps (n,) [s].
         """
         return None
 

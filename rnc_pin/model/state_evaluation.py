@@ -152,9 +152,11 @@ class StateEvaluation(ReducedKinematics):
 
     def v2_dot(self, T: ArrayInput) -> Float[Array, "*batch r"]:
         """Accelerations of the reducing outputs under actuator inputs T (..., p)."""
-        T = vector(T, self._data.p, "T", self._data.actuation.names)
         found = self._evaluator.fused_v2_dot(self.q, self._v2, T, self.t)
-        return self.accelerated(self._force(T, None)) if found is None else found
+        if found is None:
+            T = vector(T, self._data.p, "T", self._data.actuation.names)
+            found = self.accelerated(self._force(T, None))
+        return found
 
     def row_accelerations(self, rows: Array) -> tuple[Float[Array, "k p"], Float[Array, " k"]]:
         """Accelerations ``rows v2_dot`` (k, r) that unit inputs add, and those without inputs, at one state."""

@@ -56,6 +56,7 @@ class NonholonomicSystem(SummaryMixin):
             (``robot.mimics``) that the constraints do not couple already. If one of two coupled joints is locked, the
             other is held at the position that follows.
         forces: forces f that follow from the state, kinds from ``rnc_pin.forces``. Potentials count as energy.
+        may_stop: True if the constraints may leave no motion, as contacts that hold a body fast.
 
     Attributes:
         n: number of degrees of freedom before the constraints (nv).
@@ -71,8 +72,9 @@ class NonholonomicSystem(SummaryMixin):
 
     Raises:
         ModelError: unknown joint or frame.
-        ConstraintError: rank that varies with the configuration, constraints that leave no motion or contradict each
-            other, or an actuator, a force or a reaction that changes a conserved momentum.
+        ConstraintError: rank that varies with the configuration; constraints that leave no motion (unless they
+            ``may_stop`` the robot) or contradict each other; or an actuator, a force or a reaction that changes a
+            conserved momentum.
 
     Example:
         >>> robot = rnc.Robot.from_urdf("differential_drive.urdf", base="planar")
@@ -91,6 +93,7 @@ class NonholonomicSystem(SummaryMixin):
         actuators: Actuators = (),
         mimic: bool = True,
         forces: Sequence[ForceKind] = (),
+        may_stop: bool = False,
     ) -> None:
         self.robot = robot
         self.actuation = Actuation(actuators, robot)
@@ -118,7 +121,7 @@ class NonholonomicSystem(SummaryMixin):
             self.assembly = Assembly(robot, blocks, merged)
         self.constraints = RowStack(blocks, self.kept)
         self.n, self.m, self.p = robot.nv, self.constraints.size, self.actuation.size
-        if self.m >= self.n:
+        if self.m >= self.n and not may_stop:
             hint = (
                 f"; {few(coupled)} come from the robot's file, mimic=False (mimic: false) omits them" if coupled else ""
             )
@@ -133,14 +136,15 @@ class NonholonomicSystem(SummaryMixin):
         _warn_of_open_loops(robot, blocks)
         _warn_of_rounding(robot, merged, found)
 
-    def with_constraints(self, constraints: Sequence[ConstraintKind]) -> NonholonomicSystem:
+    def with_constraints(self, constraints: Sequence[ConstraintKind], may_stop: bool = False) -> NonholonomicSystem:
         """The same robot, actuators and forces with further constraints.
 
         Args:
             constraints: constraints in addition to those of this system.
+            may_stop: True if all of them together may leave no motion.
         """
         given, actuators, mimic, forces, *_ = self._given
-        return NonholonomicSystem(self.robot, [*given, *constraints], actuators, mimic, forces)
+        return NonholonomicSystem(self.robot, [*given, *constraints], actuators, mimic, forces, may_stop)
 
     @property
     def kinds(self) -> tuple[ConstraintKind, ...]:
@@ -228,6 +232,8 @@ class NonholonomicSystem(SummaryMixin):
 
     def _entries(self) -> OutputStack:
         """Entries of v that parametrise the motion well at every sampled configuration."""
+        if not self.r:
+            return OutputStack([])
         kinematics = Kinematics(self.robot)
         bases = []
         for q in self._samples:

@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import SimulationError
-from rnc_pin.optimal.linear_quadratic import LinearQuadratic, RiccatiFactors
+from rnc_pin.optimal.linear_quadratic import NOT_CONVEX, LinearQuadratic, RiccatiFactors
 
 _MOST = 40
 _BOUNDARY = 0.995  # part of the way to the boundary that a step may go
@@ -110,10 +111,15 @@ class InteriorPointSolver:
 
     def _iterate(self, p: _Scaled, weight: float, point: _Point, most: int) -> tuple[Array, Array, int, Array]:
         """Variables, costates, iterations and multipliers."""
-        N, nx, _ = p.AB.shape
-        count = max(1, int(p.active.sum()))
-        costate = np.zeros((N + 1, nx))
-        mu, scale = np.inf, _cost_scale(p)
+        N, nx, nz = p.AB.shape
+        scale, costate, taken = _cost_scale(p), np.zeros((N + 1, nx)), np.zeros(1)
+        given = tuple(np.ascontiguousarray(each) for each in p[:-1])
+        numbers = np.array([weight, most, _BOUNDARY, _STIFFEST, _TOLERANCE * scale, _ENOUGH * scale])
+        if _kernel.library.interior_point(N, nx, nz, p.limit.shape[1], *given, numbers, *point, costate, taken):
+            if taken[0] == 0:
+                raise SimulationError(NOT_CONVEX)
+            return point.z, costate, int(taken[0]), point.y
+        count, mu = max(1, int(p.active.sum())), np.inf
         for iteration in range(1, most + 1):
             try:
                 factors, W = _factors(p, point, weight)

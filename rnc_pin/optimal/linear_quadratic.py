@@ -14,7 +14,7 @@ from rnc_pin.errors import SimulationError
 from rnc_pin.model.cached_property import cached_property
 
 _LEAST = 1e-12
-_NOT_CONVEX = "the linear-quadratic subproblem is not convex"
+NOT_CONVEX = "the linear-quadratic subproblem is not convex"
 
 
 @dataclass
@@ -108,19 +108,18 @@ class RiccatiFactors:
         self._AB, H = np.ascontiguousarray(AB), np.ascontiguousarray(H)
         if _kernel.library.riccati_factors(N, nx, nz, self._AB, H, self.P, self.K, self._inverse):
             return
-        eye = np.eye(nz - nx)
         for k in range(N - 1, -1, -1):
             F = AB[k]
-            M = H[k] + F.T @ (P @ F)
-            factor, failed = scipy.linalg.lapack.dpotrf(M[nx:, nx:], lower=1)
+            M = H[k, nx:] + F[:, nx:].T @ (P @ F)
+            factor, failed = scipy.linalg.lapack.dpotrf(M[:, nx:], lower=1)
             if failed:
-                raise SimulationError(_NOT_CONVEX)
-            inverse, _ = scipy.linalg.lapack.dpotrs(factor, eye, lower=1)
-            cross = M[nx:, :nx]
-            K = -inverse @ cross
-            P = M[:nx, :nx] + cross.T @ K
-            P = (P + P.T) / 2
-            self._inverse[k], self.K[k], self.P[k] = inverse, K, P
+                raise SimulationError(NOT_CONVEX)
+            self._inverse[k], _ = scipy.linalg.lapack.dpotrs(factor, np.eye(nz - nx), lower=1)
+            self.K[k] = -self._inverse[k] @ M[:, :nx]
+            loop = np.concatenate([np.eye(nx), self.K[k]])
+            closed = F @ loop
+            P = loop.T @ H[k] @ loop + closed.T @ P @ closed  # Joseph's form: positive where weights are stiff
+            self.P[k] = P = (P + P.T) / 2
 
     def solve(
         self, g: Float[Array, "N nz m"], g_end: Float[Array, "nx m"], gap: Float[Array, "N nx m"]

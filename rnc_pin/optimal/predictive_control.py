@@ -246,12 +246,16 @@ class PredictiveController(ReprMixin):
             escapes = state.escapes + int(stalled and not np.array_equal(at.q[-1], at.q[0]))
             self._problem.begin = t + self.updates.delay
             solver = SequentialQuadratic(self._problem, self._solver_settings)
+            rows = None
             for _ in range(self.updates.iterations):
                 found = solver.iterate(at)
                 if found is None:
                     break
-                at = found[0]
-            gains = self._problem.feedback_gains(at)
+                at, rows = found[0], found[1].rows
+            if rows is None or solver.linear is None:
+                gains = self._problem.feedback_gains(at)
+            else:  # real-time iteration: the linearization of the last iteration gives the gains, too
+                gains = self._problem.gains_of(solver.linear, rows)
         except RncError:
             return waiting._replace(missed=state.missed + 1)
         late = limit is not None and time.process_time() - begin > limit

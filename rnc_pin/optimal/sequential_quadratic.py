@@ -84,7 +84,12 @@ class SequentialQuadratic:
     Args:
         problem: the problem.
         settings: settings.
+
+    Attributes:
+        linear: subproblem of the last iteration; None before the first one.
     """
+
+    linear: LinearQuadratic | None = None
 
     def __init__(self, problem: Transcription, settings: SolverSettings) -> None:
         self.problem, self.settings = problem, settings
@@ -135,6 +140,7 @@ class SequentialQuadratic:
     def iterate(self, at: Iterate) -> tuple[Iterate, Values] | None:
         """One iteration: the next iterate with its values; None if no step improves the merit function."""
         problem, values = self.problem.linearize(at)
+        self.linear = problem
         sizes = self._sizes(problem)
         while self._damping < _MOST_DAMPING:
             try:

@@ -263,16 +263,21 @@ class Transcription:
         """
         fixed = self._with(self.K, self.bounds, (at.duration, at.duration))
         fixed.begin = self.begin
-        linear, _ = fixed.linearize(at)
+        linear, values = fixed.linearize(at)
+        return fixed.gains_of(linear, values.rows)
+
+    def gains_of(self, linear: LinearQuadratic, rows: Float[Array, "K1 k"]) -> Float[Array, "K nu nx"]:
+        """Gains of ``feedback_gains`` from a linearization near a motion of fixed duration, and its bounded rows."""
+        room = np.minimum(self.upper - rows, rows - self.lower)
         nx = linear.B.shape[1]
-        inputs, (rows, _) = linear.input_scales, linear.typical_sizes
+        inputs, (sizes, _) = linear.input_scales, linear.typical_sizes
         H = linear.scaled_hessian(1e-6)
-        D = linear.D[:-1] * inputs[:, None, :] / rows[:-1, :, None]
-        active = (np.minimum(linear.upper, -linear.lower) / rows)[:-1] < _ACTIVE
+        D = linear.D[:-1] * inputs[:, None, :] / sizes[:-1, :, None]
+        active = (room / sizes)[:-1] < _ACTIVE
         of_input = np.concatenate([np.zeros((*D.shape[:2], nx)), D], axis=2) * active[:, :, None]
         H = H + _BOUND * of_input.mT @ of_input
         equal = linear.lower[-1] == linear.upper[-1]
-        C = linear.C[-1, equal] / rows[-1, equal, None]
+        C = linear.C[-1, equal] / sizes[-1, equal, None]
         factors = RiccatiFactors(linear.scaled_dynamics, H, linear.H_end + _GOAL * C.T @ C)
         return inputs[:, :, None] * factors.K
 

@@ -17,9 +17,12 @@ from rnc_pin.errors import ConfigurationError
 from rnc_pin.model.parameter_types import NotNegative, Positive
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants.plant import Plant, energy_minus_work
+from rnc_pin.plants.reduced import ReducedPlant
 from rnc_pin.robots.robot import Robot
 
 _OF_INTEGRATION = ("errors", "tolerance", "keep_errors")  # attributes of plants that estimate their errors
+Reading = tuple[np.ndarray, np.ndarray]
+"""Measured configuration (nq,) and velocity (nv,)."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +85,18 @@ class Faults:
         if self.counts == 0:
             raise ConfigurationError("fault counts: expected a positive number, found 0")
 
+    def slips(self, time: float) -> bool:
+        """True if the plant slips from a time on [s], for a sample."""
+        return self.slip_speed != 0 and self.slip_time <= time < self.slip_time + self.slip_duration
+
+
+def transmitted(
+    T: np.ndarray, effort: np.ndarray | float, dead_zone: np.ndarray | float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Inputs (..., p) within the effort limit, which the loop knows, and those that pass the dead zone."""
+    known = np.clip(T, -effort, effort)
+    return known, np.where(np.abs(known) < dead_zone, 0.0, known)
+
 
 class FaultyPlant:
     """Plant with sensor and actuator faults.
@@ -122,7 +137,13 @@ class FaultyPlant:
         self._time, self._generator = 0.0, np.random.default_rng(self._seed)
         self._delayed: deque[tuple[np.ndarray, np.ndarray]] = deque()
         self._slip, self._slip_work = np.zeros(self._model.nv), 0.0
+        self._reading: Reading | None = None
         self.applied = self._transmitted = np.zeros(self._reduced.p)
+
+    def twin(self) -> FaultyPlant:
+        """Return another plant with the same faults and noise, on a twin of a ``ReducedPlant``."""
+        assert isinstance(self.plant, ReducedPlant)
+        return FaultyPlant(self.plant.twin(), self.faults, self._reduced, self._dt, self._seed)
 
     def reset(self, q: np.ndarray, v: np.ndarray) -> None:
         """Restart with the same noise."""
@@ -157,15 +178,26 @@ class FaultyPlant:
         difference = getattr(self.plant, "applied", self._transmitted) - self.applied
         if not difference.any():
             return inner
-        lost: np.ndarray = self._reduced.at(self.plant.read()[0]).B @ difference
+        lost = self.lost(self.plant.read()[0], difference)
         return lost if inner is None else inner + lost
+
+    def lost(self, q: np.ndarray, difference: np.ndarray) -> np.ndarray:
+        """Generalized forces (nv,) at q of inputs (p,) that the dead zone passes, minus those that the loop knows."""
+        force: np.ndarray = self._reduced.at(q).B @ difference
+        return force
 
     # ------------------------------------------------------------------ sensors
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
         """Return measured q (nq,) and v (nv,). Each call is one sample."""
+        if self._reading is not None:
+            reading, self._reading = self._reading, None
+            return reading
+        return self.sensed(*self.actual())
+
+    def sensed(self, q: np.ndarray, v: np.ndarray) -> Reading:
+        """Return measured q (nq,) and v (nv,) of a true state. Each call is one sample."""
         faults, draw = self.faults, self._generator
-        q, v = self.actual()
         # Always drawn, so that the noise of one fault does not depend on the others.
         noise, chance = draw.normal(size=(2, self._model.nv)), draw.uniform(-1.0, 1.0, size=3)
         error = faults.position_noise * noise[0] + faults.position_bias + faults.jitter * self._dt * chance[0] * v
@@ -197,20 +229,28 @@ class FaultyPlant:
 
     def apply(self, T: np.ndarray) -> None:
         """Apply inputs (p,) with actuator faults; ``applied`` includes only those that the loop knows."""
-        faults = self.faults
-        self.applied = np.clip(T, -faults.effort, faults.effort)
-        passed = np.where(np.abs(self.applied) < faults.dead_zone, 0.0, self.applied)
+        self.applied, passed = transmitted(T, self.faults.effort, self.faults.dead_zone)
         self.plant.apply(passed)
         self.applied = self.applied + (getattr(self.plant, "applied", passed) - passed)  # plant limits are known
         self._transmitted = passed
+
+    def resume(self, time: float, applied: np.ndarray, passed: np.ndarray, reading: Reading | None) -> None:
+        """Continue after samples that somebody else took with ``sensed``, whose plant is at the state of this one.
+
+        Args:
+            time: time since the start [s].
+            applied: last inputs (p,) that the loop knows.
+            passed: last inputs (p,) that passed the dead zone.
+            reading: measurement of the present sample; None if nobody took it.
+        """
+        self._time, self.applied, self._transmitted, self._reading = time, applied, passed, reading
 
     def advance(self, dt: float) -> None:
         """Advance the time by dt [s]; during slip the plant also moves against its constraints."""
         self.plant.advance(dt)
         begin, self._time = self._time, self._time + dt
         faults = self.faults
-        slips = faults.slip_time <= begin < faults.slip_time + faults.slip_duration
-        if slips and faults.slip_speed:
+        if faults.slips(begin):
             q, v = self.plant.read()
             A = self._reduced.at(q).A
             self._slip = np.linalg.pinv(A) @ np.full(len(A), faults.slip_speed)

@@ -28,8 +28,9 @@ from rnc_pin.loop import LoopState
 from rnc_pin.math.linear_algebra import apply, clipped
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plants import ReducedPlant, ReducedPlantBatch
+from rnc_pin.plants import FaultyPlant, ReducedPlant, ReducedPlantBatch
 from rnc_pin.simulation.ending import Progress
+from rnc_pin.simulation.faulty_runs import FaultyRuns
 from rnc_pin.simulation.integration_accuracy import IntegrationAccuracy
 from rnc_pin.simulation.sampled_run import SampledRun
 
@@ -123,7 +124,7 @@ class LockStep:
     """Runs of one model with equal sampling times.
 
     Args:
-        runs: runs before their first sample, on a ``ReducedPlant`` each with equal options.
+        runs: runs before their first sample, on a ``ReducedPlant`` each with equal options, or each with faults.
         dt: sampling period [s].
         samples: number of samples.
 
@@ -134,16 +135,16 @@ class LockStep:
     """
 
     def __init__(self, runs: Sequence[SampledRun], dt: float, samples: int) -> None:
-        plant = runs[0].plant
-        assert isinstance(plant, ReducedPlant)
+        plant = _without_faults(runs[0])
         self._runs, self._dt, self._samples, self.samples_done = list(runs), dt, samples, 0
         self._plants = ReducedPlantBatch(plant, len(runs))
-        self._limits = plant.reduced.actuation.limits if plant.actuator_limits else None
+        self._limits = runs[0].loop.limits
         self._rows = np.full((len(runs), samples, runs[0].record.width), np.nan)
         for place, (run, rows) in enumerate(zip(runs, self._rows, strict=True)):
-            assert isinstance(run.plant, ReducedPlant)
-            self._plants.rollback(place, run.plant.checkpoint())
+            self._plants.rollback(place, _without_faults(run).checkpoint())
             run.record.use(rows)
+        faulty = isinstance(runs[0].plant, FaultyPlant)
+        self._faults = FaultyRuns(runs, self._plants, dt, samples) if faulty else None
         states = [run.loop.state.controller for run in runs]
         self._controllers = _Controllers([run.controller for run in runs], states)
         self._deficit: Array | None = None
@@ -164,7 +165,13 @@ class LockStep:
                 pass
             self.samples_done = sample + 1
             if sample + 1 < self._samples and len(self.places):
+                if self._faults is not None and (slipping := self._faults.slipping()).any():
+                    self._leave(slipping, sample + 1, sampled=True)
+                    if not len(self.places):
+                        return
                 self._plants.advance(self._dt)
+                if self._faults is not None:
+                    self._faults.advance()
                 if self._plants.failed.any():
                     self._leave(self._plants.failed, sample + 1, sampled=True)
 
@@ -172,7 +179,8 @@ class LockStep:
         """Complete the records of the runs that are still here."""
         tolerance, units = self._plants.tolerance, self._plants.reduced.robot.velocity_units
         for place, run in enumerate(self.places.tolist()):
-            record = self._runs[run].record
+            record, loop = self._runs[run].record, self._runs[run].loop
+            loop.state = loop.state._replace(controller=self._controllers.state(place))
             record.written(self.samples_done)
             record.integration = IntegrationAccuracy.of_errors(self._plants.errors_of(place), tolerance, units)
 
@@ -187,20 +195,36 @@ class LockStep:
         stopped = self._runs[0].stop.stopped(states)
         if stopped.any():
             return self._leave(stopped, sample)
-        integrals = plants.integrals
-        measurement = self._measurement(states, integrals)
+        seen, integrals = states, plants.integrals
+        if self._faults is not None:
+            seen, integrals, failed = self._faults.read(t, states)
+            if failed.any():
+                return self._leave(failed, sample)
+        measurement = self._measurement(seen, integrals)
         answer = self._controllers.step(t, measurement)
         if answer.failed.any():
             return self._leave(answer.failed, sample)
-        requested, failed = self._inputs(states, answer.command)
+        requested, failed = self._inputs(seen, answer.command)
         if failed.any():
             return self._leave(failed, sample)
         T = requested if self._limits is None else clipped(requested, self._limits)
-        plants.apply(T)
-        self._deficit = None if T is requested or np.array_equal(requested, T) else requested - T
+        if self._faults is None:
+            plants.apply(T)
+            applied, outputs = plants.applied, (measurement.x1, measurement.x2)
+        else:
+            self._faults.apply(T)
+            applied, outputs = self._faults.applied, states.outputs(integrals)
+            self._faults.keep_sample(sample, states.q, measurement, integrals, answer.command, requested)
+        self._deficit = None if np.array_equal(requested, applied) else requested - applied
         self._controllers.states = answer.states
-        self._record(sample, measurement, integrals, answer.command)
+        self._record(sample, states, (*outputs, applied, integrals), answer.command)
         return True
+
+    def _state(self, states: StateEvaluation, run: int) -> StateEvaluation:
+        """One of the states that the loops see."""
+        if self._faults is None:
+            return self._plants.state(states, run)
+        return self._plants.reduced.at(states.q[run], v=states.v[run])
 
     def _measurement(self, states: StateEvaluation, integrals: Array) -> Measurement:
         """Measurement of all runs, in contiguous arrays, with the deficits of the last sample."""
@@ -211,7 +235,7 @@ class LockStep:
             return measurement
         force = np.zeros(measurement.v2.shape)
         for run in np.flatnonzero(deficit.any(axis=1)).tolist():
-            force[run] = apply(self._plants.state(states, run).input_matrix, deficit[run])
+            force[run] = apply(self._state(states, run).input_matrix, deficit[run])
         return measurement._replace(input_deficit=deficit, force_deficit=force)
 
     def _inputs(self, states: StateEvaluation, command: Command) -> tuple[Array, Array]:
@@ -232,22 +256,23 @@ class LockStep:
             return found, failed
         for run in np.flatnonzero(~failed).tolist():
             try:
-                T[run] = self._plants.state(states, run).allocate(F[run])
+                T[run] = self._state(states, run).allocate(F[run])
             except Exception:  # alone it raises the same error
                 failed[run] = True
         return T, failed
 
-    def _record(self, sample: int, measurement: Measurement, integrals: Array, command: Command) -> None:
+    def _record(self, sample: int, states: StateEvaluation, others: tuple[Array, ...], command: Command) -> None:
+        """Record true states, with ``others``: x1, x2, applied inputs and integrals."""
         plants, count = self._plants, self._plants.size
         given = [getattr(command, name) for name in _GOALS]
-        x1, x2 = measurement.x1, measurement.x2
+        x1, x2, T, integrals = others
         goals = [
             np.full(of.shape, np.nan) if goal is None else goal
-            for goal, of in zip(given, (measurement.v2, x1, x2), strict=True)
+            for goal, of in zip(given, (states.v2, x1, x2), strict=True)
         ]
         numbers = (
-            np.full((count, 1), sample * self._dt), plants.work[:, None], measurement.q, measurement.v, measurement.v2,
-            x1, x2, measurement.v1, plants.applied, integrals, *goals,
+            np.full((count, 1), sample * self._dt), plants.work[:, None], states.q, states.v, states.v2,
+            x1, x2, states.v1, T, integrals, *goals,
         )  # fmt: skip
         np.concatenate(numbers, axis=1, out=(rows := np.empty((count, self._rows.shape[2]))))
         self._rows[self.places, sample] = rows
@@ -269,15 +294,25 @@ class LockStep:
             if deficit is not None and not deficit.any():
                 deficit = None
             state = LoopState(begin=0.0, input_deficit=deficit, controller=self._controllers.state(place))
+            if self._faults is not None:
+                state = self._faults.leave(place, state)
             run.continue_from(samples, self._plants.checkpoint(place), state)
             run.record.written(samples)
             self.leavers.append(Leaver(number, sampled))
         staying = ~leaving
         self._plants.keep(staying)
         self._controllers.keep(staying)
+        if self._faults is not None:
+            self._faults.keep(staying)
         self.places = self.places[staying]
         self._deficit = None if self._deficit is None else self._deficit[staying]
         return False
+
+
+def _without_faults(run: SampledRun) -> ReducedPlant:
+    plant = run.plant.plant if isinstance(run.plant, FaultyPlant) else run.plant
+    assert isinstance(plant, ReducedPlant)
+    return plant
 
 
 def _sizes(measurement: Measurement) -> dict[str, int]:

@@ -16,7 +16,7 @@ from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plants import ContactEvent, Plant, ReducedPlant
+from rnc_pin.plants import ContactEvent, FaultyPlant, Plant, ReducedPlant
 from rnc_pin.plants.plant import takes_velocities
 from rnc_pin.plants.reduced import Checkpoint, integrated_outputs
 from rnc_pin.simulation.ending import MODEL, Progress
@@ -83,9 +83,10 @@ class PlantAdapter:
         return self._reduced.at(q, v=v, t=t)
 
     def restore(self, checkpoint: Checkpoint) -> None:
-        """Return a ``ReducedPlant`` of the controller's model to the state of a checkpoint."""
-        assert self._exact is not None
-        self._exact.rollback(checkpoint)
+        """Return a ``ReducedPlant`` of the controller's model, or one with faults, to the state of a checkpoint."""
+        plant = self.plant.plant if isinstance(self.plant, FaultyPlant) else self._exact
+        assert isinstance(plant, ReducedPlant)
+        plant.rollback(checkpoint)
 
     def compute_input(self, loop: ControlLoop, t: float) -> np.ndarray:
         """Return the inputs (p,) of a loop for the last measurement."""
@@ -281,8 +282,7 @@ class SampledRun:
             checkpoint: state of the plant, a ``ReducedPlant``.
             state: state of the control loop.
         """
-        self.samples = samples
-        self.loop.resume(state)
+        self.samples, self.loop.state = samples, state
         self._adapter.restore(checkpoint)
 
     def advance(self) -> None:

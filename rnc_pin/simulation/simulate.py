@@ -56,7 +56,8 @@ def simulate(
 
     Many runs are described by q0 or v2_0 with a row for each run, or by a list of controllers, plants or controller
     states. The result is then a ``TrajectoryBatch``. Each run has the bits of a run alone, and an error ends only its
-    run. On a ``ReducedPlant`` of the model without damping and friction, the runs advance in lock-step.
+    run. On a ``ReducedPlant`` of the model without damping and friction, also below a ``FaultyPlant``, the runs
+    advance in lock-step.
 
     Args:
         reduced: reduced model.

@@ -15,7 +15,7 @@ from rnc_pin.loop import LoopOptions
 from rnc_pin.loop.options import type_name
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.plants import Plant, ReducedPlant
+from rnc_pin.plants import FaultyPlant, Plant, ReducedPlant
 from rnc_pin.plants.reduced import DEFAULT_TOLERANCE
 from rnc_pin.printing import printed
 from rnc_pin.simulation.run_info import Provenance
@@ -111,21 +111,26 @@ class RunArguments(NamedTuple):
     def lock_step_key(self) -> Hashable | None:
         """Key that runs have in common if they can advance together; None for a run that has to be alone."""
         reduced, plant, options = self.reduced, self.plant, self.options
-        integration: tuple[int | None, float] = (None, DEFAULT_TOLERANCE)
-        limits = False
         if not isinstance(reduced, ReducedModel) or not isinstance(options, SimulationOptions):
             return None  # refused at its start
-        if plant is not None:
-            if type(plant) is not ReducedPlant or plant.reduced is not reduced or plant.dissipates:
+        faulty = type(plant) is FaultyPlant
+        moving = plant.plant if isinstance(plant, FaultyPlant) else plant
+        integration: tuple[int | None, float, bool] = (None, DEFAULT_TOLERANCE, False)
+        if moving is not None:
+            if type(moving) is not ReducedPlant or moving.reduced is not reduced or moving.dissipates:
                 return None
-            integration, limits = (plant.substeps, plant.tolerance), plant.actuator_limits
+            integration = moving.substeps, moving.tolerance, moving.actuator_limits
         data = reduced.reduction_data
-        if options.observer is not None or options.loop or options.stop.lift_off:
+        if options.observer is not None or options.stop.lift_off:
+            return None
+        limits = options.loop.get("limits")
+        if options.loop.get("min_singular_value", 0.0) or not (limits is None or isinstance(limits, bool)):
             return None
         if not reduced.evaluator.measures or data.rheonomic or data.affine:
             return None
-        return id(reduced), type(self.controller), self.samples, self.dt, integration, limits, options.stop
+        sampling = type(self.controller), self.samples, self.dt
+        return id(reduced), *sampling, faulty, integration, limits, options.stop
 
     def on_own_plant(self) -> RunArguments:
         """Return these arguments with a new ``ReducedPlant`` of equal options, for a run with a ``lock_step_key``."""
-        return self._replace(plant=self.plant.twin()) if isinstance(self.plant, ReducedPlant) else self
+        return self._replace(plant=self.plant.twin()) if isinstance(self.plant, ReducedPlant | FaultyPlant) else self

@@ -27,7 +27,7 @@ def stepped(model, start, u, h, steps, feedback):
 
 @pytest.mark.parametrize("form", ["kinematic", "acceleration", "dynamic"])
 @pytest.mark.parametrize("name", SYSTEMS)
-def test_the_compiled_motion_is_that_of_the_steps(name, form):
+def test_the_compiled_motion_is_that_of_the_steps(name, form, monkeypatch):
     reduced, generator = getattr(systems, name)(), np.random.default_rng(2)
     if form == "dynamic" and not reduced.p:
         pytest.skip("no actuators")
@@ -37,6 +37,12 @@ def test_the_compiled_motion_is_that_of_the_steps(name, form):
     if type(reduced.evaluator) is NumPyEvaluator:
         assert reduced.evaluator.planned_motion(form, start, u, 1e-3, 4, None) is None
         return
+    states = random_states(reduced, 3)
+    nodes = Nodes(np.array([q for q, _ in states]), np.array([v2[: model.nw] for _, v2 in states]))
+    after = reduced.evaluator.planned_steps(form, *nodes, u, np.array([1e-3, 0.0, 0.02]))
+    monkeypatch.setattr(type(reduced.evaluator), "planned_steps", NumPyEvaluator.planned_steps)
+    for one, other in zip(after, model.step(nodes, u, np.array([1e-3, 0.0, 0.02])), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-13, atol=1e-13)
     planned = [np.repeat(each[None], 12, axis=0) for each in start]
     limits = np.full(model.nu, 0.05)
     feedback = PlannedFeedback(*planned, generator.normal(size=(3, model.nu, model.nx)), -limits, limits)

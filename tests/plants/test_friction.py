@@ -4,11 +4,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import lsq_linear
 
 import rnc_pin as rnc
 from bodies import add_body
 from rnc_pin.integrators import phi_functions
 from rnc_pin.plants import Faults, FaultyPlant, ReducedPlant
+from rnc_pin.plants.reduced.friction import _least_energy
 from simple_controllers import Inputs
 from systems import mobile_manipulator
 
@@ -252,3 +254,17 @@ def test_contact_forces_count_damping_and_friction():
     rubbed = rnc.simulate(reduced, Inputs(lambda t: [0.3, 0.3]), q0, 0.2, 0.02, v2_0=v2, plant=plant)
     np.testing.assert_allclose(rubbed.v2, 2.0, atol=1e-12)
     np.testing.assert_allclose(rubbed.contact_forces, 0.0, atol=1e-10)
+
+
+def test_forces_of_least_energy_are_those_of_a_bounded_least_squares_program():
+    """More rows than velocities are coupled: then the forces are not unique, and their effect is."""
+    generator = np.random.default_rng(4)
+    for r, k in [(1, 1), (3, 2), (4, 4), (2, 5), (6, 3)] * 8:
+        basis, limits = generator.standard_normal((r, k)), generator.uniform(0.1, 2.0, k)
+        free = basis.T @ generator.standard_normal(r) * generator.choice([0.1, 1.0, 10.0])
+        forces, sticks = _least_energy(basis, free, limits)
+        target = np.linalg.lstsq(basis.T, free, rcond=None)[0]
+        expected = lsq_linear(basis, -target, bounds=(-limits, limits), method="bvls", tol=1e-14).x
+        assert np.abs(basis @ (forces - expected)).max() < 1e-9
+        assert (np.abs(forces) <= limits * (1.0 + 1e-12)).all()
+        assert not (sticks & (np.abs(forces) > limits * (1.0 + 1e-12))).any()

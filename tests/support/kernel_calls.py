@@ -28,7 +28,8 @@ from rnc_pin.control.velocity_tracker import TrackerState
 from rnc_pin.control.whole_body import ControlSample
 from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.optimal.linear_quadratic import RiccatiFactors
+from rnc_pin.optimal.interior_point import InteriorPointSolver
+from rnc_pin.optimal.linear_quadratic import LinearQuadratic, RiccatiFactors
 from rnc_pin.planning import Harmonic, Hold, MinimumJerk, ViaPoints
 from rnc_pin.planning.references import ReferencePoint
 from systems import fire_truck, mecanum, mobile_manipulator, random_states, space_robot_in_joints, tiago
@@ -341,6 +342,30 @@ def riccati():
     )
 
 
+def programs_in_stages():
+    """Problems within rows that act on states and inputs, one with an end out of reach."""
+    found = []
+    for end in (0.3, 50.0):
+        generator, N, nx, nu = np.random.default_rng(3), 6, 3, 2
+        D, C = np.zeros((N + 1, 4, nu)), np.zeros((N + 1, 4, nx))
+        D[:-1], C[-1, 0, 0] = generator.normal(size=(4, nu)), 1.0
+        C[:-1, 2:] = 0.1 * generator.normal(size=(2, nx))
+        upper = np.full((N + 1, 4), np.inf)
+        upper[:-1], upper[-1, 0] = 0.3, end
+        A, B = (scale * generator.normal(size=(N, nx, size)) for scale, size in ((0.5, nx), (1.0, nu)))
+        g, g_end = generator.normal(size=(N, nx + nu)), generator.normal(size=nx)
+        H, lower = (
+            np.tile(np.eye(nx + nu), (N, 1, 1)),
+            np.where(np.isinf(upper), -np.inf, np.where(upper < 1, -0.3, end)),
+        )
+        lower[-1, 0] = end
+        problem = LinearQuadratic(A, B, np.zeros((N, nx)), H, g, np.eye(nx), g_end, C, D, lower, upper)
+        direction = InteriorPointSolver().solve(problem, 1e-8, 1e3)
+        assert direction.iterations > 0
+        found += [direction.x, direction.u, direction.costate, np.array([float(direction.iterations)])]
+    return found
+
+
 CALLS = {
     "feedback": (feedbacks, 1e-10),
     "adapt": (adaptations, 1e-12),
@@ -353,6 +378,7 @@ CALLS = {
     "harmonic": (harmonics, 1e-13),
     "riccati_factors": (riccati, 1e-9),
     "riccati_solve": (riccati, 1e-9),
+    "interior_point": (programs_in_stages, 1e-9),
     "least_squares": (programs, 1e-10),
     "look_rows": (lambda: rows_of(TASKS["look at a frame"]), 1e-13),
     "decelerations": (braking, 1e-12),

@@ -8,8 +8,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+import rnc_pin as rnc
 from benchmarks import __main__ as entry
-from benchmarks import latency, recording, reduction, scaling, sweeps
+from benchmarks import latency, plan_peers, recording, reduction, scaling, sweeps
 from benchmarks.doorway_circle import doorway_robot
 from benchmarks.doorway_path import doorway_path, whole_configuration
 from benchmarks.states import regular_states
@@ -229,3 +230,17 @@ def test_a_record_states_command_date_machine_and_load(tmp_path, monkeypatch, ca
     with pytest.raises(SystemExit, match="nothing is recorded"):
         recording.record("inverse_kinematics", ["no_such_robot"])
     assert (tmp_path / "inverse_kinematics.txt").read_text() == kept
+
+
+def test_a_peer_that_computes_other_accelerations_is_not_timed(tmp_path, monkeypatch, capsys):
+    robot = rnc.Robot.from_example("panda", lock={"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0})
+    goal, peer = robot.configuration(), tmp_path / "peer"
+    monkeypatch.delenv("RNC_PIN_CROCODDYL", raising=False)
+    plan_peers.beside(robot, goal, [1.0, 1.0])
+    assert "Crocoddyl is missing" in capsys.readouterr().out
+    answer = {"version": "0", "accelerations": [[1.0] * robot.nv] * 5, "solutions": []}
+    peer.write_text(f"#!/bin/sh\ncat > /dev/null\necho '{json.dumps(answer)}'\n", encoding="utf-8")
+    peer.chmod(0o755)
+    monkeypatch.setenv("RNC_PIN_CROCODDYL", str(peer))
+    plan_peers.beside(robot, goal, [1.0, 1.0])
+    assert "not timed" in capsys.readouterr().out

@@ -184,7 +184,7 @@ def batch_key(scenario: Scenario) -> Hashable | None:
     experiment = scenario.experiment
     if scenario.comparisons or experiment.phases or experiment.program is not None:
         return None
-    return _arguments(scenario).lock_step_key
+    return arguments_of(scenario).lock_step_key
 
 
 def execute_together(scenarios: Sequence[Scenario]) -> list[Result | RncError]:
@@ -196,7 +196,7 @@ def execute_together(scenarios: Sequence[Scenario]) -> list[Result | RncError]:
     start = time.perf_counter()
     with np.errstate(over="ignore", invalid="ignore"):  # diverged values
         found: list[Result | RncError] = []
-        runs = simulate_many([_arguments(each) for each in scenarios])
+        runs = simulate_many([arguments_of(each) for each in scenarios])
         for scenario, run in zip(scenarios, runs, strict=True):
             if run.started:
                 trajectory, wall_time = run.trajectory, (time.perf_counter() - start) / len(scenarios)
@@ -213,7 +213,8 @@ def _reported(error: Exception | None) -> RncError | None:
     return error
 
 
-def _arguments(scenario: Scenario) -> RunArguments:
+def arguments_of(scenario: Scenario) -> RunArguments:
+    """Arguments of the run of a scenario without phases."""
     experiment, settings = scenario.experiment, scenario.experiment.simulation
     return RunArguments(
         reduced=experiment.reduced,

@@ -17,7 +17,7 @@ from rnc_pin.math.linear_algebra import nonnegative
 from rnc_pin.model.impact import Impact, impact
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.model.state_evaluation import StateEvaluation
+from rnc_pin.model.rows import ConstraintKind
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.plants.reduced.reduced_plant import ReducedPlant
 from rnc_pin.plants.reduced.unilateral_contact import BoundContact
@@ -28,6 +28,7 @@ _SMALL = 1e-9
 
 Closed = frozenset[int]
 """Indices of the closed contacts."""
+NONE: Closed = frozenset()
 
 _CONTRADICTS = 1e-6  # relative velocity by which dependent rows may differ; the exact impact decides
 
@@ -222,21 +223,23 @@ class ContactModes:
     ) -> None:
         self._system, self.contacts, self._plant_of = system, contacts, plant_of
         self._kinematics = Kinematics(system.robot)
-        self._plants: dict[Closed, ReducedPlant] = {}
+        self._plants: dict[tuple[Closed, Closed], ReducedPlant] = {}
 
-    def plant(self, closed: Closed) -> ReducedPlant:
-        """Plant with a set of closed contacts.
+    def plant(self, closed: Closed, clinging: Closed = NONE) -> ReducedPlant:
+        """Plant with a set of closed contacts, and others that do not slip though nothing presses them.
 
         Raises:
             ConstraintError: the constraints of the set cannot act together.
         """
-        if closed not in self._plants:
-            kinds = [self.contacts[number].contact.constraint for number in sorted(closed)]
+        if (closed, clinging) not in self._plants:
+            kinds: list[ConstraintKind] = [self.contacts[number].contact.constraint for number in sorted(closed)]
+            kinds += [self.contacts[number].friction for number in sorted(clinging)]
             try:
-                self._plants[closed] = self._plant_of(self._system.with_constraints(kinds).reduce())
+                reduced = self._system.with_constraints(kinds, may_stop=True).reduce()
             except ConstraintError as error:
                 raise error.within(f"contacts {self.names(closed)} closed") from None
-        return self._plants[closed]
+            self._plants[closed, clinging] = self._plant_of(reduced)
+        return self._plants[closed, clinging]
 
     def names(self, closed: Iterable[int]) -> str:
         """Names of contacts in a message."""
@@ -246,18 +249,16 @@ class ContactModes:
         """Kinematics at a configuration (nq,)."""
         return self._kinematics.position(q)
 
-    def forces(self, closed: Closed, state: StateEvaluation, T: np.ndarray, external: np.ndarray | None) -> np.ndarray:
+    def forces(self, closed: Closed, plant: ReducedPlant) -> np.ndarray:
         """Normal forces (c,) of the closed contacts in order [N]; none below zero if they can share the load so.
 
         Args:
-            closed: contacts that are closed in the model of the state.
-            state: state of that model.
-            T: inputs (p,).
-            external: generalized forces (nv,) in addition to the inputs, if any.
+            closed: contacts that are closed in the model of the plant.
+            plant: the plant, with its inputs.
         """
-        rows = self.plant(closed).reduced.all_constraints.names
+        rows, state = plant.reduced.all_constraints.names, plant.state
         up = [rows.index(self.contacts[number].row) for number in sorted(closed)]
-        return _shared(state.contact_forces(T, external)[up], state.all_rows, up)
+        return _shared(state.contact_forces(plant.applied, plant.external)[up], state.all_rows, up)
 
     def after_impact(self, touching: Closed, q: np.ndarray, v: np.ndarray, t: float) -> tuple[Closed, Impact]:
         """Contacts that are closed after an impact, and the impact.
@@ -315,13 +316,12 @@ class ContactModes:
             others: contacts without a gap that are open.
             plant: the plant, with its inputs.
         """
-        state, T, external = plant.state, plant.applied, plant.external
-        forces = self.forces(closed, state, T, external)
+        forces, state = self.forces(closed, plant), plant.state
         if (forces < -force_margin(forces)).any():
             return False
         if not others:
             return True
-        v_dot = state.acceleration(T, external)
+        v_dot = state.acceleration(plant.applied, plant.external)
         at, limit = self.position(state.q).with_velocity(state.v), _MOTION * (1.0 + float(np.abs(v_dot).max()))
         return all(self.contacts[number].gap_acceleration(at, v_dot) >= -limit for number in others)
 

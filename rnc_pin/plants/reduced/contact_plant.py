@@ -13,7 +13,7 @@ from rnc_pin.errors import ConfigurationError, InputError, SimulationError
 from rnc_pin.model.impact import Impact
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.system import NonholonomicSystem
-from rnc_pin.plants.reduced.contact_modes import Closed, ContactModes, consistent, force_margin
+from rnc_pin.plants.reduced.contact_modes import NONE, Closed, ContactModes, consistent, force_margin
 from rnc_pin.plants.reduced.reduced_plant import EventStep, ReducedPlant
 from rnc_pin.plants.reduced.step_control import DEFAULT_TOLERANCE, IntegrationErrors
 from rnc_pin.plants.reduced.unilateral_contact import BoundContact, UnilateralContact
@@ -55,7 +55,7 @@ class _Signals:
         self.rates = np.array([each.gap_rate(at, state.v) for each in modes.contacts])
         self.forces = np.zeros(0)
         if closed:
-            self.forces = modes.forces(closed, state, plant.applied, plant.external)
+            self.forces = modes.forces(closed, plant)
 
 
 class ContactPlant:
@@ -125,7 +125,7 @@ class ContactPlant:
         )
         self.tolerance = tolerance
         self._modes = ContactModes(system, bound, plant_of)
-        self.closed: Closed = frozenset()
+        self.closed, self._clinging = NONE, NONE
         self._plant = self._modes.plant(self.closed)
         self.contact_events: tuple[ContactEvent, ...] = ()
         self._time, self._past_work, self._size = 0.0, 0.0, 0.0
@@ -166,7 +166,7 @@ class ContactPlant:
             InputError: a contact is below the ground.
         """
         self._time, self._past_work, self.contact_events = 0.0, 0.0, ()
-        self.closed = frozenset()
+        self.closed, self._clinging = NONE, NONE
         self._plant = self._modes.plant(self.closed)
         self._plant.reset(np.array(q, dtype=float), np.array(v, dtype=float))
         self._size = _radius_of_gyration(self._plant.reduced.robot.model, self._plant.read()[0])
@@ -220,6 +220,10 @@ class ContactPlant:
     def _happen(self, number: int) -> None:
         """Open or close a contact at the present state."""
         name = self._modes.contacts[number].name
+        if number in self._clinging and self._gap_rate(number) > 0.0:  # it leaves the ground for good
+            mode = self.closed, self._clinging - {number}
+            self._take(mode, self._started(mode, *self._plant.read(), self._plant.applied))
+            return
         if number in self.closed:
             self._use(self.closed - {number}, self.closed)
             self._record(f"lift-off of {name}")
@@ -234,8 +238,8 @@ class ContactPlant:
         candidates, jump = self._modes.after_impact(touching, q, v, self._time)
         T = self._plant.applied
         self._past_work += self._plant.work - jump.loss
-        self.closed = frozenset()
-        self._plant = self._started(self.closed, q, jump.v, T)
+        self.closed, self._clinging = NONE, NONE
+        self._plant = self._started((NONE, NONE), q, jump.v, T)
         self._use(candidates, candidates)
         self._record(cause, jump if jump.changes_velocity else None)
 
@@ -248,28 +252,34 @@ class ContactPlant:
 
     def _use(self, candidates: Closed, touching: Closed) -> None:
         """Close those of the candidates that push while the others that touch separate."""
-        q, v = self._plant.read()
-        started = {self.closed: self._plant}
+        started = {(self.closed, self._clinging): self._plant}
 
-        def holds(closed: Closed) -> bool:
-            if closed not in started:
-                started[closed] = self._started(closed, q, v, self._plant.applied)
-            return self._modes.holds(closed, touching - closed, started[closed])
+        def holds(closed: Closed, clinging: Closed = NONE) -> bool:
+            mode = closed, clinging
+            if mode not in started:
+                started[mode] = self._started(mode, *self._plant.read(), self._plant.applied)
+            return self._modes.holds(closed, touching - closed, started[mode])
 
-        found = consistent(candidates, holds)
+        found, clinging = consistent(candidates, holds), NONE
         if found is None:
-            raise SimulationError(
-                f"contacts {self._modes.names(touching)} at t = {self._time:.4f} s: no set of them only pushes while "
-                "the others separate: friction without a limit holds them where they would slip; a Caster has no "
-                "friction, and that of the MuJoCo plant has a limit"
-            )
-        if started[found] is not self._plant:
-            self._past_work += self._plant.work
-            self.closed, self._plant = found, started[found]
+            found = consistent(candidates, lambda closed: holds(closed, touching - closed))
+            if found is None:
+                raise SimulationError(
+                    f"contacts {self._modes.names(touching)} at t = {self._time:.4f} s: no set of them only pushes "
+                    "while the others separate without slip"
+                )
+            clinging = touching - found
+        self._take((found, clinging), started[found, clinging])
 
-    def _started(self, closed: Closed, q: np.ndarray, v: np.ndarray, T: np.ndarray) -> ReducedPlant:
-        """Plant of a set of closed contacts, at a state and under inputs T."""
-        plant, errors = self._modes.plant(closed), self._plant.errors
+    def _take(self, mode: tuple[Closed, Closed], plant: ReducedPlant) -> None:
+        """Continue with the plant of a mode."""
+        if plant is not self._plant:
+            self._past_work += self._plant.work
+            (self.closed, self._clinging), self._plant = mode, plant
+
+    def _started(self, mode: tuple[Closed, Closed], q: np.ndarray, v: np.ndarray, T: np.ndarray) -> ReducedPlant:
+        """Plant of closed and clinging contacts, at a state and under inputs T."""
+        plant, errors = self._modes.plant(*mode), self._plant.errors
         plant.reset(q, v, self._time)
         plant.apply(T)
         plant.keep_errors(errors)
@@ -295,7 +305,17 @@ class ContactPlant:
             if number not in self.closed:
                 time = self._landing_time(step, before, after, number)
                 found += [] if time is None else [(time, number)]
+        for number in self._clinging:
+            if after.rates[number] > self._modes.contacts[number].contact.rest_speed:
+                found.append((step.crossing(partial(self._excess_rate, number)), number))
         return min(found, default=None)
+
+    def _excess_rate(self, number: int) -> float:
+        return self._gap_rate(number) - self._modes.contacts[number].contact.rest_speed
+
+    def _gap_rate(self, number: int) -> float:
+        state = self._plant.state
+        return self._modes.contacts[number].gap_rate(self._modes.position(state.q), state.v)
 
     def _zero_of_force(self, step: EventStep, before: _Signals, column: int) -> float:
         if before.forces[column] <= 0.0:
@@ -309,15 +329,12 @@ class ContactPlant:
         def gap() -> float:
             return contact.gap(self._modes.position(self._plant.state.q))
 
-        def rate() -> float:
-            return contact.gap_rate(self._modes.position(self._plant.state.q), self._plant.state.v)
-
         end, departs = step.dt, before.gaps[number] <= rounding
         if after.gaps[number] >= (-rounding if departs else 0.0):
             # It may touch the ground in between, such as the corner of a body that turns.
             if not before.rates[number] < 0.0 < after.rates[number]:
                 return None
-            end = step.crossing(rate)
+            end = step.crossing(partial(self._gap_rate, number))
             step.move_to(end)
             if gap() >= -rounding:
                 return None

@@ -5,6 +5,7 @@ Coulomb friction with stiction minimizes the kinetic energy at the end of a step
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +21,9 @@ _AT_REST = 1e-9  # speed that counts as rest, relative to the speed that frictio
 _RANK = 1e-12
 
 _SHORT = 1e-6  # time to rest below which a row counts as stopped, relative to the step
+_SQUARE_ROOT = 1e-4  # ratio of pivots below which rows may be coupled
 _INSTANT = 1e-6  # horizon for instantaneous friction forces [s]
+_PIVOTS = 8  # turns of a search for the rows that stick
 
 
 class FrictionForces(NamedTuple):
@@ -123,7 +126,11 @@ class DryFriction:
         R, rows = state.R, self.rows(state)[which]
         along = rows @ R
         moved = np.linalg.solve(state.H, along.T)
-        impulse = np.linalg.lstsq(along @ moved, rows @ state.v, rcond=_RANK)[0]
+        together, speeds = along @ moved, rows @ state.v
+        factor, impulse, failed = scipy.linalg.lapack.dposv(together, speeds)
+        pivots = factor.diagonal()
+        if failed or not pivots.min() > _SQUARE_ROOT * pivots.max():  # rows that the constraints couple
+            impulse = np.linalg.lstsq(together, speeds, rcond=_RANK)[0]
         return state.with_velocity(state.v - R @ (moved @ impulse))
 
 
@@ -140,12 +147,38 @@ def _least_energy(basis: np.ndarray, free: np.ndarray, limits: np.ndarray) -> tu
     if not size > 0:
         return -limits * np.sign(free), np.zeros(len(limits), dtype=bool)
     scaled, wanted = scaled / size, free * limits / size**2
-    shares = -np.sign(wanted)  # first guess: every row slides
-    if not (shares * (scaled.T @ (scaled @ shares) + wanted) < 0).all():
-        target, *_ = np.linalg.lstsq(scaled.T, wanted, rcond=_RANK)
-        found = scipy.optimize.lsq_linear(scaled, -target, bounds=(-1.0, 1.0), method="bvls", tol=_RANK)
-        return found.x * limits, found.active_mask == 0
-    return shares * limits, np.zeros(len(limits), dtype=bool)
+    shares = _pivoted(scaled.T @ scaled, wanted)
+    if shares is not None:
+        return shares * limits, np.abs(shares) < 1.0
+    target, *_ = np.linalg.lstsq(scaled.T, wanted, rcond=_RANK)
+    found = scipy.optimize.lsq_linear(scaled, -target, bounds=(-1.0, 1.0), method="bvls", tol=_RANK)
+    return found.x * limits, found.active_mask == 0
+
+
+def _pivoted(gram: np.ndarray, wanted: np.ndarray) -> np.ndarray | None:
+    """Shares x (k,) in [-1, 1] that minimize ``x^T gram x / 2 + x^T wanted``, by block principal pivoting.
+
+    All rows slide at first. Rows whose slope points inwards become free, free ones beyond their limits slide. None if a
+    few turns find no optimum, or the inertia couples free rows so that they have no unique forces.
+    """
+    shares = -np.sign(wanted)
+    free = shares == 0.0
+    for _ in range(_PIVOTS):
+        if free.any():
+            rows = gram[free]
+            try:
+                shares[free] = np.linalg.solve(rows[:, free], -(wanted[free] + rows[:, ~free] @ shares[~free]))
+            except np.linalg.LinAlgError:
+                return None
+        slope = gram @ shares + wanted
+        if not (np.abs(slope[free]) <= _RANK * (1.0 + np.abs(wanted[free]))).all():
+            return None
+        beyond, inwards = free & ~(np.abs(shares) < 1.0), ~free & (shares * slope > 0.0)
+        if not (beyond.any() or inwards.any()):
+            return shares
+        free = free & ~beyond | inwards
+        shares[beyond] = np.sign(shares[beyond])
+    return None
 
 
 class DissipativeStep:
@@ -261,11 +294,12 @@ class DissipativeStep:
         difference; otherwise the integral of work would contain decays faster than the step.
         """
         r, dynamics = len(linear.decay), self._dynamics
-
-        def projection(state: StateEvaluation) -> StateEvaluation:
-            return state if sticking is None else self.friction.stopped(state, sticking)
-
-        smooth = dynamics.derivative(T, external, projection)
+        stopped = None
+        if sticking is not None and sticking.any():
+            stopped = partial(self.friction.stopped, which=sticking)
+        elif external is None and dynamics.damping is None:
+            return dynamics.advance(q, y, T, h, 1)
+        smooth = dynamics.derivative(T, external, stopped)
         if dynamics.damping is None:
             return self._explicit.measured_step(smooth, q, y, h, r)
 
@@ -285,7 +319,7 @@ class DissipativeStep:
         dynamics = self._dynamics
         R, H, damping = state.R, state.H, dynamics.damping
         if damping is None:
-            modes = scipy.linalg.solve_triangular(np.linalg.cholesky(H), np.eye(len(H)), lower=True).T
+            modes = np.linalg.inv(np.linalg.cholesky(H)).T
             decay = np.zeros(len(H))
         else:
             decay, modes = scipy.linalg.eigh(R.T @ (damping[:, None] * R), H)

@@ -28,6 +28,7 @@ _ORDER_4 = 16.0 / 15.0  # error over its difference from that with half the step
 _ORDER_1 = 2.0
 _MARGIN = 64.0  # by which the error is below the limit where half the substeps are enough: 16 and a reserve
 _ROUNDING = 1e-14  # relative difference that is rounding
+_LONGER = 1.5  # duration of a sample over that of the compared one, from which a comparison is due
 _LEAST = 1e-60  # roughness of a motion at rest
 
 
@@ -76,7 +77,8 @@ class IntegrationErrors(NamedTuple):
         time: time of the run [s].
         roughness: roughness of the compared sample.
         pattern: errors (2 nv,) of the compared sample.
-        size: largest of these.
+        size: largest of these, at least rounding.
+        span: duration of the compared sample [s].
         since: time of the last comparison [s].
         past: errors (2 nv,) accumulated until the last comparison.
         largest: largest errors (2 nv,) of a sample until then.
@@ -95,6 +97,7 @@ class IntegrationErrors(NamedTuple):
     roughness: float
     pattern: Array
     size: float
+    span: float
     since: float
     past: Array
     largest: Array
@@ -107,7 +110,7 @@ class IntegrationErrors(NamedTuple):
         """Return the errors at the start of a run."""
         none, steps = np.zeros(2 * nv), substeps.number or 1
         return IntegrationErrors(
-            steps, steps, _PERIOD, 0.0, 0.0, 0.0, 0.0, 0.0, none, 0.0, 0.0, none, none, 0.0, steps, 1
+            steps, steps, _PERIOD, 0.0, 0.0, 0.0, 0.0, 0.0, none, 0.0, 0.0, 0.0, none, none, 0.0, steps, 1
         )  # fmt: skip
 
     def after(self, roughness: float, dt: float, limit: float) -> tuple[bool, IntegrationErrors]:
@@ -132,6 +135,7 @@ class IntegrationErrors(NamedTuple):
             reference,
             pattern,
             size,
+            span,
             since,
             past,
             largest,
@@ -142,11 +146,12 @@ class IntegrationErrors(NamedTuple):
         share = roughness / (reference + _LEAST)  # of drawn motions a better estimate than a power of the ratio
         error, time = share * size, time + dt
         settled = (age < _PAUSE) | (share < _GROWTH) | (error < rate * dt)
-        accepted = (error <= limit) & (age < _PERIOD) & settled
+        # The error falls faster with the duration than the roughness, and that of a short sample may be below rounding.
+        accepted = (error <= limit) & (age < _PERIOD) & settled & (dt <= _LONGER * span)
         larger = max(peak, share) if isinstance(share, float) else cast(float, np.maximum(peak, share))
         return accepted, IntegrationErrors(
-            steps, steps, age + 1, weight + share, moment + share * time, larger, time, reference, pattern, size, since,
-            past, largest, rate, most, enough,
+            steps, steps, age + 1, weight + share, moment + share * time, larger, time, reference, pattern, size, span,
+            since, past, largest, rate, most, enough,
         )  # fmt: skip
 
     def after_compared(self, share: float, dt: float) -> IntegrationErrors:
@@ -187,8 +192,9 @@ class IntegrationErrors(NamedTuple):
         if substeps.number is None and steps > 1 and size * _MARGIN < limit:
             following, again = steps // 2, True
         found = self.folded()._replace(
-            steps=following, used=steps, age=_PERIOD if again else 0, roughness=roughness, pattern=errors, size=size,
-            rate=max(self.rate, size / dt), most=max(self.most, steps), enough=max(self.enough, enough),
+            steps=following, used=steps, age=_PERIOD if again else 0, roughness=roughness, pattern=errors,
+            size=max(size, _ROUNDING), span=dt, rate=max(self.rate, size / dt), most=max(self.most, steps),
+            enough=max(self.enough, enough),
         )  # fmt: skip
         return found.after_compared(1.0, dt)
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
 from rnc_pin.constraints import GroundPlane
 from rnc_pin.errors import ConfigurationError
+from rnc_pin.model.kernel_rows import KernelRow
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics, VelocityKinematics
 from rnc_pin.model.parameter_types import NotNegative
-from rnc_pin.model.rows import ConstraintKind
+from rnc_pin.model.rows import ConstraintKind, Rows
 from rnc_pin.robots.robot import Robot
 
 _SMALL = 1e-9  # entry of a height row that counts as zero
@@ -62,6 +64,7 @@ class BoundContact:
 
     Attributes:
         contact: the contact.
+        friction: constraint of the rows that prevent slip, without the height row.
         name: frame of the constraint, or its height row.
         row: name of the height row.
 
@@ -85,6 +88,7 @@ class BoundContact:
                 f"one height row, found {len(heights)} height rows"
             )
         self.contact, self._height = contact, heights[0]
+        self.friction = _Friction(rows, self._height)
         self.row = rows.names[self._height]
         self.name = str(getattr(kind, "frame", self.row))
         kinematics, generator = Kinematics(robot), np.random.default_rng(0)
@@ -102,13 +106,11 @@ class BoundContact:
     @property
     def slips(self) -> bool:
         """True if the contact has rows that prevent slip."""
-        return len(self._rows.names) > 1
+        return len(self.friction.names) > 0
 
     def slip(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray, list[str]]:
         """Rows that prevent slip, (k, nv), with their velocities (k,) and names."""
-        names = [name for number, name in enumerate(self._rows.names) if number != self._height]
-        rows, rates = self._rows.jacobian(at), self._rows.rate(at)
-        return np.delete(rows, self._height, axis=0), np.delete(rates, self._height), names
+        return self.friction.jacobian(at), self.friction.rate(at), list(self.friction.names)
 
     def rebound(self, rate: float) -> float:
         """Coefficient of restitution of an impact at a rate of the gap [m/s]; zero for slow ones."""
@@ -131,3 +133,44 @@ class BoundContact:
     def gap_acceleration(self, at: VelocityKinematics, v_dot: np.ndarray) -> float:
         """Second rate of the gap at acceleration v_dot (nv,) [m/s^2]."""
         return float(self.jacobian(at) @ v_dot + self._rows.bias_acceleration(at)[self._height])
+
+
+class _Friction(Rows):
+    """Rows of a contact besides its height row.
+
+    Args:
+        rows: all rows of the contact.
+        height: index of the height row.
+    """
+
+    def __init__(self, rows: Rows, height: int) -> None:
+        self._rows, self._kept = rows, [row for row in range(len(rows.names)) if row != height]
+        self.names = tuple(rows.names[row] for row in self._kept)
+        self.units = tuple(rows.units[row] for row in self._kept)
+        self.affine, self.rheonomic, self.turning, self.ground = rows.affine, rows.rheonomic, rows.turning, rows.ground
+
+    def bind(self, robot: Robot) -> Rows:
+        return self
+
+    def jacobian(self, at: PositionKinematics) -> np.ndarray:
+        return self._rows.jacobian(at)[..., self._kept, :]
+
+    def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
+        return self._rows.jacobian_dot(at)[..., self._kept, :]
+
+    def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
+        return self._rows.bias_acceleration(at)[..., self._kept]
+
+    def rate(self, at: PositionKinematics) -> np.ndarray:
+        return self._rows.rate(at)[..., self._kept]
+
+    def rate_dot(self, at: VelocityKinematics) -> np.ndarray:
+        return self._rows.rate_dot(at)[..., self._kept]
+
+    def rates_over_time(self, t: float) -> tuple[np.ndarray, np.ndarray]:
+        mu, mu_dot = self._rows.rates_over_time(t)
+        return mu[self._kept], mu_dot[self._kept]
+
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
+        found = self._rows.kernel_rows(model)
+        return None if found is None else [found[row] for row in self._kept]

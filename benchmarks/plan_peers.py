@@ -1,0 +1,148 @@
+"""One plan of an arm here and by Crocoddyl: the same dynamics, costs, start, guess, and limits of the torques.
+
+Crocoddyl lives in an environment of its own, because it needs another version of Pinocchio: ``crocoddyl==3.1.0``,
+``pin==3.8.0``, ``cmeel-urdfdom<5`` and ``cmeel-tinyxml2<11``. The variable ``RNC_PIN_CROCODDYL`` names its interpreter.
+Before times count, its accelerations and the optimal costs have to agree with those here.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+import pinocchio as pin
+
+import rnc_pin as rnc
+from rnc_pin.optimal import (
+    EffortCost,
+    InputBound,
+    Nodes,
+    PostureCost,
+    PredictiveController,
+    SolverSettings,
+    VelocityCost,
+    action_model,
+)
+from rnc_pin.optimal.guesses import along
+from rnc_pin.optimal.problem_building import build_problem, initial_node
+from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic
+from rnc_pin.robots.robot_files import find_example
+
+_VARIABLE = "RNC_PIN_CROCODDYL"
+_SCRIPT = Path(__file__).parent / "peers" / "crocoddyl_arm.py"
+_NODES, _DURATION, _LIMIT, _ROUNDS = 40, 1.0, 25.0, 7
+_START, _GOAL = [0.0, -0.6, 0.0, -2.0, 0.0, 1.5, 0.7], [0.6, 0.1, 0.2, -1.4, 0.1, 1.8, 0.9]
+_RUNNING, _TERMINAL = (0.1, 0.01, 1e-4), (10.0, 1.0)  # weights of posture, velocities and efforts
+_SAME = 2e-2  # relative difference of optimal costs by the midpoint rule here and by Euler's rule there
+
+_Result = TypeVar("_Result")
+
+
+def peers() -> None:
+    """Print processor times of solutions, plans and updates here, and of solutions by Crocoddyl."""
+    fingers = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
+    robot = rnc.Robot.from_example("panda", lock=fingers)
+    reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce()
+    q0, goal = (robot.configuration(dict(zip(robot.joint_names, each, strict=True))) for each in (_START, _GOAL))
+    posture, velocity, effort = _RUNNING
+    costs = [
+        EffortCost(effort),
+        PostureCost(goal, posture),
+        VelocityCost(velocity),
+        PostureCost(goal, _TERMINAL[0], phase="terminal"),
+        VelocityCost(_TERMINAL[1], phase="terminal"),
+    ]
+    model = action_model(reduced, "dynamic")
+    guess = along(model, np.linspace(q0, goal, _NODES + 1), _DURATION)
+    print(f"Panda, {_NODES} intervals, torques; processor time, least of {_ROUNDS} [ms]; costs")
+    here = []
+    for bounds in ((), (InputBound(-_LIMIT, _LIMIT),)):
+        problem = build_problem(model, initial_node(model, q0), None, _DURATION, costs, bounds, _NODES)
+        taken, found = _least(lambda each=problem: SequentialQuadratic(each, SolverSettings()).solve(guess))
+        options = {"form": "dynamic", "costs": costs, "limits": None, "bounds": bounds}
+        whole, plan = _least(lambda given=options: rnc.optimal.plan(reduced, q0, None, _DURATION, **given))
+        here.append(found.cost)
+        solved = f"solve {taken:.1f} in {found.iterations} iterations, {found.cost:.5f}"
+        print(f"  here, {_words(bool(bounds))}: {solved}; plan() {whole:.1f}, {plan.info.cost:.5f}", flush=True)
+    print(f"  here, update of predictive control within bounds, one iteration: {_update(reduced, q0, costs):.1f}")
+    beside(robot, goal, here)
+
+
+def _words(bounded: bool) -> str:
+    return "with bounds" if bounded else "without bounds"
+
+
+def _least(call: Callable[[], _Result]) -> tuple[float, _Result]:
+    """Least processor time of some calls [ms], and the last result."""
+    taken = []
+    for _ in range(_ROUNDS):
+        begin = time.process_time()
+        found = call()
+        taken.append(1e3 * (time.process_time() - begin))
+    return min(taken), found
+
+
+def _update(reduced: rnc.ReducedModel, q: np.ndarray, costs: list[object]) -> float:
+    """Median processor time of the later updates of a controller that drives the arm [ms]."""
+    bounds = [InputBound(-_LIMIT, _LIMIT)]
+    controller = PredictiveController(reduced, costs, _DURATION, bounds=bounds, nodes=_NODES)
+    model, period = action_model(reduced, "dynamic"), controller.updates.period
+    now, state, taken = Nodes(q[None], np.zeros((1, reduced.r))), None, []
+    for k in range(20):
+        measurement = reduced.at(now.q[0], now.w[0]).measure(np.zeros(reduced.r))
+        state = controller.initial_state(measurement) if state is None else state
+        begin = time.process_time()
+        command, state = controller.step(k * period, measurement, state)
+        taken.append(1e3 * (time.process_time() - begin))
+        now = model.step(now, command.T[None], np.array([period]))
+    return float(np.median(taken[3:]))
+
+
+def beside(robot: rnc.Robot, goal: np.ndarray, here: list[float]) -> None:
+    """Print what Crocoddyl finds, if it is there and computes the same accelerations."""
+    interpreter = os.environ.get(_VARIABLE)
+    if not interpreter:
+        print(f"  Crocoddyl is missing: {_VARIABLE} names no interpreter of an environment that has it")
+        return
+    generator, n = np.random.default_rng(0), robot.nv
+    states = [(robot.random_configuration(generator), *generator.normal(size=(2, n))) for _ in range(5)]
+    problem = {
+        "urdf": str(find_example("panda")[0]),
+        "joints": list(robot.joint_names),
+        "states": [[each.tolist() for each in state] for state in states],
+        "goal": goal.tolist(),
+        "running": _RUNNING,
+        "terminal": _TERMINAL,
+        "h": _DURATION / _NODES,
+        "limit": _LIMIT,
+        "rounds": _ROUNDS,
+        "start": _START,
+        "nodes": _NODES,
+    }
+    done = subprocess.run(
+        [interpreter, str(_SCRIPT)], input=json.dumps(problem), text=True, capture_output=True, check=False
+    )
+    if done.returncode:
+        print(f"  Crocoddyl is missing: {interpreter}: {done.stderr.strip().splitlines()[-1]}")
+        return
+    answer = json.loads(done.stdout)
+    data = robot.model.createData()
+    exact = np.array([pin.aba(robot.model, data, *state) for state in states])
+    error = float(np.abs(np.array(answer["accelerations"]) - exact).max() / np.abs(exact).max())
+    if error > 1e-8:
+        print(f"  Crocoddyl {answer['version']} computes other accelerations, relative error {error:.1e}: not timed")
+        return
+    for bounded, found in enumerate(answer["solutions"]):
+        apart = abs(found["cost"] / here[bounded] - 1)
+        within = not bounded or found["effort"] <= _LIMIT * (1 + 1e-6)
+        same = "" if apart < _SAME and found["feasible"] and within else ", NOT the same optimum"
+        name = f"Crocoddyl {answer['version']}, {_words(bool(bounded))}"
+        print(
+            f"  {name}: solve {1e3 * found['time']:.1f} in {found['iterations']} iterations, {found['cost']:.5f}{same}"
+        )
