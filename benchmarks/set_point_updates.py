@@ -40,6 +40,7 @@ from rnc_pin.optimal import (
 )
 
 HORIZON, NODES, LIMIT, PERIOD, UPDATES = 4.0, 20, 2.0, 0.05, 60
+DRAWN, SPREAD = 5, np.array([0.5, 0.1, 0.1])  # starts about START, and how far from it [m, m, rad]
 NEAR, START = 0.05, (-1.0, 0.2, 0.2)  # place and heading
 PRECISION = 0.02
 _COST, _SPEED, _EFFORT = 10.0, 0.1, 0.01
@@ -66,31 +67,69 @@ def controller_of(name: str, kind: str, bounds: Sequence[BoundKind]) -> Predicti
         )
 
 
-def update_time(name: str) -> float:
-    """Median processor time of an update in closed loop, after the first motion [s]."""
+class Updates(NamedTuple):
+    """Processor times of the updates of one run in closed loop, after the first motion [s]."""
+
+    bounded: list[float]
+    """Of those whose motion has an input at its bound."""
+    other: list[float]
+    searches: list[float]
+    """Of those that searched for another motion, because the last one stalled."""
+
+
+def updates_of(name: str, seed: int | None = None) -> Updates:
+    """Updates from the start of the CasADi problem, or from a drawn one.
+
+    Args:
+        name: name of the system.
+        seed: of the start.
+    """
     controller = controller_of(name, "set point", [InputBound(-LIMIT, LIMIT)])
     reduced = CASES[name].build()
-    behind = reduced.robot.configuration({"root_joint": list(START)})
-    measured = reduced.at(behind, np.zeros(reduced.r)).measure(np.zeros(reduced.r))
-    state, taken = controller.initial_state(measured), []
+    place = np.array(START)
+    if seed is not None:
+        place += SPREAD * np.random.default_rng(seed).uniform(-1.0, 1.0, 3)
+    start = reduced.robot.configuration({"root_joint": place})
+    measured = reduced.at(start, np.zeros(reduced.r)).measure(np.zeros(reduced.r))
+    state, taken = controller.initial_state(measured), Updates([], [], [])
     model = rnc.optimal.action_model(reduced, "acceleration")
     now = rnc.optimal.Nodes(np.array(measured.q)[None], np.zeros((1, reduced.r)))
     for k in range(UPDATES):
         seen = reduced.at(now.q[0], now.w[0]).measure(np.zeros(reduced.r))
-        begin = time.process_time()
+        begin, searches = time.process_time(), state.searches
         _, state = controller.step(k * PERIOD, seen, state)
-        taken.append((float(np.abs(state.u).max()), time.process_time() - begin))
+        spent = time.process_time() - begin
+        if state.searches > searches:
+            taken.searches.append(spent)
+        elif k:
+            (taken.bounded if float(np.abs(state.u).max()) > LIMIT - 1e-3 else taken.other).append(spent)
         now = model.step(now, state.u[:1], np.array([PERIOD]))
-    assert state.missed == 0
-    return _at_bounds(taken)
+    if state.missed:
+        raise ValueError(f"{state.missed} updates were not used")
+    return taken
 
 
-def _at_bounds(taken: Sequence[tuple[float, float]]) -> float:
-    """Median time of the updates after the first one whose motion has an input at its bound."""
-    bounded = [spent for largest, spent in taken[1:] if largest > LIMIT - 1e-3]
-    if len(bounded) < 5:
-        raise ValueError(f"{len(bounded)} updates have an input at its bound: too few for a median")
-    return float(np.median(bounded))
+def update_time(name: str) -> float:
+    """Median processor time of an update from the start of the CasADi problem [s]."""
+    return _median(updates_of(name).bounded)
+
+
+def drawn_row(name: str) -> str:
+    """Line of the table of drawn starts."""
+    runs = [updates_of(name, seed) for seed in range(DRAWN)]
+    warm = [1e3 * spent for run in runs for spent in (*run.bounded, *run.other)]
+    bounded = [1e3 * spent for run in runs for spent in run.bounded]
+    searches = [spent for run in runs for spent in run.searches]
+    at_bounds = f"{np.median(bounded):.1f}, {np.max(bounded):.1f} ({len(bounded)})" if bounded else "none"
+    longest = f"{len(searches)}, {np.max(searches):.2g} s" if searches else "none"
+    return f"| {name} | {np.median(warm):.1f} | {np.max(warm):.1f} ({len(warm)}) | {at_bounds} | {longest} |"
+
+
+def _median(spent: Sequence[float]) -> float:
+    """Median time of updates whose motion has an input at its bound."""
+    if len(spent) < 5:
+        raise ValueError(f"{len(spent)} updates have an input at its bound: too few for a median")
+    return float(np.median(spent))
 
 
 class Rate(NamedTuple):
@@ -200,7 +239,7 @@ def _updates(ca: Any, parts: Any, nx: int, nu: int, at_rest: np.ndarray, step: A
         w = w + np.array(found["x"]).ravel()
         taken.append((float(np.abs(w[count:]).max()), time.process_time() - begin))
         start = start + (np.array(step(start, w[count : count + nu])).ravel() - start) * PERIOD / (HORIZON / NODES)
-    return _at_bounds(taken)
+    return _median([spent for largest, spent in taken[1:] if largest > LIMIT - 1e-3])
 
 
 def main() -> None:
@@ -211,6 +250,10 @@ def main() -> None:
         peer = casadi_time(name)
         said = peer if isinstance(peer, str) else f"{1e3 * peer:.1f}"
         print(f"| {name} | {1e3 * update_time(name):.1f} | {said} |", flush=True)
+    print(f"\n| updates from {DRAWN} starts [ms] | median | largest (count) | at bounds: median, largest | searches |")
+    print("|---|---|---|---|---|")
+    for name in _EQUATIONS:
+        print(drawn_row(name), flush=True)
     print("\n| from 0.3 aside | cost | rate [1/s] | homogeneous distance after 20 s |")
     print("|---|---|---|---|")
     for name in ("edge", "car"):

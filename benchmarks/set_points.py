@@ -1,6 +1,8 @@
 """Set points: shares of random starts from which controllers arrive and stay, and what the verdicts say of the others.
 
-``python -m benchmarks.set_points TASK [N] [SYSTEM ...] [--control plan|predictive|quadratic] [--jobs K]``
+``python -m benchmarks.set_points TASK [N] [SYSTEM ...] [--control plan|predictive|quadratic] [--jobs K] [--out FILE]``
+
+With a file, each draw is written as it ends, and draws that the file has are not run again: a stopped run continues.
 
 Tasks:
 
@@ -17,6 +19,7 @@ Tasks:
 from __future__ import annotations
 
 import argparse
+import json
 import time
 import warnings
 from collections.abc import Callable, Sequence
@@ -24,6 +27,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import product
+from pathlib import Path
 from typing import NamedTuple
 
 import coal
@@ -277,6 +281,16 @@ def settings_of(task: str, control: str) -> dict[str, Setting]:
     return {"": Setting(control, noise=task == "noise", obstacles=task == "obstacles")}
 
 
+def drawn_before(file: Path | None, key: Sequence[str]) -> dict[int, Result]:
+    """Results by seed that a file has of a task, a controller and a system."""
+    lines = file.read_text(encoding="utf-8").splitlines() if file is not None and file.is_file() else []
+    found = {}
+    for *own, seed, arrived, succeeded, error, taken in map(json.loads, lines):
+        if own == [*key]:
+            found[int(seed)] = Result(bool(arrived), bool(succeeded), error, taken)
+    return found
+
+
 def main() -> None:
     """Print a row for each system."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
@@ -285,6 +299,7 @@ def main() -> None:
     parser.add_argument("systems", nargs="*", choices=[*CASES, []], default=[])
     parser.add_argument("--control", choices=("plan", "predictive", "quadratic"), default="plan")
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--out", type=Path)
     chosen = parser.parse_args()
     print("| system | arrived | missed, named by the verdict | called succeeded | median error | largest | time [s] |")
     print("|---|---|---|---|---|---|---|")
@@ -292,12 +307,16 @@ def main() -> None:
     count = 1 if chosen.task == "aside" else chosen.count
     for name, (text, setting) in product(chosen.systems or CASES, rows):
         one = partial(run, name, setting)
-        if chosen.jobs == 1:
-            results = list(map(one, range(count)))
-        else:
-            with ProcessPoolExecutor(chosen.jobs) as pool:
-                results = list(pool.map(one, range(count)))
-        print(row(name + text, results), flush=True)
+        known = drawn_before(chosen.out, key := [chosen.task, chosen.control, name + text])
+        missing = [seed for seed in range(count) if seed not in known]
+        with ProcessPoolExecutor(chosen.jobs) as pool:
+            found = map(one, missing) if chosen.jobs == 1 else pool.map(one, missing)
+            for seed, result in zip(missing, found, strict=True):
+                known[seed] = result
+                if chosen.out is not None:
+                    with chosen.out.open("a", encoding="utf-8") as file:
+                        file.write(json.dumps([*key, seed, *map(float, result)]) + "\n")
+        print(row(name + text, [known[seed] for seed in range(count)]), flush=True)
 
 
 if __name__ == "__main__":

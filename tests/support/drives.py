@@ -3,6 +3,9 @@
 import threading
 from contextlib import contextmanager
 
+import numpy as np
+import pinocchio as pin
+
 from patience import PATIENCE
 from rnc_pin.applications.drive.commands import parse_command
 from rnc_pin.applications.drive.log import LoggedCommand
@@ -47,9 +50,18 @@ def reduced_of(drive):
 
 def point_of(drive, q, frame):
     """Position of a frame (3,) by Pinocchio itself."""
-    import pinocchio as pin
+    return placement_of(drive, q, frame).translation.copy()
 
+
+def placement_of(drive, q, frame):
+    """Placement of a frame by Pinocchio itself."""
     robot = reduced_of(drive).robot
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, q)
-    return data.oMf[robot.frame_id(frame)].translation.copy()
+    return pin.SE3(data.oMf[robot.frame_id(frame)])
+
+
+def pose_of(drive, q):
+    """Place of the base (2,) and its heading, by Pinocchio itself."""
+    placed = placement_of(drive, q, drive.controls.base.frame)
+    return np.append(placed.translation[:2], np.arctan2(placed.rotation[1, 0], placed.rotation[0, 0]))

@@ -17,6 +17,7 @@ from rnc_pin.robots import Robot
 
 _ROOT = "root_joint"
 _RANK = 1e-6  # smallest singular value, of rows of unit length, at which motions are independent
+_TURNED = 0.7  # [rad or m] by which a joint moves in the test of whether the motions of others depend on it
 _STEERED = 0.1  # [rad] by which a joint turns in the test of whether it steers
 _SLOWING = 1.5  # speed of the base over its distance from the goal [1/s]
 _TURNING = 2.5  # turn rate over the bearing of the goal [1/s]
@@ -35,6 +36,7 @@ class DrivenBase:
         steering: joint that steers a base that cannot turn on the spot; None without one.
         steering_sign: sign of the curvature's change with that joint.
         wheels: joints that cannot move without the base.
+        shape: joints on whose positions the motion of the base depends, such as steering angles and hitches.
     """
 
     frame: str
@@ -43,6 +45,23 @@ class DrivenBase:
     steering: str | None = None
     steering_sign: float = 1.0
     wheels: tuple[str, ...] = ()
+    shape: tuple[str, ...] = ()
+
+    def rates(self, rows: np.ndarray, robot: Robot) -> np.ndarray:
+        """Return the rows (3, nv) of the rates that a user sets: zero for motions that the base does not have.
+
+        Args:
+            rows: rows of ``base_rows``.
+            robot: the robot.
+        """
+        found = rows.copy()
+        if not self.slides:
+            found[2] = 0.0
+        if not self.turns:
+            found[1] = 0.0
+            if self.steering is not None:
+                found[1, robot.velocity_indices(self.steering)] = 1.0
+        return found
 
 
 class BaseRates(NamedTuple):
@@ -92,7 +111,7 @@ def find_base(reduced: ReducedModel, q0: np.ndarray, joints: Sequence[str]) -> D
     turns = _independent(resting, forward, turn)
     slides = _independent(resting, forward, left)
     steering, sign = (None, 1.0) if turns else _steering(reduced, q0, frame, [j for j in joints if j not in wheels])
-    return DrivenBase(frame, turns, slides, steering, sign, wheels)
+    return DrivenBase(frame, turns, slides, steering, sign, wheels, _shape(reduced, q0))
 
 
 def base_rows(robot: Robot, frame: str, at: ConfigurationEvaluation) -> np.ndarray:
@@ -115,6 +134,24 @@ def _independent(given: np.ndarray, *rows: np.ndarray, full: bool = True) -> boo
     before = np.linalg.matrix_rank(np.array(units[: len(given)]), _RANK) if len(given) else 0
     after = np.linalg.matrix_rank(np.array(units), _RANK)
     return bool(after == before + len(rows) and (not full or before == len(given)))
+
+
+def _shape(reduced: ReducedModel, q0: np.ndarray) -> tuple[str, ...]:
+    """Joints on whose positions the space of possible velocities depends."""
+    robot, found = reduced.robot, []
+    left, sizes, _ = np.linalg.svd(reduced.at(q0).R, full_matrices=False)
+    span = left[:, sizes > _RANK * sizes.max(initial=0.0)]
+    for name in robot.joint_names:
+        change = np.zeros(robot.nv)
+        change[robot.velocity_indices(name)] = _TURNED
+        try:
+            there = reduced.at(pin.integrate(robot.model, q0, change)).R
+        except RncError:  # a singular configuration: it depends on the joint
+            found.append(name)
+            continue
+        if name != _ROOT and np.abs(there - span @ (span.T @ there)).max(initial=0.0) > _RANK:
+            found.append(name)
+    return tuple(found)
 
 
 def curvature(at: ConfigurationEvaluation, rows: np.ndarray, resting: Sequence[int]) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields
+from types import NoneType
 from typing import Any, TypeAlias, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -51,10 +52,11 @@ class BaseVelocity:
 
 @dataclass(frozen=True)
 class BaseGoal:
-    """Point on the ground to which the base drives [m]."""
+    """Point on the ground to which the base drives [m], and its heading there [rad]; None for any heading."""
 
     x: float
     y: float
+    heading: float | None = None
 
 
 @dataclass(frozen=True)
@@ -118,6 +120,7 @@ KINDS: dict[str, type[DriveCommand]] = {
 """Name of each kind of command in messages and files, with its class."""
 _NAMES = {kind: name for name, kind in KINDS.items()}
 _MOST_NAME = 200  # characters
+_MOST_TURN = 2.0 * np.pi  # [rad]
 
 
 def parse_command(message: object, controls: DriveControls) -> DriveCommand:
@@ -173,9 +176,11 @@ def _value(where: str, kind: object, value: object) -> object:
         return value
     if kind is float:
         return _number(where, value)
-    options = [each for each in get_args(kind) if get_origin(each) is tuple]
-    if options and value is None:
+    if value is None and NoneType in get_args(kind):
         return None
+    if float in get_args(kind) and get_origin(kind) is not tuple:
+        return _number(where, value)
+    options = [each for each in get_args(kind) if get_origin(each) is tuple]
     size = len(get_args(options[0] if options else kind))
     if not isinstance(value, list | tuple) or len(value) != size:
         raise InputError(f"{where}: expected {size} numbers")
@@ -222,9 +227,11 @@ def check_command(command: DriveCommand, controls: DriveControls) -> None:
             for name, share in (("forward", forward), ("turn", turn), ("left", left)):
                 if not -1.0 <= share <= 1.0:
                     raise InputError(f"{name}: expected a share of -1 to 1, found {share:g}")
-        case BaseGoal(x, y):
+        case BaseGoal(x, y, heading):
             _needs_base(controls)
             _within_reach("goal", (x, y))
+            if heading is not None and abs(heading) > _MOST_TURN:
+                raise InputError(f"heading: expected an angle of -2 pi to 2 pi rad, found {heading:g}")
         case HoldBase():
             _needs_base(controls)
 

@@ -14,10 +14,12 @@ from rnc_pin.applications.drive.controls import DriveControls
 from rnc_pin.applications.drive.goals import DriveGoals, initial_goals, with_command
 from rnc_pin.applications.drive.log import CommandLog
 from rnc_pin.applications.drive.moved_obstacles import MovedMotion
+from rnc_pin.applications.drive.pose_goal import Parking, ParkingPlanner
 from rnc_pin.control import Description, TrackerState, VelocityTarget
 from rnc_pin.control.whole_body import ControlSample, LimitReport, ProgramState, VelocityQP
 from rnc_pin.control.whole_body.limits import ControlLimit
 from rnc_pin.control.whole_body.tasks import BoundTask, ControlTask, DampingTask, TaskRows
+from rnc_pin.errors import RncError
 from rnc_pin.model import Measurement, ReducedModel
 
 _ATTITUDE = 0.3  # [m/rad]; error of the orientation beside that of the position
@@ -30,6 +32,8 @@ class GoalBoard:
 
     def __init__(self, controls: DriveControls, goals: DriveGoals) -> None:
         self.controls, self.goals = controls, goals
+        self.v2: np.ndarray | None = None
+        """Reduced velocity (r,) that drives the base to its goal with a heading; None without one."""
 
     def gain(self, name: str) -> float:
         """Value of a gain or a speed."""
@@ -60,22 +64,16 @@ class _BoundBase(BoundTask):
         base = task.base
         self._frame = reduced.robot.frame_id(base.frame)
         self._places = [reduced.robot.velocity_indices(name).start for name in task.board.controls.joints]
-        self._steering = None
-        if base.steering is not None:
-            self._steering = reduced.robot.velocity_indices(base.steering).start
         self.names = tuple(f"{base.frame} {name}" for name in ("forward", "turn", "left"))
 
     def rows(self, sample: ControlSample) -> TaskRows:
-        base, goals = self._task.base, self._task.board.goals
-        rows = base_rows(self._robot, base.frame, sample.end)
-        if not base.slides:
-            rows[2] = 0.0
-        if not base.turns:
-            rows[1] = 0.0 if self._steering is None else np.eye(rows.shape[1])[self._steering]
+        base, board = self._task.base, self._task.board
+        goals = board.goals
+        rows = base.rates(base_rows(self._robot, base.frame, sample.end), self._robot)
         wanted = None if self._task.resting else self._rates(sample)
         if wanted is not None:
             return TaskRows(rows, np.array([wanted.forward, wanted.turn, wanted.left]))
-        if not self._task.resting and not goals.hold_base:
+        if not self._task.resting and (board.v2 is not None or not goals.hold_base):
             return TaskRows(np.zeros_like(rows), np.zeros(3))
         if not base.turns:
             rows[1] = 0.0  # the posture has the steering joint
@@ -89,7 +87,7 @@ class _BoundBase(BoundTask):
             forward, left, round_ = shares
             return BaseRates(speed * forward, speed * left, turn * round_ * (1.0 if base.turns else base.steering_sign))
         goal = board.goals.base_goal
-        if goal is None:
+        if goal is None or board.goals.heading is not None:
             return None
         placed = sample.end.position.placement(self._frame)
         x, y = (float(each) for each in placed.translation[:2])
@@ -98,6 +96,36 @@ class _BoundBase(BoundTask):
         if not base.turns:
             bend = curvature(sample.end, base_rows(self._robot, base.frame, sample.end), self._places)
         return rates_to_goal(base, (x, y, yaw), goal, bend, speed, turn)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrivenPoseTask(ControlTask):
+    """Reduced velocities that lead the base to its goal with a heading; idle without one.
+
+    Args:
+        board: goals.
+        moved: mask (r,) of the reduced velocities that count.
+    """
+
+    board: GoalBoard
+    moved: np.ndarray
+
+    def bind(self, reduced: ReducedModel) -> BoundTask:
+        return _BoundPose(self, reduced)
+
+
+class _BoundPose(BoundTask):
+    def __init__(self, task: DrivenPoseTask, reduced: ReducedModel) -> None:
+        self._board, self._moved, self._block = task.board, task.moved, reduced.reducing
+        names = zip(reduced.reducing.names, task.moved, strict=True)
+        self.names = tuple(f"{name} to the goal" for name, moved in names if moved)
+        self._idle = TaskRows(np.zeros((len(self.names), reduced.n)), np.zeros(len(self.names)))
+
+    def rows(self, sample: ControlSample) -> TaskRows:
+        v2 = self._board.v2
+        if v2 is None:
+            return self._idle
+        return TaskRows(sample.end.J2[self._moved], v2[self._moved])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,6 +220,9 @@ class DriveState(NamedTuple):
     """Number of commands of the log that were applied."""
     goals: DriveGoals
     program: ProgramState
+    parking: Parking | None = None
+    problem: str = ""
+    """Reason why the base lost its goal with a heading, or has no plan to it; empty without one."""
 
 
 class DriveController:
@@ -204,6 +235,7 @@ class DriveController:
         limits: limits of the motion.
         motions: motions of the obstacles, in the order of the controls.
         dt: sampling period [s].
+        parking: motions to goals of the base with a heading; None without a base.
     """
 
     def __init__(
@@ -214,8 +246,9 @@ class DriveController:
         limits: Sequence[ControlLimit],
         motions: Sequence[MovedMotion],
         dt: float,
+        parking: ParkingPlanner | None,
     ) -> None:
-        self.controls, self.log = controls, log
+        self.controls, self.log, self._parking = controls, log, parking
         self._reduced, self._motions, self._dt = reduced, tuple(motions), dt
         self._board = GoalBoard(controls, initial_goals(controls))
         self.program = VelocityQP(reduced, self._tasks(), limits, dt=dt)
@@ -231,6 +264,8 @@ class DriveController:
         ]
         if controls.base is not None:
             tasks.append(DrivenBaseTask(board=board, base=controls.base))
+            if self._parking is not None:
+                tasks.append(DrivenPoseTask(board=board, moved=self._parking.moved))
             tasks.append(DrivenBaseTask(board=board, base=controls.base, resting=True, priority=2))
         if controls.joints:
             tasks.append(DrivenPostureTask(board=board, priority=2))
@@ -260,12 +295,13 @@ class DriveController:
         for command in due:
             goals = with_command(goals, command, t, self.controls, posture)
         goals = self._settled(goals, t, measurement.q, posture)
+        goals, parking, problem = self._parked(goals, t, measurement, state if not due else state._replace(problem=""))
         self._board.goals = goals
         for motion, legs in zip(self._motions, goals.obstacles, strict=True):
             motion.legs = legs
         target, program = self.program.step(t, measurement, state.program)
         return target._replace(x1=self._desired(goals, measurement.x1)), DriveState(
-            state.applied + len(due), goals, program
+            state.applied + len(due), goals, program, parking, problem
         )
 
     def report(self, state: DriveState) -> LimitReport:
@@ -284,11 +320,30 @@ class DriveController:
         if base.steering is not None and (goals.velocity_at(t) is not None or goals.base_goal is not None):
             place = list(self.controls.joints).index(base.steering)
             goals = goals._replace(posture=(*goals.posture[:place], posture[place], *goals.posture[place + 1 :]))
-        if goals.base_goal is not None:
+        if goals.base_goal is not None and goals.heading is None:
             at = self._reduced.at(q).position.placement(self._base_frame).translation[:2]
             if np.linalg.norm(at - np.array(goals.base_goal)) < ARRIVED:
                 goals = goals._replace(base_goal=None)
         return goals
+
+    def _parked(
+        self, goals: DriveGoals, t: float, measurement: Measurement, state: DriveState
+    ) -> tuple[DriveGoals, Parking | None, str]:
+        """Goals, motion to the goal of the base with a heading, and the reason if there is none."""
+        self._board.v2 = None
+        if goals.base_goal is None or goals.heading is None or self._parking is None:
+            return goals, None, state.problem
+        parking = state.parking
+        try:
+            if parking is None or parking.goal != (*goals.base_goal, goals.heading):
+                parking = self._parking.begin(t, measurement, goals)
+            v2, parking = self._parking.step(t, measurement, goals, parking)
+        except RncError as error:  # the base cannot have the goal, such as a robot whose heading cannot change
+            return goals._replace(base_goal=None, heading=None), None, f"no such goal: {error}"
+        if parking.arrived(measurement):
+            return goals._replace(base_goal=None, heading=None), None, ""
+        self._board.v2 = v2
+        return goals, parking, parking.problem
 
     def _desired(self, goals: DriveGoals, x1: np.ndarray) -> np.ndarray:
         """Desired vertical outputs: the goals of frames; frames without one are where they should be."""

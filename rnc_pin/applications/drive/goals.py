@@ -57,6 +57,8 @@ class DriveGoals(NamedTuple):
     velocity_end: float = -1.0
     """Time at which the velocity command ends [s]."""
     base_goal: tuple[float, float] | None = None
+    heading: float | None = None
+    """Heading of the base at its goal [rad]; None for any heading."""
     hold_base: bool = False
 
     def velocity_at(self, t: float) -> tuple[float, float, float] | None:
@@ -98,8 +100,8 @@ def with_command(
         case dc.BaseVelocity(forward, turn, left):
             end = t + LASTING if (forward, left, turn) != (0.0, 0.0, 0.0) else t
             return goals._replace(velocity=(forward, left, turn), velocity_end=end, base_goal=None)
-        case dc.BaseGoal(x, y):
-            return goals._replace(base_goal=(x, y), velocity_end=t)
+        case dc.BaseGoal(x, y, heading):
+            return goals._replace(base_goal=(x, y), heading=heading, velocity_end=t)
         case dc.HoldBase(on):
             return goals._replace(hold_base=on)
         case dc.ObstacleGoal(obstacle, position):

@@ -7,6 +7,7 @@ from dataclasses import asdict, replace
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from rnc_pin.applications.drive.controls import Range
 from rnc_pin.applications.drive.goals import DriveGoals
@@ -23,6 +24,7 @@ from rnc_pin.visualization.browser import LOOPBACK, ControlPanel
 
 _GOAL = 0xE69F00
 _GOAL_SIZE = 0.06  # radius of the mark of the base's goal [m]
+_HAND = [0.3, 0.03, 0.01]  # size of the mark of its heading [m]
 
 _DISTANCE, _JOINT = " distance", (" position", " velocity")
 
@@ -99,7 +101,7 @@ class DrivenViewer(MeshcatViewer):
         self._ground = drawn.ground_height(view) or 0.0
         self._bodies = LimitBodies(drawn.robot, prepared.controls.obstacles)
         self._frames = {name: drawn.robot.frame_id(name) for name in prepared.controls.frames}
-        self._marked = False
+        self._marked: set[str] = set()
         controls = controls_entry(prepared, self._ground)
         self.window.post({"type": "drive_controls", "path": "/drive", "controls": controls})
 
@@ -142,19 +144,26 @@ class DrivenViewer(MeshcatViewer):
         }
 
     def _mark(self, goals: DriveGoals) -> None:
-        """Draw the goal of the base."""
-        goal = goals.base_goal
-        node = "goal/base"
-        if goal is not None:
-            if not self._marked:
-                self.scene.mesh(node, mg.Cylinder(0.01, _GOAL_SIZE), _GOAL)
+        """Draw the goal of the base, and its heading if it has one."""
+        goal, heading = goals.base_goal, goals.heading
+        disk = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # Meshcat's cylinders have y as their axis
+        hand = np.eye(3) if heading is None else np.array(pin.AngleAxis(heading, np.array([0.0, 0.0, 1.0])).matrix())
+        self._show_mark("goal/base", mg.Cylinder(0.01, _GOAL_SIZE), None if goal is None else (*goal, disk))
+        ahead = None if goal is None or heading is None else (*(goal + hand[:2, 0] * _HAND[0] / 2), hand)
+        self._show_mark("goal/heading", mg.Box(_HAND), ahead)
+
+    def _show_mark(self, node: str, shape: mg.Geometry, placed: tuple[float, float, np.ndarray] | None) -> None:
+        """Draw a mark on the ground at x, y with a rotation; None hides it."""
+        if placed is not None:
+            if node not in self._marked:
+                self.scene.mesh(node, shape, _GOAL)
+                self._marked.add(node)
             pose = np.eye(4)
-            pose[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]  # Meshcat's cylinders have y as their axis
-            pose[:3, 3] = *goal, self._ground + 0.005
+            pose[:3, :3] = placed[2]
+            pose[:3, 3] = *placed[:2], self._ground + 0.005
             self.scene.place(node, pose)
-        if self._marked or goal is not None:
-            self.scene.root[node].set_property("visible", goal is not None)
-        self._marked = self._marked or goal is not None
+        if node in self._marked:
+            self.scene.root[node].set_property("visible", placed is not None)
 
 
 class DrivePage:

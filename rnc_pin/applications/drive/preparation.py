@@ -16,6 +16,7 @@ from rnc_pin.applications.drive.controller import DriveController
 from rnc_pin.applications.drive.controls import DriveControls, find_controls
 from rnc_pin.applications.drive.log import CommandLog
 from rnc_pin.applications.drive.moved_obstacles import movable
+from rnc_pin.applications.drive.pose_goal import ParkingPlanner
 from rnc_pin.applications.init import draft
 from rnc_pin.applications.init.output_selection import select_outputs
 from rnc_pin.applications.scenario.builder import Experiment, build_experiment, build_system
@@ -138,7 +139,12 @@ def _driven(scenario: Scenario, frames: tuple[str, ...]) -> PreparedDrive:
     controls, log = find_controls(reduced, experiment.q0, frames, joints, obstacles), CommandLog()
     program = cast(VelocityQP, experiment.program)  # the controller of every driven scenario
     limits = _with_obstacles(program.limits, reduced, experiment, obstacles)
-    controller = DriveController(reduced, controls, log, limits, motions, settings.dt)
+    parking = None
+    if controls.base is not None:
+        avoidance = next((each for each in limits if isinstance(each, CollisionAvoidance)), CollisionAvoidance())
+        kept = avoidance.obstacles
+        parking = ParkingPlanner(reduced, controls, controls.base, experiment.q0, kept, avoidance.clearance)
+    controller = DriveController(reduced, controls, log, limits, motions, settings.dt, parking)
     tracker = copy.copy(experiment.controller)
     vars(tracker)["target"] = controller
     driven = replace(

@@ -128,6 +128,7 @@ def _observer(
                 prepared.controller.report(state),
                 monitor.update(sample.time, state.goals, points),
                 "" if queue is None else queue.refused,
+                state.problem,
             )
         watcher.show(sample, status)
 

@@ -28,6 +28,8 @@ class DriveStatus(NamedTuple):
     """Frames that come no closer to their goals, with the distances [m]."""
     refused: str
     """Last command that was refused; empty if there is none."""
+    parking: str = ""
+    """Reason why the base does not drive to its goal with a heading; empty without one."""
 
     @property
     def limits(self) -> list[str]:
@@ -42,7 +44,8 @@ class DriveStatus(NamedTuple):
     def messages(self) -> list[str]:
         """Lines about goals and commands."""
         stuck = [f"{frame}: goal not reachable, {distance:.2f} m away" for frame, distance in self.stuck.items()]
-        return [*stuck, *([f"refused: {self.refused}"] if self.refused else [])]
+        refused = [f"refused: {self.refused}"] if self.refused else []
+        return [*stuck, *([f"base: {self.parking}"] if self.parking else []), *refused]
 
 
 class ProgressMonitor:
@@ -69,7 +72,7 @@ class ProgressMonitor:
         wanted: list[object] = [None if each is None else each.position for each in goals.frames]
         axes = [*self._axes]
         if self._base:
-            wanted.append(goals.base_goal)
+            wanted.append(goals.base_goal if goals.heading is None else None)  # maneuvers go away from it
             axes.append(np.array([True, True]))
         stuck: dict[str, float] = {}
         for name, goal, movable in zip(self._names, wanted, axes, strict=True):

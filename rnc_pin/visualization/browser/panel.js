@@ -16,7 +16,7 @@ const panel = (function () {
   socket.onopen = () => socket.send(JSON.stringify({ secret }));
   socket.onclose = () => { own.offline = true; own.refresh(); };
   own.send = (command) => {
-    if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(command));
+    if (command && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(command));
   };
 
   // ---- elements

@@ -38,7 +38,7 @@ VALID = {
     "release_frame": ({"frame": "tip"}, ReleaseFrame("tip")),
     "joint_goal": ({"joint": "elbow", "position": 2}, JointGoal("elbow", 2.0)),
     "base_velocity": ({"forward": -1, "turn": 0.5}, BaseVelocity(-1.0, 0.5, 0.0)),
-    "base_goal": ({"x": 1, "y": -2}, BaseGoal(1.0, -2.0)),
+    "base_goal": ({"x": 1, "y": -2, "heading": 3}, BaseGoal(1.0, -2.0, 3.0)),
     "hold_base": ({"on": True}, HoldBase(True)),
     "obstacle_goal": ({"obstacle": "ball", "position": [0, 0, 1]}, ObstacleGoal("ball", (0.0, 0.0, 1.0))),
     "gain": ({"gain": "base speed", "value": 0.3}, GainSetting("base speed", 0.3)),
@@ -69,6 +69,8 @@ INVALID = {
     "too large for a float": ({"kind": "base_goal", "x": 10**400, "y": 0}, "finite"),
     "a truth value": ({"kind": "base_goal", "x": True, "y": 0}, "expected a number"),
     "far away": ({"kind": "base_goal", "x": 101, "y": 0}, "within 100 m"),
+    "two headings": ({"kind": "base_goal", "x": 0, "y": 0, "heading": [0, 1]}, "heading: expected a number"),
+    "many turns": ({"kind": "base_goal", "x": 0, "y": 0, "heading": 7}, "heading: expected an angle"),
     "zero quaternion": (
         {"kind": "frame_goal", "frame": "tip", "position": [0, 0, 0], "orientation": [0, 0, 0, 0]}, "unit quaternion",
     ),
@@ -79,6 +81,13 @@ INVALID = {
     "a gain below its range": ({"kind": "gain", "gain": "base speed", "value": 0}, "0.02 to 2 m/s"),
     "no switch": ({"kind": "hold_base", "on": 1}, "true or false"),
 }  # fmt: skip
+
+
+def test_a_goal_of_the_base_may_have_no_heading():
+    for message in ({"x": 1, "y": -2}, {"x": 1, "y": -2, "heading": None}):
+        command = parse_command({"kind": "base_goal", **message}, CONTROLS)
+        assert command == BaseGoal(1.0, -2.0)
+        assert command_entry(command) == {"kind": "base_goal", "x": 1.0, "y": -2.0}
 
 
 @pytest.mark.parametrize("case", INVALID)

@@ -6,10 +6,11 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from drives import point_of, prepared, reduced_of, script
+from drives import point_of, pose_of, prepared, reduced_of, script
 from rnc_pin.applications.drive.log import CommandQueue
 from rnc_pin.applications.drive.run import drive, record_of
 from rnc_pin.applications.init import scenario_candidate
+from rnc_pin.robots.vehicles import tractor_trailers_urdf
 from rnc_pin.simulation import Outcome
 
 DT = 0.02
@@ -66,6 +67,55 @@ def test_a_steered_car_drives_to_a_point_and_keeps_its_wheel_angle_within_its_ra
     assert low - 1e-6 <= angle.min()
     assert angle.max() <= high + 1e-6
     assert np.ptp(angle) > 0.1
+
+
+TRAILER = """
+robot: {urdf: trailer.urdf, base: planar}
+constraints:
+  - no_side_slip: {frame: front_axle}
+  - no_side_slip: {frame: tractor_axle}
+  - no_side_slip: {frame: axle_1}
+actuators: [{force: {frame: tractor, axis: x}}, front_steering]
+outputs:
+  reducing: [{frame_speed: {frame: tractor}}, {joint: front_steering}]
+  vertical: [{frame_position: {frame: tractor, axes: xy}}]
+controller: {type: reducing_outputs}
+simulation: {duration: 1, dt: 0.02}
+"""
+PARKED = {  # seconds, and joints that end straight
+    "mecanum-crowd": (8, []),
+    "car": (20, ["front_steering"]),
+    "trailer.yaml": (25, ["front_steering", "hitch_1"]),
+}
+
+
+@pytest.mark.parametrize("source", PARKED)
+def test_a_base_of_any_kind_drives_to_a_point_with_a_heading_and_stops(source, tmp_path):
+    (tmp_path / "trailer.urdf").write_text(tractor_trailers_urdf(1))
+    (tmp_path / "trailer.yaml").write_text(TRAILER)
+    file = str(tmp_path / source) if source == "trailer.yaml" else source
+    duration, joints = PARKED[source]
+    goal, period = {"kind": "base_goal", "x": 1.0, "y": 0.8, "heading": 1.2}, 0.04
+    run = prepared(file, [(0, goal)], simulation__dt=period)
+    trajectory = drive(run, samples=round(duration / period)).trajectory
+    assert trajectory.outcome is Outcome.COMPLETED
+    np.testing.assert_allclose(pose_of(run, trajectory.q[-1]), [1.0, 0.8, 1.2], atol=0.01)
+    assert np.abs(trajectory.v2[-1]).max() < 0.02
+    values = reduced_of(run).robot.joint_values(trajectory.q[-1])
+    assert max((abs(values[name]) for name in joints), default=0.0) < 0.01
+    speed = np.linalg.norm(np.diff([pose_of(run, q)[:2] for q in trajectory.q], axis=0), axis=1) / period
+    assert 0.2 < speed.max() < 0.55  # of the base speed, 0.5 m/s, with feedback
+
+
+def test_a_base_with_a_heading_keeps_clear_of_an_obstacle_while_the_arm_keeps_its_posture():
+    post = {"cylinder": {"name": "post", "radius": 0.1, "length": 3.0, "position": [1.2, 0.6, 0.5]}}
+    goal, period = {"kind": "base_goal", "x": 2.5, "y": 1.2, "heading": 1.2}, 0.04
+    run = prepared("mobile-manipulator", [(0, goal)], simulation__dt=period, obstacles=[post])
+    trajectory = drive(run, samples=round(13 / period)).trajectory
+    np.testing.assert_allclose(pose_of(run, trajectory.q[-1]), [2.5, 1.2, 1.2], atol=0.01)
+    assert np.abs(trajectory.q[:, 4:] - trajectory.q[0, 4:]).max() < 0.02
+    (obstacle,) = run.scenario.experiment.obstacles
+    assert 0.04 < distance_to(run, trajectory.q, obstacle, trajectory.time).min() < 0.2  # 0.05 m at the nodes
 
 
 def test_a_key_moves_the_base_until_half_a_second_after_the_last_command():

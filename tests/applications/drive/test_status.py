@@ -17,6 +17,7 @@ def test_limits_that_gave_way_come_first_and_accelerations_are_counted():
     status = DriveStatus(0.0, 1.0, GOALS, report, {"tip": 0.5}, "no frame 'x'")
     assert status.limits == ["b / c distance: exceeded by 0.012", "a velocity", "acceleration of 1 motion"]
     assert status.messages == ["tip: goal not reachable, 0.50 m away", "refused: no frame 'x'"]
+    assert status._replace(parking="no motion").messages[1:] == ["base: no motion", "refused: no frame 'x'"]
     assert status._replace(report=LimitReport((), {}, {}), stuck={}, refused="").messages == []
 
 
