@@ -1,24 +1,28 @@
-"""Guesses of motions: a straight line on the manifold, configurations, another plan, random velocities."""
+"""Guesses of motions: a straight line on the manifold, detours, configurations, another plan, random velocities."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from itertools import chain, islice
 
 import numpy as np
 from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Float
+from rnc_pin.collision import CollisionDistances, Obstacle
+from rnc_pin.collision.convex_shapes import bounding_box
 from rnc_pin.errors import ConfigurationError, ConstraintError, InputError, RncError
 from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.action_models import ActionModel, KinematicModel, Nodes
-from rnc_pin.optimal.bounds import Goal
+from rnc_pin.optimal.bounds import DistanceRows, Goal
 from rnc_pin.optimal.motion_plan import MotionPlan
 from rnc_pin.optimal.transcription import Iterate, Transcription
 from rnc_pin.planning import IkSearch, Reference, solve_ik
 
 _HARMONICS = 3
+_PATIENCE = 10  # singular random motions in succession after which no more are drawn
 
 Guess = MotionPlan | Iterate | ArrayLike | None
 """Another plan, a motion, or configurations (n, nq) at equal times; None for the straight line."""
@@ -33,7 +37,7 @@ def guesses(
         problem: the problem.
         goal: the goal, for the straight line.
         given: a plan, configurations (n, nq) at equal times, an iterate, or None for the straight line.
-        seeds: number of random guesses after it.
+        seeds: number of guesses after it: detours first, then random ones.
         seed: of the random generator.
     """
     begin = float(np.mean(problem.duration)) if np.isfinite(problem.duration[1]) else 2 * problem.duration[0]
@@ -43,17 +47,70 @@ def guesses(
         yield "straight line", along(problem.model, line, begin)
     else:
         yield "given", _given(problem, given, begin)
+    yield from islice(chain(_detours(problem, line, begin), _random_motions(problem, line, begin, seed)), seeds)
+
+
+def _random_motions(problem: Transcription, line: Array, duration: float, seed: int) -> Iterator[tuple[str, Iterate]]:
+    """Random motions, every second one warped, until many in succession meet a singular configuration."""
     generator = np.random.default_rng(seed)
-    made = 0
-    for attempt in range(10 * seeds):
-        if made == seeds:
-            break
+    made = failed = attempt = 0
+    while failed < _PATIENCE:
+        attempt, failed = attempt + 1, failed + 1
         try:
-            found = random_motion(problem, line, begin, generator, warped=attempt % 2 == 1)
-        except RncError:  # the random motion met a singular configuration
+            found = random_motion(problem, line, duration, generator, warped=attempt % 2 == 0)
+        except RncError:
             continue
-        made += 1
+        made, failed = made + 1, 0
         yield f"random {made}", found
+
+
+def _detours(problem: Transcription, line: Array, duration: float) -> Iterator[tuple[str, Iterate]]:
+    """Motions that pass to the left and to the right of each standing obstacle that is in the way of a mobile base."""
+    base = problem.model.reduced.robot.model.joints[1]
+    if base.shortname() not in ("JointModelPlanar", "JointModelFreeFlyer"):
+        return
+    places = slice(base.idx_q, base.idx_q + 2)
+    for bound in problem.bounds:
+        if not isinstance(bound, DistanceRows):
+            continue
+        for obstacle in bound.distances.obstacles:
+            if obstacle.motion is not None or obstacle.unbounded:
+                continue
+            for side, corners in _corners(line[[0, -1], places], bound.distances, obstacle, bound.clearance):
+                yield f"{side} of {obstacle.name}", along(problem.model, _through(line, places, corners), duration)
+
+
+def _corners(
+    ends: Array, distances: CollisionDistances, obstacle: Obstacle, clearance: float
+) -> Iterator[tuple[str, Array]]:
+    """Sides, the nearer one first, with corners (2, 2) to pass an obstacle; none for an obstacle beside the line."""
+    length = float(np.linalg.norm(ends[1] - ends[0]))
+    if length == 0.0:
+        return
+    ahead = (ends[1] - ends[0]) / length
+    axes = np.array([ahead, [-ahead[1], ahead[0]]])
+    center, halves = bounding_box(obstacle.shape, obstacle.name)
+    pose = obstacle.placement(0.0)
+    ahead_of, beside = axes @ (pose.act(center)[:2] - ends[0])
+    reach = np.abs(axes @ pose.rotation[:2]) @ halves
+    room = clearance + float(distances.radii[: distances.link_shapes].max(initial=0.0))
+    if abs(beside) >= reach[1] + room or not -reach[0] < ahead_of < length + reach[0]:
+        return
+    before, after = np.clip(ahead_of + np.array([-1.0, 1.0]) * (reach[0] + room), 0.0, length)
+    for sign in (-1.0, 1.0) if beside > 0 else (1.0, -1.0):
+        aside = beside + sign * (reach[1] + room)
+        offsets = [[before, aside], [after, aside]]
+        yield "left" if sign > 0 else "right", ends[0] + np.array(offsets) @ axes
+
+
+def _through(line: Array, places: slice, corners: Array) -> Array:
+    """The line with the positions of its base on a polygon through corners, at equal spacing."""
+    points = np.vstack([line[0, places], corners, line[-1, places]])
+    since = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    at = np.linspace(0.0, since[-1], len(line))
+    path = line.copy()
+    path[:, places] = np.column_stack([np.interp(at, since, points[:, k]) for k in range(2)])
+    return path
 
 
 def along(model: ActionModel, q: Array, duration: float, w: Array | None = None) -> Iterate:

@@ -22,6 +22,7 @@ from rnc_pin.optimal.transcription import Iterate, Transcription
 from rnc_pin.optimal.verification import Excess, excess_text, plan_findings, verify_inputs
 
 _TIGHTENED = 4  # times that nodes near places that come too close get a larger distance
+_RELAXED = ("straight line", "random")  # guesses that do not tell on which side of obstacles they pass
 _HELPS = 2.0  # factor by which halved intervals reduce a violation that they cause
 
 Gains = Callable[[MotionPlan], ArrayLike]
@@ -169,7 +170,7 @@ class PlanSearch:
         """Solution from a guess; None if it does not lead to a motion within tolerance."""
         self._tried += 1
         try:
-            if self._relaxed is not None and name != "given":
+            if self._relaxed is not None and name.startswith(_RELAXED):
                 start = self._relaxed.solve(start).iterate
             found = _Candidate(name, self._solver.solve(start))
         except RncError as error:

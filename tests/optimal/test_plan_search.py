@@ -9,6 +9,10 @@ import rnc_pin as rnc
 import systems
 from benchmarks.planned_models import tractor
 from rnc_pin.optimal import DistanceBound, OutputBound, SolverSettings, VelocityBound
+from rnc_pin.optimal.action_models import action_model
+from rnc_pin.optimal.bounds import GoalRows
+from rnc_pin.optimal.guesses import guesses
+from rnc_pin.optimal.problem_building import build_problem, initial_node
 from rnc_pin.verdict import FindingKind, Severity
 
 RACK, SIZE, CLEARANCE = (0.0, 0.0, 1.0), (2.0, 0.6, 2.0), 0.1
@@ -127,6 +131,48 @@ def test_as_many_guesses_are_solved_as_solutions_are_asked_for():
     assert plans[1].info.guesses >= 11
     assert plans[1].info.cost <= plans[0].info.cost
     np.testing.assert_array_equal(plans[1].u, plans[2].u)
+
+
+def across(place):
+    """A box on Mecanum wheels whose straight line leads along x, and a wall across x = 1.5."""
+    rows = [rnc.RollingWheel(name, systems.WHEEL, roller=roller) for name, roller in systems.ROLLERS.items()]
+    reduced = rnc.NonholonomicSystem(systems.with_box(systems.mecanum().robot, "base", 0.6, 0.4, 0.2), rows).reduce()
+    wall = rnc.collision.Obstacle(coal.Box(0.4, 2.0, 2.0), position=(1.5, place, 0.0), name="wall")
+    distances = rnc.collision.CollisionDistances(reduced.robot, [wall], rnc.collision.PairSelection(links=False))
+    goal = {rnc.FramePosition("base", "xy"): [3.0, 0.0], rnc.FrameYaw("base"): 0.0}
+    return reduced, distances, goal
+
+
+@pytest.mark.parametrize(("place", "names"), [(-0.3, ["left", "right"]), (0.3, ["right", "left"]), (4.0, [])])
+def test_guesses_pass_a_wall_across_the_line_on_both_sides(place, names):
+    reduced, distances, goal = across(place)
+    model = action_model(reduced, "kinematic")
+    start = initial_node(model, reduced.robot.configuration(), None)
+    bounds = [DistanceBound(distances, CLEARANCE)]
+    problem = build_problem(model, start, GoalRows(model, goal, True), 8.0, None, bounds, 40, None)
+    found = list(guesses(problem, goal, None, 3, 0))
+    expected = ["straight line", *(f"{side} of wall" for side in names)]
+    assert [name for name, _ in found] == [*expected, *(f"random {k + 1}" for k in range(3 - len(names)))]
+    for name, motion in found[1 : len(expected)]:
+        np.testing.assert_allclose(motion.q[[0, -1], :2], [[0.0, 0.0], [3.0, 0.0]], atol=1e-6)
+        beside = motion.q[np.abs(motion.q[:, 0] - 1.5) < 0.2, 1]
+        assert len(beside)
+        assert ((beside > place + 1.0) if name.startswith("left") else (beside < place - 1.0)).all()
+        assert min(distances.at(q, 0.0).distance.min(initial=np.inf) for q in motion.q) > 0.0
+
+
+@pytest.mark.long
+def test_a_plan_passes_a_wall_that_the_straight_line_meets():
+    reduced, distances, goal = across(-0.3)
+    problem = {"form": "kinematic", "bounds": [DistanceBound(distances, 0.02)], "feedback": None}
+    plan = rnc.optimal.plan(
+        reduced, reduced.robot.configuration(), goal, 8.0, seeds=1, settings=SolverSettings(nodes=24), **problem
+    )
+    assert (plan.info.guess, plan.info.guesses) == ("left of wall", 2)
+    assert plan.verdict.succeeded
+    beside = plan.q[np.abs(plan.q[:, 0] - 1.5) < 0.2, 1]
+    assert len(beside)
+    assert (beside > 0.7 + 0.2).all()
 
 
 def test_fewer_solutions_than_asked_for_are_told():

@@ -11,16 +11,9 @@ import rnc_pin.extras
 from benchmarks.planned_models import car, mobile_manipulator, tractor
 from rnc_pin.model.configuration_manifold import ConfigurationManifold
 from rnc_pin.planning import WaySettings, find_way
-from systems import ROLLERS, WHEEL, four_bar, mecanum, tiago
+from systems import ROLLERS, WHEEL, four_bar, mecanum, tiago, with_box
 
 Obstacle = rnc.collision.Obstacle
-
-
-def with_box(robot, frame, *sides):
-    """The robot with a box as its outline, on a frame of its base."""
-    geometry, frame = pin.GeometryModel(), robot.model.getFrameId(frame)
-    geometry.addGeometryObject(pin.GeometryObject("body", 1, frame, pin.SE3.Identity(), coal.Box(*sides)))
-    return rnc.Robot(robot.model, collision_model=geometry)
 
 
 def unicycle(width=0.6):

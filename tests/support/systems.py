@@ -4,6 +4,7 @@ from functools import cache
 from itertools import islice
 from pathlib import Path
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -262,6 +263,13 @@ WHEEL = 0.08
 
 
 @cache
+def with_box(robot, frame, *sides):
+    """The robot with a box as its outline, on a frame of its base."""
+    geometry, frame = pin.GeometryModel(), robot.model.getFrameId(frame)
+    geometry.addGeometryObject(pin.GeometryObject("body", 1, frame, pin.SE3.Identity(), coal.Box(*sides)))
+    return rnc.Robot(robot.model, collision_model=geometry)
+
+
 def mecanum() -> rnc.ReducedModel:
     """A base on four Mecanum wheels, which goes in any direction."""
     wheels = [rnc.RollingWheel(name, WHEEL, roller=roller) for name, roller in ROLLERS.items()]
