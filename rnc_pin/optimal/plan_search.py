@@ -215,8 +215,7 @@ class PlanSearch:
         best = made = self._completed(problem, candidate)
         before = np.inf
         for _ in range(settings.refinements):
-            found = made.plan.info.verification
-            alone = found.inputs.violation
+            alone = made.plan.info.verification.inputs.violation
             done = _confirmed(made) or _margins(problem, made, settings.accuracy) is not None  # or so by other means
             if alone <= settings.accuracy or (done and alone > before / _HELPS):
                 break
