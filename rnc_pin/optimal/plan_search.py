@@ -206,9 +206,8 @@ class PlanSearch:
         """Plan of a solution, improved until its verification confirms it.
 
         The intervals are halved until the inputs alone keep everything within the accuracy, too. If halving them no
-        longer helps without feedback, but the motion with feedback is confirmed, the motion is unstable. If it does not
-        help distances, the motion leads through something between two nodes. At last, the nodes next to places that
-        come too near to something keep a larger distance.
+        longer helps without feedback, but the motion with feedback is confirmed, the motion is unstable. At last, the
+        nodes next to places that come too near to something keep a larger distance.
         """
         settings, problem = self._settings, self._problem
         self._left = _REFINED * settings.iterations
@@ -216,8 +215,7 @@ class PlanSearch:
         before = np.inf
         for _ in range(settings.refinements):
             alone = made.plan.info.verification.inputs.violation
-            done = _confirmed(made) or _margins(problem, made, settings.accuracy) is not None  # or so by other means
-            if alone <= settings.accuracy or (done and alone > before / _HELPS):
+            if alone <= settings.accuracy or (_confirmed(made) and alone > before / _HELPS):
                 break
             problem, before = problem.with_intervals(2 * problem.K), alone
             after = self._improved(problem, made)

@@ -217,22 +217,6 @@ def test_a_solution_that_several_guesses_share_is_improved_once(iterations):
     assert shared == finer > 0
 
 
-def test_a_motion_that_leads_through_a_post_between_two_nodes_is_led_round_it(iterations):
-    """The nodes of more intervals are on both sides of it again, but larger distances at two of them have one side."""
-    rows = [rnc.RollingWheel(name, systems.WHEEL, roller=roller) for name, roller in systems.ROLLERS.items()]
-    robot = systems.with_box(systems.mecanum().robot, "base", 0.1, 0.1, 0.2)
-    reduced = rnc.NonholonomicSystem(robot, rows).reduce()
-    x, y, radius = 1.38, -0.14, 0.05
-    post = rnc.collision.Obstacle(coal.Cylinder(radius, 2.0), position=(x, y, 0.0), name="post")
-    distances = rnc.collision.CollisionDistances(robot, [post], rnc.collision.PairSelection(links=False))
-    problem = {"form": "kinematic", "bounds": [DistanceBound(distances, 0.02)], "feedback": None, "seeds": 0}
-    goal = {rnc.FramePosition("base", "xy"): [3.0, 0.0], rnc.FrameYaw("base"): 0.0}
-    plan = rnc.optimal.plan(reduced, robot.configuration(), goal, 8.0, settings=SolverSettings(nodes=9), **problem)
-    assert plan.verdict.succeeded
-    assert max(iterations) == 18
-    assert abs(np.interp(x, plan.q[:, 0], plan.q[:, 1]) - y) > radius + 0.05
-
-
 def test_fewer_solutions_than_asked_for_are_told():
     reduced = systems.sleigh()
     start, goal = reduced.robot.configuration(), {rnc.FramePosition("sleigh", "xy"): [0.0, 1.0]}
