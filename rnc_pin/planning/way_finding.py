@@ -265,9 +265,10 @@ class _Goals:
         found: list[Array] = []
         generator = np.random.default_rng(seed)
         why = ""
-        for attempt in range(_DRAWN * self._settings.goals):
-            if len(found) == self._settings.goals or (self._clock.is_over and attempt):
-                break
+        for attempt in count():
+            enough = self._settings.goals if attempt < _DRAWN * self._settings.goals else 1
+            if len(found) >= enough or (attempt and self._clock.elapsed > self._settings.seconds / 2):
+                break  # without a goal configuration, half of the time is for finding one
             begin = start if not attempt else self._drawn(start, generator)
             result = solve_ik(
                 self._reduced,

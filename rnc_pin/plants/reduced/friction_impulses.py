@@ -70,6 +70,39 @@ class FrictionImpulses:
                 p = self._swept(p)
         return self._associated()
 
+    def stop(self) -> np.ndarray:
+        """Return the normal impulses (k,) after which no contact moves along its normal: rocking and bouncing end."""
+        p, normals = np.zeros(len(self._b)), self._normals
+        p[normals] = np.linalg.lstsq(self._G[np.ix_(normals, normals)], -self._b[normals], rcond=1e-10)[0]
+        return p
+
+    def impact(self, restitution: np.ndarray) -> np.ndarray:
+        """Return the impulses (k,) of an impact in two phases: compression, and a rebound.
+
+        The rebound is a share of the one that Newton's coefficients ask for. It returns at most the largest coefficient
+        squared of the work of the compression, and never more energy than the compression removed.
+
+        Args:
+            restitution: coefficient of each normal row (c,).
+        """
+        G, y, normals = self._G, self._b, self._normals
+        p, rates = self.solve(), y[normals]
+        stopped = y + G @ p
+        coefficients = np.where(p[normals] > 0.0, restitution, 0.0)
+        if not coefficients.any():
+            return p
+        wanted = stopped.copy()
+        wanted[normals] += coefficients * rates  # rates are negative: the rows have to leave at -e rate
+        more = FrictionImpulses(G, wanted, normals, self._groups).solve()
+        compression = max(-0.5 * float(p[normals] @ rates), 0.0)
+        removed = max(-float(p @ (y + 0.5 * G @ p)), 0.0)
+        allowed = min(float(coefficients.max()) ** 2 * compression, removed)
+        linear, square = float(more @ stopped), float(more @ G @ more)
+        share = 1.0
+        if linear + 0.5 * square > allowed > 0.0:  # the largest s with s linear + s^2 square / 2 = allowed
+            share = 2.0 * allowed / (linear + float(np.sqrt(linear**2 + 2.0 * square * allowed)))
+        return np.asarray(p + (share if allowed > 0.0 else 0.0) * more)
+
     def _newton(self, p: np.ndarray) -> tuple[np.ndarray, bool]:
         """Impulses after Newton steps, and True if they are a solution."""
         best, least = p, np.inf

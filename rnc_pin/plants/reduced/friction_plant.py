@@ -426,7 +426,12 @@ class FrictionPlant:
         if (approach < -_ROUNDING * (1.0 + float(np.abs(self._v).max()))).any():
             inverse = self._inverse(state, state.M)
             W = rows.matrix @ inverse
-            impulses = self._impact_impulses(rows, W @ rows.matrix.T, rows.matrix @ self._v - rows.ground)
+            before, contacts = rows.matrix @ self._v - rows.ground, [self._contacts[i] for i in sorted(self._touching)]
+            rates = before[rows.normals]
+            rebounds = np.array([each.rebound(rate) for each, rate in zip(contacts, rates, strict=True)])
+            slow = all(abs(rate) <= each.contact.rest_speed for rate, each in zip(rates, contacts, strict=True))
+            problem = FrictionImpulses(W @ rows.matrix.T, before, rows.normals, rows.groups)
+            impulses = problem.stop() if slow else problem.impact(rebounds)
             v = self._v + impulses @ W
             loss = float(0.5 * self._v @ state.M @ self._v - 0.5 * v @ state.M @ v)
             self._v, self.work = v, self.work - loss
@@ -437,32 +442,6 @@ class FrictionPlant:
         rows = self._rows(state, self._touching, 1.0)
         self._rates, self._slip = np.zeros(0), rows.matrix @ self._v - rows.ground
         self._note(self._slides(rows, self._slip))
-
-    def _impact_impulses(self, rows: _Rows, G: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Impulses (k,) of an impact, from the inverse inertia of the rows and their velocities before it."""
-        normals, contacts = rows.normals, [self._contacts[number] for number in sorted(self._touching)]
-        rates = y[normals]
-        if all(abs(rate) <= each.contact.rest_speed for rate, each in zip(rates, contacts, strict=True)):
-            p = np.zeros(len(y))  # rocking and bouncing end: the contacts stop together
-            p[normals] = np.linalg.lstsq(G[np.ix_(normals, normals)], -rates, rcond=1e-10)[0]
-            return p
-        p = FrictionImpulses(G, y, normals, rows.groups).solve()
-        stopped = y + G @ p
-        coefficients = np.array([each.rebound(rate) for each, rate in zip(contacts, rates, strict=True)])
-        coefficients[p[normals] <= 0.0] = 0.0
-        if not coefficients.any():
-            return p
-        wanted = stopped.copy()
-        wanted[normals] += coefficients * rates  # rates are negative: the rows have to leave at -e rate
-        more = FrictionImpulses(G, wanted, normals, rows.groups).solve()
-        compression = max(-0.5 * float(p[normals] @ rates), 0.0)
-        removed = max(-float(p @ (y + 0.5 * G @ p)), 0.0)
-        allowed = min(float(coefficients.max()) ** 2 * compression, removed)
-        linear, square = float(more @ stopped), float(more @ G @ more)
-        share = 1.0
-        if linear + 0.5 * square > allowed > 0.0:  # the largest s with s linear + s^2 square / 2 = allowed
-            share = 2.0 * allowed / (linear + float(np.sqrt(linear**2 + 2.0 * square * allowed)))
-        return np.asarray(p + (share if allowed > 0.0 else 0.0) * more)
 
     def _record(
         self, cause: str, numbers: Collection[int] = (), impulses: dict[str, float] | None = None, loss: float = 0.0
