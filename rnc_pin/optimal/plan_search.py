@@ -24,6 +24,8 @@ from rnc_pin.optimal.verification import Excess, excess_text, plan_findings, ver
 _TIGHTENED = 4  # times that nodes near places that come too close get a larger distance
 _RELAXED = ("straight line", "random")  # guesses that do not tell on which side of obstacles they pass
 _HELPS = 2.0  # factor by which halved intervals reduce a violation that they cause
+_REFINED = 2  # times the iterations from a guess: those of all improvements of its solution
+_SAME = 0.1  # of the accuracy, but not less than the tolerance: two solutions whose states differ by less are the same
 
 Gains = Callable[[MotionPlan], ArrayLike]
 """Gains (K, nu, nx) of the feedback along a plan."""
@@ -123,6 +125,10 @@ class _Solver:
 class PlanSearch:
     """Search for a plan that its verification confirms.
 
+    Its effort is bounded: each guess has the iterations of the settings, as many for a start that ignores obstacles,
+    and twice as many for improvements of its solution; all twice where limits of the robot's file matter. An iteration
+    over halved intervals counts twice. A solution that another guess had in vain is not improved again.
+
     Args:
         problem: the problem.
         settings: settings of the solver.
@@ -141,6 +147,8 @@ class PlanSearch:
         self._tried = self._solved = 0
         self._failed: list[_Candidate] = []
         self._rejected: list[_Made] = []
+        self._vain: list[Iterate] = []  # solutions of guesses whose improvements were rejected
+        self._left, self._spent = 0.0, False
 
     def run(self, starts: Iterator[tuple[str, Iterate]]) -> MotionPlan:
         """Return the first verified plan: the cheapest of the wanted solutions, else the next one.
@@ -149,8 +157,9 @@ class PlanSearch:
             InfeasibleError: there is none.
         """
         pool: list[_Candidate] = []
+        needed = self._wanted
         while True:
-            while self._solved < self._wanted + len(self._rejected):
+            while self._solved < needed:
                 start = next(starts, None)
                 if start is None:
                     break
@@ -161,10 +170,20 @@ class PlanSearch:
                 raise self._refusal()
             best = min(pool, key=lambda each: each.solution.cost)
             pool.remove(best)
+            needed += 1
+            if any(self._same(best.solution.iterate, each) for each in self._vain):
+                continue
             made = self._refined(best)
             if _confirmed(made):
                 return made.plan
             self._rejected.append(made)
+            self._vain.append(best.solution.iterate)
+
+    def _same(self, one: Iterate, other: Iterate) -> bool:
+        """True if two motions over equal intervals are the same, within a part of the accuracy."""
+        apart = self._problem.model.difference(Nodes(one.q, one.w), Nodes(other.q, other.w))
+        largest = max(float(np.abs(apart).max()), abs(one.duration - other.duration))
+        return largest < max(_SAME * self._settings.accuracy, self._settings.tolerance)
 
     def _solve(self, name: str, start: Iterate) -> _Candidate | None:
         """Solution from a guess; None if it does not lead to a motion within tolerance."""
@@ -187,16 +206,18 @@ class PlanSearch:
         """Plan of a solution, improved until its verification confirms it.
 
         The intervals are halved until the inputs alone keep everything within the accuracy, too. If halving them no
-        longer helps without feedback, but the motion with feedback is confirmed, the motion is unstable. At last, the
-        nodes next to places that come too near to something keep a larger distance.
+        longer helps without feedback, but the motion with feedback is confirmed, the motion is unstable. If it does not
+        help distances, the motion leads through something between two nodes. At last, the nodes next to places that
+        come too near to something keep a larger distance.
         """
         settings, problem = self._settings, self._problem
+        self._left = _REFINED * settings.iterations
         best = made = self._completed(problem, candidate)
         before = np.inf
         for _ in range(settings.refinements):
-            found = made.plan.info.verification
-            alone = found.inputs.violation
-            if alone <= settings.accuracy or (_confirmed(made) and alone > before / _HELPS):
+            alone = made.plan.info.verification.inputs.violation
+            done = _confirmed(made) or _margins(problem, made, settings.accuracy) is not None  # or so by other means
+            if alone <= settings.accuracy or (done and alone > before / _HELPS):
                 break
             problem, before = problem.with_intervals(2 * problem.K), alone
             after = self._improved(problem, made)
@@ -217,15 +238,22 @@ class PlanSearch:
         return best
 
     def _improved(self, problem: Transcription, made: _Made) -> _Made | None:
-        """Plan of a similar problem, solved from another plan; None if this fails."""
+        """Plan of a similar problem, solved from another plan; None if this fails, or no iterations are left for it."""
         start, (name, before) = made.candidate.solution.iterate, made.candidate
+        finer = problem.K / self._problem.K
+        most = min(int(self._left / finer), self._settings.iterations)
+        if most < 1:
+            self._spent = True
+            return None
         if len(start.u) != problem.K:
             start = resampled(problem.model, start, problem.K)
         try:
-            found = _Solver(problem, self._settings).solve(start)
+            found = _Solver(problem, replace(self._settings, iterations=most)).solve(start)
         except RncError:
             return None
+        self._left -= finer * found.iterations
         if found.outcome == "infeasible":
+            self._spent |= found.iterations >= most
             return None
         found.iterations += before.iterations
         return self._completed(problem, _Candidate(name, found))
@@ -308,10 +336,12 @@ class PlanSearch:
         plan, _, excesses = min(self._rejected, key=_violation)
         again = "re-integration with feedback" if plan.info.verification.feedback is not None else "re-integration"
         intervals, guesses = f"up to {len(plan.u)} intervals", f"{self._solved} of {self._tried} guesses"
+        allowed = "iterations (improvements took all of theirs)" if self._spent else "refinements"
         found = InfeasibleError(
             f"no verified plan in {plan.duration:.4g} s: after {again}, {excess_text(excesses[0])}; "
             f"the accuracy is {self._settings.accuracy:g}; tried {intervals} and {guesses} that have solutions "
-            f"(best: {plan.info.guess}); allow more refinements, more seeds, or a larger accuracy"
+            f"(best: {plan.info.guess}, different: {len(self._vain)}); "
+            f"allow more {allowed}, more seeds, or a larger accuracy"
         )
         found.plan = plan
         return found

@@ -35,7 +35,8 @@ class SolverSettings:
 
     Args:
         nodes: number of intervals with constant inputs.
-        iterations: largest number of iterations from each guess.
+        iterations: largest number of iterations from each guess. Refinements of its solution together take at most
+            twice as many, where an iteration over halved intervals counts twice.
         tolerance: largest violation of bounds, goal and dynamics [their units].
         cost_tolerance: relative change of the cost at which the iterations end.
         penalty: first cost of a violation, in units of the row's typical size. It rises while violations remain.

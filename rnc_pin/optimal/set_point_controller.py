@@ -25,10 +25,10 @@ from rnc_pin.optimal.plan_feedback import regulator_gains, tvlqr
 from rnc_pin.optimal.planner import plan_motion
 from rnc_pin.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.optimal.set_point import SetPoint
+from rnc_pin.optimal.stall import AT_REST, leads_nearer
 from rnc_pin.printing import ReprMixin
 
 _OF_FILE = FileLimits()
-_AT_REST = 0.02  # reduced velocity below which a robot stands [m/s or rad/s]
 _NEAR = 20.0  # times the tolerance: an error at which the feedback at rest moves the directions of weight one
 _SETTLED = 4.0  # time constants of this feedback before the error counts
 _SAMPLES = 40  # whose mean is the error at rest: noise that is above the tolerance now and then starts no plan
@@ -176,7 +176,7 @@ class SetPointController(ReprMixin):
             q: configuration (nq,).
             v2: reduced velocity (r,).
         """
-        moving = float(np.abs(v2).max(initial=0.0)) > _AT_REST
+        moving = float(np.abs(v2).max(initial=0.0)) > AT_REST
         reason = "the run ends on the way" if moving else "no plan led to it"
         return self.set_point.missed(q, 2 * self.tolerance, reason)
 
@@ -239,7 +239,7 @@ class SetPointController(ReprMixin):
         return state._replace(mode="stand", begin=t, samples=0, next_check=t + until)
 
     def _stands(self, v2: Array) -> bool:
-        return bool(np.abs(v2).max(initial=0.0) < _AT_REST)
+        return bool(np.abs(v2).max(initial=0.0) < AT_REST)
 
     def _searched(self, t: float, q: Array, state: SetPointState) -> SetPointState:
         """State that follows a new plan, or that stands until the next search."""
@@ -286,12 +286,8 @@ class SetPointController(ReprMixin):
                 feedback=lambda plan: tvlqr(self._reduced, plan, state_cost=self.state_cost).K,
             )
         except InfeasibleError as error:
-            plan = getattr(error, "plan", None)
-            if plan is None:
-                return None
-            end = plan.info.verification.decisive
-            away = max(self.set_point.errors(q).values())
-            return plan if end.name.startswith("goal") and end.violation < 0.5 * away else None
+            plan: MotionPlan | None = getattr(error, "plan", None)
+            return plan if plan is not None and leads_nearer(plan, self.set_point, q) else None
         except RncError:  # the guesses met singular configurations
             return None
 

@@ -13,6 +13,7 @@ from rnc_pin.optimal.action_models import action_model
 from rnc_pin.optimal.bounds import GoalRows
 from rnc_pin.optimal.guesses import guesses
 from rnc_pin.optimal.problem_building import build_problem, initial_node
+from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic
 from rnc_pin.verdict import FindingKind, Severity
 
 RACK, SIZE, CLEARANCE = (0.0, 0.0, 1.0), (2.0, 0.6, 2.0), 0.1
@@ -173,6 +174,63 @@ def test_a_plan_passes_a_wall_that_the_straight_line_meets():
     beside = plan.q[np.abs(plan.q[:, 0] - 1.5) < 0.2, 1]
     assert len(beside)
     assert (beside > 0.7 + 0.2).all()
+
+
+@pytest.fixture
+def iterations(monkeypatch):
+    """Numbers of intervals of all iterations."""
+    found, iterate = [], SequentialQuadratic.iterate
+
+    def counted(self, at):
+        found.append(self.problem.K)
+        return iterate(self, at)
+
+    monkeypatch.setattr(SequentialQuadratic, "iterate", counted)
+    return found
+
+
+ASIDE = {rnc.FramePosition("sleigh", "xy"): [1.0, 0.5], rnc.FrameYaw("sleigh"): 0.5}
+
+
+def test_improvements_end_after_twice_the_iterations_of_a_guess_and_the_message_says_so(iterations):
+    """An accuracy that no number of intervals reaches."""
+    reduced = systems.sleigh()
+    hopeless = SolverSettings(nodes=5, iterations=8, refinements=4, accuracy=1e-12)
+    with pytest.raises(rnc.InfeasibleError, match=r"tried up to 20 .* allow more iterations \(improvements took all"):
+        rnc.optimal.plan(reduced, reduced.robot.configuration(), ASIDE, 2.0, seeds=0, settings=hopeless)
+    assert iterations.count(5) <= 8
+    assert sum(K / 5 for K in iterations if K > 5) <= 16
+    assert max(iterations) < 80
+
+
+def test_a_solution_that_several_guesses_share_is_improved_once(iterations):
+    reduced = systems.sleigh()
+    hopeless = SolverSettings(nodes=5, refinements=1, accuracy=1e-12)
+    counts = []
+    for seeds in (0, 3):
+        iterations.clear()
+        with pytest.raises(rnc.InfeasibleError, match="different: 1"):
+            rnc.optimal.plan(reduced, reduced.robot.configuration(), ASIDE, 2.0, seeds=seeds, settings=hopeless)
+        counts.append((iterations.count(5), iterations.count(10)))
+    (once, finer), (each, shared) = counts
+    assert each > 3 * once > 0
+    assert shared == finer > 0
+
+
+def test_a_motion_that_leads_through_a_post_between_two_nodes_is_led_round_it(iterations):
+    """The nodes of more intervals are on both sides of it again, but larger distances at two of them have one side."""
+    rows = [rnc.RollingWheel(name, systems.WHEEL, roller=roller) for name, roller in systems.ROLLERS.items()]
+    robot = systems.with_box(systems.mecanum().robot, "base", 0.1, 0.1, 0.2)
+    reduced = rnc.NonholonomicSystem(robot, rows).reduce()
+    x, y, radius = 1.38, -0.14, 0.05
+    post = rnc.collision.Obstacle(coal.Cylinder(radius, 2.0), position=(x, y, 0.0), name="post")
+    distances = rnc.collision.CollisionDistances(robot, [post], rnc.collision.PairSelection(links=False))
+    problem = {"form": "kinematic", "bounds": [DistanceBound(distances, 0.02)], "feedback": None, "seeds": 0}
+    goal = {rnc.FramePosition("base", "xy"): [3.0, 0.0], rnc.FrameYaw("base"): 0.0}
+    plan = rnc.optimal.plan(reduced, robot.configuration(), goal, 8.0, settings=SolverSettings(nodes=9), **problem)
+    assert plan.verdict.succeeded
+    assert max(iterations) == 18
+    assert abs(np.interp(x, plan.q[:, 0], plan.q[:, 1]) - y) > radius + 0.05
 
 
 def test_fewer_solutions_than_asked_for_are_told():
