@@ -181,21 +181,18 @@ def swimmer():
         drag = sp.diag(along.T * sp.diag(2, 4) * along, sp.Rational(4, 3))
         total += J[:, :3].T * drag * J
     turned = sp.diag(sp.Matrix([[sp.cos(t), -sp.sin(t)], [sp.sin(t), sp.cos(t)]]), 1, 1, 1)
-    rows = sp.simplify((total * turned).subs({x: 0, y: 0}))  # in velocities of the base's own axes; no place matters
-    rates = sp.symbols("vx vy w wa wb")
-    rows_dot = sum((rows.diff(s) * r for s, r in zip((t, a, b), rates[2:], strict=True)), sp.zeros(3, 5))
-    value, slope = sp.lambdify([t, a, b], rows, cse=True), sp.lambdify([t, a, b, *rates[2:]], rows_dot, cse=True)
+    rows = (total * turned).subs({x: 0, y: 0, t: 0})  # in the base's own axes, where no place and no heading matters
+    rates = sp.symbols("wa wb")
+    rows_dot = sum((rows.diff(s) * r for s, r in zip((a, b), rates, strict=True)), sp.zeros(3, 5))
+    value, slope = sp.lambdify([a, b], rows, cse=True), sp.lambdify([a, b, *rates], rows_dot, cse=True)
     model, base = planar_model("swimmer")
     for name, place in (("a", -1.0), ("b", 1.0)):
         joint = model.addJoint(base, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array([place, 0.0, 0.0])), name)
         model.appendBodyToJoint(joint, pin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3)), pin.SE3.Identity())
 
-    def angles_of(q):
-        return np.arctan2(q[3], q[2]), q[4], q[5]
-
     drag_rows = rnc.Pfaffian(
-        lambda q: np.array(value(*angles_of(q)), dtype=float),
-        lambda q, v: np.array(slope(*angles_of(q), *v[2:]), dtype=float),
+        lambda q: np.array(value(*q[4:]), dtype=float),
+        lambda q, v: np.array(slope(*q[4:], *v[3:]), dtype=float),
     )
     return rnc.NonholonomicSystem(rnc.Robot(model), [drag_rows]).reduce(
         [rnc.JointPosition("a"), rnc.JointPosition("b")]

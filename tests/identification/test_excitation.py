@@ -29,10 +29,16 @@ def replayed(reduced, motion, q, count):
     return [np.array(each) for each in zip(*states, strict=True)]
 
 
-def test_a_finer_replay_stays_within_the_limits_of_the_file():
+@pytest.fixture(scope="module")
+def limited():
+    """The arm with limits, and its motion."""
     reduced = limited_arm()
+    return reduced, rnc.excite(reduced, 6.0, np.zeros(3), rates=3.0, tries=20)
+
+
+def test_a_finer_replay_stays_within_the_limits_of_the_file(limited):
+    reduced, motion = limited
     model = reduced.robot.model
-    motion = rnc.excite(reduced, 6.0, np.zeros(3), rates=3.0, tries=60)
     q, v, a = replayed(reduced, motion, np.zeros(3), 1500)
     assert ((model.lowerPositionLimit < q) & (q < model.upperPositionLimit)).all()
     assert (np.abs(v) < model.upperVelocityLimit).all()
@@ -49,15 +55,15 @@ def test_the_motion_shows_parameters_better_than_random_ones(base):
     robot = arm(base=base)
     system = floating(robot) if base else rnc.NonholonomicSystem(robot, (), ARM)
     reduced = system.reduce([rnc.JointPosition(name) for name in ARM])
-    motion = rnc.excite(reduced, 6.0, robot.configuration(), rates=2.0, tries=100)
+    motion = rnc.excite(reduced, 6.0, robot.configuration(), rates=2.0, tries=30)
     assert motion.condition < 0.7 * motion.random_condition
     assert len(motion.parameters) == (
         31 if base else 15
     )  # on the ground, 1 behind the vertical axis and 7 behind others
 
 
-def test_velocities_and_accelerations_belong_together():
-    motion = rnc.excite(limited_arm(), 6.0, np.zeros(3), rates=3.0, tries=1)
+def test_velocities_and_accelerations_belong_together(limited):
+    _, motion = limited
     slope = (motion.v2(1.3 + 1e-6) - motion.v2(1.3 - 1e-6)) / 2e-6
     np.testing.assert_allclose(motion.v2_dot(1.3), slope, rtol=1e-6, atol=1e-7)
 

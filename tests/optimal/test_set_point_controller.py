@@ -25,9 +25,15 @@ def away(run):
     return np.hypot(q[0], q[1]), abs(np.arctan2(q[3], q[2]))
 
 
-@pytest.mark.parametrize(("aside", "yaw"), [(0.3, 0.0), (0.3, 0.2), (1.0, 0.5)])
-@pytest.mark.parametrize("form", ["dynamic", "acceleration", "kinematic"])
-def test_arrives_and_stays_where_quadratic_costs_stall(aside, yaw, form):
+@pytest.mark.parametrize(
+    ("form", "aside", "yaw"),
+    [
+        *(("dynamic", *start) for start in ((0.3, 0.0), (0.3, 0.2), (1.0, 0.5))),
+        ("acceleration", 0.3, 0.0),
+        ("kinematic", 1.0, 0.5),
+    ],
+)
+def test_arrives_and_stays_where_quadratic_costs_stall(form, aside, yaw):
     reduced = systems.sleigh()
     start = reduced.robot.configuration({"root_joint": [0.0, aside, yaw]})
     run = rnc.simulate(reduced, controller_of(reduced, form=form), start, 14.0, dt=0.05)
@@ -46,7 +52,7 @@ def test_the_error_at_the_end_falls_with_the_start():
     for aside in (0.1, 0.01, 0.001):
         start = reduced.robot.configuration({"root_joint": [0.0, aside, 0.0]})
         controller = controller_of(reduced, tolerance=0.1 * aside)
-        ends.append(away(rnc.simulate(reduced, controller, start, 12.0, dt=0.02))[0])
+        ends.append(away(rnc.simulate(reduced, controller, start, 12.0, dt=0.05))[0])
     assert (np.array(ends) < [0.01, 0.001, 0.0001]).all()
 
 

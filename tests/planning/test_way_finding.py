@@ -148,8 +148,8 @@ def test_without_obstacles_a_car_drives_the_shortest_path_of_ompl(seed, reverse)
 def test_a_gap_that_is_one_centimetre_too_narrow_is_never_passed(seed):
     reduced = unicycle(0.6)
     start, goal = at_pose(reduced, 0.0, 0.0), at_pose(reduced, 3.0, 0.0)
-    settings = WaySettings(seconds=3.0, area=[[-2, -2, 0], [5, 2, 1]])
-    with pytest.raises(rnc.InfeasibleError, match=r"no way found in 3 s.*nearest .* m from the goal"):
+    settings = WaySettings(seconds=1.0, area=[[-2, -2, 0], [5, 2, 1]])
+    with pytest.raises(rnc.InfeasibleError, match=r"no way found in 1 s.*nearest .* m from the goal"):
         find_way(reduced, start, goal, gap(0.59), clearance=0.0, settings=settings, seed=seed)
     # The same gap is passed straight ahead if it is wide enough: by the tolerance and a millimetre to both sides.
     wide = find_way(reduced, start, goal, gap(0.606), clearance=0.0, settings=settings, seed=seed)
@@ -234,7 +234,7 @@ def test_a_trailer_drives_around_a_box_by_propagated_motions():
     reduced = tractor(1)
     start, goal = at_pose(reduced, 0.0, 0.0), at_pose(reduced, 1.5, 1.0, 0.8, hitch_1=0.2)
     box = [Obstacle(coal.Box(0.4, 0.4, 1.0), position=(1.9, -0.6, 0.5), name="box")]
-    way = find_way(reduced, start, goal, box, settings=WaySettings(seconds=120.0, shortcuts=6), seed=2)
+    way = find_way(reduced, start, goal, box, settings=WaySettings(seconds=120.0, shortcuts=3))
     assert reintegrated(way) < 1e-9
     assert way.residual < 1e-12
     assert closest(way, box) >= 0.01
@@ -255,7 +255,7 @@ def test_a_free_floating_arm_turns_its_base_by_its_joints():
     reduced = floating_arm()
     start = at_pose(reduced, 0.0, 0.0, 0.0, shoulder=0.3, elbow=0.5, wrist=0.2)
     goal = with_center_of(reduced, at_pose(reduced, 0.0, 0.0, 0.2, shoulder=-0.4, elbow=0.9, wrist=-0.5), start)
-    way = find_way(reduced, start, goal, settings=WaySettings(seconds=120.0, shortcuts=2))
+    way = find_way(reduced, start, goal, settings=WaySettings(seconds=120.0, shortcuts=2), seed=2)
     assert reintegrated(way) < 1e-9
     assert np.abs(pin.difference(reduced.robot.model, way.q[-1], goal)).max() < 1e-9
     away = np.array(goal)

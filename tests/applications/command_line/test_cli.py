@@ -532,7 +532,7 @@ def test_a_sweep_has_the_same_results_on_any_number_of_processes(call, tmp_path)
 def test_a_sweep_accepts_kinds_of_findings(call, tmp_path):
     """A stuck joint keeps the arm from its goal in one of two runs."""
     stuck = ["--set", "faults.stuck={joint: joint_1, time: 0.1}", "--set", "simulation.duration=1"]
-    short = ["sweep", "space-robot", *stuck, "--runs", "2", "--json"]
+    short = ["sweep", "space-robot", *stuck, "--runs", "2", "--jobs", "1", "--json"]
     for more, status, verdict in (([], 1, "goal"), (["--accept", "goal"], 0, "degraded")):
         found, out, _ = call(*short, *more, "--out", tmp_path / verdict)
         assert (found, parsed(out)["verdicts"]) == (status, {"succeeded": 1, verdict: 1})

@@ -84,8 +84,8 @@ simulation: {duration: 1, dt: 0.02}
 """
 PARKED = {  # seconds, and joints that end straight
     "mecanum-crowd": (8, []),
-    "car": (20, ["front_steering"]),
-    "trailer.yaml": (25, ["front_steering", "hitch_1"]),
+    "car": (17, ["front_steering"]),
+    "trailer.yaml": (23, ["front_steering", "hitch_1"]),
 }
 
 

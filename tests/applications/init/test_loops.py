@@ -9,6 +9,7 @@ from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.scenario import Scenario
 
 pytest.importorskip("mujoco", reason="mujoco is an optional extra and not installed")
+pytestmark = pytest.mark.usefixtures("brief")  # the runs below are whole
 
 BEAM = '<geom type="capsule" fromto="0 0 0 {}" size="0.01"/>'
 
@@ -47,7 +48,7 @@ def drafted(text, folder):
     (folder / "loop.xml").write_text(text)
     written = draft(str(folder / "loop.xml"), folder, DraftOptions())
     (folder / "loop.yaml").write_text(written)
-    run = execute(Scenario.load(str(folder / "loop.yaml"))).trajectory
+    run = execute(Scenario.load(str(folder / "loop.yaml"), {"simulation.dt": 0.01})).trajectory
     assert run.verdict.succeeded
     return written.replace("\n# ", " "), yaml.safe_load(written), run
 

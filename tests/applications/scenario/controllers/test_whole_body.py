@@ -91,7 +91,7 @@ REACHING = {
 
 
 @pytest.mark.parametrize("name", REACHING)
-@pytest.mark.parametrize("by", [[0.1, 0.1, 0.05], [-0.1, 0.15, 0.1]])
+@pytest.mark.parametrize("by", [[0.1, 0.1, 0.05], pytest.param([-0.1, 0.15, 0.1], marks=pytest.mark.long)])
 def test_the_default_tracker_reaches_with_a_published_arm_at_100_hz(name, by, tmp_path):
     """No velocity gains suited any of them, and gravity pulled the arms that had gains. Both programs end alike."""
     hand, start = REACHING[name]
