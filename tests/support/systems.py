@@ -262,7 +262,6 @@ ROLLERS = {"fl": -np.pi / 4, "fr": np.pi / 4, "bl": np.pi / 4, "br": -np.pi / 4}
 WHEEL = 0.08
 
 
-@cache
 def with_box(robot, frame, *sides):
     """The robot with a box as its outline, on a frame of its base."""
     geometry, frame = pin.GeometryModel(), robot.model.getFrameId(frame)
@@ -270,6 +269,7 @@ def with_box(robot, frame, *sides):
     return rnc.Robot(robot.model, collision_model=geometry)
 
 
+@cache
 def mecanum() -> rnc.ReducedModel:
     """A base on four Mecanum wheels, which goes in any direction."""
     wheels = [rnc.RollingWheel(name, WHEEL, roller=roller) for name, roller in ROLLERS.items()]

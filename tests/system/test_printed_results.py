@@ -129,6 +129,7 @@ def results(tmp_path_factory):
         *(rnc.identify(file, swung, prior=0.3), rnc.excite(heavy.reduce(joints), 2.0, q0, rates=1.0, tries=2)),
         rnc.planning.find_way(sleigh, sled.configuration(), sled.configuration({"root_joint": [1.0, 0.5, 0.3]}), []),
         rnc.collision.OccupancyMap(np.eye(3, dtype=bool), np.zeros((3, 3), dtype=bool), 0.05, np.zeros(3)),
+        rnc.collision.cells_around(rng.uniform(size=(20, 3)), 0.2),
         rnc.control.MissedGoal("sleigh_x", 0.03, 0.005, "it stalls"),
         LiftOff("left_wheel", 1.0, -2.0, -3.0),
         Finding(FindingKind.GOAL, "tip", 0.03, "m", 2.0, Severity.FAILS, "the goal of tip is missed by 0.03 m at 2 s"),
