@@ -106,7 +106,7 @@ class BoundContact:
         self.contact, self._height = contact, heights[0]
         self.friction = _Friction(rows, self._height)
         self.row = rows.names[self._height]
-        self.names = (*rows.names[self._height :], *rows.names[: self._height])
+        self.names = (self.row, *self.friction.names)
         self.name = str(getattr(kind, "frame", self.row))
         self._plane, self._frame = ground or GroundPlane(), robot.frame_id(str(getattr(kind, "frame", "")))
         if contact.friction and not self.slips:
@@ -160,8 +160,8 @@ class BoundContact:
 
     def rows(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
         """Rows (k, nv) with their velocities (k,): the gap first, then those that prevent slip."""
-        rates = np.roll(self._rows.rate(at), -self._height)
-        return np.roll(self._rows.jacobian(at), -self._height, axis=0), rates
+        order = [self._height, *self.friction.kept]
+        return self._rows.jacobian(at)[order], self._rows.rate(at)[order]
 
     def rebound(self, rate: float) -> float:
         """Coefficient of restitution of an impact at a rate of the gap [m/s]; zero for slow ones."""
@@ -192,39 +192,42 @@ class _Friction(Rows):
     Args:
         rows: all rows of the contact.
         height: index of the height row.
+
+    Attributes:
+        kept: indices of these rows among all of the contact.
     """
 
     def __init__(self, rows: Rows, height: int) -> None:
-        self._rows, self._kept = rows, [row for row in range(len(rows.names)) if row != height]
-        self.names = tuple(rows.names[row] for row in self._kept)
-        self.units = tuple(rows.units[row] for row in self._kept)
+        self._rows, self.kept = rows, [row for row in range(len(rows.names)) if row != height]
+        self.names = tuple(rows.names[row] for row in self.kept)
+        self.units = tuple(rows.units[row] for row in self.kept)
         self.affine, self.rheonomic, self.turning, self.ground = rows.affine, rows.rheonomic, rows.turning, rows.ground
 
     def bind(self, robot: Robot) -> Rows:
         return self
 
     def jacobian(self, at: PositionKinematics) -> np.ndarray:
-        return self._rows.jacobian(at)[..., self._kept, :]
+        return self._rows.jacobian(at)[..., self.kept, :]
 
     def jacobian_dot(self, at: VelocityKinematics) -> np.ndarray:
-        return self._rows.jacobian_dot(at)[..., self._kept, :]
+        return self._rows.jacobian_dot(at)[..., self.kept, :]
 
     def bias_acceleration(self, at: VelocityKinematics) -> np.ndarray:
-        return self._rows.bias_acceleration(at)[..., self._kept]
+        return self._rows.bias_acceleration(at)[..., self.kept]
 
     def rate(self, at: PositionKinematics) -> np.ndarray:
-        return self._rows.rate(at)[..., self._kept]
+        return self._rows.rate(at)[..., self.kept]
 
     def rate_dot(self, at: VelocityKinematics) -> np.ndarray:
-        return self._rows.rate_dot(at)[..., self._kept]
+        return self._rows.rate_dot(at)[..., self.kept]
 
     def rates_over_time(self, t: float) -> tuple[np.ndarray, np.ndarray]:
         mu, mu_dot = self._rows.rates_over_time(t)
-        return mu[self._kept], mu_dot[self._kept]
+        return mu[self.kept], mu_dot[self.kept]
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
         found = self._rows.kernel_rows(model)
-        return None if found is None else [found[row] for row in self._kept]
+        return None if found is None else [found[row] for row in self.kept]
 
 
 def bound_contacts(plant: str, system: object, contacts: Sequence[UnilateralContact]) -> list[BoundContact]:
