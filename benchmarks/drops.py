@@ -41,7 +41,8 @@ def drawn(number: int, generator: np.random.Generator) -> rnc.Robot:
     return body(((edges**2).sum() - edges**2) / 12, signs * edges)
 
 
-def energy(robot: rnc.Robot, plant: rnc.ContactPlant) -> float:
+def energy(robot: rnc.Robot, plant: rnc.ContactPlant | rnc.FrictionPlant) -> float:
+    """Mechanical energy of the state of a plant [J]."""
     data, (q, v) = robot.model.createData(), plant.read()
     return float(pin.computeKineticEnergy(robot.model, data, q, v) + pin.computePotentialEnergy(robot.model, data, q))
 

@@ -14,36 +14,32 @@ import numpy as np
 import pinocchio as pin
 
 import rnc_pin as rnc
+from benchmarks.drops import body, energy
 
 DT, SAMPLES, TOLERANCE = 0.02, 30, 1e-4
 
 
-def body(generator: np.random.Generator) -> tuple[str, rnc.Robot, list[rnc.ConstraintKind], float]:
+def drawn(generator: np.random.Generator) -> tuple[str, rnc.Robot, list[rnc.ConstraintKind], float]:
     """A kind of body, its robot, the contacts, and a height from which it falls [m]."""
     kind = str(generator.choice(["box", "ball", "disk"]))
     if kind == "disk":
         robot = rnc.Robot.from_urdf("rolling_disk.urdf", base="free")
         return kind, robot, [rnc.RollingWheel("disk", 0.25, axis="y")], float(generator.uniform(0.26, 0.5))
     half = generator.uniform(0.05, 0.2, 3)
-    places = [half * (1 - 2 * np.array([i & 1, i >> 1 & 1, i >> 2 & 1])) for i in range(8)]
-    inertia = pin.Inertia(1.0, np.zeros(3), np.diag((half @ half - half**2) / 3))
+    places = np.array([half * (1 - 2 * np.array([i & 1, i >> 1 & 1, i >> 2 & 1])) for i in range(8)])
+    moments = (half @ half - half**2) / 3
     if kind == "ball":
-        places, inertia = [np.zeros(3)], pin.Inertia(1.0, np.zeros(3), 0.4 * 0.1**2 * np.eye(3))
-    model = pin.Model()
-    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
-    model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
-    for number, place in enumerate(places):
-        frame = pin.Frame(f"point_{number}", joint, 0, pin.SE3(np.eye(3), place), pin.FrameType.OP_FRAME)
-        model.addFrame(frame)
+        places, moments = np.zeros((1, 3)), np.full(3, 0.4 * 0.1**2)
     radius = 0.1 if kind == "ball" else 1e-3
     contacts = [rnc.RollingBall(f"point_{number}", radius) for number in range(len(places))]
-    return kind, rnc.Robot(model), contacts, float(np.linalg.norm(half)) + radius + float(generator.uniform(0.1, 0.3))
+    height = float(np.linalg.norm(half)) + radius + float(generator.uniform(0.1, 0.3))
+    return kind, body(moments, places), contacts, height
 
 
 def drop(seed: int) -> tuple[str, float, int, str]:
     """Kind of body, largest rise of its energy [J] over its energy at the start, landings, and the error if any."""
     generator = np.random.default_rng(seed)
-    kind, robot, places, height = body(generator)
+    kind, robot, places, height = drawn(generator)
     e, friction = generator.uniform(0, 0.9), generator.uniform(0, 1.2)
     rolling, spin = generator.uniform(0, 0.01, 2) if kind == "ball" else (0.0, 0.0)
     contacts = [rnc.UnilateralContact(each, e, 0.1, friction, rolling, spin) for each in places]
@@ -51,22 +47,17 @@ def drop(seed: int) -> tuple[str, float, int, str]:
     size = 0.3 if kind == "disk" else 3.0  # a disk that falls flat has no defined contact
     turned = pin.Quaternion(pin.exp3(size * generator.uniform(-1, 1, 3) / np.sqrt(3))).coeffs()
     plant.reset(np.r_[0.0, 0.0, height, turned], generator.normal(size=6))
-    start = lowest = _energy(plant)
+    start = lowest = energy(robot, plant)
     rise, error = -np.inf, ""
     try:
         for _ in range(SAMPLES):
             plant.advance(DT)
-            now = _energy(plant)
+            now = energy(robot, plant)
             rise, lowest = max(rise, now - lowest), min(lowest, now)
     except rnc.RncError as failure:
         error = f"{type(failure).__name__}: {failure}"
     landings = sum(event.cause.startswith("landing") for event in plant.contact_events)
     return kind, rise / start, landings, error
-
-
-def _energy(plant: rnc.FrictionPlant) -> float:
-    q, v = plant.read()
-    return float(plant.reduced.at(q, v=v).energy)
 
 
 def main() -> None:
