@@ -58,6 +58,12 @@ class Decision(NamedTuple):
     T: Float[Array, " p"]
 
 
+def trapezoid(integrals: Array, elapsed: float, before: Array, now: Array) -> Array:
+    """Integrals (..., r) of velocities after a time [s], by the trapezoidal rule."""
+    found: Array = integrals + 0.5 * elapsed * (before + now)
+    return found
+
+
 class ControlLoop(ReprMixin):
     """Run a controller from measured configurations and velocities.
 
@@ -262,11 +268,11 @@ class ControlLoop(ReprMixin):
         return self.reduced.at(q, v=v, t=t - (t if self.state.begin is None else self.state.begin))
 
     def _integrate(self, t: float, state: StateEvaluation) -> np.ndarray:
-        """Integrals (r,) of the reducing velocities, by the trapezoidal rule."""
+        """Integrals (r,) of the reducing velocities."""
         before = self.state
         if before.time is None or before.integrals is None or before.v2 is None:
             return np.zeros(self.reduced.r)
-        return before.integrals + 0.5 * (t - before.time) * (before.v2 + state.v2)
+        return trapezoid(before.integrals, t - before.time, before.v2, state.v2)
 
     # ------------------------------------------------------------------ safe command
 

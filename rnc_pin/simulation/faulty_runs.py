@@ -17,6 +17,7 @@ from rnc_pin.control.batches import Runs
 from rnc_pin.control.controller import Command
 from rnc_pin.errors import RncError
 from rnc_pin.loop import Decision, LoopState
+from rnc_pin.loop.control_loop import trapezoid
 from rnc_pin.loop.measurements import InvalidMeasurementError, ValidMeasurement
 from rnc_pin.model.compiled_states import CompiledArraysAtV
 from rnc_pin.model.measurement import Measurement
@@ -110,11 +111,9 @@ class FaultyRuns:
         return found if isinstance(filled, CompiledArraysAtV) and filled.rates is not None else None
 
     def _integrals(self, t: float, v2: Array) -> Array:
-        """Integrals (B, r), by the trapezoidal rule as in ``ControlLoop``."""
         if self._last is None:
             return np.zeros(v2.shape)
-        found: Array = self._last.integrals + 0.5 * (t - self._last_time) * (self._last.measurement.v2 + v2)
-        return found
+        return trapezoid(self._last.integrals, t - self._last_time, self._last.measurement.v2, v2)
 
     def apply(self, T: Array) -> None:
         """Apply inputs (B, p) with actuator faults; ``applied`` has those that the loops know."""
