@@ -20,6 +20,7 @@ from rnc_pin.identification.window_fit import Fit, WindowFit, Windows, correlati
 from rnc_pin.logs.channel import Channel
 from rnc_pin.logs.log import Log
 from rnc_pin.logs.mapping import Correction
+from rnc_pin.math.coordinates import heading_of
 from rnc_pin.model.rows import ConstraintKind
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.printing import Item, ObjectSummary
@@ -343,7 +344,7 @@ def _with_radius(kind: ConstraintKind, radii: Mapping[str, float]) -> Constraint
 def _moved(place: pin.SE3, axis: str, value: float) -> pin.SE3:
     """Placement with another x, y or yaw."""
     if axis == "yaw":
-        now = np.arctan2(place.rotation[1, 0], place.rotation[0, 0])
+        now = heading_of(place.rotation)
         return pin.SE3(pin.exp3(np.array([0.0, 0.0, value - now])) @ place.rotation, place.translation)
     moved = place.translation.copy()
     moved["xy".index(axis)] = value

@@ -23,6 +23,7 @@ from rnc_pin.identification.unknowns import (
 )
 from rnc_pin.logs.channel import Channel
 from rnc_pin.logs.log import Log
+from rnc_pin.math.coordinates import heading_of
 from rnc_pin.model.system import NonholonomicSystem
 
 _BREAK = 5.0  # intervals longer than so many usual ones end a window
@@ -73,7 +74,7 @@ class RollingMotion:
         if frame.parentJoint != 1:
             raise ConfigurationError(f"sensor '{sensor}' is on a body behind joint '{model.names[frame.parentJoint]}', "
                                      "expected a frame of the base")  # fmt: skip
-        self.mount = np.array([*frame.placement.translation[:2], _heading_of(frame.placement.rotation)])
+        self.mount = np.array([*frame.placement.translation[:2], heading_of(frame.placement.rotation)])
         self.parameters = [number_of(each, system, self.mount) for each in unknown]
         names = [each.name for each in self.parameters]
         for name in names:
@@ -391,7 +392,3 @@ def _summed(channel: Channel) -> Channel:
     v, dt = channel.values[:, 0], np.diff(channel.time)
     position = np.concatenate([[0.0], np.cumsum(dt * (v[1:] + v[:-1]) / 2)])
     return Channel("position", channel.of, channel.time, position[:, None])
-
-
-def _heading_of(rotation: np.ndarray) -> float:
-    return float(np.arctan2(rotation[1, 0], rotation[0, 0]))

@@ -167,6 +167,11 @@ def wrapped(angle: _Angle) -> _Angle:
     return np.pi - np.mod(np.pi - angle, 2 * np.pi)
 
 
+def heading_of(rotation: np.ndarray) -> float:
+    """Yaw of the x axis of a rotation matrix (3, 3) [rad]."""
+    return float(np.arctan2(rotation[1, 0], rotation[0, 0]))
+
+
 def left_jacobian(r: np.ndarray, r_dot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Left Jacobian J(r) with ``w = J(r) rdot``, and its rate along ``rdot``, (3, 3) each."""
     square = float(r @ r)

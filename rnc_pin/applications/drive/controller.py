@@ -20,6 +20,7 @@ from rnc_pin.control.whole_body import ControlSample, LimitReport, ProgramState,
 from rnc_pin.control.whole_body.limits import ControlLimit
 from rnc_pin.control.whole_body.tasks import BoundTask, ControlTask, DampingTask, TaskRows
 from rnc_pin.errors import RncError
+from rnc_pin.math import heading_of
 from rnc_pin.model import Measurement, ReducedModel
 
 _ATTITUDE = 0.3  # [m/rad]; error of the orientation beside that of the position
@@ -91,7 +92,7 @@ class _BoundBase(BoundTask):
             return None
         placed = sample.end.position.placement(self._frame)
         x, y = (float(each) for each in placed.translation[:2])
-        yaw = float(np.arctan2(placed.rotation[1, 0], placed.rotation[0, 0]))
+        yaw = heading_of(placed.rotation)
         bend = 0.0
         if not base.turns:
             bend = curvature(sample.end, base_rows(self._robot, base.frame, sample.end), self._places)

@@ -15,7 +15,7 @@ from rnc_pin.applications.drive.controls import DriveControls
 from rnc_pin.applications.drive.goals import DriveGoals, Point
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
 from rnc_pin.control import VelocityTarget
-from rnc_pin.math import wrapped
+from rnc_pin.math import heading_of, wrapped
 from rnc_pin.model import Measurement, ReducedModel
 from rnc_pin.optimal import (
     BoundKind,
@@ -142,8 +142,7 @@ class ParkingPlanner:
         placed = reduced.at(q).position.placement(robot.frame_id(frame))
         away = float(np.linalg.norm(placed.translation[:2] - goal[:2]))
         weight = max(point.coordinates.weights)
-        yaw = float(np.arctan2(placed.rotation[1, 0], placed.rotation[0, 0]))
-        turned = abs(float(wrapped(goal[2] - yaw))) if weight == 1 else np.pi
+        turned = abs(float(wrapped(goal[2] - heading_of(placed.rotation)))) if weight == 1 else np.pi
         duration = _SPARE + max(1, weight - 1) * (away / speed + turned / turn)
         return SetPointController(
             reduced,

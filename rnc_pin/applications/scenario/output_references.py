@@ -13,7 +13,7 @@ from rnc_pin.applications.scenario.schema.planner_settings import MotionProblem
 from rnc_pin.array_shapes import Float
 from rnc_pin.control import SlitheringReference
 from rnc_pin.errors import ConfigurationError, InputError
-from rnc_pin.math import Coordinates
+from rnc_pin.math import Coordinates, heading_of
 from rnc_pin.model import ReducedModel, Task
 from rnc_pin.optimal import MotionPlan
 from rnc_pin.planning import Hold, Reference
@@ -38,7 +38,7 @@ def frame_poses(robot: Robot, frame: str, configurations: np.ndarray) -> FramePo
         pin.framesForwardKinematics(robot.model, data, q)
         placement = data.oMf[index]
         pose[[0, 1, 3]] = placement.translation
-        pose[2] = np.arctan2(placement.rotation[1, 0], placement.rotation[0, 0])
+        pose[2] = heading_of(placement.rotation)
     return FramePoses(poses[:, :3], poses[:, 3])
 
 

@@ -15,6 +15,8 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.math.coordinates import heading_of
+
 
 class JointState(NamedTuple):
     """Configuration and velocity, in Pinocchio or MuJoCo coordinates."""
@@ -160,8 +162,7 @@ class FreePlanarBase(BaseCoordinates):
         x, y, c, s = pinocchio.q[self.q : self.q + 4]
         vx, vy, w = pinocchio.v[self.v : self.v + 3]
         now = self.placement.actInv(_pose(mujoco.q[self.qpos : self.qpos + 7]))
-        heading = np.arctan2(now.rotation[1, 0], now.rotation[0, 0])
-        turned = pin.utils.rotate("z", np.arctan2(s, c) - heading) @ now.rotation
+        turned = pin.utils.rotate("z", np.arctan2(s, c) - heading_of(now.rotation)) @ now.rotation
         pose = self.placement * pin.SE3(turned, np.array([x, y, now.translation[2]]))
         velocity = turned.T @ np.array([c * vx - s * vy, s * vx + c * vy, 0.0])
         _write_pose(pose, velocity, turned.T @ np.array([0.0, 0.0, w]), self, mujoco)
