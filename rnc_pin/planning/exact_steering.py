@@ -132,10 +132,10 @@ class _AxleSteering(Steering):
         self._forward = sign * forward
         self._point = row[2] / size * forward  # on the axle, nearest to the origin of the base
 
-    def axle_velocity(self, base: Float[Array, " 3"]) -> tuple[float, float]:
+    def axle_velocity(self, base: Float[Array, "3 *k"]) -> tuple[Float[Array, "*k"], Float[Array, "*k"]]:
         """Forward and turning speed of the axle for a velocity of the base."""
         x, y = self._point
-        return float(self._forward @ (base[:2] + base[2] * np.array([-y, x]))), float(base[2])
+        return self._forward @ base[:2] + base[2] * (self._forward @ np.array([-y, x])), base[2]
 
     def driven(self, length: float, turn: float) -> Float[Array, " nv"]:
         """Displacement of the base along an arc, or on the spot; all other joints stand."""
@@ -215,7 +215,7 @@ class CarSteering(_AxleSteering):
         low, high = model.lowerPositionLimit[self._entry], model.upperPositionLimit[self._entry]
         unlimited = not low < high or max(-low, high) > NO_LIMIT
         angles = np.linspace(*((-_STEEPEST, _STEEPEST) if unlimited else (low, high)), _GRID)
-        curvatures = np.array([self._curvature(angle) for angle in angles])
+        curvatures = self._curvatures(angles)
         middle = int(np.nanargmin(np.abs(curvatures)))
         first, last = _monotonic(curvatures, middle)
         ends = curvatures[[first, last]]
@@ -251,13 +251,20 @@ class CarSteering(_AxleSteering):
         return found
 
     def _curvature(self, angle: float) -> float:
-        """Curvature of the axle's path [1/m]; NaN if the rows are singular, or the base cannot move."""
+        return float(self._curvatures(np.array([angle]))[0])
+
+    def _curvatures(self, angles: Float[Array, " k"]) -> Float[Array, " k"]:
+        """Curvature of the axle's path [1/m]; NaN where the rows are singular, or the base cannot move."""
+        places = np.repeat(self._q0[None], len(angles), axis=0)
+        places[:, self._entry] = angles
         try:
-            R = self.reduced.at(self.at_angle(self._q0, angle)).R
+            R = self.reduced.at(places).R
         except SingularityError:
-            return np.nan
-        speed, turn = self.axle_velocity(np.linalg.svd(R[self.base])[0][:, 0])
-        return turn / speed if abs(speed) > 1e-6 else np.nan
+            if len(angles) == 1:
+                return np.array([np.nan])
+            return np.array([self._curvature(angle) for angle in angles])
+        speed, turn = self.axle_velocity(np.linalg.svd(R[:, self.base])[0][:, :, 0].T)
+        return np.divide(turn, speed, out=np.full(len(angles), np.nan), where=np.abs(speed) > 1e-6)
 
     def displacements(self, start: Array, goal: Array) -> Iterator[Array]:
         joints = self.joints(start, goal)

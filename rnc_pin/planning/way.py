@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -56,8 +56,8 @@ class Way(SummaryMixin):
         v: velocities (N - 1, nv) after the nodes.
         length: length of the path of the base [m]; zero for a fixed base.
         residual: largest entry of ``A(q) v`` at the nodes, and halfway between them.
-        narrowest: narrowest place beside obstacles; None if none is nearer than 1 m.
         info: record of the search.
+        checker: distances that the way keeps; None without obstacles and shapes of links.
         geodesic: True if joints move at constant rates between nodes.
     """
 
@@ -67,14 +67,21 @@ class Way(SummaryMixin):
     v: Float[Array, "k nv"]
     length: float
     residual: float
-    narrowest: NarrowPlace | None
     info: WayInfo
+    checker: WayChecker | None = field(default=None, repr=False)
     geodesic: bool = True
 
     @property
     def duration(self) -> float:
         """Duration [s]."""
         return float(self.time[-1])
+
+    @cached_property
+    def narrowest(self) -> NarrowPlace | None:
+        """Narrowest place beside obstacles; None if none is nearer than 1 m. It is measured when it is asked for."""
+        if self.checker is None or not len(self.v):
+            return None
+        return self.checker.narrowest(self.time, self.q, _SEEN)
 
     @cached_property
     def _manifold(self) -> ConfigurationManifold:
@@ -138,9 +145,6 @@ def way_along(
     durations = (np.abs(motion.steps) / speed_limits(reduced, planned)).max(axis=1, initial=0.0)
     time = np.concatenate([[0.0], np.cumsum(durations)])
     v = motion.steps / durations[:, None]
-    narrowest = None
-    if checker is not None and len(v):
-        narrowest = checker.narrowest(time, motion.q, _SEEN)
     for array in (time, motion.q, v):
         array.setflags(write=False)
     geodesic = info.steering != "propagated"
@@ -151,8 +155,8 @@ def way_along(
         v=v,
         length=_length(reduced, motion),
         residual=_residual(reduced, motion, v, geodesic),
-        narrowest=narrowest,
         info=info,
+        checker=checker,
         geodesic=geodesic,
     )
 

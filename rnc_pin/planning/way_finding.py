@@ -252,9 +252,6 @@ class _Goals:
     ) -> None:
         self._reduced, self._steering, self._checker = reduced, steering, checker
         self._settings, self._clock = settings, clock
-        self._beside: CollisionDistances | None = None
-        if checker is not None and checker.distances.obstacles:
-            self._beside = CollisionDistances(reduced.robot, checker.distances.obstacles, PairSelection(links=False))
 
     def of(self, goal: Mapping[OutputTarget, ArrayLike] | ArrayLike, start: Array, seed: int) -> Float[Array, "n nq"]:
         """Configurations (n, nq) that reach a goal, without collisions."""
@@ -262,6 +259,10 @@ class _Goals:
             end = _validated(self._reduced, goal)
             _check_configuration(self._reduced, self._checker, end, "goal")
             return end[None]
+        beside = None
+        if self._checker is not None and self._checker.distances.obstacles:
+            obstacles = self._checker.distances.obstacles
+            beside = CollisionDistances(self._reduced.robot, obstacles, PairSelection(links=False))
         found: list[Array] = []
         generator = np.random.default_rng(seed)
         why = ""
@@ -275,7 +276,7 @@ class _Goals:
                 begin,
                 goal,
                 hold=self._settings.hold,
-                collisions=self._beside,
+                collisions=beside,
                 clearance=0.0 if self._checker is None else self._checker.clearance + 2 * self._checker.tolerance,
                 search=IkSearch(starts=20 if not attempt else 1, seed=seed),
             )
