@@ -1,13 +1,14 @@
 """Optimal control: processor time of an iteration, known optima, random problems, predictive control, and feedback.
 
 Run it by ``python -m benchmarks.optimal iteration|optima|predictive|peers``, or with a number of problems by
-``python -m benchmarks.optimal parking|docking|dubins|reeds-shepp|turning|regions N``. Without a name all run.
+``python -m benchmarks.optimal parking|docking|restarts|dubins|reeds-shepp|turning|regions N``. Without a name all run.
 """
 
 from __future__ import annotations
 
 import sys
 import time
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -19,6 +20,7 @@ from benchmarks.plan_peers import peers
 from benchmarks.planned_models import car, knife_edge, mobile_manipulator, tractor
 from benchmarks.regions import regions
 from benchmarks.whole_body import model as tiago
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import InfeasibleError
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.row_stack import OutputStack
@@ -40,6 +42,7 @@ from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic
 from rnc_pin.plants.mujoco import MuJoCoPlant
 
 NODES, ROUNDS = 40, 7
+_SOLUTIONS = 12  # among which the cheapest counts as the best known
 
 
 def iteration_time(reduced: rnc.ReducedModel, goal: dict[object, object], limit: float) -> float:
@@ -97,19 +100,29 @@ Problem = dict[str, Any]
 """Arguments of a plan: start, goal and bounds."""
 
 
-def problems(name: str, reduced: rnc.ReducedModel, draw: Callable[[np.random.Generator], Problem], count: int) -> None:
-    """Plan random problems for a regulator that can reverse; print statistics every ten problems."""
-    generator, settings = np.random.default_rng(0), SolverSettings(accuracy=1e-2)
-    taken: list[float] = []
-    plans: list[rnc.optimal.MotionPlan] = []
+Draw = Callable[[np.random.Generator], Problem]
+
+
+def planned(reduced: rnc.ReducedModel, problem: Problem, **options: Any) -> rnc.optimal.MotionPlan:
+    """Plan of a random problem for a regulator that can reverse."""
 
     def regulator(plan: rnc.optimal.MotionPlan) -> np.ndarray:
         return rnc.tvlqr(reduced, plan, state_cost=20.0).K
 
+    settings = SolverSettings(accuracy=1e-2)
+    return rnc.optimal.plan(reduced, **problem, settings=settings, feedback=regulator, **options)
+
+
+def problems(name: str, reduced: rnc.ReducedModel, draw: Draw, count: int) -> None:
+    """Plan random problems; print statistics every ten problems."""
+    generator = np.random.default_rng(0)
+    taken: list[float] = []
+    plans: list[rnc.optimal.MotionPlan] = []
+
     for number in range(1, count + 1):
         problem, begin = draw(generator), time.process_time()
         try:
-            plans.append(rnc.optimal.plan(reduced, **problem, settings=settings, feedback=regulator))
+            plans.append(planned(reduced, problem))
         except InfeasibleError as error:
             print(f"  {number}: {error}", flush=True)
         taken.append(time.process_time() - begin)
@@ -128,7 +141,7 @@ def _print_statistics(name: str, number: int, taken: list[float], plans: list[rn
             print(f"    {kind}: median {np.median(found):.1e}, most {max(found):.1e}", flush=True)
 
 
-def parking() -> None:
+def _parking() -> tuple[rnc.ReducedModel, Draw]:
     """Parking of the car: goals beside, behind and ahead of it, with limits of speed and steering."""
     reduced = car()
     bounds = [OutputBound(rnc.JointPosition("front_steering"), -0.6, 0.6), VelocityBound(-1.0, 1.0)]
@@ -138,16 +151,16 @@ def parking() -> None:
         goal = {rnc.FramePosition("rear_axle", "xy"): [x, y], rnc.FrameYaw("chassis"): heading}
         return {"q0": reduced.robot.configuration(), "goal": goal, "duration": 16.0, "bounds": bounds}
 
-    problems("parking", reduced, draw, _count(100))
+    return reduced, draw
 
 
 def docking() -> None:
     """Docking of a tractor with one and with two trailers, from a random pose ahead; walls are not part of it."""
     for trailers in (1, 2):
-        dock(trailers, _count(40))
+        problems(f"docking, trailers {trailers}", *_docking(trailers), _count(40))
 
 
-def dock(trailers: int, count: int) -> None:
+def _docking(trailers: int) -> tuple[rnc.ReducedModel, Draw]:
     """Docking: the vehicle ends straight at the origin, with limits of speed, steering angle and hitch angles."""
     reduced = tractor(trailers)
     hitches = [rnc.JointPosition(joint) for joint in reduced.robot.joint_names if joint.startswith("hitch")]
@@ -160,7 +173,32 @@ def dock(trailers: int, count: int) -> None:
         q0 = reduced.robot.configuration({"root_joint": pose})
         return {"q0": q0, "goal": goal, "duration": 16.0, "bounds": bounds}
 
-    problems(f"docking, trailers {trailers}", reduced, draw, count)
+    return reduced, draw
+
+
+def restarts() -> None:
+    """Cost of plans by usual settings over the least cost of many solutions: named scenarios, and drawn problems."""
+    warnings.simplefilter("ignore", rnc.ModelWarning)  # fewer solutions than asked for
+    many = {"solutions": _SOLUTIONS, "seeds": 2 * _SOLUTIONS}
+    print(f"cost over the least of {_SOLUTIONS} solutions", flush=True)
+    for name in ("parallel-parking", "docking", "space-robot-turn"):
+        choices = {"plots": {}, "comparisons": {}}, {f"planner.{key}": value for key, value in many.items()}
+        ours, best = (
+            Scenario.load(name, {**choices[0], **each}).build().experiment.plan.info.cost for each in ({}, choices[1])
+        )
+        print(f"  {name}: {ours / min(ours, best):.3f} ({ours:.4g})", flush=True)
+    for name, (reduced, draw) in {"drawn parking": _parking(), "drawn docking, two trailers": _docking(2)}.items():
+        generator, ratios, count = np.random.default_rng(0), [], _count(10)
+        for _ in range(count):
+            problem = draw(generator)
+            try:
+                ours = planned(reduced, problem).info.cost
+            except InfeasibleError:
+                continue
+            ratios.append(ours / min(ours, planned(reduced, problem, **many).info.cost))
+        share = np.mean(np.array(ratios) <= 1.05)
+        spread = f"median {np.median(ratios):.3f}, most {max(ratios):.3f}, {share:.0%} within 5 %"
+        print(f"  {name}: {spread}, {len(ratios)} of {count} planned", flush=True)
 
 
 def _count(usual: int) -> int:
@@ -222,8 +260,9 @@ class _Timed(PredictiveController):
 PARTS: dict[str, Callable[[], None]] = {
     "iteration": iteration,
     "optima": optima,
-    "parking": parking,
+    "parking": lambda: problems("parking", *_parking(), _count(100)),
     "docking": docking,
+    "restarts": restarts,
     "dubins": dubins,
     "reeds-shepp": reeds_shepp,
     "turning": turning,

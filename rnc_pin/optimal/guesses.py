@@ -1,9 +1,9 @@
-"""Guesses of motions: a straight line on the manifold, detours, configurations, another plan, random velocities."""
+"""Guesses of motions: a straight line, detours, loops of the shape, configurations, another plan, random velocities."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from itertools import chain, islice
+from collections.abc import Callable, Iterator, Mapping
+from itertools import chain, combinations, islice
 
 import numpy as np
 from numpy import ndarray as Array
@@ -22,6 +22,13 @@ from rnc_pin.optimal.transcription import Iterate, Transcription
 from rnc_pin.planning import IkSearch, Reference, solve_ik
 
 _HARMONICS = 3
+_PAIRS = 6  # pairs of reducing outputs whose loops are tried: those of the largest effect
+_SMALL = 0.5  # [m or rad]; radius of the loops that choose them
+_RADII = np.geomspace(0.25, 3.0, 8)  # [m or rad]
+_STEPS = 24  # of loops while their radius is looked for
+_HALVED = 5  # times that the range of the radius is halved
+_MISSED = 0.3  # of the way that a loop may leave
+_LOOPS = 4  # loops that are tried
 _PATIENCE = 10  # singular random motions in succession after which no more are drawn
 
 Guess = MotionPlan | Iterate | ArrayLike | None
@@ -37,7 +44,7 @@ def guesses(
         problem: the problem.
         goal: the goal, for the straight line.
         given: a plan, configurations (n, nq) at equal times, an iterate, or None for the straight line.
-        seeds: number of guesses after it: detours first, then random ones.
+        seeds: number of guesses after it: detours first, then loops of the shape, then random ones.
         seed: of the random generator.
     """
     begin = float(np.mean(problem.duration)) if np.isfinite(problem.duration[1]) else 2 * problem.duration[0]
@@ -47,7 +54,8 @@ def guesses(
         yield "straight line", along(problem.model, line, begin)
     else:
         yield "given", _given(problem, given, begin)
-    yield from islice(chain(_detours(problem, line, begin), _random_motions(problem, line, begin, seed)), seeds)
+    further = _detours(problem, line, begin), _loops(problem, line, begin), _random_motions(problem, line, begin, seed)
+    yield from islice(chain(*further), seeds)
 
 
 def _random_motions(problem: Transcription, line: Array, duration: float, seed: int) -> Iterator[tuple[str, Iterate]]:
@@ -111,6 +119,95 @@ def _through(line: Array, places: slice, corners: Array) -> Array:
     path = line.copy()
     path[:, places] = np.column_stack([np.interp(at, since, points[:, k]) for k in range(2)])
     return path
+
+
+def _loops(problem: Transcription, line: Array, duration: float) -> Iterator[tuple[str, Iterate]]:
+    """Loops of two reducing outputs that bring everything else to the end of the line, those of least effort first.
+
+    Rows such as those of momentum couple the shape with the rest of the robot: after a loop of the shape, the rest has
+    moved by a geometric phase, which grows with the area. Loops are circles on which the shape starts and ends, driven
+    once or twice. Their radius is such that the phase leads to the goal. There are none where a reducing output is a
+    quasi-velocity, which has no value that returns.
+    """
+    model, K = problem.model, problem.K
+    if model.r < 2 or model.reduced.reducing.quasi.any():
+        return
+    direct = _speeds(model, line, duration / K)
+    try:
+        end = _driven(model, line[0], direct[None], duration)[:, -1]
+        needed = model.manifold.difference(end, line[-1:])[0]
+        distance = float(needed @ needed)
+        if distance < 1e-12:
+            return
+        coarse = direct[np.arange(_STEPS) * K // _STEPS]
+
+        def progress(circles: Array, turns: Array, radii: Array) -> Array:
+            """Share of the way to the goal that circles (n, 2, r) lead to."""
+            v2 = coarse + _circular(radii[:, None, None] * circles, turns, _STEPS, duration)
+            ends = _driven(model, line[0], v2, duration)[:, -1]
+            return np.asarray(model.manifold.difference(np.repeat(end, len(ends), axis=0), ends) @ needed / distance)
+
+        circles, turns = _circles(model.r, progress)
+        count = len(circles)
+        shares = [progress(circles, turns, np.full(count, radius)) for radius in _RADII]
+        found = np.column_stack([np.zeros(count), *shares])
+        known = np.concatenate([[0.0], _RADII])
+        crossed = (found[:, :-1] < 1.0) & (found[:, 1:] >= 1.0)
+        leading = np.flatnonzero(crossed.any(axis=1))
+        if not len(leading):
+            return
+        circles, turns, at = circles[leading], turns[leading], np.argmax(crossed[leading], axis=1)
+        low, high = known[at], known[at + 1]
+        for _ in range(_HALVED):
+            radii = 0.5 * (low + high)
+            short = progress(circles, turns, radii) < 1.0
+            low, high = np.where(short, radii, low), np.where(short, high, radii)
+        v2 = direct + _circular(radii[:, None, None] * circles, turns, K, duration)
+        paths = _driven(model, line[0], v2, duration)
+    except RncError:
+        return
+    offsets = model.manifold.difference(paths[:, -1], np.repeat(line[-1:], len(paths), axis=0))
+    near = np.linalg.norm(offsets, axis=1) < _MISSED * np.sqrt(distance)
+    effort = np.square(np.diff(v2, axis=1)).sum(axis=(1, 2))
+    bent = np.linspace(0.0, 1.0, K + 1)[:, None] ** 2
+    names = model.reduced.reducing.names
+    for number, k in enumerate([k for k in np.argsort(effort, kind="stable") if near[k]][:_LOOPS], 1):
+        path = model.manifold.integrate(paths[k], bent * offsets[k])
+        pair = " and ".join(names[i] for i in np.flatnonzero(np.abs(circles[k]).max(axis=0)))
+        yield f"loop {number}, of {pair}", along(model, path, duration, v2[k])
+
+
+def _circles(r: int, progress: Callable[[Array, Array, Array], Array]) -> tuple[Array, Array]:
+    """First and second directions (n, 2, r) of circles through the start, and how often they are driven (n,)."""
+    axes = np.eye(r)
+    pairs = [axes[[i, j]] for i, j in combinations(range(r), 2)]
+    effect = np.abs(progress(np.array(pairs), np.ones(len(pairs)), np.full(len(pairs), _SMALL)))
+    chosen = [pairs[k] for k in np.argsort(-effect, kind="stable")[:_PAIRS]]
+    signs = np.array([[a, b] for a in (1.0, -1.0) for b in (1.0, -1.0)])
+    circles = np.concatenate(
+        [sign[:, None] * pair[order] for pair in chosen for order in ([0, 1], [1, 0]) for sign in signs]
+    )
+    circles = circles.reshape(-1, 2, r)
+    return np.repeat(circles, 2, axis=0), np.tile([1.0, 2.0], len(circles))
+
+
+def _circular(circles: Array, turns: Array, steps: int, duration: float) -> Array:
+    """Velocities (n, steps, r) along circles, from rest to rest."""
+    share = (np.arange(steps) + 0.5) / steps
+    angle = 2.0 * np.pi * turns[:, None] * (share - np.sin(2.0 * np.pi * share) / (2.0 * np.pi))
+    rate = 2.0 * np.pi * turns[:, None] / duration * (1.0 - np.cos(2.0 * np.pi * share))
+    return np.einsum("nks,nsr->nkr", np.stack([rate * np.cos(angle), rate * np.sin(angle)], axis=2), circles)
+
+
+def _driven(model: ActionModel, q0: Array, v2: Array, duration: float) -> Array:
+    """Configurations (n, steps + 1, nq) of n motions with velocities (n, steps, r), each for an equal time."""
+    kinematic, (count, steps, _) = KinematicModel(model.reduced), v2.shape
+    now = Nodes(np.repeat(q0[None], count, axis=0), np.empty((count, 0)))
+    found = [now.q]
+    for k in range(steps):
+        now = kinematic.step(now, v2[:, k], np.full(count, duration / steps))
+        found.append(now.q)
+    return np.stack(found, axis=1)
 
 
 def along(model: ActionModel, q: Array, duration: float, w: Array | None = None) -> Iterate:

@@ -22,7 +22,7 @@ from rnc_pin.optimal.transcription import Iterate, Transcription
 from rnc_pin.optimal.verification import Excess, excess_text, plan_findings, verify_inputs
 
 _TIGHTENED = 4  # times that nodes near places that come too close get a larger distance
-_RELAXED = ("straight line", "random")  # guesses that do not tell on which side of obstacles they pass
+_RELAXED = ("straight line", "loop", "random")  # guesses that do not tell on which side of obstacles they pass
 _HELPS = 2.0  # factor by which halved intervals reduce a violation that they cause
 _REFINED = 2  # times the iterations from a guess: those of all improvements of its solution
 _SAME = 0.1  # of the accuracy, but not less than the tolerance: two solutions whose states differ by less are the same
@@ -168,8 +168,7 @@ class PlanSearch:
                     pool.append(found)
             if not pool:
                 raise self._refusal()
-            best = min(pool, key=lambda each: each.solution.cost)
-            pool.remove(best)
+            best = pool.pop(min(range(len(pool)), key=lambda k: pool[k].solution.cost))
             needed += 1
             if any(self._same(best.solution.iterate, each) for each in self._vain):
                 continue

@@ -77,7 +77,7 @@ def plan_motion(
         settings: settings of the solver.
         guess: another plan, or configurations (n, nq) at equal times; the straight line by default.
         seeds: number of further guesses that are tried if others do not lead to a plan: past both sides of obstacles
-            in the way of a mobile base, then random ones.
+            in the way of a mobile base, then loops of the shape where the rows couple the rest to it, then random ones.
         seed: seed of the random guesses.
         solutions: number of plans among which the cheapest is returned. If fewer guesses lead to plans, a warning and
             ``info.solutions`` tell.

@@ -132,8 +132,8 @@ class _AxleSteering(Steering):
         self._forward = sign * forward
         self._point = row[2] / size * forward  # on the axle, nearest to the origin of the base
 
-    def axle_velocity(self, base: Float[Array, "3 *k"]) -> tuple[Float[Array, "*k"], Float[Array, "*k"]]:
-        """Forward and turning speed of the axle for a velocity of the base."""
+    def axle_velocity(self, base: Array) -> tuple[Float[Array, "*k"], Float[Array, "*k"]]:
+        """Forward and turning speed of the axle for velocities of the base."""
         x, y = self._point
         return self._forward @ base[:2] + base[2] * (self._forward @ np.array([-y, x])), base[2]
 
