@@ -25,7 +25,6 @@ _HARMONICS = 3
 _PAIRS = 6  # pairs of reducing outputs whose loops are tried: those of the largest effect
 _SMALL = 0.5  # [m or rad]; radius of the loops that choose them
 _RADII = np.geomspace(0.25, 3.0, 8)  # [m or rad]
-_STEPS = 24  # of loops while their radius is looked for
 _HALVED = 5  # times that the range of the radius is halved
 _MISSED = 0.3  # of the way that a loop may leave
 _LOOPS = 4  # loops that are tried
@@ -139,11 +138,10 @@ def _loops(problem: Transcription, line: Array, duration: float) -> Iterator[tup
         distance = float(needed @ needed)
         if distance < 1e-12:
             return
-        coarse = direct[np.arange(_STEPS) * K // _STEPS]
 
         def progress(circles: Array, turns: Array, radii: Array) -> Array:
             """Share of the way to the goal that circles (n, 2, r) lead to."""
-            v2 = coarse + _circular(radii[:, None, None] * circles, turns, _STEPS, duration)
+            v2 = direct + _circular(radii[:, None, None] * circles, turns, K, duration)
             ends = _driven(model, line[0], v2, duration)[:, -1]
             return np.asarray(model.manifold.difference(np.repeat(end, len(ends), axis=0), ends) @ needed / distance)
 
