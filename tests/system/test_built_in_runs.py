@@ -52,9 +52,9 @@ GAINS = {  # in the record of a run, by the type of what its controller is made 
 PERIODS = {
     "free-flying-arm": 0.0035, "tiago": 0.004, "unicycle": 0.0055,  # whose gains do not suit a slower one
     # Whose samples cost most.
-    "docking": 0.04, "doorway": 0.04, "forklift-pallet": 0.04, "free-flying-arm-limits": 0.032, "mecanum-crowd": 0.04,
-    "parallel-parking": 0.02,
-    "snakeboard-point": 0.02, "tiago-doorway": 0.02, "tiago-shelf": 0.04, "trailer-lot": 0.04,
+    "docking": 0.04, "doorway": 0.04, "forklift-pallet": 0.04, "free-flying-arm-limits": 0.032,
+    "free-flying-truss": 0.04, "mecanum-crowd": 0.04, "parallel-parking": 0.02, "snakeboard-point": 0.02,
+    "tiago-doorway": 0.02, "tiago-shelf": 0.04, "trailer-lot": 0.04,
     "wheels-uncertain": 0.012,
 }  # fmt: skip
 """Sampling periods [s] other than 0.008."""
