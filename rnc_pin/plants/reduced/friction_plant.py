@@ -83,6 +83,7 @@ class FrictionPlant:
         work: work since the start, minus the energy that damping, friction and impacts removed [J].
         contact_events: landings, lift-offs, and changes between stick and slip.
         external: mean generalized forces (nv,) of contacts, damping and friction in the last step.
+        contact_forces: mean forces of the rows of the contacts on the robot in the last step [N or N m], by name.
         normal_forces: mean normal force of each contact in the last step [N], by name.
         sliding: names of the contacts that slide.
         errors: estimated errors of the integration since the start.
@@ -149,6 +150,12 @@ class FrictionPlant:
     def normal_forces(self) -> dict[str, float]:
         """Mean normal force of each contact in the last step [N], by name."""
         return {each.name: self._pushing.get(number, 0.0) for number, each in enumerate(self._contacts)}
+
+    @property
+    def contact_forces(self) -> dict[str, float]:
+        """Mean force of each row on the robot in the last step [N or N m], by name; empty after a change of contacts."""
+        names = self._rows.layout(self._touching).names
+        return dict(zip(names, self._rates.tolist(), strict=True)) if len(names) == len(self._rates) else {}
 
     @property
     def sliding(self) -> tuple[str, ...]:
