@@ -202,8 +202,9 @@ class FrictionPlant:
         steps, errors = 0, np.zeros(2 * self.reduced.n)
         while end - self._time > 1e-9 * shortest:
             left = end - self._time
-            h = min(self._step, dt / (self._substeps or 1), left)
-            trial = self._trial(h, h <= shortest)
+            longest = min(dt / (self._substeps or 1), left)
+            h = min(self._step, longest)
+            trial = self._trial(h, h <= shortest, h == longest)
             ratio = float(trial.errors.max()) / self._allowed(h)
             if ratio > 1.0 and h > shortest:
                 self._step = max(h * min(0.5, max(0.1, 0.9 * ratio**-0.25)), shortest)
@@ -232,8 +233,11 @@ class FrictionPlant:
         """Allowed error of a step of a time h [s]."""
         return self.tolerance * h + _ROUNDING * (1.0 + float(np.abs(self._v).max()))
 
-    def _trial(self, h: float, plain: bool) -> _Trial:
-        """Result of a step of a time h [s]: extrapolated, or of the shortest Euler steps if ``plain``."""
+    def _trial(self, h: float, plain: bool, longest: bool = False) -> _Trial:
+        """Result of a step of a time h [s]: extrapolated, or of the shortest Euler steps if ``plain``.
+
+        Order 3 is enough for the ``longest`` step. A step that the error limits is longer with order 4.
+        """
         if not (self._touching or len(self._dry.limits)) and self._dynamics.damping is None:
             return self._flown(h)
         table: list[np.ndarray] = []
@@ -251,7 +255,7 @@ class FrictionPlant:
                 row.append(row[-1] + (row[-1] - before) / weight)
             if table:
                 errors = np.abs(row[-1] - (table if plain else row[:-1])[-1])[: 2 * nv]
-                if count > 2 and errors.max() <= allowed:
+                if longest and count > 2 and errors.max() <= allowed:
                     table = row
                     break
             table = row
