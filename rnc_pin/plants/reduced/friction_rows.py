@@ -80,9 +80,7 @@ class FrictionRows:
             found.names.extend((*each.names[: 1 + slips], *(f"{kind}({each.name})" for kind in _TURNING[turning])))
             k += 1
             sizes = slips, 2 * bool(rolling), bool(spin)
-            for kind, (size, coefficient) in enumerate(
-                zip(sizes, (each.contact.friction, rolling, spin), strict=True)
-            ):
+            for kind, (size, coefficient) in enumerate(zip(sizes, (each.contact.friction, rolling, spin), strict=True)):
                 if size:
                     found.groups.append(FrictionGroup(slice(k, k + size), first, float(coefficient or 0.0)))
                     found.keys.append((number, kind))

@@ -545,8 +545,7 @@ def test_drawn_wheels_are_found_without_hubs_and_shafts():
 def sliding_in_both(robot, constraints, friction, q0, v0, duration, **settings):
     """The same motion with rigid Coulomb friction and in MuJoCo: both plants, and the difference of q."""
     contacts = [
-        rnc.UnilateralContact(each, friction=0.0 if isinstance(each, rnc.Caster) else friction)
-        for each in constraints
+        rnc.UnilateralContact(each, friction=0.0 if isinstance(each, rnc.Caster) else friction) for each in constraints
     ]
     rigid = rnc.FrictionPlant(rnc.NonholonomicSystem(robot), contacts, tolerance=1e-5)
     reduced = rnc.NonholonomicSystem(robot, constraints).reduce()
