@@ -153,7 +153,7 @@ class FrictionPlant:
 
     @property
     def contact_forces(self) -> dict[str, float]:
-        """Mean force of each row on the robot in the last step [N or N m], by name; empty after a change of contacts."""
+        """Mean forces of the rows on the robot in the last step [N or N m], by name; empty after contacts changed."""
         names = self._rows.layout(self._touching).names
         return dict(zip(names, self._rates.tolist(), strict=True)) if len(names) == len(self._rates) else {}
 
