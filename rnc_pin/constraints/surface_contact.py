@@ -289,13 +289,17 @@ class SurfaceContactRows(WrenchRows):
 
     def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
         """Rows of the kernel for a ball on a sphere or cylinder; None for other shapes and grounds."""
-        ground = self._surface
-        if type(self._shape) is not Sphere or type(ground) not in (SphericalGround, CylindricalGround):
+        shape, ground = self._shape, self._surface
+        if not isinstance(shape, Sphere) or not isinstance(ground, SphericalGround | CylindricalGround):
             return None
-        sphere = isinstance(ground, SphericalGround)
-        axis, point = (np.zeros(3), ground.center) if sphere else (ground.along, ground.point)
+        if type(shape) is not Sphere or type(ground) not in (SphericalGround, CylindricalGround):
+            return None  # a subclass may have methods of its own
+        if isinstance(ground, SphericalGround):
+            axis, point = np.zeros(3), ground.center
+        else:
+            axis, point = ground.along, ground.point
         scale = (-1.0 if ground.inside else 1.0) / ground.radius
-        quadric = [*map(float, point), scale, *axis.tolist(), float(self._shape.radius)]
+        quadric = [*map(float, point), scale, *axis.tolist(), float(shape.radius)]
         numbers = [[*quadric, *weights] for weights in np.eye(4)[: self._count].tolist()]
         return wrench_rows(Form.CURVED, attached(model, self.frame, pin.SE3(_EYE, self._center)), numbers, self.twist)
 

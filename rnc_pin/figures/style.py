@@ -13,7 +13,6 @@ from typing import Any, NamedTuple, ParamSpec
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backend_bases import RendererBase
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
@@ -112,9 +111,9 @@ class AlignedLayout(ConstrainedLayoutEngine):
 
     def _place_labels(self, fig: Figure) -> list[float]:
         """Place the labels and return the distance of each column from its axes [inches]."""
-        distances, renderer = [], fig._get_renderer()  # one for all axes: each that Matplotlib makes takes 20 ms
+        distances = []
         for column in self._columns:
-            distance = max(_label_distance(axes, renderer) for axes in column) / fig.dpi
+            distance = max(_label_distance(axes) for axes in column) / fig.dpi
             distances.append(distance)
             for axes in column:
                 away = ScaledTranslation(-distance, 0.0, fig.dpi_scale_trans)
@@ -122,11 +121,11 @@ class AlignedLayout(ConstrainedLayoutEngine):
         return distances
 
 
-def _label_distance(axes: Axes, renderer: RendererBase) -> float:
+def _label_distance(axes: Axes) -> float:
     """Distance of the label of a vertical axis from the axes [pixels]."""
     axis = axes.yaxis
     axis.label.set_visible(False)
-    ticks = axis.get_tightbbox(renderer)
+    ticks = axis.get_tightbbox()
     axis.label.set_visible(True)
     figure = axes.get_figure()
     assert figure is not None
