@@ -5,6 +5,9 @@ For ``rnc-pin run`` of each scenario, by default ``space-robot``, ``tiago`` and 
 * first output: wall time until the command prints its first line;
 * pictures: wall time and processor time until all files are written.
 
+``--parts`` prints the processor time of the parts of each run in place of that, in one process: imports, reading and
+building of the scenario, simulation with comparisons and verdict, data files, plots, and the animation.
+
 Then the processor time of a cold start: the import, a robot, its system and one ``forward_dynamics``; and of the
 imports of NumPy and Pinocchio alone. All modules are compiled to bytecode before, as pip does.
 Wall time depends on what else the machine does; the load is printed. Processor time counts all threads and children.
@@ -47,7 +50,47 @@ reduced.forward_dynamics(np.array([0.0, -0.4, 1.8, -1.1]), np.zeros(3), np.zeros
 
 WITHOUT_US = "import numpy, pinocchio"
 _ROOF = "rnc_pin.applications"
-MODULES = f"import {_ROOF}.command_line.commands.run, {_ROOF}.scenario.plot_files, {_ROOF}.scenario.animation_file"
+MODULES = f"import {_ROOF}.command_line.commands.run, {_ROOF}.scenario.plot_files, {_ROOF}.scenario.drawn_run"
+
+
+PARTS = ("imports", "build", "simulate", "write", "plots", "animation")
+_PARTS = """
+import time
+marks = [0.0]
+import rnc_pin.applications.command_line.commands.run, rnc_pin.applications.scenario.plot_files
+import rnc_pin.applications.scenario.drawn_run as animation
+from pathlib import Path
+from sys import argv
+from rnc_pin.applications.scenario.execution import execute, write
+from rnc_pin.applications.scenario.pictures import ANIMATION, picture_names
+from rnc_pin.applications.scenario.scenario import Scenario
+marks.append(time.process_time())
+scenario, folder = Scenario.load(argv[1]).build(remedies=True), Path(argv[2])
+marks.append(time.process_time())
+result = execute(scenario)
+marks.append(time.process_time())
+write(scenario, result, folder)
+marks.append(time.process_time())
+for name in picture_names(scenario):
+    if name != ANIMATION:
+        rnc_pin.applications.scenario.plot_files.write_plot(scenario, result, folder / name)
+marks.append(time.process_time())
+animation.write_animation(scenario, result, folder / ANIMATION)
+marks.append(time.process_time())
+print(*(end - start for start, end in zip(marks, marks[1:])))
+"""
+
+
+def parts(scenario: str) -> list[float]:
+    """Processor time of the parts of a run [s].
+
+    Raises:
+        subprocess.CalledProcessError: the run failed.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        command = (sys.executable, "-c", _PARTS, scenario, folder)
+        done = subprocess.run(command, check=True, text=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    return [float(each) for each in done.stdout.split("\n")[-2].split()]
 
 
 class RunTime(NamedTuple):
@@ -82,8 +125,13 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.commands", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("scenarios", nargs="*", metavar="SCENARIO", help=", ".join(built_in_names()))
+    parser.add_argument("--parts", action="store_true", help="the parts of each run, by default of all scenarios")
+    given = parser.parse_args()
     with compiled_modules():
-        _measure(parser.parse_args().scenarios or SCENARIOS)
+        if given.parts:
+            _measure_parts(given.scenarios or built_in_names())
+        else:
+            _measure(given.scenarios or SCENARIOS)
 
 
 @contextmanager
@@ -100,6 +148,13 @@ def compiled_modules() -> Iterator[None]:
         finally:
             os.environ.clear()
             os.environ.update(before)
+
+
+def _measure_parts(scenarios: Sequence[str]) -> None:
+    print("| rnc-pin run | " + " | ".join(PARTS) + " | sum |\n|" + "---|" * (len(PARTS) + 2))
+    for scenario in scenarios:
+        found = parts(scenario)
+        print(f"| {scenario} | " + " | ".join(f"{each:.2f}" for each in (*found, sum(found))) + " |", flush=True)
 
 
 def _measure(scenarios: Sequence[str]) -> None:

@@ -20,6 +20,7 @@ from rnc_pin._kernel import INTERFACE
 from rnc_pin.constraints.ackermann_steering import linkage
 from rnc_pin.constraints.body_shapes import support_point
 from rnc_pin.constraints.rolling_body import contact_arm
+from rnc_pin.constraints.surface_contact import curved_gradient, curved_wrench
 from rnc_pin.constraints.wheel_rows import wheel_level, wheel_wrenches
 from rnc_pin.math.components import cross, dot
 from rnc_pin.model.kernel_rows import AT_GROUND, INTEGERS, NUMBERS, Form, KernelForce, Value
@@ -70,6 +71,11 @@ def _rolling_length(d: Vectors, p: Sequence[Symbol]) -> Symbol:
     return dot([S * each for S, each in zip(p[6:9], outward, strict=True)], outward) ** 0.5
 
 
+def _curved_length(d: Vectors, p: Sequence[Symbol]) -> Symbol:
+    gradient = curved_gradient(d[0], p[0], p[1:4])
+    return dot(gradient, gradient) ** 0.5
+
+
 KINDS = {
     Form.WORLD: Kind(0, 6, lambda d, p: p),
     Form.OWN: Kind(2, 0, lambda d, p: [*d[0], *d[1]]),
@@ -77,6 +83,7 @@ KINDS = {
     Form.YAW: Kind(1, 0, lambda d, p: yaw_wrench(d[0]), lambda d, p: level(d[0])),
     Form.TILT: Kind(1, 0, lambda d, p: tilt_wrench(d[0]), lambda d, p: level(d[0])),
     Form.ROLLING: Kind(3, 11, _rolling, _rolling_length),
+    Form.CURVED: Kind(2, 9, lambda d, p: curved_wrench(*d, p[0], p[1:4], p[4], p[5:]), _curved_length),
     Form.DISTANCE: Kind(
         1, 0, lambda d, p: [*distance_force(d[0])[0], 0, 0, 0], lambda d, p: dot(d[0], d[0]) ** 0.5, TOGETHER
     ),

@@ -1631,7 +1631,7 @@ static int valid(const Evaluator *ev, const Row *row, Py_ssize_t external, int o
         return within(i[0], ev->nq - (i[4] & 1)) && within(i[2], ev->nq - (i[4] >> 1 & 1)) && within(i[1], ev->n)
                && within(i[3], ev->n);
     }
-    if (row->kind < WORLD || row->kind > DISTANCE || !within(row->a, ev->frames)) return 0;
+    if (row->kind < WORLD || row->kind > CURVED || !within(row->a, ev->frames)) return 0;
     if (i[1] && (!ev->mu || row->b >= 0)) return 0; /* the material of ground on a frame does not move */
     if ((row->kind == YAW || row->kind == TILT) && !within(i[0], 3)) return 0;
     return within(row->b, ev->frames) || (row->b < 0 && row->kind != DISTANCE);

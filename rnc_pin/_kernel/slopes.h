@@ -30,10 +30,12 @@ static void frame_slopes(const Row *row, const Motion *at, const double *origin,
     kind->slopes(d, e, parameters, V, A, W, W + 6, k, g);
     put(K->v, 1.0, W), put(K->w, 1.0, W + 3);
     put(G->a, 1.0, W), put(G->b, 1.0, W + 3), put(G->v, 1.0, W + 6), put(G->w, 1.0, W + 9);
-    for (int i = 0; i < 3 * kind->directions; i += 3) {
-        add_cross(K->s, d + i, k + i), add_cross(G->w, d + i, k + i);
-        add_cross(g + i, k + i, w), add_cross(G->s, d + i, g + i);
-    }
+    if (row->kind == CURVED) put(K->p, 1.0, k), put(G->p, 1.0, g), put(G->v, 1.0, k); /* of the place, not turning */
+    else
+        for (int i = 0; i < 3 * kind->directions; i += 3) {
+            add_cross(K->s, d + i, k + i), add_cross(G->w, d + i, k + i);
+            add_cross(g + i, k + i, w), add_cross(G->s, d + i, g + i);
+        }
     if (!row->i[1]) return;
     cross(spin, W, turned);
     put(K->p, 1.0, turned), put(G->v, 1.0, turned), add_cross(G->p, spin, W + 6);

@@ -8,11 +8,30 @@ static void turn_back(const double *R, const double *x, double *out) /* R^T x */
     for (int i = 0; i < 3; i++) out[i] = R[i] * x[0] + R[3 + i] * x[1] + R[6 + i] * x[2];
 }
 
+enum { BALL_AXIS = 4 };          /* place of the axis of the ground in the numbers of a ball on curved ground */
+static const double LEANS = 0.9; /* as in surface_contact.py */
+
+/* For a ball on curved ground: the vector from the axis of the ground to the frame, and the direction whose projection
+   is the first axis of the contact: the axis of a cylinder; for a sphere x, or y where the normal is near x. */
+static void from_axis(const Row *row, const Motion *at, double *d, double *e)
+{
+    const double *axis = row->w + BALL_AXIS;
+    subtract(at->p, row->w, d, 3);
+    int sphere = !(axis[0] || axis[1] || axis[2]), other = d[0] * d[0] > LEANS * LEANS * dot(d, d, 3);
+    for (int i = 0; i < 3; i++) d[3 + i] = sphere ? i == other : axis[i];
+    if (!e) return;
+    memcpy(e, at->v, sizeof at->v), memset(e + 3, 0, sizeof at->v);
+}
+
 /* Directions d of a row that its frame carries, and their rates e unless NULL: three are the axes of the frame, fewer
    are in the numbers of the row. Returns the parameters of the row. */
 static const double *directions(const Row *row, const Motion *at, double *d, double *e)
 {
     int count = KINDS[row->kind].directions;
+    if (row->kind == CURVED) {
+        from_axis(row, at, d, e);
+        return row->w + 3;
+    }
     for (int i = 0; i < count; i++) {
         if (count == 3)
             for (int j = 0; j < 3; j++) d[3 * i + j] = at->R[3 * j + i];

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.constraints.body_shapes import BodyShape
-from rnc_pin.constraints.curved_grounds import CurvedGround
+from rnc_pin.constraints.body_shapes import BodyShape, Sphere
+from rnc_pin.constraints.curved_grounds import CurvedGround, CylindricalGround, SphericalGround
+from rnc_pin.math.components import Entry, cross, dot
 from rnc_pin.math.linear_algebra import apply, cross_columns, vector_product
+from rnc_pin.model.kernel_rows import Form, KernelRow, attached, wrench_rows
 from rnc_pin.model.kinematics import Placement, PositionKinematics
 from rnc_pin.model.mechanisms import Phrases
 from rnc_pin.model.offset_frame import point_name
@@ -68,6 +71,47 @@ def contact_wrench_rates(
     found = contact_wrenches(axes_rate, arm, count)
     found[..., :3, 3:] += cross_columns(arm_rate, axes.mT).mT
     return found
+
+
+def curved_gradient(away: Sequence[Entry], scale: Entry, axis: Sequence[Entry]) -> list[Entry]:
+    """Gradient (3,) of the level of a sphere or cylinder, at a vector ``away`` from a point of its axis."""
+    height = dot(axis, away)
+    return [scale * (u - height * a) for u, a in zip(away, axis, strict=True)]
+
+
+def curved_wrench(
+    away: Sequence[Entry],
+    along: Sequence[Entry],
+    scale: Entry,
+    axis: Sequence[Entry],
+    radius: Entry,
+    weights: Sequence[Entry],
+) -> list[Entry]:
+    """Wrench (6,) of a ball on a sphere or cylinder, about the centre of the ball.
+
+    The gradient of the level at this centre has the direction of the normal n at the contact, which is at ``-radius n``
+    from the centre. So no equation has to be solved, other than for bodies of any form.
+
+    Args:
+        away: vector from a point of the axis of the ground to the centre of the ball (3,).
+        along: direction (3,) whose projection on the surface is the first axis of the contact.
+        scale: one over the radius of the ground, negative inside.
+        axis: axis of a cylinder (3,); zero for a sphere.
+        radius: radius of the ball.
+        weights: weights (4,) of the forces along both axes and the normal, and of the torque about the normal.
+    """
+    gradient = curved_gradient(away, scale, axis)
+    length = dot(gradient, gradient) ** 0.5
+    normal = [each / length for each in gradient]
+    leaning = dot(normal, along)
+    across = [a - leaning * n for a, n in zip(along, normal, strict=True)]
+    length = dot(across, across) ** 0.5
+    first = [each / length for each in across]
+    second = cross(normal, first)
+    forces = zip(first, second, normal, strict=True)
+    force = [weights[0] * a + weights[1] * b + weights[2] * n for a, b, n in forces]
+    arm = [-radius * n for n in normal]
+    return [*force, *(m + weights[3] * n for m, n in zip(cross(arm, force), normal, strict=True))]
 
 
 class SurfaceContactRows(WrenchRows):
@@ -242,6 +286,22 @@ class SurfaceContactRows(WrenchRows):
         directions = points.copy()
         points[..., :3, :], directions[..., :3, :] = contact[..., None, :], axes
         return points, directions
+
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
+        """Rows of the kernel for a ball on a sphere or cylinder; None for other shapes and grounds."""
+        shape, ground = self._shape, self._surface
+        if not isinstance(shape, Sphere) or not isinstance(ground, SphericalGround | CylindricalGround):
+            return None
+        if type(shape) is not Sphere or type(ground) not in (SphericalGround, CylindricalGround):
+            return None  # a subclass may have methods of its own
+        if isinstance(ground, SphericalGround):
+            axis, point = np.zeros(3), ground.center
+        else:
+            axis, point = ground.along, ground.point
+        scale = (-1.0 if ground.inside else 1.0) / ground.radius
+        quadric = [*map(float, point), scale, *axis.tolist(), float(shape.radius)]
+        numbers = [[*quadric, *weights] for weights in np.eye(4)[: self._count].tolist()]
+        return wrench_rows(Form.CURVED, attached(model, self.frame, pin.SE3(_EYE, self._center)), numbers, self.twist)
 
     def phrases(self) -> Phrases:
         return Phrases("rolling body", prevents="slip at", where=self._body)

@@ -53,6 +53,9 @@ class Form(IntEnum):
     those of the support function: S (3), scale and tube."""
     DISTANCE = 10
     """Distance of two frames' origins."""
+    CURVED = 11
+    """Contact of a ball on a sphere or cylinder; the frame is at the centre of the ball. Numbers: a point of the axis
+    of the ground (3), then the parameters of ``curved_wrench``."""
 
 
 FORMS_OF_FORCES = frozenset({Form.CONSTANT, *(form for form in Form if form >= Form.WORLD)})

@@ -8,6 +8,7 @@ import pinocchio as pin
 import rnc_pin as rnc
 from systems import (
     ackermann_car,
+    balls_on_curved_ground,
     bicycle,
     bodies_on_bodies,
     drifting_manipulator,
@@ -112,6 +113,7 @@ KINDS = {
     "disk that leans": leaning_wheel,
     "bodies that roll": rolling_bodies,
     "bodies on bodies": bodies_on_bodies,
+    "balls on curved ground": balls_on_curved_ground,
     "wheels on moving ground": wheels_on_moving_ground,
     "forces": sprung_arm,
 }

@@ -471,6 +471,21 @@ def bodies_on_bodies():
 
 
 @cache
+def balls_on_curved_ground():
+    """Balls in a bowl that turns, on a hill, in a drum that turns and slides, and in a pipe on a plate that moves."""
+    bowl = rnc.SphericalGround(3.0, (0.1, 0.2, 2.0), angular_velocity=(0.3, -0.5, 0.8))
+    drum = rnc.CylindricalGround(3.0, (1.0, 0.3, 0.2), (0.1, 0.2, 1.5), spin=0.7, sliding=-0.4)
+    pipe = rnc.CylindricalGround(4.0, (0.2, -0.3, 1.0), frame="plate")
+    rows = [
+        rnc.RollingBody("egg", rnc.Sphere(0.2), at=(0.0, 0.01, 0.03), pivoting=False, ground=bowl),
+        rnc.RollingBall("ball", 0.2, ground=rnc.SphericalGround(0.5, (0.1, 0.2, -2.1), inside=False)),
+        rnc.RollingBall("one", 0.3, ground=drum),
+        rnc.RollingBody("two", rnc.Sphere(0.1), rpy=(0.2, 0.1, -0.5), ground=pipe),
+    ]
+    return rnc.NonholonomicSystem(free_bodies("plate", "egg", "ball", "one", "two"), rows).reduce()
+
+
+@cache
 def wheels_on_moving_ground():
     """A leaning wheel on a turning slope, a wheel that skids on a turntable, and a coin with a blade on a turntable."""
     rows = [
