@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
@@ -32,7 +32,7 @@ _SAME = 1e-9  # relative difference of velocities without a stop between them
 _END = 1e-9  # [s] before a place of the way that counts as the place
 _MOTIONS = 20_000  # checked motions after which a search ends without a way
 _ALWAYS = 1e9  # [s]; searches end by motions, not by time
-_DEFAULT = WaySettings(seconds=_ALWAYS, motions=_MOTIONS)
+_DEFAULT = WaySettings(seconds=_ALWAYS, motions=_MOTIONS, improve=300)
 
 Status = Literal["following", "stopping", "replanning", "no way", "arrived"]
 
@@ -79,8 +79,8 @@ class NavigationController(DescribedMixin):
     """Follow a way to a goal, stop on it before it is blocked, and search for another one: a kinematic controller.
 
     A search is that of ``rnc.planning.find_way``, for systems with exact steering. While the robot stands, each step
-    makes one slice of it. Then the robot follows the way, with feedback in proportion to its speed, within ``acceleration``.
-    It stops at the nodes where the velocity of the way jumps. ``set_obstacles`` changes the world. If the rest of the
+    makes one slice of it. Then it follows the way within ``acceleration``, with feedback in proportion to its speed. It
+    stops at the nodes where the velocity of the way jumps. ``set_obstacles`` changes the world. If the rest of the
     way is no longer free, the robot brakes on the way, and searches from where it stops. Where it can stop depends on
     the acceleration alone: ``v^2 / (2 a)``. Obstacles with a motion count where they are, every ``check`` seconds.
     Obstacles that appear nearer than that, or that move into the robot, cannot be avoided; ``reason`` says so.
@@ -168,7 +168,7 @@ class NavigationController(DescribedMixin):
         self._rows = GoalRows(self._model, goal, at_rest=False) if isinstance(goal, Mapping) else None
         self._obstacles, self._world = tuple(obstacles), 0
         self._known: tuple[tuple[int, float], WayFinder] | None = None
-        self._running: tuple[tuple[int, float, bytes, int], int, Generator[Way | None, None, None]] | None = None
+        self._running: tuple[tuple[int, float, bytes, int], int, Iterator[Way | None]] | None = None
         self._reference = reduced.robot.configuration() if isinstance(goal, Mapping) else np.array(goal, dtype=float)
         first = WayFinder(reduced, self._reference, settings=self._settings)
         if first.steering is None:
@@ -388,9 +388,10 @@ class NavigationController(DescribedMixin):
         if self._running is None or self._running[:2] != (key, state.slices):
             finder = self._finder(state.world, state.seen)
             slices = finder.slices(state.start, self.goal, self.seed + state.searches, self.slice_size)
+            best = _best(slices)
             for _ in range(state.slices):
-                next(slices)
-            self._running = key, state.slices, slices
+                next(best)
+            self._running = key, state.slices, best
         slices = self._running[2]
         self._running = key, state.slices + 1, slices
         return next(slices)
@@ -420,6 +421,15 @@ class NavigationController(DescribedMixin):
             self._model, Nodes(q, np.empty((len(q), 0))), u, h, (weights, np.ones(r), 10.0 * weights)
         )
         return places, gains
+
+
+def _best(slices: Iterator[Way | None]) -> Iterator[Way | None]:
+    """None for each slice of a search, then the last way that it found."""
+    best = None
+    for way in slices:
+        best = way or best
+        yield None
+    yield best
 
 
 def _as_seen(obstacle: Obstacle, t: float) -> Obstacle:
