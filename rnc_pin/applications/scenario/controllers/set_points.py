@@ -16,6 +16,7 @@ from rnc_pin.applications.scenario.schema.planner_settings import LimitItem, Mot
 from rnc_pin.collision import PairSelection
 from rnc_pin.control import ActuatorVelocityController, Controller, KinematicController, NavigationController
 from rnc_pin.optimal import EffortCost, PredictiveController, SetPointController, SetPointCost, UpdateSchedule
+from rnc_pin.planning import WaySettings
 
 _FORM = {"form": Literal["acceleration", "dynamic"]}
 _POINT = part(
@@ -132,6 +133,10 @@ class NavigationSettings(ControllerSettings, _NAVIGATION.model):  # type: ignore
     """Values at rest by names of outputs. An orientation needs all its rows."""
     links: bool = True
     """True to check links of the robot against each other too."""
+    motions: Annotated[int, Field(ge=1)] = 20_000
+    """Number of checked motions after which a search ends without a way."""
+    improve: Annotated[int, Field(ge=0)] = 300
+    """Number of motions that a search checks for faster ways after the first one."""
 
     def _build(self, context: ControllerContext) -> BuiltController:
         with at_key("controller"):
@@ -141,5 +146,6 @@ class NavigationSettings(ControllerSettings, _NAVIGATION.model):  # type: ignore
                 goal=goal_of(self.goal, context.outputs, context.reduced),
                 obstacles=context.obstacles,
                 selection=PairSelection(links=self.links),
+                settings=WaySettings(motions=self.motions, improve=self.improve),
             )
             return BuiltController(ActuatorVelocityController(context.reduced, made), ())
