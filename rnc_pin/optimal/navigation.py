@@ -360,9 +360,8 @@ class NavigationController(DescribedMixin):
 
     def _begun(self, t: float, start: Array, state: NavigationState) -> NavigationState:
         """State that searches from a configuration, among the obstacles as they are now."""
-        counts = {"slices": 0, "searches": state.searches + 1}
-        seen = {"world": self._world, "seen": t}
-        return state._replace(status="replanning", begin=t, start=np.array(start), **counts, **seen)
+        state = state._replace(slices=0, searches=state.searches + 1, world=self._world, seen=t)
+        return state._replace(status="replanning", begin=t, start=np.array(start))
 
     def _searched(self, t: float, state: NavigationState) -> NavigationState:
         """State after one slice of the search."""
@@ -387,8 +386,7 @@ class NavigationController(DescribedMixin):
         key = state.world, state.seen, state.start.tobytes(), state.searches
         if self._running is None or self._running[:2] != (key, state.slices):
             finder = self._finder(state.world, state.seen)
-            slices = finder.slices(state.start, self.goal, self.seed + state.searches, self.slice_size)
-            best = _best(slices)
+            best = _best(finder.slices(state.start, self.goal, self.seed + state.searches, self.slice_size))
             for _ in range(state.slices):
                 next(best)
             self._running = key, state.slices, best
@@ -399,10 +397,9 @@ class NavigationController(DescribedMixin):
     def _started(self, t: float, way: Way, state: NavigationState) -> NavigationState:
         """State that follows a way from its start."""
         places, gains = self._feedback(way)
-        motion = way.time, way.q, way.v, places, gains
-        path = dict(zip(("time", "q", "v", "places", "gains"), motion, strict=True))
-        begin = {"place": 0.0, "speed": 0.0, "rate": 0.0, "end": way.duration}
-        return state._replace(status="following", begin=t, ways=state.ways + 1, reason="", **path, **begin)
+        state = state._replace(time=way.time, q=way.q, v=way.v, places=places, gains=gains, end=way.duration)
+        state = state._replace(status="following", begin=t, place=0.0, speed=0.0, rate=0.0)
+        return state._replace(ways=state.ways + 1, reason="")
 
     def _feedback(self, way: Way) -> tuple[Float[Array, " m"], Float[Array, "m r nv"]]:
         """Places, and the gains of a linear-quadratic regulator from each to the next, at the speeds of the way."""
