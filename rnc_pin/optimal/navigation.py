@@ -163,14 +163,14 @@ class NavigationController(DescribedMixin):
         self.clearance, self.check, self.slice_size = clearance, check, int(slice_size)
         self.state_cost, self.seed, self.goal = state_cost, seed, goal
         motions = _MOTIONS if settings.motions is None else settings.motions
-        self._settings = replace(settings, seconds=_ALWAYS, motions=motions)
+        self._search_settings = replace(settings, seconds=_ALWAYS, motions=motions)
         self._reduced, self._model, self._selection = reduced, KinematicModel(reduced), selection
         self._rows = GoalRows(self._model, goal, at_rest=False) if isinstance(goal, Mapping) else None
         self._obstacles, self._world = tuple(obstacles), 0
         self._known: tuple[tuple[int, float], WayFinder] | None = None
         self._running: tuple[tuple[int, float, bytes, int], int, Iterator[Way | None]] | None = None
         self._reference = reduced.robot.configuration() if isinstance(goal, Mapping) else np.array(goal, dtype=float)
-        first = WayFinder(reduced, self._reference, settings=self._settings)
+        first = WayFinder(reduced, self._reference, settings=self._search_settings)
         if first.steering is None:
             raise ConfigurationError(
                 "navigation: no exact steering is known for this system, see rnc.planning.find_steering"
@@ -204,10 +204,28 @@ class NavigationController(DescribedMixin):
         """Return a state that searches for a way from the measured configuration."""
         q = np.array(measurement.q, dtype=float)
         r, nv = self._reduced.r, self._reduced.n
-        empty = np.zeros(1), q[None], np.zeros((0, nv)), np.zeros(1), np.zeros((1, r, nv))
-        rest = 0.0, 0.0, 0.0, 0.0, -1, -np.inf, q, 0, 0, 0, ""
         self.status, self.reason = "replanning", ""
-        return NavigationState("replanning", None, 0.0, *empty, *rest)
+        return NavigationState(
+            status="replanning",
+            t=None,
+            begin=0.0,
+            time=np.zeros(1),
+            q=q[None],
+            v=np.zeros((0, nv)),
+            places=np.zeros(1),
+            gains=np.zeros((1, r, nv)),
+            place=0.0,
+            speed=0.0,
+            rate=0.0,
+            end=0.0,
+            world=-1,
+            seen=-np.inf,
+            start=q,
+            slices=0,
+            searches=0,
+            ways=0,
+            reason="",
+        )
 
     def step(
         self, t: float, measurement: Measurement, state: NavigationState
@@ -285,8 +303,8 @@ class NavigationController(DescribedMixin):
         """Errors of a configuration by name of the goal's rows [m or rad]."""
         if self._rows is None:
             step = np.abs(self._model.manifold.difference(self._reference[None], np.asarray(q)[None])[0])
-            names = np.array(self._reduced.robot.velocity_names)
-            return dict(zip(names[self._planned].tolist(), step[self._planned].tolist(), strict=True))
+            every = zip(self._reduced.robot.velocity_names, step.tolist(), self._planned, strict=True)
+            return {name: error for name, error, planned in every if planned}
         at = Nodes(np.asarray(q)[None], np.empty((1, 0)))
         found = self._rows.rows(NodeData(self._model, at, None, np.zeros(1)), False).value[0]
         names = (name.removeprefix("goal ") for name in self._rows.names)
@@ -298,8 +316,14 @@ class NavigationController(DescribedMixin):
         """Searches among the obstacles as they were seen."""
         if self._known is None or self._known[0] != (world, seen):
             standing = [_as_seen(each, seen) for each in self._obstacles]
-            options = {"selection": self._selection, "clearance": self.clearance}
-            finder = WayFinder(self._reduced, self._reference, standing, settings=self._settings, **options)
+            finder = WayFinder(
+                self._reduced,
+                self._reference,
+                standing,
+                selection=self._selection,
+                clearance=self.clearance,
+                settings=self._search_settings,
+            )
             self._known = (world, seen), finder
         return self._known[1]
 
