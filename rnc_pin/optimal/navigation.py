@@ -119,18 +119,16 @@ class NavigationController(DescribedMixin):
     Example:
         >>> import coal
         >>> robot = rnc.Robot.from_urdf("unicycle.urdf", base="planar")
-        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce(
-        ...     [rnc.FrameSpeed("axle"), rnc.FrameYaw("axle")])
+        >>> reduced = rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
         >>> goal = {rnc.FramePosition("axle", "xy"): [3.0, 0.0], rnc.FrameYaw("axle"): 0.0}
-        >>> controller = rnc.control.NavigationController(reduced, goal)
         >>> wall = rnc.collision.Obstacle(coal.Box(0.1, 3.0, 2.0), position=(1.5, 0.0, 0.0), name="wall")
-        >>> controller.set_obstacles([wall])
-        >>> measured = reduced.at(robot.configuration(), np.zeros(2)).measure(np.zeros(2))
+        >>> controller = rnc.control.NavigationController(reduced, goal, [wall])
+        >>> measured = reduced.at(robot.configuration(), np.zeros(3)).measure(np.zeros(3))
         >>> state = controller.initial_state(measured)
         >>> while controller.status == "replanning":
         ...     target, state = controller.step(0.0, measured, state)
         >>> controller.status, target.v2
-        ('following', array([0., 0.]))
+        ('following', array([0., 0., 0.]))
     """
 
     described = ("clearance", "acceleration", "speed", "tube", "tolerance", "check", "slice_size", "state_cost", "seed")
@@ -178,6 +176,10 @@ class NavigationController(DescribedMixin):
         self._planned = first.planned
         self.status: Status = "replanning"
         self.reason = ""
+
+    def __getstate__(self) -> dict[str, object]:
+        """State for copies, without the search that runs: they repeat it from the state of the controller."""
+        return {**vars(self), "_running": None, "_known": None}
 
     def set_obstacles(self, obstacles: Sequence[Obstacle]) -> None:
         """Replace the obstacles; the next step checks the rest of the way among them.

@@ -24,9 +24,9 @@ from rnc_pin.planning.output_targets import OutputTarget
 from rnc_pin.planning.steering_detection import find_steering, planned_velocities
 from rnc_pin.planning.way import Way, WayInfo, way_along
 from rnc_pin.planning.way_checking import WayChecker
-from rnc_pin.planning.way_goals import WayGoals, check_configuration, validated
+from rnc_pin.planning.way_goals import WayGoals, check_configuration, validated_configuration
 from rnc_pin.planning.way_propagation import DEVIATION, PropagatedSearch
-from rnc_pin.planning.way_search import SHORTER, Budget, WaySearch, speed_limits
+from rnc_pin.planning.way_search import SHORTER, SearchBudget, WaySearch, speed_limits
 
 _FIRST = 400  # motions of the first search, in which joints stay within the range of start and goals
 _ATTEMPT = 4000  # motions of each further search, before it starts again with other random numbers
@@ -158,7 +158,7 @@ class WayFinder:
     ) -> None:
         if not 0.0 <= clearance < np.inf:
             raise InputError(f"clearance: expected a number of at least 0 m, found {clearance!r}")
-        start = validated(reduced, q0)
+        start = validated_configuration(reduced, q0)
         for obstacle in obstacles:
             if obstacle.motion is not None:
                 raise ConfigurationError(
@@ -190,8 +190,8 @@ class WayFinder:
             InfeasibleError: as for ``find_way``.
         """
         settings, reduced, checker = self._settings, self._reduced, self.checker
-        budget = Budget(settings.seconds, settings.motions, slice_size)
-        start = validated(reduced, q0)
+        budget = SearchBudget(settings.seconds, settings.motions, slice_size)
+        start = validated_configuration(reduced, q0)
         if checker is not None:
             checker.blocks[:] = 0
         check_configuration(reduced, checker, start, "start")
@@ -227,7 +227,7 @@ class WayFinder:
     def _kind(self) -> str:
         return "propagated" if self.steering is None else self.steering.kind
 
-    def _search(self, places: Float[Array, "n nq"], budget: Budget) -> WaySearch | PropagatedSearch:
+    def _search(self, places: Float[Array, "n nq"], budget: SearchBudget) -> WaySearch | PropagatedSearch:
         """Search between configurations: the start and the goals."""
         radius = 0.0 if self.steering is None else self.steering.radius
         area = _area(self._reduced, radius, places, self._obstacles, self.checker, self._settings)
@@ -333,7 +333,7 @@ def _failure(
     checker: WayChecker | None,
     reduced: ReducedModel,
     ends: Array,
-    budget: Budget,
+    budget: SearchBudget,
 ) -> InfeasibleError:
     """Error about a search without a way: how near it came, and what is in the way."""
     base, near = reduced.robot.model.joints[1], search.nearest.q

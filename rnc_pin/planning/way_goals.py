@@ -20,12 +20,12 @@ from rnc_pin.planning.exact_steering import CarSteering, Steering
 from rnc_pin.planning.inverse_kinematics import IkSearch, solve_ik
 from rnc_pin.planning.output_targets import OutputTarget
 from rnc_pin.planning.way_checking import WayChecker
-from rnc_pin.planning.way_search import Budget
+from rnc_pin.planning.way_search import SearchBudget
 
 _DRAWN = 4  # random starts for each further goal configuration
 
 
-def validated(reduced: ReducedModel, q: ArrayLike) -> Float[Array, " nq"]:
+def validated_configuration(reduced: ReducedModel, q: ArrayLike) -> Float[Array, " nq"]:
     """Copy of one configuration (nq,)."""
     found = ConfigurationValidator(reduced.robot).validate(np.asarray(q, dtype=float))
     if found.ndim != 1:
@@ -73,7 +73,7 @@ class WayGoals:
         reduced: ReducedModel,
         steering: Steering | None,
         checker: WayChecker | None,
-        budget: Budget,
+        budget: SearchBudget,
         most: int,
         hold: Sequence[str],
     ) -> None:
@@ -88,7 +88,7 @@ class WayGoals:
     ) -> Generator[None, None, Float[Array, "n nq"]]:
         """Configurations (n, nq) that reach a goal, without collisions; each is a slice of the search."""
         if not isinstance(goal, Mapping):
-            end = validated(self._reduced, goal)
+            end = validated_configuration(self._reduced, goal)
             check_configuration(self._reduced, self._checker, end, "goal")
             return end[None]
         found: list[Array] = []

@@ -17,7 +17,7 @@ from rnc_pin.array_shapes import Bool, Float, Int
 from rnc_pin.planning.exact_steering import ExactMotion
 from rnc_pin.planning.kinematic_flow import KinematicFlow, Shots
 from rnc_pin.planning.way_checking import WayChecker
-from rnc_pin.planning.way_search import Budget, Nearest
+from rnc_pin.planning.way_search import Nearest, SearchBudget
 from rnc_pin.robots.joint_values import NO_LIMIT
 
 DEVIATION = 5e-4
@@ -97,7 +97,7 @@ class PropagatedSearch:
         ends: Float[Array, "n nq"],
         area: Float[Array, "2 3"],
         speeds: Float[Array, " nv"],
-        budget: Budget,
+        budget: SearchBudget,
     ) -> None:
         self._flow, self._planned, self._checker, self._budget = flow, planned, checker, budget
         self._start, self._goals, self._speeds = ends[0], ends[1:], speeds

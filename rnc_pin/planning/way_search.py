@@ -25,7 +25,7 @@ SHORTER = 1e-3
 """Relative decrease of the duration that is worth a change."""
 
 
-class Budget:
+class SearchBudget:
     """Time and motions that a search may take, and the size of its slices.
 
     Args:
@@ -100,7 +100,7 @@ class WaySearch:
         checker: WayChecker | None,
         places: Float[Array, "n nq"],
         area: Float[Array, "2 3"],
-        budget: Budget,
+        budget: SearchBudget,
     ) -> None:
         self._steering, self._checker, self._budget = steering, checker, budget
         self._start, self._goals, self._area = places[0], places[1:], area
