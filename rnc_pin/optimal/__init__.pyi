@@ -25,6 +25,8 @@ from .motion_plan import MotionPlan as MotionPlan
 from .motion_plan import PlanInfo as PlanInfo
 from .motion_plan import PlannedOutputs as PlannedOutputs
 from .motion_plan import PlanVerification as PlanVerification
+from .navigation import NavigationController as NavigationController
+from .navigation import NavigationState as NavigationState
 from .plan_feedback import PlanFeedback as PlanFeedback
 from .plan_feedback import tvlqr as tvlqr
 from .planner import RunFeedback as RunFeedback

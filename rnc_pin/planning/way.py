@@ -31,6 +31,7 @@ class WayInfo:
         edges: number of motions whose collisions were checked.
         goals: number of goal configurations.
         first_duration: duration of the first way, before it was shortened [s].
+        history: number of checked motions and duration [s] of each way that was faster than those before, to this one.
     """
 
     steering: str
@@ -38,6 +39,7 @@ class WayInfo:
     edges: int
     goals: int
     first_duration: float
+    history: tuple[tuple[int, float], ...] = ()
 
 
 @dataclass(frozen=True, repr=False)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import count
 from typing import Annotated
 
 import numpy as np
-import pinocchio as pin
 from annotated_types import Ge
 from numpy import ndarray as Array
 from numpy.typing import ArrayLike
@@ -18,23 +16,20 @@ from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
 from rnc_pin.collision.convex_shapes import bounding_box
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError
 from rnc_pin.extras import check_extra
-from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.model.parameter_types import NotNegative, Positive
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.planning.bounded_descent import TangentBounds
-from rnc_pin.planning.exact_steering import CarSteering, ExactMotion, Steering
-from rnc_pin.planning.inverse_kinematics import IkSearch, solve_ik
+from rnc_pin.planning.exact_steering import ExactMotion, Steering
 from rnc_pin.planning.kinematic_flow import KinematicFlow
 from rnc_pin.planning.output_targets import OutputTarget
 from rnc_pin.planning.steering_detection import find_steering, planned_velocities
 from rnc_pin.planning.way import Way, WayInfo, way_along
 from rnc_pin.planning.way_checking import WayChecker
+from rnc_pin.planning.way_goals import WayGoals, check_configuration, validated_configuration
 from rnc_pin.planning.way_propagation import DEVIATION, PropagatedSearch
-from rnc_pin.planning.way_search import Clock, WaySearch, speed_limits
+from rnc_pin.planning.way_search import SHORTER, SearchBudget, WaySearch, speed_limits
 
 _FIRST = 400  # motions of the first search, in which joints stay within the range of start and goals
 _ATTEMPT = 4000  # motions of each further search, before it starts again with other random numbers
-_DRAWN = 4  # random starts for each further goal configuration
 _BASES = ("JointModelPlanar", "JointModelFreeFlyer")
 
 
@@ -45,7 +40,10 @@ class WaySettings:
     Attributes:
         seconds: time after which the search ends without a way [s].
         goals: largest number of configurations that are tried for a goal of outputs.
-        shortcuts: number of attempts to shorten the first way.
+        shortcuts: number of attempts to shorten each way.
+        improve: number of motions that may be checked to find faster ways after the first one.
+        motions: number of checked motions after which the search ends, whatever the time; None for any number. OMPL
+            may finish an iteration, which checks a few more.
         hold: names of joints that keep their positions.
         area: smallest and largest x, y and z (2, 3) of the base [m]; by default the box around start, goals and
             obstacles, with room to turn around it.
@@ -62,6 +60,8 @@ class WaySettings:
     seconds: Positive = 30.0
     goals: Annotated[int, Ge(1)] = 4
     shortcuts: Annotated[int, Ge(0)] = 100
+    improve: Annotated[int, Ge(0)] = 0
+    motions: Annotated[int, Ge(1)] | None = None
     hold: Sequence[str] = ()
     area: ArrayLike | None = None
     reverse: bool = True
@@ -69,7 +69,8 @@ class WaySettings:
     def __post_init__(self) -> None:
         if not 0.0 < self.seconds < np.inf:
             raise InputError(f"seconds: expected a positive number, found {self.seconds!r}")
-        for name, value, least in (("goals", self.goals, 1), ("shortcuts", self.shortcuts, 0)):
+        counts = [("goals", self.goals, 1), ("shortcuts", self.shortcuts, 0), ("improve", self.improve, 0)]
+        for name, value, least in counts + ([] if self.motions is None else [("motions", self.motions, 1)]):
             if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < least:
                 raise InputError(f"{name}: expected an integer of at least {least}, found {value!r}")
 
@@ -124,47 +125,148 @@ def find_way(
         >>> way.at(way.duration)[:2].round(6), way.residual < 1e-9, way.narrowest.distance > 0.01
         (array([3., 0.]), True, True)
     """
-    if not 0.0 <= clearance < np.inf:
-        raise InputError(f"clearance: expected a number of at least 0 m, found {clearance!r}")
-    clock = Clock(settings.seconds)
-    start = _validated(reduced, q0)
-    for obstacle in obstacles:
-        if obstacle.motion is not None:
-            raise ConfigurationError(f"find_way: obstacle '{obstacle.name}' moves; a way is for obstacles that stand")
-    steering = _steering(reduced, start, settings, seed)
-    planned = planned_velocities(reduced, start, seed) if steering is None else steering.planned
-    apart = clearance if steering else clearance + DEVIATION
-    checker = _checker(reduced, start, obstacles, selection, apart)
-    _check_configuration(reduced, checker, start, "start")
-    ends = _Goals(reduced, steering, checker, settings, clock).of(goal, start, seed)
-    places = np.vstack([start, ends])
-    area = _area(reduced, 0.0 if steering is None else steering.radius, places, obstacles, checker, settings)
-    if steering is None:
-        flow, speeds = KinematicFlow(reduced), speed_limits(reduced, planned)
-        propagated = PropagatedSearch(flow, planned, checker, places, area, speeds, clock)
-        found = propagated.run(seed)
-        if found is None:
-            raise _failure(propagated, checker, reduced, ends, clock)
-        first = float(propagated.durations(found.steps).sum())
-        found = propagated.shortened(found, settings.shortcuts)
-        info = WayInfo("propagated", clock.elapsed, propagated.edges, len(ends), first)
-        return way_along(reduced, planned, checker, found, info)
-    search = WaySearch(steering, checker, start, ends, clock)
-    found = search.direct() or _searched(search, reduced, area, settings, seed, clock)
-    if found is None:
-        raise _failure(search, checker, reduced, ends, clock)
-    first = float(search.durations(found.steps).sum())
-    whole = steering.completed(search.shortened(found, settings.shortcuts, seed), start)
-    if checker is not None and not planned.all() and not checker.is_free(steering.along(start, whole.steps)):
-        raise InfeasibleError("find_way: wheels that follow collide, because they are not round")
-    info = WayInfo(steering.kind, clock.elapsed, search.edges, len(ends), first)
-    return way_along(reduced, planned, checker, whole, info)
+    finder = WayFinder(reduced, q0, obstacles, selection=selection, clearance=clearance, settings=settings)
+    return [way for way in finder.slices(q0, goal, seed) if way is not None][-1]
 
 
-def _steering(reduced: ReducedModel, start: Array, settings: WaySettings, seed: int) -> Steering | None:
+class WayFinder:
+    """Search for ways among obstacles, at once or in slices; ``find_way`` has its terms.
+
+    Args:
+        reduced: the model.
+        q0: a configuration (nq,). Links that touch each other there are not checked against each other.
+        obstacles: obstacles that do not move.
+        selection: rules for pairs of links.
+        clearance: smallest distance to obstacles [m].
+        settings: settings of the search.
+
+    Attributes:
+        steering: exact steering; None if motions are propagated.
+        planned: mask (nv,) of the velocities that are planned.
+        checker: check of motions; None for a robot without geometry among no obstacles.
+    """
+
+    def __init__(
+        self,
+        reduced: ReducedModel,
+        q0: ArrayLike,
+        obstacles: Sequence[Obstacle] = (),
+        *,
+        selection: PairSelection | None = None,
+        clearance: float = 0.01,
+        settings: WaySettings = _DEFAULT,
+    ) -> None:
+        if not 0.0 <= clearance < np.inf:
+            raise InputError(f"clearance: expected a number of at least 0 m, found {clearance!r}")
+        start = validated_configuration(reduced, q0)
+        for obstacle in obstacles:
+            if obstacle.motion is not None:
+                raise ConfigurationError(
+                    f"find_way: obstacle '{obstacle.name}' moves; a way is for obstacles that stand"
+                )
+        self._reduced, self._settings, self._obstacles = reduced, settings, obstacles
+        self.steering = _steering(reduced, start, settings)
+        self.planned = planned_velocities(reduced, start) if self.steering is None else self.steering.planned
+        apart = clearance if self.steering else clearance + DEVIATION
+        self.checker = _checker(reduced, start, obstacles, selection, apart)
+
+    def slices(
+        self,
+        q0: ArrayLike,
+        goal: Mapping[OutputTarget, ArrayLike] | ArrayLike,
+        seed: int = 0,
+        slice_size: int | None = None,
+    ) -> Generator[Way | None, None, None]:
+        """Search step by step: None after each slice, and each way that is faster than those before.
+
+        Args:
+            q0: start (nq,).
+            goal: values by output, or a configuration (nq,).
+            seed: seed of all random choices.
+            slice_size: number of motions that are checked in a slice; None for a search at once. Each goal
+                configuration has a slice of its own. Propagated motions are found in one slice.
+
+        Raises:
+            InfeasibleError: as for ``find_way``.
+        """
+        settings, reduced, checker = self._settings, self._reduced, self.checker
+        budget = SearchBudget(settings.seconds, settings.motions, slice_size)
+        start = validated_configuration(reduced, q0)
+        if checker is not None:
+            checker.blocks[:] = 0
+        check_configuration(reduced, checker, start, "start")
+        goals = WayGoals(reduced, self.steering, checker, budget, settings.goals, settings.hold)
+        ends = yield from goals.of(goal, start, seed)
+        search = self._search(np.vstack([start, ends]), budget)
+        mobile = reduced.robot.model.joints[1].shortname() in _BASES
+        found = search.direct() if isinstance(search, WaySearch) else None
+        direct, tight, attempt = found is not None, mobile, 0
+        first, history = 0.0, list[tuple[int, float]]()
+        while True:
+            if found is None:
+                found = yield from self._attempt(search, tight, seed + attempt)
+                attempt += 1
+            if found is not None:
+                first = first or float(search.durations(found.steps).sum())
+                found = yield from self._shortened(search, found, seed)
+                duration = float(search.durations(found.steps).sum())
+                if not history:
+                    budget.limit(settings.improve)
+                if not history or duration < (1.0 - SHORTER) * history[-1][1]:
+                    history.append((budget.motions, duration))
+                    info = WayInfo(self._kind, budget.elapsed, budget.motions, len(ends), first, tuple(history))
+                    yield self._way(found, start, info)
+                found = None
+            tight = tight and bool(history)  # what led to a way may lead to a faster one
+            if direct or budget.is_over:
+                break
+        if not history:
+            raise _failure(search, checker, reduced, ends, budget)
+
+    @property
+    def _kind(self) -> str:
+        return "propagated" if self.steering is None else self.steering.kind
+
+    def _search(self, places: Float[Array, "n nq"], budget: SearchBudget) -> WaySearch | PropagatedSearch:
+        """Search between configurations: the start and the goals."""
+        radius = 0.0 if self.steering is None else self.steering.radius
+        area = _area(self._reduced, radius, places, self._obstacles, self.checker, self._settings)
+        if self.steering is not None:
+            return WaySearch(self.steering, self.checker, places, area, budget)
+        flow, speeds = KinematicFlow(self._reduced), speed_limits(self._reduced, self.planned)
+        return PropagatedSearch(flow, self.planned, self.checker, places, area, speeds, budget)
+
+    def _attempt(
+        self, search: WaySearch | PropagatedSearch, tight: bool, seed: int
+    ) -> Generator[None, None, ExactMotion | None]:
+        """One search; ``tight`` if the joints of a mobile robot stay within the range of start and goals."""
+        if isinstance(search, PropagatedSearch):
+            return search.run(seed)
+        held = list(self._reduced.robot.model.names)[1:] if tight else self._settings.hold
+        return (yield from search.run(held, _FIRST if tight else _ATTEMPT, seed))
+
+    def _shortened(
+        self, search: WaySearch | PropagatedSearch, motion: ExactMotion, seed: int
+    ) -> Generator[None, None, ExactMotion]:
+        if isinstance(search, PropagatedSearch):
+            return search.shortened(motion, self._settings.shortcuts)
+        return (yield from search.shortened(motion, self._settings.shortcuts, seed))
+
+    def _way(self, motion: ExactMotion, start: Array, info: WayInfo) -> Way:
+        """Way along a motion, with the joints that follow."""
+        steering, checker = self.steering, self.checker
+        if steering is not None:
+            motion = steering.completed(motion, start)
+            follow = None if self.planned.all() else checker
+            if follow is not None and not follow.is_free(steering.along(start, motion.steps)):
+                raise InfeasibleError("find_way: wheels that follow collide, because they are not round")
+        return way_along(self._reduced, self.planned, checker, motion, info)
+
+
+def _steering(reduced: ReducedModel, start: Array, settings: WaySettings) -> Steering | None:
     """Exact steering; None if none is known, so that motions have to be propagated."""
     try:
-        steering = find_steering(reduced, start, seed, reverse=settings.reverse)
+        steering = find_steering(reduced, start, reverse=settings.reverse)
     except ConfigurationError:
         if not settings.reverse:
             raise
@@ -177,28 +279,6 @@ def _steering(reduced: ReducedModel, start: Array, settings: WaySettings, seed: 
         return None
     check_extra("ompl", "find_way")
     return steering
-
-
-def _searched(
-    search: WaySearch, reduced: ReducedModel, area: Array, settings: WaySettings, seed: int, clock: Clock
-) -> ExactMotion | None:
-    """First way; the joints of a mobile robot first stay within the range of start and goals."""
-    mobile = reduced.robot.model.joints[1].shortname() in _BASES
-    names = list(reduced.robot.model.names)[1:]
-    for attempt in count():
-        tight = mobile and attempt == 0
-        held = names if tight else settings.hold
-        found = search.run(area, held, _FIRST if tight else _ATTEMPT, seed + attempt)
-        if found is not None or clock.is_over:
-            return found
-    return None
-
-
-def _validated(reduced: ReducedModel, q: ArrayLike) -> Float[Array, " nq"]:
-    found = ConfigurationValidator(reduced.robot).validate(np.asarray(q, dtype=float))
-    if found.ndim != 1:
-        raise InputError(f"q has shape {found.shape}, expected ({reduced.robot.nq},)")
-    return np.array(found)
 
 
 def _checker(
@@ -214,99 +294,6 @@ def _checker(
         return None
     distances = CollisionDistances(reduced.robot, obstacles, selection, q0)
     return WayChecker(distances, clearance) if distances.pairs else None
-
-
-def _check_configuration(reduced: ReducedModel, checker: WayChecker | None, q: Array, what: str) -> None:
-    """Raise an error if a configuration is beyond a limit or too near to something."""
-    problem = _problem_of(reduced, checker, q)
-    if problem:
-        raise InfeasibleError(f"find_way: the {what} {problem}")
-
-
-def _problem_of(reduced: ReducedModel, checker: WayChecker | None, q: Array) -> str:
-    """Text about a configuration that is beyond a limit or too near to something; "" for others."""
-    model = reduced.robot.model
-    none = np.zeros(model.nv, dtype=bool)
-    bounds = TangentBounds(model, model.lowerPositionLimit, model.upperPositionLimit, none)
-    moved = np.abs(bounds.clip(q) - q)
-    if moved.max() > 1e-9:
-        worst = int(np.flatnonzero(bounds.q_index == int(np.argmax(moved)))[0])
-        name = reduced.robot.velocity_names[int(bounds.v_index[worst])]
-        return f"is beyond the position limit of joint '{name}' by {moved.max():.3g}"
-    near = None if checker is None else checker.violation(q)
-    if near is None:
-        return ""
-    return f"is too near: {near[0]} are {near[1]:.3g} m apart"
-
-
-class _Goals:
-    """Goal configurations of a search."""
-
-    def __init__(
-        self,
-        reduced: ReducedModel,
-        steering: Steering | None,
-        checker: WayChecker | None,
-        settings: WaySettings,
-        clock: Clock,
-    ) -> None:
-        self._reduced, self._steering, self._checker = reduced, steering, checker
-        self._settings, self._clock = settings, clock
-
-    def of(self, goal: Mapping[OutputTarget, ArrayLike] | ArrayLike, start: Array, seed: int) -> Float[Array, "n nq"]:
-        """Configurations (n, nq) that reach a goal, without collisions."""
-        if not isinstance(goal, Mapping):
-            end = _validated(self._reduced, goal)
-            _check_configuration(self._reduced, self._checker, end, "goal")
-            return end[None]
-        beside = None
-        if self._checker is not None and self._checker.distances.obstacles:
-            obstacles = self._checker.distances.obstacles
-            beside = CollisionDistances(self._reduced.robot, obstacles, PairSelection(links=False))
-        found: list[Array] = []
-        generator = np.random.default_rng(seed)
-        why = ""
-        for attempt in count():
-            enough = self._settings.goals if attempt < _DRAWN * self._settings.goals else 1
-            if len(found) >= enough or (attempt and self._clock.elapsed > self._settings.seconds / 2):
-                break  # without a goal configuration, half of the time is for finding one
-            begin = start if not attempt else self._drawn(start, generator)
-            result = solve_ik(
-                self._reduced,
-                begin,
-                goal,
-                hold=self._settings.hold,
-                collisions=beside,
-                clearance=0.0 if self._checker is None else self._checker.clearance + 2 * self._checker.tolerance,
-                search=IkSearch(starts=20 if not attempt else 1, seed=seed),
-            )
-            if not result.converged:
-                why = why or f"no configuration reaches {', '.join(result.unreachable) or 'the goal beside obstacles'}"
-                continue
-            q = self._prepared(result.q)
-            problem = _problem_of(self._reduced, self._checker, q)
-            why = problem and f"the goal {problem}"
-            if not problem and all(np.abs(q - other).max() > 1e-3 for other in found):
-                found.append(q)
-        if not found:
-            raise InfeasibleError(f"find_way: {why}")
-        return np.array(found)
-
-    def _prepared(self, q: Array) -> Array:
-        """The configuration with straight wheels, if the robot is a car."""
-        if isinstance(self._steering, CarSteering):
-            return self._steering.at_angle(q, self._steering.straight)
-        return np.array(q)
-
-    def _drawn(self, start: Array, generator: np.random.Generator) -> Array:
-        """Random configuration near the start: joints within their limits."""
-        model = self._reduced.robot.model
-        step = generator.uniform(-np.pi, np.pi, model.nv)
-        for name in self._settings.hold:
-            step[self._reduced.robot.velocity_indices(name)] = 0.0
-        none = np.zeros(model.nv, dtype=bool)
-        bounds = TangentBounds(model, model.lowerPositionLimit, model.upperPositionLimit, none)
-        return bounds.clip(pin.integrate(model, start, step))
 
 
 def _area(
@@ -346,12 +333,12 @@ def _failure(
     checker: WayChecker | None,
     reduced: ReducedModel,
     ends: Array,
-    clock: Clock,
+    budget: SearchBudget,
 ) -> InfeasibleError:
     """Error about a search without a way: how near it came, and what is in the way."""
     base, near = reduced.robot.model.joints[1], search.nearest.q
     size = {"JointModelPlanar": 2, "JointModelFreeFlyer": 3}.get(base.shortname(), 0)
-    text = f"no way found in {clock.elapsed:.0f} s, {search.edges} motions checked"
+    text = f"no way found in {budget.elapsed:.0f} s, {budget.motions} motions checked"
     if size:
         places = slice(base.idx_q, base.idx_q + size)
         away = float(np.linalg.norm(ends[:, places] - near[places], axis=1).min())

@@ -17,7 +17,7 @@ from rnc_pin.array_shapes import Bool, Float, Int
 from rnc_pin.planning.exact_steering import ExactMotion
 from rnc_pin.planning.kinematic_flow import KinematicFlow, Shots
 from rnc_pin.planning.way_checking import WayChecker
-from rnc_pin.planning.way_search import Clock, Nearest
+from rnc_pin.planning.way_search import Nearest, SearchBudget
 from rnc_pin.robots.joint_values import NO_LIMIT
 
 DEVIATION = 5e-4
@@ -83,11 +83,10 @@ class PropagatedSearch:
         ends: configurations (n, nq): the start and the goals.
         area: smallest and largest coordinates (2, 3) of the base [m].
         speeds: largest speeds (nv,).
-        clock: time that the search may take.
+        budget: what the search may take; it counts the motions that are checked.
 
     Attributes:
         nearest: configuration that was reached from the start so far.
-        edges: number of motions that were checked.
     """
 
     def __init__(
@@ -98,9 +97,9 @@ class PropagatedSearch:
         ends: Float[Array, "n nq"],
         area: Float[Array, "2 3"],
         speeds: Float[Array, " nv"],
-        clock: Clock,
+        budget: SearchBudget,
     ) -> None:
-        self._flow, self._planned, self._checker, self._clock = flow, planned, checker, clock
+        self._flow, self._planned, self._checker, self._budget = flow, planned, checker, budget
         self._start, self._goals, self._speeds = ends[0], ends[1:], speeds
         model = flow.reduced.robot.model
         low, high = np.array(model.lowerPositionLimit), np.array(model.upperPositionLimit)
@@ -117,7 +116,6 @@ class PropagatedSearch:
         if checker is not None:
             self._reach = max(1.0, 2.0 * float(checker.distances.radii[: checker.distances.link_shapes].sum()))
         self._reachable = [self._directions(goal) for goal in self._goals]
-        self.edges = 0
         self.nearest = Nearest(np.inf, self._start)
 
     def run(self, seed: int) -> ExactMotion | None:
@@ -130,7 +128,7 @@ class PropagatedSearch:
         pin.seed(seed)
         trees = [_Tree(self._start[None]), _Tree(self._goals)]
         grown = 0
-        while not self._clock.is_over:
+        while not self._budget.is_over:
             tree, other = trees[grown], trees[1 - grown]
             target = other.q[generator.integers(other.size)]
             if generator.random() < _RANDOM:
@@ -173,7 +171,7 @@ class PropagatedSearch:
         inside = np.flatnonzero(self._within(motions))
         order = np.argsort(self._distances(motions[inside, -1], target), kind="stable")
         for k in inside[order[:3]]:
-            self.edges += 1
+            self._budget.motions += 1
             if self._clear(motions[k, 1:]):
                 tree.add(motions[k], parent, inputs[k])
                 tree.away[parent] += _MADE
@@ -296,7 +294,7 @@ class PropagatedSearch:
         q = self._with_followers(pieces)
         if np.abs(self._missed(q[-1:], self._goal[None])).max() > _END or not self._within(q):
             return None
-        self.edges += 1
+        self._budget.motions += 1
         motion = ExactMotion(
             q, np.asarray(self._flow.reduced.at(q[:-1], np.repeat(inputs / counts[:, None], counts, axis=0)).v)
         )
@@ -343,7 +341,7 @@ class PropagatedSearch:
         """
         share = 0.4
         for _ in range(tries):
-            if self._clock.is_over or share < _FADED:
+            if self._budget.is_over or share < _FADED:
                 break
             kept = self._nodes, self._inputs
             found = self._exact(*kept, share)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -21,18 +21,28 @@ if TYPE_CHECKING:
     from ompl import base as ob
 
 _USUAL_SPEED = 1.0  # [m/s or rad/s] of a joint without a limit
-_SHORTER = 1e-3  # relative decrease of the duration that is worth a change
+SHORTER = 1e-3
+"""Relative decrease of the duration that is worth a change."""
 
 
-class Clock:
-    """Time that a search may take.
+class SearchBudget:
+    """Time and motions that a search may take, and the size of its slices.
 
     Args:
         seconds: [s].
+        motions: number of motions that may be checked; None for any number.
+        slice_size: number of motions after which the search pauses; None for a search at once.
+
+    Attributes:
+        motions: number of motions that were checked.
     """
 
-    def __init__(self, seconds: float) -> None:
-        self._start, self._seconds = time.monotonic(), seconds
+    def __init__(self, seconds: float, motions: int | None = None, slice_size: int | None = None) -> None:
+        self._start, self.seconds = time.monotonic(), seconds
+        self._most = np.inf if motions is None else motions
+        self._slice = np.inf if slice_size is None else slice_size
+        self._until = self._slice
+        self.motions = 0
 
     @property
     def elapsed(self) -> float:
@@ -41,8 +51,26 @@ class Clock:
 
     @property
     def is_over(self) -> bool:
-        """True if the time is up."""
-        return self.elapsed > self._seconds
+        """True if time or motions are used up."""
+        return self.motions >= self._most or self.elapsed > self.seconds
+
+    @property
+    def in_slices(self) -> bool:
+        """True for a search that pauses."""
+        return bool(self._slice < np.inf)
+
+    @property
+    def pauses(self) -> bool:
+        """True at the end of a slice."""
+        return self.motions >= self._until
+
+    def resume(self) -> None:
+        """Begin the next slice."""
+        self._until = self.motions + self._slice
+
+    def limit(self, further: int) -> None:
+        """Allow a number of further motions at most."""
+        self._most = min(self._most, self.motions + further)
 
 
 class Nearest(NamedTuple):
@@ -58,9 +86,9 @@ class WaySearch:
     Args:
         steering: exact steering.
         checker: check of motions.
-        start: configuration (nq,).
-        goals: configurations (n, nq).
-        clock: time that the search may take.
+        places: configurations (n, nq): the start and the goals.
+        area: smallest and largest coordinates (2, 3) of the base [m].
+        budget: what the search may take; it counts the motions that are checked.
 
     Attributes:
         nearest: configuration that was reached so far.
@@ -70,18 +98,17 @@ class WaySearch:
         self,
         steering: Steering,
         checker: WayChecker | None,
-        start: Float[Array, " nq"],
-        goals: Float[Array, "n nq"],
-        clock: Clock,
+        places: Float[Array, "n nq"],
+        area: Float[Array, "2 3"],
+        budget: SearchBudget,
     ) -> None:
-        self._steering, self._checker, self._clock = steering, checker, clock
-        self._start, self._goals = start, goals
+        self._steering, self._checker, self._budget = steering, checker, budget
+        self._start, self._goals, self._area = places[0], places[1:], area
         self._speeds = speed_limits(steering.reduced, steering.planned)
         self._known: dict[tuple[bytes, bytes], ExactMotion | None] = {}
-        self._reached = {start.tobytes()}
+        self._reached = {self._start.tobytes()}
         self._measured: Callable[[Array], float] = lambda q: np.inf
-        self.nearest = Nearest(np.inf, start)
-        self.edges = 0
+        self.nearest = Nearest(np.inf, self._start)
 
     def direct(self) -> ExactMotion | None:
         """Fastest free motion to a goal that needs no search; None if there is none."""
@@ -89,11 +116,10 @@ class WaySearch:
         free = [motion for motion in found if motion is not None]
         return min(free, key=lambda motion: self.durations(motion.steps).sum(), default=None)
 
-    def run(self, area: Float[Array, "2 3"], held: Sequence[str], most: int, seed: int) -> ExactMotion | None:
-        """Search for a way; None if none is found.
+    def run(self, held: Sequence[str], most: int, seed: int) -> Generator[None, None, ExactMotion | None]:
+        """Search for a way, in slices; None if none is found.
 
         Args:
-            area: smallest and largest coordinates of the base [m].
             held: joints that stay within the range of start and goals.
             most: largest number of motions that are checked.
             seed: seed of OMPL's random numbers.
@@ -106,9 +132,9 @@ class WaySearch:
         ou.setLogLevel(ou.LogLevel.LOG_NONE)
         ou.RNG.setSeed(seed + 1)  # zero is none
         try:
-            space = WaySpace(self._steering, np.vstack([self._start, self._goals]), area, held)
+            space = WaySpace(self._steering, np.vstack([self._start, self._goals]), self._area, held)
             information = ob.SpaceInformation(space.space)
-            last = self.edges + most
+            last = self._budget.motions + most
             failed: list[BaseException] = []
 
             def safely(answer: Callable[[], bool]) -> bool:
@@ -144,12 +170,22 @@ class WaySearch:
             planner = og.RRTConnect(information)
             planner.setProblemDefinition(problem)
             planner.setup()
-            over = ob.PlannerTerminationCondition(lambda: bool(failed) or self._clock.is_over or self.edges >= last)
-            planner.solve(over)
-            if failed:
-                raise failed[0]
-            if not problem.hasExactSolution():
-                return None
+            budget = self._budget
+            over = ob.PlannerTerminationCondition(
+                lambda: bool(failed) or budget.is_over or budget.pauses or budget.motions >= last
+            )
+            while True:
+                planner.solve(over)  # it goes on with its trees
+                if failed:
+                    raise failed[0]
+                if problem.hasExactSolution():
+                    break
+                if budget.is_over or budget.motions >= last:
+                    return None
+                ou.setLogLevel(level)
+                yield
+                budget.resume()
+                ou.setLogLevel(ou.LogLevel.LOG_NONE)
             q = [space.read(state) for state in problem.getSolutionPath().getStates()]
         finally:
             ou.setLogLevel(level)
@@ -183,7 +219,7 @@ class WaySearch:
 
     def is_free(self, motion: ExactMotion) -> bool:
         """True if no distance of a motion is too small."""
-        self.edges += 1
+        self._budget.motions += 1
         return self._checker is None or self._checker.is_free(motion)
 
     def _is_valid(self, q: Array) -> bool:
@@ -195,8 +231,8 @@ class WaySearch:
         """Durations (k,) of displacements at the largest speeds [s]."""
         return (np.abs(steps) / self._speeds).max(axis=1, initial=0.0)
 
-    def shortened(self, motion: ExactMotion, tries: int, seed: int) -> ExactMotion:
-        """The same or a faster motion: two places on it are connected directly, as often as this helps.
+    def shortened(self, motion: ExactMotion, tries: int, seed: int) -> Generator[None, None, ExactMotion]:
+        """The same or a faster motion: two places on it are connected directly, as often as this helps. In slices.
 
         Args:
             motion: a free motion.
@@ -205,14 +241,17 @@ class WaySearch:
         """
         generator = np.random.default_rng(seed)
         for _ in range(tries):
-            if self._clock.is_over or len(motion.steps) < 2:
+            if self._budget.pauses:
+                yield
+                self._budget.resume()
+            if self._budget.is_over or len(motion.steps) < 2:
                 break
             ends = np.cumsum(self.durations(motion.steps))
             first, last = np.sort(generator.uniform(0.0, ends[-1], 2))
             begin, rest = self._cut(motion, ends, first)[0], self._cut(motion, ends, last)[1]
             now = last - first
             for between in self._steering.motions(begin.q[-1], rest.q[0]):
-                if self.durations(between.steps).sum() < (1.0 - _SHORTER) * now and self.is_free(between):
+                if self.durations(between.steps).sum() < (1.0 - SHORTER) * now and self.is_free(between):
                     steps = np.concatenate([begin.steps, between.steps, rest.steps])
                     motion = self._steering.along(motion.q[0], steps)
                     break

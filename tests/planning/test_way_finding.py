@@ -11,6 +11,7 @@ import rnc_pin.extras
 from benchmarks.planned_models import car, mobile_manipulator, tractor
 from rnc_pin.model.configuration_manifold import ConfigurationManifold
 from rnc_pin.planning import WaySettings, find_way
+from rnc_pin.planning.way_finding import WayFinder
 from systems import ROLLERS, WHEEL, four_bar, mecanum, tiago, with_box
 
 Obstacle = rnc.collision.Obstacle
@@ -312,3 +313,37 @@ def test_a_way_prints_what_it_is():
     text = str(find_way(*TASKS["car"]()))
     assert text.startswith("Way by car steering\n")
     assert "narrowest place" in text
+
+
+def test_slices_and_one_search_find_the_same_way():
+    reduced = unicycle()
+    start, goal = at_pose(reduced, 0.0, 0.0), at_pose(reduced, 3.0, 2.0, 1.0)
+    finder = WayFinder(reduced, start, ROOMS)
+    slices = list(finder.slices(start, goal, seed=2, slice_size=5))
+    assert slices.count(None) > 3
+    assert np.array_equal(slices[-1].q, find_way(reduced, start, goal, ROOMS, seed=2).q)
+
+
+def test_further_motions_lead_to_faster_ways_and_the_same_motions_to_the_same_way():
+    reduced = unicycle()
+    start, goal = at_pose(reduced, 0.0, 0.0), at_pose(reduced, 3.0, 2.0, 1.0)
+    first = find_way(reduced, start, goal, ROOMS, seed=3)
+    ways = [find_way(reduced, start, goal, ROOMS, settings=WaySettings(improve=250), seed=3) for _ in range(2)]
+    better = ways[0]
+    motions, durations = zip(*better.info.history, strict=True)
+    assert durations[0] == first.duration
+    assert len(durations) > 1
+    assert (np.diff(durations) < 0).all()
+    assert (np.diff(motions) > 0).all()
+    assert better.duration == durations[-1]
+    assert motions[-1] <= motions[0] + 260
+    assert np.array_equal(ways[0].q, ways[1].q)
+    assert closest(better, ROOMS) > 0.01
+    assert reintegrated(better) < 1e-9
+
+
+def test_a_search_ends_after_a_number_of_motions():
+    reduced = unicycle()
+    start, goal, limited = at_pose(reduced, 0, 0), at_pose(reduced, 3, 0), WaySettings(motions=60, seconds=600.0)
+    with pytest.raises(rnc.InfeasibleError, match=r" 6[0-9] motions checked"):
+        find_way(reduced, start, goal, gap(0.3), settings=limited)

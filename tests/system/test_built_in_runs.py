@@ -27,7 +27,7 @@ FREE = (  # which have no goals
     "rattleback", "ball-in-bowl", "ball-on-turntable", "roller-racer", "disk-on-slope", "chaplygin-ball",
     "shaken-pendulum", "dropped-disk", "skidding-robot",
 )  # fmt: skip
-ELSEWHERE = ("fire-truck", "grasp", "park", *FREE)  # tests of their own below
+ELSEWHERE = ("closing-door", "fire-truck", "grasp", "park", *FREE)  # tests of their own below
 ENOUGH = {  # [s]; of scenarios that go on and on, after which nothing new happens
     "space-robot-uncertain": 12.0,
     "wheels-uncertain": 12.0,
@@ -133,6 +133,27 @@ def test_the_car_parks_where_its_controller_has_its_goal():
     x, y, cosine, sine = result.trajectory.q[-1, :4]
     np.testing.assert_allclose([x, y, np.arctan2(sine, cosine)], 0.0, atol=0.02)
     respects_its_limits(result.summary)
+
+
+@pytest.mark.parametrize("open_door", [True, False])
+def test_the_robot_takes_the_other_door_or_says_that_no_way_is_left(open_door):
+    changes = (
+        {"controller.improve": 300}
+        if open_door
+        else {"obstacles.1.box.size": [0.15, 3.0, 0.6], "obstacles.1.box.position": [0, -2.25, 0.1]}
+    )
+    area = {} if open_door else {"controller.motions": 20, "simulation.duration": 3}
+    result = execute(Scenario.load("closing-door", {"plots": {}, "simulation.dt": 0.04, **changes, **area}).build())
+    run, verdict = result.trajectory, result.trajectory.verdict
+    if open_door:
+        assert verdict.succeeded
+        assert run.q[np.argmin(np.abs(run.q[:, 0])), 1] < -1.75  # between the middle wall and the right one
+        respects_its_limits(result.summary)
+    else:
+        assert not verdict.succeeded
+        assert "no way found" in str(verdict.findings[0].message)
+        assert run.q[-1, 0] < -0.5
+        assert np.abs(run.v[-1]).max() < 1e-3
 
 
 def test_free_motions_are_those_of_textbooks():

@@ -24,12 +24,12 @@ from rnc_pin.planning import OutputTarget
 
 
 def goal_of(
-    settings: MotionProblem, outputs: Sequence[OutputKind], reduced: ReducedModel
+    given: Mapping[str, float], outputs: Sequence[OutputKind], reduced: ReducedModel
 ) -> dict[OutputTarget, ArrayLike]:
     """Goal by output: rows of one output together, so that orientations are whole.
 
     Args:
-        settings: settings with a goal by names of rows.
+        given: goal by names of rows.
         outputs: outputs of the scenario.
         reduced: the model.
 
@@ -37,9 +37,9 @@ def goal_of(
         ConfigurationError: a name is unknown.
     """
     names = (*reduced.reducing.names, *reduced.vertical.names)
-    check_output_names("goal", settings.goal, names)
+    check_output_names("goal", given, names)
     goal: dict[OutputTarget, ArrayLike] = {}
-    rest, rows = dict(settings.goal), iter(names)
+    rest, rows = dict(given), iter(names)
     for output in outputs:
         own = [next(rows) for _ in output.bind(reduced.robot).names]
         if len(own) > 1 and all(name in rest for name in own):

@@ -79,7 +79,7 @@ def build_plan(
     try:
         if kinematic and start.v2.any():
             raise ConfigurationError("form 'kinematic' starts with any velocity; remove 'initial.v2'")
-        goal = goal_of(settings, scenario.listed_outputs, reduced) or None
+        goal = goal_of(settings.goal, scenario.listed_outputs, reduced) or None
         return settings.build(
             reduced,
             q0=start.q,

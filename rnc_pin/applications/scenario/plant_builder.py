@@ -102,9 +102,14 @@ def _check_servos(scenario: ScenarioFile, servo_time: float | None) -> None:
     velocities = to_set_point or getattr(scenario.controller, "tracker", None) == "velocity"
     if velocities and servo_time is None:
         said = "velocities: true" if to_set_point else "tracker: 'velocity'"
+        if scenario.controller is not None and scenario.controller.type == "navigation":
+            said = "type: 'navigation'"
         raise ConfigurationError(f"controller.{said} requires velocity servos: set plant.servo_time")
     if servo_time is not None and not velocities:
-        raise ConfigurationError("plant.servo_time: requires controller.tracker 'velocity', or controller.velocities")
+        raise ConfigurationError(
+            "plant.servo_time: requires controller.tracker 'velocity', controller.velocities, or controller.type "
+            "'navigation'"
+        )
     unused = [name for name in ("joint_damping", "joint_friction", "actuator_limits") if getattr(settings, name)]
     if velocities and unused and scenario.plant is not None and scenario.plant.type == "reduced":
         raise ConfigurationError(f"simulation.{unused[0]}: has no effect on ideal velocity servos; remove it")

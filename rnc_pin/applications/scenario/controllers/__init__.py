@@ -14,7 +14,11 @@ from rnc_pin.applications.scenario.controllers.base import ControllerSettings, N
 from rnc_pin.applications.scenario.controllers.context import BuiltController, ControllerContext
 from rnc_pin.applications.scenario.controllers.plan_feedback import PlanFeedbackSettings
 from rnc_pin.applications.scenario.controllers.position_tracking import JacobianTransposeSettings, TwoPhaseSettings
-from rnc_pin.applications.scenario.controllers.set_points import PredictiveSettings, SetPointSettings
+from rnc_pin.applications.scenario.controllers.set_points import (
+    NavigationSettings,
+    PredictiveSettings,
+    SetPointSettings,
+)
 from rnc_pin.applications.scenario.controllers.state_feedback import StateFeedbackSettings
 from rnc_pin.applications.scenario.controllers.velocity_tracking import (
     ReducingOutputsSettings,
@@ -41,6 +45,7 @@ _AnyType = (
     | PlanFeedbackSettings
     | SetPointSettings
     | PredictiveSettings
+    | NavigationSettings
     | TwoPhaseSettings
     | NoControlSettings
 )

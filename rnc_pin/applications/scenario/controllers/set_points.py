@@ -1,4 +1,4 @@
-"""Control to a goal at rest: plans with feedback, or model-predictive control."""
+"""Control to a goal at rest: plans with feedback, model-predictive control, or navigation."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ from rnc_pin.applications.scenario.motion_problem import bounds_of, goal_of
 from rnc_pin.applications.scenario.schema.base import Positive
 from rnc_pin.applications.scenario.schema.derived import part
 from rnc_pin.applications.scenario.schema.planner_settings import LimitItem, MotionProblem, WeightSetting
-from rnc_pin.control import ActuatorVelocityController, Controller, KinematicController
+from rnc_pin.collision import PairSelection
+from rnc_pin.control import ActuatorVelocityController, Controller, KinematicController, NavigationController
 from rnc_pin.optimal import EffortCost, PredictiveController, SetPointController, SetPointCost, UpdateSchedule
+from rnc_pin.planning import WaySettings
 
 _FORM = {"form": Literal["acceleration", "dynamic"]}
 _POINT = part(
@@ -29,6 +31,18 @@ _POINT = part(
     "braking",
     "velocities",
     forms=_FORM,
+)
+_NAVIGATION = part(
+    NavigationController,
+    "clearance",
+    "acceleration",
+    "speed",
+    "tube",
+    "tolerance",
+    "check",
+    "slice_size",
+    "state_cost",
+    "seed",
 )
 _PREDICTIVE = part(PredictiveController, "horizon", "form", "nodes", "velocities", forms=_FORM)
 _COST = part(
@@ -77,7 +91,7 @@ class SetPointSettings(_ToSetPoint, _POINT.model):  # type: ignore[name-defined,
         return _POINT.build(
             self,
             reduced=context.reduced,
-            goal=goal_of(self, context.outputs, context.reduced),
+            goal=goal_of(self.goal, context.outputs, context.reduced),
             duration=duration,
             bounds=list(bounds_of(self, context.reduced, context.obstacles)),
             limits=self.limits,
@@ -95,7 +109,7 @@ class PredictiveSettings(_ToSetPoint, _PREDICTIVE.model, _COST.model, _SCHEDULE.
     """True if the goal holds at the end of the horizon too, which has to be long enough to reach it."""
 
     def _controller(self, context: ControllerContext) -> PredictiveController:
-        goal = goal_of(self, context.outputs, context.reduced)
+        goal = goal_of(self.goal, context.outputs, context.reduced)
         return _PREDICTIVE.build(
             self,
             reduced=context.reduced,
@@ -104,3 +118,34 @@ class PredictiveSettings(_ToSetPoint, _PREDICTIVE.model, _COST.model, _SCHEDULE.
             updates=_SCHEDULE.build(self),
             goal=goal if self.equality else None,
         )
+
+
+class NavigationSettings(ControllerSettings, _NAVIGATION.model):  # type: ignore[name-defined, misc]
+    """A way to a goal at rest around the obstacles, and another one where it is blocked."""
+
+    follows: ClassVar[frozenset[str]] = frozenset()
+    advice: ClassVar[str] = ", which drives to its own goal"
+    velocities: ClassVar[bool] = True
+
+    type: Literal["navigation"]
+    """A way to a goal around the obstacles, also those that move into it. It commands velocities."""
+    goal: Annotated[dict[str, float], Field(min_length=1)]
+    """Values at rest by names of outputs. An orientation needs all its rows."""
+    links: bool = True
+    """True to check links of the robot against each other too."""
+    motions: Annotated[int, Field(ge=1)] = 20_000
+    """Number of checked motions after which a search ends without a way."""
+    improve: Annotated[int, Field(ge=0)] = 300
+    """Number of motions that a search checks for faster ways after the first one."""
+
+    def _build(self, context: ControllerContext) -> BuiltController:
+        with at_key("controller"):
+            made = _NAVIGATION.build(
+                self,
+                reduced=context.reduced,
+                goal=goal_of(self.goal, context.outputs, context.reduced),
+                obstacles=context.obstacles,
+                selection=PairSelection(links=self.links),
+                settings=WaySettings(motions=self.motions, improve=self.improve),
+            )
+            return BuiltController(ActuatorVelocityController(context.reduced, made), ())

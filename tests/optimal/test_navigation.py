@@ -1,0 +1,178 @@
+"""Navigation: the way is followed, a robot stops before what blocks it, takes another way, or says why not."""
+
+import coal
+import numpy as np
+import pytest
+
+import rnc_pin as rnc
+from benchmarks.planned_models import car, mobile_manipulator, tractor
+from rnc_pin.control import NavigationController
+from rnc_pin.planning.kinematic_flow import KinematicFlow
+from systems import ROLLERS, WHEEL, mecanum, with_box
+
+Obstacle = rnc.collision.Obstacle
+DT = 0.02
+FAST = rnc.planning.WaySettings()  # the first way
+
+
+def wall(*gaps, x=1.5, width=1.2, reach=4.0):
+    """A wall along y with gaps."""
+    ends = [-reach, *sorted(y + side * width / 2 for y in gaps for side in (-1, 1)), reach]
+    pairs = zip(ends[::2], ends[1::2], strict=True)
+    return [
+        Obstacle(coal.Box(0.2, high - low, 1.0), position=(x, (low + high) / 2, 0.0), name=f"wall {k}")
+        for k, (low, high) in enumerate(pairs)
+    ]
+
+
+def unicycle():
+    robot = with_box(rnc.Robot.from_urdf("unicycle.urdf", base="planar"), "axle", 0.5, 0.4, 0.2)
+    return rnc.NonholonomicSystem(robot, [rnc.NoSideSlip("axle")]).reduce()
+
+
+def mecanum_box():
+    rows = [rnc.RollingWheel(name, WHEEL, roller=roller) for name, roller in ROLLERS.items()]
+    return rnc.NonholonomicSystem(with_box(mecanum().robot, "base", 0.6, 0.4, 0.2), rows).reduce()
+
+
+SYSTEMS = {"unicycle": unicycle, "car": car, "mecanum": mecanum_box, "mobile manipulator": mobile_manipulator}
+
+
+def at_pose(reduced, x, y, yaw=0.0):
+    q = np.array(reduced.robot.configuration())
+    q[:4] = x, y, np.cos(yaw), np.sin(yaw)
+    return q
+
+
+def driven(reduced, controller, q, duration, *, world=lambda t, q: None, push=lambda t: None):
+    """Configurations, velocities and status of a robot that holds each velocity until the next sample."""
+    flow, v2, state, rows = KinematicFlow(reduced), np.zeros(reduced.r), None, []
+    for t in np.arange(0.0, duration, DT):
+        obstacles, pushed = world(t, q), push(t)
+        if obstacles is not None:
+            controller.set_obstacles(obstacles)
+        q = q if pushed is None else flow.manifold.integrate(q[None], pushed[None])[0]
+        measured = reduced.at(q, v2).measure(np.zeros(reduced.r))
+        state = controller.initial_state(measured) if state is None else state
+        target, state = controller.step(float(t), measured, state)
+        v2 = target.v2
+        rows.append((t, q, v2, controller.status, state))
+        q = flow.step(q[None], DT * v2[None])[0]
+    return rows
+
+
+def closest(reduced, rows, obstacles):
+    """Smallest distance of coal from a later part of the robot's motion to obstacles."""
+    distances = rnc.collision.CollisionDistances(reduced.robot, obstacles, rnc.collision.PairSelection(links=False))
+    return min(distances.smallest(q, 0.0, 1.0).min() for _, q, *_ in rows)
+
+
+@pytest.mark.parametrize("kind", SYSTEMS)
+def test_a_robot_drives_through_a_gap_to_its_goal(kind):
+    reduced, obstacles = SYSTEMS[kind](), wall(0.5, width=1.6)
+    goal = at_pose(reduced, 3.5, 0.5)
+    controller = NavigationController(reduced, goal, obstacles, clearance=0.06, tolerance=0.01)
+    rows = driven(reduced, controller, at_pose(reduced, -0.5, 0.0), 25.0)
+    assert rows[-1][3] == "arrived"
+    assert not controller.missed_goals(rows[-1][1], np.zeros(reduced.r))
+    assert closest(reduced, rows, obstacles) > 0.04
+
+
+def test_a_door_closes_and_the_robot_takes_the_other_one():
+    reduced = unicycle()
+    both, one = wall(0.0, 2.0), wall(2.0)
+    controller = NavigationController(reduced, at_pose(reduced, 3.0, 0.0), both, acceleration=1.0)
+    shut = []
+
+    def world(t, q):
+        if not shut and q[0] > 0.4:
+            shut.append(t)
+            return one
+        return None
+
+    rows = driven(reduced, controller, at_pose(reduced, -1.0, 0.0), 30.0, world=world)
+    words = [row[3] for row in rows]
+    order = [word for k, word in enumerate(words) if k == 0 or words[k - 1] != word]
+    assert order == ["replanning", "following", "stopping", "replanning", "following", "arrived"]
+    assert closest(reduced, [row for row in rows if row[0] >= shut[0]], one) > 0.04
+    # The way is straight here: the robot stops after v^2 / (2 a), but for the sample in which the door closes.
+    k = words.index("stopping")
+    speed, stood = abs(rows[k][2][0]), words.index("replanning", k)
+    assert speed == pytest.approx(0.8, abs=0.02)
+    assert rows[stood][1][0] - rows[k][1][0] == pytest.approx(speed**2 / (2 * 1.0), abs=1.5 * speed * DT)
+
+
+def test_without_another_way_it_stops_and_says_so():
+    reduced, shut = unicycle(), wall()
+    area = [[-2, -3, -1], [5, 3, 1]]
+    settings = rnc.planning.WaySettings(motions=150, area=area)
+    controller = NavigationController(reduced, at_pose(reduced, 3.0, 0.0), wall(0.0), settings=settings)
+    rows = driven(
+        reduced,
+        controller,
+        at_pose(reduced, -1.0, 0.0),
+        6.0,
+        world=lambda t, q: shut if abs(t - 2.0) < DT / 2 else None,
+    )
+    assert rows[-1][3] == "no way"
+    assert rows[-1][1][0] < 1.5 - 0.1 - 0.25 - 0.04
+    missed = controller.missed_goals(rows[-1][1], np.zeros(reduced.r))
+    assert missed
+    assert "no way found" in missed[0].reason
+    controller.set_obstacles(wall(0.0))  # the door opens again
+    q, state = rows[-1][1], rows[-1][4]
+    measured = reduced.at(q, np.zeros(reduced.r)).measure(np.zeros(reduced.r))
+    while controller.status in ("no way", "replanning"):
+        state = controller.step(6.0, measured, state)[1]
+    assert controller.status == "following"
+
+
+def test_a_robot_that_is_pushed_off_its_way_plans_again():
+    reduced = unicycle()
+    controller = NavigationController(reduced, at_pose(reduced, 3.0, 0.0), wall(0.0, width=1.6))
+    aside = np.array([0.0, 0.15, 0.1, 0.0])
+    rows = driven(
+        reduced, controller, at_pose(reduced, -1.0, 0.0), 14.0, push=lambda t: aside if abs(t - 1.5) < DT / 2 else None
+    )
+    assert "stopping" in [row[3] for row in rows]
+    assert rows[-1][4].ways >= 2
+    assert rows[-1][3] == "arrived"
+    # A small push is for the feedback.
+    controller = NavigationController(reduced, at_pose(reduced, 3.0, 0.0), wall(0.0, width=1.6))
+    rows = driven(
+        reduced,
+        controller,
+        at_pose(reduced, -1.0, 0.0),
+        9.0,
+        push=lambda t: 0.2 * aside if abs(t - 1.5) < DT / 2 else None,
+    )
+    assert rows[-1][4].ways == 1
+    assert not controller.missed_goals(rows[-1][1], np.zeros(reduced.r))
+
+
+def test_the_same_measurements_give_the_same_commands_also_from_a_state_of_another_controller():
+    reduced, obstacles = unicycle(), wall(2.0)
+    q, goal = at_pose(reduced, -1.0, 0.0), at_pose(reduced, 3.0, 0.0)
+    first, second = (NavigationController(reduced, goal, obstacles, slice_size=5, settings=FAST) for _ in range(2))
+    measured = reduced.at(q, np.zeros(reduced.r)).measure(np.zeros(reduced.r))
+    states = [first.initial_state(measured)]
+    while first.status == "replanning":
+        states.append(first.step(0.0, measured, states[-1])[1])
+    assert len(states) > 4
+    state = states[len(states) // 2]
+    while second.status == "replanning":
+        state = second.step(0.0, measured, state)[1]
+    assert np.array_equal(state.q, states[-1].q)
+    assert np.array_equal(state.gains, states[-1].gains)
+
+
+def test_what_it_refuses():
+    reduced = unicycle()
+    goal = at_pose(reduced, 1.0, 0.0)
+    with pytest.raises(rnc.ConfigurationError, match=r"speed: expected a share of the velocity limits up to 1"):
+        NavigationController(reduced, goal, speed=1.2)
+    with pytest.raises(rnc.ConfigurationError, match=r"tube: expected a positive number"):
+        NavigationController(reduced, goal, tube=0.0)
+    trailer = tractor(1)
+    with pytest.raises(rnc.ConfigurationError, match=r"no exact steering is known"):
+        NavigationController(trailer, trailer.robot.configuration())
