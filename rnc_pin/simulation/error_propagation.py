@@ -52,7 +52,7 @@ class ErrorMark(NamedTuple):
 
     def of_run(self, run: int) -> ErrorMark:
         """Return the mark of one of B runs, of which ``memory`` is a list."""
-        return ErrorMark(self.sample, self.sum[run], self.memory[run], self.integrals[run])  # type: ignore[index]
+        return ErrorMark(self.sample, self.sum[run], self.memory[run], self.integrals[run])
 
 
 class Motion(NamedTuple):

@@ -212,8 +212,9 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> Summary
             "largest_of_a_sample": dict(found.local),
             "accumulated": dict(found.accumulated),
             "linearized": found.linearized,
-            **({"unknown": found.unknown} if found.unknown else {}),
         }
+        if found.unknown:
+            summary["integration"]["unknown"] = found.unknown
     if info.phases:
         summary["phases"] = [{"name": each.name, "start": each.start, "end": each.end} for each in info.phases]
         summary["impacts"] = [

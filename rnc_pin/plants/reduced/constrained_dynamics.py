@@ -252,7 +252,7 @@ class ConstrainedDynamics:
         return rate
 
 
-def joint_rotations(model: pin.Model, q: Array) -> Array:
+def joint_rotations(model: pin.Model, q: np.ndarray) -> np.ndarray:
     """Rotations (N, nv, nv) from the axes of the joints to those before them, at configurations (N, nq).
 
     The tangent space of planar, spherical and free joints has axes that turn with the joint; others do not turn.
