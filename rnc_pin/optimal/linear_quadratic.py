@@ -78,7 +78,7 @@ class LinearQuadratic:
             P[k + 1] = self.A[k] @ P[k] @ self.A[k].T + spread[k]
         square = ((self.C @ P) * self.C).sum(axis=2)
         square[:-1] += ((self.D[:-1] * inputs[:, None, :]) ** 2).sum(axis=2)
-        rows, sizes = np.sqrt(square), np.sqrt(np.einsum("nii->ni", P))
+        rows, sizes = np.sqrt(np.maximum(square, 0.0)), np.sqrt(np.einsum("nii->ni", P))  # rounding may go below zero
         return np.maximum(rows, max(1e-4 * float(rows.max(initial=0.0)), _LEAST)), sizes
 
 

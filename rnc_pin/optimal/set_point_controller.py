@@ -32,6 +32,7 @@ _OF_FILE = FileLimits()
 _NEAR = 20.0  # times the tolerance: an error at which the feedback at rest moves the directions of weight one
 _SETTLED = 4.0  # time constants of this feedback before the error counts
 _SAMPLES = 40  # whose mean is the error at rest: noise that is above the tolerance now and then starts no plan
+_MOST_NODES = 1000  # of SolverSettings
 _SLOWER = 0.7  # factor of the velocity in each sample, where velocities are the commands, while the robot brakes
 _RETRY, _LONGEST = 1.0, 6  # time until the next search after the first one in vain [s], and how often it doubles
 
@@ -267,9 +268,11 @@ class SetPointController(ReprMixin):
         """Plan from a configuration at rest; None if no guess leads to one.
 
         A plan that the verification does not confirm serves if only its goal is missed, and by less than half of the
-        distance: the next plan starts nearer.
+        distance: the next plan starts nearer. Searches after the first have twice the intervals: where a maneuver is
+        large beside its distance, the equations of long intervals are too nonlinear for the iterations.
         """
-        settings = SolverSettings(nodes=self.nodes, accuracy=self.tolerance)
+        nodes = self.nodes if seed == 0 else min(2 * self.nodes, _MOST_NODES)
+        settings = SolverSettings(nodes=nodes, accuracy=self.tolerance)
         try:
             return plan_motion(
                 self._reduced,

@@ -56,6 +56,15 @@ def test_the_error_at_the_end_falls_with_the_start():
     assert (np.array(ends) < [0.01, 0.001, 0.0001]).all()
 
 
+def test_searches_after_the_first_have_more_intervals():
+    """Two intervals cannot move an edge aside and back; four can."""
+    reduced = systems.sleigh()
+    start = reduced.robot.configuration({"root_joint": [0.0, 0.3, 0.0]})
+    run = rnc.simulate(reduced, controller_of(reduced, nodes=2), start, 20.0, dt=0.05)
+    assert run.verdict.succeeded
+    assert away(run)[0] < 0.01
+
+
 def test_leaves_the_tube_brakes_and_plans_again():
     """A push that the feedback cannot take back: the state moves from "follow" to "stop", and on to a second plan."""
     reduced = systems.sleigh()
