@@ -187,9 +187,11 @@ class ConstrainedDynamics:
         (q, y), (q_fine, y_fine), r = coarse, fine, self._r
         velocity = (y_fine[:r] - y[:r]) @ self.chart.W
         scale = max(np.abs(q_fine).max(initial=0.0), np.abs(y_fine[:r]).max(initial=0.0))
-        model = self.reduced.robot.model
-        Q = joint_rotations(model, q[None])[0]  # errors of a spinning body keep their direction, not that in the body
-        return difference_errors(Q @ pin.difference(model, q, q_fine), Q @ velocity, scale, smooth)
+        return difference_errors(pin.difference(self.reduced.robot.model, q, q_fine), velocity, scale, smooth)
+
+    def steady_axes(self, q: np.ndarray) -> np.ndarray:
+        """Rotation (nv, nv) to axes in which the errors of a spinning body keep their direction."""
+        return joint_rotations(self.reduced.robot.model, q[None])[0]
 
     def project(self, q: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Configuration near q that satisfies the holonomic rows at the time of y."""

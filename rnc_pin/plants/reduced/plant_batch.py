@@ -169,7 +169,8 @@ class ReducedPlantBatch:
                 found = dynamics.errors((q[k], y[k]), (finer[0], finer[1]), smooth=True)
                 moved[k] = np.abs(found).max() <= self._substeps.tolerance * dt
                 if moved[k]:
-                    compared = errors.of_run(run).compared(steps, float(roughness[k]), found, dt, self._substeps, steps)
+                    own, axes = errors.of_run(run), dynamics.steady_axes(self._q[run])
+                    compared = own.compared(steps, float(roughness[k]), (found, axes), dt, self._substeps, steps)
                     errors.write(run, compared)
         if self.reduced.assembly.size:
             for k in np.flatnonzero(moved).tolist():

@@ -269,16 +269,17 @@ class ReducedPlant(ReprMixin):
             while not np.abs(found).max() <= limit and enough < most:
                 enough, step, finer = 2 * enough, finer, self._step(dt, 4 * enough)
                 found = self._difference(step, finer)
+        axes = self._dynamics.steady_axes(self._q)
         if substeps.number is not None:
             if first.failure is not None and step.failure is None:
                 raise DivergenceError(
                     f"the integrator, not the robot: {first.failure.what}; substeps {steps} is too small, "
                     f"set {max(enough, errors.enough) if errors.enough == 1 else errors.enough}"
                 )
-            self.errors = errors.compared(steps, first.roughness, first_found, dt, substeps, enough)
+            self.errors = errors.compared(steps, first.roughness, (first_found, axes), dt, substeps, enough)
             return first
         if step.failure is None:
-            self.errors = errors.compared(enough, step.roughness, found, dt, substeps, enough)
+            self.errors = errors.compared(enough, step.roughness, (found, axes), dt, substeps, enough)
         return step
 
     def _difference(self, step: _Step, finer: _Step) -> np.ndarray:

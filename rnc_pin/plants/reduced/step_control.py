@@ -195,19 +195,24 @@ class IntegrationErrors(NamedTuple):
         return self.folded()._replace(age=_PERIOD)
 
     def compared(
-        self, steps: int, roughness: float, errors: Array, dt: float, substeps: Substeps, enough: int
+        self, steps: int, roughness: float, errors: tuple[Array, Array], dt: float, substeps: Substeps, enough: int
     ) -> IntegrationErrors:
-        """Return the errors after a compared sample with a number of substeps; ``enough`` keep the tolerance."""
-        size, limit = float(np.abs(errors).max(initial=0.0)), substeps.tolerance * dt
+        """Return the errors after a compared sample with a number of substeps; ``enough`` keep the tolerance.
+
+        ``errors`` are those of the sample (2 nv,) and the rotation (nv, nv) to the axes of a pattern.
+        """
+        found, axes = errors
+        size, limit = float(np.abs(found).max(initial=0.0)), substeps.tolerance * dt
+        pattern = (found.reshape(2, -1) @ axes.T).ravel()
         following, again = steps, not roughness < np.inf
         if substeps.number is None and steps > 1 and size * _MARGIN < limit:
             following, again = steps // 2, True
-        found = self.folded()._replace(
-            steps=following, used=steps, age=_PERIOD if again else 0, roughness=roughness, pattern=errors,
+        folded = self.folded()._replace(
+            steps=following, used=steps, age=_PERIOD if again else 0, roughness=roughness, pattern=pattern,
             size=max(size, _ROUNDING), span=dt, rate=max(self.rate, size / dt), most=max(self.most, steps),
             enough=max(self.enough, enough),
         )  # fmt: skip
-        return found.after_compared(1.0, dt)
+        return folded.after_compared(1.0, dt)
 
     @property
     def arrays(self) -> tuple[Array, ...]:
