@@ -51,25 +51,21 @@ def reaching_run(reduced, seed, braking_time):
 
 def test_a_weak_telescopic_arm_keeps_its_limits_among_people_who_walk():
     """Alone, the program extends the boom until its efforts cannot carry it: lift, boom and telescope then fall."""
-    reduced, broken, braked = telescopic_arm(), 0, 0
-    for seed in (1, 4):
-        broken += bool(reaching_run(reduced, seed, None)[1].violations)
-        run, replay = reaching_run(reduced, seed, 2.0)
-        used = run.info.braking
-        assert used is None or used.unverified == 0
-        assert max(use.excess for use in replay.uses) <= 1e-6
-        mean = np.abs(np.diff(run.q, axis=0)) / np.diff(run.time)[:, None]  # inputs that are held let velocities bulge
-        assert (mean <= reduced.robot.model.upperVelocityLimit).all()
-        nearest = replay.nearest(obstacle=True)
-        assert nearest is None or nearest.distance > CLEARANCE - 1e-4
-        assert run.verdict.succeeded
-        if used is not None:
-            braked += used.samples
-            (finding,) = [each for each in run.verdict.findings if each.kind is FindingKind.BRAKING]
-            assert finding.time == used.first
-            assert f"{used.samples} of {len(run.time)}" in str(finding)
-    assert broken == 2
-    assert braked > 0
+    reduced = telescopic_arm()
+    assert reaching_run(reduced, 1, None)[1].violations
+    run, replay = reaching_run(reduced, 1, 2.0)
+    used = run.info.braking
+    assert used.samples > 0
+    assert used.unverified == 0
+    assert max(use.excess for use in replay.uses) <= 1e-6
+    mean = np.abs(np.diff(run.q, axis=0)) / np.diff(run.time)[:, None]  # inputs that are held let velocities bulge
+    assert (mean <= reduced.robot.model.upperVelocityLimit).all()
+    nearest = replay.nearest(obstacle=True)
+    assert nearest is None or nearest.distance > CLEARANCE - 1e-4
+    assert run.verdict.succeeded
+    (finding,) = [each for each in run.verdict.findings if each.kind is FindingKind.BRAKING]
+    assert finding.time == used.first
+    assert f"{used.samples} of {len(run.time)}" in str(finding)
 
 
 def cart(effort):
