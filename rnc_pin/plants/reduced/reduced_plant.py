@@ -166,7 +166,7 @@ class ReducedPlant(ReprMixin):
         self.applied = self.saturated(T)
 
     def saturated(self, T: np.ndarray) -> np.ndarray:
-        """Return inputs (p,) clipped to the actuator limits."""
+        """Return the inputs T (p,) clipped to the actuator limits."""
         return self._dynamics.saturate(T)
 
     @property
