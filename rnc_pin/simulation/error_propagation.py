@@ -55,7 +55,7 @@ class ErrorMark(NamedTuple):
         return ErrorMark(self.sample, self.sum[run], self.memory[run], self.integrals[run])
 
 
-class SampledMotion(NamedTuple):
+class RunSamples(NamedTuple):
     """Samples of a run: times (N,), configurations (N, nq), velocities (N, nv) and applied inputs (N, p)."""
 
     t: Array
@@ -63,9 +63,9 @@ class SampledMotion(NamedTuple):
     v: Array
     T: Array
 
-    def at(self, samples: Array) -> SampledMotion:
+    def at(self, samples: Array) -> RunSamples:
         """Some of the samples."""
-        return SampledMotion(*(np.ascontiguousarray(each[samples]) for each in self))
+        return RunSamples(*(np.ascontiguousarray(each[samples]) for each in self))
 
 
 def marked(sample: int) -> bool:
@@ -115,7 +115,7 @@ class ErrorHistory:
         """Add a mark that somebody else made."""
         self._marks.append(mark)
 
-    def largest(self, motion: SampledMotion, errors: IntegrationErrors) -> Array | None:
+    def largest(self, motion: RunSamples, errors: IntegrationErrors) -> Array | None:
         """Return the largest errors (2 nv,) of a run, as absolute values; None if they cannot be propagated.
 
         Args:
@@ -151,7 +151,7 @@ class ErrorHistory:
         largest = np.max(parts, axis=0)
         return largest if np.isfinite(largest).all() else None
 
-    def _propagated(self, motion: SampledMotion, blocks: tuple[Array, Array, Array], now: Array) -> tuple[Array, Array]:
+    def _propagated(self, motion: RunSamples, blocks: tuple[Array, Array, Array], now: Array) -> tuple[Array, Array]:
         """Largest errors (2 nv,) after N blocks of samples, and ``[e, 1]`` at the end.
 
         Args:
@@ -184,7 +184,7 @@ class ErrorHistory:
         velocities = apply(slopes.v_q, errors[:, :nv]) + apply(R, errors[:, nv:])
         return np.abs(np.concatenate([errors[:, :nv], velocities], axis=1)).max(axis=0), now
 
-    def _turned(self, motion: SampledMotion, gains: Array, back: bool = False) -> Array:
+    def _turned(self, motion: RunSamples, gains: Array, back: bool = False) -> Array:
         """Slopes (N, p, nv + r) of inputs by velocities along the axes of the world, or ``back`` along those of joints.
 
         The part of the velocities is that of v: its rows are in the span of R.
@@ -202,16 +202,16 @@ class ErrorHistory:
     def _model(self) -> ReducedModel:
         return cast(ReducedPlant, self._plant).reduced
 
-    def _slopes(self, motion: SampledMotion) -> StateDerivatives:
+    def _slopes(self, motion: RunSamples) -> StateDerivatives:
         model = self._model
         t = motion.t if model.rheonomic else None
         return state_derivatives(model, motion.q, self._v2(motion), motion.T, t=t)
 
-    def _v2(self, motion: SampledMotion) -> Array:
+    def _v2(self, motion: RunSamples) -> Array:
         model = self._model
         return np.ascontiguousarray(model.at(motion.q, v=motion.v, t=motion.t if model.rheonomic else None).v2)
 
-    def _feedback(self, motion: SampledMotion, seen: ErrorMark) -> Array:
+    def _feedback(self, motion: RunSamples, seen: ErrorMark) -> Array:
         """Slope (p, nv + r) of the inputs of the controller by the state of the plant at a sample."""
         own, plant, robot = motion.at(np.array([seen.sample])), self._model, self._model.robot.model
         t, q, v2 = float(own.t[0]), own.q[0], self._v2(own)[0]
@@ -236,7 +236,7 @@ def _switches(controller: object) -> bool:
 
 
 def _system(
-    model: ReducedModel, motion: SampledMotion, slopes: StateDerivatives, damping: Array | None
+    model: ReducedModel, motion: RunSamples, slopes: StateDerivatives, damping: Array | None
 ) -> tuple[Array, Array]:
     """Matrices of ``e_dot = M e + G dT`` at N states, with the error e of the configuration and of v2."""
     nv, r = model.n, model.r
@@ -252,7 +252,7 @@ def _system(
     return M, G
 
 
-def _turning(model: pin.Model, motion: SampledMotion) -> Array | float:
+def _turning(model: pin.Model, motion: RunSamples) -> Array | float:
     """Rates (N, nv, nv) at which the axes of the tangent space turn with the motion; 0 if none do."""
     if model.nq == model.nv and not any("Planar" in joint.shortname() for joint in model.joints):
         return 0.0

@@ -20,7 +20,7 @@ from rnc_pin.plants import ContactEvent, FaultyPlant, Plant, ReducedPlant
 from rnc_pin.plants.plant import takes_velocities
 from rnc_pin.plants.reduced import Checkpoint, IntegrationErrors, integrated_outputs
 from rnc_pin.simulation.ending import MODEL, Progress
-from rnc_pin.simulation.error_propagation import ErrorHistory, SampledMotion
+from rnc_pin.simulation.error_propagation import ErrorHistory, RunSamples
 from rnc_pin.simulation.integration_accuracy import IntegrationAccuracy, blamed
 from rnc_pin.simulation.judgement import judged_by
 from rnc_pin.simulation.phase_events import lift_off_monitor
@@ -319,7 +319,7 @@ class SampledRun:
         if errors is None:
             return None
         t, *arrays = (self.record.arrays[name][: self.record.count] for name in ("time", "q", "v", "T"))
-        largest = self.errors.largest(SampledMotion(t - self._start, *arrays), errors)
+        largest = self.errors.largest(RunSamples(t - self._start, *arrays), errors)
         tolerance: float = self.plant.tolerance  # type: ignore[attr-defined]
         found = IntegrationAccuracy.of_errors(errors, tolerance, self._reduced.robot.velocity_units, largest)
         reason = self.errors.unknown

@@ -8,7 +8,7 @@ import pytest
 
 import rnc_pin as rnc
 import systems
-from rnc_pin.simulation.error_propagation import ErrorHistory, ErrorMark, SampledMotion
+from rnc_pin.simulation.error_propagation import ErrorHistory, ErrorMark, RunSamples
 from simple_controllers import Idle
 
 GRAVITY = 9.81
@@ -220,7 +220,7 @@ def history_of(reduced, controller, dt, samples, sums):
         history.keep(ErrorMark(sample, np.array(sums(sample)), None, np.zeros(1)))
     rest = np.zeros((samples + 1, 1))
     end = plant.errors._replace(total=np.array(sums(samples)))
-    return history.largest(SampledMotion(dt * np.arange(samples + 1), rest, rest, rest), end)
+    return history.largest(RunSamples(dt * np.arange(samples + 1), rest, rest, rest), end)
 
 
 def test_the_error_of_an_upright_pendulum_grows_with_its_exponent():
