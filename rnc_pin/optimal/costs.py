@@ -56,12 +56,12 @@ class BoundCost:
             raise ConfigurationError(f"cost: phase '{phase}', expected 'running', 'terminal' or 'both'")
         self.names, self._weight, self._rows, self._target = tuple(names), weight, rows, target
         self.running, self.terminal = phase != "terminal", phase != "running"
-        self._constant = None if callable(weight) else weights_of(weight, self.names)
+        self._roots = None if callable(weight) else np.sqrt(weights_of(weight, self.names))
 
     def root_weights(self, time: Array) -> Array:
         """Square roots of the weights (n, k) at times (n,)."""
-        if self._constant is not None:
-            return np.sqrt(np.broadcast_to(self._constant, (len(time), len(self.names))))
+        if self._roots is not None:
+            return np.tile(self._roots, (len(time), 1))
         assert callable(self._weight)
         return np.sqrt([weights_of(self._weight(float(t)), self.names) for t in time])
 

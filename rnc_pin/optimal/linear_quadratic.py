@@ -69,13 +69,11 @@ class LinearQuadratic:
 
         They are standard deviations under random inputs of the size of their scales, independent from stage to stage.
         """
-        N, nx, _ = self.B.shape
         inputs = self.input_scales
-        P = np.zeros((N + 1, nx, nx))
         noise = self.B * inputs[:, None, :]
-        spread = noise @ noise.mT
-        for k in range(N):
-            P[k + 1] = self.A[k] @ P[k] @ self.A[k].T + spread[k]
+        P = np.concatenate([np.zeros_like(self.A[:1]), noise @ noise.mT])
+        for before, A, after in zip(P, self.A, P[1:], strict=False):
+            after += A @ before @ A.T
         square = ((self.C @ P) * self.C).sum(axis=2)
         square[:-1] += ((self.D[:-1] * inputs[:, None, :]) ** 2).sum(axis=2)
         rows, sizes = np.sqrt(np.maximum(square, 0.0)), np.sqrt(np.einsum("nii->ni", P))  # rounding may go below zero

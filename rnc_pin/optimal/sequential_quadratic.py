@@ -3,7 +3,8 @@
 Every iteration linearises all nodes in one block and solves the subproblem. A line search on the merit function
 ``cost + weight * violations + gap weight * gaps``, with rows in units of their typical size, accepts the step. The
 subproblem has the same elastic rows (Fletcher's Sl1QP; Nocedal and Wright, "Numerical Optimization" (2006), 18.5), so
-its solution descends. A step that fails is repeated with more damping.
+its solution descends. A step that fails is repeated with more damping. Steps that turn back show that the Gauss-Newton
+Hessian is too small along them; damping replaces what it lacks.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ _SUFFICIENT = 1e-4  # part of the predicted decrease that a step has to reach
 _MOST_DAMPING, _LEAST_DAMPING, _FIRST_DAMPING = 1e6, 1e-8, 1e-3
 _MOST_WEIGHT, _HEAVIER = 1e9, 30.0
 _PATIENCE = 4  # iterations in which the violation has to be halved
+_REST = 1e-3  # part of the tolerance of the cost that later iterations may still change
 
 SolverOutcome = Literal["solved", "feasible", "infeasible"]
 
@@ -100,10 +102,12 @@ class SequentialQuadratic:
         """Forget damping, penalties and multipliers of earlier iterations."""
         self._solver = InteriorPointSolver()
         self._damping, self._weight, self._gap_weight = _FIRST_DAMPING, self.settings.penalty, 0.0
+        self._last: Direction | None = None  # direction of the last iteration, if the step was whole
+        self._whole = False  # the last step was whole, and damping did not shorten it
 
     def solve(self, guess: Iterate) -> Solution:
         """Improve a guess until it converges. Its first node becomes the start of the problem, which no step moves."""
-        s, calm, count, done = self.settings, 0, 0, False
+        s, calm, count, done, before = self.settings, 0, 0, False, np.inf
         start = self.problem.start
         at = guess._replace(q=np.concatenate([start.q, guess.q[1:]]), w=np.concatenate([start.w, guess.w[1:]]))
         self.restart()
@@ -124,6 +128,12 @@ class SequentialQuadratic:
             if age > _PATIENCE and self._raise_penalty(values, at.duration):
                 mark, age = amount, 0
             calm = calm + 1 if change < s.cost_tolerance else 0
+            # Changes of whole steps fall as a geometric series, whose rest is known.
+            rest = change**2 / (before - change) if change < before else np.inf
+            before = change
+            if calm and self._whole and rest < _REST * s.cost_tolerance and amount <= s.tolerance:
+                done = True
+                break
             if calm >= 3 and not self._raise_penalty(values, at.duration):
                 done = True
                 break
@@ -153,7 +163,10 @@ class SequentialQuadratic:
             if found is not None:
                 after, result, length = found
                 factor = 0.2 if length == 1.0 else 1.0 if length >= 0.2 else 4.0
-                self._damping = max(_LEAST_DAMPING, factor * self._damping)
+                self._whole = length == 1.0 and self._damping <= 1.0
+                lacking = _lacking_damping(problem, self._last, direction) if length == 1.0 else 0.0
+                self._damping = max(_LEAST_DAMPING, factor * self._damping, lacking)
+                self._last = direction if length == 1.0 else None
                 return after, result
             self._damping = max(20 * self._damping, 1e-4)
         return None
@@ -192,6 +205,22 @@ class SequentialQuadratic:
         return values.cost + self._gap_weight * gaps + self._weight * beyond
 
 
+def _lacking_damping(problem: LinearQuadratic, last: Direction | None, now: Direction) -> float:
+    """Addition to the weights of scaled inputs that gives the Hessian its true size along the last whole step.
+
+    The gradient after that step is minus the Hessian times the next step: if this turns back, the step was too long.
+    """
+    if last is None:
+        return 0.0
+    before, after = (np.concatenate([each.x[:-1], each.u], axis=1)[:, None] for each in (last, now))
+    slope = before @ problem.H
+    end = last.x[-1] @ problem.H_end
+    back = -float((slope @ after.mT).sum() + end @ now.x[-1])
+    own = float((slope @ before.mT).sum() + end @ last.x[-1])
+    inputs = float(((last.u / problem.input_scales) ** 2).sum())
+    return min(back, own) / inputs if inputs > 0 else 0.0
+
+
 def _merit_of_subproblem(
     problem: LinearQuadratic, direction: Direction, cost: float, sizes: _Sizes, weight: float
 ) -> float:
@@ -199,9 +228,9 @@ def _merit_of_subproblem(
     z = np.concatenate([direction.x[:-1], direction.u], axis=1)
     end = direction.x[-1]
     cost += float((problem.g * z).sum() + problem.g_end @ end)
-    cost += 0.5 * float(np.einsum("ni,nij,nj->", z, problem.H, z) + end @ problem.H_end @ end)
-    value = np.einsum("nkx,nx->nk", problem.C, direction.x)
-    value[:-1] += np.einsum("nku,nu->nk", problem.D[:-1], direction.u)
+    cost += 0.5 * float(((problem.H @ z[:, :, None])[:, :, 0] * z).sum() + end @ problem.H_end @ end)
+    value = (problem.C @ direction.x[:, :, None])[:, :, 0]
+    value[:-1] += (problem.D[:-1] @ direction.u[:, :, None])[:, :, 0]
     beyond = np.maximum(0.0, np.maximum(problem.lower - value, value - problem.upper))
     shift = len(beyond) - len(sizes.rows)  # a free duration adds a stage and a row, which always holds
     return cost + weight * float((beyond[shift:, : sizes.rows.shape[1]] / sizes.rows).sum())

@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+import rnc_pin as rnc
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import built_in_names
 from rnc_pin.applications.scenario.scenario import Scenario
@@ -24,7 +25,7 @@ PAPER = {  # largest errors with the paper's gains, as in docs/paper.md, and a t
 LONG = ("space-robot-uncertain", "mobile-manipulator-two-phase")  # of a minute, whose errors are largest at first
 FREE = (  # which have no goals
     "rattleback", "ball-in-bowl", "ball-on-turntable", "roller-racer", "disk-on-slope", "chaplygin-ball",
-    "shaken-pendulum", "dropped-disk",
+    "shaken-pendulum", "dropped-disk", "skidding-robot",
 )  # fmt: skip
 ELSEWHERE = ("fire-truck", "grasp", "park", *FREE)  # tests of their own below
 ENOUGH = {  # [s]; of scenarios that go on and on, after which nothing new happens
@@ -176,6 +177,16 @@ def test_textbook_motions_without_goals():
     rolled = 0.25 * 12 / 3 * after  # the first landing turns two thirds of the spin into speed, and bounces by 0.6
     height = 0.25 + after * (0.6 * 9.81 * fall - 9.81 / 2 * after)
     np.testing.assert_allclose(dropped.q[after > 0][:, [0, 2]], np.column_stack([rolled, height])[after > 0], atol=2e-5)
+
+    skids = execute(Scenario.load("skidding-robot", {**options, "simulation.duration": 0.03})).trajectory
+    model = rnc.Robot.from_urdf("differential_drive.urdf", base="free").model
+    data, speeds = model.createData(), []
+    for sample in (0, 2):
+        pin.centerOfMass(model, data, skids.q[sample], skids.v[sample])
+        speeds.append(data.vcom[0].copy())
+    # Both wheels slide sideways under the weight of 22 kg that the caster, at 0.3 m, does not carry.
+    carried = 22 * 9.81 - 20 * 9.81 * 0.05 / 0.3
+    assert np.linalg.norm(speeds[1] - speeds[0]) / 0.02 == pytest.approx(0.3 * carried / 22, rel=5e-3)
 
     upright = execute(Scenario.load("shaken-pendulum", {**options, "simulation.duration": 1.5})).trajectory
     assert upright.q[:, 1].min() > 0.7  # cosine of the angle, from 0.3 rad

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 _PRECISE = 1e-13  # residual of a solution, relative to the largest impulse
+_WORK = 8  # numbers for each row that LAPACK may use
 _NEWTON, _ROUNDS, _SWEEPS, _CONVEX_SWEEPS = 25, 6, 40, 2000
 
 
@@ -15,13 +18,13 @@ class FrictionGroup(NamedTuple):
     """Rows of one friction force: its norm is at most ``coefficient`` times the normal impulse, plus ``constant``.
 
     Attributes:
-        rows: indices of the rows.
+        rows: the rows, which are neighbours.
         normal: row of the normal impulse; -1 without one, as of dry friction in a joint.
         coefficient: coefficient of friction, or a length [m] for moments.
         constant: impulse [N s or N m s].
     """
 
-    rows: np.ndarray
+    rows: slice
     normal: int
     coefficient: float
     constant: float = 0.0
@@ -50,6 +53,9 @@ class FrictionImpulses:
         self._scale = 1.0 / diagonal
         for each in groups:
             self._scale[each.rows] = 1.0 / diagonal[each.rows].max()
+        self._scaled = self._scale[:, None] * G
+        self._kept = np.eye(len(b)) - self._scaled  # slope of the projected gradient step
+        self._speeds = self._scale * b
 
     def solve(self, guess: np.ndarray | None = None) -> np.ndarray:
         """Return the impulses (k,).
@@ -105,15 +111,17 @@ class FrictionImpulses:
 
     def _newton(self, p: np.ndarray) -> tuple[np.ndarray, bool]:
         """Impulses after Newton steps, and True if they are a solution."""
-        best, least = p, np.inf
+        best, least, smallest = p, np.inf, float(np.abs(self._speeds).max())
         for _ in range(_NEWTON):
             F, slope = self._natural_map(p)
-            size = float(np.abs(F).max(initial=0.0))
+            size = float(np.abs(F).max())
             if size < least:
                 best, least = p, size
-            if size <= _PRECISE * max(float(np.abs(p).max(initial=0.0)), float(np.abs(self._scale * self._b).max())):
+            if size <= _PRECISE * max(float(np.abs(p).max()), smallest):
                 return self._admissible(p), self._energy(p) <= 0.0 or size == 0.0
-            p = p - np.linalg.lstsq(slope, F, rcond=1e-12)[0]
+            # Rows of several contacts can be dependent: the shortest step of a factorization with column pivoting.
+            _, step, *_ = scipy.linalg.lapack.dgelsy(slope, F, np.zeros(len(p), dtype=np.int32), 1e-12, _WORK * len(p))
+            p = p - step
         return best, False
 
     def _energy(self, p: np.ndarray) -> float:
@@ -127,35 +135,37 @@ class FrictionImpulses:
 
     def _natural_map(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Difference (k,) of p from its projected gradient step, and its slope (k, k)."""
-        scaled = self._scale[:, None] * self._G
-        F = self._scale * (self._G @ p + self._b)  # where a row does not move after the impulse
-        z, slope = p - F, scaled.copy()
+        F, slope = self._scaled @ p + self._speeds, self._scaled  # where a row does not move after the impulse
+        z, copied = p - F, False
         for row in self._normals:
             if z[row] <= 0.0:
+                slope, copied = slope if copied else slope.copy(), True
                 F[row], slope[row] = p[row], 0.0
                 slope[row, row] = 1.0
-        identity = np.eye(len(p))
         for group in self._groups:
-            rows, limit, length = group.rows, group.limit(p), float(np.linalg.norm(z[group.rows]))
+            rows, limit, wanted = group.rows, group.limit(p), z[group.rows]
+            length = math.sqrt(wanted @ wanted)
             if length <= limit:
                 continue
-            direction = z[rows] / length
+            slope, copied = slope if copied else slope.copy(), True
+            direction, share = wanted / length, limit / length
+            kept = self._kept[rows]
             F[rows] = p[rows] - limit * direction
-            across = limit / length * (np.eye(len(rows)) - np.outer(direction, direction))
-            slope[rows] = identity[rows] - across @ (identity[rows] - scaled[rows])
+            slope[rows] = (share * direction)[:, None] * (direction @ kept) - share * kept
+            slope[rows, rows].flat[:: len(direction) + 1] += 1.0
             if group.normal >= 0 and p[group.normal] > 0.0:
                 slope[rows, group.normal] -= group.coefficient * direction
         return F, slope
 
     def _swept(self, p: np.ndarray) -> np.ndarray:
         """Impulses after one projected Gauss-Seidel sweep."""
-        p, G, b, scale = p.copy(), self._G, self._b, self._scale
+        p, scaled, speeds = p.copy(), self._scaled, self._speeds
         for row in self._normals:
-            p[row] = max(0.0, p[row] - scale[row] * (G[row] @ p + b[row]))
+            p[row] = max(0.0, p[row] - (scaled[row] @ p + speeds[row]))
         for group in self._groups:
             rows, limit = group.rows, group.limit(p)
-            z = p[rows] - scale[rows] * (G[rows] @ p + b[rows])
-            length = float(np.linalg.norm(z))
+            z = p[rows] - (scaled[rows] @ p + speeds[rows])
+            length = math.sqrt(z @ z)
             p[rows] = z if length <= limit else z * (limit / length)
         return p
 
@@ -177,9 +187,13 @@ class FrictionImpulses:
         """Rows that share a cone, the length of a descent step, the normal row and the groups."""
         for normal in [*self._normals, -1]:
             groups = [each for each in self._groups if each.normal == normal]
-            rows = np.concatenate([[normal] if normal >= 0 else [], *(each.rows for each in groups)]).astype(int)
+            rows = np.array([normal] * (normal >= 0) + [row for each in groups for row in _indices(each)], dtype=int)
             if len(rows):
                 yield rows, 1.0 / np.linalg.eigvalsh(self._G[np.ix_(rows, rows)])[-1], normal, groups
+
+
+def _indices(group: FrictionGroup) -> range:
+    return range(group.rows.start, group.rows.stop)
 
 
 def _project(p: np.ndarray, normal: int, groups: list[FrictionGroup]) -> None:

@@ -10,15 +10,16 @@ import pinocchio as pin
 import scipy
 
 from rnc_pin.errors import ConfigurationError, DivergenceError
-from rnc_pin.math.linear_algebra import null_space
+from rnc_pin.math.linear_algebra import null_space, solve_positive_definite_columns
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.system import NonholonomicSystem
-from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics
+from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics, VelocityChart
 from rnc_pin.plants.reduced.contact_plant import ContactEvent
 from rnc_pin.plants.reduced.friction import DryFriction
-from rnc_pin.plants.reduced.friction_impulses import FrictionGroup, FrictionImpulses
-from rnc_pin.plants.reduced.step_control import DEFAULT_TOLERANCE, Substeps
+from rnc_pin.plants.reduced.friction_impulses import FrictionImpulses
+from rnc_pin.plants.reduced.friction_rows import FrictionLayout, FrictionRows
+from rnc_pin.plants.reduced.step_control import DEFAULT_TOLERANCE, IntegrationErrors, Substeps
 from rnc_pin.plants.reduced.unilateral_contact import (
     UnilateralContact,
     bound_contacts,
@@ -26,24 +27,14 @@ from rnc_pin.plants.reduced.unilateral_contact import (
     radius_of_gyration,
 )
 
-_STEPS = (1, 2, 3, 4)  # Euler steps whose results are extrapolated: order 4
+_STEPS = (1, 2, 3, 4)  # Euler steps whose results are extrapolated: order 4, or 3 if that is precise enough
+_PLAIN = (2, 4)  # the same where the motion is not smooth; the difference is the error
 _SHORTEST = 2.0**-12  # step of the integration over that of the caller
 _ROUNDING = 1e-12  # error of a step that rounding explains, relative to the state
 _TOUCHES = 1e-8  # gap without contact force, over the radius of gyration, up to which a contact still touches
 _HALVINGS = 20
 _IMPACTS = 100  # located landings in one call of ``advance``; further ones happen at the ends of steps
 _SLIDES = 1e-6  # slip that counts as sliding, relative to the largest velocity, plus 1
-
-
-class _Rows(NamedTuple):
-    """Rows (k, nv) of the contacts that touch and of dry joint friction, and what acts along them."""
-
-    matrix: np.ndarray
-    ground: np.ndarray  # velocities of the ground along the rows (k,)
-    normals: list[int]
-    groups: list[FrictionGroup]
-    names: list[str]
-    keys: list[tuple[int, int]]  # of the groups: number of the contact, or -1, and kind of friction
 
 
 class _Solved(NamedTuple):
@@ -57,14 +48,14 @@ class _Solved(NamedTuple):
     sliding: frozenset[tuple[int, int]]  # keys of the friction groups that move
     rates: np.ndarray  # mean forces of the rows, (k,)
     slip: np.ndarray  # velocities of the rows relative to the ground, (k,)
-    reverses: bool = False  # True if a friction group turns back
+    changes: bool = False  # True if a friction group begins or ceases to move, or turns back
 
 
 class _Trial(NamedTuple):
     """Result of a step of the integration."""
 
     last: _Solved
-    error: float  # infinite if a friction group begins or ceases to move
+    errors: np.ndarray  # (2 nv,), infinite if a friction group begins or ceases to move
     landed: float | None  # time within the step after which an open contact is below the ground
 
 
@@ -74,7 +65,8 @@ class FrictionPlant:
     Half-explicit Euler steps find velocity and impulses together: contacts only push, friction stays in its cone and
     opposes slip (Moreau 1988; Stewart and Trinkle 1996). Where the motion is smooth, four sequences of steps are
     extrapolated to order 4 (Lubich 1989). Where it is not, at landings and between stick and slip, the steps become
-    shorter until their error is within the tolerance, or reach 2^-12 of a sample and are not extrapolated.
+    shorter until their error is within the tolerance, or reach 2^-12 of a sample and are not extrapolated. Flight
+    without friction and damping is integrated by Runge-Kutta steps.
 
     A landing is located and is an impact in two phases, each with friction: compression until no contact approaches,
     and a rebound. The rebound returns at most the share ``restitution^2`` of the work of the normal impulses, and never
@@ -91,8 +83,10 @@ class FrictionPlant:
         work: work since the start, minus the energy that damping, friction and impacts removed [J].
         contact_events: landings, lift-offs, and changes between stick and slip.
         external: mean generalized forces (nv,) of contacts, damping and friction in the last step.
+        contact_forces: mean forces of the rows of the contacts on the robot in the last step [N or N m], by name.
         normal_forces: mean normal force of each contact in the last step [N], by name.
         sliding: names of the contacts that slide.
+        errors: estimated errors of the integration since the start.
 
     Raises:
         ConfigurationError: no contacts, contacts of the same name or without ``friction``, moving or momentum
@@ -133,11 +127,12 @@ class FrictionPlant:
                 "FrictionPlant: constraints of the system that move, depend on time or conserve a momentum are not "
                 "supported"
             )
-        number, self.tolerance = Substeps.checked(substeps, tolerance, "FrictionPlant")
-        self._substeps = number or 1
+        self._substeps, self.tolerance = Substeps.checked(substeps, tolerance, "FrictionPlant")
+        self.errors = IntegrationErrors.initial(self.reduced.n, Substeps(self._substeps, tolerance))
         self._dynamics = ConstrainedDynamics(self.reduced, joint_damping, actuator_limits)
         self._dry = DryFriction(self.reduced, joint_friction)
-        self._limits = [each.turning_limits for each in self._contacts]
+        self._rows = FrictionRows(self._contacts, self._dry)
+        self._chart: VelocityChart | None = None
         self._model: pin.Model = self.reduced.robot.model
         self.applied = np.zeros(self.reduced.p)
         self.work, self._time, self._size, self._step = 0.0, 0.0, 0.0, np.inf
@@ -157,6 +152,12 @@ class FrictionPlant:
         return {each.name: self._pushing.get(number, 0.0) for number, each in enumerate(self._contacts)}
 
     @property
+    def contact_forces(self) -> dict[str, float]:
+        """Mean forces of the rows on the robot in the last step [N or N m], by name; empty after contacts changed."""
+        names = self._rows.layout(self._touching).names
+        return dict(zip(names, self._rates.tolist(), strict=True)) if len(names) == len(self._rates) else {}
+
+    @property
     def sliding(self) -> tuple[str, ...]:
         """Names of the contacts that slide."""
         return tuple(self._contacts[number].name for number, kind in sorted(self._sliding) if number >= 0 and not kind)
@@ -173,9 +174,9 @@ class FrictionPlant:
         self._q, self._v = np.array(state.q), np.array(state.v)
         self._size = radius_of_gyration(self._model, self._q)
         self.work, self._time, self._step, self.contact_events = 0.0, 0.0, np.inf, ()
-        self.applied, self.external = np.zeros(self.reduced.p), None
-        self._pushing, self._sliding, self._rates = {}, frozenset(), np.zeros(0)
-        self._slip = np.zeros(0)
+        self.applied, self.external, self._chart = np.zeros(self.reduced.p), None, None
+        self.errors = IntegrationErrors.initial(self.reduced.n, Substeps(self._substeps, self.tolerance))
+        self._pushing, self._sliding, self._rates, self._slip = {}, frozenset(), np.zeros(0), np.zeros(0)
         gaps = self._gaps(state)
         check_depth(self._contacts, gaps, self._size)
         self._touching = frozenset(np.flatnonzero(gaps <= _TOUCHES * self._size).tolist())
@@ -198,12 +199,13 @@ class FrictionPlant:
             DivergenceError: velocities or accelerations are not finite.
         """
         end, shortest, impacts = self._time + dt, _SHORTEST * dt, 0
+        steps, errors = 0, np.zeros(2 * self.reduced.n)
         while end - self._time > 1e-9 * shortest:
             left = end - self._time
-            h = min(self._step, dt / self._substeps, left)
-            trial = self._trial(h, plain=h <= shortest)
-            allowed = self.tolerance * h + _ROUNDING * (1.0 + float(np.abs(self._v).max()))
-            ratio = trial.error / allowed
+            longest = min(dt / (self._substeps or 1), left)
+            h = min(self._step, longest)
+            trial = self._trial(h, h <= shortest, h == longest)
+            ratio = float(trial.errors.max()) / self._allowed(h)
             if ratio > 1.0 and h > shortest:
                 self._step = max(h * min(0.5, max(0.1, 0.9 * ratio**-0.25)), shortest)
                 continue
@@ -212,40 +214,86 @@ class FrictionPlant:
                 if found is not None:
                     time, number = found
                     if time > 0.0:
-                        self._take(self._trial(time, plain=time <= shortest), time, end)
+                        trial = self._trial(time, time <= shortest)
+                        steps, errors = steps + 1, errors + np.where(trial.errors < np.inf, trial.errors, 0.0)
+                        self._take(trial, time, end)
                     self._touching |= {number}
                     self._impact("landing", [number])
                     impacts += 1
                     self._step = max(0.5 * h, shortest)
                     continue
+            steps, errors = steps + 1, errors + trial.errors
             self._take(trial, h, end)
-            self._step = max(h, shortest) * min(4.0, max(1.0, 0.8 * max(ratio, 1e-9) ** -0.25))
+            longer = 4.0 if h <= shortest else min(4.0, max(1.0, 0.8 * max(ratio, 1e-9) ** -0.25))
+            self._step = max(h, shortest) * longer
+        chosen = Substeps(self._substeps, self.tolerance)
+        self.errors = self.errors.compared(max(steps, 1), 0.0, errors, dt, chosen, max(steps, 1))
 
-    def _trial(self, h: float, plain: bool) -> _Trial:
-        """Result of a step of a time h [s]: extrapolated, or of the shortest Euler steps if ``plain``."""
+    def _allowed(self, h: float) -> float:
+        """Allowed error of a step of a time h [s]."""
+        return self.tolerance * h + _ROUNDING * (1.0 + float(np.abs(self._v).max()))
+
+    def _trial(self, h: float, plain: bool, longest: bool = False) -> _Trial:
+        """Result of a step of a time h [s]: extrapolated, or of the shortest Euler steps if ``plain``.
+
+        Order 3 is enough for the ``longest`` step. A step that the error limits is longer with order 4.
+        """
+        if not (self._touching or len(self._dry.limits)) and self._dynamics.damping is None:
+            return self._flown(h)
         table: list[np.ndarray] = []
-        changes, last, landed, nv = False, self._start(), None, len(self._v)
-        for count in _STEPS[-1:] if plain else _STEPS:
-            last = self._start()
-            for step in range(count):
+        nv, allowed, errors, last, path = len(self._v), self._allowed(h), np.zeros(0), self._start(), list[np.ndarray]()
+        for count in _PLAIN if plain else _STEPS:
+            last, path = self._start(), []
+            for _ in range(count):
                 last = self._euler(last, h / count)
-                changes |= last.sliding != self._sliding or last.reverses
-                if count == _STEPS[-1] and landed is None and self._below(last.q):
-                    landed = h * (step + 1) / count
+                path.append(last.q)
+                if last.changes and not plain:
+                    return _Trial(last, np.full(2 * nv, np.inf), None)
             row = [np.concatenate([pin.difference(self._model, self._q, last.q), last.v, [last.work]])]
-            for column, before in enumerate(table):
+            for column, before in enumerate(() if plain else table):
                 weight = count / (count - column - 1) - 1.0
                 row.append(row[-1] + (row[-1] - before) / weight)
+            if table:
+                errors = np.abs(row[-1] - (table if plain else row[:-1])[-1])[: 2 * nv]
+                if longest and count > 2 and errors.max() <= allowed:
+                    table = row
+                    break
             table = row
-        error = 0.0
         if not plain:
             found = table[-1]
-            error = np.inf if changes else float(np.abs(found - table[-2])[: 2 * nv].max())
-            q = pin.integrate(self._model, self._q, found[:nv])
-            last = last._replace(q=q, v=found[nv:-1], work=float(found[-1]))
-            if landed is None and self._below(q):
-                landed = h
-        return _Trial(last, error, landed)
+            last = last._replace(
+                q=pin.integrate(self._model, self._q, found[:nv]), v=found[nv:-1], work=float(found[-1])
+            )
+            path[-1] = last.q
+        return _Trial(last, errors, self._landing(h, path))
+
+    def _flown(self, h: float) -> _Trial:
+        """Result of a step of a time h [s] without contacts, friction and damping."""
+        if self._chart is None:
+            self._dynamics.initial(self._q, self._v)
+            self._chart = self._dynamics.chart
+        y = self._dynamics.initial(self._q, self._v, self._chart)
+        coarse = self._dynamics.advance(self._q, y, self.applied, h, 1)
+        path, work = [self._q], y
+        for _ in range(2):
+            q, work, _ = self._dynamics.advance(path[-1], work, self.applied, h / 2, 1)
+            if not (np.isfinite(q).all() and np.isfinite(work).all()):
+                raise DivergenceError(f"plant velocities are not finite at t = {self._time:.4f} s")
+            path.append(q)
+        v, leaves = self._chart.velocity(path[-1], work[: self.reduced.r], None)
+        if leaves:
+            self._chart = None
+        errors = self._dynamics.errors(coarse[:2], (path[-1], work), True)
+        none = np.zeros(0)
+        last = _Solved(path[-1], v, float(work[-1]), np.zeros(len(v)), {}, frozenset(), none, none)
+        return _Trial(last, errors, self._landing(h, path[1:]))
+
+    def _landing(self, h: float, path: list[np.ndarray]) -> float | None:
+        """First of equal times until h [s] at whose configuration an open contact is below the ground."""
+        if len(self._touching) == len(self._contacts):
+            return None
+        below = (step for step, q in enumerate(path, 1) if (self._open_gaps(q) < 0.0).any())
+        return next((h * step / len(path) for step in below), None)
 
     def _start(self) -> _Solved:
         return _Solved(self._q, self._v, 0.0, np.zeros(0), {}, self._sliding, self._rates, self._slip)
@@ -255,88 +303,58 @@ class FrictionPlant:
         q = pin.integrate(self._model, start.q, h * start.v)
         if not np.isfinite(q).all():
             raise DivergenceError(f"plant velocities are not finite at t = {self._time:.4f} s")
-        state = self.reduced.at(q, v=start.v)
+        state = StateEvaluation.at(self.reduced.evaluator, q, v=start.v)
         M, damping, forced = state.M, self._dynamics.damping, state.B @ self.applied
         matrix = M if damping is None else M + h * np.diag(damping)
-        rows = self._rows(state, self._touching, h)
-        v, p = self._impulses(state, rows, M @ start.v + h * (forced - state.bias), matrix, h * start.rates)
-        mean, acting = 0.5 * (start.v + v), rows.matrix.T @ p
-        force = acting / h - (0.0 if damping is None else damping * v)
+        layout = self._rows.layout(self._touching)
+        rows, ground = self._rows.at(state, layout)
+        free, W = self._responses(state, matrix, M @ start.v + h * (forced - state.bias), rows)
+        groups = [each if each.normal >= 0 else each._replace(constant=h * each.constant) for each in layout.groups]
+        problem = FrictionImpulses(rows @ W, rows @ free - ground, layout.normals, groups)
+        p = problem.solve(h * start.rates if len(start.rates) == layout.size else None) if layout.size else np.zeros(0)
+        v = free + W @ p
+        force = rows.T @ p / h
+        if damping is not None:
+            force = force - damping * v
         outside = forced + force
         if self.reduced.reduction_data.forces:
             outside = outside + state.passive_sums.without_potential
-        slip = rows.matrix @ v - rows.ground
+        slip = rows @ v - ground
         leaving = _ROUNDING * (1.0 + float(np.abs(v).max()))
         pushing = {
             number: float(p[row]) / h if slip[row] <= leaving else 0.0
-            for number, row in zip(sorted(self._touching), rows.normals, strict=True)
+            for number, row in zip(sorted(self._touching), layout.normals, strict=True)
         }
-        sliding, reverses = self._slides(rows, slip), False
+        sliding = self._slides(layout, slip)
+        changes = sliding != self._sliding
         if len(start.slip) == len(slip):
-            moving = (each.rows for each, key in zip(rows.groups, rows.keys, strict=True) if key in sliding)
-            reverses = any(slip[own] @ start.slip[own] < 0.0 for own in moving)
-        work = start.work + h * float(mean @ outside)
-        return _Solved(q, v, work, force, pushing, sliding, p / h, slip, reverses)
+            moving = (each.rows for each, key in zip(layout.groups, layout.keys, strict=True) if key in sliding)
+            changes = changes or any(slip[own] @ start.slip[own] < 0.0 for own in moving)
+        work = start.work + h * 0.5 * float((start.v + v) @ outside)
+        return _Solved(q, v, work, force, pushing, sliding, p / h, slip, changes)
 
-    def _slides(self, rows: _Rows, slip: np.ndarray) -> frozenset[tuple[int, int]]:
+    def _slides(self, layout: FrictionLayout, slip: np.ndarray) -> frozenset[tuple[int, int]]:
         """Keys of the friction groups that move at velocities (k,) of the rows."""
-        limit = _SLIDES * (1.0 + float(np.abs(self._v).max()))
-        moving = (bool(slip[each.rows] @ slip[each.rows] > limit**2) for each in rows.groups)
-        return frozenset(key for key, moves in zip(rows.keys, moving, strict=True) if moves)
+        limit = (_SLIDES * (1.0 + float(np.abs(self._v).max()))) ** 2
+        moving = (slip[each.rows] @ slip[each.rows] > limit for each in layout.groups)
+        return frozenset(key for key, moves in zip(layout.keys, moving, strict=True) if moves)
 
-    def _rows(self, state: StateEvaluation, touching: frozenset[int], h: float) -> _Rows:
-        """Rows of contacts that touch, and of dry friction in joints during a time h [s]."""
-        parts, ground, normals, groups = [np.zeros((0, self.reduced.n))], [np.zeros(0)], list[int](), []
-        names, keys, k, at = list[str](), list[tuple[int, int]](), 0, state.position
-        for number in sorted(touching):
-            each, limits, normal = self._contacts[number], self._limits[number], k
-            matrix, speeds = each.rows(at)
-            turns = each.turning(at) if any(limits) else matrix[:0]
-            kinds = (matrix[1:], each.contact.friction), (turns[:2], limits[0]), (turns[2:], limits[1])
-            turning = [f"{kind}({each.name})" for kind in ("turning_x", "turning_y", "turning_z")]
-            named = each.names[1:], turning[:2], turning[2:]
-            names.append(each.row)
-            parts.append(matrix[:1])
-            ground.append(np.zeros(1))
-            normals.append(normal)
-            k += 1
-            for kind, (rows, coefficient) in enumerate(kinds):
-                if coefficient and len(rows):
-                    parts.append(rows)
-                    ground.append(np.zeros(len(rows)) if kind else speeds[1:])
-                    groups.append(FrictionGroup(np.arange(k, k + len(rows)), normal, float(coefficient)))
-                    keys.append((number, kind))
-                    names += named[kind]
-                    k += len(rows)
-        if h and len(self._dry.limits):
-            parts.append(self._dry.rows(state))
-            ground.append(np.zeros(len(self._dry.limits)))
-            groups += [FrictionGroup(np.array([k + i]), -1, 0.0, h * each) for i, each in enumerate(self._dry.limits)]
-            names += [f"friction {i}" for i in range(len(self._dry.limits))]
-            keys += [(-1, i) for i in range(len(self._dry.limits))]
-        return _Rows(np.vstack(parts), np.concatenate(ground), normals, groups, names, keys)
-
-    def _impulses(
-        self, state: StateEvaluation, rows: _Rows, momentum: np.ndarray, M: np.ndarray, guess: np.ndarray
+    def _responses(
+        self, state: StateEvaluation, M: np.ndarray, momentum: np.ndarray, rows: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Velocity (nv,) and impulses (k,) of a momentum (nv,) that the rows change."""
-        inverse = self._inverse(state, M)
-        free = inverse @ momentum
-        if not len(rows.matrix):
-            return free, np.zeros(0)
-        W = rows.matrix @ inverse
-        problem = FrictionImpulses(W @ rows.matrix.T, rows.matrix @ free - rows.ground, rows.normals, rows.groups)
-        p = problem.solve(guess if len(guess) == len(rows.matrix) else None)
-        return free + p @ W, p
-
-    def _inverse(self, state: StateEvaluation, M: np.ndarray) -> np.ndarray:
-        """Inverse inertia (nv, nv) along the velocities that the constraints of the system admit."""
+        """Velocities (nv,) of a momentum (nv,) and (nv, k) of impulses along rows, within the system's constraints."""
+        columns = np.vstack([momentum, rows]).T
         if not self.reduced.m:
-            return np.linalg.inv(M)
-        A = state.all_rows
-        lengths = np.linalg.norm(A, axis=1)
-        R = null_space(A[lengths > 0] / lengths[lengths > 0, None])
-        return np.asarray(R @ np.linalg.solve(R.T @ M @ R, R.T))
+            found = solve_positive_definite_columns(M, columns)
+        else:
+            A = state.all_rows
+            lengths = np.linalg.norm(A, axis=1)
+            R = null_space(A[lengths > 0] / lengths[lengths > 0, None])
+            found = solve_positive_definite_columns(R.T @ M @ R, R.T @ columns)
+            found = None if found is None else R @ found
+        if found is None:
+            raise DivergenceError(f"inertia is not positive definite at t = {self._time:.4f} s")
+        return found[:, 0], found[:, 1:]
 
     # ------------------------------------------------------------------ events
 
@@ -344,15 +362,9 @@ class FrictionPlant:
         at = state.position
         return np.array([each.gap(at) for each in self._contacts])
 
-    def _below(self, q: np.ndarray) -> bool:
-        """True if an open contact is below the ground."""
-        return bool((self._open_gaps(q) < 0.0).any())
-
     def _open_gaps(self, q: np.ndarray) -> np.ndarray:
         """Gaps (c,); infinite for contacts that touch."""
-        if len(self._touching) == len(self._contacts):
-            return np.full(len(self._contacts), np.inf)
-        gaps = self._gaps(self.reduced.at(q, v=self._v))
+        gaps = self._gaps(StateEvaluation.at(self.reduced.evaluator, q, v=self._v))
         gaps[list(self._touching)] = np.inf
         return gaps
 
@@ -360,7 +372,7 @@ class FrictionPlant:
         """Time after now, at most ``end``, at which the first open contact lands, and its number."""
 
         def gaps(time: float) -> np.ndarray:
-            q = self._q if time == 0.0 else self._trial(time, plain=time <= shortest).last.q
+            q = self._q if time == 0.0 else self._trial(time, time <= shortest).last.q
             return self._open_gaps(q)
 
         now, then = gaps(0.0), gaps(end)
@@ -412,8 +424,8 @@ class FrictionPlant:
                 if self._pushing.get(i) or each.gap(at) < 0.0]  # fmt: skip
         if rows:
             J, gaps = np.array([row for row, _ in rows]), np.array([gap for _, gap in rows])
-            W = J @ self._inverse(state, state.M)
-            step = W.T @ np.linalg.lstsq(W @ J.T, gaps, rcond=1e-10)[0]
+            _, W = self._responses(state, state.M, state.v, J)
+            step = W @ np.linalg.lstsq(J @ W, gaps, rcond=1e-10)[0]
             self._q = pin.integrate(self._model, self._q, -step)
 
     def _impact(self, cause: str, numbers: Sequence[int] = ()) -> None:
@@ -421,27 +433,28 @@ class FrictionPlant:
         state = self.reduced.at(self._q, v=self._v)
         gaps = self._gaps(state)
         self._touching |= frozenset(np.flatnonzero(gaps <= _TOUCHES * self._size).tolist())
-        rows, named, loss = self._rows(state, self._touching, 0.0), dict[str, float](), 0.0
-        approach = rows.matrix[rows.normals] @ self._v
+        layout, named, loss = self._rows.layout(self._touching, joints=False), dict[str, float](), 0.0
+        rows, ground = self._rows.at(state, layout)
+        approach = rows[layout.normals] @ self._v
         if (approach < -_ROUNDING * (1.0 + float(np.abs(self._v).max()))).any():
-            inverse = self._inverse(state, state.M)
-            W = rows.matrix @ inverse
-            before, contacts = rows.matrix @ self._v - rows.ground, [self._contacts[i] for i in sorted(self._touching)]
-            rates = before[rows.normals]
+            _, W = self._responses(state, state.M, self._v, rows)
+            before, contacts = rows @ self._v - ground, [part.contact for part in layout.parts]
+            rates = before[layout.normals]
             rebounds = np.array([each.rebound(rate) for each, rate in zip(contacts, rates, strict=True)])
             slow = all(abs(rate) <= each.contact.rest_speed for rate, each in zip(rates, contacts, strict=True))
-            problem = FrictionImpulses(W @ rows.matrix.T, before, rows.normals, rows.groups)
+            problem = FrictionImpulses(rows @ W, before, layout.normals, layout.groups)
             impulses = problem.stop() if slow else problem.impact(rebounds)
-            v = self._v + impulses @ W
+            v = self._v + W @ impulses
             loss = float(0.5 * self._v @ state.M @ self._v - 0.5 * v @ state.M @ v)
             self._v, self.work = v, self.work - loss
-            named = dict(zip(rows.names, impulses.tolist(), strict=True))
-            leaves = rows.matrix[rows.normals] @ v > _TOUCHES * (1.0 + float(np.abs(v).max()))
+            named = dict(zip(layout.names, impulses.tolist(), strict=True))
+            leaves = rows[layout.normals] @ v > _TOUCHES * (1.0 + float(np.abs(v).max()))
             self._touching -= {number for number, gone in zip(sorted(self._touching), leaves, strict=True) if gone}
         self._record(cause, numbers, named, loss)
-        rows = self._rows(state, self._touching, 1.0)
-        self._rates, self._slip = np.zeros(0), rows.matrix @ self._v - rows.ground
-        self._note(self._slides(rows, self._slip))
+        layout = self._rows.layout(self._touching)
+        rows, ground = self._rows.at(state, layout)
+        self._rates, self._slip = np.zeros(0), rows @ self._v - ground
+        self._note(self._slides(layout, self._slip))
 
     def _record(
         self, cause: str, numbers: Collection[int] = (), impulses: dict[str, float] | None = None, loss: float = 0.0

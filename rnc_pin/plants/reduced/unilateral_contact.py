@@ -105,6 +105,7 @@ class BoundContact:
             )
         self.contact, self._height = contact, heights[0]
         self.friction = _Friction(rows, self._height)
+        self._order, self._still = [self._height, *self.friction.kept], np.zeros(len(rows.names))
         self.row = rows.names[self._height]
         self.names = (self.row, *self.friction.names)
         self.name = str(getattr(kind, "frame", self.row))
@@ -160,8 +161,8 @@ class BoundContact:
 
     def rows(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
         """Rows (k, nv) with their velocities (k,): the gap first, then those that prevent slip."""
-        order = [self._height, *self.friction.kept]
-        return self._rows.jacobian(at)[order], self._rows.rate(at)[order]
+        order = self._order
+        return self._rows.jacobian(at)[order], self._rows.rate(at)[order] if self._rows.affine else self._still
 
     def rebound(self, rate: float) -> float:
         """Coefficient of restitution of an impact at a rate of the gap [m/s]; zero for slow ones."""

@@ -540,3 +540,72 @@ def test_drawn_wheels_are_found_without_hubs_and_shafts():
     found = contact_bodies(robot, [place.block for place in system.rows.places])
     assert [each.radius for each in found] == [0.13] * 6
     assert [round(each.center[1], 6) for each in found] == [-0.24, 0.24, -0.26, 0.26, -0.24, 0.24]
+
+
+def sliding_in_both(robot, constraints, friction, q0, v0, duration, **settings):
+    """The same motion with rigid Coulomb friction and in MuJoCo: both plants, and the difference of q."""
+    contacts = [
+        rnc.UnilateralContact(each, friction=0.0 if isinstance(each, rnc.Caster) else friction) for each in constraints
+    ]
+    rigid = rnc.FrictionPlant(rnc.NonholonomicSystem(robot), contacts, tolerance=1e-5)
+    reduced = rnc.NonholonomicSystem(robot, constraints).reduce()
+    options = MuJoCoSettings(friction=(friction, 0.0, 0.0), **settings)
+    soft = MuJoCoPlant(reduced, options, q0)
+    for plant in (rigid, soft):
+        plant.reset(q0, v0)
+        for _ in range(round(duration / 0.02)):
+            plant.advance(0.02)
+    return rigid, soft, pin.difference(robot.model, rigid.read()[0], soft.read()[0])
+
+
+def wheeled(stations, caster=None):
+    """A body of 16 kg whose wheels of 1 kg and 0.1 m have places on it, with their contacts."""
+    model = pin.Model()
+    base = add_body(model, "root_joint", "FreeFlyer", 16.0, moments=[0.5, 1.0, 1.2])
+    for name, place in stations.items():
+        add_body(model, name, "RY", 1.0, base, moments=[0.005, 0.01, 0.005], at=place, frame=name + "_wheel")
+    if caster is not None:
+        model.addFrame(pin.Frame("nose", base, 0, pin.SE3(np.eye(3), np.array(caster)), pin.FrameType.OP_FRAME))
+    contacts = [rnc.RollingWheel(name + "_wheel", 0.1, axis="y") for name in stations]
+    return model, contacts + ([] if caster is None else [rnc.Caster("nose", 0.1)])
+
+
+def test_a_ball_slides_and_then_rolls_as_with_rigid_friction():
+    robot = rnc.Robot.from_urdf("rolling_ball.urdf", base="free")
+    q0 = robot.configuration({"root_joint": [0, 0, 0.2, 0, 0, 0, 1]})
+    rigid, soft, gap = sliding_in_both(robot, [rnc.RollingBall("ball", 0.2)], 0.3, q0, np.eye(6)[0], 0.3, step=1e-4)
+    assert [event.cause for event in rigid.contact_events] == ["start", "slip of ball", "grip of ball"]
+    np.testing.assert_allclose(gap, 0, atol=2e-3)
+    np.testing.assert_allclose(soft.read()[1], rigid.read()[1], atol=5e-3)
+
+
+def test_a_car_with_locked_wheels_stops_as_with_rigid_friction():
+    """Each distance is near ``v^2 / (2 mu g)``."""
+    places = {f"{x:+.1f}{y:+.1f}": (x, y, -0.3) for x in (0.5, -0.5) for y in (0.3, -0.3)}
+    model, wheels = wheeled(places)
+    armature = model.armature
+    armature[6:] = 1e4  # friction turns them by less than 1e-4 rad/s
+    model.armature = armature
+    robot = rnc.Robot(model)
+    q0 = robot.configuration({"root_joint": [0, 0, 0.4, 0, 0, 0, 1]})
+    v0 = 1.2 * np.eye(10)[0]
+    rigid, soft, _ = sliding_in_both(robot, wheels, 0.4, q0, v0, 0.4, step=2e-4)
+    assert rigid.read()[0][0] == pytest.approx(1.2**2 / (2 * 0.4 * 9.81), rel=1e-5)
+    assert soft.read()[0][0] == pytest.approx(rigid.read()[0][0], rel=2e-2)
+
+
+@pytest.mark.parametrize("speed", [3.1, 3.2])
+def test_the_speed_at_which_a_robot_skids_on_a_circle(speed):
+    """On a circle of 2 m with friction 0.5 it skids from ``sqrt(mu g rho)`` = 3.132 m/s on; the caster has no load."""
+    model, contacts = wheeled({"left": (0, 0.25, 0), "right": (0, -0.25, 0)}, caster=(0.3, 0, 0))
+    robot, turning = rnc.Robot(model), speed / 2.0
+    q0 = robot.configuration({"root_joint": [0, 0, 0.1, 0, 0, 0, 1]})
+    wheels = (speed + turning * np.array([-0.25, 0.25])) / 0.1
+    v0 = np.r_[speed, 0, 0, 0, 0, turning, wheels]
+    rigid, soft, gap = sliding_in_both(robot, contacts, 0.5, q0, v0, 0.2, step=2e-4)
+    skids = speed > np.sqrt(0.5 * 9.81 * 2.0)
+    assert bool(rigid.sliding) == skids
+    outside = np.array([np.linalg.norm(plant.read()[0][:2] - [0.0, 2.0]) - 2.0 for plant in (rigid, soft)])
+    np.testing.assert_allclose(outside, outside[0], atol=5e-4)  # the way across the circle [m]
+    assert (outside > 2e-3).all() == skids
+    np.testing.assert_allclose(gap, 0, atol=2e-3)
