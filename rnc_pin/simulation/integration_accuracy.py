@@ -18,10 +18,11 @@ _AT_FAULT = 0.01  # estimated error of the velocities, relative to their size, f
 @printed()
 @dataclass(frozen=True)
 class IntegrationAccuracy:
-    """Estimated error of the integration of a run, under the same inputs.
+    """Estimated error of the integration of a run.
 
-    Errors are the largest of the entries of configuration and velocity with the same unit. Errors of the velocity go on
-    as errors of the position. Feedback that removes errors, or an unstable motion that lets them grow, is not included.
+    Errors are the largest of the entries of configuration and velocity with the same unit. If ``linearized``, they were
+    propagated along the run: the motion lets them grow or fade, and so does the feedback of the controller. Otherwise
+    the inputs count as given: errors of the velocity go on as errors of the position, and nothing else changes them.
 
     Attributes:
         tolerance: largest error per second that the plant allows [m, rad, m/s or rad/s].
@@ -29,7 +30,9 @@ class IntegrationAccuracy:
         substeps: largest number of integration steps in a sample.
         enough: number that the tolerance asks for.
         local: largest error of a sample by unit.
-        accumulated: error accumulated over the run by unit.
+        accumulated: error accumulated over the run by unit; its largest value if ``linearized``.
+        linearized: True if errors were propagated along the motion and its feedback.
+        unknown: reason why no accumulated error is stated; empty if it is.
     """
 
     tolerance: float
@@ -38,28 +41,29 @@ class IntegrationAccuracy:
     enough: int
     local: Mapping[str, float] = field(default_factory=dict)
     accumulated: Mapping[str, float] = field(default_factory=dict)
+    linearized: bool = False
+    unknown: str = ""
 
     @classmethod
-    def of(cls, plant: Plant, units: Sequence[str]) -> IntegrationAccuracy | None:
-        """Return the accuracy of the motion of a plant since its start; None if the plant does not estimate it.
+    def of_errors(
+        cls, errors: IntegrationErrors, tolerance: float, units: Sequence[str], propagated: np.ndarray | None = None
+    ) -> IntegrationAccuracy:
+        """Return the accuracy for estimated errors.
 
         Args:
-            plant: the plant.
+            errors: the errors.
+            tolerance: largest error per second that the plant allows.
             units: units of the entries of the velocity (nv,).
+            propagated: errors (2 nv,) that were propagated along the motion, if they are known.
         """
-        errors: IntegrationErrors | None = getattr(plant, "errors", None)
-        return None if errors is None else cls.of_errors(errors, plant.tolerance, units)  # type: ignore[attr-defined]
-
-    @classmethod
-    def of_errors(cls, errors: IntegrationErrors, tolerance: float, units: Sequence[str]) -> IntegrationAccuracy:
-        """Return the accuracy for estimated errors; other arguments as for ``of``."""
         now, all_units = errors.folded(), [*(unit.removesuffix("/s") for unit in units), *units]
         local, accumulated = (
             {unit: max(float(value) for value, own in zip(values, all_units, strict=True) if own == unit)
              for unit in dict.fromkeys(all_units)}
-            for values in (now.largest, now.past)
+            for values in (now.largest, now.past if propagated is None else propagated)
         )  # fmt: skip
-        return cls(tolerance, float(now.rate), now.most, max(now.enough, now.most), local, accumulated)
+        most, enough = now.most, max(now.enough, now.most)
+        return cls(tolerance, float(now.rate), most, enough, local, accumulated, propagated is not None)
 
     @classmethod
     def together(cls, parts: Sequence[IntegrationAccuracy | None]) -> IntegrationAccuracy | None:
@@ -67,14 +71,16 @@ class IntegrationAccuracy:
         found = [each for each in parts if each is not None]
         if not found or len(found) < len(parts):
             return None
-        units = found[0].local
+        units, unknown = found[0].local, next((each.unknown for each in found if each.unknown), "")
         return cls(
             max(each.tolerance for each in found),
             max(each.rate for each in found),
             max(each.substeps for each in found),
             max(each.enough for each in found),
             {unit: max(each.local[unit] for each in found) for unit in units},
-            {unit: sum(each.accumulated[unit] for each in found) for unit in units},
+            {unit: sum(each.accumulated[unit] for each in found) for unit in units if not unknown},
+            all(each.linearized for each in found),
+            unknown,
         )
 
     @property

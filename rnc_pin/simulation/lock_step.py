@@ -30,8 +30,8 @@ from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import FaultyPlant, ReducedPlant, ReducedPlantBatch
 from rnc_pin.simulation.ending import Progress
+from rnc_pin.simulation.error_propagation import ErrorMark, marked
 from rnc_pin.simulation.faulty_runs import FaultyRuns
-from rnc_pin.simulation.integration_accuracy import IntegrationAccuracy
 from rnc_pin.simulation.sampled_run import SampledRun
 
 _GOALS = ("v2_desired", "x1_desired", "x2_desired")
@@ -148,6 +148,7 @@ class LockStep:
         states = [run.loop.state.controller for run in runs]
         self._controllers = _Controllers([run.controller for run in runs], states)
         self._deficit: Array | None = None
+        self._marks: list[tuple[Array, ErrorMark]] = []
         self.places = np.arange(len(runs))
         self.leavers: list[Leaver] = []
 
@@ -177,12 +178,12 @@ class LockStep:
 
     def settle(self) -> None:
         """Complete the records of the runs that are still here."""
-        tolerance, units = self._plants.tolerance, self._plants.reduced.robot.velocity_units
         for place, run in enumerate(self.places.tolist()):
             record, loop = self._runs[run].record, self._runs[run].loop
             loop.state = loop.state._replace(controller=self._controllers.state(place))
             record.written(self.samples_done)
-            record.integration = IntegrationAccuracy.of_errors(self._plants.errors_of(place), tolerance, units)
+            self._keep_marks(run)
+            self._runs[run].errors.at_the_end = self._plants.errors_of(place)
 
     # ------------------------------------------------------------------ a sample
 
@@ -216,6 +217,11 @@ class LockStep:
             applied, outputs = self._faults.applied, states.outputs(integrals)
             self._faults.keep_sample(sample, states.q, measurement, integrals, answer.command, requested)
         self._deficit = None if np.array_equal(requested, applied) else requested - applied
+        history = self._runs[self.places[0]].errors
+        if history.propagates and marked(sample):
+            seen = history.sees(sample)
+            memory = [self._controllers.state(place) if seen else None for place in range(plants.size)]
+            self._marks.append((self.places, ErrorMark(sample, plants.error_sums, memory, integrals)))
         self._controllers.states = answer.states
         self._record(sample, states, (*outputs, applied, integrals), answer.command)
         return True
@@ -283,6 +289,12 @@ class LockStep:
                 optional = command.estimates, command.prediction_error
                 record.add_optional(*(None if each is None else each[place] for each in optional))
 
+    def _keep_marks(self, run: int) -> None:
+        """Give a run the history of its errors."""
+        history = self._runs[run].errors
+        for places, mark in self._marks:
+            history.keep(mark.of_run(int(np.searchsorted(places, run))))
+
     # ------------------------------------------------------------------ runs that leave
 
     def _leave(self, leaving: Array, samples: int, sampled: bool = False) -> bool:
@@ -298,6 +310,7 @@ class LockStep:
                 state = self._faults.leave(place, state)
             run.continue_from(samples, self._plants.checkpoint(place), state)
             run.record.written(samples)
+            self._keep_marks(number)
             self.leavers.append(Leaver(number, sampled))
         staying = ~leaving
         self._plants.keep(staying)

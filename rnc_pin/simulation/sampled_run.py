@@ -18,8 +18,9 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import ContactEvent, FaultyPlant, Plant, ReducedPlant
 from rnc_pin.plants.plant import takes_velocities
-from rnc_pin.plants.reduced import Checkpoint, integrated_outputs
+from rnc_pin.plants.reduced import Checkpoint, IntegrationErrors, integrated_outputs
 from rnc_pin.simulation.ending import MODEL, Progress
+from rnc_pin.simulation.error_propagation import ErrorHistory, RunSamples
 from rnc_pin.simulation.integration_accuracy import IntegrationAccuracy, blamed
 from rnc_pin.simulation.judgement import judged_by
 from rnc_pin.simulation.phase_events import lift_off_monitor
@@ -146,11 +147,6 @@ class PlantAdapter:
         )
 
     @property
-    def integration(self) -> IntegrationAccuracy | None:
-        """Estimated error of the integration since the start; None if the plant does not estimate it."""
-        return IntegrationAccuracy.of(self.plant, self._reduced.robot.velocity_units)
-
-    @property
     def friction_used(self) -> np.ndarray:
         """Friction use (w,) of the contacts: friction force over its limit."""
         friction_used = getattr(self.plant, "friction_used", None)
@@ -186,6 +182,7 @@ class SampledRun:
         record: recorder of the run.
         stop: monitor of the stop conditions.
         samples: number of samples so far.
+        errors: history of the errors of the integration.
 
     Raises:
         RncError: as ``simulate``.
@@ -213,6 +210,7 @@ class SampledRun:
         self.loop.resume(LoopState(begin=0.0, controller=state))
         self.record = Record(reduced, capacity or samples, integrated_outputs(reduced), adapter.friction_names)
         self.record.start = start
+        self.errors = ErrorHistory(adapter.plant, reduced, controller, dt, samples)
 
     @property
     def plant(self) -> Plant:
@@ -237,12 +235,14 @@ class SampledRun:
             self.stop.check(t, state)
         except DivergenceError as error:
             raise blamed(error, adapter.plant, state.v) from None
+        before = loop.state.controller
         T = _compute_input(adapter, loop, self.time, progress)
         T = adapter.apply(loop, T)
         self._count_fallback(t, loop.state.fault)
         if self._lift_off is not None:
             self._lift_off.check(t, state, T, adapter.external)
         integrals = loop.state.integrals if loop.state.integrals is not None else self._zeros
+        self.errors.mark(self.samples, before, integrals)
         measurement, command = self._add(t, state, T, integrals)
         self.samples += 1
         found = Sample(t, measurement, command, T, loop.state.controller)
@@ -313,6 +313,18 @@ class SampledRun:
         t = self._start + self.time - self._dt + elapsed
         self._add(t, self._adapter.read_state(t), T, integrals)
 
+    def _integration(self) -> IntegrationAccuracy | None:
+        """Estimated error of the integration since the start; None if the plant does not estimate it."""
+        errors: IntegrationErrors | None = self.errors.at_the_end or getattr(self.plant, "errors", None)
+        if errors is None:
+            return None
+        t, *arrays = (self.record.arrays[name][: self.record.count] for name in ("time", "q", "v", "T"))
+        largest = self.errors.largest(RunSamples(t - self._start, *arrays), errors)
+        tolerance: float = self.plant.tolerance  # type: ignore[attr-defined]
+        found = IntegrationAccuracy.of_errors(errors, tolerance, self._reduced.robot.velocity_units, largest)
+        reason = self.errors.unknown
+        return replace(found, accumulated={}, linearized=False, unknown=reason) if reason else found
+
     @property
     def failure(self) -> str | None:
         """Reason why the loop only gives safe commands; None if it works."""
@@ -325,8 +337,7 @@ class SampledRun:
         if self.record.fallback is not None:
             lasts = self._stretch * self._dt > self.loop.timeout or self._stretch > self._longest
             self.record.fallback = replace(self.record.fallback, at_the_end=lasts or self.loop.state.failed)
-        if self.record.integration is None:
-            self.record.integration = self._adapter.integration
+        self.record.integration = self._integration()
         self.record.missed_updates = _missed_updates(self.loop.state.controller)
         self.record.braking = _braking(self.controller, self.loop.state.controller, self._start)
         run = self.record.finish(self._dt, self._provenance, outcome, message, deferred)

@@ -90,11 +90,13 @@ class PhaseSummary(TypedDict):
 
 
 class IntegrationSummary(TypedDict):
-    """Estimated error of the integration, by unit: largest of a sample, and accumulated under the same inputs."""
+    """Estimated error of the integration, by unit, as of ``IntegrationAccuracy``."""
 
     substeps: int
     largest_of_a_sample: Mapping[str, float]
     accumulated: Mapping[str, float]
+    linearized: bool
+    unknown: NotRequired[str]
 
 
 class DecidingFinding(TypedDict):
@@ -209,7 +211,10 @@ def summarize(trajectory: Trajectory, wall_time: float | None = None) -> Summary
             "substeps": found.substeps,
             "largest_of_a_sample": dict(found.local),
             "accumulated": dict(found.accumulated),
+            "linearized": found.linearized,
         }
+        if found.unknown:
+            summary["integration"]["unknown"] = found.unknown
     if info.phases:
         summary["phases"] = [{"name": each.name, "start": each.start, "end": each.end} for each in info.phases]
         summary["impacts"] = [

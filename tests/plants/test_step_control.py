@@ -8,6 +8,8 @@ import pytest
 
 import rnc_pin as rnc
 import systems
+from rnc_pin.simulation.error_propagation import ErrorHistory, ErrorMark, RunSamples
+from simple_controllers import Idle
 
 GRAVITY = 9.81
 DIRECTION = np.array([0.3, 0.5, 0.81])
@@ -185,3 +187,79 @@ def test_an_integrator_that_diverges_is_not_the_robot(ball):
 def test_a_tolerance_that_is_no_positive_number_is_refused(ball, tolerance):
     with pytest.raises(rnc.InputError, match="tolerance of a ReducedPlant has to be a positive number"):
         rnc.ReducedPlant(ball.reduce(), tolerance=tolerance)
+
+
+def turning(tilt=0.0):
+    """A rod of 2 kg on a motor at its end, its centre 0.5 m below or, tilted by pi, above; inertia J."""
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelRX(), pin.SE3(pin.rpy.rpyToMatrix(tilt, 0.0, 0.0), np.zeros(3)), "hinge")
+    model.appendBodyToJoint(joint, pin.Inertia(2.0, np.array([0, 0, -0.5]), 0.1 * np.eye(3)), pin.SE3.Identity())
+    return rnc.NonholonomicSystem(rnc.Robot(model), [], ["hinge"]).reduce(), 0.1 + 2.0 * 0.25
+
+
+class Held:
+    """Feedback of a rod that hangs: acceleration -k q - d v, in closed loop."""
+
+    def __init__(self, J, k, d):
+        self.J, self.k, self.d = J, k, d
+
+    def initial_state(self, measurement):
+        return None
+
+    def step(self, t, measurement, state):
+        q, v = measurement.q, measurement.v
+        return rnc.control.Command(T=2.0 * GRAVITY * 0.5 * np.sin(q) - self.J * (self.k * q + self.d * v)), None
+
+
+def history_of(reduced, controller, dt, samples, sums):
+    """Largest errors of a rod at rest, whose integration has errors with these sums (position, velocity)."""
+    plant = rnc.ReducedPlant(reduced)
+    plant.reset(np.zeros(1), np.zeros(1))
+    history = ErrorHistory(plant, reduced, controller, dt, samples + 1)
+    for sample in range(0, samples, 16):
+        history.keep(ErrorMark(sample, np.array(sums(sample)), None, np.zeros(1)))
+    rest = np.zeros((samples + 1, 1))
+    end = plant.errors._replace(total=np.array(sums(samples)))
+    return history.largest(RunSamples(dt * np.arange(samples + 1), rest, rest, rest), end)
+
+
+def test_the_error_of_an_upright_pendulum_grows_with_its_exponent():
+    (reduced, J), dt, samples = turning(np.pi), 0.01, 320
+    exponent = np.sqrt(2.0 * GRAVITY * 0.5 / J)
+    found = history_of(reduced, Idle(1), dt, samples, lambda at: (1e-9 * min(at, 16), 0.0))
+    ages = dt * (samples - np.arange(1, 17))  # of the errors of the first 16 samples
+    growth = np.exp(exponent * dt * samples) / 2
+    assert growth > 1e4
+    assert found[0] == pytest.approx(1e-9 * np.cosh(exponent * ages).sum(), rel=1e-6)
+    assert found[1] == pytest.approx(1e-9 * exponent * np.sinh(exponent * ages).sum(), rel=1e-6)
+
+
+def test_the_error_of_a_tracker_stays_at_the_local_one_over_the_rate():
+    (reduced, J), dt, samples = turning(), 0.001, 8000
+    k, d = 25.0, 10.0  # two poles at -5/s, of the closed loop
+    a, b = 2e-8, 3e-8  # errors per second of the velocity and of the position
+    found = history_of(reduced, Held(J, k, d), dt, samples, lambda at: (b * dt * at, a * dt * at))
+    assert found[0] == pytest.approx((a + d * b) / k, rel=0.02)  # zero-order hold
+    assert found[1] == pytest.approx(b, rel=0.02)
+
+
+def test_runs_in_lock_step_state_the_errors_of_runs_alone():
+    (reduced, _), target = turning(), rnc.planning.Hold([0.3])
+    controller = rnc.control.VelocityTracker(rnc.control.ReducingOutputController(reduced, target))
+    starts = np.array([[-1.0], [0.5], [1.5]])
+    together = rnc.simulate(reduced, controller, starts, 0.5, dt=0.01)
+    for run, q in zip(together, starts, strict=True):
+        alone = rnc.simulate(reduced, controller, q, 0.5, dt=0.01).info.integration
+        assert alone.linearized
+        assert alone.accumulated["rad"] > 0
+        assert run.info.integration == alone
+
+
+def test_a_program_with_limits_states_no_accumulated_error():
+    reduced, _ = turning()
+    task = rnc.control.tasks.OutputTask(rnc.JointPosition("hinge"), rnc.planning.Hold([0.3]))
+    program = rnc.control.InverseDynamicsQP(reduced, [task], [rnc.control.limits.JointPositionLimit()], dt=0.01)
+    run = rnc.simulate(reduced, program, np.zeros(1), 0.3, dt=0.01)
+    assert not run.info.integration.accumulated
+    assert "active limits" in rnc.summarize(run)["integration"]["unknown"]
+    assert run.info.integration.local

@@ -189,6 +189,10 @@ class ConstrainedDynamics:
         scale = max(np.abs(q_fine).max(initial=0.0), np.abs(y_fine[:r]).max(initial=0.0))
         return difference_errors(pin.difference(self.reduced.robot.model, q, q_fine), velocity, scale, smooth)
 
+    def steady_axes(self, q: np.ndarray) -> np.ndarray:
+        """Rotation (nv, nv) to axes in which the errors of a spinning body keep their direction."""
+        return joint_rotations(self.reduced.robot.model, q[None])[0]
+
     def project(self, q: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Configuration near q that satisfies the holonomic rows at the time of y."""
         assembly = self.reduced.assembly
@@ -248,3 +252,22 @@ class ConstrainedDynamics:
             return state_rates(projection(self.at(q, y)), T, self.damping, external)
 
         return rate
+
+
+def joint_rotations(model: pin.Model, q: np.ndarray) -> np.ndarray:
+    """Rotations (N, nv, nv) from the axes of the joints to those before them, at configurations (N, nq).
+
+    The tangent space of planar, spherical and free joints has axes that turn with the joint; others do not turn.
+    """
+    found = np.tile(np.eye(model.nv), (len(q), 1, 1))
+    for joint, at, first in zip(model.joints, model.idx_qs, model.idx_vs, strict=True):
+        name = joint.shortname()
+        if name.endswith(("FreeFlyer", "Spherical")):
+            last = at + joint.nq
+            turns = np.array([pin.Quaternion(each).matrix() for each in q[:, last - 4 : last]])
+            for place in range(first, first + joint.nv, 3):
+                found[:, place : place + 3, place : place + 3] = turns
+        elif name.endswith("Planar"):
+            c, s = q[:, at + 2], q[:, at + 3]
+            found[:, first : first + 2, first : first + 2] = np.array([[c, -s], [s, c]]).transpose(2, 0, 1)
+    return found

@@ -227,7 +227,8 @@ class FrictionPlant:
             longer = 4.0 if h <= shortest else min(4.0, max(1.0, 0.8 * max(ratio, 1e-9) ** -0.25))
             self._step = max(h, shortest) * longer
         chosen = Substeps(self._substeps, self.tolerance)
-        self.errors = self.errors.compared(max(steps, 1), 0.0, errors, dt, chosen, max(steps, 1))
+        axes = np.eye(len(errors) // 2)
+        self.errors = self.errors.compared(max(steps, 1), 0.0, (errors, axes), dt, chosen, max(steps, 1))
 
     def _allowed(self, h: float) -> float:
         """Allowed error of a step of a time h [s]."""
@@ -283,7 +284,7 @@ class FrictionPlant:
         v, leaves = self._chart.velocity(path[-1], work[: self.reduced.r], None)
         if leaves:
             self._chart = None
-        errors = self._dynamics.errors(coarse[:2], (path[-1], work), True)
+        errors = np.abs(self._dynamics.errors(coarse[:2], (path[-1], work), True))
         none = np.zeros(0)
         last = _Solved(path[-1], v, float(work[-1]), np.zeros(len(v)), {}, frozenset(), none, none)
         return _Trial(last, errors, self._landing(h, path[1:]))

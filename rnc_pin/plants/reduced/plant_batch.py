@@ -167,9 +167,10 @@ class ReducedPlantBatch:
                 run = int(which[k])
                 dynamics.chart = self._chart(run)
                 found = dynamics.errors((q[k], y[k]), (finer[0], finer[1]), smooth=True)
-                moved[k] = found.max() <= self._substeps.tolerance * dt
+                moved[k] = np.abs(found).max() <= self._substeps.tolerance * dt
                 if moved[k]:
-                    compared = errors.of_run(run).compared(steps, float(roughness[k]), found, dt, self._substeps, steps)
+                    own, axes = errors.of_run(run), dynamics.steady_axes(self._q[run])
+                    compared = own.compared(steps, float(roughness[k]), (found, axes), dt, self._substeps, steps)
                     errors.write(run, compared)
         if self.reduced.assembly.size:
             for k in np.flatnonzero(moved).tolist():
@@ -238,6 +239,11 @@ class ReducedPlantBatch:
     def errors_of(self, run: int) -> IntegrationErrors:
         """Return the estimated errors of the integration of one run since its start."""
         return self._errors.of_run(run)
+
+    @property
+    def error_sums(self) -> Array:
+        """Sums (B, 2 nv) of the estimated errors of all samples so far."""
+        return self._errors.sum
 
     def _chart(self, run: int) -> VelocityChart:
         chart = self._charts[run]

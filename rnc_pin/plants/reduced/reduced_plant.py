@@ -163,7 +163,16 @@ class ReducedPlant(ReprMixin):
 
     def apply(self, T: np.ndarray) -> None:
         """Hold the inputs T (p,), clipped to the actuator limits; ``applied`` has the result."""
-        self.applied = self._dynamics.saturate(T)
+        self.applied = self.saturated(T)
+
+    def saturated(self, T: np.ndarray) -> np.ndarray:
+        """Return the inputs T (p,) clipped to the actuator limits."""
+        return self._dynamics.saturate(T)
+
+    @property
+    def damping(self) -> np.ndarray | None:
+        """Coefficients (nv,) of viscous damping; None without damping."""
+        return self._dynamics.damping
 
     def keep_errors(self, errors: IntegrationErrors) -> None:
         """Go on with the estimated errors of a motion that this plant continues."""
@@ -173,6 +182,11 @@ class ReducedPlant(ReprMixin):
         """Set the dry friction limit of every actuator [N or N m]; ``applied`` does not include it."""
         self._actuator_friction = limit
         self._dissipative.friction.set_actuators(limit)
+
+    @property
+    def rubs(self) -> bool:
+        """True if dry friction is active."""
+        return len(self._dissipative.friction.limits) > 0
 
     @property
     def dissipates(self) -> bool:
@@ -186,7 +200,7 @@ class ReducedPlant(ReprMixin):
             return None
         damped = self._dynamics.damping_force(self.state)
         force = np.zeros(self.reduced.n) if damped is None else damped
-        if len(self._dissipative.friction.limits):
+        if self.rubs:
             force += self._dissipative.friction_force(self._q, self._y, self.applied)
         return force
 
@@ -250,21 +264,22 @@ class ReducedPlant(ReprMixin):
         limit, first, enough = substeps.tolerance * dt, step, steps
         finer = self._step(dt, 2 * steps)
         found = first_found = self._difference(step, finer)
-        if substeps.number is None or not found.max() <= max(limit, errors.rate * dt):
+        if substeps.number is None or not np.abs(found).max() <= max(limit, errors.rate * dt):
             most = MOST_EVENT_SUBSTEPS if self.dissipates else MOST_SUBSTEPS
-            while not found.max() <= limit and enough < most:
+            while not np.abs(found).max() <= limit and enough < most:
                 enough, step, finer = 2 * enough, finer, self._step(dt, 4 * enough)
                 found = self._difference(step, finer)
+        axes = self._dynamics.steady_axes(self._q)
         if substeps.number is not None:
             if first.failure is not None and step.failure is None:
                 raise DivergenceError(
                     f"the integrator, not the robot: {first.failure.what}; substeps {steps} is too small, "
                     f"set {max(enough, errors.enough) if errors.enough == 1 else errors.enough}"
                 )
-            self.errors = errors.compared(steps, first.roughness, first_found, dt, substeps, enough)
+            self.errors = errors.compared(steps, first.roughness, (first_found, axes), dt, substeps, enough)
             return first
         if step.failure is None:
-            self.errors = errors.compared(enough, step.roughness, found, dt, substeps, enough)
+            self.errors = errors.compared(enough, step.roughness, (found, axes), dt, substeps, enough)
         return step
 
     def _difference(self, step: _Step, finer: _Step) -> np.ndarray:

@@ -66,8 +66,9 @@ class Substeps(NamedTuple):
 class IntegrationErrors(NamedTuple):
     """Estimated errors of one run, and the choice of substeps. Those of B runs are arrays with a leading axis.
 
-    Errors are absolute values ``[e_q, e_v]`` (2 nv,): e_q in the tangent space of the configuration [m or rad], e_v of
-    the velocity [m/s or rad/s].
+    Errors are ``[e_q, e_v]`` (2 nv,): e_q in the tangent space of the configuration [m or rad], e_v of the velocity
+    [m/s or rad/s], both of free, planar and spherical joints along the axes before the joint. ``past`` and ``largest``
+    are of absolute values.
 
     Attributes:
         steps, used: substeps of the next and of the last sample.
@@ -77,10 +78,11 @@ class IntegrationErrors(NamedTuple):
         time: time of the run [s].
         roughness: roughness of the compared sample.
         pattern: errors (2 nv,) of the compared sample.
-        size: largest of these, at least rounding.
+        size: largest absolute value of these, at least rounding.
         span: duration of the compared sample [s].
         since: time of the last comparison [s].
         past: errors (2 nv,) accumulated until the last comparison.
+        total: sum of the errors (2 nv,) of all samples until then.
         largest: largest errors (2 nv,) of a sample until then.
         rate: largest error per second of a compared sample, on any entry.
         most: largest number of substeps so far.
@@ -100,6 +102,7 @@ class IntegrationErrors(NamedTuple):
     span: float
     since: float
     past: Array
+    total: Array
     largest: Array
     rate: float
     most: int
@@ -110,7 +113,7 @@ class IntegrationErrors(NamedTuple):
         """Return the errors at the start of a run."""
         none, steps = np.zeros(2 * nv), substeps.number or 1
         return IntegrationErrors(
-            steps, steps, _PERIOD, 0.0, 0.0, 0.0, 0.0, 0.0, none, 0.0, 0.0, 0.0, none, none, 0.0, steps, 1
+            steps, steps, _PERIOD, 0.0, 0.0, 0.0, 0.0, 0.0, none, 0.0, 0.0, 0.0, none, none, none, 0.0, steps, 1
         )  # fmt: skip
 
     def after(self, roughness: float, dt: float, limit: float) -> tuple[bool, IntegrationErrors]:
@@ -138,6 +141,7 @@ class IntegrationErrors(NamedTuple):
             span,
             since,
             past,
+            total,
             largest,
             rate,
             most,
@@ -151,7 +155,7 @@ class IntegrationErrors(NamedTuple):
         larger = max(peak, share) if isinstance(share, float) else cast(float, np.maximum(peak, share))
         return accepted, IntegrationErrors(
             steps, steps, age + 1, weight + share, moment + share * time, larger, time, reference, pattern, size, span,
-            since, past, largest, rate, most, enough,
+            since, past, total, largest, rate, most, enough,
         )  # fmt: skip
 
     def after_compared(self, share: float, dt: float) -> IntegrationErrors:
@@ -161,10 +165,15 @@ class IntegrationErrors(NamedTuple):
             weight=self.weight + share, moment=self.moment + share * time, peak=max(self.peak, share), time=time
         )
 
+    @property
+    def sum(self) -> Array:
+        """Sum of the errors (..., 2 nv) of all samples so far."""
+        return self.total + self.pattern * np.asarray(self.weight)[..., None]
+
     def folded(self) -> IntegrationErrors:
-        """Return the errors with ``past`` and ``largest`` at the present time."""
-        nv = len(self.pattern) // 2
-        position, velocity = self.pattern[:nv], self.pattern[nv:]
+        """Return the errors with ``past``, ``total`` and ``largest`` at the present time."""
+        pattern, nv = np.abs(self.pattern), len(self.pattern) // 2
+        position, velocity = pattern[:nv], pattern[nv:]
         before = self.past[nv:]
         past = np.concatenate(
             [
@@ -176,27 +185,34 @@ class IntegrationErrors(NamedTuple):
                 before + velocity * self.weight,
             ]
         )
-        largest = np.maximum(self.largest, self.pattern * self.peak)
-        return self._replace(past=past, largest=largest, weight=0.0, moment=0.0, peak=0.0, since=self.time)
+        largest = np.maximum(self.largest, pattern * self.peak)
+        return self._replace(
+            past=past, total=self.sum, largest=largest, weight=0.0, moment=0.0, peak=0.0, since=self.time
+        )
 
     def interrupted(self) -> IntegrationErrors:
         """Return the errors at a jump of the velocity, after which a comparison is due."""
         return self.folded()._replace(age=_PERIOD)
 
     def compared(
-        self, steps: int, roughness: float, errors: Array, dt: float, substeps: Substeps, enough: int
+        self, steps: int, roughness: float, errors: tuple[Array, Array], dt: float, substeps: Substeps, enough: int
     ) -> IntegrationErrors:
-        """Return the errors after a compared sample with a number of substeps; ``enough`` keep the tolerance."""
-        size, limit = float(errors.max(initial=0.0)), substeps.tolerance * dt
+        """Return the errors after a compared sample with a number of substeps; ``enough`` keep the tolerance.
+
+        ``errors`` are those of the sample (2 nv,) and the rotation (nv, nv) to the axes of a pattern.
+        """
+        found, axes = errors
+        size, limit = float(np.abs(found).max(initial=0.0)), substeps.tolerance * dt
+        pattern = (found.reshape(2, -1) @ axes.T).ravel()
         following, again = steps, not roughness < np.inf
         if substeps.number is None and steps > 1 and size * _MARGIN < limit:
             following, again = steps // 2, True
-        found = self.folded()._replace(
-            steps=following, used=steps, age=_PERIOD if again else 0, roughness=roughness, pattern=errors,
+        folded = self.folded()._replace(
+            steps=following, used=steps, age=_PERIOD if again else 0, roughness=roughness, pattern=pattern,
             size=max(size, _ROUNDING), span=dt, rate=max(self.rate, size / dt), most=max(self.most, steps),
             enough=max(self.enough, enough),
         )  # fmt: skip
-        return found.after_compared(1.0, dt)
+        return folded.after_compared(1.0, dt)
 
     @property
     def arrays(self) -> tuple[Array, ...]:
@@ -230,5 +246,5 @@ def difference_errors(position: Array, velocity: Array, scale: float, smooth: bo
         scale: largest absolute value of the states; smaller differences than its rounding count as none.
         smooth: True if the integration is of fourth order.
     """
-    errors = np.abs(np.concatenate([position, velocity])) * (_ORDER_4 if smooth else _ORDER_1)
-    return np.where(errors > _ROUNDING * (1.0 + scale), errors, 0.0)
+    errors = np.concatenate([position, velocity]) * (_ORDER_4 if smooth else _ORDER_1)
+    return np.where(np.abs(errors) > _ROUNDING * (1.0 + scale), errors, 0.0)
