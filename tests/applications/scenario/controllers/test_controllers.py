@@ -30,6 +30,7 @@ NEEDED = {
     "inverse_dynamics": {"tasks": [{"damping": {"weight": 0.1}}]},
     "set_point": {"goal": {"joint_1": 0.5}, "duration": 4.0},
     "predictive": {"goal": {"joint_1": 0.5}, "horizon": 1.0},
+    "navigation": {"goal": {"joint_1": 0.5}},
     "none": {},
 }
 VALUES = {  # of every setting that some type has
@@ -62,6 +63,12 @@ VALUES = {  # of every setting that some type has
     "bounds": {"input": {"joint_1": [-1, 1]}},
     "clearance": 0.1,
     "links": True,
+    "acceleration": 1.0,
+    "speed": 0.5,
+    "slice_size": 20,
+    "seed": 3,
+    "motions": 500,
+    "improve": 100,
     "velocities": True,
     "equality": True,
     "nodes": 10,
