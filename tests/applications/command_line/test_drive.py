@@ -124,7 +124,7 @@ def test_a_user_drives_from_a_real_browser(browser):
         assert eventually(lambda: kinds(drive_)[-1] == ("base_velocity", 0.0))
         # A click on the ground: the page computes the point, the run says where it went.
         page.mouse.click(420, 430)
-        assert eventually(lambda: [kind for kind, _ in kinds(drive_)][-1:] == ["base_goal"])  # after the two gains
+        assert eventually(lambda: [kind for kind, _ in kinds(drive_)][-1:] == ["base_goal"])
         wanted = drive_.log.commands[-1].command
         eye = "[viewer.camera.position.x, -viewer.camera.position.z, viewer.camera.position.y]"
         assert np.linalg.norm(np.array([wanted.x, wanted.y]) - page.evaluate(eye)[:2]) < 20.0
