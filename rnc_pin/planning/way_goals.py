@@ -43,9 +43,7 @@ def check_configuration(reduced: ReducedModel, checker: WayChecker | None, q: Ar
 
 def _problem_of(reduced: ReducedModel, checker: WayChecker | None, q: Array) -> str:
     """Text about a configuration that is beyond a limit or too near to something; "" for others."""
-    model = reduced.robot.model
-    none = np.zeros(model.nv, dtype=bool)
-    bounds = TangentBounds(model, model.lowerPositionLimit, model.upperPositionLimit, none)
+    bounds = _position_limits(reduced)
     moved = np.abs(bounds.clip(q) - q)
     if moved.max() > 1e-9:
         worst = int(np.flatnonzero(bounds.q_index == int(np.argmax(moved)))[0])
@@ -55,6 +53,11 @@ def _problem_of(reduced: ReducedModel, checker: WayChecker | None, q: Array) -> 
     if near is None:
         return ""
     return f"is too near: {near[0]} are {near[1]:.3g} m apart"
+
+
+def _position_limits(reduced: ReducedModel) -> TangentBounds:
+    model = reduced.robot.model
+    return TangentBounds(model, model.lowerPositionLimit, model.upperPositionLimit, np.zeros(model.nv, dtype=bool))
 
 
 class WayGoals:
@@ -132,9 +135,9 @@ class WayGoals:
         for _ in range(_ALIKE):
             begin = self._drawn(start, generator)
             result = solve_ik(self._reduced, begin, goal, hold=self._hold, search=IkSearch(starts=20, seed=seed))
-            problems.add(
-                _problem_of(self._reduced, self._checker, self._prepared(result.q)) if result.converged else ""
-            )
+            if not result.converged:
+                return ""
+            problems.add(_problem_of(self._reduced, self._checker, self._prepared(result.q)))
         return problems.pop() if len(problems) == 1 else ""
 
     def _prepared(self, q: Array) -> Array:
@@ -149,6 +152,4 @@ class WayGoals:
         step = generator.uniform(-np.pi, np.pi, model.nv)
         for name in self._hold:
             step[self._reduced.robot.velocity_indices(name)] = 0.0
-        none = np.zeros(model.nv, dtype=bool)
-        bounds = TangentBounds(model, model.lowerPositionLimit, model.upperPositionLimit, none)
-        return bounds.clip(pin.integrate(model, start, step))
+        return _position_limits(self._reduced).clip(pin.integrate(model, start, step))
