@@ -15,7 +15,7 @@ from rnc_pin.collision import Obstacle, PairSelection
 from rnc_pin.control.controller import DescribedMixin, MissedGoal, VelocityTarget, elapsed_time
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.model.parameter_types import NotNegative, Positive
+from rnc_pin.model.parameter_types import NotNegative, Positive, check_positive_settings
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.action_models import KinematicModel, Nodes
 from rnc_pin.optimal.bounds import Goal, GoalRows
@@ -40,7 +40,7 @@ Status = Literal["following", "stopping", "replanning", "no way", "arrived"]
 class NavigationState(NamedTuple):
     """Way with its feedback, the place on it, and the search for the next one."""
 
-    status: str
+    status: Status
     """"following" a way, "stopping" on it, "replanning" at rest, "no way", or "arrived"."""
     t: float | None
     """Time of the last step [s]."""
@@ -54,7 +54,7 @@ class NavigationState(NamedTuple):
     """Places of the gains."""
     gains: Float[Array, "m r nv"]
     place: float
-    """Where the robot should be."""
+    """Place at which the robot should be."""
     speed: float
     """Its rate: 1 at the largest speeds of the way."""
     rate: float
@@ -151,10 +151,8 @@ class NavigationController(DescribedMixin):
         state_cost: Positive = 10.0,
         seed: int = 0,
     ) -> None:
-        numbers = {"acceleration": acceleration, "speed": speed, "tube": tube, "tolerance": tolerance, "check": check}
-        for name, value in {**numbers, "slice_size": slice_size, "state_cost": state_cost}.items():
-            if not 0 < value < np.inf:
-                raise ConfigurationError(f"{name}: expected a positive number, found {value:g}")
+        check_positive_settings(acceleration=acceleration, speed=speed, tube=tube, tolerance=tolerance, check=check)
+        check_positive_settings(slice_size=slice_size, state_cost=state_cost)
         if speed > 1.0:
             raise ConfigurationError(f"speed: expected a share of the velocity limits up to 1, found {speed:g}")
         self.acceleration, self.speed, self.tube, self.tolerance = acceleration, speed, tube, tolerance
@@ -168,7 +166,7 @@ class NavigationController(DescribedMixin):
         self._known: tuple[tuple[int, float], WayFinder] | None = None
         self._running: tuple[tuple[int, float, bytes, int], int, Iterator[Way | None]] | None = None
         self._reference = reduced.robot.configuration() if isinstance(goal, Mapping) else np.array(goal, dtype=float)
-        first = WayFinder(reduced, self._reference, settings=self._search_settings)
+        first = WayFinder(reduced, self._reference, clearance=clearance, settings=self._search_settings)
         if first.steering is None:
             raise ConfigurationError(
                 "navigation: no exact steering is known for this system, see rnc.planning.find_steering"
@@ -246,7 +244,7 @@ class NavigationController(DescribedMixin):
             state.status == "arrived" and t >= state.begin + _SETTLE and max(self._errors(q).values()) > self.tolerance
         ):
             state = self._begun(t, q, state)
-        self.status, self.reason = state.status, state.reason  # type: ignore[assignment]
+        self.status, self.reason = state.status, state.reason
         return self._target(q, state), state
 
     # ------------------------------------------------------------------ along the way

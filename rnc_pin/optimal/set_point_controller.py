@@ -10,9 +10,9 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Description, MissedGoal, VelocityTarget
-from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError
+from rnc_pin.errors import InfeasibleError, RncError
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.model.parameter_types import Positive
+from rnc_pin.model.parameter_types import Positive, check_positive_settings
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.action_models import Form, KinematicModel, Nodes, action_model, check_velocity_form
 from rnc_pin.optimal.bounds import BoundKind, DistanceBound, Goal, InputBound, OutputBound
@@ -133,10 +133,7 @@ class SetPointController(ReprMixin):
         braking: Positive = 4.0,
         velocities: bool = False,
     ) -> None:
-        rates = {"tolerance": tolerance, "tube": tube, "check": check, "bandwidth": bandwidth, "braking": braking}
-        for name, value in rates.items():
-            if not 0 < value < np.inf:
-                raise ConfigurationError(f"{name}: expected a positive number, found {value:g}")
+        check_positive_settings(tolerance=tolerance, tube=tube, check=check, bandwidth=bandwidth, braking=braking)
         check_velocity_form(velocities, form)
         self.velocities = velocities
         self.goal, self.duration, self.tolerance, self.tube, self.check = goal, duration, tolerance, tube, check
