@@ -101,9 +101,9 @@ def _check_servos(scenario: ScenarioFile, servo_time: float | None) -> None:
     to_set_point = getattr(scenario.controller, "velocities", False)
     velocities = to_set_point or getattr(scenario.controller, "tracker", None) == "velocity"
     if velocities and servo_time is None:
-        said = "velocities: true" if to_set_point else "tracker: 'velocity'"
-        if scenario.controller is not None and scenario.controller.type == "navigation":
-            said = "type: 'navigation'"
+        controller, said = scenario.controller, "tracker: 'velocity'"
+        if to_set_point and controller is not None:  # a type without the key always commands velocities
+            said = "velocities: true" if "velocities" in type(controller).model_fields else f"type: '{controller.type}'"
         raise ConfigurationError(f"controller.{said} requires velocity servos: set plant.servo_time")
     if servo_time is not None and not velocities:
         raise ConfigurationError(

@@ -55,25 +55,31 @@ _COST = part(
 _SCHEDULE = part(UpdateSchedule, "period", "iterations", "delay", "budget")
 
 
-class _ToSetPoint(ControllerSettings, MotionProblem):
-    """Goal and bounds of a controller to a set point."""
+class _ToGoal(ControllerSettings):
+    """Controller to a goal at rest, by forces or by velocities."""
 
     follows: ClassVar[frozenset[str]] = frozenset()
     advice: ClassVar[str] = ", which drives to its own goal"
 
-    goal: Annotated[dict[str, float], Field(min_length=1)]
-    """Values at rest by names of outputs, which determine a configuration. An orientation needs all its rows."""
-
     def _build(self, context: ControllerContext) -> BuiltController:
         with at_key("controller"):
             made = self._controller(context)
-            if made.velocities:
+            if isinstance(made, NavigationController) or made.velocities:
                 servos = ActuatorVelocityController(context.reduced, cast(KinematicController, made))
                 return BuiltController(servos, ())
         return BuiltController(cast(Controller, made), ())
 
     @abstractmethod
-    def _controller(self, context: ControllerContext) -> SetPointController | PredictiveController: ...
+    def _controller(
+        self, context: ControllerContext
+    ) -> SetPointController | PredictiveController | NavigationController: ...
+
+
+class _ToSetPoint(_ToGoal, MotionProblem):
+    """Goal and bounds of a controller to a set point."""
+
+    goal: Annotated[dict[str, float], Field(min_length=1)]
+    """Values at rest by names of outputs, which determine a configuration. An orientation needs all its rows."""
 
 
 class SetPointSettings(_ToSetPoint, _POINT.model):  # type: ignore[name-defined, misc]
@@ -120,11 +126,9 @@ class PredictiveSettings(_ToSetPoint, _PREDICTIVE.model, _COST.model, _SCHEDULE.
         )
 
 
-class NavigationSettings(ControllerSettings, _NAVIGATION.model):  # type: ignore[name-defined, misc]
+class NavigationSettings(_ToGoal, _NAVIGATION.model):  # type: ignore[name-defined, misc]
     """A way to a goal at rest around the obstacles, and another one where it is blocked."""
 
-    follows: ClassVar[frozenset[str]] = frozenset()
-    advice: ClassVar[str] = ", which drives to its own goal"
     velocities: ClassVar[bool] = True
 
     type: Literal["navigation"]
@@ -138,14 +142,12 @@ class NavigationSettings(ControllerSettings, _NAVIGATION.model):  # type: ignore
     improve: Annotated[int, Field(ge=0)] = 300
     """Number of motions that a search checks for faster ways after the first one."""
 
-    def _build(self, context: ControllerContext) -> BuiltController:
-        with at_key("controller"):
-            made = _NAVIGATION.build(
-                self,
-                reduced=context.reduced,
-                goal=goal_of(self.goal, context.outputs, context.reduced),
-                obstacles=context.obstacles,
-                selection=PairSelection(links=self.links),
-                settings=WaySettings(motions=self.motions, improve=self.improve),
-            )
-            return BuiltController(ActuatorVelocityController(context.reduced, made), ())
+    def _controller(self, context: ControllerContext) -> NavigationController:
+        return _NAVIGATION.build(
+            self,
+            reduced=context.reduced,
+            goal=goal_of(self.goal, context.outputs, context.reduced),
+            obstacles=context.obstacles,
+            selection=PairSelection(links=self.links),
+            settings=WaySettings(motions=self.motions, improve=self.improve),
+        )
