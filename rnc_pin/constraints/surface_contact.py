@@ -290,14 +290,14 @@ class SurfaceContactRows(WrenchRows):
     def kernel_rows(self, model: pin.Model) -> list[KernelRow] | None:
         """Rows of the kernel for a ball on a sphere or cylinder; None for other shapes and grounds."""
         shape, ground = self._shape, self._surface
-        if not isinstance(shape, Sphere) or not isinstance(ground, SphericalGround | CylindricalGround):
+        if type(shape) is not Sphere:  # a subclass may have methods of its own
             return None
-        if type(shape) is not Sphere or type(ground) not in (SphericalGround, CylindricalGround):
-            return None  # a subclass may have methods of its own
-        if isinstance(ground, SphericalGround):
+        if type(ground) is SphericalGround:
             axis, point = np.zeros(3), ground.center
-        else:
+        elif type(ground) is CylindricalGround:
             axis, point = ground.along, ground.point
+        else:
+            return None
         scale = (-1.0 if ground.inside else 1.0) / ground.radius
         quadric = [*map(float, point), scale, *axis.tolist(), float(shape.radius)]
         numbers = [[*quadric, *weights] for weights in np.eye(4)[: self._count].tolist()]
