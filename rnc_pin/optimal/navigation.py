@@ -147,7 +147,7 @@ class NavigationController(DescribedMixin):
         tube: Positive = 0.05,
         tolerance: Positive = 0.02,
         check: Positive = 0.1,
-        slice_size: int = 50,
+        slice_size: Positive = 60.0,
         state_cost: Positive = 10.0,
         seed: int = 0,
     ) -> None:
@@ -156,7 +156,7 @@ class NavigationController(DescribedMixin):
         if speed > 1.0:
             raise ConfigurationError(f"speed: expected a share of the velocity limits up to 1, found {speed:g}")
         self.acceleration, self.speed, self.tube, self.tolerance = acceleration, speed, tube, tolerance
-        self.clearance, self.check, self.slice_size = clearance, check, int(slice_size)
+        self.clearance, self.check, self.slice_size = clearance, check, slice_size
         self.state_cost, self.seed, self.goal = state_cost, seed, goal
         motions = _MOTIONS if settings.motions is None else settings.motions
         self._search_settings = replace(settings, seconds=_ALWAYS, motions=motions)

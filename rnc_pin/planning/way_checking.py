@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from rnc_pin.model.configuration_manifold import ConfigurationManifold
 from rnc_pin.planning.exact_steering import ExactMotion
 
 _SPACING = 0.1  # [m or rad] between the samples that are looked at before the bounds
+_LOOK = 2.0  # effort of a look at one configuration
 _HALVED = 1.0 - np.array([int(f"{k:04b}"[::-1], 2) for k in range(16)]) / 16.0
 """Fractions of a motion, in an order that finds collisions early: the end, the middle, the quarters, ..."""
 
@@ -44,10 +46,13 @@ class WayChecker:
     Args:
         distances: pairs of the robot and obstacles that do not move.
         clearance: smallest distance to obstacles [m].
+        spend: called with the effort of each part of a check.
     """
 
-    def __init__(self, distances: CollisionDistances, clearance: float) -> None:
-        self.distances, self.clearance = distances, clearance
+    def __init__(
+        self, distances: CollisionDistances, clearance: float, spend: Callable[[float], None] | None = None
+    ) -> None:
+        self.distances, self.clearance, self._spend = distances, clearance, spend
         self.tolerance = default_tolerance(distances)
         self._beside = distances.shape_pairs[1] >= distances.link_shapes
         self._least = np.where(self._beside, clearance + self.tolerance, 0.0)
@@ -59,6 +64,8 @@ class WayChecker:
         """Pair that is too near at a configuration, and its distance [m]; None if all are far enough."""
         if not self.distances.pairs:
             return None
+        if self._spend is not None:
+            self._spend(_LOOK)
         found = self.distances.smallest(q, 0.0, self.clearance + self.tolerance)
         worst = int(np.argmin(found - self._least))
         if found[worst] > self._least[worst]:
@@ -77,6 +84,7 @@ class WayChecker:
             motion.q,
             self.clearance + self.tolerance,
             self.tolerance,
+            spend=self._spend,
         )
         close = (found.smallest < self._least) | found.uncertain
         self.blocks[close] += 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -26,7 +26,7 @@ from rnc_pin.planning.way import Way, WayInfo, way_along
 from rnc_pin.planning.way_checking import WayChecker
 from rnc_pin.planning.way_goals import WayGoals, check_configuration, validated_configuration
 from rnc_pin.planning.way_propagation import DEVIATION, PropagatedSearch
-from rnc_pin.planning.way_search import SHORTER, SearchBudget, WaySearch, speed_limits
+from rnc_pin.planning.way_search import SHORTER, SearchBudget, WaySearch, in_slices, speed_limits
 
 _FIRST = 400  # motions of the first search, in which joints stay within the range of start and goals
 _ATTEMPT = 4000  # motions of each further search, before it starts again with other random numbers
@@ -126,7 +126,7 @@ def find_way(
         (array([3., 0.]), True, True)
     """
     finder = WayFinder(reduced, q0, obstacles, selection=selection, clearance=clearance, settings=settings)
-    return [way for way in finder.slices(q0, goal, seed) if way is not None][-1]
+    return list(finder.ways(q0, goal, seed))[-1]
 
 
 class WayFinder:
@@ -175,7 +175,7 @@ class WayFinder:
         q0: ArrayLike,
         goal: Mapping[OutputTarget, ArrayLike] | ArrayLike,
         seed: int = 0,
-        slice_size: int | None = None,
+        slice_size: float = 100.0,
     ) -> Generator[Way | None, None, None]:
         """Search step by step: None after each slice, and each way that is faster than those before.
 
@@ -183,39 +183,66 @@ class WayFinder:
             q0: start (nq,).
             goal: values by output, or a configuration (nq,).
             seed: seed of all random choices.
-            slice_size: number of motions that are checked in a slice; None for a search at once. Each goal
-                configuration has a slice of its own. Propagated motions are found in one slice.
+            slice_size: effort of a slice, about 1 for 0.1 ms. It is counted, so that slices do not depend on the
+                computer.
+
+        Raises:
+            InfeasibleError: as for ``find_way``.
+        """
+
+        def work(hand: Callable[[Way | None], None]) -> None:
+            for way in self.ways(q0, goal, seed, lambda: hand(None), slice_size):
+                hand(way)
+
+        return in_slices(work)
+
+    def ways(
+        self,
+        q0: ArrayLike,
+        goal: Mapping[OutputTarget, ArrayLike] | ArrayLike,
+        seed: int = 0,
+        pause: Callable[[], None] | None = None,
+        slice_size: float = np.inf,
+    ) -> Iterator[Way]:
+        """Yield each way that is faster than those before.
+
+        Args:
+            q0: start (nq,).
+            goal: values by output, or a configuration (nq,).
+            seed: seed of all random choices.
+            pause: called after each slice.
+            slice_size: effort of a slice.
 
         Raises:
             InfeasibleError: as for ``find_way``.
         """
         settings, reduced, checker = self._settings, self._reduced, self.checker
-        budget = SearchBudget(settings.seconds, settings.motions, slice_size)
+        budget = SearchBudget(settings.seconds, settings.motions, pause, slice_size)
         start = validated_configuration(reduced, q0)
         if checker is not None:
-            checker.blocks[:] = 0
+            checker = WayChecker(checker.distances, checker.clearance, budget.spend)
         check_configuration(reduced, checker, start, "start")
         goals = WayGoals(reduced, self.steering, checker, budget, settings.goals, settings.hold)
-        ends = yield from goals.of(goal, start, seed)
-        search = self._search(np.vstack([start, ends]), budget)
+        ends = goals.of(goal, start, seed)
+        search = self._search(np.vstack([start, ends]), checker, budget)
         mobile = reduced.robot.model.joints[1].shortname() in _BASES
         found = search.direct() if isinstance(search, WaySearch) else None
         direct, tight, attempt = found is not None, mobile, 0
         first, history = 0.0, list[tuple[int, float]]()
         while True:
             if found is None:
-                found = yield from self._attempt(search, tight, seed + attempt)
+                found = self._attempt(search, tight, seed + attempt)
                 attempt += 1
             if found is not None:
                 first = first or float(search.durations(found.steps).sum())
-                found = yield from self._shortened(search, found, seed)
+                found = self._shortened(search, found, seed)
                 duration = float(search.durations(found.steps).sum())
                 if not history:
                     budget.limit(settings.improve)
                 if not history or duration < (1.0 - SHORTER) * history[-1][1]:
                     history.append((budget.motions, duration))
                     info = WayInfo(self._kind, budget.elapsed, budget.motions, len(ends), first, tuple(history))
-                    yield self._way(found, start, info)
+                    yield self._way(found, start, checker, info)
                 found = None
             tight = tight and bool(history)  # what led to a way may lead to a faster one
             if direct or budget.is_over:
@@ -227,34 +254,32 @@ class WayFinder:
     def _kind(self) -> str:
         return "propagated" if self.steering is None else self.steering.kind
 
-    def _search(self, places: Float[Array, "n nq"], budget: SearchBudget) -> WaySearch | PropagatedSearch:
+    def _search(
+        self, places: Float[Array, "n nq"], checker: WayChecker | None, budget: SearchBudget
+    ) -> WaySearch | PropagatedSearch:
         """Search between configurations: the start and the goals."""
         radius = 0.0 if self.steering is None else self.steering.radius
-        area = _area(self._reduced, radius, places, self._obstacles, self.checker, self._settings)
+        area = _area(self._reduced, radius, places, self._obstacles, checker, self._settings)
         if self.steering is not None:
-            return WaySearch(self.steering, self.checker, places, area, budget)
+            return WaySearch(self.steering, checker, places, area, budget)
         flow, speeds = KinematicFlow(self._reduced), speed_limits(self._reduced, self.planned)
-        return PropagatedSearch(flow, self.planned, self.checker, places, area, speeds, budget)
+        return PropagatedSearch(flow, self.planned, checker, places, area, speeds, budget)
 
-    def _attempt(
-        self, search: WaySearch | PropagatedSearch, tight: bool, seed: int
-    ) -> Generator[None, None, ExactMotion | None]:
+    def _attempt(self, search: WaySearch | PropagatedSearch, tight: bool, seed: int) -> ExactMotion | None:
         """One search; ``tight`` if the joints of a mobile robot stay within the range of start and goals."""
         if isinstance(search, PropagatedSearch):
             return search.run(seed)
         held = list(self._reduced.robot.model.names)[1:] if tight else self._settings.hold
-        return (yield from search.run(held, _FIRST if tight else _ATTEMPT, seed))
+        return search.run(held, _FIRST if tight else _ATTEMPT, seed)
 
-    def _shortened(
-        self, search: WaySearch | PropagatedSearch, motion: ExactMotion, seed: int
-    ) -> Generator[None, None, ExactMotion]:
+    def _shortened(self, search: WaySearch | PropagatedSearch, motion: ExactMotion, seed: int) -> ExactMotion:
         if isinstance(search, PropagatedSearch):
             return search.shortened(motion, self._settings.shortcuts)
-        return (yield from search.shortened(motion, self._settings.shortcuts, seed))
+        return search.shortened(motion, self._settings.shortcuts, seed)
 
-    def _way(self, motion: ExactMotion, start: Array, info: WayInfo) -> Way:
+    def _way(self, motion: ExactMotion, start: Array, checker: WayChecker | None, info: WayInfo) -> Way:
         """Way along a motion, with the joints that follow."""
-        steering, checker = self.steering, self.checker
+        steering = self.steering
         if steering is not None:
             motion = steering.completed(motion, start)
             follow = None if self.planned.all() else checker

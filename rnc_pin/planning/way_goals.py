@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from itertools import count
 
 import numpy as np
@@ -22,6 +23,7 @@ from rnc_pin.planning.output_targets import OutputTarget
 from rnc_pin.planning.way_checking import WayChecker
 from rnc_pin.planning.way_search import SearchBudget
 
+_DESCENT = 60.0  # effort of a descent of inverse kinematics
 _DRAWN = 4  # random starts for each further goal configuration
 _ALIKE = 3  # random configurations at a goal with the same distance to the same obstacle: all others have it too
 
@@ -83,11 +85,12 @@ class WayGoals:
     ) -> None:
         self._reduced, self._steering, self._checker = reduced, steering, checker
         self._budget, self._most, self._hold = budget, most, hold
+        self._descended = partial(budget.spend, _DESCENT)
 
     def of(
         self, goal: Mapping[OutputTarget, ArrayLike] | ArrayLike, start: Array, seed: int
-    ) -> Generator[None, None, Float[Array, "n nq"]]:
-        """Configurations (n, nq) that reach a goal, without collisions; each is a slice of the search."""
+    ) -> Float[Array, "n nq"]:
+        """Configurations (n, nq) that reach a goal, without collisions."""
         if not isinstance(goal, Mapping):
             end = validated_configuration(self._reduced, goal)
             check_configuration(self._reduced, self._checker, end, "goal")
@@ -103,8 +106,8 @@ class WayGoals:
             enough = self._most if attempt < _DRAWN * self._most else 1
             if len(found) >= enough or (attempt and self._budget.elapsed > self._budget.seconds / 2):
                 break  # without a goal configuration, half of the time is for finding one
-            if attempt and self._budget.in_slices:
-                yield
+            if attempt:
+                self._descended()
             begin = start if not attempt else self._drawn(start, generator)
             result = solve_ik(
                 self._reduced,
@@ -113,7 +116,7 @@ class WayGoals:
                 hold=self._hold,
                 collisions=beside,
                 clearance=0.0 if self._checker is None else self._checker.clearance + 2 * self._checker.tolerance,
-                search=IkSearch(starts=20 if not attempt else 1, seed=seed),
+                search=IkSearch(starts=20 if not attempt else 1, seed=seed, pause=self._descended),
             )
             if not result.converged:
                 if not attempt and (same := self._same_problem(goal, start, seed)):
@@ -134,7 +137,8 @@ class WayGoals:
         generator, problems = np.random.default_rng(seed), set()
         for _ in range(_ALIKE):
             begin = self._drawn(start, generator)
-            result = solve_ik(self._reduced, begin, goal, hold=self._hold, search=IkSearch(starts=20, seed=seed))
+            search = IkSearch(starts=20, seed=seed, pause=self._descended)
+            result = solve_ik(self._reduced, begin, goal, hold=self._hold, search=search)
             if not result.converged:
                 return ""
             problems.add(_problem_of(self._reduced, self._checker, self._prepared(result.q)))

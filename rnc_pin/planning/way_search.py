@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator, Sequence
+from queue import SimpleQueue
+from threading import Thread
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 from numpy import ndarray as Array
@@ -20,7 +22,9 @@ from rnc_pin.robots.joint_values import NO_LIMIT
 if TYPE_CHECKING:
     from ompl import base as ob
 
+_STEERED = 3.0  # effort of a motion beside its check
 _USUAL_SPEED = 1.0  # [m/s or rad/s] of a joint without a limit
+_Result = TypeVar("_Result")
 SHORTER = 1e-3
 """Relative decrease of the duration that is worth a change."""
 
@@ -31,17 +35,23 @@ class SearchBudget:
     Args:
         seconds: [s].
         motions: number of motions that may be checked; None for any number.
-        slice_size: number of motions after which the search pauses; None for a search at once.
+        pause: called after each slice.
+        slice_size: effort of a slice, about 1 for 0.1 ms. Efforts are counted, not measured.
 
     Attributes:
         motions: number of motions that were checked.
     """
 
-    def __init__(self, seconds: float, motions: int | None = None, slice_size: int | None = None) -> None:
+    def __init__(
+        self,
+        seconds: float,
+        motions: int | None = None,
+        pause: Callable[[], None] | None = None,
+        slice_size: float = np.inf,
+    ) -> None:
         self._start, self.seconds = time.monotonic(), seconds
         self._most = np.inf if motions is None else motions
-        self._slice = np.inf if slice_size is None else slice_size
-        self._until = self._slice
+        self._pause, self._slice, self._spent = pause, slice_size, 0.0
         self.motions = 0
 
     @property
@@ -54,23 +64,63 @@ class SearchBudget:
         """True if time or motions are used up."""
         return self.motions >= self._most or self.elapsed > self.seconds
 
-    @property
-    def in_slices(self) -> bool:
-        """True for a search that pauses."""
-        return bool(self._slice < np.inf)
-
-    @property
-    def pauses(self) -> bool:
-        """True at the end of a slice."""
-        return self.motions >= self._until
-
-    def resume(self) -> None:
-        """Begin the next slice."""
-        self._until = self.motions + self._slice
+    def spend(self, effort: float) -> None:
+        """Count an effort, and pause if the slice is full."""
+        self._spent += effort
+        if self._pause is not None and self._spent >= self._slice:
+            self._spent = 0.0
+            self._pause()
 
     def limit(self, further: int) -> None:
         """Allow a number of further motions at most."""
         self._most = min(self._most, self.motions + further)
+
+
+class _Abandoned(BaseException):
+    """End of a search that nobody continues."""
+
+
+def in_slices(work: Callable[[Callable[[_Result | None], None]], None]) -> Generator[_Result | None, None, None]:
+    """Yield what a function hands over, which stands still in between.
+
+    The function runs in a thread of its own, as OMPL's search cannot be left and entered again: only one of both
+    threads runs at a time. A generator that is closed, or forgotten, ends the thread.
+
+    Args:
+        work: function of a callback, which it calls with each result, and with None to pause.
+    """
+    turns: SimpleQueue[bool] = SimpleQueue()
+    results: SimpleQueue[tuple[_Result | None, BaseException | None, bool]] = SimpleQueue()
+
+    def hand(result: _Result | None) -> None:
+        results.put((result, None, False))
+        if not turns.get():
+            raise _Abandoned
+
+    def run() -> None:
+        error: BaseException | None = None
+        try:
+            if turns.get():
+                work(hand)
+        except BaseException as raised:  # the caller gets it
+            error = raised
+        results.put((None, error, True))
+
+    thread, over = Thread(target=run, daemon=True, name="search for a way"), False
+    thread.start()
+    try:
+        while True:
+            turns.put(True)
+            result, error, over = results.get()
+            if error is not None:
+                raise error
+            if over:
+                return
+            yield result
+    finally:
+        if not over:
+            turns.put(False)
+        thread.join()
 
 
 class Nearest(NamedTuple):
@@ -116,8 +166,8 @@ class WaySearch:
         free = [motion for motion in found if motion is not None]
         return min(free, key=lambda motion: self.durations(motion.steps).sum(), default=None)
 
-    def run(self, held: Sequence[str], most: int, seed: int) -> Generator[None, None, ExactMotion | None]:
-        """Search for a way, in slices; None if none is found.
+    def run(self, held: Sequence[str], most: int, seed: int) -> ExactMotion | None:
+        """Search for a way; None if none is found.
 
         Args:
             held: joints that stay within the range of start and goals.
@@ -172,20 +222,13 @@ class WaySearch:
             planner.setup()
             budget = self._budget
             over = ob.PlannerTerminationCondition(
-                lambda: bool(failed) or budget.is_over or budget.pauses or budget.motions >= last
+                lambda: bool(failed) or budget.is_over or budget.motions >= last
             )
-            while True:
-                planner.solve(over)  # it goes on with its trees
-                if failed:
-                    raise failed[0]
-                if problem.hasExactSolution():
-                    break
-                if budget.is_over or budget.motions >= last:
-                    return None
-                ou.setLogLevel(level)
-                yield
-                budget.resume()
-                ou.setLogLevel(ou.LogLevel.LOG_NONE)
+            planner.solve(over)
+            if failed:
+                raise failed[0]
+            if not problem.hasExactSolution():
+                return None
             q = [space.read(state) for state in problem.getSolutionPath().getStates()]
         finally:
             ou.setLogLevel(level)
@@ -220,6 +263,7 @@ class WaySearch:
     def is_free(self, motion: ExactMotion) -> bool:
         """True if no distance of a motion is too small."""
         self._budget.motions += 1
+        self._budget.spend(_STEERED)
         return self._checker is None or self._checker.is_free(motion)
 
     def _is_valid(self, q: Array) -> bool:
@@ -231,8 +275,8 @@ class WaySearch:
         """Durations (k,) of displacements at the largest speeds [s]."""
         return (np.abs(steps) / self._speeds).max(axis=1, initial=0.0)
 
-    def shortened(self, motion: ExactMotion, tries: int, seed: int) -> Generator[None, None, ExactMotion]:
-        """The same or a faster motion: two places on it are connected directly, as often as this helps. In slices.
+    def shortened(self, motion: ExactMotion, tries: int, seed: int) -> ExactMotion:
+        """The same or a faster motion: two places on it are connected directly, as often as this helps.
 
         Args:
             motion: a free motion.
@@ -241,9 +285,6 @@ class WaySearch:
         """
         generator = np.random.default_rng(seed)
         for _ in range(tries):
-            if self._budget.pauses:
-                yield
-                self._budget.resume()
             if self._budget.is_over or len(motion.steps) < 2:
                 break
             ends = np.cumsum(self.durations(motion.steps))
