@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -130,6 +130,13 @@ class Obstacle:
             return np.zeros(6)
         rate = self.motion.at(t).velocity
         return np.array([rate[0], rate[1], rate[2], 0.0, 0.0, rate[3]])
+
+    def at_rest(self, t: float) -> Obstacle:
+        """The obstacle at rest where it is at time t [s]."""
+        if self.motion is None:
+            return self
+        pose = self._pose(t)
+        return replace(self, motion=None, position=pose[:3], yaw=float(pose[3]))
 
     def _pose(self, t: float) -> np.ndarray:
         if self.motion is None:

@@ -120,6 +120,9 @@ class Way(SummaryMixin):
             ("nodes", items([f"{len(self.q)}"])),
             ("residual of constraint rows", items([f"{self.residual:.1g}"])),
         ]
+        waits = float(np.diff(self.time)[~self.v.any(axis=1)].sum())
+        if waits:
+            lines.append(("waits for obstacles that move", items([f"{waits:.3g} s"])))
         if self.narrowest is not None:
             place = self.narrowest
             lines.append(("narrowest place", items([f"{place.distance:.3g} m at {place.time:.3g} s, {place.pair}"])))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
+from importlib import import_module
 from typing import Annotated
 
 import numpy as np
@@ -27,9 +29,11 @@ from rnc_pin.planning.way_checking import WayChecker
 from rnc_pin.planning.way_goals import WayGoals, check_configuration, validated_configuration
 from rnc_pin.planning.way_propagation import DEVIATION, PropagatedSearch
 from rnc_pin.planning.way_search import SHORTER, SearchBudget, WaySearch, in_slices, speed_limits
+from rnc_pin.planning.way_timing import TimedWay, WayTiming
 
 _FIRST = 400  # motions of the first search, in which joints stay within the range of start and goals
 _ATTEMPT = 4000  # motions of each further search, before it starts again with other random numbers
+_POSED = 4  # crossings that ways lead around
 _BASES = ("JointModelPlanar", "JointModelFreeFlyer")
 
 
@@ -42,6 +46,7 @@ class WaySettings:
         goals: largest number of configurations that are tried for a goal of outputs.
         shortcuts: number of attempts to shorten each way.
         improve: number of motions that may be checked to find faster ways after the first one.
+        wait: longest time that a way waits in all for obstacles that move [s].
         motions: number of checked motions after which the search ends, whatever the time; None for any number. OMPL
             may finish an iteration, which checks a few more.
         hold: names of joints that keep their positions.
@@ -62,6 +67,7 @@ class WaySettings:
     shortcuts: Annotated[int, Ge(0)] = 100
     improve: Annotated[int, Ge(0)] = 0
     motions: Annotated[int, Ge(1)] | None = None
+    wait: NotNegative = 30.0
     hold: Sequence[str] = ()
     area: ArrayLike | None = None
     reverse: bool = True
@@ -69,6 +75,8 @@ class WaySettings:
     def __post_init__(self) -> None:
         if not 0.0 < self.seconds < np.inf:
             raise InputError(f"seconds: expected a positive number, found {self.seconds!r}")
+        if not 0.0 <= self.wait < np.inf:
+            raise InputError(f"wait: expected a number of at least 0 s, found {self.wait!r}")
         counts = [("goals", self.goals, 1), ("shortcuts", self.shortcuts, 0), ("improve", self.improve, 0)]
         for name, value, least in counts + ([] if self.motions is None else [("motions", self.motions, 1)]):
             if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < least:
@@ -96,20 +104,24 @@ def find_way(
     method. A motion counts as free only if bounds of the distances show it, between samples too. Then the way becomes
     shorter, as far as this makes it faster. The same seed gives the same way, unless the time is up before.
 
+    Obstacles that move start at time zero, as the way does. A way waits where they cross it, as little as it has to, or
+    leads around the place where they do. Bounds show that nothing comes too near until the way ends. They do not tell
+    what comes to the goal later.
+
     The position limits of the robot's file hold. Wheels that follow end at any angle.
 
     Args:
         reduced: the model.
         q0: start (nq,).
         goal: values by output, as for ``solve_ik``, or a configuration (nq,).
-        obstacles: obstacles that do not move.
+        obstacles: obstacles, at rest or with a motion.
         selection: rules for pairs of links; by default all pairs that are not adjacent.
         clearance: smallest distance to obstacles [m]. The check has a tolerance of 1 mm, or 1 % of the largest link.
         settings: settings of the search.
         seed: seed of all random choices.
 
     Raises:
-        ConfigurationError: OMPL is not installed, rows prescribe a motion, or an obstacle moves.
+        ConfigurationError: OMPL is not installed, or rows prescribe a motion.
         InfeasibleError: the start or the goal is in collision or beyond a limit, or no way is found in the time. The
             message names the nearest place and the pair that blocks most motions; ``error.q`` is the nearest
             configuration that was reached.
@@ -135,7 +147,7 @@ class WayFinder:
     Args:
         reduced: the model.
         q0: a configuration (nq,). Links that touch each other there are not checked against each other.
-        obstacles: obstacles that do not move.
+        obstacles: obstacles, at rest or with a motion.
         selection: rules for pairs of links.
         clearance: smallest distance to obstacles [m].
         settings: settings of the search.
@@ -143,7 +155,7 @@ class WayFinder:
     Attributes:
         steering: exact steering; None if motions are propagated.
         planned: mask (nv,) of the velocities that are planned.
-        checker: check of motions; None for a robot without geometry among no obstacles.
+        checker: check of motions beside obstacles that stand; None for a robot without geometry among none.
     """
 
     def __init__(
@@ -159,16 +171,22 @@ class WayFinder:
         if not 0.0 <= clearance < np.inf:
             raise InputError(f"clearance: expected a number of at least 0 m, found {clearance!r}")
         start = validated_configuration(reduced, q0)
-        for obstacle in obstacles:
-            if obstacle.motion is not None:
-                raise ConfigurationError(
-                    f"find_way: obstacle '{obstacle.name}' moves; a way is for obstacles that stand"
-                )
-        self._reduced, self._settings, self._obstacles = reduced, settings, obstacles
+        self._reduced, self._settings, self._reference = reduced, settings, start
         self.steering = _steering(reduced, start, settings)
         self.planned = planned_velocities(reduced, start) if self.steering is None else self.steering.planned
-        apart = clearance if self.steering else clearance + DEVIATION
-        self.checker = _checker(reduced, start, obstacles, selection, apart)
+        self._selection, self._apart = selection, clearance if self.steering else clearance + DEVIATION
+        self._use(obstacles)
+
+    def _use(self, obstacles: Sequence[Obstacle]) -> None:
+        self._obstacles = [each for each in obstacles if each.motion is None]
+        self._moving = [each for each in obstacles if each.motion is not None]
+        self.checker = _checker(self._reduced, self._reference, self._obstacles, self._selection, self._apart)
+
+    def among(self, obstacles: Sequence[Obstacle]) -> WayFinder:
+        """The same search among other obstacles."""
+        other = copy(self)
+        other._use(obstacles)
+        return other
 
     def slices(
         self,
@@ -216,8 +234,48 @@ class WayFinder:
         Raises:
             InfeasibleError: as for ``find_way``.
         """
+        budget = SearchBudget(self._settings.seconds, self._settings.motions, pause, slice_size)
+        yield from self._timed(q0, goal, seed, budget) if self._moving else self._standing(q0, goal, seed, budget)
+
+    def _timed(
+        self, q0: ArrayLike, goal: Mapping[OutputTarget, ArrayLike] | ArrayLike, seed: int, budget: SearchBudget
+    ) -> Iterator[Way]:
+        """Ways among obstacles that move. One that crosses a way at any time stands there in the next search."""
+        links, every = PairSelection(links=False), [*self._obstacles, *self._moving]
+        moving, both = (CollisionDistances(self._reduced.robot, each, links) for each in (self._moving, every))
+        wait, names = self._settings.wait, list[str]()
+        timing = WayTiming(WayChecker(moving, self._apart, budget.spend), WayChecker(both, self._apart), wait)
+        posed: list[Obstacle] = []
+        best, timed = np.inf, TimedWay(None)
+        while len(posed) <= _POSED:
+            finder, again = self.among([*self._obstacles, *posed]), budget.renewed()
+            try:
+                for way in finder._standing(q0, goal, seed, again):
+                    if way.duration < best:
+                        timed = timing.timed(way)
+                    if timed.way is not None and timed.way.duration < best:
+                        best = timed.way.duration
+                        yield timed.way
+            except InfeasibleError as error:
+                if not posed:
+                    raise
+                reason: InfeasibleError | None = error
+                break
+            if best < np.inf:
+                return
+            assert timed.crossing is not None
+            names.append(timed.crossing.name)
+            posed.append(replace(timed.crossing.at_rest(timed.at), name=f"{timed.crossing.name} at {timed.at:.4g} s"))
+            reason = None
+        crossed = ", ".join(dict.fromkeys(names))
+        text = f"find_way: ways are crossed by {crossed}, and no wait of up to {wait:g} s helps"
+        raise InfeasibleError(text) from reason
+
+    def _standing(
+        self, q0: ArrayLike, goal: Mapping[OutputTarget, ArrayLike] | ArrayLike, seed: int, budget: SearchBudget
+    ) -> Iterator[Way]:
+        """Ways among the obstacles that stand."""
         settings, reduced, checker = self._settings, self._reduced, self.checker
-        budget = SearchBudget(settings.seconds, settings.motions, pause, slice_size)
         start = validated_configuration(reduced, q0)
         if checker is not None:
             checker = WayChecker(checker.distances, checker.clearance, budget.spend)
@@ -303,6 +361,7 @@ def _steering(reduced: ReducedModel, start: Array, settings: WaySettings) -> Ste
             ) from None
         return None
     check_extra("ompl", "find_way")
+    import_module("ompl.geometric")  # here rather than in the first slice of a search
     return steering
 
 

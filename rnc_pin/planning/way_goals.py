@@ -87,9 +87,7 @@ class WayGoals:
         self._budget, self._most, self._hold = budget, most, hold
         self._descended = partial(budget.spend, _DESCENT)
 
-    def of(
-        self, goal: Mapping[OutputTarget, ArrayLike] | ArrayLike, start: Array, seed: int
-    ) -> Float[Array, "n nq"]:
+    def of(self, goal: Mapping[OutputTarget, ArrayLike] | ArrayLike, start: Array, seed: int) -> Float[Array, "n nq"]:
         """Configurations (n, nq) that reach a goal, without collisions."""
         if not isinstance(goal, Mapping):
             end = validated_configuration(self._reduced, goal)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator, Sequence
+from itertools import pairwise
 from queue import SimpleQueue
 from threading import Thread
-from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
@@ -70,6 +70,11 @@ class SearchBudget:
         if self._pause is not None and self._spent >= self._slice:
             self._spent = 0.0
             self._pause()
+
+    def renewed(self) -> SearchBudget:
+        """Budget of another search in the time that is left."""
+        most = None if self._most == np.inf else int(self._most)
+        return SearchBudget(max(self.seconds - self.elapsed, 0.0), most, self._pause, self._slice)
 
     def limit(self, further: int) -> None:
         """Allow a number of further motions at most."""
@@ -221,9 +226,7 @@ class WaySearch:
             planner.setProblemDefinition(problem)
             planner.setup()
             budget = self._budget
-            over = ob.PlannerTerminationCondition(
-                lambda: bool(failed) or budget.is_over or budget.motions >= last
-            )
+            over = ob.PlannerTerminationCondition(lambda: bool(failed) or budget.is_over or budget.motions >= last)
             planner.solve(over)
             if failed:
                 raise failed[0]

@@ -6,7 +6,7 @@ import pytest
 
 import rnc_pin as rnc
 from benchmarks.planned_models import car, mobile_manipulator, tractor
-from rnc_pin.control import NavigationController
+from rnc_pin.control import NavigationController, WayFollowing
 from rnc_pin.planning.kinematic_flow import KinematicFlow
 from systems import ROLLERS, WHEEL, mecanum, with_box
 
@@ -71,7 +71,7 @@ def closest(reduced, rows, obstacles):
 def test_a_robot_drives_through_a_gap_to_its_goal(kind):
     reduced, obstacles = SYSTEMS[kind](), wall(0.5, width=1.6)
     goal = at_pose(reduced, 3.5, 0.5)
-    controller = NavigationController(reduced, goal, obstacles, clearance=0.06, tolerance=0.01)
+    controller = NavigationController(reduced, goal, obstacles, clearance=0.06, following=WayFollowing(tolerance=0.01))
     rows = driven(reduced, controller, at_pose(reduced, -0.5, 0.0), 25.0)
     assert rows[-1][3] == "arrived"
     assert not controller.missed_goals(rows[-1][1], np.zeros(reduced.r))
@@ -81,7 +81,9 @@ def test_a_robot_drives_through_a_gap_to_its_goal(kind):
 def test_a_door_closes_and_the_robot_takes_the_other_one():
     reduced = unicycle()
     both, one = wall(0.0, 2.0), wall(2.0)
-    controller = NavigationController(reduced, at_pose(reduced, 3.0, 0.0), both, acceleration=1.0)
+    controller = NavigationController(
+        reduced, at_pose(reduced, 3.0, 0.0), both, following=WayFollowing(acceleration=1.0)
+    )
     shut = []
 
     def world(t, q):
@@ -153,7 +155,8 @@ def test_a_robot_that_is_pushed_off_its_way_plans_again():
 def test_the_same_measurements_give_the_same_commands_also_from_a_state_of_another_controller():
     reduced, obstacles = unicycle(), wall(2.0)
     q, goal = at_pose(reduced, -1.0, 0.0), at_pose(reduced, 3.0, 0.0)
-    first, second = (NavigationController(reduced, goal, obstacles, slice_size=5, settings=FAST) for _ in range(2))
+    small = WayFollowing(slice_size=40)
+    first, second = (NavigationController(reduced, goal, obstacles, following=small, settings=FAST) for _ in range(2))
     measured = reduced.at(q, np.zeros(reduced.r)).measure(np.zeros(reduced.r))
     states = [first.initial_state(measured)]
     while first.status == "replanning":
@@ -162,17 +165,15 @@ def test_the_same_measurements_give_the_same_commands_also_from_a_state_of_anoth
     state = states[len(states) // 2]
     while second.status == "replanning":
         state = second.step(0.0, measured, state)[1]
-    assert np.array_equal(state.q, states[-1].q)
-    assert np.array_equal(state.gains, states[-1].gains)
+    assert np.array_equal(state.way.q, states[-1].way.q)
+    assert np.array_equal(state.way.gains, states[-1].way.gains)
 
 
 def test_what_it_refuses():
-    reduced = unicycle()
-    goal = at_pose(reduced, 1.0, 0.0)
     with pytest.raises(rnc.ConfigurationError, match=r"speed: expected a share of the velocity limits up to 1"):
-        NavigationController(reduced, goal, speed=1.2)
+        WayFollowing(speed=1.2)
     with pytest.raises(rnc.ConfigurationError, match=r"tube: expected a positive number"):
-        NavigationController(reduced, goal, tube=0.0)
+        WayFollowing(tube=0.0)
     trailer = tractor(1)
     with pytest.raises(rnc.ConfigurationError, match=r"no exact steering is known"):
         NavigationController(trailer, trailer.robot.configuration())

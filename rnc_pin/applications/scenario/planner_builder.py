@@ -157,7 +157,9 @@ def _first_guess(
         selection, clearance = PairSelection(links=settings.links), settings.clearance or 0.0
         beside = () if settings.clearance is None else obstacles
         way = find_way(reduced, start.q, goal, beside, selection=selection, clearance=clearance, seed=scenario.seed)
-        return way.at(np.linspace(0.0, way.duration, _POINTS))
+        moves = any(each.motion is not None for each in beside)  # the plan then has to keep the times of the way
+        until = max(way.duration, float(np.mean(settings.duration))) if moves else way.duration
+        return way.at(np.linspace(0.0, until, _POINTS))
     return None if settings.guess is None else _guess(settings, reduced, start, goal)
 
 

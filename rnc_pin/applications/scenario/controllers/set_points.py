@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from dataclasses import fields, replace
 from typing import Annotated, ClassVar, Literal, cast
 
 from pydantic import Field
@@ -14,9 +15,15 @@ from rnc_pin.applications.scenario.schema.base import Positive
 from rnc_pin.applications.scenario.schema.derived import part
 from rnc_pin.applications.scenario.schema.planner_settings import LimitItem, MotionProblem, WeightSetting
 from rnc_pin.collision import PairSelection
-from rnc_pin.control import ActuatorVelocityController, Controller, KinematicController, NavigationController
+from rnc_pin.control import (
+    ActuatorVelocityController,
+    Controller,
+    KinematicController,
+    NavigationController,
+    WayFollowing,
+)
 from rnc_pin.optimal import EffortCost, PredictiveController, SetPointController, SetPointCost, UpdateSchedule
-from rnc_pin.planning import WaySettings
+from rnc_pin.optimal.navigation import SEARCH
 
 _FORM = {"form": Literal["acceleration", "dynamic"]}
 _POINT = part(
@@ -32,18 +39,8 @@ _POINT = part(
     "velocities",
     forms=_FORM,
 )
-_NAVIGATION = part(
-    NavigationController,
-    "clearance",
-    "acceleration",
-    "speed",
-    "tube",
-    "tolerance",
-    "check",
-    "slice_size",
-    "state_cost",
-    "seed",
-)
+_NAVIGATION = part(NavigationController, "clearance", "seed")
+_FOLLOWING = part(WayFollowing, *(each.name for each in fields(WayFollowing)))
 _PREDICTIVE = part(PredictiveController, "horizon", "form", "nodes", "velocities", forms=_FORM)
 _COST = part(
     SetPointCost,
@@ -126,7 +123,7 @@ class PredictiveSettings(_ToSetPoint, _PREDICTIVE.model, _COST.model, _SCHEDULE.
         )
 
 
-class NavigationSettings(_ToGoal, _NAVIGATION.model):  # type: ignore[name-defined, misc]
+class NavigationSettings(_ToGoal, _NAVIGATION.model, _FOLLOWING.model):  # type: ignore[name-defined, misc]
     """A way to a goal at rest around the obstacles, and another one where it is blocked."""
 
     velocities: ClassVar[bool] = True
@@ -137,9 +134,9 @@ class NavigationSettings(_ToGoal, _NAVIGATION.model):  # type: ignore[name-defin
     """Values at rest by names of outputs. An orientation needs all its rows."""
     links: bool = True
     """True to check links of the robot against each other too."""
-    motions: Annotated[int, Field(ge=1)] = 20_000
+    motions: Annotated[int, Field(ge=1)] = SEARCH.motions or 1
     """Number of checked motions after which a search ends without a way."""
-    improve: Annotated[int, Field(ge=0)] = 300
+    improve: Annotated[int, Field(ge=0)] = SEARCH.improve
     """Number of motions that a search checks for faster ways after the first one."""
 
     def _controller(self, context: ControllerContext) -> NavigationController:
@@ -149,5 +146,6 @@ class NavigationSettings(_ToGoal, _NAVIGATION.model):  # type: ignore[name-defin
             goal=goal_of(self.goal, context.outputs, context.reduced),
             obstacles=context.obstacles,
             selection=PairSelection(links=self.links),
-            settings=WaySettings(motions=self.motions, improve=self.improve),
+            settings=replace(SEARCH, motions=self.motions, improve=self.improve),
+            following=_FOLLOWING.build(self),
         )

@@ -1,0 +1,202 @@
+"""Motion along a way: speeds within an acceleration, stops where the velocity jumps, feedback, and predictions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+from numpy.typing import ArrayLike
+
+from rnc_pin.array_shapes import Bool, Float
+from rnc_pin.errors import ConfigurationError
+from rnc_pin.model.parameter_types import Positive, check_positive_settings
+from rnc_pin.optimal.action_models import KinematicModel, Nodes
+from rnc_pin.optimal.plan_feedback import regulator_gains
+from rnc_pin.planning.way import Way
+
+_SPACING = 0.05  # [m or rad]; largest displacement between two gains of the feedback
+_SAME = 1e-9  # relative difference of velocities without a stop between them
+_END = 1e-9  # [s] before a place of the way that counts as the place
+
+
+@dataclass(frozen=True)
+class WayFollowing:
+    """Settings of a robot that follows a way among obstacles.
+
+    Attributes:
+        acceleration: largest rate of each entry of the velocity along the way [m/s^2 or rad/s^2].
+        speed: share of the velocity limits of the robot's file that the way uses.
+        tube: distance of the robot from the way from which it plans again [m or rad].
+        tolerance: error at the goal above which it plans again [m or rad].
+        check: time between two looks at obstacles that move [s].
+        horizon: time ahead for which the motions of obstacles count [s].
+        state_cost: weight of the distance from the way in the gains of the feedback.
+        slice_size: effort of a step of a search, about 1 for 0.1 ms. It is counted, and does not depend on the
+            computer.
+
+    Raises:
+        ConfigurationError: a number is out of range.
+
+    Example:
+        >>> rnc.control.WayFollowing(acceleration=1.5).horizon
+        10.0
+    """
+
+    acceleration: Positive = 0.5
+    speed: Positive = 0.8
+    tube: Positive = 0.05
+    tolerance: Positive = 0.02
+    check: Positive = 0.1
+    horizon: Positive = 10.0
+    state_cost: Positive = 10.0
+    slice_size: Positive = 100.0
+
+    def __post_init__(self) -> None:
+        check_positive_settings(**{each.name: getattr(self, each.name) for each in fields(self)})
+        if self.speed > 1.0:
+            raise ConfigurationError(f"speed: expected a share of the velocity limits up to 1, found {self.speed:g}")
+
+
+class FollowedWay(NamedTuple):
+    """Way with the gains of its feedback. Places are times of the way at its largest speeds [s]."""
+
+    time: Float[Array, " n"]
+    """Places of the nodes."""
+    q: Float[Array, "n nq"]
+    v: Float[Array, "k nv"]
+    sizes: Float[Array, " k"]
+    """Largest entry of the planned velocities after each node."""
+    stops: Float[Array, " k"]
+    """Next place at which the velocity jumps, after each node."""
+    places: Float[Array, " m"]
+    """Places of the gains."""
+    gains: Float[Array, "m r nv"]
+
+    @property
+    def end(self) -> float:
+        """Place of the goal."""
+        return float(self.time[-1])
+
+    def segment(self, place: float) -> int:
+        """Segment after a place."""
+        return min(max(int(self.time.searchsorted(place + _END, "right")) - 1, 0), len(self.v) - 1)
+
+
+class Progress(NamedTuple):
+    """Place on a way, its rate, and the rate of this in the last step [1/s]."""
+
+    place: float = 0.0
+    speed: float = 0.0
+    rate: float = 0.0
+
+
+class WayFollower:
+    """Motion along ways.
+
+    Args:
+        model: kinematic form of the model.
+        planned: mask (nv,) of the velocities that are planned.
+        following: settings.
+    """
+
+    def __init__(self, model: KinematicModel, planned: Bool[Array, " nv"], following: WayFollowing) -> None:
+        self._model, self._planned, self._following = model, planned, following
+
+    def standing(self, q: Float[Array, " nq"]) -> FollowedWay:
+        """Way that stays at a configuration."""
+        nv, none = len(self._planned), np.zeros(0)
+        return FollowedWay(
+            np.zeros(1), q[None], np.zeros((0, nv)), none, none, np.zeros(1), np.zeros((1, self._model.nu, nv))
+        )
+
+    def followed(self, way: Way) -> FollowedWay:
+        """Way with the gains of a linear-quadratic regulator from each place to the next, at the speeds of the way."""
+        if not len(way.v):
+            return self.standing(way.q[0])
+        durations, v = np.diff(way.time), np.where(self._planned, way.v, 0.0)
+        speeds = np.abs(v).max(axis=1)
+        counts = np.maximum(np.ceil(speeds * durations / _SPACING), 1.0).astype(int)
+        h, k = np.repeat(durations / counts, counts), np.repeat(np.arange(len(v)), counts)
+        places = np.concatenate([[0.0], np.cumsum(h)[:-1]])
+        q = way.at(places)
+        u = np.matvec(self._model.reduced.at(q).J2, way.v[k])
+        weights = np.where(self._planned, self._following.state_cost, 0.0)
+        ones = np.ones(self._model.nu)
+        gains = regulator_gains(self._model, Nodes(q, np.empty((len(q), 0))), u, h, (weights, ones, 10.0 * weights))
+        jumps = np.abs(np.diff(v, axis=0)).max(axis=1) > _SAME * speeds[:-1]
+        ends = np.where(np.append(jumps, True), way.time[1:], np.inf)
+        stops = np.minimum.accumulate(ends[::-1])[::-1]
+        return FollowedWay(way.time, way.q, way.v, speeds, stops, places, gains)
+
+    def at(self, way: FollowedWay, places: ArrayLike) -> Float[Array, "k nq"]:
+        """Configurations (k, nq) at places of the way."""
+        s = np.atleast_1d(np.asarray(places, dtype=float))
+        if not len(way.v):
+            return np.repeat(way.q[:1], len(s), axis=0)
+        k = np.clip(np.searchsorted(way.time, s, "right") - 1, 0, len(way.v) - 1)
+        return self._model.manifold.integrate(way.q[k], (s - way.time[k])[:, None] * way.v[k])
+
+    def away(self, way: FollowedWay, place: float, q: Float[Array, " nq"]) -> float:
+        """Distance of the planned joints from a place of the way [m or rad]."""
+        step = self._model.manifold.difference(self.at(way, place), q[None])[0]
+        return float(np.abs(step[self._planned]).max(initial=0.0))
+
+    def command(
+        self, way: FollowedWay, progress: Progress, q: Float[Array, " nq"]
+    ) -> tuple[Float[Array, " r"], Float[Array, " r"]]:
+        """Reduced velocity with feedback, and the reduced acceleration along the way."""
+        if not progress.speed:
+            still = np.zeros(self._model.nu)
+            return still, still
+        desired = self.at(way, progress.place)
+        along = self._model.reduced.at(desired[0]).J2 @ way.v[way.segment(progress.place)]
+        K = way.gains[min(int(way.places.searchsorted(progress.place, "right")), len(way.gains)) - 1]
+        correction = K @ self._model.manifold.difference(desired, q[None])[0]
+        return progress.speed * (along + correction), progress.rate * along
+
+    def moved(self, way: FollowedWay, progress: Progress, end: float, since: float) -> Progress:
+        """Progress after a time [s]: the speed rises, stays, or falls so that the robot stops at a place."""
+        place, speed = progress.place, progress.speed
+        if not len(way.v) or place >= end:
+            return Progress(place)
+        k = way.segment(place)
+        last, most = min(float(way.stops[k]), end), self._following.acceleration / float(way.sizes[k])
+        room = max(last - place - 0.5 * speed * since, 0.0)
+        top = most * ((0.25 * since**2 + 2.0 * room / most) ** 0.5 - 0.5 * since)
+        new = max(min(self._following.speed, speed + most * since, top), speed - most * since, 0.0)
+        place += 0.5 * (speed + new) * since
+        if place >= last - _END:
+            return Progress(last)
+        return Progress(place, new, (new - speed) / since if since else 0.0)
+
+    def braked(self, way: FollowedWay, progress: Progress) -> float:
+        """Place at which the robot stops if it brakes now."""
+        if not progress.speed:
+            return progress.place
+        k = way.segment(progress.place)
+        most = self._following.acceleration / float(way.sizes[k])
+        return min(progress.place + 0.5 * progress.speed**2 / most, float(way.stops[k]))
+
+    def predicted(
+        self, way: FollowedWay, progress: Progress, end: float, since: float
+    ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+        """Times from now [s] and places until the horizon, for a robot that drives to a place, and stands there.
+
+        Args:
+            way: the way.
+            progress: progress now.
+            end: place at which the robot stops.
+            since: time of a step [s].
+        """
+        times, places = [0.0], [progress.place]
+        while times[-1] < self._following.horizon:
+            progress = self.moved(way, progress, end, since)
+            times.append(times[-1] + since)
+            places.append(progress.place)
+            if progress.place >= end:
+                times.append(max(times[-1], self._following.horizon))
+                places.append(end)
+                break
+        return np.array(times), np.array(places)
