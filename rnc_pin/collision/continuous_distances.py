@@ -94,7 +94,7 @@ def _chunks(places: int, pairs: int) -> Iterator[slice]:
 
 
 def _near(
-    distances: CollisionDistances, placed: PlacedBodies, pairs: Int[Array, " k"], within: float
+    distances: CollisionDistances, placed: PlacedBodies, pairs: Int[Array, " k"], within: float | Float[Array, " k"]
 ) -> Float[Array, "n k 4"]:
     """Distances and normals of pairs at all places. Beyond ``within`` lower bounds, with NaN as normals."""
     found = np.full((len(placed.joints), len(pairs), 4), np.nan)
@@ -118,7 +118,6 @@ def continuous_distances(
     tolerance: float | None = None,
     samples: Int[Array, " n"] | None = None,
     exact: float | None = None,
-    spend: Callable[[float], None] | None = None,
 ) -> ContinuousDistances:
     """Find the smallest distance of each pair along a motion whose joints move at constant rate between samples.
 
@@ -131,7 +130,6 @@ def continuous_distances(
         samples: samples that count, with the first and the last one; all by default. A smallest distance is not larger
             than the distance at any of them if this is below ``exact``.
         exact: distance up to which samples have no tolerance [m]; ``within`` by default. A smaller one is faster.
-        spend: called after each part with its effort, about 1 for 0.1 ms; a search in slices pauses there.
 
     Raises:
         InputError: times decrease, or do not belong to the configurations.
@@ -160,7 +158,36 @@ def continuous_distances(
     motion = SampledMotion(distances.robot.model, time, q, distances.obstacles)
     curves = DistanceCurves(distances, time[chosen], q[chosen], within)
     bounds = within, within if exact is None else exact, max(accuracy, _FINEST)
-    return _Search(distances, motion, chosen, *bounds).result(curves, spend or _ignored)
+    return _Search(distances, motion, chosen, *bounds).result(curves)
+
+
+def too_near(
+    distances: CollisionDistances,
+    time: Float[Array, " N"],
+    q: Float[Array, "N nq"],
+    least: Float[Array, " k"],
+    tolerance: float,
+    *,
+    at_samples: bool = True,
+    spend: Callable[[float], None] | None = None,
+) -> tuple[int, float] | None:
+    """First pair that is found to be nearer than allowed along a motion, and when [s].
+
+    None if bounds show that no pair is nearer than its distance less the tolerance.
+
+    Args:
+        distances: pairs of a robot and its obstacles.
+        time: times (N,) of the motion [s], not decreasing.
+        q: configurations (N, nq).
+        least: smallest distance (k,) that each pair may have [m].
+        tolerance: tolerance of the distances between samples [m].
+        at_samples: True if samples have no tolerance.
+        spend: called after each part with its effort, about 1 for 0.1 ms; a search in slices pauses there.
+    """
+    motion = SampledMotion(distances.robot.model, time, q, distances.obstacles)
+    exact = float(least.max(initial=0.0)) if at_samples else -np.inf
+    search = _Search(distances, motion, np.arange(len(q)), least, exact, max(tolerance, _FINEST))
+    return search.violation(spend or _ignored)
 
 
 def _ignored(effort: float) -> None:
@@ -217,7 +244,7 @@ class _Search:
         distances: CollisionDistances,
         motion: SampledMotion,
         samples: Int[Array, " n"],
-        within: float,
+        within: float | Float[Array, " k"],
         exact: float,
         tolerance: float,
     ) -> None:
@@ -232,16 +259,33 @@ class _Search:
         self._largest = np.full(count, -np.inf)
         self._bounds = PairBounds(distances)
 
-    def result(self, curves: DistanceCurves, spend: Callable[[float], None]) -> ContinuousDistances:
+    def result(self, curves: DistanceCurves) -> ContinuousDistances:
         """Smallest distances, after a first look at every few samples."""
-        entries, most = self._first_look(spend), len(self._samples) + _MOST_PLACES
-        while len(entries.pair) and len(self._places) < most:
-            spend(_ROUND + _ENTRY * len(entries.pair))
-            entries = self._halved(entries)
+        entries = self._refined(_ignored, below=-np.inf)
         uncertain = np.zeros(len(self._best), dtype=bool)
         uncertain[entries.pair] = True
         kind = self._largest - self._best < _UNCHANGED, uncertain
-        return ContinuousDistances(self._best, self._best_time, *kind, self._within, self._tolerance, curves)
+        return ContinuousDistances(self._best, self._best_time, *kind, curves.within, self._tolerance, curves)
+
+    def violation(self, spend: Callable[[float], None]) -> tuple[int, float] | None:
+        """First pair that is found below its distance, or that stays uncertain; None for none."""
+        entries = self._refined(spend, self._within)
+        below = self._best - self._within
+        if below.min(initial=0.0) < 0.0:
+            worst = int(np.argmin(below))
+        elif len(entries.pair):
+            worst = int(entries.pair[0])
+        else:
+            return None
+        return worst, float(self._best_time[worst])
+
+    def _refined(self, spend: Callable[[float], None], below: float | Float[Array, " k"]) -> _Entries:
+        """Entries that stay uncertain, or that are left when a pair is found below a distance."""
+        entries, most = self._first_look(spend), len(self._samples) + _MOST_PLACES
+        while len(entries.pair) and len(self._places) < most and not (self._best < below).any():
+            spend(_ROUND + _ENTRY * len(entries.pair))
+            entries = self._halved(entries)
+        return entries
 
     def _first_look(self, spend: Callable[[float], None]) -> _Entries:
         """Distances at every few samples, and the pairs and segments between them that need a closer look."""

@@ -41,7 +41,7 @@ class WayFollowing:
 
     Example:
         >>> rnc.control.WayFollowing(acceleration=1.5).horizon
-        10.0
+        8.0
     """
 
     acceleration: Positive = 0.5
@@ -49,9 +49,9 @@ class WayFollowing:
     tube: Positive = 0.05
     tolerance: Positive = 0.02
     check: Positive = 0.1
-    horizon: Positive = 10.0
+    horizon: Positive = 8.0
     state_cost: Positive = 10.0
-    slice_size: Positive = 100.0
+    slice_size: Positive = 60.0
 
     def __post_init__(self) -> None:
         check_positive_settings(**{each.name: getattr(self, each.name) for each in fields(self)})

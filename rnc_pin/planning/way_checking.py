@@ -9,13 +9,12 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.collision import CollisionDistances, ContinuousDistances, continuous_distances
-from rnc_pin.collision.continuous_distances import default_tolerance
+from rnc_pin.collision import CollisionDistances, continuous_distances
+from rnc_pin.collision.continuous_distances import default_tolerance, too_near
 from rnc_pin.model.configuration_manifold import ConfigurationManifold
 from rnc_pin.planning.exact_steering import ExactMotion
 
 _SPACING = 0.1  # [m or rad] between the samples that are looked at before the bounds
-_LOOKS = 32  # samples of a motion over time that are looked at before the bounds
 _LOOK = 2.0  # effort of a look at one configuration
 _HALVED = 1.0 - np.array([int(f"{k:04b}"[::-1], 2) for k in range(16)]) / 16.0
 """Fractions of a motion, in an order that finds collisions early: the end, the middle, the quarters, ..."""
@@ -79,10 +78,11 @@ class WayChecker:
         self.checked += 1
         if any(self.violation(q) is not None for q in self._samples(motion)):
             return False
-        found = self._found(np.arange(len(motion.q), dtype=float), motion.q)
-        close = (found.smallest < self._least) | found.uncertain
-        self.blocks[close] += 1
-        return not close.any()
+        time = np.arange(len(motion.q), dtype=float)
+        found = too_near(self.distances, time, motion.q, self._least, self.tolerance, spend=self._spend)
+        if found is not None:
+            self.blocks[found[0]] += 1
+        return found is None
 
     def crossing(self, time: Float[Array, " n"], q: Float[Array, "n nq"]) -> tuple[str, float]:
         """Obstacle that comes too near to a motion over time, and when [s]; "" if bounds show that all stay away.
@@ -91,20 +91,10 @@ class WayChecker:
             time: times (n,) [s], for obstacles that move.
             q: configurations (n, nq); joints move at constant rates between them.
         """
-        for k in np.unique(np.linspace(0, len(q) - 1, _LOOKS).astype(int)).tolist():
-            near = self.distances.smallest(q[k], float(time[k]), self.clearance + self.tolerance) - self._least
-            if near.min() <= 0.0:  # the bounds would search for the smallest distance of the motion
-                return self.distances.pairs[int(np.argmin(near))].names[1], float(time[k])
-        found = self._found(time, q)
-        close = (found.smallest < self._least) | found.uncertain
-        if not close.any():
+        found = too_near(self.distances, time, q, self._least, self.tolerance, at_samples=False, spend=self._spend)
+        if found is None:
             return "", float(time[-1])
-        worst = int(np.argmin(np.where(close, found.smallest - self._least, np.inf)))
-        return self.distances.pairs[worst].names[1], float(found.time[worst])
-
-    def _found(self, time: Float[Array, " n"], q: Float[Array, "n nq"]) -> ContinuousDistances:
-        within = self.clearance + self.tolerance
-        return continuous_distances(self.distances, time, q, within, self.tolerance, spend=self._spend)
+        return self.distances.pairs[found[0]].names[1], found[1]
 
     def _samples(self, motion: ExactMotion) -> Float[Array, "k nq"]:
         """Configurations along a motion."""
