@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import atexit
 import time
 from collections.abc import Callable, Generator, Sequence
 from itertools import pairwise
 from queue import SimpleQueue
 from threading import Thread
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from weakref import WeakSet
 
 import numpy as np
 from numpy import ndarray as Array
@@ -81,12 +83,22 @@ class SearchBudget:
         self._most = min(self._most, self.motions + further)
 
 
+_LIVE: WeakSet[Generator[object, None, None]] = WeakSet()
+
+
+@atexit.register
+def _close_searches() -> None:
+    """End the searches that stand still, with the objects of OMPL that they hold."""
+    for each in list(_LIVE):
+        each.close()
+
+
 class _Abandoned(BaseException):
     """End of a search that nobody continues."""
 
 
 def in_slices(work: Callable[[Callable[[_Result | None], None]], None]) -> Generator[_Result | None, None, None]:
-    """Yield what a function hands over, which stands still in between.
+    """Return a generator of what a function hands over, which stands still in between.
 
     The function runs in a thread of its own, as OMPL's search cannot be left and entered again: only one of both
     threads runs at a time. A generator that is closed, or forgotten, ends the thread.
@@ -94,6 +106,12 @@ def in_slices(work: Callable[[Callable[[_Result | None], None]], None]) -> Gener
     Args:
         work: function of a callback, which it calls with each result, and with None to pause.
     """
+    found = _slices(work)
+    _LIVE.add(found)
+    return found
+
+
+def _slices(work: Callable[[Callable[[_Result | None], None]], None]) -> Generator[_Result | None, None, None]:
     turns: SimpleQueue[bool] = SimpleQueue()
     results: SimpleQueue[tuple[_Result | None, BaseException | None, bool]] = SimpleQueue()
 
