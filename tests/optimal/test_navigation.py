@@ -104,6 +104,21 @@ def test_a_door_closes_and_the_robot_takes_the_other_one():
     assert rows[stood][1][0] - rows[k][1][0] == pytest.approx(speed**2 / (2 * 1.0), abs=1.5 * speed * DT)
 
 
+def test_a_robot_waits_for_a_cart_that_crosses_its_way():
+    reduced = unicycle()
+    motion = rnc.planning.MinimumJerk([1.5, 4.0, 0, 0], [1.5, -4.0, 0, 0], duration=9.0)
+    cart = Obstacle(coal.Box(0.6, 0.8, 1.0), name="cart", motion=motion)
+    quick = WayFollowing(acceleration=1.0)
+    controller = NavigationController(reduced, at_pose(reduced, 4.0, 0.0), [cart], following=quick)
+    rows = driven(reduced, controller, at_pose(reduced, -1.0, 0.0), 12.0)
+    words = [row[3] for row in rows]
+    order = [word for k, word in enumerate(words) if k == 0 or words[k - 1] != word]
+    assert order == ["replanning", "waiting", "following", "arrived"]
+    assert {row[4].reason for row in rows if row[3] == "waiting"} == {"waits for cart"}
+    distances = rnc.collision.CollisionDistances(reduced.robot, [cart], rnc.collision.PairSelection(links=False))
+    assert min(distances.smallest(q, t, 1.0).min() for t, q, *_ in rows) > 0.049
+
+
 def test_without_another_way_it_stops_and_says_so():
     reduced, shut = unicycle(), wall()
     area = [[-2, -3, -1], [5, 3, 1]]

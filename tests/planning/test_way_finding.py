@@ -1,5 +1,7 @@
 """Ways between configurations: exact, free of collisions between samples too, deterministic, or an honest error."""
 
+from typing import NamedTuple
+
 import coal
 import numpy as np
 import pinocchio as pin
@@ -199,9 +201,6 @@ def test_what_is_not_possible_is_one_line():
         find_way(reduced, at_pose(reduced, 1.5, 3.0), goal, gap(0.5))
     with pytest.raises(rnc.InfeasibleError, match=r"the goal is too near: .*/ left"):
         find_way(reduced, start, at_pose(reduced, 1.5, 3.0), gap(0.5))
-    moving = rnc.planning.MinimumJerk([2.0, -1.0, 0.5, 0.0], [2.0, 1.0, 0.5, 0.0], duration=4.0)
-    with pytest.raises(rnc.ConfigurationError, match="obstacle 'person' moves"):
-        find_way(reduced, start, goal, [Obstacle(coal.Sphere(0.2), name="person", motion=moving)])
     steering = "front_steering"
     with pytest.raises(rnc.InfeasibleError, match=f"beyond the position limit of joint '{steering}' by 0.5"):
         find_way(car(), at_pose(car(), 0.0, 0.0), at_pose(car(), 1.0, 0.0, front_steering=1.5))
@@ -301,6 +300,52 @@ def test_an_error_in_the_search_is_not_lost(monkeypatch):
     monkeypatch.setattr("rnc_pin.planning.way_checking.WayChecker.violation", interrupted)
     with pytest.raises(KeyboardInterrupt):
         find_way(*TASKS["car"]())
+
+
+def cart_across(y, speed=1.0):
+    """A cart that drives along y through the plane of the gap, at constant speed."""
+
+    class Across(NamedTuple):
+        size: int = 4
+
+        def at(self, t):
+            zeros = np.zeros(4)
+            return rnc.planning.ReferencePoint(
+                np.array([1.5, y - speed * t, 0.0, 0.0]), np.array([0.0, -speed, 0.0, 0.0]), zeros, zeros
+            )
+
+    return Obstacle(coal.Box(0.6, 0.8, 1.0), name="cart", motion=Across())
+
+
+def apart_in_time(way, obstacles):
+    """Smallest distance at dense samples of the time."""
+    distances = rnc.collision.CollisionDistances(way.reduced.robot, obstacles, rnc.collision.PairSelection(links=False))
+    return min(distances.smallest(way.at(t), t, 1.0).min() for t in np.arange(0.0, way.duration, 0.01).tolist())
+
+
+def test_a_way_waits_until_a_cart_has_passed():
+    reduced = unicycle()
+    length, width = (2 * np.ravel(reduced.robot.collision_model.geometryObjects[0].geometry.halfSide))[:2]
+    start, goal = at_pose(reduced, -1.0, 0.0), at_pose(reduced, 4.0, 0.0)
+    cart, clear = cart_across(3.0), 0.05
+    way = find_way(reduced, start, goal, [cart], clearance=clear)
+    # It drives at 1 m/s, and enters the lane when the cart has left it: both have straight sides.
+    leaves = 3.0 + 0.4 + width / 2 + clear
+    enters = 1.0 + 1.5 - 0.3 - length / 2 - clear
+    waits = np.diff(way.time)[~way.v.any(axis=1)].sum()
+    assert leaves - enters - clear < waits < leaves - enters + 0.25
+    assert way.duration == pytest.approx(5.0 + waits)
+    assert apart_in_time(way, [cart]) >= clear
+    assert way.narrowest.distance == pytest.approx(apart_in_time(way, [cart]), abs=2e-3)
+    # In time for the other side, it does not wait; and it drives around what it must not wait for.
+    assert find_way(reduced, start, goal, [cart_across(5.0)]).duration == pytest.approx(5.0)
+    around = find_way(reduced, start, goal, [cart], settings=WaySettings(wait=0.5))
+    assert apart_in_time(around, [cart]) > 0.01
+    assert np.diff(around.time)[~around.v.any(axis=1)].sum() <= 0.5
+    with pytest.raises(rnc.InfeasibleError, match=r"ways are crossed by cart, and no wait of up to 0 s helps"):
+        find_way(
+            reduced, start, goal, [*gap(0.8, 4.0), cart_across(3.0, 0.1)], settings=WaySettings(wait=0.0, motions=60)
+        )
 
 
 def test_without_ompl_there_is_one_clear_line(monkeypatch):
