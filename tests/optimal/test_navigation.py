@@ -108,9 +108,9 @@ def test_a_robot_waits_for_a_cart_that_crosses_its_way():
     reduced = unicycle()
     motion = rnc.planning.MinimumJerk([1.5, 4.0, 0, 0], [1.5, -4.0, 0, 0], duration=9.0)
     cart = Obstacle(coal.Box(0.6, 0.8, 1.0), name="cart", motion=motion)
-    quick = WayFollowing(acceleration=1.0)
+    quick = WayFollowing(acceleration=1.0, check=0.25, horizon=6.0)
     controller = NavigationController(reduced, at_pose(reduced, 4.0, 0.0), [cart], following=quick)
-    rows = driven(reduced, controller, at_pose(reduced, -1.0, 0.0), 12.0)
+    rows = driven(reduced, controller, at_pose(reduced, -1.0, 0.0), 11.0)
     words = [row[3] for row in rows]
     order = [word for k, word in enumerate(words) if k == 0 or words[k - 1] != word]
     assert order == ["replanning", "waiting", "following", "arrived"]

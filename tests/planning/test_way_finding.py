@@ -339,13 +339,12 @@ def test_a_way_waits_until_a_cart_has_passed():
     assert way.narrowest.distance == pytest.approx(apart_in_time(way, [cart]), abs=2e-3)
     # In time for the other side, it does not wait; and it drives around what it must not wait for.
     assert find_way(reduced, start, goal, [cart_across(5.0)]).duration == pytest.approx(5.0)
-    around = find_way(reduced, start, goal, [cart], settings=WaySettings(wait=0.5))
+    around = find_way(reduced, start, goal, [cart], settings=WaySettings(wait=0.5, shortcuts=20))
     assert apart_in_time(around, [cart]) > 0.01
     assert np.diff(around.time)[~around.v.any(axis=1)].sum() <= 0.5
+    slow, settings = cart_across(0.3, 0.05), WaySettings(wait=0.0, motions=60, area=[[-2, -2, 0], [5, 2, 1]])
     with pytest.raises(rnc.InfeasibleError, match=r"ways are crossed by cart, and no wait of up to 0 s helps"):
-        find_way(
-            reduced, start, goal, [*gap(0.8, 4.0), cart_across(3.0, 0.1)], settings=WaySettings(wait=0.0, motions=60)
-        )
+        find_way(reduced, start, goal, [*gap(0.8), slow], settings=settings)
 
 
 def test_without_ompl_there_is_one_clear_line(monkeypatch):
