@@ -111,8 +111,8 @@ def _run(program: InverseDynamicsQP, reduced: rnc.ReducedModel, q: np.ndarray) -
         begin = time.process_time()
         command, state = program.step(sample * _DT, measurement, state)
         used += time.process_time() - begin
-        efforts.append(command.T)
-        plant.apply(command.T)
+        efforts.append(np.array(command.T))
+        plant.apply(efforts[-1])
         plant.advance(_DT)
     return used / _SAMPLES, np.array(efforts)
 

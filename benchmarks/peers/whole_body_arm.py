@@ -111,8 +111,8 @@ def stepped(q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, 
     return y[: robot.nq], y[robot.nq :]
 
 
-def run(controller: Controller) -> dict[str, object]:
-    """Torques of all samples (samples, nv), and the processor time of a sample [s]."""
+def run(controller: Controller) -> tuple[float, list[list[float]]]:
+    """Processor time of a sample [s], and the torques of all samples (samples, nv)."""
     q, v, used, efforts = center, np.zeros(robot.nv), 0.0, []
     for wanted in problem["reference"]:
         arrays = [np.array(each) for each in wanted]
@@ -120,10 +120,9 @@ def run(controller: Controller) -> dict[str, object]:
         efforts.append(controller(q, v, arrays))
         used += time.process_time() - begin
         q, v = stepped(q, v, efforts[-1])
-    return {"efforts": np.array(efforts).tolist(), "time": used / len(efforts)}
+    return used / len(efforts), np.array(efforts).tolist()
 
 
 peer = sys.argv[1]
-runs = [run({"placo": placo, "tsid": tsid}[peer]()) for _ in range(problem["rounds"])]
-best = min(runs, key=lambda each: each["time"])
-print(json.dumps(best | {"version": importlib.metadata.version(peer)}))
+used, torques = min(run({"placo": placo, "tsid": tsid}[peer]()) for _ in range(problem["rounds"]))
+print(json.dumps({"time": used, "efforts": torques, "version": importlib.metadata.version(peer)}))
