@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
-from typing import Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -30,8 +30,6 @@ _SETTLE = 0.5  # [s] at rest until the measured configuration counts
 _END = 1e-9  # [s] before a time that counts as the time
 _STEP = 0.02  # [s]; time of a step of predictions before the first step
 _ALWAYS = 1e9  # [s]; searches end by motions, not by time
-SEARCH = WaySettings(seconds=_ALWAYS, motions=20_000, improve=100)
-"""Default settings of the searches."""
 
 Status = Literal["following", "waiting", "stopping", "replanning", "no way", "arrived"]
 
@@ -102,6 +100,7 @@ class NavigationController(DescribedMixin):
         seed: seed of the searches.
 
     Attributes:
+        search: default settings of the searches.
         status: of the last step: "following", "waiting", "stopping", "replanning", "no way" or "arrived".
         reason: why the robot does not follow a way.
 
@@ -125,6 +124,7 @@ class NavigationController(DescribedMixin):
     """
 
     described = ("clearance", "seed")
+    search: ClassVar[WaySettings] = WaySettings(seconds=_ALWAYS, motions=20_000, improve=100)
 
     def __init__(
         self,
@@ -134,12 +134,12 @@ class NavigationController(DescribedMixin):
         *,
         selection: PairSelection | None = None,
         clearance: NotNegative = 0.05,
-        settings: WaySettings = SEARCH,
+        settings: WaySettings = search,
         following: WayFollowing = WayFollowing(),  # noqa: B008
         seed: int = 0,
     ) -> None:
         self.clearance, self.following, self.seed, self.goal = clearance, following, seed, goal
-        motions = SEARCH.motions if settings.motions is None else settings.motions
+        motions = self.search.motions if settings.motions is None else settings.motions
         self._model = KinematicModel(reduced)
         self._rows = GoalRows(self._model, goal, at_rest=False) if isinstance(goal, Mapping) else None
         self._reference = reduced.robot.configuration() if isinstance(goal, Mapping) else np.array(goal, dtype=float)

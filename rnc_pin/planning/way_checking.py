@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.collision import CollisionDistances, continuous_distances
+from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection, continuous_distances
 from rnc_pin.collision.continuous_distances import default_tolerance, too_near
 from rnc_pin.model.configuration_manifold import ConfigurationManifold
 from rnc_pin.planning.exact_steering import ExactMotion
+from rnc_pin.robots.robot import Robot
 
 _SPACING = 0.1  # [m or rad] between the samples that are looked at before the bounds
 _LOOK = 2.0  # effort of a look at one configuration
@@ -119,3 +120,18 @@ class WayChecker:
         part = (at - time[k]) / max(time[k + 1] - time[k], 1e-300)
         place = self._manifold.interpolate(q[k], q[k + 1], np.array([part]))[0]
         return NarrowPlace(float(beside[nearest]), self.distances.pairs[nearest].label, place, at)
+
+
+def way_checker(
+    robot: Robot,
+    q0: Float[Array, " nq"],
+    obstacles: Sequence[Obstacle],
+    selection: PairSelection | None,
+    clearance: float,
+) -> WayChecker | None:
+    """Check of motions; None for a robot without geometry among no obstacles."""
+    geometry = robot.collision_model
+    if not obstacles and (geometry is None or not len(geometry.geometryObjects)):
+        return None
+    distances = CollisionDistances(robot, obstacles, selection, q0)
+    return WayChecker(distances, clearance) if distances.pairs else None

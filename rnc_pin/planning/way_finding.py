@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
-from rnc_pin.collision.convex_shapes import bounding_box
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError
 from rnc_pin.extras import check_extra
 from rnc_pin.model.parameter_types import NotNegative, Positive
@@ -25,10 +24,11 @@ from rnc_pin.planning.kinematic_flow import KinematicFlow
 from rnc_pin.planning.output_targets import OutputTarget
 from rnc_pin.planning.steering_detection import find_steering, planned_velocities
 from rnc_pin.planning.way import Way, WayInfo, way_along
-from rnc_pin.planning.way_checking import WayChecker
+from rnc_pin.planning.way_checking import WayChecker, way_checker
 from rnc_pin.planning.way_goals import WayGoals, check_configuration, validated_configuration
 from rnc_pin.planning.way_propagation import DEVIATION, PropagatedSearch
 from rnc_pin.planning.way_search import SHORTER, SearchBudget, WaySearch, in_slices, speed_limits
+from rnc_pin.planning.way_space import base_area
 from rnc_pin.planning.way_timing import TimedWay, WayTiming
 
 _FIRST = 400  # motions of the first search, in which joints stay within the range of start and goals
@@ -180,7 +180,7 @@ class WayFinder:
     def _use(self, obstacles: Sequence[Obstacle]) -> None:
         self._obstacles = [each for each in obstacles if each.motion is None]
         self._moving = [each for each in obstacles if each.motion is not None]
-        self.checker = _checker(self._reduced, self._reference, self._obstacles, self._selection, self._apart)
+        self.checker = way_checker(self._reduced.robot, self._reference, self._obstacles, self._selection, self._apart)
 
     def among(self, obstacles: Sequence[Obstacle]) -> WayFinder:
         """The same search among other obstacles."""
@@ -317,7 +317,7 @@ class WayFinder:
     ) -> WaySearch | PropagatedSearch:
         """Search between configurations: the start and the goals."""
         radius = 0.0 if self.steering is None else self.steering.radius
-        area = _area(self._reduced, radius, places, self._obstacles, checker, self._settings)
+        area = base_area(self._reduced, radius, places, self._obstacles, checker, self._settings.area)
         if self.steering is not None:
             return WaySearch(self.steering, checker, places, area, budget)
         flow, speeds = KinematicFlow(self._reduced), speed_limits(self._reduced, self.planned)
@@ -363,53 +363,6 @@ def _steering(reduced: ReducedModel, start: Array, settings: WaySettings) -> Ste
     check_extra("ompl", "find_way")
     import_module("ompl.geometric")  # here rather than in the first slice of a search
     return steering
-
-
-def _checker(
-    reduced: ReducedModel,
-    q0: Array,
-    obstacles: Sequence[Obstacle],
-    selection: PairSelection | None,
-    clearance: float,
-) -> WayChecker | None:
-    """Check of motions; None for a robot without geometry among no obstacles."""
-    geometry = reduced.robot.collision_model
-    if not obstacles and (geometry is None or not len(geometry.geometryObjects)):
-        return None
-    distances = CollisionDistances(reduced.robot, obstacles, selection, q0)
-    return WayChecker(distances, clearance) if distances.pairs else None
-
-
-def _area(
-    reduced: ReducedModel,
-    radius: float,
-    configurations: Float[Array, "n nq"],
-    obstacles: Sequence[Obstacle],
-    checker: WayChecker | None,
-    settings: WaySettings,
-) -> Float[Array, "2 3"]:
-    """Smallest and largest coordinates of the base."""
-    if settings.area is not None:
-        area = np.asarray(settings.area, dtype=float)
-        if area.shape != (2, 3) or not (area[0] < area[1]).all():
-            raise InputError(f"area: expected smallest and largest x, y and z (2, 3), found {area.tolist()}")
-        return area
-    base = reduced.robot.model.joints[1]
-    size = {"JointModelPlanar": 2, "JointModelFreeFlyer": 3}.get(base.shortname(), 0)
-    points = np.zeros((len(configurations), 3))
-    points[:, :size] = configurations[:, base.idx_q : base.idx_q + size]
-    corners = [points]
-    for obstacle in obstacles:
-        if not obstacle.unbounded:
-            center, halves = bounding_box(obstacle.shape, obstacle.name)
-            pose = obstacle.placement(0.0)
-            middle, reach = pose.act(center), np.abs(pose.rotation) @ halves
-            corners.append(np.array([middle - reach, middle + reach]))
-    every = np.concatenate(corners)
-    room = 1.0 + 2.0 * radius
-    if checker is not None:
-        room += 2.0 * float(checker.distances.radii[: checker.distances.link_shapes].max())
-    return np.array([every.min(axis=0) - room, every.max(axis=0) + room])
 
 
 def _failure(

@@ -8,10 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 from numpy import ndarray as Array
+from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.errors import ConfigurationError
+from rnc_pin.collision import Obstacle
+from rnc_pin.collision.convex_shapes import bounding_box
+from rnc_pin.errors import ConfigurationError, InputError
+from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.planning.exact_steering import Steering
+from rnc_pin.planning.way_checking import WayChecker
 from rnc_pin.robots.joint_values import NO_LIMIT
 
 if TYPE_CHECKING:
@@ -148,3 +153,35 @@ class WaySpace:
                     turn, entry = own.rotation(), entry + 3
                 q[entry : entry + 4] = turn.x, turn.y, turn.z, turn.w
         return pin.normalize(self._model, q)
+
+
+def base_area(
+    reduced: ReducedModel,
+    radius: float,
+    configurations: Float[Array, "n nq"],
+    obstacles: Sequence[Obstacle],
+    checker: WayChecker | None,
+    given: ArrayLike | None,
+) -> Float[Array, "2 3"]:
+    """Smallest and largest coordinates of the base."""
+    if given is not None:
+        area = np.asarray(given, dtype=float)
+        if area.shape != (2, 3) or not (area[0] < area[1]).all():
+            raise InputError(f"area: expected smallest and largest x, y and z (2, 3), found {area.tolist()}")
+        return area
+    base = reduced.robot.model.joints[1]
+    size = {"JointModelPlanar": 2, "JointModelFreeFlyer": 3}.get(base.shortname(), 0)
+    points = np.zeros((len(configurations), 3))
+    points[:, :size] = configurations[:, base.idx_q : base.idx_q + size]
+    corners = [points]
+    for obstacle in obstacles:
+        if not obstacle.unbounded:
+            center, halves = bounding_box(obstacle.shape, obstacle.name)
+            pose = obstacle.placement(0.0)
+            middle, reach = pose.act(center), np.abs(pose.rotation) @ halves
+            corners.append(np.array([middle - reach, middle + reach]))
+    every = np.concatenate(corners)
+    room = 1.0 + 2.0 * radius
+    if checker is not None:
+        room += 2.0 * float(checker.distances.radii[: checker.distances.link_shapes].max())
+    return np.array([every.min(axis=0) - room, every.max(axis=0) + room])

@@ -138,9 +138,7 @@ def test_the_car_parks_where_its_controller_has_its_goal():
 @pytest.mark.parametrize("open_door", [True, False])
 def test_the_robot_takes_the_other_door_or_says_that_no_way_is_left(open_door):
     changes = (
-        {"controller.improve": 300}
-        if open_door
-        else {"obstacles.1.box.size": [0.15, 3.0, 0.6], "obstacles.1.box.position": [0, -2.25, 0.1]}
+        {} if open_door else {"obstacles.1.box.size": [0.15, 3.0, 0.6], "obstacles.1.box.position": [0, -2.25, 0.1]}
     )
     area = {} if open_door else {"controller.motions": 20, "simulation.duration": 3}
     result = execute(Scenario.load("closing-door", {"plots": {}, "simulation.dt": 0.04, **changes, **area}).build())

@@ -23,7 +23,6 @@ from rnc_pin.control import (
     WayFollowing,
 )
 from rnc_pin.optimal import EffortCost, PredictiveController, SetPointController, SetPointCost, UpdateSchedule
-from rnc_pin.optimal.navigation import SEARCH
 
 _FORM = {"form": Literal["acceleration", "dynamic"]}
 _POINT = part(
@@ -134,9 +133,9 @@ class NavigationSettings(_ToGoal, _NAVIGATION.model, _FOLLOWING.model):  # type:
     """Values at rest by names of outputs. An orientation needs all its rows."""
     links: bool = True
     """True to check links of the robot against each other too."""
-    motions: Annotated[int, Field(ge=1)] = SEARCH.motions or 1
+    motions: Annotated[int, Field(ge=1)] = NavigationController.search.motions or 1
     """Number of checked motions after which a search ends without a way."""
-    improve: Annotated[int, Field(ge=0)] = SEARCH.improve
+    improve: Annotated[int, Field(ge=0)] = NavigationController.search.improve
     """Number of motions that a search checks for faster ways after the first one."""
 
     def _controller(self, context: ControllerContext) -> NavigationController:
@@ -146,6 +145,6 @@ class NavigationSettings(_ToGoal, _NAVIGATION.model, _FOLLOWING.model):  # type:
             goal=goal_of(self.goal, context.outputs, context.reduced),
             obstacles=context.obstacles,
             selection=PairSelection(links=self.links),
-            settings=replace(SEARCH, motions=self.motions, improve=self.improve),
+            settings=replace(NavigationController.search, motions=self.motions, improve=self.improve),
             following=_FOLLOWING.build(self),
         )
