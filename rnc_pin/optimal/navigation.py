@@ -78,7 +78,7 @@ class NavigationController(DescribedMixin):
     ``set_obstacles`` changes the world. If the rest of the way is no longer free, the robot brakes on the way, and
     searches from where it stops. Obstacles with a motion count where they will be: the drive along the way is predicted
     until the horizon, and bounds show that it is free, between the steps too. Else the robot waits at a place of its
-    way, from which nothing drives it, and goes on as soon as the prediction is free. If the way is not free at the
+    way that nothing reaches, and goes on as soon as the prediction is free. If the way is not free at the
     horizon either, the robot takes another one. What appears nearer than the robot can stop, or moves into a robot at
     rest, cannot be avoided; ``reason`` says so.
 
@@ -340,7 +340,7 @@ class NavigationController(DescribedMixin):
         return state._replace(reason=f"waits for {name}")
 
     def _chosen(self, t: float, place: float, state: NavigationState) -> NavigationState:
-        """State that waits where nothing drives it from, before a place that is crossed, or that gives the way up."""
+        """State that waits where nothing reaches the robot, before a place that is crossed, or gives the way up."""
         state = state._replace(doubt=None)
         name = self._stays_blocked(t + self.following.horizon, state.end, state)
         if name:

@@ -76,13 +76,14 @@ class _Grid:
 
     def __init__(self, way: Way, checker: WayChecker) -> None:
         self._checker = checker
-        counts = np.maximum(np.ceil(np.diff(way.time) / _STEP), 1.0).astype(int) if way.geodesic else []
-        starts, lengths = np.repeat(way.time[:-1], counts), np.repeat(np.diff(way.time) / counts, counts)
-        number = np.arange(len(starts)) - np.repeat(np.cumsum(counts) - counts, counts)
-        self.places: Float[Array, " m"] = np.append(starts + number * lengths, way.duration)
-        if not way.geodesic:  # nodes alone lie on a way of propagated motions
-            wanted = np.arange(0.0, way.duration, _STEP)
-            self.places = np.unique(np.append(way.time[np.searchsorted(way.time, wanted)], way.duration))
+        if way.geodesic:
+            counts = np.maximum(np.ceil(np.diff(way.time) / _STEP), 1.0).astype(int)
+            starts, lengths = np.repeat(way.time[:-1], counts), np.repeat(np.diff(way.time) / counts, counts)
+            number = np.arange(len(starts)) - np.repeat(np.cumsum(counts) - counts, counts)
+            places = starts + number * lengths
+        else:  # nodes alone lie on a way of propagated motions
+            places = way.time[np.searchsorted(way.time, np.arange(0.0, way.duration, _STEP))]
+        self.places: Float[Array, " m"] = np.unique(np.append(places, way.duration))
         self._q = way.at(self.places)
         self._free: list[Bool[Array, " m"]] = []
 
@@ -102,7 +103,7 @@ class _Grid:
         return None
 
     def _path(self, reached: list[Bool[Array, " m"]]) -> Float[Array, " m"]:
-        """Delays that lead to the end, with each wait as late as possible."""
+        """Delays that lead to the end, with each wait as early as it can be."""
         number, found = len(reached) - 1, np.zeros(len(self.places))
         for k in reversed(range(len(self.places))):
             found[k] = number * _STEP
