@@ -27,7 +27,7 @@ from rnc_pin.identification import (
     ViscousFriction,
 )
 from rnc_pin.identification.base_parameters import BaseParameters
-from rnc_pin.identification.pseudo_inertia import InertiaPrior, dynamic_parameters, pseudo_inertia
+from rnc_pin.identification.inertial_fit import InertiaPrior, dynamic_parameters, pseudo_inertia
 from rnc_pin.identification.reduced_regressor import ReducedRegressor, WindowAverages
 from systems import four_bar
 

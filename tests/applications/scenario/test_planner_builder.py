@@ -7,8 +7,8 @@ import yaml
 import forklifts
 import rnc_pin as rnc
 from rnc_pin.applications.scenario.execution import execute, write
+from rnc_pin.applications.scenario.output_folder import is_result
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.io.manifest import is_result
 
 SCENARIO = """
 robot: {urdf: chaplygin_sleigh.urdf, base: planar}

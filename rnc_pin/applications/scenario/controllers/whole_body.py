@@ -20,7 +20,7 @@ from rnc_pin.applications.scenario.controllers.task_goals import TaskGoals, goal
 from rnc_pin.applications.scenario.controllers.velocity_tracking import VelocityTrackerSettings
 from rnc_pin.applications.scenario.schema.base import Strict
 from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, one_of, part
-from rnc_pin.applications.scenario.schema.outputs import OutputItem
+from rnc_pin.applications.scenario.schema.kinds import OutputItem
 from rnc_pin.applications.scenario.schema.reference_settings import HOLD, ReferenceItem
 from rnc_pin.collision import Obstacle, PairSelection
 from rnc_pin.control.whole_body import InverseDynamicsQP, VelocityQP
