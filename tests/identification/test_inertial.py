@@ -26,9 +26,8 @@ from rnc_pin.identification import (
     MotorInertia,
     ViscousFriction,
 )
-from rnc_pin.identification.base_parameters import BaseParameters
 from rnc_pin.identification.inertial_fit import InertiaPrior, dynamic_parameters, pseudo_inertia
-from rnc_pin.identification.reduced_regressor import ReducedRegressor, WindowAverages
+from rnc_pin.identification.reduced_regressor import BaseParameters, ReducedRegressor, WindowAverages
 from systems import four_bar
 
 SIDES = ("left", "right")

@@ -14,8 +14,12 @@ import numpy as np
 from pydantic import Field
 
 from rnc_pin.applications.scenario.controllers.base import ControllerSettings
-from rnc_pin.applications.scenario.controllers.context import BuiltController, ControllerContext, refuse_or_warn
-from rnc_pin.applications.scenario.controllers.motion_check import check_motion
+from rnc_pin.applications.scenario.controllers.context import (
+    BuiltController,
+    ControllerContext,
+    check_motion,
+    refuse_or_warn,
+)
 from rnc_pin.applications.scenario.controllers.task_goals import TaskGoals, goal_values
 from rnc_pin.applications.scenario.controllers.velocity_tracking import VelocityTrackerSettings
 from rnc_pin.applications.scenario.schema.base import Strict
