@@ -165,7 +165,7 @@ def test_a_first_motion_of_a_car_without_bounds_keeps_the_steering_limit_of_its_
     model = action_model(reduced, "acceleration")
     point = rnc.optimal.SetPoint(reduced, robot.configuration())
     q = robot.configuration({"root_joint": [0.0, 0.3, 0.0]})
-    found = first_motion(model, point, q, 4.0, 20, [InputBound(-2.0, 2.0)], seed=0)
+    found = first_motion(model, point, q, 4.0, 12, [InputBound(-2.0, 2.0)], seed=0)
     assert found is not None
     assert np.abs(found.w).max() > 0.1
     assert np.abs(found.q[:, 4]).max() <= 1.0 + 1e-3
