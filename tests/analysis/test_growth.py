@@ -226,7 +226,7 @@ def test_samples_with_the_last_dimension_are_shown_if_none_has_all(monkeypatch):
 def test_a_car_with_n_trailers_grows_by_one_a_level(n, tmp_path):
     """At generic configurations, of uniformly drawn hitches (Jean 1996; Sordalen 1993)."""
     reduced = tractor_trailers(n, tmp_path)
-    report = rnc.analyze(reduced, samples=8)
+    report = rnc.analyze(reduced, samples=16)
     assert report.growth_vector == tuple(range(2, 5 + n))
     assert report.completely_nonholonomic
     evidence = report.growth_evidence
