@@ -89,7 +89,7 @@ def test_the_first_motion_is_the_beginning_of_a_plan_and_counts_as_an_escape():
 def test_searches_in_vain_are_rare_and_the_stall_stays_in_the_verdict():
     """Bounds that allow no push forward: nothing leads to the goal."""
     reduced = systems.sleigh()
-    controller = controller_of(reduced, bounds=[InputBound([0.0, -1.0], [0.0, 1.0])])
+    controller = controller_of(reduced, bounds=[InputBound([0.0, -1.0], [0.0, 1.0])], nodes=6)
     run, distance, _ = driven(reduced, controller, 0.3, 0.0, 1.0)
     assert distance == pytest.approx(0.3, abs=1e-6)
     assert run.verdict.word == "failed"
