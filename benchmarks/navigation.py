@@ -18,6 +18,7 @@ import gc
 import json
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import NamedTuple
@@ -61,7 +62,8 @@ BOXES, CHANGES, CARTS, TRIES = 5, 4, 2, 200
 LIMIT = 0.02  # [s] of processor time that a step may take
 
 
-class Shuttle(NamedTuple):
+@dataclass
+class Shuttle:
     """Motion to and fro along y."""
 
     x: float
@@ -158,12 +160,13 @@ class Draw:
 
     def _room(self, q: Array, v: Array) -> float:
         """Distance within which a point of the robot can move before it stops [m], and what the way keeps."""
-        robot = self._reduced.robot
-        data, shapes = robot.model.createData(), robot.collision_model.createData()
-        pin.updateGeometryPlacements(robot.model, data, robot.collision_model, shapes, q)
+        robot, geometry = self._reduced.robot, self._reduced.robot.collision_model
+        assert geometry is not None
+        data, shapes = robot.model.createData(), geometry.createData()
+        pin.updateGeometryPlacements(robot.model, data, geometry, shapes, q)
         pin.computeJointJacobians(robot.model, data, q)
         fastest = 0.0
-        for shape, place in zip(robot.collision_model.geometryObjects, shapes.oMg, strict=True):
+        for shape, place in zip(geometry.geometryObjects, shapes.oMg, strict=True):
             shape.geometry.computeLocalAABB()
             motion = pin.getJointJacobian(robot.model, data, shape.parentJoint, pin.WORLD) @ v
             middle = place.act(shape.geometry.aabb_center)
@@ -178,12 +181,14 @@ class Replay:
 
     def __init__(self, reduced: rnc.ReducedModel) -> None:
         self._robot, self._data = reduced.robot, reduced.robot.model.createData()
-        self._placed = reduced.robot.collision_model.createData()
+        assert reduced.robot.collision_model is not None
+        self._geometry = reduced.robot.collision_model
+        self._placed = self._geometry.createData()
         self._request, self.nearest = coal.DistanceRequest(), np.inf
 
     def look(self, t: float, q: Array, obstacles: list[Obstacle]) -> None:
         """Measure one sample."""
-        geometry = self._robot.collision_model
+        geometry = self._geometry
         pin.updateGeometryPlacements(self._robot.model, self._data, geometry, self._placed, q)
         for obstacle in obstacles:
             pose = obstacle.placement(t)
