@@ -39,6 +39,4 @@ from .set_point import SetPoint as SetPoint
 from .set_point import SetPointCost as SetPointCost
 from .set_point_controller import SetPointController as SetPointController
 from .set_point_controller import SetPointState as SetPointState
-from .way_following import FollowedWay as FollowedWay
-from .way_following import Progress as Progress
 from .way_following import WayFollowing as WayFollowing

@@ -19,7 +19,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.action_models import KinematicModel, Nodes
 from rnc_pin.optimal.bounds import Goal, GoalRows
 from rnc_pin.optimal.node_data import NodeData
-from rnc_pin.optimal.way_following import FollowedWay, Progress, WayFollower, WayFollowing
+from rnc_pin.optimal.way_following import FollowedWay, WayFollower, WayFollowing, WayProgress
 from rnc_pin.planning.exact_steering import ExactMotion
 from rnc_pin.planning.way import Way
 from rnc_pin.planning.way_checking import WayChecker
@@ -44,7 +44,7 @@ class NavigationState(NamedTuple):
     begin: float
     """Time at which the status began [s]."""
     way: FollowedWay
-    progress: Progress
+    progress: WayProgress
     since: float
     """Time between the last steps [s]."""
     end: float
@@ -212,7 +212,7 @@ class NavigationController(DescribedMixin):
             t=None,
             begin=0.0,
             way=self._follower.standing(q),
-            progress=Progress(),
+            progress=WayProgress(),
             since=_STEP,
             end=0.0,
             doubt=None,
@@ -387,7 +387,7 @@ class NavigationController(DescribedMixin):
         if way is None:
             return state
         followed = self._follower.followed(way)
-        state = state._replace(way=followed, progress=Progress(), end=0.0, ways=state.ways + 1, reason="")
+        state = state._replace(way=followed, progress=WayProgress(), end=0.0, ways=state.ways + 1, reason="")
         return self._looked(t, state)
 
     def _slice(self, state: NavigationState) -> Way | None:

@@ -84,7 +84,7 @@ class FollowedWay(NamedTuple):
         return min(max(int(self.time.searchsorted(place + _END, "right")) - 1, 0), len(self.v) - 1)
 
 
-class Progress(NamedTuple):
+class WayProgress(NamedTuple):
     """Place on a way, its rate, and the rate of this in the last step [1/s]."""
 
     place: float = 0.0
@@ -144,7 +144,7 @@ class WayFollower:
         return float(np.abs(step[self._planned]).max(initial=0.0))
 
     def command(
-        self, way: FollowedWay, progress: Progress, q: Float[Array, " nq"]
+        self, way: FollowedWay, progress: WayProgress, q: Float[Array, " nq"]
     ) -> tuple[Float[Array, " r"], Float[Array, " r"]]:
         """Reduced velocity with feedback, and the reduced acceleration along the way."""
         if not progress.speed:
@@ -156,11 +156,11 @@ class WayFollower:
         correction = K @ self._model.manifold.difference(desired, q[None])[0]
         return progress.speed * (along + correction), progress.rate * along
 
-    def moved(self, way: FollowedWay, progress: Progress, end: float, since: float) -> Progress:
-        """Progress after a time [s]: the speed rises, stays, or falls so that the robot stops at a place."""
+    def moved(self, way: FollowedWay, progress: WayProgress, end: float, since: float) -> WayProgress:
+        """WayProgress after a time [s]: the speed rises, stays, or falls so that the robot stops at a place."""
         place, speed = progress.place, progress.speed
         if not len(way.v) or place >= end:
-            return Progress(place)
+            return WayProgress(place)
         k = way.segment(place)
         last, most = min(float(way.stops[k]), end), self._following.acceleration / float(way.sizes[k])
         room = max(last - place - 0.5 * speed * since, 0.0)
@@ -168,10 +168,10 @@ class WayFollower:
         new = max(min(self._following.speed, speed + most * since, top), speed - most * since, 0.0)
         place += 0.5 * (speed + new) * since
         if place >= last - _END:
-            return Progress(last)
-        return Progress(place, new, (new - speed) / since if since else 0.0)
+            return WayProgress(last)
+        return WayProgress(place, new, (new - speed) / since if since else 0.0)
 
-    def braked(self, way: FollowedWay, progress: Progress) -> float:
+    def braked(self, way: FollowedWay, progress: WayProgress) -> float:
         """Place at which the robot stops if it brakes now."""
         if not progress.speed:
             return progress.place
@@ -180,7 +180,7 @@ class WayFollower:
         return min(progress.place + 0.5 * progress.speed**2 / most, float(way.stops[k]))
 
     def predicted(
-        self, way: FollowedWay, progress: Progress, end: float, since: float
+        self, way: FollowedWay, progress: WayProgress, end: float, since: float
     ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
         """Times from now [s] and places until the horizon, for a robot that drives to a place, and stands there.
 
