@@ -99,7 +99,7 @@ class WayChecker:
 
     def _samples(self, motion: ExactMotion) -> Float[Array, "k nq"]:
         """Configurations along a motion."""
-        if not len(motion.steps):
+        if not motion.steps.any():
             return motion.q[:1]
         lengths = np.abs(motion.steps).max(axis=1)
         ends = np.cumsum(lengths)

@@ -13,6 +13,7 @@ import rnc_pin.extras
 from benchmarks.planned_models import car, mobile_manipulator, tractor
 from rnc_pin.model.configuration_manifold import ConfigurationManifold
 from rnc_pin.planning import WaySettings, find_way
+from rnc_pin.planning.exact_steering import ExactMotion
 from rnc_pin.planning.way_finding import WayFinder
 from systems import ROLLERS, WHEEL, four_bar, mecanum, tiago, with_box
 
@@ -357,6 +358,13 @@ def test_a_way_prints_what_it_is():
     text = str(find_way(*TASKS["car"]()))
     assert text.startswith("Way by car steering\n")
     assert "narrowest place" in text
+
+
+def test_a_robot_that_stays_is_free_unless_it_stands_too_near():
+    reduced = unicycle()
+    checker, stays = WayFinder(reduced, at_pose(reduced, 0.0, 0.0), gap(1.0)).checker, np.zeros((1, reduced.n))
+    assert checker.is_free(ExactMotion(np.array(2 * [at_pose(reduced, 1.5, 0.0)]), stays))
+    assert not checker.is_free(ExactMotion(np.array(2 * [at_pose(reduced, 1.5, 0.5)]), stays))
 
 
 def test_slices_and_one_search_find_the_same_way():
