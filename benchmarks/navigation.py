@@ -226,6 +226,7 @@ def run(name: str, kind: str, seed: int) -> Result:
         q = flow.step(q[None], DT * v2[None])[0]
         if controller.status == "arrived" and stood > REST:
             break
+    gc.unfreeze()
     missed = controller.missed_goals(q, v2)
     away = np.abs(pin.difference(reduced.robot.model, q, draw.goal)[:3]).max()
     arrived = bool(not missed and stood and away <= FOLLOWING.tolerance)
