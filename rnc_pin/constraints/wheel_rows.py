@@ -88,12 +88,20 @@ class RollingRows(DirectionRows):
     def formula(self, *directions: Sequence[Entry]) -> list[list[Entry]]:
         return wheel_wrenches(directions[0], self._normal, self.radius)
 
+    def wrenches_at(self, q: np.ndarray, rotation: np.ndarray) -> list[list[float]]:
+        """Wrenches (k, 6) as numbers of Python, for the rotation of the frame at one configuration."""
+        (axle,) = self.world_directions(rotation)
+        level = wheel_level(axle, self._normal)
+        check_defined(self.undefined, q, level, FLAT, self.names)
+        found = wheel_wrenches(axle, self._normal, self.radius)
+        return found if self.combination is None else self.combination.dot(found).tolist()
+
     def _contact(self, at: PositionKinematics) -> np.ndarray:
         """Contact points (..., 3) in the world."""
         place, normal = at.placement(self.frame), self._normal
         (axle,) = self.world_directions(place.rotation)
         s, z = cast("Component", wheel_level(axle, normal)), dot(axle, normal)
-        check_defined(self.undefined, at, s, FLAT, self.names)
+        check_defined(self.undefined, at.q, s, FLAT, self.names)
         # z c - s n, with c = (a - z n) / s
         arm = [self.radius * (z * (a - z * n) / s - s * n) for a, n in zip(axle, normal, strict=True)]
         return place.translation + packed_vector(arm, s)

@@ -176,7 +176,7 @@ class DirectionRows(WrenchRows):
     def check_defined(self, at: PositionKinematics) -> None:
         if self.undefined:
             length = cast("Component", self.regularity(*self.world_directions(at.rotation(self.frame))))
-            check_defined(self.undefined, at, length, FLAT, self.names)
+            check_defined(self.undefined, at.q, length, FLAT, self.names)
 
     @abstractmethod
     def formula(self, *directions: Sequence[Entry]) -> Sequence[Sequence[Entry]]:
