@@ -227,6 +227,8 @@ class NormalForces:
         # Effects of upward forces: their sum, and their moments about the axes along the ground.
         gives = np.stack([ones, points[..., 1], -points[..., 0]], axis=1)
         axles = [column for column, contact in enumerate(self.contacts) if contact.up is None]
+        if not axles:
+            return gives, np.zeros((len(points), 3, 0))
         spread = np.sqrt(points[..., :2].var(axis=1).sum(axis=-1))
         spread = np.where(spread > 0, spread, 1.0)[:, None, None]
         headings = np.stack([np.zeros_like(ones), across[..., 1], -across[..., 0]], axis=1)

@@ -179,15 +179,16 @@ class PositionKinematics:
         at: Pinocchio's model and data.
         q: configurations (..., nq).
         t: times (...) [s]: one number, or one for each state.
-
-    Attributes:
-        wrenches: wrenches of rows at the configurations, as far as rows have kept them here.
     """
 
     def __init__(self, at: Kinematics, q: np.ndarray, t: Component) -> None:
         self._at, self.q, self.t = at, q, t
         self._placed = _Quantities(at, _update_placements, q)
-        self.wrenches: dict[object, np.ndarray] = {}
+
+    @cached_property
+    def wrenches(self) -> dict[object, np.ndarray]:
+        """Wrenches of rows at the configurations, which rows keep here."""
+        return {}
 
     @property
     def M(self) -> np.ndarray:
@@ -230,7 +231,6 @@ class VelocityKinematics(PositionKinematics):
     def __init__(self, position: PositionKinematics, v: np.ndarray) -> None:
         self._at, self.q, self.t, self._placed, self.v = position._at, position.q, position.t, position._placed, v
         self._moving = _Quantities(self._at, _update_velocities, self.q, v)
-        self.wrenches = {}  # not those of the positions: the kernel may have placed their frames, with other rounding
 
     @cached_property
     def bias(self) -> np.ndarray:
