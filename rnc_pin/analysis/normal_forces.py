@@ -266,10 +266,11 @@ class NormalForces:
         """External force, and moment about the origin, without gravity and forces on frames."""
         model, data = self._model, self._data
         pin.rnea(model, data, q, v, v_dot)
-        pin.framesForwardKinematics(model, data, q)
+        if self._reduced.actuation.frames:
+            pin.framesForwardKinematics(model, data, q)
         total = pin.Force.Zero()
         for joint in self._roots:
-            total += data.oMi[joint].act(data.f[joint])
+            total += data.liMi[joint].act(data.f[joint])  # their parent is the world
         for column, frame, row in self._reduced.actuation.frames:
             total -= data.oMf[frame].act(pin.Force(T[column] * _UNITS[row]))
         return np.asarray(total.vector)
