@@ -89,12 +89,22 @@ class RollingRows(DirectionRows):
         return wheel_wrenches(directions[0], self._normal, self.radius)
 
     def wrenches_at(self, q: np.ndarray, rotation: np.ndarray) -> list[list[float]]:
-        """Wrenches (k, 6) as numbers of Python, for the rotation of the frame at one configuration."""
+        """Wrenches (k, 6) as numbers of Python.
+
+        Args:
+            q: one configuration (nq,), for messages.
+            rotation: rotation of the frame there (3, 3).
+
+        Raises:
+            SingularityError: the wheel lies flat.
+        """
         (axle,) = self.world_directions(rotation)
-        level = wheel_level(axle, self._normal)
-        check_defined(self.undefined, q, level, FLAT, self.names)
-        found = wheel_wrenches(axle, self._normal, self.radius)
-        return found if self.combination is None else self.combination.dot(found).tolist()
+        check_defined(self.undefined, q, cast("float", wheel_level(axle, self._normal)), FLAT, self.names)
+        found = cast("list[list[float]]", wheel_wrenches(axle, self._normal, self.radius))
+        if self.combination is None:
+            return found
+        combined: list[list[float]] = self.combination.dot(found).tolist()
+        return combined
 
     def _contact(self, at: PositionKinematics) -> np.ndarray:
         """Contact points (..., 3) in the world, where the wrenches are defined."""
