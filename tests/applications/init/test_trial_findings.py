@@ -132,7 +132,7 @@ def test_efforts_beyond_the_file_are_said(tmp_path, brief):
         text, _, path = drafted(car(rear=1e-6), tmp_path)
     said = next(line for line in text.splitlines() if line.startswith("# CHECK: effort of rear_left_joint"))
     run = execute(Scenario.load(str(path))).trajectory
-    largest = np.abs(run.T[run.time < 0.1 + 1e-9, 0]).max()
+    largest = np.abs(run.T[run.time < 0.02 + 1e-9, 0]).max()
     assert float(said.split("joint: ")[1].split()[0]) == pytest.approx(largest, rel=1e-3)
     assert "of the usual motion" not in text
 

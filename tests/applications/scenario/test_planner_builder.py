@@ -62,7 +62,7 @@ def test_a_run_plans_and_tracks_its_plan(tmp_path):
 
 def test_a_file_bounds_the_grip_of_its_plan(tmp_path):
     """A blade sideways: with 0.6 of the friction that the plan without the bound uses."""
-    goal, planner = {"sleigh_x": 0.5, "sleigh_y": 0.3, "sleigh_yaw": 1.0}, {"form": "dynamic"}
+    goal, planner = {"sleigh_x": 0.5, "sleigh_y": 0.3, "sleigh_yaw": 1.0}, {"form": "dynamic", "nodes": 12}
 
     def planned(grip):
         bounds = {"velocity": {}, "grip": grip}
