@@ -1,12 +1,13 @@
 """Propagation of the integration errors of a run along its motion, under the feedback of its controller.
 
 The linearised error of a sampled loop obeys ``e <- Phi e + d``: Phi is the map of one sample, with the inputs that the
-controller gives for the displaced state, and d is the error of the integration in that sample. Maps are taken at some
-samples and hold for those around them. The plant's part is in closed form; the controller's is a difference.
+controller gives for the displaced state, and d is the error of the integration in that sample. Both are taken at some
+samples and hold for those around them. The plant's part of Phi is in closed form; the controller's is a difference.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -16,15 +17,16 @@ from numpy import ndarray as Array
 from rnc_pin.analysis import StateDerivatives, state_derivatives
 from rnc_pin.control.controller import Controller, State
 from rnc_pin.control.whole_body.whole_body_program import WholeBodyProgram
+from rnc_pin.errors import RncError
 from rnc_pin.loop.options import input_of
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants import Plant, ReducedPlant
 from rnc_pin.plants.reduced import IntegrationErrors
-from rnc_pin.plants.reduced.constrained_dynamics import joint_rotations
+from rnc_pin.plants.reduced.constrained_dynamics import VelocityChart, joint_rotations
 
 MARKED = 16
-"""Samples after which the sum of the errors is kept."""
+"""Samples after which a mark is kept."""
 _RARE = 8  # samples for each state and its displacements, after which the slope of the controller is taken again
 _STEP = 1e-6  # displacement of a state [m, rad] or, relative to 1 + the largest velocity, [m/s, rad/s]
 _TURN = 1e-7  # angle of the motion by which the rotation of moving frames is taken [rad or m]
@@ -36,23 +38,23 @@ _LARGEST = 1e3  # error above which a linearised one means nothing
 
 
 class ErrorMark(NamedTuple):
-    """Errors of a run before a sample, and what its controller had there. Those of B runs have a leading axis.
+    """What the plant and the controller of a run had before a sample. Marks of B runs have a leading axis.
 
     Attributes:
         sample: number of the sample.
-        sum: sum of the errors (2 nv,) of all samples before.
+        chart: chart of the plant.
         memory: state of the controller before the step; None where its slope is not taken.
         integrals: integrals of the reducing velocities (r,).
     """
 
     sample: int
-    sum: Array
+    chart: VelocityChart | Sequence[VelocityChart]
     memory: State
     integrals: Array
 
     def of_run(self, run: int) -> ErrorMark:
-        """Return the mark of one of B runs, of which ``memory`` is a list."""
-        return ErrorMark(self.sample, self.sum[run], self.memory[run], self.integrals[run])
+        """Return the mark of one of B runs."""
+        return ErrorMark(self.sample, self.chart[run], self.memory[run], self.integrals[run])  # type: ignore[index]
 
 
 class RunSamples(NamedTuple):
@@ -69,7 +71,7 @@ class RunSamples(NamedTuple):
 
 
 def marked(sample: int) -> bool:
-    """True if the sum of the errors is kept before a sample."""
+    """True if a mark is kept before a sample."""
     return sample % MARKED == 0
 
 
@@ -84,6 +86,7 @@ class ErrorHistory:
         samples: expected number of samples.
 
     Attributes:
+        steps: substeps of the plant before each sample.
         at_the_end: errors at the end, if another one than the plant of the run has them.
         unknown: reason why the errors of this run are not known; empty if they are.
         propagates: True if the errors of the plant can be propagated: it has no dry friction, and its contacts do
@@ -93,6 +96,7 @@ class ErrorHistory:
     def __init__(self, plant: Plant, reduced: ReducedModel, controller: Controller, dt: float, samples: int) -> None:
         self._plant, self._reduced, self._controller, self._dt = plant, reduced, controller, dt
         self._marks: list[ErrorMark] = []
+        self.steps: list[int] = []
         self.at_the_end: IntegrationErrors | None = None
         self.propagates = isinstance(plant, ReducedPlant) and not plant.rubs
         states = plant.reduced.n + plant.reduced.r if isinstance(plant, ReducedPlant) else 0
@@ -106,10 +110,12 @@ class ErrorHistory:
         return sample % self._period == self._first
 
     def mark(self, sample: int, memory: State, integrals: Array) -> None:
-        """Keep the errors before a sample if they are due; arguments as of an ``ErrorMark``."""
-        if self.propagates and marked(sample):
+        """Keep the substeps before a sample, and a mark if it is due; arguments as of an ``ErrorMark``."""
+        if self.propagates:
             plant = cast(ReducedPlant, self._plant)
-            self.keep(ErrorMark(sample, plant.errors.sum, memory if self.sees(sample) else None, integrals))
+            self.steps.append(plant.errors.used)
+            if marked(sample):
+                self.keep(ErrorMark(sample, plant.chart, memory if self.sees(sample) else None, integrals))
 
     def keep(self, mark: ErrorMark) -> None:
         """Add a mark that somebody else made."""
@@ -125,38 +131,46 @@ class ErrorHistory:
         samples, seen = len(motion.t) - 1, [each for each in self._marks if self.sees(each.sample)]
         if samples < 1 or not seen or not self.propagates:
             return None
-        stride = max(1, MARKED // max(errors.most, errors.enough))
-        starts = np.arange(0, samples, stride)
-        ends, middles = np.minimum(starts + stride, samples), np.minimum(starts + stride // 2, samples)
-        marks = np.minimum(np.r_[[each.sample for each in self._marks], samples], samples)
-        sums = np.array([*(each.sum for each in self._marks), errors.sum])
-        whole = np.array([np.interp(np.r_[0, ends], marks, column) for column in sums.T]).T
-        nearest = np.abs(starts[:, None] - [each.sample for each in seen]).argmin(axis=1)
         try:
-            there, parts = motion.at(np.array([each.sample for each in seen])), []
-            gains = np.array([self._feedback(motion, each) for each in seen])
-            turned = self._turned(there, gains)
-            # A gain is constant in the axes of the body, of a motor for example, or in those of the world.
-            if len(gains) > 1 and np.abs(np.diff(turned, axis=0)).sum() < np.abs(np.diff(gains, axis=0)).sum():
-                gains = self._turned(motion.at(middles), turned[nearest], back=True)
-            else:
-                gains = gains[nearest]
-            now = np.r_[np.zeros(gains.shape[-1]), 1.0]
-            added, lengths = np.diff(whole, axis=0), ends - starts
-            for part in (slice(start, start + _TOGETHER) for start in range(0, len(starts), _TOGETHER)):
-                found, now = self._propagated(motion.at(middles[part]), (added[part], lengths[part], gains[part]), now)
-                parts.append(found)
-        except Exception:  # a controller may refuse a displaced state; the run itself is complete
+            largest = self._propagated(motion, errors, seen)
+        except RncError:  # at a state that the motion itself does not reach
             return None
-        largest = np.max(parts, axis=0)
         return largest if np.isfinite(largest).all() else None
 
-    def _propagated(self, motion: RunSamples, blocks: tuple[Array, Array, Array], now: Array) -> tuple[Array, Array]:
+    def _propagated(self, motion: RunSamples, errors: IntegrationErrors, seen: Sequence[ErrorMark]) -> Array:
+        """Largest errors (2 nv,) of a run, as ``largest``, with the slopes at the marks ``seen``."""
+        samples = len(motion.t) - 1
+        stride = max(1, MARKED // max(errors.most, errors.enough))
+        starts = np.arange(0, samples, stride)
+        lengths, middles = np.minimum(stride, samples - starts), np.minimum(starts + stride // 2, samples - 1)
+        gains = self._gains(motion, seen, middles)
+        steps = np.array([*self.steps[1:], errors.used])[middles]
+        charts = [cast(VelocityChart, self._marks[each].chart) for each in middles // MARKED]
+        now, parts = np.r_[np.zeros(gains.shape[-1]), 1.0], []
+        for part in (slice(start, start + _TOGETHER) for start in range(0, len(starts), _TOGETHER)):
+            own = motion.at(middles[part])
+            added = cast(ReducedPlant, self._plant).local_errors(own, steps[part], charts[part], self._dt)
+            found, now = self._after_blocks(own, (added, lengths[part], gains[part]), now)
+            parts.append(found)
+        return np.asarray(np.max(parts, axis=0))
+
+    def _gains(self, motion: RunSamples, seen: Sequence[ErrorMark], samples: Array) -> Array:
+        """Slopes (N, p, nv + r) of the inputs at samples, by those that were seen."""
+        at_seen, gains = np.array([each.sample for each in seen]), np.array([self._feedback(motion, x) for x in seen])
+        nearest = np.abs(samples[:, None] - at_seen).argmin(axis=1)
+        if len(gains) > 1 and gains.any():
+            turned = self._turned(motion.at(at_seen), gains)
+            # A gain is constant in the axes of the body, of a motor for example, or in those of the world.
+            if np.abs(np.diff(turned, axis=0)).sum() < np.abs(np.diff(gains, axis=0)).sum():
+                return self._turned(motion.at(samples), turned[nearest], back=True)
+        return gains[nearest]
+
+    def _after_blocks(self, motion: RunSamples, blocks: tuple[Array, Array, Array], now: Array) -> tuple[Array, Array]:
         """Largest errors (2 nv,) after N blocks of samples, and ``[e, 1]`` at the end.
 
         Args:
             motion: one sample of each block.
-            blocks: errors (N, 2 nv) that each adds, numbers of samples (N,), and slopes of inputs (N, p, nv + r).
+            blocks: errors (N, 2 nv) of a sample, numbers of samples (N,), and slopes of inputs (N, p, nv + r).
             now: error e and 1 at the start, (nv + r + 1,).
         """
         added, lengths, gains = blocks
@@ -168,10 +182,9 @@ class ErrorHistory:
         held = _exponential(held)
         maps, R = np.zeros((len(M), n + 1, n + 1)), slopes.v_v2
         maps[:, :n, :n] = held[:, :n, :n] + held[:, :n, n:] @ gains
-        Q = joint_rotations(model.robot.model, motion.q).mT
-        each = np.concatenate([apply(Q, added[:, :nv]), apply(Q, added[:, nv:])], axis=1) / lengths[:, None]
-        maps[:, :nv, n] = each[:, :nv]
-        maps[:, nv:n, n] = np.linalg.solve(R.mT @ R, R.mT @ each[:, nv:, None])[..., 0]
+        maps[:, :nv, n] = added[:, :nv]
+        own = added[:, nv:] - apply(slopes.v_q, added[:, :nv])
+        maps[:, nv:n, n] = np.linalg.solve(R.mT @ R, R.mT @ own[:, :, None])[..., 0]
         maps[:, n, n] = 1.0
         last = np.linalg.matrix_power(maps[-1], int(lengths[-1]))
         maps = np.linalg.matrix_power(maps, int(lengths[0]))
@@ -218,14 +231,25 @@ class ErrorHistory:
 
         def inputs(q: Array, v2: Array) -> Array:
             state = self._reduced.at(q, v=plant.at(q, v2, t=t).v, t=t)
-            command, _ = self._controller.step(t, state.measure(seen.integrals), seen.memory)
+            try:
+                command, _ = self._controller.step(t, state.measure(seen.integrals), seen.memory)
+            except Exception as error:  # the run is complete, and its controller may not know the displaced state
+                raise _RefusalError from error
             return cast(ReducedPlant, self._plant).saturated(input_of(self._reduced, state, command))
 
+        everything = np.cos(np.arange(plant.n + plant.r))  # no direction of this robot is special
         here, step = inputs(q, v2), _STEP * (1.0 + np.abs(v2).max(initial=0.0))
+        together = pin.integrate(robot, q, _STEP * everything[: plant.n]), v2 + step * everything[plant.n :]
+        if np.array_equal(inputs(*together), here):
+            return np.zeros((plant.p, plant.n + plant.r))
         moved = [inputs(pin.integrate(robot, q, _STEP * e), v2) - here for e in np.eye(plant.n)]
         faster = [inputs(q, v2 + step * e) - here for e in np.eye(plant.r)]
         columns = [*(each / _STEP for each in moved), *(each / step for each in faster)]
         return np.array(columns).T.reshape(plant.p, plant.n + plant.r)
+
+
+class _RefusalError(RncError):
+    """A controller gives no command at a displaced state."""
 
 
 def _switches(controller: object) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -11,6 +11,7 @@ from rnc_pin.errors import ConstraintError
 from rnc_pin.integrators import LieRungeKutta4, Rate
 from rnc_pin.math.linear_algebra import clipped, null_space
 from rnc_pin.model.compiled import evaluator_for
+from rnc_pin.model.configuration_manifold import ConfigurationManifold
 from rnc_pin.model.factorization import constraint_rows
 from rnc_pin.model.input_validation import vector
 from rnc_pin.model.numpy_evaluator import NumPyEvaluator, state_rates
@@ -21,7 +22,7 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.reduced.step_control import difference_errors
 
 State = tuple[np.ndarray, np.ndarray]
-"""Configuration and y of the integrator."""
+"""Configuration and y of the integrator, each with a leading axis for many states."""
 MAX_GROWTH = 3.0
 """Growth of ``|R|^2`` at which a chart is replaced: some velocity is then 60 degrees off the basis."""
 
@@ -124,6 +125,7 @@ class ConstrainedDynamics:
         self.state_size = self._r + len(self._where) + reduced.rheonomic + 1
         self._no_integrals = np.zeros(self._r)
         self._no_integrals.setflags(write=False)
+        self._manifold = ConfigurationManifold(reduced.robot.model)
         self._integrator = LieRungeKutta4(reduced.robot)
         self.chart: VelocityChart
 
@@ -188,6 +190,14 @@ class ConstrainedDynamics:
         velocity = (y_fine[:r] - y[:r]) @ self.chart.W
         scale = max(np.abs(q_fine).max(initial=0.0), np.abs(y_fine[:r]).max(initial=0.0))
         return difference_errors(pin.difference(self.reduced.robot.model, q, q_fine), velocity, scale, smooth)
+
+    def errors_in(self, charts: Sequence[VelocityChart], coarse: State, fine: State) -> np.ndarray:
+        """As ``errors``, of states (N,) of smooth motions in given charts."""
+        (q, y), (q_fine, y_fine), r = coarse, fine, self._r
+        moved = zip(y_fine[:, :r] - y[:, :r], charts, strict=True)
+        scale = np.maximum(np.abs(q_fine).max(axis=1, initial=0.0), np.abs(y_fine[:, :r]).max(axis=1, initial=0.0))
+        position = self._manifold.difference(q, q_fine)
+        return difference_errors(position, np.array([each @ chart.W for each, chart in moved]), scale[:, None], True)
 
     def steady_axes(self, q: np.ndarray) -> np.ndarray:
         """Rotation (nv, nv) to axes in which the errors of a spinning body keep their direction."""

@@ -82,7 +82,6 @@ class IntegrationErrors(NamedTuple):
         span: duration of the compared sample [s].
         since: time of the last comparison [s].
         past: errors (2 nv,) accumulated until the last comparison.
-        total: sum of the errors (2 nv,) of all samples until then.
         largest: largest errors (2 nv,) of a sample until then.
         rate: largest error per second of a compared sample, on any entry.
         most: largest number of substeps so far.
@@ -102,7 +101,6 @@ class IntegrationErrors(NamedTuple):
     span: float
     since: float
     past: Array
-    total: Array
     largest: Array
     rate: float
     most: int
@@ -113,7 +111,7 @@ class IntegrationErrors(NamedTuple):
         """Return the errors at the start of a run."""
         none, steps = np.zeros(2 * nv), substeps.number or 1
         return IntegrationErrors(
-            steps, steps, _PERIOD, 0.0, 0.0, 0.0, 0.0, 0.0, none, 0.0, 0.0, 0.0, none, none, none, 0.0, steps, 1
+            steps, steps, _PERIOD, 0.0, 0.0, 0.0, 0.0, 0.0, none, 0.0, 0.0, 0.0, none, none, 0.0, steps, 1
         )  # fmt: skip
 
     def after(self, roughness: float, dt: float, limit: float) -> tuple[bool, IntegrationErrors]:
@@ -141,7 +139,6 @@ class IntegrationErrors(NamedTuple):
             span,
             since,
             past,
-            total,
             largest,
             rate,
             most,
@@ -155,7 +152,7 @@ class IntegrationErrors(NamedTuple):
         larger = max(peak, share) if isinstance(share, float) else cast(float, np.maximum(peak, share))
         return accepted, IntegrationErrors(
             steps, steps, age + 1, weight + share, moment + share * time, larger, time, reference, pattern, size, span,
-            since, past, total, largest, rate, most, enough,
+            since, past, largest, rate, most, enough,
         )  # fmt: skip
 
     def after_compared(self, share: float, dt: float) -> IntegrationErrors:
@@ -165,13 +162,8 @@ class IntegrationErrors(NamedTuple):
             weight=self.weight + share, moment=self.moment + share * time, peak=max(self.peak, share), time=time
         )
 
-    @property
-    def sum(self) -> Array:
-        """Sum of the errors (..., 2 nv) of all samples so far."""
-        return self.total + self.pattern * np.asarray(self.weight)[..., None]
-
     def folded(self) -> IntegrationErrors:
-        """Return the errors with ``past``, ``total`` and ``largest`` at the present time."""
+        """Return the errors with ``past`` and ``largest`` at the present time."""
         pattern, nv = np.abs(self.pattern), len(self.pattern) // 2
         position, velocity = pattern[:nv], pattern[nv:]
         before = self.past[nv:]
@@ -186,9 +178,7 @@ class IntegrationErrors(NamedTuple):
             ]
         )
         largest = np.maximum(self.largest, pattern * self.peak)
-        return self._replace(
-            past=past, total=self.sum, largest=largest, weight=0.0, moment=0.0, peak=0.0, since=self.time
-        )
+        return self._replace(past=past, largest=largest, weight=0.0, moment=0.0, peak=0.0, since=self.time)
 
     def interrupted(self) -> IntegrationErrors:
         """Return the errors at a jump of the velocity, after which a comparison is due."""
@@ -246,5 +236,5 @@ def difference_errors(position: Array, velocity: Array, scale: float, smooth: bo
         scale: largest absolute value of the states; smaller differences than its rounding count as none.
         smooth: True if the integration is of fourth order.
     """
-    errors = np.concatenate([position, velocity]) * (_ORDER_4 if smooth else _ORDER_1)
+    errors = np.concatenate([position, velocity], axis=-1) * (_ORDER_4 if smooth else _ORDER_1)
     return np.where(np.abs(errors) > _ROUNDING * (1.0 + scale), errors, 0.0)
