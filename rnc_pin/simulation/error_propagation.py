@@ -8,6 +8,7 @@ samples and hold for those around them. The plant's part of Phi is in closed for
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -15,12 +16,14 @@ import pinocchio as pin
 from numpy import ndarray as Array
 
 from rnc_pin.analysis import StateDerivatives, state_derivatives
+from rnc_pin.control.batches import accepts_batches, stack_states
 from rnc_pin.control.controller import Controller, State
 from rnc_pin.control.whole_body.whole_body_program import WholeBodyProgram
 from rnc_pin.errors import RncError
 from rnc_pin.loop.options import input_of
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.reduced_model import ReducedModel
+from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import Plant, ReducedPlant
 from rnc_pin.plants.reduced import IntegrationErrors
 from rnc_pin.plants.reduced.constrained_dynamics import VelocityChart, joint_rotations
@@ -174,16 +177,19 @@ class ErrorHistory:
             now: error e and 1 at the start, (nv + r + 1,).
         """
         added, lengths, gains = blocks
-        model, nv, slopes = self._model, self._model.n, self._slopes(motion)
-        M, G = _system(model, motion, slopes, cast(ReducedPlant, self._plant).damping)
+        model, nv, states = self._model, self._model.n, self._states(motion)
+        t = motion.t if model.rheonomic else None
+        slopes = state_derivatives(model, motion.q, np.ascontiguousarray(states.v2), motion.T, t=t)
+        M, G = self._system(states, motion, slopes)
         n, p = M.shape[-1], G.shape[-1]
         held = np.zeros((len(M), n + p, n + p))
         held[:, :n, :n], held[:, :n, n:] = M * self._dt, G * self._dt
         held = _exponential(held)
         maps, R = np.zeros((len(M), n + 1, n + 1)), slopes.v_v2
         maps[:, :n, :n] = held[:, :n, :n] + held[:, :n, n:] @ gains
-        maps[:, :nv, n] = added[:, :nv]
-        own = added[:, nv:] - apply(slopes.v_q, added[:, :nv])
+        moved = _assembled(states, model.constraints.holonomic, added[:, :nv])
+        maps[:, :nv, n] = moved
+        own = added[:, nv:] - apply(slopes.v_q, moved)
         maps[:, nv:n, n] = np.linalg.solve(R.mT @ R, R.mT @ own[:, :, None])[..., 0]
         maps[:, n, n] = 1.0
         last = np.linalg.matrix_power(maps[-1], int(lengths[-1]))
@@ -197,14 +203,27 @@ class ErrorHistory:
         velocities = apply(slopes.v_q, errors[:, :nv]) + apply(R, errors[:, nv:])
         return np.abs(np.concatenate([errors[:, :nv], velocities], axis=1)).max(axis=0), now
 
+    def _system(self, states: StateEvaluation, motion: RunSamples, slopes: StateDerivatives) -> tuple[Array, Array]:
+        """Matrices of ``e_dot = M e + G dT`` at N states, with the error e of the configuration and of v2."""
+        (nv, r), damping = slopes.v_v2.shape[1:], cast(ReducedPlant, self._plant).damping
+        M = np.zeros((len(motion.q), nv + r, nv + r))
+        M[:, :nv, :nv], M[:, :nv, nv:] = slopes.v_q + _turning(self._model.robot.model, motion), slopes.v_v2
+        M[:, nv:, :nv], M[:, nv:, nv:] = slopes.v2_dot_q, slopes.v2_dot_v2
+        if damping is not None:
+            R = slopes.v_v2
+            resisted = np.linalg.solve(states.H, R.mT * damping)
+            M[:, nv:, :nv] -= resisted @ slopes.v_q
+            M[:, nv:, nv:] -= resisted @ R
+        G = np.concatenate([np.zeros((len(M), nv, motion.T.shape[1])), slopes.v2_dot_T], axis=1)
+        return M, G
+
     def _turned(self, motion: RunSamples, gains: Array, back: bool = False) -> Array:
         """Slopes (N, p, nv + r) of inputs by velocities along the axes of the world, or ``back`` along those of joints.
 
         The part of the velocities is that of v: its rows are in the span of R.
         """
-        model, nv = self._model, self._model.n
-        R = model.at(motion.q, v=motion.v, t=motion.t if model.rheonomic else None).R
-        Q = joint_rotations(model.robot.model, motion.q)
+        R, Q = self._states(motion).R, joint_rotations(self._model.robot.model, motion.q)
+        nv = self._model.n
         of_q, of_v = gains[..., :nv], gains[..., nv:]
         if back:
             return np.concatenate([of_q @ Q, of_v @ Q @ R], axis=-1)
@@ -215,37 +234,41 @@ class ErrorHistory:
     def _model(self) -> ReducedModel:
         return cast(ReducedPlant, self._plant).reduced
 
-    def _slopes(self, motion: RunSamples) -> StateDerivatives:
-        model = self._model
-        t = motion.t if model.rheonomic else None
-        return state_derivatives(model, motion.q, self._v2(motion), motion.T, t=t)
-
-    def _v2(self, motion: RunSamples) -> Array:
-        model = self._model
-        return np.ascontiguousarray(model.at(motion.q, v=motion.v, t=motion.t if model.rheonomic else None).v2)
+    def _states(self, motion: RunSamples) -> StateEvaluation:
+        """Evaluations at samples."""
+        return self._model.at(motion.q, v=motion.v, t=motion.t if self._model.rheonomic else None)
 
     def _feedback(self, motion: RunSamples, seen: ErrorMark) -> Array:
         """Slope (p, nv + r) of the inputs of the controller by the state of the plant at a sample."""
         own, plant, robot = motion.at(np.array([seen.sample])), self._model, self._model.robot.model
-        t, q, v2 = float(own.t[0]), own.q[0], self._v2(own)[0]
+        t, q, v2 = float(own.t[0]), own.q[0], np.ascontiguousarray(self._states(own).v2[0])
+        sizes = np.repeat([_STEP, _STEP * (1.0 + np.abs(v2).max(initial=0.0))], [plant.n, plant.r])
+        everything = np.cos(np.arange(len(sizes)))  # no direction of a robot is special
+        moves = sizes * np.vstack([np.zeros(len(sizes)), everything, np.eye(len(sizes))])
+        displaced = np.array([pin.integrate(robot, q, each) for each in moves[:, : plant.n]]), v2 + moves[:, plant.n :]
+        here, _, *moved = self._inputs(t, *displaced, seen)
+        return np.asarray(((np.array(moved) - here) / sizes[:, None]).T)
 
-        def inputs(q: Array, v2: Array) -> Array:
-            state = self._reduced.at(q, v=plant.at(q, v2, t=t).v, t=t)
+    def _inputs(self, t: float, q: Array, v2: Array, seen: ErrorMark) -> Array:
+        """Inputs (N, p) of the controller at states, by a mark; all as the first if those of the second are."""
+        plant, controller, found = cast(ReducedPlant, self._plant), self._controller, list[Array]()
+        if accepts_batches(controller):
+            integrals = np.tile(seen.integrals, (len(q), 1))
+            with suppress(Exception):  # of one state, which is not known
+                memory = stack_states([seen.memory] * len(q))
+                states = self._reduced.at(q, v=self._model.at(q, v2, t=t).v, t=t)
+                command, _ = controller.step(t, states.measure(integrals), memory)
+                return plant.saturated(states.allocate(command.F) if command.T is None else command.T)
+        for each in zip(q, v2, strict=True):
+            state = self._reduced.at(each[0], v=self._model.at(*each, t=t).v, t=t)
             try:
-                command, _ = self._controller.step(t, state.measure(seen.integrals), seen.memory)
+                command, _ = controller.step(t, state.measure(seen.integrals), seen.memory)
             except Exception as error:  # the run is complete, and its controller may not know the displaced state
                 raise _RefusalError from error
-            return cast(ReducedPlant, self._plant).saturated(input_of(self._reduced, state, command))
-
-        everything = np.cos(np.arange(plant.n + plant.r))  # no direction of this robot is special
-        here, step = inputs(q, v2), _STEP * (1.0 + np.abs(v2).max(initial=0.0))
-        together = pin.integrate(robot, q, _STEP * everything[: plant.n]), v2 + step * everything[plant.n :]
-        if np.array_equal(inputs(*together), here):
-            return np.zeros((plant.p, plant.n + plant.r))
-        moved = [inputs(pin.integrate(robot, q, _STEP * e), v2) - here for e in np.eye(plant.n)]
-        faster = [inputs(q, v2 + step * e) - here for e in np.eye(plant.r)]
-        columns = [*(each / _STEP for each in moved), *(each / step for each in faster)]
-        return np.array(columns).T.reshape(plant.p, plant.n + plant.r)
+            found.append(plant.saturated(input_of(self._reduced, state, command)))
+            if len(found) == 2 and np.array_equal(*found):
+                return np.tile(found[0], (len(q), 1))
+        return np.array(found)
 
 
 class _RefusalError(RncError):
@@ -259,21 +282,13 @@ def _switches(controller: object) -> bool:
     return controller is not None
 
 
-def _system(
-    model: ReducedModel, motion: RunSamples, slopes: StateDerivatives, damping: Array | None
-) -> tuple[Array, Array]:
-    """Matrices of ``e_dot = M e + G dT`` at N states, with the error e of the configuration and of v2."""
-    nv, r = model.n, model.r
-    M = np.zeros((len(motion.q), nv + r, nv + r))
-    M[:, :nv, :nv], M[:, :nv, nv:] = slopes.v_q + _turning(model.robot.model, motion), slopes.v_v2
-    M[:, nv:, :nv], M[:, nv:, nv:] = slopes.v2_dot_q, slopes.v2_dot_v2
-    if damping is not None:
-        H, R = model.at(motion.q, v=motion.v, t=motion.t if model.rheonomic else None).H, slopes.v_v2
-        resisted = np.linalg.solve(H, R.mT * damping)
-        M[:, nv:, :nv] -= resisted @ slopes.v_q
-        M[:, nv:, nv:] -= resisted @ R
-    G = np.concatenate([np.zeros((len(M), nv, model.p)), slopes.v2_dot_T], axis=1)
-    return M, G
+def _assembled(states: StateEvaluation, holonomic: Sequence[bool], moved: Array) -> Array:
+    """Displacements (N, nv) after the projection of the plant, which moves against the holonomic rows only."""
+    if not any(holonomic):
+        return moved
+    A = states.A[:, np.array(holonomic)]
+    across = np.linalg.solve(states.M, A.mT)
+    return np.asarray(moved - apply(across, np.linalg.solve(A @ across, A @ moved[..., None])[..., 0]))
 
 
 def _turning(model: pin.Model, motion: RunSamples) -> Array | float:

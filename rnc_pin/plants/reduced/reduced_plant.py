@@ -302,7 +302,8 @@ class ReducedPlant(ReprMixin):
         """Estimated errors (N, 2 nv) that the integration added in samples of a motion; not finite if it diverges.
 
         A sample is integrated again, once with a fraction of its substeps and once with twice as many. The error falls
-        with the fourth power of the number of substeps. Entries are along the axes of the tangent space at the end.
+        with the fourth power of the number of substeps. Entries are along the axes of the tangent space at the end,
+        and those of holonomic rows, which ``advance`` removes, are still in.
 
         Args:
             motion: times (N,), configurations (N, nq), velocities (N, nv) and inputs (N, p) of the samples.
@@ -337,9 +338,6 @@ class ReducedPlant(ReprMixin):
             self._dynamics.chart = charts[k]
             step = self._step(dt, steps)
             q[k], y[k] = (np.nan, np.nan) if step.failure is not None else (step.q, step.y)
-        if self.reduced.assembly.size:
-            for k in np.flatnonzero(np.isfinite(q).all(axis=1)).tolist():
-                q[k] = self._dynamics.project(q[k].copy(), y[k].copy())
         return q, y
 
 
