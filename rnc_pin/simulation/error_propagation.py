@@ -37,7 +37,7 @@ _ORDER = 6  # of the series of the exponential
 _SMALL = 0.5  # largest matrix whose exponential is a series
 _TOGETHER = 512  # maps that are computed at once
 _SWITCHES = "the active limits of the controller's program may change, and small differences decide when"
-_LARGEST = 1e3  # error above which a linearised one means nothing
+_LARGEST = 1e6  # error above which no motion is that of the linearisation
 
 
 class ErrorMark(NamedTuple):
@@ -127,6 +127,8 @@ class ErrorHistory:
     def largest(self, motion: RunSamples, errors: IntegrationErrors) -> Array | None:
         """Return the largest errors (2 nv,) of a run, as absolute values; None if they cannot be propagated.
 
+        They are infinite if they grow until the linearisation means nothing.
+
         Args:
             motion: samples of the run.
             errors: errors at the end of the run.
@@ -135,24 +137,25 @@ class ErrorHistory:
         if samples < 1 or not seen or not self.propagates:
             return None
         try:
-            largest = self._propagated(motion, errors, seen)
+            return self._propagated(motion, errors, seen)
         except RncError:  # at a state that the motion itself does not reach
             return None
-        return largest if np.isfinite(largest).all() else None
 
     def _propagated(self, motion: RunSamples, errors: IntegrationErrors, seen: Sequence[ErrorMark]) -> Array:
         """Largest errors (2 nv,) of a run, as ``largest``, with the slopes at the marks ``seen``."""
-        samples = len(motion.t) - 1
-        stride = max(1, MARKED // max(errors.most, errors.enough))
-        starts = np.arange(0, samples, stride)
-        lengths, middles = np.minimum(stride, samples - starts), np.minimum(starts + stride // 2, samples - 1)
-        gains = self._gains(motion, seen, middles)
-        steps = np.array([*self.steps[1:], errors.used])[middles]
+        samples, plant = len(motion.t) - 1, cast(ReducedPlant, self._plant)
+        steps = np.array([*self.steps[1:], errors.used])[:samples]
+        starts = _starts(steps if plant.substeps is None else np.maximum(steps, errors.enough))
+        lengths = np.diff(starts, append=samples)
+        middles = starts + lengths // 2
+        gains, steps = self._gains(motion, seen, middles), steps[middles]
         charts = [cast(VelocityChart, self._marks[each].chart) for each in middles // MARKED]
         now, parts = np.r_[np.zeros(gains.shape[-1]), 1.0], []
         for part in (slice(start, start + _TOGETHER) for start in range(0, len(starts), _TOGETHER)):
             own = motion.at(middles[part])
-            added = cast(ReducedPlant, self._plant).local_errors(own, steps[part], charts[part], self._dt)
+            added = plant.local_errors(own, steps[part], charts[part], self._dt)
+            if not (np.isfinite(added).all() and np.isfinite(gains[part]).all()):
+                raise _RefusalError
             found, now = self._after_blocks(own, (added, lengths[part], gains[part]), now)
             parts.append(found)
         return np.asarray(np.max(parts, axis=0))
@@ -192,13 +195,14 @@ class ErrorHistory:
         own = added[:, nv:] - apply(slopes.v_q, moved)
         maps[:, nv:n, n] = np.linalg.solve(R.mT @ R, R.mT @ own[:, :, None])[..., 0]
         maps[:, n, n] = 1.0
-        last = np.linalg.matrix_power(maps[-1], int(lengths[-1]))
-        maps = np.linalg.matrix_power(maps, int(lengths[0]))
-        maps[-1] = last
+        for length in set(lengths.tolist()):
+            own_maps = lengths == length
+            maps[own_maps] = np.linalg.matrix_power(maps[own_maps], length)
         errors = np.empty((len(maps), n))
         for error, one in zip(errors, maps, strict=True):
             now = one @ now
-            now[:n] = np.clip(now[:n], -_LARGEST, _LARGEST)
+            if not now @ now < _LARGEST**2:
+                return np.full(2 * nv, np.inf), np.zeros(n + 1)
             error[:] = now[:n]
         velocities = apply(slopes.v_q, errors[:, :nv]) + apply(R, errors[:, nv:])
         return np.abs(np.concatenate([errors[:, :nv], velocities], axis=1)).max(axis=0), now
@@ -272,7 +276,7 @@ class ErrorHistory:
 
 
 class _RefusalError(RncError):
-    """A controller gives no command at a displaced state."""
+    """A controller gives no command at a displaced state, or an integration with fewer substeps diverges."""
 
 
 def _switches(controller: object) -> bool:
@@ -280,6 +284,15 @@ def _switches(controller: object) -> bool:
     while controller is not None and not isinstance(controller, WholeBodyProgram):
         controller = getattr(controller, "target", None)
     return controller is not None
+
+
+def _starts(steps: Array) -> Array:
+    """First samples (N,) of blocks that are as short as the substeps of the samples around them are many."""
+    firsts = np.arange(0, len(steps), MARKED)
+    strides = np.maximum(1, MARKED // np.maximum.reduceat(steps, firsts))
+    return np.concatenate(
+        [np.arange(first, min(first + MARKED, len(steps)), each) for first, each in zip(firsts, strides, strict=True)]
+    )
 
 
 def _assembled(states: StateEvaluation, holonomic: Sequence[bool], moved: Array) -> Array:

@@ -24,7 +24,7 @@ from rnc_pin.plants.reduced.step_control import (
 )
 from rnc_pin.printing import ReprMixin
 
-_COARSER = 32  # substeps of a sample over those by which its error is estimated again
+_COARSER = 64  # substeps of a sample over those by which its error is estimated again
 _PRECISION = 1e-12  # of the time of an event, relative to the end of its bracket
 
 
@@ -313,7 +313,10 @@ class ReducedPlant(ReprMixin):
         """
         t, q, v, T = motion
         dynamics, before = self._dynamics, self.checkpoint()
-        y = np.array([dynamics.initial(*each) for each in zip(q, v, charts, t.tolist(), strict=True)])
+        y = np.zeros((len(q), dynamics.state_size))
+        y[:, : self.reduced.r] = [chart.W @ each for chart, each in zip(charts, v, strict=True)]
+        if self.reduced.rheonomic:
+            y[:, -2] = t
         coarse, found = np.maximum(1, steps // _COARSER), np.empty((len(q), 2 * self.reduced.n))
         for number in np.unique(coarse).tolist():
             which = np.flatnonzero(coarse == number)
