@@ -3,10 +3,10 @@
 Each run is made with one integration step in a sample, with two, and with as many as the default tolerance asks for.
 Its true error is the difference to the same run, with its feedback, with a tolerance of 1e-11 per second. The table
 compares the largest true error of a configuration entry [m or rad] with the stated one, for all built-in scenarios on
-plants that state an error, and for drawn systems of one to six joints under constant random inputs. Errors below 1e-11
-are rounding, and not judged. Of the drawn systems, only misses have a row. The last column is the processor time of the
-estimate over that of the rest of the run, each the least of three. Arguments, both optional: number of drawn systems,
-200 by default, and names of scenarios, all by default.
+plants that state an error, and for drawn systems of one to six joints under constant random inputs. Errors are not
+judged below 1e-11, nor below what one unit in the last place in each sample makes. Of the drawn systems, only misses
+have a row. The last column is the processor time of the estimate over that of the rest of the run, each the least of
+three. Arguments, both optional: number of drawn systems, 200 by default, and names of scenarios, all by default.
 """
 
 from __future__ import annotations
@@ -43,6 +43,7 @@ class Compared(NamedTuple):
         stated: NaN if the run says that its error is not known.
         how: of the estimate: propagated, with inputs as given, or unknown.
         samples: number of samples.
+        rounding: error if each sample rounds the largest entry of the configuration by one unit in the last place.
         cost: processor time of the estimate over that of the run; NaN if it was not measured.
     """
 
@@ -52,11 +53,12 @@ class Compared(NamedTuple):
     stated: float
     how: str
     samples: int
+    rounding: float
     cost: float
 
     @property
     def judged(self) -> bool:
-        return max(self.true, self.stated) > JUDGED
+        return max(self.true, self.stated) > max(JUDGED, self.rounding)
 
     @property
     def honest(self) -> bool:
@@ -115,7 +117,8 @@ def compared(
     error = max(float(np.abs(pin.difference(robot.model, *pair)).max()) for pair in pairs)
     how = "unknown" if stated.unknown else "propagated" if stated.linearized else "inputs"
     largest = np.nan if stated.unknown else max(stated.accumulated.get(unit, 0.0) for unit in ("m", "rad"))
-    return Compared(name, choice, error, largest, how, len(found.time), cost)
+    rounding = len(found.time) * float(np.spacing(np.abs(found.q).max()))
+    return Compared(name, choice, error, largest, how, len(found.time), rounding, cost)
 
 
 def drawn(seed: int) -> tuple[rnc.ReducedModel, np.ndarray, np.ndarray, np.ndarray, float]:

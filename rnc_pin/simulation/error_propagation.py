@@ -30,7 +30,7 @@ from rnc_pin.plants.reduced.constrained_dynamics import VelocityChart, joint_rot
 
 MARKED = 16
 """Samples after which a mark is kept."""
-_RARE = 8  # samples for each state and its displacements, after which the slope of the controller is taken again
+_RARE = 8  # samples for each displacement of a state, after which the slope of the controller is taken again
 _STEP = 1e-6  # displacement of a state [m, rad] or, relative to 1 + the largest velocity, [m/s, rad/s]
 _TURN = 1e-7  # angle of the motion by which the rotation of moving frames is taken [rad or m]
 _ORDER = 6  # of the series of the exponential
@@ -103,7 +103,8 @@ class ErrorHistory:
         self.at_the_end: IntegrationErrors | None = None
         self.propagates = isinstance(plant, ReducedPlant) and not plant.rubs
         states = plant.reduced.n + plant.reduced.r if isinstance(plant, ReducedPlant) else 0
-        self._period = MARKED * -(-_RARE * (states + 1) // MARKED)
+        rare = _RARE if accepts_batches(controller) else 2 * _RARE
+        self._period = MARKED * -(-rare * (states + 1) // MARKED)
         self.unknown = _SWITCHES if _switches(controller) else ""
         self.propagates = self.propagates and not self.unknown
         self._first = min(self._period, samples) // (2 * MARKED) * MARKED
@@ -253,6 +254,11 @@ class ErrorHistory:
         here, _, *moved = self._inputs(t, *displaced, seen)
         return np.asarray(((np.array(moved) - here) / sizes[:, None]).T)
 
+    def _seen(self, t: float, q: Array, v2: Array) -> StateEvaluation:
+        """States of the plant in the reduction of the controller."""
+        states = self._model.at(q, v2, t=t)
+        return states if self._reduced is self._model else self._reduced.at(q, v=states.v, t=t)
+
     def _inputs(self, t: float, q: Array, v2: Array, seen: ErrorMark) -> Array:
         """Inputs (N, p) of the controller at states, by a mark; all as the first if those of the second are."""
         plant, controller, found = cast(ReducedPlant, self._plant), self._controller, list[Array]()
@@ -260,11 +266,11 @@ class ErrorHistory:
             integrals = np.tile(seen.integrals, (len(q), 1))
             with suppress(Exception):  # of one state, which is not known
                 memory = stack_states([seen.memory] * len(q))
-                states = self._reduced.at(q, v=self._model.at(q, v2, t=t).v, t=t)
+                states = self._seen(t, q, v2)
                 command, _ = controller.step(t, states.measure(integrals), memory)
                 return plant.saturated(states.allocate(command.F) if command.T is None else command.T)
         for each in zip(q, v2, strict=True):
-            state = self._reduced.at(each[0], v=self._model.at(*each, t=t).v, t=t)
+            state = self._seen(t, *each)
             try:
                 command, _ = controller.step(t, state.measure(seen.integrals), seen.memory)
             except Exception as error:  # the run is complete, and its controller may not know the displaced state

@@ -58,6 +58,17 @@ class VelocityChart:
         return v, not size < self.evaluator.data.r + MAX_GROWTH
 
 
+def in_charts(charts: Sequence[VelocityChart], v: np.ndarray, back: bool = False) -> np.ndarray:
+    """Velocities (N, r) in charts from full ones (N, nv) at their centres, or ``back`` to these."""
+    places: dict[VelocityChart, list[int]] = {}
+    for place, chart in enumerate(charts):
+        places.setdefault(chart, []).append(place)
+    found = np.empty((len(v), charts[0].W.shape[1 if back else 0]))
+    for chart, own in places.items():
+        found[own] = v[own] @ (chart.W if back else chart.W.T)
+    return found
+
+
 def integrated_outputs(reduced: ReducedModel) -> np.ndarray:
     """Mask (r,) of the reducing outputs whose velocity has to be integrated."""
     x2 = reduced.reducing
@@ -194,10 +205,10 @@ class ConstrainedDynamics:
     def errors_in(self, charts: Sequence[VelocityChart], coarse: State, fine: State) -> np.ndarray:
         """As ``errors``, of states (N,) of smooth motions in given charts."""
         (q, y), (q_fine, y_fine), r = coarse, fine, self._r
-        moved = zip(y_fine[:, :r] - y[:, :r], charts, strict=True)
         scale = np.maximum(np.abs(q_fine).max(axis=1, initial=0.0), np.abs(y_fine[:, :r]).max(axis=1, initial=0.0))
         position = self._manifold.difference(q, q_fine)
-        return difference_errors(position, np.array([each @ chart.W for each, chart in moved]), scale[:, None], True)
+        velocity = in_charts(charts, y_fine[:, :r] - y[:, :r], back=True)
+        return difference_errors(position, velocity, scale[:, None], True)
 
     def steady_axes(self, q: np.ndarray) -> np.ndarray:
         """Rotation (nv, nv) to axes in which the errors of a spinning body keep their direction."""

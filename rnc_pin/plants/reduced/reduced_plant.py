@@ -13,7 +13,7 @@ from numpy import ndarray as Array
 from rnc_pin.errors import DivergenceError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics, VelocityChart
+from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics, VelocityChart, in_charts
 from rnc_pin.plants.reduced.friction import DissipativeStep, DryFriction
 from rnc_pin.plants.reduced.step_control import (
     DEFAULT_TOLERANCE,
@@ -314,7 +314,7 @@ class ReducedPlant(ReprMixin):
         t, q, v, T = motion
         dynamics, before = self._dynamics, self.checkpoint()
         y = np.zeros((len(q), dynamics.state_size))
-        y[:, : self.reduced.r] = [chart.W @ each for chart, each in zip(charts, v, strict=True)]
+        y[:, : self.reduced.r] = in_charts(charts, v)
         if self.reduced.rheonomic:
             y[:, -2] = t
         coarse, found = np.maximum(1, steps // _COARSER), np.empty((len(q), 2 * self.reduced.n))
