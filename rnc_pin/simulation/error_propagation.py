@@ -138,7 +138,8 @@ class ErrorHistory:
         if samples < 1 or not seen or not self.propagates:
             return None
         try:
-            return self._propagated(motion, errors, seen)
+            with np.errstate(over="ignore", invalid="ignore"):  # of a motion that diverges
+                return self._propagated(motion, errors, seen)
         except RncError:  # at a state that the motion itself does not reach
             return None
 
@@ -152,11 +153,12 @@ class ErrorHistory:
         gains, steps = self._gains(motion, seen, middles), steps[middles]
         charts = [cast(VelocityChart, self._marks[each].chart) for each in middles // MARKED]
         now, parts = np.r_[np.zeros(gains.shape[-1]), 1.0], []
+        places = np.append(middles, samples)
         for part in (slice(start, start + _TOGETHER) for start in range(0, len(starts), _TOGETHER)):
-            own = motion.at(middles[part])
-            added = plant.local_errors(own, steps[part], charts[part], self._dt)
+            added = plant.local_errors(motion.at(middles[part]), steps[part], charts[part], self._dt)
             if not (np.isfinite(added).all() and np.isfinite(gains[part]).all()):
                 raise _RefusalError
+            own = motion.at(places[part.start : part.stop + 1])
             found, now = self._after_blocks(own, (added, lengths[part], gains[part]), now)
             parts.append(found)
         return np.asarray(np.max(parts, axis=0))
@@ -176,7 +178,7 @@ class ErrorHistory:
         """Largest errors (2 nv,) after N blocks of samples, and ``[e, 1]`` at the end.
 
         Args:
-            motion: one sample of each block.
+            motion: one sample of each block, and one after them.
             blocks: errors (N, 2 nv) of a sample, numbers of samples (N,), and slopes of inputs (N, p, nv + r).
             now: error e and 1 at the start, (nv + r + 1,).
         """
@@ -185,15 +187,18 @@ class ErrorHistory:
         t = motion.t if model.rheonomic else None
         slopes = state_derivatives(model, motion.q, np.ascontiguousarray(states.v2), motion.T, t=t)
         M, G = self._system(states, motion, slopes)
+        # The middle of a block of one sample is between two of these, which are at the begin of such blocks.
+        halves = np.where(lengths == 1, 0.5, 0.0)[:, None, None]
+        M, G = M[:-1] + halves * np.diff(M, axis=0), G[:-1] + halves * np.diff(G, axis=0)
         n, p = M.shape[-1], G.shape[-1]
         held = np.zeros((len(M), n + p, n + p))
         held[:, :n, :n], held[:, :n, n:] = M * self._dt, G * self._dt
         held = _exponential(held)
-        maps, R = np.zeros((len(M), n + 1, n + 1)), slopes.v_v2
+        maps, R, v_q = np.zeros((len(M), n + 1, n + 1)), slopes.v_v2[:-1], slopes.v_q[:-1]
         maps[:, :n, :n] = held[:, :n, :n] + held[:, :n, n:] @ gains
         moved = _assembled(states, model.constraints.holonomic, added[:, :nv])
         maps[:, :nv, n] = moved
-        own = added[:, nv:] - apply(slopes.v_q, moved)
+        own = added[:, nv:] - apply(v_q, moved)
         maps[:, nv:n, n] = np.linalg.solve(R.mT @ R, R.mT @ own[:, :, None])[..., 0]
         maps[:, n, n] = 1.0
         for length in set(lengths.tolist()):
@@ -205,7 +210,7 @@ class ErrorHistory:
             if not now @ now < _LARGEST**2:
                 return np.full(2 * nv, np.inf), np.zeros(n + 1)
             error[:] = now[:n]
-        velocities = apply(slopes.v_q, errors[:, :nv]) + apply(R, errors[:, nv:])
+        velocities = apply(v_q, errors[:, :nv]) + apply(R, errors[:, nv:])
         return np.abs(np.concatenate([errors[:, :nv], velocities], axis=1)).max(axis=0), now
 
     def _system(self, states: StateEvaluation, motion: RunSamples, slopes: StateDerivatives) -> tuple[Array, Array]:
@@ -305,8 +310,8 @@ def _assembled(states: StateEvaluation, holonomic: Sequence[bool], moved: Array)
     """Displacements (N, nv) after the projection of the plant, which moves against the holonomic rows only."""
     if not any(holonomic):
         return moved
-    A = states.A[:, np.array(holonomic)]
-    across = np.linalg.solve(states.M, A.mT)
+    A = states.A[: len(moved), np.array(holonomic)]
+    across = np.linalg.solve(states.M[: len(moved)], A.mT)
     return np.asarray(moved - apply(across, np.linalg.solve(A @ across, A @ moved[..., None])[..., 0]))
 
 

@@ -274,6 +274,18 @@ def test_the_stated_error_of_a_swinging_pendulum_is_its_error(substeps):
     assert true / 1.5 < run.info.integration.accumulated["rad"] < 1.5 * true
 
 
+def test_an_error_beyond_a_linear_map_is_not_stated():
+    """A pendulum that nearly stands at each turn: there its error grows a thousandfold."""
+    (reduced, J), start = turning(), np.array([np.pi - 1e-3])
+    run = rnc.simulate(reduced, Idle(1), start, 12.0, 0.05, plant=rnc.ReducedPlant(reduced, substeps=1))
+    exact = swing(start[0], np.sqrt(2.0 * GRAVITY * 0.5 / J), run.time)
+    assert np.abs(run.q[:, 0] - exact).max() > 1.0
+    found = run.info.integration
+    assert not found.linearized
+    assert not found.accumulated
+    assert "linear" in rnc.summarize(run)["integration"]["unknown"]
+
+
 def test_a_controller_that_refuses_displaced_states_costs_the_propagation_only():
     (reduced, _), start = turning(), np.array([1.0])
 
