@@ -169,23 +169,24 @@ def of_scenarios(names: Sequence[str]) -> Iterator[Compared]:
     """Runs of built-in scenarios; prints the reasons of those without an estimate."""
     for name in names:
 
-        def loaded(**options: float | None) -> Scenario:
+        def built(**options: float | None) -> Scenario:
             given = {f"simulation.{key}": value for key, value in options.items() if value is not None}
-            return Scenario.load(name, {"plots": {}, "comparisons": {}, **given})  # noqa: B023 (used at once)
+            return Scenario.load(name, {"plots": {}, "comparisons": {}, **given}).build()  # noqa: B023 (used at once)
 
-        def run(**options: float | None) -> tuple[rnc.Trajectory, float]:
-            if loaded(**options).build().experiment.phases:
-                return execute(loaded(**options).build()).trajectory, np.nan
-            return timed(lambda: arguments_of(loaded(**options).build()), 1)
+        def run(scenario: Scenario) -> tuple[rnc.Trajectory, float]:
+            if scenario.experiment.phases:
+                return execute(scenario).trajectory, np.nan
+            return timed(lambda: arguments_of(scenario), 1)
 
-        first, robot = run(), loaded().build().reduced.robot
+        scenario = built()
+        first, robot = run(scenario), scenario.reduced.robot
         stated = first[0].info.integration
         if stated is None or stated.unknown:
             print(f"{name:28} {'the plant estimates no error' if stated is None else stated.unknown}", flush=True)
             continue
-        true, _ = run(tolerance=REFERENCE)
+        true, _ = run(built(tolerance=REFERENCE))
         for choice, substeps in CHOICES.items():
-            yield compared(name, choice, first if substeps is None else run(substeps=substeps), true, robot)
+            yield compared(name, choice, first if substeps is None else run(built(substeps=substeps)), true, robot)
 
 
 def judged_group(group: str, found: Sequence[Compared]) -> str:

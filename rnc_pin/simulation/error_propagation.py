@@ -28,7 +28,7 @@ from rnc_pin.plants import Plant, ReducedPlant
 from rnc_pin.plants.reduced import IntegrationErrors
 from rnc_pin.plants.reduced.constrained_dynamics import VelocityChart, joint_rotations
 
-MARKED = 16
+MARKED = 32
 """Samples after which a mark is kept."""
 _RARE = 8  # samples for each displacement of a state, after which the slope of the controller is taken again
 _STEP = 1e-6  # displacement of a state [m, rad] or, relative to 1 + the largest velocity, [m/s, rad/s]

@@ -19,7 +19,7 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack
 from rnc_pin.model.rows import ConstantRows, OutputRows
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plants.reduced.step_control import difference_errors
+from rnc_pin.plants.reduced.step_control import above_rounding, difference_errors
 
 State = tuple[np.ndarray, np.ndarray]
 """Configuration and y of the integrator, each with a leading axis for many states."""
@@ -200,15 +200,15 @@ class ConstrainedDynamics:
         (q, y), (q_fine, y_fine), r = coarse, fine, self._r
         velocity = (y_fine[:r] - y[:r]) @ self.chart.W
         scale = max(np.abs(q_fine).max(initial=0.0), np.abs(y_fine[:r]).max(initial=0.0))
-        return difference_errors(pin.difference(self.reduced.robot.model, q, q_fine), velocity, scale, smooth)
+        errors = difference_errors(pin.difference(self.reduced.robot.model, q, q_fine), velocity, smooth)
+        return above_rounding(errors, scale)
 
     def errors_in(self, charts: Sequence[VelocityChart], coarse: State, fine: State) -> np.ndarray:
-        """As ``errors``, of states (N,) of smooth motions in given charts."""
+        """As ``errors``, of states (N,) of smooth motions in given charts; many samples may add what rounds in one."""
         (q, y), (q_fine, y_fine), r = coarse, fine, self._r
-        scale = np.maximum(np.abs(q_fine).max(axis=1, initial=0.0), np.abs(y_fine[:, :r]).max(axis=1, initial=0.0))
         position = self._manifold.difference(q, q_fine)
         velocity = in_charts(charts, y_fine[:, :r] - y[:, :r], back=True)
-        return difference_errors(position, velocity, scale[:, None], True)
+        return difference_errors(position, velocity, True)
 
     def steady_axes(self, q: np.ndarray) -> np.ndarray:
         """Rotation (nv, nv) to axes in which the errors of a spinning body keep their direction."""

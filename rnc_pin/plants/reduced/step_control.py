@@ -227,14 +227,17 @@ class IntegrationErrors(NamedTuple):
         return IntegrationErrors._make(np.array([each] * size) for each in self)
 
 
-def difference_errors(position: Array, velocity: Array, scale: float, smooth: bool) -> Array:
-    """Errors (2 nv,) of a sample from its difference to the one with twice as many substeps.
+def difference_errors(position: Array, velocity: Array, smooth: bool) -> Array:
+    """Errors (..., 2 nv) of a sample from its difference to the one with twice as many substeps.
 
     Args:
-        position: difference of the configurations (nv,).
-        velocity: difference of the velocities (nv,).
-        scale: largest absolute value of the states; smaller differences than its rounding count as none.
+        position: difference of the configurations (..., nv).
+        velocity: difference of the velocities (..., nv).
         smooth: True if the integration is of fourth order.
     """
-    errors = np.concatenate([position, velocity], axis=-1) * (_ORDER_4 if smooth else _ORDER_1)
+    return np.concatenate([position, velocity], axis=-1) * (_ORDER_4 if smooth else _ORDER_1)
+
+
+def above_rounding(errors: Array, scale: float) -> Array:
+    """Errors of one sample, zero where they are rounding of states with this largest absolute value."""
     return np.where(np.abs(errors) > _ROUNDING * (1.0 + scale), errors, 0.0)
