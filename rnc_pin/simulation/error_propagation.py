@@ -298,12 +298,17 @@ def _switches(controller: object) -> bool:
 
 
 def _starts(steps: Array) -> Array:
-    """First samples (N,) of blocks that are as short as the substeps of the samples around them are many."""
+    """First samples (N,) of blocks that are as short as the substeps of the samples around them are many.
+
+    The first blocks are short too: a motion often begins with a transient.
+    """
     firsts = np.arange(0, len(steps), MARKED)
     strides = np.maximum(1, MARKED // np.maximum.reduceat(steps, firsts))
-    return np.concatenate(
-        [np.arange(first, min(first + MARKED, len(steps)), each) for first, each in zip(firsts, strides, strict=True)]
-    )
+    blocks = [
+        np.arange(first, min(first + MARKED, len(steps)), each) for first, each in zip(firsts, strides, strict=True)
+    ]
+    early = 2 ** np.arange(MARKED.bit_length())
+    return np.union1d(np.concatenate(blocks), early[early < min(strides[0], len(steps))])
 
 
 def _assembled(states: StateEvaluation, holonomic: Sequence[bool], moved: Array) -> Array:
