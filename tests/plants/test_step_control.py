@@ -274,6 +274,30 @@ def test_the_stated_error_of_a_swinging_pendulum_is_its_error(substeps):
     assert true / 2 < run.info.integration.accumulated["rad"] < 2 * true
 
 
+def damped_arm():
+    """An arm with viscous damping in its joints."""
+    model = systems.space_robot().robot.model.copy()
+    model.damping[:] = 2.0
+    return rnc.NonholonomicSystem(rnc.Robot(model)).reduce()
+
+
+@pytest.mark.parametrize("system", [damped_arm, systems.leaning_wheel, systems.four_bar])
+def test_the_stated_error_holds_with_damping_rolling_and_loops(system):
+    reduced = system()
+    (q, v2), *_ = systems.random_states(reduced, 1, seed=3)
+    start, dt, damped = reduced.assembled(q), 0.01, system is damped_arm
+    plants = [
+        rnc.ReducedPlant(reduced, joint_damping=damped, **options) for options in ({"substeps": 1}, {"substeps": 4})
+    ]
+    coarse, fine = (
+        rnc.simulate(reduced, rnc.control.ZeroInput(reduced), start, 0.2, dt, v2_0=v2, plant=plant) for plant in plants
+    )
+    found = coarse.info.integration
+    assert found.linearized
+    true = max(np.abs(pin.difference(reduced.robot.model, *each)).max() for each in zip(coarse.q, fine.q, strict=True))
+    assert true / 10 < max(found.accumulated.get(unit, 0.0) for unit in ("m", "rad")) < 10 * true
+
+
 def test_an_error_beyond_a_linear_map_is_not_stated():
     """A pendulum that nearly stands at each turn: there its error grows a thousandfold."""
     (reduced, J), start = turning(), np.array([np.pi - 1e-3])
