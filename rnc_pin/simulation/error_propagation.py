@@ -41,7 +41,7 @@ _LARGEST = 1e6  # error above which no motion is that of the linearisation
 
 
 class ErrorMark(NamedTuple):
-    """What the plant and the controller of a run had before a sample. Marks of B runs have a leading axis.
+    """Chart of the plant and state of the controller before a sample of a run. Marks of B runs have a leading axis.
 
     Attributes:
         sample: number of the sample.
@@ -281,7 +281,7 @@ class ErrorHistory:
             except Exception as error:  # the run is complete, and its controller may not know the displaced state
                 raise _RefusalError from error
             found.append(plant.saturated(input_of(self._reduced, state, command)))
-            if len(found) == 2 and np.array_equal(*found):
+            if len(found) == 2 and np.array_equal(found[0], found[1]):
                 return np.tile(found[0], (len(q), 1))
         return np.array(found)
 
@@ -305,7 +305,8 @@ def _starts(steps: Array) -> Array:
     firsts = np.arange(0, len(steps), MARKED)
     strides = np.maximum(1, MARKED // np.maximum.reduceat(steps, firsts))
     blocks = [
-        np.arange(first, min(first + MARKED, len(steps)), each) for first, each in zip(firsts, strides, strict=True)
+        np.arange(first, min(first + MARKED, len(steps)), each)
+        for first, each in zip(firsts.tolist(), strides.tolist(), strict=True)
     ]
     early = 2 ** np.arange(MARKED.bit_length())
     return np.union1d(np.concatenate(blocks), early[early < min(strides[0], len(steps))])

@@ -320,7 +320,7 @@ class ReducedPlant(ReprMixin):
         coarse, found = np.maximum(1, steps // _COARSER), np.empty((len(q), 2 * self.reduced.n))
         for number in np.unique(coarse).tolist():
             which = np.flatnonzero(coarse == number)
-            own = [charts[each] for each in which]
+            own = [charts[each] for each in which.tolist()]
             (q_1, y_1), (q_2, y_2) = (
                 self._ends((q[which], y[which], T[which]), own, dt, count) for count in (number, 2 * number)
             )
