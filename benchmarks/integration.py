@@ -27,9 +27,9 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.sweep.scenario_runs import arguments_of
 from rnc_pin.control.controller import Command
 from rnc_pin.model.measurement import Measurement
-from rnc_pin.simulation.ending import complete_run
 from rnc_pin.simulation.sampled_run import SampledRun
 from rnc_pin.simulation.simulation_options import RunArguments
+from rnc_pin.simulation.stop import complete_run
 
 REFERENCE, JUDGED, FACTOR = 1e-11, 1e-11, 10.0
 CHOICES: dict[str, int | None] = {"1": 1, "2": 2, "default": None}
