@@ -7,12 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Bool, Float
 from rnc_pin.collision import CollisionDistances, continuous_distances
 from rnc_pin.collision.continuous_distances import default_tolerance
 from rnc_pin.model.configuration_manifold import ConfigurationManifold
 from rnc_pin.planning.exact_steering import ExactMotion
 
+_FINER = 0.1  # tolerance of the second check of wheels that follow, in tolerances of the first one
 _SPACING = 0.1  # [m or rad] between the samples that are looked at before the bounds
 _HALVED = 1.0 - np.array([int(f"{k:04b}"[::-1], 2) for k in range(16)]) / 16.0
 """Fractions of a motion, in an order that finds collisions early: the end, the middle, the quarters, ..."""
@@ -81,6 +82,23 @@ class WayChecker:
         close = (found.smallest < self._least) | found.uncertain
         self.blocks[close] += 1
         return not close.any()
+
+    def holds_with(self, motion: ExactMotion, followers: Bool[Array, " nv"]) -> bool:
+        """True if a motion that ``is_free`` has accepted stays free where joints that follow move too.
+
+        Only pairs count whose distance depends on these joints. Other samples find other distances, as far as the
+        tolerance: what the first check has left of it has to cover the finer tolerance here.
+
+        Args:
+            motion: the motion of all joints.
+            followers: mask of the velocities of joints that follow.
+        """
+        moved = self.distances.depends_on(followers)
+        tolerance = _FINER * self.tolerance
+        least = self._least - self.tolerance + tolerance
+        time, within = np.arange(len(motion.q), dtype=float), self.clearance + self.tolerance
+        found = continuous_distances(self.distances, time, motion.q, within, tolerance)
+        return not (((found.smallest < least) | found.uncertain) & moved).any()
 
     def _samples(self, motion: ExactMotion) -> Float[Array, "k nq"]:
         """Configurations along a motion."""
