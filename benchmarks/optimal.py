@@ -2,7 +2,8 @@
 
 Run it by ``python -m benchmarks.optimal iteration|optima|predictive|peers``, or with a number of problems by
 ``python -m benchmarks.optimal parking|docking|dubins|reeds-shepp|turning|regions N``, or with numbers of problems and
-of guesses by ``python -m benchmarks.optimal restarts N M``. Without a name all run.
+of guesses by ``python -m benchmarks.optimal restarts|restarts-parking|restarts-docking|restarts-satellite N M``. Without
+a name all run.
 """
 
 from __future__ import annotations
@@ -192,32 +193,39 @@ def _turning_satellite() -> tuple[rnc.ReducedModel, Draw]:
     return reduced, draw
 
 
-def restarts() -> None:
-    """Cost of plans by usual settings over the least cost from many guesses: named scenarios, and drawn problems."""
-    warnings.simplefilter("ignore", rnc.ModelWarning)  # fewer solutions than guesses
-    guesses = int(sys.argv[3]) if len(sys.argv) > 3 else _RESTARTS
-    many = {"solutions": guesses, "seeds": 0}
-    print(f"cost over the least of {guesses} guesses", flush=True)
-    drawn = {"parking": _parking(), "docking, two trailers": _docking(2), "turns of a satellite": _turning_satellite()}
-    for name, (reduced, draw) in drawn.items():
-        generator, count = np.random.default_rng(0), _count(10)
-        ratios: list[float] = []
-        for _ in range(count):
-            problem = draw(generator)
-            try:
-                ours = planned(reduced, problem).info.cost
-                ratios.append(ours / min(ours, planned(reduced, problem, **many).info.cost))
-            except InfeasibleError:
-                continue
-        share = np.mean(np.array(ratios) <= 1.05)
-        spread = f"median {np.median(ratios):.3f}, most {max(ratios):.3f}, {share:.0%} within 5 %"
-        print(f"  drawn {name}: {spread}, {len(ratios)} of {count} planned", flush=True)
+def restarts(name: str, reduced: rnc.ReducedModel, draw: Draw) -> None:
+    """Cost of drawn plans by usual settings over the least cost from many guesses."""
+    generator, count, many = np.random.default_rng(0), _count(10), _many()
+    ratios: list[float] = []
+    for _ in range(count):
+        problem = draw(generator)
+        try:
+            ours = planned(reduced, problem).info.cost
+        except InfeasibleError:
+            continue
+        ratios.append(ours / min(ours, planned(reduced, problem, **many).info.cost))
+        print(f"  {ratios[-1]:.4f}", end="", flush=True)
+    share = np.mean(np.array(ratios) <= 1.05)
+    spread = f"median {np.median(ratios):.3f}, most {max(ratios):.3f}, {share:.0%} within 5 %"
+    print(f"\ndrawn {name}, cost over the least of {many['solutions']} guesses: {spread}, "
+          f"{len(ratios)} of {count} planned", flush=True)  # fmt: skip
+
+
+def known_costs() -> None:
+    """Cost of the plans of scenarios over the least cost from many guesses."""
+    many = _many()
     for name in ("parallel-parking", "docking", "space-robot-turn"):
         choices = {"plots": {}, "comparisons": {}}, {f"planner.{key}": value for key, value in many.items()}
         ours, best = (
             Scenario.load(name, {**choices[0], **each}).build().experiment.plan.info.cost for each in ({}, choices[1])
         )
         print(f"  {name}: {ours / min(ours, best):.3f} ({ours:.4g})", flush=True)
+
+
+def _many() -> dict[str, int]:
+    """Options of a plan from many guesses: the second number of the command line."""
+    warnings.simplefilter("ignore", rnc.ModelWarning)  # fewer solutions than guesses
+    return {"solutions": int(sys.argv[3]) if len(sys.argv) > 3 else _RESTARTS, "seeds": 0}
 
 
 def _count(usual: int) -> int:
@@ -281,7 +289,10 @@ PARTS: dict[str, Callable[[], None]] = {
     "optima": optima,
     "parking": lambda: problems("parking", *_parking(), _count(100)),
     "docking": docking,
-    "restarts": restarts,
+    "restarts": known_costs,
+    "restarts-parking": lambda: restarts("parking", *_parking()),
+    "restarts-docking": lambda: restarts("docking, two trailers", *_docking(2)),
+    "restarts-satellite": lambda: restarts("turns of a satellite", *_turning_satellite()),
     "dubins": dubins,
     "reeds-shepp": reeds_shepp,
     "turning": turning,
