@@ -2,8 +2,8 @@
 
 Run it by ``python -m benchmarks.optimal iteration|optima|predictive|peers``, or with a number of problems by
 ``python -m benchmarks.optimal parking|docking|dubins|reeds-shepp|turning|regions N``, or with numbers of problems and
-of guesses by ``python -m benchmarks.optimal restarts|restarts-parking|restarts-docking|restarts-satellite N M``. Without
-a name all run.
+of guesses by ``python -m benchmarks.optimal restarts|restarts-parking|restarts-docking|restarts-satellite N M``. All
+run without a name.
 """
 
 from __future__ import annotations
