@@ -81,9 +81,9 @@ def plan_motion(
             in every form, efforts in the form "dynamic".
         settings: settings of the solver.
         guess: another plan, or configurations (n, nq) at equal times; the straight line by default.
-        seeds: number of further guesses that are tried if others do not lead to a plan: past both sides of obstacles
-            in the way of a mobile base, then shortest paths of a car in turn with random motions, or loops of the shape
-            where the rows couple the rest to it, then random motions.
+        seeds: number of further guesses that are tried if others do not lead to a plan. The first ones pass both sides
+            of obstacles in the way of a mobile base. Shortest paths of a car in turn with random motions follow, for
+            other systems loops of the shape where the rows couple the rest to it, then random motions.
         seed: seed of the random guesses.
         solutions: number of solutions among which the cheapest is returned. If fewer guesses lead to some, a warning
             and ``info.solutions`` tell. By default those of the first five guesses if the rows do not allow the
