@@ -44,8 +44,11 @@ def record(name: str, arguments: list[str]) -> None:
     """
     command = [sys.executable, "-m", "benchmarks", name, *arguments]
     before, start = os.getloadavg()[0], time.monotonic()
-    run = subprocess.run(command, stdout=subprocess.PIPE, text=True, env=os.environ | {"COLUMNS": _WIDTH})
-    print(run.stdout)
+    lines = []
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=os.environ | {"COLUMNS": _WIDTH}) as run:
+        for line in run.stdout or ():
+            print(line, end="", flush=True)
+            lines.append(line.rstrip())
     if run.returncode:
         sys.exit(f"{name} ended with status {run.returncode}: nothing is recorded")
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=FOLDER.parent, capture_output=True, text=True)
@@ -59,7 +62,7 @@ def record(name: str, arguments: list[str]) -> None:
     }
     FOLDER.mkdir(exist_ok=True)
     head = "".join(f"{key}: {value}\n" for key, value in facts.items())
-    output = "\n".join(line.rstrip() for line in run.stdout.strip("\n").splitlines())
+    output = "\n".join(lines).strip("\n")
     section = "-".join([name, *(each for each in arguments[:1] if each[0] != "-" and not each.isdigit())])
     (FOLDER / f"{section}.txt").write_text(f"{head}\n{output}\n", encoding="utf-8")
 

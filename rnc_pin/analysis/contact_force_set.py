@@ -94,22 +94,22 @@ class ContactForceSet:
         below = kept @ np.concatenate([left, right], axis=2)
         return np.concatenate([np.concatenate([of_rows, nothing], axis=2), below], axis=1), kept
 
-    def _lines(self, q: Array) -> ContactLines | None:
-        """Lines of action at configurations (N, nq); None if rows keep all heights."""
-        return self.normal.lines(q) if self._by_motion.any() else None
+    def _lines(self, at: Array | StateEvaluation) -> ContactLines | None:
+        """Lines of action at configurations (N, nq) or at one state; None if rows keep all heights."""
+        return self.normal.lines(at) if self._by_motion.any() else None
 
     def equations(
         self, state: StateEvaluation, T: Float[Array, "N p"]
     ) -> tuple[Float[Array, "M e y"], Float[Array, "N e"]]:
         """Return W and b at states (N,), or at one state (M = 1), under inputs T."""
         batch = state.q if state.q.ndim > 1 else state.q[None]
-        lines = self._lines(batch)
+        lines = self._lines(state if state.q.ndim == 1 else state.q)
         effects, kept = self._effects(state.all_rows.reshape(len(batch), *state.all_rows.shape[-2:]), lines)
-        needed = state.constraint_forces(T)
+        needed, v_dot = state.forced_motion(T)
         if lines is None or kept is None:
             return effects, needed
         q, v = (np.broadcast_to(each, (len(T), each.shape[-1])) for each in (state.q, state.v))
-        balance = self.normal.plane_needs(lines, q, v, state.acceleration(T), T)
+        balance = self.normal.plane_needs(lines, q, v, v_dot, T)
         return effects, np.concatenate([needed, np.matvec(kept, balance)], axis=1)
 
     def balanced_part(self, gives: Float[Array, "N 3 c"], couples: Float[Array, "N 3 u"]) -> Float[Array, "N e 3"]:

@@ -184,6 +184,7 @@ class NormalForces:
         contacts, self.carried_by_row = _carriers(reduced)
         self.contacts = list(contacts)
         self.names = tuple(each.name for each in self.contacts)
+        self._points = [each.point for each in self.contacts]
 
     def at(self, state: StateEvaluation, T: Array, external: Array | None = None) -> Float[Array, "*batch c"]:
         """Return the normal forces [N].
@@ -226,6 +227,8 @@ class NormalForces:
         # Effects of upward forces: their sum, and their moments about the axes along the ground.
         gives = np.stack([ones, points[..., 1], -points[..., 0]], axis=1)
         axles = [column for column, contact in enumerate(self.contacts) if contact.up is None]
+        if not axles:
+            return gives, np.zeros((len(points), 3, 0))
         spread = np.sqrt(points[..., :2].var(axis=1).sum(axis=-1))
         spread = np.where(spread > 0, spread, 1.0)[:, None, None]
         headings = np.stack([np.zeros_like(ones), across[..., 1], -across[..., 0]], axis=1)
@@ -248,20 +251,26 @@ class NormalForces:
         gives, couples = self.plane_effects(lines)
         return balanced(gives[..., ~self.carried_by_row], couples, needed - np.matvec(gives, known))
 
-    def lines(self, q: Float[Array, "N nq"]) -> ContactLines:
-        """Return the points of the contacts and the directions of their forces."""
-        lines = self._reduced.all_constraints.lines_of_action(self._kinematics.position(q))
-        points, across = (each[:, [contact.point for contact in self.contacts]] for each in lines)
-        return ContactLines(points, across)
+    def lines(self, at: Float[Array, "N nq"] | StateEvaluation) -> ContactLines:
+        """Return the points of the contacts and the directions of their forces.
+
+        Args:
+            at: configurations, or one state of the model, whose kinematics are used.
+        """
+        position = self._kinematics.position(at) if isinstance(at, np.ndarray) else at.position
+        lines = self._reduced.all_constraints.lines_of_action(position)
+        points, across = (each[..., self._points, :] for each in lines)
+        return ContactLines(points, across) if points.ndim == 3 else ContactLines(points[None], across[None])
 
     def _needed(self, q: Array, v: Array, v_dot: Array, T: Array) -> Array:
         """External force, and moment about the origin, without gravity and forces on frames."""
         model, data = self._model, self._data
         pin.rnea(model, data, q, v, v_dot)
-        pin.framesForwardKinematics(model, data, q)
+        if self._reduced.actuation.frames:
+            pin.framesForwardKinematics(model, data, q)
         total = pin.Force.Zero()
         for joint in self._roots:
-            total += data.oMi[joint].act(data.f[joint])
+            total += data.liMi[joint].act(data.f[joint])  # their parent is the world
         for column, frame, row in self._reduced.actuation.frames:
             total -= data.oMf[frame].act(pin.Force(T[column] * _UNITS[row]))
         return np.asarray(total.vector)

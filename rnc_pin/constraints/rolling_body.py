@@ -155,7 +155,7 @@ class _RollingBodyRows(WrenchRows):
 
     def check_defined(self, at: PositionKinematics) -> None:
         regularity = self._shape.regularity(_outward(at.rotation(self.frame) @ self._turned, self._normal))
-        check_defined("a body touches the ground at more than one point", at, regularity, FLAT, self.names)
+        check_defined("a body touches the ground at more than one point", at.q, regularity, FLAT, self.names)
 
     def wrench(self, place: Placement) -> np.ndarray:
         return contact_wrenches(self._axes, self._arm(place.rotation), len(self.names))

@@ -193,10 +193,10 @@ class SurfaceContactRows(WrenchRows):
                 if not (last > _ACCURATE * size).any():
                     break
             known = np.where(np.isnan(at.q).any(axis=-1), np.nan, (last <= 1e3 * _ACCURATE * size).astype(float))
-            check_defined("the contact of a body with curved ground is not found", at, known, _FLAT, self.names)
+            check_defined("the contact of a body with curved ground is not found", at.q, known, _FLAT, self.names)
             regularity = self._shape.regularity(-apply((rotation @ self._turned).mT, found.normal))
             separate = np.minimum(regularity, _smaller_eigenvalue(found.relative))
-        check_defined("a body touches curved ground at more than one point", at, separate, _FLAT, self.names)
+        check_defined("a body touches curved ground at more than one point", at.q, separate, _FLAT, self.names)
         return found
 
     def _contact(self, at: PositionKinematics) -> SurfaceContact:

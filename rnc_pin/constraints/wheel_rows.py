@@ -88,22 +88,40 @@ class RollingRows(DirectionRows):
     def formula(self, *directions: Sequence[Entry]) -> list[list[Entry]]:
         return wheel_wrenches(directions[0], self._normal, self.radius)
 
+    def wrenches_at(self, q: np.ndarray, rotation: np.ndarray) -> list[list[float]]:
+        """Wrenches (k, 6) as numbers of Python.
+
+        Args:
+            q: one configuration (nq,), for messages.
+            rotation: rotation of the frame there (3, 3).
+
+        Raises:
+            SingularityError: the wheel lies flat.
+        """
+        (axle,) = self.world_directions(rotation)
+        check_defined(self.undefined, q, cast("float", wheel_level(axle, self._normal)), FLAT, self.names)
+        found = cast("list[list[float]]", wheel_wrenches(axle, self._normal, self.radius))
+        if self.combination is None:
+            return found
+        combined: list[list[float]] = self.combination.dot(found).tolist()
+        return combined
+
     def _contact(self, at: PositionKinematics) -> np.ndarray:
-        """Contact points (..., 3) in the world."""
+        """Contact points (..., 3) in the world, where the wrenches are defined."""
         place, normal = at.placement(self.frame), self._normal
         (axle,) = self.world_directions(place.rotation)
         s, z = cast("Component", wheel_level(axle, normal)), dot(axle, normal)
-        check_defined(self.undefined, at, s, FLAT, self.names)
         # z c - s n, with c = (a - z n) / s
         arm = [self.radius * (z * (a - z * n) / s - s * n) for a, n in zip(axle, normal, strict=True)]
         return place.translation + packed_vector(arm, s)
 
     def residual(self, at: PositionKinematics) -> np.ndarray:
+        self.check_defined(at)
         height = (self._contact(at) - self._point) @ self._up
         return np.asarray(height)[..., None] * self.holonomic
 
     def lines_of_action(self, at: PositionKinematics) -> tuple[np.ndarray, np.ndarray]:
-        directions = self.wrenches(at)[..., :3]
+        directions = self.wrenches(at)[..., :3]  # which checks that the wheel does not lie flat
         return np.broadcast_to(self._contact(at)[..., None, :], directions.shape), directions
 
     def arm_gradient(self, place: Placement, turning: np.ndarray) -> np.ndarray:

@@ -346,4 +346,4 @@ def _one_each(bound: Bound, size: int) -> np.ndarray:
     values = np.asarray(bound, dtype=float)
     if values.shape not in ((), (size,)):
         raise ConfigurationError(f"bounds of estimates: {values.size} values for {size} unknown parameters")
-    return np.broadcast_to(values, (size,))
+    return np.array(np.broadcast_to(values, (size,)))  # in contiguous memory, for the kernel

@@ -15,7 +15,8 @@ import pinocchio as pin
 from rnc_pin.constraints import RollingRows
 from rnc_pin.control.estimation import EstimatedModel, ParametrizedCopy
 from rnc_pin.errors import ConfigurationError, SingularityError, nearest
-from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.math.components import cross, dot
+from rnc_pin.model.kinematics import WORLD_AXES
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import RowStack
 from rnc_pin.model.system import NonholonomicSystem
@@ -145,7 +146,7 @@ class WheelRegressor:
                 radii |= dict.fromkeys(each.wheels, column)
             else:
                 tracks |= _axles(robot, column, *each.wheels)
-        self._kinematics = Kinematics(robot)
+        self._model, self._data = robot.model, robot.model.createData()
         self._unknown = [
             _Wheel(copy(rows), kept, radii.get(wheel), tracks.get(wheel))
             for wheel, (rows, kept) in found.items()
@@ -191,28 +192,31 @@ class WheelRegressor:
         Raises:
             SingularityError: a wheel lies flat.
         """
-        motion = self._kinematics.position(q).with_velocity(v)
+        model, data = self._model, self._data
+        pin.forwardKinematics(model, data, q, v)
         size = sum(len(wheel.kept) for wheel in self._wheels)
-        y, Y, start = np.empty(size), np.zeros((size, len(self.names))), 0
+        y, Y = np.empty(size), np.zeros((size, len(self.names)))
+        row = 0
+        # Numbers of Python in place of arrays with three entries: this is most of the time of a sample.
         for rows, kept, radius, axle in self._wheels:
-            place = slice(start, start + len(kept))
-            start = place.stop
-            contact, wheel = rows.wrenches(motion)[kept], motion.velocity(rows.frame)
-            directions = contact[:, :3]
-            rolling = contact[:, 3:] @ wheel[3:]
-            if axle is None:
-                known = directions @ wheel[:3]
-            else:
-                body, rotation = motion.joint_velocity(axle.carrier), motion.joint_placement(axle.carrier).rotation
-                turning = pin.skew(body[3:])
-                into_rows = directions @ rotation
-                known = into_rows @ (body[:3] + turning @ axle.middle)
-                Y[place, axle.column] = into_rows @ (turning @ axle.side)
-            if radius is None:
-                known = known + rolling
-            else:
-                Y[place, radius] = rolling
-            y[place] = -known
+            contact = rows.wrenches_at(q, pin.updateFramePlacement(model, data, rows.frame).rotation)
+            wheel = pin.getFrameVelocity(model, data, rows.frame, WORLD_AXES).vector.tolist()
+            centre, side, turning = wheel[:3], (0.0, 0.0, 0.0), wheel[3:]
+            if axle is not None:
+                rotation, body = data.oMi[axle.carrier].rotation, data.v[axle.carrier].vector.tolist()
+                middle = cross(body[3:], axle.middle.tolist())
+                centre = rotation.dot([a + b for a, b in zip(body, middle, strict=False)]).tolist()
+                side = rotation.dot(cross(body[3:], axle.side.tolist())).tolist()
+            for direction in (contact[each] for each in kept):
+                known, rolling = dot(direction, centre), dot(direction[3:], turning)
+                if axle is not None:
+                    Y[row, axle.column] = dot(direction, side)
+                if radius is None:
+                    known += rolling
+                else:
+                    Y[row, radius] = rolling
+                y[row] = -known
+                row += 1
         return y, Y
 
     def values_of(self, system: NonholonomicSystem) -> np.ndarray:

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, ParamSpec
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
@@ -143,6 +144,7 @@ class PrintFigure(Figure):
     def __init__(self, figsize: tuple[float, float]) -> None:
         self._layout = AlignedLayout()
         super().__init__(figsize=figsize, layout=self._layout)
+        FigureCanvasAgg(self)  # keeps its renderer; the layout would make one for each of its measurements
 
     def align_labels_of(self, axes: Iterable[Axes]) -> None:
         """Align the labels of the vertical axes of a column, or of several."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ConfigurationError, argument, few, nearest
+from rnc_pin.errors import ConfigurationError, InfeasibleError, argument, few, nearest
 from rnc_pin.identification.logs.channel import Channel
 from rnc_pin.identification.logs.log import Log
 from rnc_pin.identification.rolled_path import Poses, RolledPath, rotated, sideways
@@ -259,7 +259,12 @@ class RollingMotion:
         """Rows of the unknown columns, their normal equations, and the motion of all columns for measured joints."""
         size = len(self._unknown_columns)
         left = [{column: entry for column, entry in row.items() if column < size} for row in rows]
-        normal = NormalEquations(left, size)
+        try:
+            normal = NormalEquations(left, size)
+        except np.linalg.LinAlgError:
+            raise InfeasibleError(
+                "the rows do not determine the motion of the base at each measured position"
+            ) from None
         driven = {number: combined(row, [0.0] * size + moved) for number, row in enumerate(rows)}
         return left, normal, [*normal.solve(against(left, driven, size)), *moved]
 

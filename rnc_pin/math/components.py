@@ -12,8 +12,6 @@ from typing import TypeAlias, TypeVar
 
 import numpy as np
 
-from rnc_pin.errors import InfeasibleError
-
 Component: TypeAlias = "float | np.ndarray"
 Entry: TypeAlias = "float | np.ndarray | Dual"
 _E = TypeVar("_E", "float | np.ndarray", "float | np.ndarray | Dual")
@@ -160,7 +158,7 @@ class NormalEquations:
         size: number of columns.
 
     Raises:
-        InfeasibleError: a sample has dependent columns.
+        LinAlgError: a sample has dependent columns.
     """
 
     def __init__(self, rows: Sequence[Row], size: int) -> None:
@@ -185,7 +183,7 @@ class NormalEquations:
             for b in range(a):
                 pivot = minus(pivot, times(scaled[b], self._factor[a][b]))
             if not np.all(np.asarray(pivot) > _SINGULAR * np.asarray(normal[a][a])):
-                raise InfeasibleError("the rows do not determine the motion of the base at each measured position")
+                raise np.linalg.LinAlgError("dependent columns")
             self._inverses.append(1.0 / pivot)
 
     def solve(self, right: Sequence[Component]) -> list[Component]:

@@ -185,6 +185,11 @@ class PositionKinematics:
         self._at, self.q, self.t = at, q, t
         self._placed = _Quantities(at, _update_placements, q)
 
+    @cached_property
+    def wrenches(self) -> dict[object, np.ndarray]:
+        """Wrenches of rows at the configurations, which rows keep here."""
+        return {}
+
     @property
     def M(self) -> np.ndarray:
         """Inertia matrices H* (..., nv, nv)."""

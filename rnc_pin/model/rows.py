@@ -188,12 +188,12 @@ class OutputKind(Protocol):
     def bind(self, robot: Robot) -> OutputRows: ...
 
 
-def check_defined(what: str, at: PositionKinematics, sizes: Component, limit: float, names: tuple[str, ...]) -> None:
+def check_defined(what: str, q: np.ndarray, sizes: Component, limit: float, names: tuple[str, ...]) -> None:
     """Raise an error at states where rows are undefined because a length is too small.
 
     Args:
         what: reason, as text of the error.
-        at: the states.
+        q: configurations (..., nq) of the states.
         sizes: lengths that have to be at least the limit: one number, or one for each state.
         limit: the limit.
         names: names of the rows.
@@ -203,12 +203,12 @@ def check_defined(what: str, at: PositionKinematics, sizes: Component, limit: fl
     """
     if smallest(sizes) >= limit:
         return
-    flat = np.broadcast_to(sizes, at.q.shape[:-1]).reshape(-1)
+    flat = np.broadcast_to(sizes, q.shape[:-1]).reshape(-1)
     first = int(np.argmax(~(flat >= limit)))
     if np.isnan(flat[first]):
         return  # a configuration that is not finite raises another error
-    q = at.q.reshape(-1, at.q.shape[-1])[first].copy()
-    raise SingularityError(what, q=q, condition=1 / max(float(flat[first]), 1e-300), rows=names)
+    state = q.reshape(-1, q.shape[-1])[first].copy()
+    raise SingularityError(what, q=state, condition=1 / max(float(flat[first]), 1e-300), rows=names)
 
 
 def admit_rows(rows: object, expected: tuple[int, ...], what: str) -> np.ndarray:

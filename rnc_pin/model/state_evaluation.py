@@ -241,8 +241,15 @@ class StateEvaluation(ReducedKinematics):
 
     def constraint_forces(self, T: ArrayInput, external: Array | None = None) -> Float[Array, "*batch nv"]:
         """Generalized forces ``-A^T lambda`` of all constraints on the robot; arguments as of ``contact_forces``."""
+        return self.forced_motion(T, external)[0]
+
+    def forced_motion(
+        self, T: ArrayInput, external: Array | None = None
+    ) -> tuple[Float[Array, "*batch nv"], Float[Array, "*batch nv"]]:
+        """Return ``constraint_forces`` and ``acceleration`` under the same forces."""
         force = self._total_force(T, external)
-        return -self._unbalanced(force, self.accelerated(force))
+        v_dot = self.v_dot(self.accelerated(force))
+        return -(force - self.bias - apply(self.M, v_dot)), v_dot
 
     def contact_forces(self, T: ArrayInput, external: Array | None = None) -> Float[Array, "*batch k"]:
         """Forces of all constraint rows on the robot, dropped rows included; of least norm if they are not unique.

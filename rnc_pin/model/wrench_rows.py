@@ -53,9 +53,12 @@ class WrenchRows(Rows):
         return wrenches if self.combination is None else self.combination @ wrenches
 
     def wrenches(self, at: PositionKinematics) -> np.ndarray:
-        """W at states, (..., k, 6) or (k, 6)."""
-        self.check_defined(at)
-        return self._combined(self.wrench(at.placement(self.frame)))
+        """W at states, (..., k, 6) or (k, 6), kept there; do not write to it."""
+        known = at.wrenches.get(self)
+        if known is None:
+            self.check_defined(at)
+            known = at.wrenches[self] = self._combined(self.wrench(at.placement(self.frame)))
+        return known
 
     def _wrench_rates(self, at: VelocityKinematics) -> np.ndarray:
         self.check_defined(at)
@@ -179,7 +182,7 @@ class DirectionRows(WrenchRows):
     def check_defined(self, at: PositionKinematics) -> None:
         if self.undefined:
             length = cast("Component", self.regularity(*self.world_directions(at.rotation(self.frame))))
-            check_defined(self.undefined, at, length, FLAT, self.names)
+            check_defined(self.undefined, at.q, length, FLAT, self.names)
 
     @abstractmethod
     def formula(self, *directions: Sequence[Entry]) -> Sequence[Sequence[Entry]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -11,7 +12,7 @@ import pinocchio as pin
 from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
-from rnc_pin.collision import CollisionDistances
+from rnc_pin.collision import CollisionDistances, PairDistances
 from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.model.output_targets import OutputTarget
 from rnc_pin.optimal.action_models import ActionModel
@@ -208,13 +209,22 @@ class DistanceRows(NodeBound):
         self._count = min(bound.pairs, len(bound.distances.pairs))
         names = [f"distance ({'nearest' if k == 0 else f'nearest {k + 1}'})" for k in range(self._count)]
         super().__init__(names, bound.clearance, None, True, ["m"] * self._count)
+        # A solver takes values of the nodes and of the end, and derivatives at the same places after that.
+        self._recent: deque[dict[tuple[bytes, float], PairDistances]] = deque(maxlen=2)
+
+    def _at(self, q: Array, t: float) -> PairDistances:
+        key = q.tobytes(), t
+        known = next((found[key] for found in self._recent if key in found), None)
+        return self.distances.at(q, t, within=self._within) if known is None else known
 
     def rows(self, nodes: NodeData, derivatives: bool) -> RowValues:
         model = nodes.model
         value = np.full((nodes.size, self._count), _FAR)
         x = np.zeros((nodes.size, self._count, model.nx))
-        for k, (q, t) in enumerate(zip(nodes.at.q, nodes.time, strict=True)):
-            found = self.distances.at(q, float(t), within=self._within)
+        places = list(zip(nodes.at.q, nodes.time.tolist(), strict=True))
+        near = [self._at(q, t) for q, t in places]
+        self._recent.append({(q.tobytes(), t): found for (q, t), found in zip(places, near, strict=True)})
+        for k, found in enumerate(near):
             nearest_first = np.argsort(found.distance, kind="stable")[: self._count]
             value[k, : len(nearest_first)] = found.distance[nearest_first]
             x[k, : len(nearest_first), : model.nv] = found.jacobian[nearest_first]

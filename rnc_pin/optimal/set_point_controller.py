@@ -77,7 +77,8 @@ class SetPointController(ReprMixin):
 
     Args:
         reduced: the model.
-        goal: values by output that determine a configuration, or a configuration (nq,), as in ``SetPoint``.
+        goal: values by output that determine a configuration, or a configuration (nq,), as in ``SetPoint``; or a
+            ``SetPoint`` of the model.
         duration: duration of a plan [s], or its shortest and longest value.
         form: "kinematic", "acceleration" or "dynamic", as in ``plan``.
         costs: costs of the plans; ``[EffortCost()]`` by default.
@@ -116,7 +117,7 @@ class SetPointController(ReprMixin):
     def __init__(
         self,
         reduced: ReducedModel,
-        goal: Goal,
+        goal: Goal | SetPoint,
         duration: float | tuple[float, float],
         *,
         form: Form = "dynamic",
@@ -136,14 +137,14 @@ class SetPointController(ReprMixin):
         check_positive_settings(tolerance=tolerance, tube=tube, check=check, bandwidth=bandwidth, braking=braking)
         check_velocity_form(velocities, form)
         self.velocities = velocities
-        self.goal, self.duration, self.tolerance, self.tube, self.check = goal, duration, tolerance, tube, check
-        self.nodes, self.seeds, self.state_cost = nodes, seeds, state_cost
+        self.set_point = goal if isinstance(goal, SetPoint) else SetPoint(reduced, goal)
+        self.goal, self.duration, self.tolerance, self.tube = self.set_point.goal, duration, tolerance, tube
+        self.check, self.nodes, self.seeds, self.state_cost = check, nodes, seeds, state_cost
         self.bandwidth, self.braking = bandwidth, braking
         self._reduced, self._model = reduced, action_model(reduced, form)
         self._driven = KinematicModel(reduced) if velocities else self._model
         """Model of the robot under the commands."""
         self._costs, self._bounds, self._limits = costs, tuple(bounds), limits
-        self.set_point = SetPoint(reduced, goal)
         coordinates = self.set_point.coordinates
         self._direct = np.array(coordinates.weights) == 1  # coordinates that single inputs move
         stated = [each.bind(self._model) for each in bounds if isinstance(each, InputBound)]

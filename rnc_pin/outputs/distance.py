@@ -66,7 +66,7 @@ class _DistanceRow(OutputRows):
     def _force(self, at: PositionKinematics) -> np.ndarray:
         vector = components(self._vector(at))
         length = dot(vector, vector) ** 0.5
-        check_defined("a distance has no rate where it is zero", at, length, TOGETHER, self.names)
+        check_defined("a distance has no rate where it is zero", at.q, length, TOGETHER, self.names)
         return evaluated(distance_force, [vector])
 
     def _relative(self, both: Callable[[int], np.ndarray]) -> np.ndarray:

@@ -12,6 +12,8 @@ from rnc_pin.plants import Plant
 from rnc_pin.plants.reduced import IntegrationErrors
 from rnc_pin.printing import printed
 
+_LINEAR = 1.0  # error of an angle above which its propagation is not linear [rad]
+_NONLINEAR = "the motion lets it grow until a linear propagation means nothing"
 _AT_FAULT = 0.01  # estimated error of the velocities, relative to their size, from which the integrator diverges
 
 
@@ -46,7 +48,12 @@ class IntegrationAccuracy:
 
     @classmethod
     def of_errors(
-        cls, errors: IntegrationErrors, tolerance: float, units: Sequence[str], propagated: np.ndarray | None = None
+        cls,
+        errors: IntegrationErrors,
+        tolerance: float,
+        units: Sequence[str],
+        propagated: np.ndarray | None = None,
+        unknown: str = "",
     ) -> IntegrationAccuracy:
         """Return the accuracy for estimated errors.
 
@@ -55,6 +62,7 @@ class IntegrationAccuracy:
             tolerance: largest error per second that the plant allows.
             units: units of the entries of the velocity (nv,).
             propagated: errors (2 nv,) that were propagated along the motion, if they are known.
+            unknown: reason why the accumulated errors are not known.
         """
         now, all_units = errors.folded(), [*(unit.removesuffix("/s") for unit in units), *units]
         local, accumulated = (
@@ -62,8 +70,12 @@ class IntegrationAccuracy:
              for unit in dict.fromkeys(all_units)}
             for values in (now.largest, now.past if propagated is None else propagated)
         )  # fmt: skip
+        if propagated is not None and not (accumulated.get("rad", 0.0) < _LINEAR and np.isfinite(propagated).all()):
+            unknown = _NONLINEAR
+        linearized = propagated is not None and not unknown
         most, enough = now.most, max(now.enough, now.most)
-        return cls(tolerance, float(now.rate), most, enough, local, accumulated, propagated is not None)
+        accumulated = {} if unknown else accumulated
+        return cls(tolerance, float(now.rate), most, enough, local, accumulated, linearized, unknown)
 
     @classmethod
     def together(cls, parts: Sequence[IntegrationAccuracy | None]) -> IntegrationAccuracy | None:

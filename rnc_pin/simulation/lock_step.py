@@ -149,6 +149,7 @@ class LockStep:
         self._controllers = _Controllers([run.controller for run in runs], states)
         self._deficit: Array | None = None
         self._marks: list[tuple[Array, ErrorMark]] = []
+        self._steps = np.ones((len(runs), samples), dtype=np.int32)
         self.places = np.arange(len(runs))
         self.leavers: list[Leaver] = []
 
@@ -182,7 +183,7 @@ class LockStep:
             record, loop = self._runs[run].record, self._runs[run].loop
             loop.state = loop.state._replace(controller=self._controllers.state(place))
             record.written(self.samples_done)
-            self._keep_marks(run)
+            self._keep_marks(run, self.samples_done)
             self._runs[run].errors.at_the_end = self._plants.errors_of(place)
 
     # ------------------------------------------------------------------ a sample
@@ -218,10 +219,12 @@ class LockStep:
             self._faults.keep_sample(sample, states.q, measurement, integrals, answer.command, requested)
         self._deficit = None if np.array_equal(requested, applied) else requested - applied
         history = self._runs[self.places[0]].errors
-        if history.propagates and marked(sample):
-            seen = history.sees(sample)
-            memory = [self._controllers.state(place) if seen else None for place in range(plants.size)]
-            self._marks.append((self.places, ErrorMark(sample, plants.error_sums, memory, integrals)))
+        if history.propagates:
+            self._steps[self.places, sample] = plants.steps
+            if marked(sample):
+                due = history.sees(sample)
+                memory = [self._controllers.state(place) if due else None for place in range(plants.size)]
+                self._marks.append((self.places, ErrorMark(sample, plants.charts, memory, integrals)))
         self._controllers.states = answer.states
         self._record(sample, states, (*outputs, applied, integrals), answer.command)
         return True
@@ -289,9 +292,10 @@ class LockStep:
                 optional = command.estimates, command.prediction_error
                 record.add_optional(*(None if each is None else each[place] for each in optional))
 
-    def _keep_marks(self, run: int) -> None:
-        """Give a run the history of its errors."""
+    def _keep_marks(self, run: int, samples: int) -> None:
+        """Give a run the history of its errors in a number of samples."""
         history = self._runs[run].errors
+        history.steps = self._steps[run, :samples].tolist() if history.propagates else []
         for places, mark in self._marks:
             history.keep(mark.of_run(int(np.searchsorted(places, run))))
 
@@ -310,7 +314,7 @@ class LockStep:
                 state = self._faults.leave(place, state)
             run.continue_from(samples, self._plants.checkpoint(place), state)
             run.record.written(samples)
-            self._keep_marks(number)
+            self._keep_marks(number, samples)
             self.leavers.append(Leaver(number, sampled))
         staying = ~leaving
         self._plants.keep(staying)

@@ -325,17 +325,16 @@ class SampledRun:
         t = self._start + self.time - self._dt + elapsed
         self._add(t, self._adapter.read_state(t), T, integrals)
 
-    def _integration(self) -> IntegrationAccuracy | None:
-        """Estimated error of the integration since the start; None if the plant does not estimate it."""
+    def integration(self) -> IntegrationAccuracy | None:
+        """Estimate the error of the integration since the start; None if the plant does not estimate it."""
         errors: IntegrationErrors | None = self.errors.at_the_end or getattr(self.plant, "errors", None)
         if errors is None:
             return None
         t, *arrays = (self.record.arrays[name][: self.record.count] for name in ("time", "q", "v", "T"))
         largest = self.errors.largest(RunSamples(t - self._start, *arrays), errors)
         tolerance: float = self.plant.tolerance  # type: ignore[attr-defined]
-        found = IntegrationAccuracy.of_errors(errors, tolerance, self._reduced.robot.velocity_units, largest)
-        reason = self.errors.unknown
-        return replace(found, accumulated={}, linearized=False, unknown=reason) if reason else found
+        units, reason = self._reduced.robot.velocity_units, self.errors.unknown
+        return IntegrationAccuracy.of_errors(errors, tolerance, units, largest, reason)
 
     @property
     def failure(self) -> str | None:
@@ -349,7 +348,7 @@ class SampledRun:
         if self.record.fallback is not None:
             lasts = self._stretch * self._dt > self.loop.timeout or self._stretch > self._longest
             self.record.fallback = replace(self.record.fallback, at_the_end=lasts or self.loop.state.failed)
-        self.record.integration = self._integration()
+        self.record.integration = self.integration()
         self.record.missed_updates = _missed_updates(self.loop.state.controller)
         self.record.braking = _braking(self.controller, self.loop.state.controller, self._start)
         run = self.record.finish(self._dt, self._provenance, outcome, message, deferred)

@@ -8,6 +8,7 @@ import rnc_pin as rnc
 from bodies import add_body
 from rnc_pin.control import UnknownRadius, UnknownTrack, WheelRegressor
 from rnc_pin.control.wheel_regressor import _axles
+from rnc_pin.model.kinematics import Kinematics
 from systems import random_states
 from textbook_systems import DRIVE, differential_drive, reduced_cart, two_wheeled_cart
 from tolerances import ROUNDING
@@ -130,6 +131,22 @@ def test_unknown_wheels_say_which_rows_they_enter_and_no_others():
     ):
         with pytest.raises(rnc.ConfigurationError, match=words):
             WheelRegressor(reduced, unknown)
+
+
+@pytest.mark.parametrize("roller", [None, 0.7])
+def test_the_prediction_error_is_the_rate_of_the_rows_for_any_motion(roller):
+    """Wheels that lean, with rollers or without: ``Y p - y = A v`` at the true radii and tracks."""
+    robot = two_wheeled_cart(pin.JointModelFreeFlyer())
+    wheels = [rnc.RollingWheel(name, 0.2, roller=roller) for name in ("left", "right")]
+    reduced = rnc.NonholonomicSystem(robot, wheels).reduce()
+    regressor = WheelRegressor(reduced, [UnknownTrack(["left", "right"]), UnknownRadius(["left", "right"])])
+    places = [reduced.constraints.names.index(name) for name in regressor.predicted]
+    generator = np.random.default_rng(0)
+    for _ in range(4):
+        q, v = robot.random_configuration(generator), generator.normal(size=robot.nv)
+        y, Y = regressor.regress(q, v)
+        rates = (reduced.constraints.jacobian(Kinematics(robot).position(q)) @ v)[places]
+        np.testing.assert_allclose(Y @ [0.6, 0.2] - y, rates, atol=1e-12)
 
 
 def test_a_track_alone_is_learnt_from_wheels_that_are_known():

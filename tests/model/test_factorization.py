@@ -297,9 +297,9 @@ def test_what_is_not_a_number_is_not_called_singular():
     """It has an error of its own, where it comes from."""
     robot = sleigh().robot
     here = Kinematics(robot).position(np.stack([robot.configuration()] * 2))
-    check_defined("small", here, np.array([np.nan, 1.0]), 0.5, ("row",))
+    check_defined("small", here.q, np.array([np.nan, 1.0]), 0.5, ("row",))
     with pytest.raises(rnc.SingularityError, match="small"):
-        check_defined("small", here, np.array([1.0, 0.1]), 0.5, ("row",))
+        check_defined("small", here.q, np.array([1.0, 0.1]), 0.5, ("row",))
 
 
 def test_of_many_states_the_first_that_is_singular_is_told():
@@ -309,7 +309,7 @@ def test_of_many_states_the_first_that_is_singular_is_told():
     q = np.stack([[robot.random_configuration(generator) for _ in range(3)] for _ in range(2)])
     sizes = np.array([[1.0, 2.0, 1.0], [1.0, 0.25, 0.1]])
     with pytest.raises(rnc.SingularityError) as told:
-        check_defined("small", Kinematics(robot).position(q), sizes, 0.5, ("row",))
+        check_defined("small", q, sizes, 0.5, ("row",))
     assert told.value.q.tolist() == q[1, 1].tolist()
     assert told.value.condition == 4.0
     assert told.value.rows == ("row",)

@@ -83,9 +83,9 @@ def test_rows_say_nothing_of_what_they_have_not():
     assert rows.lines_of_action(at) is None
     assert Rows.bias_acceleration_gradient(rows, None) is None
     assert (Rows.conserved, Rows.affine, Rows.holonomic, Rows.on_ground, Rows.kind) == (None, False, (), False, None)
-    check_defined("small", at, 0.5, 0.5, ("row",))  # the limit itself will do
+    check_defined("small", at.q, 0.5, 0.5, ("row",))  # the limit itself will do
     with pytest.raises(rnc.SingularityError) as told:
-        check_defined("small", at, np.nextafter(0.5, 0.0), 0.5, ("row",))
+        check_defined("small", at.q, np.nextafter(0.5, 0.0), 0.5, ("row",))
     assert (told.value.condition, told.value.q.shape) == (pytest.approx(2.0), (3,))
 
 

@@ -186,7 +186,7 @@ class UndefinedRows(Rows):
         self.line, self.matrix = line, np.eye(robot.nv)[1:2]
 
     def jacobian(self, at):
-        check_defined("to the left of the line", at, at.q[..., 0] - self.line, 0.0, self.names)
+        check_defined("to the left of the line", at.q, at.q[..., 0] - self.line, 0.0, self.names)
         return np.broadcast_to(self.matrix, (*at.q.shape[:-1], *self.matrix.shape))
 
     def jacobian_dot(self, at):

@@ -145,7 +145,7 @@ class ParkingPlanner:
         duration = _SPARE + max(1, weight - 1) * (away / speed + turned / turn)
         return SetPointController(
             reduced,
-            targets,
+            point,
             duration,
             form="acceleration",
             bounds=bounds,

@@ -241,9 +241,14 @@ class ReducedPlantBatch:
         return self._errors.of_run(run)
 
     @property
-    def error_sums(self) -> Array:
-        """Sums (B, 2 nv) of the estimated errors of all samples so far."""
-        return self._errors.sum
+    def steps(self) -> Array:
+        """Substeps (B,) of the last sample of each run."""
+        return np.asarray(self._errors.used)
+
+    @property
+    def charts(self) -> list[VelocityChart]:
+        """Chart of the velocities of each run."""
+        return [self._chart(run) for run in range(self.size)]
 
     def _chart(self, run: int) -> VelocityChart:
         chart = self._charts[run]

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
 import scipy
+from numpy import ndarray as Array
 
 from rnc_pin.errors import DivergenceError
 from rnc_pin.model.integrators.lie_runge_kutta import DEFAULT_TOLERANCE
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
-from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics, VelocityChart
+from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics, VelocityChart, in_charts
 from rnc_pin.plants.reduced.friction import DissipativeStep, DryFriction
 from rnc_pin.plants.reduced.step_control import (
     MOST_EVENT_SUBSTEPS,
@@ -23,6 +24,7 @@ from rnc_pin.plants.reduced.step_control import (
 )
 from rnc_pin.printing import ReprMixin
 
+_COARSER = 64  # substeps of a sample over those by which its error is estimated again
 _PRECISION = 1e-12  # of the time of an event, relative to the end of its bracket
 
 
@@ -174,6 +176,11 @@ class ReducedPlant(ReprMixin):
         """Coefficients (nv,) of viscous damping; None without damping."""
         return self._dynamics.damping
 
+    @property
+    def chart(self) -> VelocityChart:
+        """Chart of the velocities at the present state."""
+        return self._dynamics.chart
+
     def keep_errors(self, errors: IntegrationErrors) -> None:
         """Go on with the estimated errors of a motion that this plant continues."""
         self.errors = errors.interrupted()
@@ -288,6 +295,53 @@ class ReducedPlant(ReprMixin):
             if each.failure is not None or not (np.isfinite(each.q).all() and np.isfinite(each.y).all()):
                 return np.full(2 * self.reduced.n, np.inf)
         return self._dynamics.errors(step[:2], finer[:2], finer.roughness < np.inf)
+
+    def local_errors(
+        self, motion: tuple[Array, Array, Array, Array], steps: Array, charts: Sequence[VelocityChart], dt: float
+    ) -> Array:
+        """Estimated errors (N, 2 nv) that the integration added in samples of a motion; not finite if it diverges.
+
+        A sample is integrated again, once with a fraction of its substeps and once with twice as many. The error falls
+        with the fourth power of the number of substeps. Entries are along the axes of the tangent space at the end,
+        and those of holonomic rows, which ``advance`` removes, are still in.
+
+        Args:
+            motion: times (N,), configurations (N, nq), velocities (N, nv) and inputs (N, p) of the samples.
+            steps: substeps (N,) of each sample.
+            charts: chart of each sample.
+            dt: duration of a sample [s].
+        """
+        t, q, v, T = motion
+        dynamics, before = self._dynamics, self.checkpoint()
+        y = np.zeros((len(q), dynamics.state_size))
+        y[:, : self.reduced.r] = in_charts(charts, v)
+        if self.reduced.rheonomic:
+            y[:, -2] = t
+        coarse, found = np.maximum(1, steps // _COARSER), np.empty((len(q), 2 * self.reduced.n))
+        for number in np.unique(coarse).tolist():
+            which = np.flatnonzero(coarse == number)
+            own = [charts[each] for each in which.tolist()]
+            (q_1, y_1), (q_2, y_2) = (
+                self._ends((q[which], y[which], T[which]), own, dt, count) for count in (number, 2 * number)
+            )
+            found[which] = dynamics.errors_in(own, (q_1, y_1), (q_2, y_2))
+        self.rollback(before)
+        return np.asarray(found * ((coarse / steps) ** 4)[:, None])
+
+    def _ends(
+        self, starts: tuple[Array, Array, Array], charts: Sequence[VelocityChart], dt: float, steps: int
+    ) -> tuple[Array, Array]:
+        """States (b, nq) and (b, s) after samples of equal steps from (q, y) with inputs T; NaN if they diverge."""
+        q, y, status = *starts[:2], np.zeros(len(starts[0]))
+        if not self.dissipates:
+            calls = tuple(each.evaluator.chart for each in charts)
+            q, y, status, _ = self.reduced.evaluator.runs.integrate(calls, *starts, dt / steps, steps, None)
+        for k in np.flatnonzero(status != 1.0).tolist():
+            self._q, self._y, self.applied = (each[k] for each in starts)
+            self._dynamics.chart = charts[k]
+            step = self._step(dt, steps)
+            q[k], y[k] = (np.nan, np.nan) if step.failure is not None else (step.q, step.y)
+        return q, y
 
 
 class EventStep:

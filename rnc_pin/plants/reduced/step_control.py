@@ -80,7 +80,6 @@ class IntegrationErrors(NamedTuple):
         span: duration of the compared sample [s].
         since: time of the last comparison [s].
         past: errors (2 nv,) accumulated until the last comparison.
-        total: sum of the errors (2 nv,) of all samples until then.
         largest: largest errors (2 nv,) of a sample until then.
         rate: largest error per second of a compared sample, on any entry.
         most: largest number of substeps so far.
@@ -100,7 +99,6 @@ class IntegrationErrors(NamedTuple):
     span: float
     since: float
     past: Array
-    total: Array
     largest: Array
     rate: float
     most: int
@@ -111,7 +109,7 @@ class IntegrationErrors(NamedTuple):
         """Return the errors at the start of a run."""
         none, steps = np.zeros(2 * nv), substeps.number or 1
         return IntegrationErrors(
-            steps, steps, _PERIOD, 0.0, 0.0, 0.0, 0.0, 0.0, none, 0.0, 0.0, 0.0, none, none, none, 0.0, steps, 1
+            steps, steps, _PERIOD, 0.0, 0.0, 0.0, 0.0, 0.0, none, 0.0, 0.0, 0.0, none, none, 0.0, steps, 1
         )  # fmt: skip
 
     def after(self, roughness: float, dt: float, limit: float) -> tuple[bool, IntegrationErrors]:
@@ -139,7 +137,6 @@ class IntegrationErrors(NamedTuple):
             span,
             since,
             past,
-            total,
             largest,
             rate,
             most,
@@ -153,7 +150,7 @@ class IntegrationErrors(NamedTuple):
         larger = max(peak, share) if isinstance(share, float) else cast(float, np.maximum(peak, share))
         return accepted, IntegrationErrors(
             steps, steps, age + 1, weight + share, moment + share * time, larger, time, reference, pattern, size, span,
-            since, past, total, largest, rate, most, enough,
+            since, past, largest, rate, most, enough,
         )  # fmt: skip
 
     def after_compared(self, share: float, dt: float) -> IntegrationErrors:
@@ -163,13 +160,8 @@ class IntegrationErrors(NamedTuple):
             weight=self.weight + share, moment=self.moment + share * time, peak=max(self.peak, share), time=time
         )
 
-    @property
-    def sum(self) -> Array:
-        """Sum of the errors (..., 2 nv) of all samples so far."""
-        return self.total + self.pattern * np.asarray(self.weight)[..., None]
-
     def folded(self) -> IntegrationErrors:
-        """Return the errors with ``past``, ``total`` and ``largest`` at the present time."""
+        """Return the errors with ``past`` and ``largest`` at the present time."""
         pattern, nv = np.abs(self.pattern), len(self.pattern) // 2
         position, velocity = pattern[:nv], pattern[nv:]
         before = self.past[nv:]
@@ -184,9 +176,7 @@ class IntegrationErrors(NamedTuple):
             ]
         )
         largest = np.maximum(self.largest, pattern * self.peak)
-        return self._replace(
-            past=past, total=self.sum, largest=largest, weight=0.0, moment=0.0, peak=0.0, since=self.time
-        )
+        return self._replace(past=past, largest=largest, weight=0.0, moment=0.0, peak=0.0, since=self.time)
 
     def interrupted(self) -> IntegrationErrors:
         """Return the errors at a jump of the velocity, after which a comparison is due."""
@@ -235,14 +225,17 @@ class IntegrationErrors(NamedTuple):
         return IntegrationErrors._make(np.array([each] * size) for each in self)
 
 
-def difference_errors(position: Array, velocity: Array, scale: float, smooth: bool) -> Array:
-    """Errors (2 nv,) of a sample from its difference to the one with twice as many substeps.
+def difference_errors(position: Array, velocity: Array, smooth: bool) -> Array:
+    """Errors (..., 2 nv) of a sample from its difference to the one with twice as many substeps.
 
     Args:
-        position: difference of the configurations (nv,).
-        velocity: difference of the velocities (nv,).
-        scale: largest absolute value of the states; smaller differences than its rounding count as none.
+        position: difference of the configurations (..., nv).
+        velocity: difference of the velocities (..., nv).
         smooth: True if the integration is of fourth order.
     """
-    errors = np.concatenate([position, velocity]) * (_ORDER_4 if smooth else _ORDER_1)
+    return np.concatenate([position, velocity], axis=-1) * (_ORDER_4 if smooth else _ORDER_1)
+
+
+def above_rounding(errors: Array, scale: float) -> Array:
+    """Errors of one sample, zero where they are rounding of states with this largest absolute value."""
     return np.where(np.abs(errors) > _ROUNDING * (1.0 + scale), errors, 0.0)
