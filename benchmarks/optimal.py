@@ -1,7 +1,9 @@
 """Optimal control: processor time of an iteration, known optima, random problems, predictive control, and feedback.
 
 Run it by ``python -m benchmarks.optimal iteration|optima|predictive|peers``, or with a number of problems by
-``python -m benchmarks.optimal parking|docking|restarts|dubins|reeds-shepp|turning|regions N``. Without a name all run.
+``python -m benchmarks.optimal parking|docking|dubins|reeds-shepp|turning|regions N``, or with numbers of problems and
+of guesses by ``python -m benchmarks.optimal restarts|restarts-parking|restarts-docking|restarts-satellite N M``. All
+run without a name.
 """
 
 from __future__ import annotations
@@ -42,7 +44,7 @@ from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic
 from rnc_pin.plants.mujoco import MuJoCoPlant
 
 NODES, ROUNDS = 40, 7
-_SOLUTIONS = 12  # among which the cheapest counts as the best known
+_RESTARTS = 100  # guesses among whose solutions the cheapest counts as the best known
 
 
 def iteration_time(reduced: rnc.ReducedModel, goal: dict[object, object], limit: float) -> float:
@@ -176,29 +178,54 @@ def _docking(trailers: int) -> tuple[rnc.ReducedModel, Draw]:
     return reduced, draw
 
 
-def restarts() -> None:
-    """Cost of plans by usual settings over the least cost of many solutions: named scenarios, and drawn problems."""
-    warnings.simplefilter("ignore", rnc.ModelWarning)  # fewer solutions than asked for
-    many = {"solutions": _SOLUTIONS, "seeds": 2 * _SOLUTIONS}
-    print(f"cost over the least of {_SOLUTIONS} solutions", flush=True)
+def _turning_satellite() -> tuple[rnc.ReducedModel, Draw]:
+    """Turns of a satellite by its arm, which returns to its posture."""
+    robot = rnc.Robot.from_urdf("space_robot.urdf", base="fixed")
+    arm = [rnc.JointPosition(f"joint_{k}") for k in (1, 2, 3)]
+    reduced = rnc.NonholonomicSystem(robot, [rnc.MomentumConservation("platform")]).reduce(arm)
+
+    def draw(generator: np.random.Generator) -> Problem:
+        angles, turn = generator.uniform(-1.5, 1.5, 3).tolist(), generator.uniform(-2.0, 2.0)
+        q0 = robot.configuration({each.joint: angle for each, angle in zip(arm, angles, strict=True)})
+        goal = {rnc.JointPosition("platform"): turn, **dict(zip(arm, angles, strict=True))}
+        return {"q0": q0, "goal": goal, "duration": 10.0, "bounds": []}
+
+    return reduced, draw
+
+
+def restarts(name: str, reduced: rnc.ReducedModel, draw: Draw) -> None:
+    """Cost of drawn plans by usual settings over the least cost from many guesses."""
+    generator, count, many = np.random.default_rng(0), _count(10), _many()
+    ratios: list[float] = []
+    for _ in range(count):
+        problem = draw(generator)
+        try:
+            ours = planned(reduced, problem).info.cost
+        except InfeasibleError:
+            continue
+        ratios.append(ours / min(ours, planned(reduced, problem, **many).info.cost))
+        print(f"  {ratios[-1]:.4f}", end="", flush=True)
+    share = np.mean(np.array(ratios) <= 1.05)
+    spread = f"median {np.median(ratios):.3f}, most {max(ratios):.3f}, {share:.0%} within 5 %"
+    print(f"\ndrawn {name}, cost over the least of {many['solutions']} guesses: {spread}, "
+          f"{len(ratios)} of {count} planned", flush=True)  # fmt: skip
+
+
+def known_costs() -> None:
+    """Cost of the plans of scenarios over the least cost from many guesses."""
+    many = _many()
     for name in ("parallel-parking", "docking", "space-robot-turn"):
         choices = {"plots": {}, "comparisons": {}}, {f"planner.{key}": value for key, value in many.items()}
         ours, best = (
             Scenario.load(name, {**choices[0], **each}).build().experiment.plan.info.cost for each in ({}, choices[1])
         )
         print(f"  {name}: {ours / min(ours, best):.3f} ({ours:.4g})", flush=True)
-    for name, (reduced, draw) in {"drawn parking": _parking(), "drawn docking, two trailers": _docking(2)}.items():
-        generator, ratios, count = np.random.default_rng(0), [], _count(10)
-        for _ in range(count):
-            problem = draw(generator)
-            try:
-                ours = planned(reduced, problem).info.cost
-            except InfeasibleError:
-                continue
-            ratios.append(ours / min(ours, planned(reduced, problem, **many).info.cost))
-        share = np.mean(np.array(ratios) <= 1.05)
-        spread = f"median {np.median(ratios):.3f}, most {max(ratios):.3f}, {share:.0%} within 5 %"
-        print(f"  {name}: {spread}, {len(ratios)} of {count} planned", flush=True)
+
+
+def _many() -> dict[str, int]:
+    """Options of a plan from many guesses: the second number of the command line."""
+    warnings.simplefilter("ignore", rnc.ModelWarning)  # fewer solutions than guesses
+    return {"solutions": int(sys.argv[3]) if len(sys.argv) > 3 else _RESTARTS, "seeds": 0}
 
 
 def _count(usual: int) -> int:
@@ -262,7 +289,10 @@ PARTS: dict[str, Callable[[], None]] = {
     "optima": optima,
     "parking": lambda: problems("parking", *_parking(), _count(100)),
     "docking": docking,
-    "restarts": restarts,
+    "restarts": known_costs,
+    "restarts-parking": lambda: restarts("parking", *_parking()),
+    "restarts-docking": lambda: restarts("docking, two trailers", *_docking(2)),
+    "restarts-satellite": lambda: restarts("turns of a satellite", *_turning_satellite()),
     "dubins": dubins,
     "reeds-shepp": reeds_shepp,
     "turning": turning,

@@ -155,6 +155,10 @@ class CollisionDistances:
         """Number of shapes of links; the shapes of obstacles follow."""
         return len(self.carriers) - len(self.obstacles)
 
+    def depends_on(self, velocities: np.ndarray) -> np.ndarray:
+        """Mask (k,) of the pairs whose bodies move relative to each other by some velocities, a mask (nv,)."""
+        return np.asarray(self._signs[:, velocities].any(axis=1))
+
     def place(self, q: np.ndarray, t: np.ndarray) -> PlacedBodies:
         """Poses of all bodies at places of a motion.
 

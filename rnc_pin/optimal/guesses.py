@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from itertools import chain, combinations, islice
+from itertools import chain, combinations, islice, pairwise
 
 import numpy as np
 from numpy import ndarray as Array
@@ -19,15 +19,19 @@ from rnc_pin.optimal.action_models import ActionModel, KinematicModel, Nodes
 from rnc_pin.optimal.bounds import DistanceRows, Goal
 from rnc_pin.optimal.motion_plan import MotionPlan
 from rnc_pin.optimal.transcription import Iterate, Transcription
-from rnc_pin.planning import IkSearch, Reference, solve_ik
+from rnc_pin.planning import IkSearch, Reference, find_steering, solve_ik
+from rnc_pin.planning.exact_steering import CarSteering
+from rnc_pin.printing import counted
 
 _HARMONICS = 3
 _PAIRS = 6  # pairs of reducing outputs whose loops are tried: those of the largest effect
 _SMALL = 0.5  # [m or rad]; radius of the loops that choose them
 _RADII = np.geomspace(0.25, 3.0, 8)  # [m or rad]
+_TURNS = np.array([1.0, 2.0, 4.0])  # how often loops are driven
 _HALVED = 5  # times that the range of the radius is halved
 _MISSED = 0.3  # of the way that a loop may leave
 _LOOPS = 4  # loops that are tried
+_SHORT = 1e-6  # length of a segment of a path that counts as none, in turning radii
 _PATIENCE = 10  # singular random motions in succession after which no more are drawn
 
 Guess = MotionPlan | Iterate | ArrayLike | None
@@ -47,28 +51,72 @@ def guesses(
         seed: of the random generator.
     """
     begin = float(np.mean(problem.duration)) if np.isfinite(problem.duration[1]) else 2 * problem.duration[0]
-    end = goal_configuration(problem.model.reduced, problem.start.q[0], goal)
-    line = problem.model.manifold.interpolate(problem.start.q[0], end, np.linspace(0.0, 1.0, problem.K + 1))
+    line = straight_line(problem, goal)
     if given is None:
         yield "straight line", along(problem.model, line, begin)
     else:
         yield "given", _given(problem, given, begin)
-    further = _detours(problem, line, begin), _loops(problem, line, begin), _random_motions(problem, line, begin, seed)
-    yield from islice(chain(*further), seeds)
+    random = _random_motions(problem, line, begin, seed)
+    words = list(_words(problem, line, begin))
+    shaped = chain(*zip(words, random, strict=False)) if words else _loops(problem, line, begin)
+    yield from islice(chain(_detours(problem, line, begin), shaped, random), seeds)
+
+
+def straight_line(problem: Transcription, goal: Goal | None) -> Float[Array, "K1 nq"]:
+    """Configurations from the start to one that reaches the goal, at equal times on a geodesic."""
+    begin = problem.start.q[0]
+    end = goal_configuration(problem.model.reduced, begin, goal)
+    return np.asarray(problem.model.manifold.interpolate(begin, end, np.linspace(0.0, 1.0, problem.K + 1)))
 
 
 def _random_motions(problem: Transcription, line: Array, duration: float, seed: int) -> Iterator[tuple[str, Iterate]]:
-    """Random motions, every second one warped, until many in succession meet a singular configuration."""
-    generator = np.random.default_rng(seed)
+    """Motions with random harmonic velocities, until many in succession meet a singular configuration.
+
+    Every second one is warped: bent so that it ends at the end of the line.
+    """
+    model, K, generator = problem.model, problem.K, np.random.default_rng(seed)
+    size = np.maximum(2.0 * np.abs(_speeds(model, line, duration / K)).mean(axis=0), 3.0 / duration)
+    phase = np.pi * (np.arange(K) + 0.5) / K
+    waves = np.array([np.sin(j * phase) / np.sqrt(j) for j in range(1, _HARMONICS + 1)])
     made = failed = attempt = 0
     while failed < _PATIENCE:
         attempt, failed = attempt + 1, failed + 1
+        v2 = waves.T @ (generator.normal(size=(_HARMONICS, model.r)) * size)
         try:
-            found = random_motion(problem, line, duration, generator, warped=attempt % 2 == 0)
+            path = _driven(model, line[0], v2[None], duration)[0]
+            if attempt % 2 == 0:
+                offset = model.manifold.difference(path[-1:], line[-1:])
+                path = model.manifold.integrate(path, np.linspace(0.0, 1.0, K + 1)[:, None] ** 2 * offset)
+            found = along(model, path, duration, v2)
         except RncError:
             continue
         made, failed = made + 1, 0
         yield f"random {made}", found
+
+
+def _words(problem: Transcription, line: Array, duration: float) -> Iterator[tuple[str, Iterate]]:
+    """Shortest paths of a car, of Reeds and Shepp, for each first direction and number of reversals, by length."""
+    model = problem.model
+    try:
+        steering = find_steering(model.reduced, line[0])
+    except RncError:
+        return
+    if not isinstance(steering, CarSteering):
+        return
+    seen = set[tuple[bool, int]]()
+    for motion, word in steering.paths(line[0], line[-1]):
+        forward = [length > 0.0 for _, length in word if abs(length) > _SHORT]
+        kind = forward[0], sum(a != b for a, b in pairwise(forward))
+        if kind in seen:
+            continue
+        seen.add(kind)
+        ends = np.concatenate([[0.0], np.cumsum(np.linalg.norm(motion.steps, axis=1))])
+        places = np.linspace(0.0, ends[-1], problem.K + 1)
+        before = np.clip(np.searchsorted(ends, places, "right") - 1, 0, len(motion.steps) - 1)
+        parts = (places - ends[before]) / np.diff(ends)[before]
+        path = model.manifold.integrate(motion.q[before], parts[:, None] * motion.steps[before])
+        name = f"{'forwards' if kind[0] else 'backwards'}, {counted(kind[1], 'reversal')}"
+        yield name, along(model, path, duration)
 
 
 def _detours(problem: Transcription, line: Array, duration: float) -> Iterator[tuple[str, Iterate]]:
@@ -125,11 +173,11 @@ def _loops(problem: Transcription, line: Array, duration: float) -> Iterator[tup
 
     Rows such as those of momentum couple the shape with the rest of the robot: after a loop of the shape, the rest has
     moved by a geometric phase, which grows with the area. Loops are circles on which the shape starts and ends, driven
-    once or twice. Their radius is such that the phase leads to the goal. There are none where a reducing output is a
-    quasi-velocity, which has no value that returns.
+    once or several times. Their radius is such that the phase leads to the goal. A quasi-velocity has no value that
+    returns: its integral does.
     """
     model, K = problem.model, problem.K
-    if model.r < 2 or model.reduced.reducing.quasi.any():
+    if model.r < 2:
         return
     direct = _speeds(model, line, duration / K)
     try:
@@ -186,7 +234,7 @@ def _circles(r: int, progress: Callable[[Array, Array, Array], Array]) -> tuple[
         [sign[:, None] * pair[order] for pair in chosen for order in ([0, 1], [1, 0]) for sign in signs]
     )
     circles = circles.reshape(-1, 2, r)
-    return np.repeat(circles, 2, axis=0), np.tile([1.0, 2.0], len(circles))
+    return np.repeat(circles, len(_TURNS), axis=0), np.tile(_TURNS, len(circles))
 
 
 def _circular(circles: Array, turns: Array, steps: int, duration: float) -> Array:
@@ -271,31 +319,6 @@ def inputs_for(model: ActionModel, at: Nodes, rates: Array) -> Array:
         return np.array(model.reduced.allocate(at.q, F))
     except ConstraintError:  # fewer actuators than velocities
         return np.einsum("kpr,kr->kp", np.linalg.pinv(state.input_matrix), F)
-
-
-def random_motion(
-    problem: Transcription, line: Array, duration: float, generator: np.random.Generator, warped: bool
-) -> Iterate:
-    """Motion with random harmonic velocities from the start; warped: bent so that it ends at the end of the line."""
-    model, K = problem.model, problem.K
-    h = duration / K
-    straight = np.abs(_speeds(model, line, h))
-    size = np.maximum(2.0 * straight.mean(axis=0), 3.0 / duration)
-    phase = np.pi * (np.arange(K) + 0.5) / K
-    v2 = sum(
-        generator.normal(size=(1, model.r)) * size * np.sin(j * phase)[:, None] / np.sqrt(j)
-        for j in range(1, _HARMONICS + 1)
-    )
-    assert isinstance(v2, np.ndarray)
-    q = [problem.start.q[0]]
-    for k in range(K):
-        v = model.reduced.at(q[-1], v2[k]).v
-        q.append(model.manifold.integrate(q[-1][None], h * v[None])[0])
-    path = np.array(q)
-    if warped:
-        offset = model.manifold.difference(path[-1:], line[-1:])
-        path = model.manifold.integrate(path, np.linspace(0.0, 1.0, K + 1)[:, None] ** 2 * offset)
-    return along(model, path, duration, v2)
 
 
 def _speeds(model: ActionModel, q: Array, h: float) -> Array:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeGuard
 
 import numpy as np
 from numpy import ndarray as Array
@@ -15,20 +16,23 @@ from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError
 from rnc_pin.model.coordinates import Coordinates, rotation_vector_rates
 from rnc_pin.optimal.action_models import ActionModel, Nodes
 from rnc_pin.optimal.bounds import DISTANCE, GOAL
+from rnc_pin.optimal.guess_solver import Candidate, GuessSolver, LimitSolver
 from rnc_pin.optimal.guesses import resampled
 from rnc_pin.optimal.motion_plan import Integration, MotionPlan, PlanInfo, PlanVerification
-from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic, Solution, SolverSettings
+from rnc_pin.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.optimal.transcription import Iterate, Transcription
 from rnc_pin.optimal.verification import Excess, excess_text, plan_findings, verify_inputs
 
 _TIGHTENED = 4  # times that nodes near places that come too close get a larger distance
-_RELAXED = ("straight line", "loop", "random")  # guesses that do not tell on which side of obstacles they pass
 _HELPS = 2.0  # factor by which halved intervals reduce a violation that they cause
 _REFINED = 2  # times the iterations from a guess: those of all improvements of its solution
 _SAME = 0.1  # of the accuracy, but not less than the tolerance: two solutions whose states differ by less are the same
 
 Gains = Callable[[MotionPlan], ArrayLike]
 """Gains (K, nu, nx) of the feedback along a plan."""
+
+PlanProgress = Callable[[int, int], None]
+"""Called with the number of guesses that were solved, and of the solutions among them."""
 
 
 def output_nodes(
@@ -81,45 +85,30 @@ def _continue(coordinates: Coordinates, position: Array, velocity: Array, accele
                 velocity[k, end, triple], acceleration[k, end, triple] = rotation_vector_rates(*parts)
 
 
-class _Candidate(NamedTuple):
-    """Solution of a guess."""
+class SearchEffort(NamedTuple):
+    """Guesses that are solved before the cheapest solution is tried.
 
-    name: str
-    solution: Solution
+    Attributes:
+        solutions: number of solutions that are wanted.
+        guesses: number of guesses after which one solution is enough.
+        alone: True if there is only one guess, whose errors the search then raises.
+        jobs: number of processes; -1 for all cores.
+        progress: called after each guess with the number of guesses and of solutions so far.
+    """
+
+    solutions: int
+    guesses: float
+    alone: bool = False
+    jobs: int = 1
+    progress: PlanProgress | None = None
 
 
 class _Made(NamedTuple):
     """Plan with its solution, and the rows that it exceeds after verification, largest first."""
 
     plan: MotionPlan
-    candidate: _Candidate
+    candidate: Candidate
     excesses: tuple[Excess, ...]
-
-
-class _Solver:
-    """Solver that adds the limits of the robot's file only if a solution without them exceeds one.
-
-    Most motions are far within them, and rows that do not matter would take time in every iteration.
-    """
-
-    def __init__(self, problem: Transcription, settings: SolverSettings) -> None:
-        stated = [bound for bound in problem.bounds if not bound.of_file]
-        self._problem, self._tolerance = problem, settings.tolerance
-        self._whole = SequentialQuadratic(problem, settings)
-        few = len(stated) < len(problem.bounds)
-        self._without = SequentialQuadratic(problem.with_bounds(stated), settings) if few else None
-
-    def solve(self, start: Iterate) -> Solution:
-        """Solve the problem from a guess."""
-        if self._without is None:
-            return self._whole.solve(start)
-        found = self._without.solve(start)
-        values = self._problem.values(found.iterate)
-        if self._problem.excess(values).max(initial=0.0) <= max(self._tolerance, found.violation.amount):
-            return found
-        within = self._whole.solve(found.iterate)
-        within.iterations += found.iterations
-        return within
 
 
 class PlanSearch:
@@ -133,19 +122,15 @@ class PlanSearch:
         problem: the problem.
         settings: settings of the solver.
         gains: gains of the feedback that the run will use; None if the inputs alone decide.
-        solutions: number of solutions among which the cheapest is tried first.
-        alone: True if there is only one guess, whose errors the search then raises.
+        effort: guesses that are solved before the cheapest solution is tried, and how.
     """
 
     def __init__(
-        self, problem: Transcription, settings: SolverSettings, gains: Gains | None, solutions: int, alone: bool
+        self, problem: Transcription, settings: SolverSettings, gains: Gains | None, effort: SearchEffort
     ) -> None:
-        self._problem, self._settings, self._gains = problem, settings, gains
-        self._wanted, self._alone = solutions, alone
-        self._solver = _Solver(problem, settings)
-        self._relaxed = _without_distances(problem, settings)
+        self._problem, self._settings, self._gains, self._effort = problem, settings, gains, effort
         self._tried = self._solved = 0
-        self._failed: list[_Candidate] = []
+        self._failed: list[Candidate] = []
         self._rejected: list[_Made] = []
         self._vain: list[Iterate] = []  # solutions of guesses whose improvements were rejected
         self._left, self._spent = 0.0, False
@@ -156,16 +141,22 @@ class PlanSearch:
         Raises:
             InfeasibleError: there is none.
         """
-        pool: list[_Candidate] = []
-        needed = self._wanted
+        with closing(GuessSolver(self._problem, self._settings).solutions(starts, self._effort.jobs)) as found:
+            return self._cheapest(found)
+
+    def _cheapest(self, found: Iterator[Candidate | RncError]) -> MotionPlan:
+        pool: list[Candidate] = []
+        effort = self._effort
+        needed = effort.solutions
         while True:
-            while self._solved < needed:
-                start = next(starts, None)
-                if start is None:
+            while self._solved < needed and not (pool and self._tried >= effort.guesses):
+                candidate = next(found, None)
+                if candidate is None:
                     break
-                found = self._solve(*start)
-                if found is not None:
-                    pool.append(found)
+                if self._is_solution(candidate):
+                    pool.append(candidate)
+                if effort.progress is not None:
+                    effort.progress(self._tried, self._solved)
             if not pool:
                 raise self._refusal()
             best = pool.pop(min(range(len(pool)), key=lambda k: pool[k].solution.cost))
@@ -184,24 +175,20 @@ class PlanSearch:
         largest = max(float(np.abs(apart).max()), abs(one.duration - other.duration))
         return largest < max(_SAME * self._settings.accuracy, self._settings.tolerance)
 
-    def _solve(self, name: str, start: Iterate) -> _Candidate | None:
-        """Solution from a guess; None if it does not lead to a motion within tolerance."""
+    def _is_solution(self, candidate: Candidate | RncError) -> TypeGuard[Candidate]:
+        """True if a guess led to a motion within tolerance; others are counted, and kept for the refusal."""
         self._tried += 1
-        try:
-            if self._relaxed is not None and name.startswith(_RELAXED):
-                start = self._relaxed.solve(start).iterate
-            found = _Candidate(name, self._solver.solve(start))
-        except RncError as error:
-            if self._alone:
-                raise InfeasibleError(f"no plan: the guess cannot be evaluated: {error}") from None
-            return None
-        if found.solution.outcome == "infeasible":
-            self._failed.append(found)
-            return None
+        if isinstance(candidate, RncError):
+            if self._effort.alone:
+                raise InfeasibleError(f"no plan: the guess cannot be evaluated: {candidate}") from None
+            return False
+        if candidate.solution.outcome == "infeasible":
+            self._failed.append(candidate)
+            return False
         self._solved += 1
-        return found
+        return True
 
-    def _refined(self, candidate: _Candidate) -> _Made:
+    def _refined(self, candidate: Candidate) -> _Made:
         """Plan of a solution, improved until its verification confirms it.
 
         The intervals are halved until the inputs alone keep everything within the accuracy, too. If halving them no
@@ -245,7 +232,7 @@ class PlanSearch:
         if len(start.u) != problem.K:
             start = resampled(problem.model, start, problem.K)
         try:
-            found = _Solver(problem, replace(self._settings, iterations=most)).solve(start)
+            found = LimitSolver(problem, replace(self._settings, iterations=most)).solve(start)
         except RncError:
             return None
         self._left -= finer * found.iterations
@@ -253,9 +240,9 @@ class PlanSearch:
             self._spent |= found.iterations >= most
             return None
         found.iterations += before.iterations
-        return self._completed(problem, _Candidate(name, found))
+        return self._completed(problem, Candidate(name, found))
 
-    def _completed(self, problem: Transcription, candidate: _Candidate) -> _Made:
+    def _completed(self, problem: Transcription, candidate: Candidate) -> _Made:
         """Plan of a solution with its verification."""
         name, found = candidate
         at, model, settings = found.iterate, problem.model, self._settings
@@ -375,17 +362,6 @@ def _margins(problem: Transcription, made: _Made, accuracy: float) -> np.ndarray
         margins[k : k + 2] = np.maximum(margins[k : k + 2], problem.margins[k : k + 2] + each.amount)
     margins[-1] = 0.0
     return margins if (margins > problem.margins).any() else None
-
-
-def _without_distances(problem: Transcription, settings: SolverSettings) -> SequentialQuadratic | None:
-    """Solver without the bounds of distances, whose motions lead past obstacles; None if there are none.
-
-    Its iterations cost a small part of those with distances, and its solution is a good start for them.
-    """
-    if all(bound.quantity != DISTANCE for bound in problem.bounds):
-        return None
-    kept = [bound for bound in problem.bounds if bound.quantity != DISTANCE and not bound.of_file]
-    return SequentialQuadratic(problem.with_bounds(kept), settings)
 
 
 def _limits_of(problem: Transcription) -> tuple[tuple[str, str, float, float], ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from itertools import chain
 from typing import Annotated, Literal
 
 import numpy as np
@@ -11,21 +12,23 @@ from annotated_types import Ge, Le
 from numpy.typing import ArrayLike
 
 from rnc_pin.analysis.derivatives import state_derivatives
-from rnc_pin.errors import ModelWarning
+from rnc_pin.errors import ConfigurationError, ModelWarning
 from rnc_pin.model.parameter_types import NotNegative
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.optimal.action_models import Form, action_model
-from rnc_pin.optimal.bounds import BoundKind, Goal, GoalRows
+from rnc_pin.optimal.bounds import DISTANCE, BoundKind, Goal, GoalRows
 from rnc_pin.optimal.costs import CostKind
 from rnc_pin.optimal.file_limits import FileLimits
 from rnc_pin.optimal.guesses import Guess, guesses
 from rnc_pin.optimal.motion_plan import MotionPlan
 from rnc_pin.optimal.plan_feedback import tvlqr
-from rnc_pin.optimal.plan_search import Gains, PlanSearch
+from rnc_pin.optimal.plan_search import Gains, PlanProgress, PlanSearch, SearchEffort
 from rnc_pin.optimal.problem_building import build_problem, check_start, initial_node
 from rnc_pin.optimal.sequential_quadratic import SolverSettings
-from rnc_pin.optimal.transcription import Transcription
+from rnc_pin.optimal.transcription import Iterate, Transcription
 
+_USUAL = 5  # guesses among whose solutions the cheapest is chosen, where the straight line does not hold the rows
+_ROUNDING = 1e-6  # of a velocity along the straight line
 _DEFAULT, _OF_FILE = SolverSettings(), FileLimits()
 
 RunFeedback = Literal["tvlqr", "plan"] | Gains | None
@@ -47,17 +50,19 @@ def plan_motion(
     guess: Guess = None,
     seeds: Annotated[int, Ge(0), Le(1000)] = 6,
     seed: int = 0,
-    solutions: Annotated[int, Ge(1), Le(1000)] = 1,
+    solutions: Annotated[int, Ge(1), Le(1000)] | None = None,
     v2_0: ArrayLike | None = None,
     at_rest: bool = True,
     time_weight: NotNegative = 0.0,
     feedback: RunFeedback = "tvlqr",
+    jobs: int = 1,
+    progress: PlanProgress | None = None,
 ) -> MotionPlan:
     """Return an optimal motion of a reduced system from a configuration to a goal.
 
     Inputs are constant over equal intervals. The goal and the bounds hold at the nodes. The straight line is the first
-    guess; nonholonomic systems often need one of the random guesses. The result is a local optimum: with ``solutions``
-    above 1, several guesses are solved and the cheapest plan is returned.
+    guess. The result is a local optimum. If the rows do not allow the straight line, a few guesses are solved, and the
+    cheapest plan is returned; ``solutions`` tells how many have to lead to one.
 
     Verification decides. A fine step integrates the inputs, without feedback and with the feedback that the run will
     use; goal, bounds and distances count at every step and between steps. A plan that violates one by more than
@@ -76,16 +81,20 @@ def plan_motion(
             in every form, efforts in the form "dynamic".
         settings: settings of the solver.
         guess: another plan, or configurations (n, nq) at equal times; the straight line by default.
-        seeds: number of further guesses that are tried if others do not lead to a plan: past both sides of obstacles
-            in the way of a mobile base, then loops of the shape where the rows couple the rest to it, then random ones.
+        seeds: number of further guesses that are tried if others do not lead to a plan. The first ones pass both sides
+            of obstacles in the way of a mobile base. Shortest paths of a car in turn with random motions follow, for
+            other systems loops of the shape where the rows couple the rest to it, then random motions.
         seed: seed of the random guesses.
-        solutions: number of plans among which the cheapest is returned. If fewer guesses lead to plans, a warning and
-            ``info.solutions`` tell.
+        solutions: number of solutions among which the cheapest is returned. If fewer guesses lead to some, a warning
+            and ``info.solutions`` tell. By default those of the first five guesses if the rows do not allow the
+            straight line, no distances are bounded and no guess is given; else one.
         v2_0: initial reduced velocity (r,); zero by default. The kinematic form has none.
         at_rest: True if the motion ends at rest.
         time_weight: cost of a free duration [1/s].
         feedback: feedback that the run will use: "tvlqr" for ``rnc.tvlqr(reduced, plan)``, "plan" for the gains of the
             plan, a function from a plan to gains, or None if it drives the inputs alone.
+        jobs: number of processes that solve guesses; -1 for all cores. The plan does not depend on it.
+        progress: called after each guess with the number of guesses and of solutions so far.
 
     Raises:
         InfeasibleError: no guess led to a verified motion; the message names the violated row and what was tried, and
@@ -113,14 +122,32 @@ def plan_motion(
     problem.time_weight = time_weight
     check_start(problem, settings.accuracy)
     _warn_of_differences(problem)
-    wanted = max(1, solutions)
-    search = PlanSearch(problem, settings, _gains(reduced, feedback), wanted, alone=not seeds and wanted == 1)
-    made = search.run(guesses(problem, goal, guess, seeds + wanted - 1, seed))
+    if jobs == 0 or jobs < -1:
+        raise ConfigurationError(f"jobs {jobs}: expected a number of processes, or -1 for all cores")
+    wanted = solutions or 1
+    starts = guesses(problem, goal, guess, seeds + wanted - 1, seed)
+    if solutions is None and seeds and guess is None:
+        first = next(starts)
+        several, starts = _bends(problem, first[1]), chain([first], starts)
+        effort = SearchEffort(_USUAL if several else 1, _USUAL, jobs=jobs, progress=progress)
+    else:
+        effort = SearchEffort(wanted, np.inf, alone=not seeds and wanted == 1, jobs=jobs, progress=progress)
+    made = PlanSearch(problem, settings, _gains(reduced, feedback), effort).run(starts)
     if made.info.solutions < wanted:
         found, tried = made.info.solutions, made.info.guesses
         text = f"plan: {found} solutions instead of {wanted}: the other {tried - found} of {tried} guesses led to none"
         warnings.warn(f"{text}; allow more seeds or iterations", ModelWarning, stacklevel=2)
     return made
+
+
+def _bends(problem: Transcription, line: Iterate) -> bool:
+    """True if rows do not allow the straight line, and no distances make each solution expensive."""
+    if any(bound.quantity == DISTANCE for bound in problem.bounds):
+        return False
+    v = problem.model.manifold.difference(line.q[:-1], line.q[1:]) * problem.K / line.duration
+    reduced = problem.model.reduced
+    allowed = reduced.at(line.q[:-1], np.einsum("kri,ki->kr", reduced.at(line.q[:-1]).J2, v)).v
+    return bool(np.abs(allowed - v).max() > _ROUNDING * np.abs(v).max())
 
 
 def _gains(reduced: ReducedModel, feedback: RunFeedback) -> Gains | None:

@@ -284,6 +284,7 @@ class SetPointController(ReprMixin):
                 settings=settings,
                 seeds=self.seeds,
                 seed=seed,
+                solutions=1,
                 feedback=lambda plan: tvlqr(self._reduced, plan, state_cost=self.state_cost).K,
             )
         except InfeasibleError as error:

@@ -98,6 +98,7 @@ def first_motion(
                 settings=settings,
                 seeds=_SEEDS // times,
                 seed=seed,
+                solutions=1,
                 feedback="plan",
             )
         except InfeasibleError as error:

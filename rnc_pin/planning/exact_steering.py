@@ -27,7 +27,7 @@ from rnc_pin.errors import InfeasibleError, SingularityError
 from rnc_pin.model.configuration_manifold import ConfigurationManifold
 from rnc_pin.model.coordinates import wrapped
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.planning.shortest_paths import dubins_words, reeds_shepp_words
+from rnc_pin.planning.shortest_paths import Word, dubins_words, reeds_shepp_words
 from rnc_pin.robots.joint_values import NO_LIMIT
 
 _STEEPEST = np.deg2rad(80.0)  # largest steering angle of a joint without limits
@@ -78,7 +78,10 @@ class Steering(ABC):
     def motions(self, start: Float[Array, " nq"], goal: Float[Array, " nq"]) -> Iterator[ExactMotion]:
         """Motions to a configuration, the best choice first; joints that follow do not move."""
         for steps in self.displacements(start, goal):
-            yield self.along(start, steps[np.abs(steps).max(axis=1, initial=0.0) > _SHORT])
+            yield self._along(start, steps)
+
+    def _along(self, start: Array, steps: Array) -> ExactMotion:
+        return self.along(start, steps[np.abs(steps).max(axis=1, initial=0.0) > _SHORT])
 
     def along(self, start: Float[Array, " nq"], steps: Float[Array, "k nv"]) -> ExactMotion:
         """Motion along displacements, with long turns divided: two configurations do not tell them from short ones."""
@@ -267,18 +270,26 @@ class CarSteering(_AxleSteering):
         return np.divide(turn, speed, out=np.full(len(angles), np.nan), where=np.abs(speed) > 1e-6)
 
     def displacements(self, start: Array, goal: Array) -> Iterator[Array]:
-        joints = self.joints(start, goal)
-        joints[self._steering] = 0.0
+        for word in self._words(start, goal)[:_PATHS]:
+            yield self._steered(word, start, goal)
+
+    def paths(self, start: Float[Array, " nq"], goal: Float[Array, " nq"]) -> Iterator[tuple[ExactMotion, Word]]:
+        """Motions along all paths, the shortest first, each with its segments in turning radii."""
+        for word in self._words(start, goal):
+            if word:
+                yield self._along(start, self._steered(word, start, goal)), word
+
+    def _words(self, start: Array, goal: Array) -> list[Word]:
         x, y, turn = self.seen(start, goal)
         if np.hypot(x, y) < _SHORT and abs(turn) < _SHORT:
-            yield self._steered([], start, goal, joints)
-            return
+            return [[]]
         words = reeds_shepp_words if self.reverse else dubins_words
-        for word in words(x / self.radius, y / self.radius, turn)[:_PATHS]:
-            yield self._steered(word, start, goal, joints)
+        return words(x / self.radius, y / self.radius, turn)
 
-    def _steered(self, word: Sequence[tuple[int, float]], start: Array, goal: Array, joints: Array) -> Array:
+    def _steered(self, word: Word, start: Array, goal: Array) -> Array:
         """Displacements along a path, the car stands where it steers."""
+        joints = self.joints(start, goal)
+        joints[self._steering] = 0.0
         angle, pieces, steering = start[self._entry], [], []
         for side, length in word:
             if abs(length) < _SHORT:

@@ -8,13 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from rnc_pin.array_shapes import Float
+from rnc_pin.array_shapes import Bool, Float
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection, continuous_distances
 from rnc_pin.collision.continuous_distances import default_tolerance, too_near
 from rnc_pin.model.configuration_manifold import ConfigurationManifold
 from rnc_pin.planning.exact_steering import ExactMotion
 from rnc_pin.robots.robot import Robot
 
+_FINER = 0.1  # tolerance of the second check of wheels that follow, in tolerances of the first one
 _SPACING = 0.1  # [m or rad] between the samples that are looked at before the bounds
 _LOOK = 2.0  # effort of a look at one configuration
 _HALVED = 1.0 - np.array([int(f"{k:04b}"[::-1], 2) for k in range(16)]) / 16.0
@@ -96,6 +97,23 @@ class WayChecker:
         if found is None:
             return "", float(time[-1])
         return self.distances.pairs[found[0]].names[1], found[1]
+
+    def holds_with(self, motion: ExactMotion, followers: Bool[Array, " nv"]) -> bool:
+        """True if a motion that ``is_free`` has accepted stays free where joints that follow move too.
+
+        Only pairs count whose distance depends on these joints. Other samples find other distances, as far as the
+        tolerance: what the first check has left of it has to cover the finer tolerance here.
+
+        Args:
+            motion: the motion of all joints.
+            followers: mask of the velocities of joints that follow.
+        """
+        moved = self.distances.depends_on(followers)
+        tolerance = _FINER * self.tolerance
+        least = self._least - self.tolerance + tolerance
+        time, within = np.arange(len(motion.q), dtype=float), self.clearance + self.tolerance
+        found = continuous_distances(self.distances, time, motion.q, within, tolerance)
+        return not (((found.smallest < least) | found.uncertain) & moved).any()
 
     def _samples(self, motion: ExactMotion) -> Float[Array, "k nq"]:
         """Configurations along a motion."""

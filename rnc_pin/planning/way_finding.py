@@ -341,7 +341,7 @@ class WayFinder:
         if steering is not None:
             motion = steering.completed(motion, start)
             follow = None if self.planned.all() else checker
-            if follow is not None and not follow.is_free(steering.along(start, motion.steps)):
+            if follow is not None and not follow.holds_with(steering.along(start, motion.steps), ~self.planned):
                 raise InfeasibleError("find_way: wheels that follow collide, because they are not round")
         return way_along(self._reduced, self.planned, checker, motion, info)
 

@@ -8,5 +8,6 @@ from .model_checks import mass_of_box as mass_of_box
 from .robot import Robot as Robot
 from .robot_files import example_urdfs as example_urdfs
 from .robot_files import find_mjcf as find_mjcf
+from .robot_files import find_shipped as find_shipped
 from .robot_files import find_urdf as find_urdf
 from .robot_files import shipped_directory as shipped_directory

@@ -35,6 +35,12 @@ def find_urdf(path: str | Path, beside: Path | None = None) -> Path:
     raise ModelError(f"no URDF file '{path}'{hint}")
 
 
+def find_shipped(path: str, beside: Path) -> Path:
+    """Return a path relative to ``beside``, or that of a file shipped with rnc_pin if there is none."""
+    found = beside / path
+    return found if found.is_file() or not (shipped_directory() / path).is_file() else shipped_directory() / path
+
+
 def find_mjcf(path: str | Path, beside: Path | None = None) -> Path:
     """Return the path of an MJCF file, relative to ``beside``.
 

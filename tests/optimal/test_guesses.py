@@ -1,4 +1,4 @@
-"""Loops of the shape as guesses: the phase of each leads to the goal, and plans from them are near the best known."""
+"""Guesses: loops whose phase leads to the goal and plans from them, near the best known; paths of a car."""
 
 from itertools import islice
 
@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
+from benchmarks.planned_models import car
 from rnc_pin.optimal.action_models import action_model
 from rnc_pin.optimal.bounds import GoalRows
 from rnc_pin.optimal.guesses import guesses
@@ -54,6 +55,28 @@ def test_loops_turn_the_platform_by_their_phase_and_return_the_arm(angle):
 def test_rows_that_follow_the_straight_line_need_no_loop():
     _, found = tried(space_robot(), turned(0.4))
     assert not any(name.startswith("loop") for name, _ in found)
+
+
+def test_paths_of_a_car_differ_in_direction_and_reversals_and_take_turns_with_random_motions():
+    reduced = car()
+    model = action_model(reduced, "acceleration")
+    start = initial_node(model, reduced.robot.configuration())
+    goal = {rnc.FramePosition("rear_axle", "xy"): [-2.9, 1.25], rnc.FrameYaw("chassis"): 0.83}
+    problem = build_problem(model, start, GoalRows(model, goal, True), 16.0, None, [], 200, None)
+    found = list(guesses(problem, goal, None, 10, 0))
+    assert [name.split()[0] == "random" for name, _ in found[1:7]] == [False, True] * 3
+    paths = {name: each for name, each in found[1:] if "reversal" in name}
+    assert len(paths) >= 3
+    for name, each in paths.items():
+        direction, count = name.split(", ")
+        steps = np.array(
+            [pin.difference(reduced.robot.model, *pair) for pair in zip(each.q[:-1], each.q[1:], strict=True)]
+        )
+        driven = np.sign(steps[np.abs(steps[:, 0]) > 1e-3, 0])  # of the rear axle, in its own direction
+        assert (driven[0] > 0.0) == (direction == "forwards")
+        assert (np.diff(driven) != 0).sum() == int(count.split()[0])
+        np.testing.assert_allclose(steps[:, 1], 0.0, atol=1e-3)  # no slip across a step but that of a corner
+        np.testing.assert_allclose(each.q[-1, :2], [-2.9, 1.25], atol=1e-5)
 
 
 def test_the_first_loop_is_near_the_best_plan_of_many():

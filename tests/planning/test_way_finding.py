@@ -160,6 +160,27 @@ def test_a_gap_that_is_one_centimetre_too_narrow_is_never_passed(seed):
     assert 0.0 < wide.narrowest.distance < 0.004
 
 
+@pytest.mark.parametrize(("bar", "holds"), [(0.04, True), (1.3, False)])
+def test_wheels_that_follow_count_and_distances_of_the_base_have_been_decided_before(bar, holds):
+    box = mecanum_box()
+    geometry = box.robot.collision_model.copy()
+    wheel = box.robot.model.getFrameId("bl")
+    upright = coal.Box(0.04, 0.04, bar)  # beside the wall only after a part of a turn
+    parent = box.robot.model.frames[wheel].parentJoint
+    geometry.addGeometryObject(pin.GeometryObject("bar", parent, wheel, pin.SE3.Identity(), upright))
+    robot = rnc.Robot(box.robot.model, collision_model=geometry)
+    rows = [rnc.RollingWheel(name, WHEEL, roller=roller) for name, roller in ROLLERS.items()]
+    reduced = rnc.NonholonomicSystem(robot, rows).reduce()
+    start, goal = at_pose(reduced, 0.0, 0.0), at_pose(reduced, 0.0, 0.5)
+    # The base is nearer than the first check accepts at a sample, and farther than the clearance.
+    wall = Obstacle(coal.Box(0.2, 40.0, 3.0), position=(0.3 + 0.0105 + 0.1, 0.0, 0.0), name="wall")
+    finder = WayFinder(reduced, start, [wall], clearance=0.01)
+    completed = finder.steering.completed(next(finder.steering.motions(start, goal)), start)
+    motion = finder.steering.along(start, completed.steps)
+    assert not finder.checker.is_free(motion)
+    assert finder.checker.holds_with(motion, ~finder.planned) == holds
+
+
 def test_the_same_seed_gives_the_same_way_and_another_one_does_not():
     task = TASKS["car"]()
     first, again, other = (find_way(*task, seed=seed) for seed in (3, 3, 4))

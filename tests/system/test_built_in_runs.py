@@ -27,7 +27,7 @@ FREE = (  # which have no goals
     "rattleback", "ball-in-bowl", "ball-on-turntable", "roller-racer", "disk-on-slope", "chaplygin-ball",
     "shaken-pendulum", "dropped-disk", "skidding-robot",
 )  # fmt: skip
-ELSEWHERE = ("closing-door", "fire-truck", "grasp", "park", *FREE)  # tests of their own below
+ELSEWHERE = ("closing-door", "fire-truck", "grasp", "park", "tiago-rooms", *FREE)  # tests of their own below
 ENOUGH = {  # [s]; of scenarios that go on and on, after which nothing new happens
     "space-robot-uncertain": 12.0,
     "wheels-uncertain": 12.0,
@@ -132,6 +132,19 @@ def test_the_car_parks_where_its_controller_has_its_goal():
     assert result.trajectory.verdict.succeeded
     x, y, cosine, sine = result.trajectory.q[-1, :4]
     np.testing.assert_allclose([x, y, np.arctan2(sine, cosine)], 0.0, atol=0.02)
+    respects_its_limits(result.summary)
+
+
+def test_the_hand_reaches_from_one_room_into_a_shelf_in_another():
+    prepared = Scenario.load("tiago-rooms", {"plots": {}, "simulation.dt": 0.08}).build()
+    result, robot = execute(prepared), prepared.model.reduced.robot
+    run = result.trajectory
+    assert run.verdict.succeeded
+    data, hand = robot.model.createData(), robot.model.getFrameId("arm_tool_link")
+    pin.framesForwardKinematics(robot.model, data, run.q[-1])
+    np.testing.assert_allclose(data.oMf[hand].translation, [2.05, 1.0, 0.92], atol=0.02)
+    through = run.q[np.argmin(np.abs(run.q[:, 0]))]
+    assert abs(through[1]) < 0.6  # of the door, which is 1.2 m wide
     respects_its_limits(result.summary)
 
 

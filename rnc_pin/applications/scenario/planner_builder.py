@@ -32,10 +32,11 @@ from rnc_pin.optimal import (
     goal_configuration,
     tvlqr,
 )
-from rnc_pin.planning import OutputTarget, Reference, find_way
+from rnc_pin.planning import OutputTarget, Reference, WaySettings, find_way
 from rnc_pin.robots import Robot
 from rnc_pin.simulation import PlannedPath
 
+_SEARCH = WaySettings(seconds=150.0, motions=20_000)  # the motions end it on a usual computer, a busy one has time
 _POINTS = 400  # of a planned path
 
 
@@ -156,7 +157,16 @@ def _first_guess(
         assert goal is not None
         selection, clearance = PairSelection(links=settings.links), settings.clearance or 0.0
         beside = () if settings.clearance is None else obstacles
-        way = find_way(reduced, start.q, goal, beside, selection=selection, clearance=clearance, seed=scenario.seed)
+        way = find_way(
+            reduced,
+            start.q,
+            goal,
+            beside,
+            selection=selection,
+            clearance=clearance,
+            settings=_SEARCH,
+            seed=scenario.seed,
+        )
         moves = any(each.motion is not None for each in beside)  # the plan then has to keep the times of the way
         until = max(way.duration, float(np.mean(settings.duration))) if moves else way.duration
         return way.at(np.linspace(0.0, until, _POINTS))

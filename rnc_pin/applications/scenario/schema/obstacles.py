@@ -17,6 +17,7 @@ from rnc_pin.applications.scenario.schema.reference_settings import ReferenceIte
 from rnc_pin.collision import Obstacle, ground_shape, load_cells, load_map, load_mesh_shape
 from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model import Coordinates
+from rnc_pin.robots import find_shipped
 
 _Three = Annotated[list[float], Field(min_length=3, max_length=3)]
 _Sides = Annotated[list[Positive], Field(min_length=3, max_length=3)]
@@ -108,7 +109,7 @@ class MapObstacle(Strict):
     """Occupied cells of a map of ROS navigation, as boxes."""
 
     file: str
-    """YAML file of the map, relative to the scenario file."""
+    """YAML file of the map, relative to the scenario file; or a map of the package: warehouse.yaml."""
     name: str | None = None
     """Unique name; its boxes are numbered. By default "map" and its number."""
     height: Positive = 2.0
@@ -121,7 +122,7 @@ class MapObstacle(Strict):
     def build_all(self, folder: Path, default_name: str) -> Sequence[Obstacle]:
         name = self.name or default_name
         try:
-            return load_map(folder / self.file, name).obstacles(self.height, self.unknown, self.cells)
+            return load_map(find_shipped(self.file, folder), name).obstacles(self.height, self.unknown, self.cells)
         except RncError as error:
             raise ConfigurationError(f"obstacle '{name}': {error}") from None
 

@@ -116,6 +116,7 @@ _LATE = (
     "seed",
     "v2_0",
     "feedback",
+    "progress",
 )
 _PLAN = Entry(plan, late=_LATE)
 

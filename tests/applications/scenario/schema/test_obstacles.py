@@ -182,3 +182,13 @@ def test_a_map_is_boxes(tmp_path):
     assert second.position.tolist() == [2.25, 1.75, 0.5]
     with pytest.raises(rnc.ConfigurationError, match=r"obstacle 'map 2': map 'lott\.yaml'"):
         prepared(tmp_path, text.replace("lot", "lott"))
+
+
+def test_a_map_of_the_package_is_found_by_its_name_and_one_beside_the_file_comes_first(tmp_path):
+    text = "  - map: {file: warehouse.yaml, name: rack}\n"
+    shipped = prepared(tmp_path, text).experiment.obstacles
+    spans = {tuple(np.ptp(outline(each, 0.0), axis=0).round(9).tolist()) for each in shipped}
+    assert (4.0, 0.8) in spans  # a rack
+    (tmp_path / "warehouse.yaml").write_text((ROOT / "urdf" / "warehouse.yaml").read_text())
+    (tmp_path / "warehouse.pgm").write_bytes(b"P5 1 1 255\n" + bytes([0]))
+    assert len(prepared(tmp_path, text).experiment.obstacles) == 1
