@@ -93,6 +93,8 @@ class SequentialQuadratic:
     """
 
     linear: LinearQuadratic | None = None
+    _ahead: tuple[Iterate, LinearQuadratic, Values] | None = None
+    """Linearization at the iterate of a whole step, in place of its values alone: the next iteration starts there."""
 
     def __init__(self, problem: Transcription, settings: SolverSettings) -> None:
         self.problem, self.settings = problem, settings
@@ -111,11 +113,12 @@ class SequentialQuadratic:
         start = self.problem.start
         at = guess._replace(q=np.concatenate([start.q, guess.q[1:]]), w=np.concatenate([start.w, guess.w[1:]]))
         self.restart()
-        values = self.problem.values(at)
+        linear, values = self.problem.linearize(at)
+        self._ahead = at, linear, values
         mark, age = np.inf, 0  # violation at the last time that it was halved, and iterations since
         while count < s.iterations:
             count += 1
-            found = self.iterate(at)
+            found = self.iterate(at, ahead=self._whole or count == 1)
             if found is None:
                 done = not self._raise_penalty(values, at.duration)
                 if done:
@@ -148,10 +151,16 @@ class SequentialQuadratic:
         self._weight, self._damping = _HEAVIER * self._weight, _FIRST_DAMPING
         return True
 
-    def iterate(self, at: Iterate) -> tuple[Iterate, Values] | None:
-        """One iteration: the next iterate with its values; None if no step improves the merit function."""
-        problem, values = self.problem.linearize(at)
-        self.linear = problem
+    def iterate(self, at: Iterate, ahead: bool = False) -> tuple[Iterate, Values] | None:
+        """One iteration: the next iterate with its values; None if no step improves the merit function.
+
+        Args:
+            at: the iterate.
+            ahead: True if another iteration will follow and a whole step is likely.
+        """
+        known = self._ahead
+        problem, values = known[1:] if known is not None and known[0] is at else self.problem.linearize(at)
+        self.linear, self._ahead = problem, None
         sizes = self._sizes(problem)
         while self._damping < _MOST_DAMPING:
             try:
@@ -159,7 +168,7 @@ class SequentialQuadratic:
             except SimulationError:
                 self._damping = max(10 * self._damping, 1e-3)
                 continue
-            found = self._searched(at, values, problem, direction, sizes)
+            found = self._searched(at, values, direction, sizes, ahead)
             if found is not None:
                 after, result, length = found
                 factor = 0.2 if length == 1.0 else 1.0 if length >= 0.2 else 4.0
@@ -172,19 +181,24 @@ class SequentialQuadratic:
         return None
 
     def _searched(
-        self, at: Iterate, values: Values, problem: LinearQuadratic, direction: Direction, sizes: _Sizes
+        self, at: Iterate, values: Values, direction: Direction, sizes: _Sizes, ahead: bool
     ) -> tuple[Iterate, Values, float] | None:
         """Line search along a direction: the next iterate, its values, and the step length."""
+        assert self.linear is not None
         nx = len(sizes.states)
         costate = np.abs(direction.costate[1:, :nx] * sizes.states)
         self._gap_weight = max(0.5 * self._gap_weight, 1.5 * float(costate.max(initial=0.0)))
         merit = self._merit(values, sizes)
-        predicted = merit - _merit_of_subproblem(problem, direction, values.cost, sizes, self._weight)
+        predicted = merit - _merit_of_subproblem(self.linear, direction, values.cost, sizes, self._weight)
         rounding = 1e-12 * max(1.0, abs(merit))
         for length in _LENGTHS:
             after = self.problem.moved(at, direction.x, direction.u, float(length))
             try:
-                result = self.problem.values(after)
+                if ahead and length == 1.0:
+                    linear, result = self.problem.linearize(after)
+                    self._ahead = after, linear, result
+                else:
+                    result = self.problem.values(after)
             except RncError:  # a singular configuration: shorter steps may avoid it
                 continue
             now = self._merit(result, sizes)

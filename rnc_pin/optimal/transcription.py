@@ -272,14 +272,14 @@ class Transcription:
         nx = linear.B.shape[1]
         inputs, (sizes, _) = linear.input_scales, linear.typical_sizes
         H = linear.scaled_hessian(1e-6)
-        D = linear.D[:-1] * inputs[:, None, :] / sizes[:-1, :, None]
+        D = linear.D[:-1] * inputs / sizes[:-1, :, None]
         active = (room / sizes)[:-1] < _ACTIVE
         of_input = np.concatenate([np.zeros((*D.shape[:2], nx)), D], axis=2) * active[:, :, None]
         H = H + _BOUND * of_input.mT @ of_input
         equal = linear.lower[-1] == linear.upper[-1]
         C = linear.C[-1, equal] / sizes[-1, equal, None]
         factors = RiccatiFactors(linear.scaled_dynamics, H, linear.H_end + _GOAL * C.T @ C)
-        return inputs[:, :, None] * factors.K
+        return inputs[:, None] * factors.K
 
     def moved(self, at: Iterate, x: Array, u: Array, length: float) -> Iterate:
         """Iterate after a part of a direction of the subproblem."""
