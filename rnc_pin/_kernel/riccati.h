@@ -75,7 +75,7 @@ INLINE void add_product(const double *a, const double *b, double *out, Py_ssize_
 
 /* Inverse (n, n) of the symmetric block of a matrix with rows of length step; work (n, n). False if it is not positive
  * definite. */
-static int inverse_of_positive(const double *M, Py_ssize_t step, Py_ssize_t n, double *out, double *work)
+WIDE static int inverse_of_positive(const double *M, Py_ssize_t step, Py_ssize_t n, double *out, double *work)
 {
     for (Py_ssize_t i = 0; i < n; i++)
         for (Py_ssize_t j = 0; j <= i; j++) {
@@ -336,7 +336,7 @@ static double longest_step(const Bounded *b, const Point *at, const Point *step)
 }
 
 /* Residuals and factors at an iterate. False if the problem is not convex. */
-static int prepare_newton(const Bounded *b, const Point *at, double stiffest, Newton *n)
+WIDE static int prepare_newton(const Bounded *b, const Point *at, double stiffest, Newton *n)
 {
     Py_ssize_t N = b->N, nx = b->nx, nz = b->nz;
     memcpy(n->H, b->H, (size_t)(N * nz * nz) * sizeof(double));
@@ -365,7 +365,7 @@ static int prepare_newton(const Bounded *b, const Point *at, double stiffest, Ne
 }
 
 /* Newton step to complementarity mu; with terms of second order of the step so far if it is a predictor */
-static void newton_step(const Bounded *b, const Point *at, const Newton *n, double mu, int predicted, Point *step)
+WIDE static void newton_step(const Bounded *b, const Point *at, const Newton *n, double mu, int predicted, Point *step)
 {
     Py_ssize_t N = b->N, nx = b->nx, nz = b->nz;
     memcpy(n->slope, n->g, (size_t)(N * nz + nx) * sizeof(double));

@@ -19,6 +19,8 @@ _BOUNDARY = 0.995  # part of the way to the boundary that a step may go
 _STIFFEST = 1e11  # largest weight of a row in the Newton matrix, which rounding allows
 _TOLERANCE = 1e-8  # complementarity and residual of the scaled subproblem at the end, relative to the cost
 _WARM = 1e-5  # complementarity at the start from known multipliers, relative to the cost
+_EARLY = 1e-3, 1e-4  # tolerance far from the optimum: part of the last change of the cost, and the largest
+_EARLY_WARM = 1e-2, 1e-7  # complementarity at the start close to it: part of that change, and the smallest
 _SLOW = 12  # iterations after which such a start is given up
 _ENOUGH = 1e-5  # complementarity of a point that is of use
 
@@ -74,19 +76,30 @@ class InteriorPointSolver:
     def __init__(self) -> None:
         self._multipliers: Array | None = None
         self._bounded = False  # bounds were active in the last subproblem
+        self._tolerance, self._warm = _TOLERANCE, _WARM
 
-    def solve(self, problem: LinearQuadratic, damping: float, weight: float) -> Direction:
+    def solve(self, problem: LinearQuadratic, damping: float, weight: float, change: float | None = None) -> Direction:
         """Return the solution.
+
+        Far from the optimum of the whole problem, less precise solutions lead to it as fast (inexact sequential
+        quadratic programming; Dembo, Eisenstat and Steihaug 1982).
 
         Args:
             problem: the subproblem.
             damping: addition to the weights of the scaled inputs.
             weight: cost of a violation of one unit of a scaled row.
+            change: relative change of the cost of the whole problem by the last step, which sets the tolerance; None
+                for the smallest one.
 
         Raises:
             SimulationError: the subproblem is not convex, or its numbers are not finite.
         """
         H, g = problem.scaled_hessian(damping), problem.g * problem.scales
+        if change is None:
+            self._tolerance, self._warm = _TOLERANCE, _WARM
+        else:
+            self._tolerance = min(max(_EARLY[0] * change, _TOLERANCE), _EARLY[1])
+            self._warm = min(max(_EARLY_WARM[0] * change, _EARLY_WARM[1]), _WARM)
         with np.errstate(all="ignore"):
             found = None if self._bounded else _without_bounds(problem, H, g, weight)
             z, costate, iterations = self._within_bounds(problem, H, g, weight) if found is None else found
@@ -104,7 +117,7 @@ class InteriorPointSolver:
         found = None
         if known is not None and known.shape == p.limit.shape:
             with suppress(SimulationError):
-                found = self._iterate(p, weight, _warm_start(p, weight, known), _SLOW)
+                found = self._iterate(p, weight, _warm_start(p, weight, known, self._warm), _SLOW)
         if found is None or found[2] == _SLOW:
             found = self._iterate(p, weight, _start(p, weight), _MOST)
         point, costate, iterations = found
@@ -117,7 +130,7 @@ class InteriorPointSolver:
         N, nx, nz = p.AB.shape
         scale, costate, taken = _cost_scale(p), np.zeros((N + 1, nx)), np.zeros(1)
         given = tuple(np.ascontiguousarray(each) for each in p)
-        numbers = np.array([weight, most, _BOUNDARY, _STIFFEST, _TOLERANCE * scale, _ENOUGH * scale])
+        numbers = np.array([weight, most, _BOUNDARY, _STIFFEST, self._tolerance * scale, _ENOUGH * scale])
         if _kernel.library.interior_point(N, nx, nz, p.limit.shape[1], *given, numbers, *point, costate, taken):
             if taken[0] == 0:
                 raise SimulationError(NOT_CONVEX)
@@ -139,7 +152,7 @@ class InteriorPointSolver:
             step, costate = _newton(p, point, now, factors, W, sigma * mu, step)
             length = min(1.0, _BOUNDARY * _length(now, point, step))
             point = _moved(point, step, length)
-            if mu <= _TOLERANCE * scale and length > 0.9:
+            if mu <= self._tolerance * scale and length > 0.9:
                 return point, costate, iteration
         return point, costate, most
 
@@ -204,9 +217,9 @@ def _start(p: _Scaled, weight: float) -> _Point:
     return _Point(z, s, e, np.full(shape, min(1.0, weight / 2)))
 
 
-def _warm_start(p: _Scaled, weight: float, y: Array) -> _Point:
+def _warm_start(p: _Scaled, weight: float, y: Array, complementarity: float) -> _Point:
     """Start near the multipliers of a similar subproblem, whose solution this one is the next step from."""
-    mu, on = _WARM * _cost_scale(p), p.active > 0
+    mu, on = complementarity * _cost_scale(p), p.active > 0
     least = mu / np.maximum(p.limit, np.sqrt(mu))
     y = np.where(on, np.minimum(np.maximum(y, least), 0.9 * weight), min(1.0, weight / 2))
     s = np.where(on, np.maximum(p.limit, mu / y), 1.0)

@@ -118,7 +118,7 @@ class SequentialQuadratic:
         mark, age = np.inf, 0  # violation at the last time that it was halved, and iterations since
         while count < s.iterations:
             count += 1
-            found = self.iterate(at, ahead=self._whole or count == 1)
+            found = self.iterate(at, min(before, 1.0))
             if found is None:
                 done = not self._raise_penalty(values, at.duration)
                 if done:
@@ -151,12 +151,12 @@ class SequentialQuadratic:
         self._weight, self._damping = _HEAVIER * self._weight, _FIRST_DAMPING
         return True
 
-    def iterate(self, at: Iterate, ahead: bool = False) -> tuple[Iterate, Values] | None:
+    def iterate(self, at: Iterate, change: float | None = None) -> tuple[Iterate, Values] | None:
         """One iteration: the next iterate with its values; None if no step improves the merit function.
 
         Args:
             at: the iterate.
-            ahead: True if another iteration will follow and a whole step is likely.
+            change: relative change of the cost by the last iteration of a series that goes on; None for a single one.
         """
         known = self._ahead
         problem, values = known[1:] if known is not None and known[0] is at else self.problem.linearize(at)
@@ -164,11 +164,11 @@ class SequentialQuadratic:
         sizes = self._sizes(problem)
         while self._damping < _MOST_DAMPING:
             try:
-                direction = self._solver.solve(problem, self._damping, self._weight)
+                direction = self._solver.solve(problem, self._damping, self._weight, change)
             except SimulationError:
                 self._damping = max(10 * self._damping, 1e-3)
                 continue
-            found = self._searched(at, values, direction, sizes, ahead)
+            found = self._searched(at, values, direction, sizes, change is not None)
             if found is not None:
                 after, result, length = found
                 factor = 0.2 if length == 1.0 else 1.0 if length >= 0.2 else 4.0
@@ -194,7 +194,7 @@ class SequentialQuadratic:
         for length in _LENGTHS:
             after = self.problem.moved(at, direction.x, direction.u, float(length))
             try:
-                if ahead and length == 1.0:
+                if ahead and self._whole and length == 1.0:
                     linear, result = self.problem.linearize(after)
                     self._ahead = after, linear, result
                 else:
