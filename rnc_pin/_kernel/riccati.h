@@ -73,6 +73,10 @@ INLINE void add_transposed_product(const double *a, const double *b, double *out
 INLINE void add_product(const double *a, const double *b, double *out, Py_ssize_t m, Py_ssize_t k, Py_ssize_t n)
 { multiply_add(0, a, k, 1, b, n, out, n, m, k, n); }
 
+/* out (n, c) += first n columns of a (n, c), times b (n, c) */
+WIDE static void multiply_slopes(const double *a, const double *b, double *out, Py_ssize_t n, Py_ssize_t c)
+{ multiply_add(0, a, c, 1, b, c, out, c, n, n, c); }
+
 /* Inverse (n, n) of the symmetric block of a matrix with rows of length step; work (n, n). False if it is not positive
  * definite. */
 WIDE static int inverse_of_positive(const double *M, Py_ssize_t step, Py_ssize_t n, double *out, double *work)

@@ -24,7 +24,7 @@ import numpy as np
 import pinocchio as pin
 from numpy import ndarray as Array
 
-from rnc_pin.analysis.derivatives import state_derivatives
+from rnc_pin.analysis.derivatives import StateDerivatives, state_derivatives
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.model.configuration_manifold import ConfigurationManifold
@@ -143,9 +143,14 @@ class ActionModel(ABC):
     def flow(self, at: Nodes, u: Array) -> tuple[Array, Array]:
         """Velocity (n, nv) and acceleration (n, nw) at nodes."""
 
-    @abstractmethod
     def flow_derivatives(self, at: Nodes, u: Array) -> FlowDerivatives:
         """The same with derivatives."""
+        T = u if self.form == "dynamic" else np.zeros((len(at.q), self.reduced.p))
+        return self._flow(state_derivatives(self.reduced, at.q, self.velocity(at, u), T), u)
+
+    @abstractmethod
+    def _flow(self, found: StateDerivatives, u: Array) -> FlowDerivatives:
+        """Derivatives of the flow from those of the system."""
 
     def velocity(self, at: Nodes, u: Array | None) -> Float[Array, "n r"]:
         """Reduced velocities at nodes."""
@@ -169,7 +174,13 @@ class ActionModel(ABC):
 
     def step_derivatives(self, at: Nodes, u: Array, h: Array) -> StepDerivatives:
         """Next states of nodes after steps h (n,) [s], with derivatives."""
-        nx, half, whole = self.nx, np.asarray(h)[:, None] / 2, np.asarray(h)[:, None]
+        nx = self.nx
+        found = self.reduced.evaluator.planned_derivatives(self.form, at.q, at.w, u, h)
+        if found is not None:
+            flow, states, out = found
+            first = self._flow(StateDerivatives(**flow, difference_error=0.0), u)
+            return StepDerivatives(Nodes(*states), out[:, :, :nx], out[:, :, nx:-1], out[:, :, -1], first)
+        half, whole = np.asarray(h)[:, None] / 2, np.asarray(h)[:, None]
         first = self.flow_derivatives(at, u)
         shift = half * first.v
         middle = Nodes(self.manifold.integrate(at.q, shift), at.w + half * first.a)
@@ -233,9 +244,8 @@ class KinematicModel(ActionModel):
     def flow(self, at: Nodes, u: Array) -> tuple[Array, Array]:
         return self.reduced.at(at.q, u).v, np.empty((len(at.q), 0))
 
-    def flow_derivatives(self, at: Nodes, u: Array) -> FlowDerivatives:
-        n, nv, r = len(at.q), self.nv, self.r
-        found = state_derivatives(self.reduced, at.q, u, np.zeros((n, self.reduced.p)))
+    def _flow(self, found: StateDerivatives, u: Array) -> FlowDerivatives:
+        n, nv, r = len(u), self.nv, self.r
         none = np.empty((n, 0, r))
         return FlowDerivatives(found.v, none[:, :, 0], found.v_q, found.v_v2, np.empty((n, 0, nv)), none, none)
 
@@ -254,9 +264,8 @@ class AccelerationModel(ActionModel):
     def flow(self, at: Nodes, u: Array) -> tuple[Array, Array]:
         return self.reduced.at(at.q, at.w).v, u
 
-    def flow_derivatives(self, at: Nodes, u: Array) -> FlowDerivatives:
-        n, nv, r = len(at.q), self.nv, self.r
-        found = state_derivatives(self.reduced, at.q, at.w, np.zeros((n, self.reduced.p)))
+    def _flow(self, found: StateDerivatives, u: Array) -> FlowDerivatives:
+        n, nv, r = len(u), self.nv, self.r
         eye = np.broadcast_to(np.eye(r), (n, r, r))
         return FlowDerivatives(found.v, u, found.v_q, found.v_v2, np.zeros((n, r, nv)), np.zeros((n, r, r)), eye)
 
@@ -276,8 +285,7 @@ class DynamicModel(ActionModel):
         state = self.reduced.at(at.q, at.w)
         return state.v, self.reduced.forward_dynamics(at.q, at.w, u)
 
-    def flow_derivatives(self, at: Nodes, u: Array) -> FlowDerivatives:
-        found = state_derivatives(self.reduced, at.q, at.w, u)
+    def _flow(self, found: StateDerivatives, u: Array) -> FlowDerivatives:
         return FlowDerivatives(
             found.v, found.v2_dot, found.v_q, found.v_v2, found.v2_dot_q, found.v2_dot_v2, found.v2_dot_T
         )
