@@ -328,10 +328,10 @@ static double complementarity(const Bounded *b, const Point *at, const Point *st
     return sum;
 }
 
-/* Longest part of a step, up to 1, that keeps slacks and multipliers positive */
-static double longest_step(const Bounded *b, const Point *at, const Point *step)
+/* Longest part of a step, up to a part, that keeps slacks and multipliers positive */
+static double longest_step(const Bounded *b, const Point *at, const Point *step, double most)
 {
-    double fastest = 1;
+    double fastest = 1 / most;
     for (Py_ssize_t i = 0; i < (b->N + 1) * b->k; i++) {
         fastest = fmax(fastest, fmax(-step->s[i] / at->s[i], -step->e[i] / at->e[i]));
         fastest = fmax(fastest, fmax(-step->y[i] / at->y[i], step->y[i] / (b->weight - at->y[i])));
@@ -396,26 +396,28 @@ WIDE static void newton_step(const Bounded *b, const Point *at, const Newton *n,
 }
 
 /* Number of iterations that improve an iterate; 0 if the problem is not convex. Limits: largest number, part of the way
-   to the boundary, stiffest weight, complementarity at the end, complementarity that is of use. */
+   to the boundary, stiffest weight, complementarity at the end, complementarity that is of use, and the part of the
+   first residuals that may remain. */
 static Py_ssize_t improve(const Bounded *b, const double *limits, Point *at, Point *step, Newton *n)
 {
     Py_ssize_t rows = (b->N + 1) * b->k, most = (Py_ssize_t)limits[0];
     Py_ssize_t iteration = 1;
-    double count = 0, mu = INFINITY, length = 0;
+    double count = 0, mu = INFINITY, length = 0, rest = 1; /* of the linear residuals */
     for (Py_ssize_t i = 0; i < rows; i++) count += b->active[i];
     for (; iteration <= most; iteration++) {
         if (!prepare_newton(b, at, limits[2], n)) return iteration > 1 && mu <= limits[4] ? iteration : 0;
         mu = complementarity(b, at, step, 0) / (2 * fmax(count, 1));
         newton_step(b, at, n, 0, 0, step);
-        double ahead = complementarity(b, at, step, longest_step(b, at, step)) / (2 * fmax(count, 1));
+        double ahead = complementarity(b, at, step, longest_step(b, at, step, 1)) / (2 * fmax(count, 1));
         double sigma = fmin(1, fmax(ahead, 0) / fmax(mu, 1e-300));
         newton_step(b, at, n, sigma * sigma * sigma * mu, 1, step);
-        length = fmin(1, limits[1] * longest_step(b, at, step));
+        length = fmin(1, limits[1] * longest_step(b, at, step, 1 / limits[1]));
+        rest *= 1 - length;
         add(at->z, length, step->z, (b->N + 1) * b->nz);
         add(at->s, length, step->s, rows);
         add(at->e, length, step->e, rows);
         add(at->y, length, step->y, rows);
-        if (mu <= limits[3] && length > 0.9) break;
+        if (mu <= limits[3] && length > 0.9 && rest <= limits[5]) break;
     }
     add_costates(b->N, b->nx, 1, n->P, n->states, n->p);
     return iteration < most ? iteration : most;
@@ -439,7 +441,7 @@ static PyObject *interior_point(PyObject *module, PyObject *const *args, Py_ssiz
           && take(&all, args[6], N * nz * nz, READ, &H) && take(&all, args[7], N * nz, READ, &g)
           && take(&all, args[8], nx * nx, READ, &H_end) && take(&all, args[9], nx, READ, &g_end)
           && take(&all, args[10], rows * nz, READ, &G) && take(&all, args[11], rows, READ, &limit)
-          && take(&all, args[12], rows, READ, &active) && take(&all, args[13], 6, READ, &numbers)
+          && take(&all, args[12], rows, READ, &active) && take(&all, args[13], 7, READ, &numbers)
           && take(&all, args[14], (N + 1) * nz, WRITE, &at.z) && take(&all, args[15], rows, WRITE, &at.s)
           && take(&all, args[16], rows, WRITE, &at.e) && take(&all, args[17], rows, WRITE, &at.y)
           && take(&all, args[18], (N + 1) * nx, WRITE, &n.p) && take(&all, args[19], 1, WRITE, &found)))

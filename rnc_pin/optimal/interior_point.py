@@ -22,6 +22,7 @@ _WARM = 1e-5  # complementarity at the start from known multipliers, relative to
 _EARLY = 1e-3, 1e-4  # tolerance far from the optimum: part of the last change of the cost, and the largest
 _EARLY_WARM = 1e-2, 1e-7  # complementarity at the start close to it: part of that change, and the smallest
 _SLOW = 12  # iterations after which such a start is given up
+_REST = 10.0  # part of the first residuals that may remain, relative to the tolerance
 _ENOUGH = 1e-5  # complementarity of a point that is of use
 
 
@@ -71,11 +72,13 @@ class InteriorPointSolver:
 
     The multipliers of the last subproblem start the next one, which is a similar one of the same size. If this start is
     slower than usual, the subproblem starts again at the centre.
+
+    Attributes:
+        multipliers: of the rows of the last subproblem (N + 1, k); None if no bound was active.
     """
 
     def __init__(self) -> None:
-        self._multipliers: Array | None = None
-        self._bounded = False  # bounds were active in the last subproblem
+        self.multipliers: Float[Array, "N1 k"] | None = None
         self._tolerance, self._warm = _TOLERANCE, _WARM
 
     def solve(self, problem: LinearQuadratic, damping: float, weight: float, change: float | None = None) -> Direction:
@@ -101,7 +104,7 @@ class InteriorPointSolver:
             self._tolerance = min(max(_EARLY[0] * change, _TOLERANCE), _EARLY[1])
             self._warm = min(max(_EARLY_WARM[0] * change, _EARLY_WARM[1]), _WARM)
         with np.errstate(all="ignore"):
-            found = None if self._bounded else _without_bounds(problem, H, g, weight)
+            found = _without_bounds(problem, H, g, weight) if self.multipliers is None else None
             z, costate, iterations = self._within_bounds(problem, H, g, weight) if found is None else found
         nx = problem.A.shape[1]
         if not (np.isfinite(z).all() and np.isfinite(costate).all()):
@@ -113,7 +116,7 @@ class InteriorPointSolver:
     ) -> tuple[Array, Array, int]:
         """Solution within bounds: variables, costates and iterations."""
         p, tied = _scaled(problem, H, g)
-        known, self._multipliers = self._multipliers, None
+        known, self.multipliers = self.multipliers, None
         found = None
         if known is not None and known.shape == p.limit.shape:
             with suppress(SimulationError):
@@ -121,8 +124,8 @@ class InteriorPointSolver:
         if found is None or found[2] == _SLOW:
             found = self._iterate(p, weight, _start(p, weight), _MOST)
         point, costate, iterations = found
-        self._multipliers = point.y
-        self._bounded = bool(((point.y > point.s) & (p.active > 0) & ~tied).any())
+        if np.where(tied, point.e > weight - point.y, point.y > point.s)[p.active > 0].any():
+            self.multipliers = point.y
         return point.z, costate, iterations
 
     def _iterate(self, p: _Scaled, weight: float, point: _Point, most: int) -> tuple[_Point, Array, int]:
@@ -130,17 +133,18 @@ class InteriorPointSolver:
         N, nx, nz = p.AB.shape
         scale, costate, taken = _cost_scale(p), np.zeros((N + 1, nx)), np.zeros(1)
         given = tuple(np.ascontiguousarray(each) for each in p)
-        numbers = np.array([weight, most, _BOUNDARY, _STIFFEST, self._tolerance * scale, _ENOUGH * scale])
+        goal, useful, left = self._tolerance * scale, _ENOUGH * scale, _REST * self._tolerance
+        numbers = np.array([weight, most, _BOUNDARY, _STIFFEST, goal, useful, left])
         if _kernel.library.interior_point(N, nx, nz, p.limit.shape[1], *given, numbers, *point, costate, taken):
             if taken[0] == 0:
                 raise SimulationError(NOT_CONVEX)
             return point, costate, int(taken[0])
-        count, mu = max(1, int(p.active.sum())), np.inf
+        count, mu, rest = max(1, int(p.active.sum())), np.inf, 1.0
         for iteration in range(1, most + 1):
             try:
                 factors, W = _factors(p, point, weight)
             except SimulationError:
-                if iteration > 1 and mu <= _ENOUGH * scale:  # rounding ends the iterations early
+                if iteration > 1 and mu <= useful:  # rounding ends the iterations early
                     return point, costate, iteration
                 raise
             now = _residuals(p, point, weight)
@@ -150,9 +154,9 @@ class InteriorPointSolver:
             mu_ahead = _complementarity(p, ahead, weight) / (2 * count)
             sigma = min(1.0, max(mu_ahead, 0.0) / max(mu, 1e-300)) ** 3
             step, costate = _newton(p, point, now, factors, W, sigma * mu, step)
-            length = min(1.0, _BOUNDARY * _length(now, point, step))
-            point = _moved(point, step, length)
-            if mu <= self._tolerance * scale and length > 0.9:
+            length = min(1.0, _BOUNDARY * _length(now, point, step, 1.0 / _BOUNDARY))
+            point, rest = _moved(point, step, length), rest * (1.0 - length)
+            if mu <= goal and length > 0.9 and rest <= left:
                 return point, costate, iteration
         return point, costate, most
 
@@ -223,7 +227,7 @@ def _warm_start(p: _Scaled, weight: float, y: Array, complementarity: float) -> 
     least = mu / np.maximum(p.limit, np.sqrt(mu))
     y = np.where(on, np.minimum(np.maximum(y, least), 0.9 * weight), min(1.0, weight / 2))
     s = np.where(on, np.maximum(p.limit, mu / y), 1.0)
-    e = np.where(on, np.maximum(s - p.limit, mu / (weight - y)), 1.0)
+    e = np.where(on, np.maximum(-p.limit, mu / (weight - y)), 1.0)
     return _Point(np.zeros((len(y), p.AB.shape[2])), s, e, y)
 
 
@@ -287,11 +291,11 @@ def _newton(
     return _Point(step, ds, de, dy), costate[:, :, 0]
 
 
-def _length(now: _Residuals, at: _Point, step: _Point) -> float:
-    """Longest part of a step, up to 1, that keeps slacks and multipliers positive."""
+def _length(now: _Residuals, at: _Point, step: _Point, most: float = 1.0) -> float:
+    """Longest part of a step, up to a part, that keeps slacks and multipliers positive."""
     pairs = ((at.s, step.s), (at.e, step.e), (at.y, step.y), (now.other, -step.y))
     fastest = max(float((change / value).min(initial=0.0)) * -1.0 for value, change in pairs)
-    return 1.0 / fastest if fastest > 1.0 else 1.0
+    return 1.0 / fastest if fastest > 1.0 / most else most
 
 
 def _moved(at: _Point, step: _Point, length: float) -> _Point:

@@ -14,7 +14,9 @@ from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Le
+from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.errors import RncError, SimulationError
 from rnc_pin.model.parameter_types import Positive
 from rnc_pin.optimal.interior_point import Direction, InteriorPointSolver
@@ -106,6 +108,15 @@ class SequentialQuadratic:
         self._damping, self._weight, self._gap_weight = _FIRST_DAMPING, self.settings.penalty, 0.0
         self._last: Direction | None = None  # direction of the last iteration, if the step was whole
         self._whole = False  # the last step was whole, and damping did not shorten it
+
+    @property
+    def multipliers(self) -> Float[Array, "N1 k"] | None:
+        """Multipliers of the bounds, which start the next subproblem; None if no bound is active."""
+        return self._solver.multipliers
+
+    @multipliers.setter
+    def multipliers(self, known: Array | None) -> None:
+        self._solver.multipliers = known
 
     def solve(self, guess: Iterate) -> Solution:
         """Improve a guess until it converges. Its first node becomes the start of the problem, which no step moves."""
