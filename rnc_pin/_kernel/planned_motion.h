@@ -19,17 +19,20 @@ static int planned_flow(Evaluator *ev, long form, const double *q, const double 
     return 1;
 }
 
-/* One exponential midpoint step of q and w (nw, 0 or r) */
+/* One exponential midpoint step of q and w (nw, 0 or r); first: velocity and acceleration (n + r) at its start, which
+   it computes if they are not known */
 static int planned_step(Evaluator *ev, long form, double h, const double *u, double *q, double *w, Py_ssize_t nw,
-                        double *shift, double *q_at, double *w_at)
+                        double *shift, double *q_at, double *w_at, double *first, int known)
 {
     Py_ssize_t n = ev->n;
-    double *rate = ev->stages;
     memcpy(q_at, q, (size_t)ev->nq * sizeof(double));
     memcpy(w_at, w, (size_t)nw * sizeof(double));
     for (int stage = 0; stage < 2; stage++) {
-        int ok = planned_flow(ev, form, q_at, w_at, u, rate);
+        double *rate = ev->stages;
+        int ok = stage || !known ? planned_flow(ev, form, q_at, w_at, u, rate) : 1;
         if (ok <= 0) return ok;
+        if (stage == 0 && known) rate = first;
+        else if (stage == 0) memcpy(first, rate, (size_t)(n + nw) * sizeof(double));
         double length = stage ? h : h / 2;
         for (Py_ssize_t i = 0; i < n; i++) shift[i] = length * rate[i];
         for (Py_ssize_t i = 0; i < nw; i++) w_at[i] = w[i] + length * rate[n + i];
@@ -40,6 +43,9 @@ static int planned_step(Evaluator *ev, long form, double h, const double *u, dou
     memcpy(w, w_at, (size_t)nw * sizeof(double));
     return 1;
 }
+
+/* True if the numbers (n) before x are the same: steps from one node share their first flow */
+static int same(const double *x, Py_ssize_t n) { return !n || !memcmp(x - n, x, (size_t)n * sizeof(double)); }
 
 /* Form, q, w, inputs and steps h of n nodes; record of q and w after one step of each. False if the general way has to
    decide. */
@@ -52,7 +58,8 @@ static PyObject *planned_steps(Evaluator *ev, PyObject *const *args, Py_ssize_t 
     long form = PyLong_AsLong(args[0]);
     if (PyErr_Occurred()) return NULL;
     Py_ssize_t n = ev->n, nq = ev->nq, nw = form == KINEMATIC ? 0 : ev->r, nu = form == DYNAMIC ? ev->p : ev->r;
-    double *shift = malloc((size_t)(n + nq + nw + 1) * sizeof(double));
+    double *shift = malloc((size_t)(2 * n + nq + 2 * nw + 1) * sizeof(double));
+    double *q_at = shift + n, *w_at = q_at + nq, *first = w_at + nw;
     if (!shift) return PyErr_NoMemory();
     if (take(&all, args[1], nq, READ, &q) && take(&all, args[2], nw, READ, &w) && take(&all, args[3], nu, READ, &u)
         && take(&all, args[4], 1, READ, &h) && take(&all, args[5], nq + nw, WRITE, &out)) {
@@ -60,8 +67,9 @@ static PyObject *planned_steps(Evaluator *ev, PyObject *const *args, Py_ssize_t 
         for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, out += nq + nw) {
             memcpy(out, q + i * nq, (size_t)nq * sizeof(double));
             memcpy(out + nq, w + i * nw, (size_t)nw * sizeof(double));
+            int known = i && same(q + i * nq, nq) && same(w + i * nw, nw) && same(u + i * nu, nu);
             ok = all_finite(out, nq + nw)
-                     ? planned_step(ev, form, h[i], u + i * nu, out, out + nq, nw, shift, shift + n, shift + n + nq)
+                     ? planned_step(ev, form, h[i], u + i * nu, out, out + nq, nw, shift, q_at, w_at, first, known)
                      : 0;
         }
     }
@@ -226,7 +234,7 @@ static PyObject *planned_motion(Evaluator *ev, PyObject *const *args, Py_ssize_t
     double h = PyFloat_AsDouble(args[3]);
     if (PyErr_Occurred() || !within((long)K, 1 << 20) || !within((long)steps, 1 << 20)) return NULL;
     Py_ssize_t nw = form == KINEMATIC ? 0 : ev->r, nu = form == DYNAMIC ? ev->p : ev->r, nx = n + nw;
-    Py_ssize_t row = nq + nw + nu, own = 2 * nq + 2 * nw + n + nx;
+    Py_ssize_t row = nq + nw + nu, own = 2 * nq + 3 * nw + 2 * n + nx;
     double *work = malloc((size_t)own * sizeof(double) + 1);
     if (!work) return PyErr_NoMemory();
     if (take(&all, args[4], nq, READ, &q) && take(&all, args[5], nw, READ, &w) && take(&all, args[6], K * nu, READ, &u)
@@ -234,7 +242,7 @@ static PyObject *planned_motion(Evaluator *ev, PyObject *const *args, Py_ssize_t
         && take(&all, args[9], 2 * nu, READ, &limits) && take(&all, args[11], nq, WRITE, &first)
         && take(&all, args[12], nq, WRITE, &second) && take(&all, args[13], K * steps * row, WRITE, &out)) {
         double *q_now = work, *w_now = q_now + nq, *q_at = w_now + nw, *w_at = q_at + nq, *shift = w_at + nw,
-               *dx = shift + n;
+               *dx = shift + n, *first_flow = dx + nx;
         ok = ev->fused && !ev->external_vertical && !ev->timed && (!gains || planned) && all_finite(u, K * nu);
         memcpy(q_now, q, (size_t)nq * sizeof(double));
         memcpy(w_now, w, (size_t)nw * sizeof(double));
@@ -257,7 +265,7 @@ static PyObject *planned_motion(Evaluator *ev, PyObject *const *args, Py_ssize_t
                                    fmax(high[j], input[j]));
                 if (ok > 0 && !all_finite(used, nu)) ok = 0;
             }
-            if (ok > 0) ok = planned_step(ev, form, h, used, q_now, w_now, nw, shift, q_at, w_at);
+            if (ok > 0) ok = planned_step(ev, form, h, used, q_now, w_now, nw, shift, q_at, w_at, first_flow, 0);
             memcpy(out, q_now, (size_t)nq * sizeof(double));
             memcpy(out + nq, w_now, (size_t)nw * sizeof(double));
         }

@@ -461,12 +461,13 @@ static PyObject *interior_point(PyObject *module, PyObject *const *args, Py_ssiz
                             entries};
     Py_ssize_t total = 1;
     for (int i = 0; i < 19; i++) total += lengths[i];
-    double *memory = calloc((size_t)total, sizeof(double));
+    double *memory = malloc((size_t)total * sizeof(double));
     b.start = malloc((size_t)(rows + 1 + entries) * sizeof(Py_ssize_t));
     if (!memory || !b.start) {
         free(memory), free(b.start);
         return PyErr_NoMemory(), result(&all, -1);
     }
+    memset(memory, 0, (size_t)((N + 1) * nz + 3 * rows) * sizeof(double)); /* the step */
     parts[0] = memory;
     for (int i = 0; i < 19; i++) parts[i + 1] = parts[i] + lengths[i];
     step = (Point){parts[0], parts[1], parts[2], parts[3]};

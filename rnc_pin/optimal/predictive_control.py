@@ -258,7 +258,7 @@ class PredictiveController(ReprMixin):
             if rows is None or solver.linear is None:
                 gains = self._problem.feedback_gains(at)
             else:  # real-time iteration: the linearization of the last iteration gives the gains, too
-                gains = self._problem.gains_of(solver.linear, rows)
+                gains = self._problem.gains_near(solver.linear, rows)
         except RncError:
             return waiting._replace(missed=state.missed + 1)
         late = limit is not None and time.process_time() - begin > limit

@@ -74,6 +74,8 @@ class Solution:
     iterations: int
     outcome: SolverOutcome
     """Converged; within tolerance, but the cost still changes; or not within tolerance."""
+    linear: LinearQuadratic | None = None
+    """Linearization at the iterate, if the last step gave it."""
 
 
 class _Sizes(NamedTuple):
@@ -153,7 +155,9 @@ class SequentialQuadratic:
                 break
         violation = self.problem.worst(values, at.duration)
         within: SolverOutcome = "solved" if done else "feasible"
-        return Solution(at, values.cost, violation, count, within if violation.amount <= s.tolerance else "infeasible")
+        outcome = within if violation.amount <= s.tolerance else "infeasible"
+        linear = self._ahead[1] if self._ahead is not None and self._ahead[0] is at else None
+        return Solution(at, values.cost, violation, count, outcome, linear)
 
     def _raise_penalty(self, values: Values, duration: float) -> bool:
         """Raise the cost of violations if there are some; False if there are none or it is at its limit."""

@@ -261,30 +261,24 @@ class Transcription:
 
     # ------------------------------------------------------------------ feedback
 
-    def feedback_gains(self, at: Iterate) -> Float[Array, "K nu nx"]:
+    def feedback_gains(self, at: Iterate, linear: LinearQuadratic | None = None) -> Float[Array, "K nu nx"]:
         """Gains of ``u + K dx`` about a motion, from the Riccati recursion with the costs of the problem.
 
         Deviations at the goal have a finite weight. Inputs at a bound have none to give: their feedback vanishes.
-        """
-        fixed = self._with(self.K, self.bounds, (at.duration, at.duration))
-        fixed.begin = self.begin
-        linear, values = fixed.linearize(at)
-        return fixed.gains_of(linear, values.rows)
 
-    def gains_of(self, linear: LinearQuadratic, rows: Float[Array, "K1 k"]) -> Float[Array, "K nu nx"]:
+        Args:
+            at: the motion.
+            linear: linearization at the motion, if it is known; that of a free duration is of no use.
+        """
+        if linear is None or self.free:
+            fixed = self._with(self.K, self.bounds, (at.duration, at.duration))
+            fixed.begin = self.begin
+            linear, _ = fixed.linearize(at)
+        return gains_of(linear, np.minimum(linear.upper, -linear.lower))
+
+    def gains_near(self, linear: LinearQuadratic, rows: Float[Array, "K1 k"]) -> Float[Array, "K nu nx"]:
         """Gains of ``feedback_gains`` from a linearization near a motion of fixed duration, and its bounded rows."""
-        room = np.minimum(self.upper - rows, rows - self.lower)
-        nx = linear.B.shape[1]
-        inputs, (sizes, _) = linear.input_scales, linear.typical_sizes
-        H = linear.scaled_hessian(1e-6)
-        D = linear.D[:-1] * inputs / sizes[:-1, :, None]
-        active = (room / sizes)[:-1] < _ACTIVE
-        of_input = np.concatenate([np.zeros((*D.shape[:2], nx)), D], axis=2) * active[:, :, None]
-        H = H + _BOUND * of_input.mT @ of_input
-        equal = linear.lower[-1] == linear.upper[-1]
-        C = linear.C[-1, equal] / sizes[-1, equal, None]
-        factors = RiccatiFactors(linear.scaled_dynamics, H, linear.H_end + _GOAL * C.T @ C)
-        return inputs[:, None] * factors.K
+        return gains_of(linear, np.minimum(self.upper - rows, rows - self.lower))
 
     def moved(self, at: Iterate, x: Array, u: Array, length: float) -> Iterate:
         """Iterate after a part of a direction of the subproblem."""
@@ -294,6 +288,19 @@ class Transcription:
             x, u = x[1:, :-1], u[1:]
         states = self.model.displaced(Nodes(at.q, at.w), length * x)
         return Iterate(states.q, states.w, at.u + length * u, duration)
+
+
+def gains_of(linear: LinearQuadratic, room: Float[Array, "N1 k"]) -> Float[Array, "N nu nx"]:
+    """Gains of the feedback of a linearization, and the distances of its rows from their limits."""
+    nx, inputs, (sizes, _) = linear.B.shape[1], linear.input_scales, linear.typical_sizes
+    H = linear.scaled_hessian(1e-6)
+    active = ((room / sizes)[:-1] < _ACTIVE)[:, :, None]
+    of_input = active * linear.D[:-1] * inputs / sizes[:-1, :, None]
+    H[:, nx:, nx:] += _BOUND * of_input.mT @ of_input
+    equal = linear.lower[-1] == linear.upper[-1]
+    C = linear.C[-1, equal] / sizes[-1, equal, None]
+    factors = RiccatiFactors(linear.scaled_dynamics, H, linear.H_end + _GOAL * C.T @ C)
+    return inputs[:, None] * factors.K
 
 
 def _joined(parts: Sequence[Array]) -> Array:
