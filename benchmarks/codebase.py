@@ -25,7 +25,7 @@ import scipy.sparse.csgraph
 from rich.console import Console
 from rich.table import Table
 
-CORE = ("model", "math", "constraints", "outputs", "analysis", "control", "planning", "loop", "simulation")
+CORE = ("model", "math", "constraints", "outputs", "analysis", "control", "planning", "simulation")
 MOST_PARAMETERS, MOST_LINES, LARGE_MODULE = 8, 60, 350
 EVALUATION = {"ConfigurationEvaluation", "StateEvaluation", "Evaluation"}
 _SKIPPED = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER)

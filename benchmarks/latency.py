@@ -30,8 +30,8 @@ from rich.table import Table
 from rnc_pin.applications.scenario.builder import Experiment
 from rnc_pin.applications.scenario.files import built_in_names
 from rnc_pin.applications.scenario.scenario import Scenario
+from rnc_pin.control.loop import ControlLoop, VelocityInputLoop
 from rnc_pin.errors import RncError
-from rnc_pin.loop import ControlLoop, VelocityInputLoop
 from rnc_pin.plants.plant import takes_velocities
 from rnc_pin.simulation.sampled_run import assembled_start
 

@@ -35,8 +35,8 @@ COPIED = ("rnc_pin", "tests", "urdf", "benchmarks", "pyproject.toml", "docs", "R
 PACKAGES = ("model", "constraints", "outputs", "control", "planning", "analysis")
 # Tests of these packages. Those of commands, browsers and readers take minutes and execute few of their lines.
 TESTS = (
-    *(f"tests/{name}" for name in PACKAGES), "tests/loop", "tests/simulation/test_simulate.py",
-    "tests/integrators", "tests/system/test_single_joint.py", "tests/robots/test_vehicles.py",
+    *(f"tests/{name}" for name in PACKAGES), "tests/simulation/test_simulate.py",
+    "tests/system/test_single_joint.py", "tests/robots/test_vehicles.py",
     "tests/system/test_regular_motion.py", "tests/system/test_wheel_rows.py", "tests/system/test_rounded_rows.py",
     "tests/system/test_uncertain_wheels.py", "tests/test_printing.py", "tests/visualization/test_surroundings.py",
 )  # fmt: skip

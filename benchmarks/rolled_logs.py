@@ -15,7 +15,7 @@ from rnc_pin.identification import (
     SensorPlace,
     WheelRadius,
 )
-from rnc_pin.logs import Channel
+from rnc_pin.identification.logs import Channel
 
 STEP, ENCODERS, SENSOR = 1e-3, 20, 40  # period of the motion [s]; steps between samples of encoders and of the sensor
 TICKS = 16384

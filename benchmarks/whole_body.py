@@ -2,11 +2,12 @@
 
 The last line is one sample of ``rnc-pin drive tiago``: commands, program, computed torque, plant and record.
 
-Run it by ``python -m benchmarks.whole_body``.
+``python -m benchmarks whole_body peers`` times an arm beside placo and TSID.
 """
 
 from __future__ import annotations
 
+import sys
 import time
 from typing import NamedTuple
 
@@ -14,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 import rnc_pin as rnc
+from benchmarks.whole_body_peers import whole_body_peers
 from rnc_pin.applications.drive.commands import parse_command
 from rnc_pin.applications.drive.preparation import prepare_drive, read_source
 from rnc_pin.applications.drive.run import drive
@@ -92,7 +94,10 @@ class _Times(NamedTuple):
 
 
 def main() -> None:
-    """Print the time of a sample with each solver, cold and warm."""
+    """Print the time of a sample with each solver, cold and warm, or beside peers."""
+    if sys.argv[1:] == ["peers"]:
+        whole_body_peers()
+        return
     reduced = model()
     q0 = reduced.robot.configuration({"arm_1_joint": 0.5, "arm_2_joint": -0.5, "arm_4_joint": 1.0})
     start = reduced.at(q0).position.placement(reduced.robot.frame_id("arm_7_link")).translation.copy()

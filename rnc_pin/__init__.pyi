@@ -7,8 +7,6 @@ from . import control as control
 from . import errors as errors
 from . import forces as forces
 from . import identification as identification
-from . import logs as logs
-from . import loop as loop
 from . import optimal as optimal
 from . import outputs as outputs
 from . import planning as planning
@@ -56,6 +54,9 @@ from .constraints import RollingWheel as RollingWheel
 from .constraints import Sphere as Sphere
 from .constraints import SphericalGround as SphericalGround
 from .constraints import Torus as Torus
+from .control import loop as loop
+from .control.loop import ControlLoop as ControlLoop
+from .control.loop import VelocityLoop as VelocityLoop
 from .errors import ConfigurationError as ConfigurationError
 from .errors import ConstraintError as ConstraintError
 from .errors import DivergenceError as DivergenceError
@@ -73,9 +74,8 @@ from .identification import calibrate as calibrate
 from .identification import compare as compare
 from .identification import excite as excite
 from .identification import identify as identify
-from .logs import Log as Log
-from .loop import ControlLoop as ControlLoop
-from .loop import VelocityLoop as VelocityLoop
+from .identification import logs as logs
+from .identification.logs import Log as Log
 from .model.actuation import FrameForce as FrameForce
 from .model.actuation import FrameTorque as FrameTorque
 from .model.actuation import OutputForce as OutputForce

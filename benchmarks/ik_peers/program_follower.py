@@ -7,7 +7,7 @@ import numpy as np
 import rnc_pin as rnc
 from benchmarks.ik_peers.hand_path import DAMPING, DT, GAIN, HAND, Case, Follower, Motion
 from rnc_pin.control import VelocityQP, limits, tasks
-from rnc_pin.integrators import LieRungeKutta4
+from rnc_pin.model.integrators import LieRungeKutta4
 
 
 def followers(given: Case) -> list[Follower]:

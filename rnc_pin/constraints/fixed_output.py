@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError
-from rnc_pin.math.coordinates import Coordinates
+from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.model.kernel_rows import KernelRow
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.mechanisms import Phrases

@@ -10,7 +10,7 @@ import numpy as np
 from rnc_pin.constraints.fixed_output import FixedRows
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.components import Component
-from rnc_pin.math.coordinates import left_jacobian
+from rnc_pin.model.coordinates import left_jacobian
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.mechanisms import Phrases
 from rnc_pin.model.rows import OutputKind, OutputRows, Rows

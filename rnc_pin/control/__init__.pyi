@@ -4,6 +4,7 @@ from rnc_pin.optimal.navigation import NavigationController as NavigationControl
 from rnc_pin.optimal.navigation import NavigationState as NavigationState
 from rnc_pin.optimal.set_point_controller import SetPointController as SetPointController  # it plans
 
+from . import loop as loop
 from .actuator_velocity import ActuatorVelocityController as ActuatorVelocityController
 from .computed_torque import ComputedTorque as ComputedTorque
 from .controller import Command as Command

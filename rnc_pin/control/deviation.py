@@ -8,8 +8,8 @@ import numpy as np
 
 from rnc_pin import _kernel
 from rnc_pin.errors import InputError
-from rnc_pin.math.coordinates import Coordinates
 from rnc_pin.model.cached_property import cached_property
+from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.planning.references import ReferencePoint
 
 

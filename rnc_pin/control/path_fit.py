@@ -9,7 +9,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.math.coordinates import wrapped
+from rnc_pin.model.coordinates import wrapped
 
 _DEGREE = 5
 _FEWEST = 4  # least number of places, each with a heading, for a curve of this degree

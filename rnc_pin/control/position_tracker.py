@@ -15,9 +15,9 @@ from rnc_pin.control.controller import Command, DescribedMixin, check_size, elap
 from rnc_pin.control.deviation import fed_back
 from rnc_pin.control.gain_design import PositionGains
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.math.coordinates import Coordinates, angle_difference
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.cached_property import cached_property
+from rnc_pin.model.coordinates import Coordinates, angle_difference
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning.references import Reference, ReferencePoint
 

@@ -22,7 +22,7 @@ from rnc_pin.control.wheeled_base import BaseMotion, WheeledBase
 from rnc_pin.control.whole_body.least_distance import LeastDistanceSolver
 from rnc_pin.control.whole_body.limits.limited_joints import limited_positions
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError
-from rnc_pin.math.coordinates import wrapped
+from rnc_pin.model.coordinates import wrapped
 from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import ReprMixin

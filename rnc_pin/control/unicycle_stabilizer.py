@@ -18,7 +18,7 @@ import numpy as np
 from rnc_pin.control.controller import DescribedMixin, VelocityTarget
 from rnc_pin.control.gain_design import DEFAULT_OUTER_GAINS
 from rnc_pin.errors import ConfigurationError, InputError
-from rnc_pin.math.coordinates import wrapped
+from rnc_pin.model.coordinates import wrapped
 from rnc_pin.model.measurement import Measurement
 
 _WAKE_FACTOR = 2.0  # distance or heading error, in multiples of ``tolerance``, at which a resting vehicle starts again

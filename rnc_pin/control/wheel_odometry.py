@@ -13,7 +13,7 @@ from rnc_pin.array_shapes import Float
 from rnc_pin.control.actuator_velocity import driven_joints
 from rnc_pin.control.wheeled_base import WheeledBase
 from rnc_pin.errors import ConfigurationError, InputError
-from rnc_pin.math.coordinates import arc_chord
+from rnc_pin.model.coordinates import arc_chord
 from rnc_pin.model.input_validation import ArrayInput, ConfigurationValidator, vector
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import ReprMixin

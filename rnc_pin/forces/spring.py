@@ -8,7 +8,7 @@ import numpy as np
 
 from rnc_pin.errors import ConstraintError
 from rnc_pin.forces.output_force_law import OutputForceLaw
-from rnc_pin.math.coordinates import Coordinates
+from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.model.kernel_rows import KernelForce
 from rnc_pin.model.parameter_types import Numbers
 from rnc_pin.model.passive_forces import PassiveForce, admit_coefficients

@@ -1,5 +1,6 @@
 """Exports of ``rnc_pin.identification``, which ``__init__.py`` imports at their first use."""
 
+from . import logs as logs
 from .calibration import Calibration as Calibration
 from .calibration import PathError as PathError
 from .calibration import calibrate as calibrate

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from rnc_pin.identification.logs.log import Log
 from rnc_pin.identification.rolling_motion import RollingMotion
 from rnc_pin.identification.suspects import Suspect
-from rnc_pin.logs.log import Log
 from rnc_pin.robots.robot import Robot
 
 _WINDOW = 1.0  # duration of a balance [s]

@@ -14,13 +14,13 @@ from rnc_pin.errors import ConfigurationError, InfeasibleError
 from rnc_pin.identification.base_parameters import BaseParameters, Estimates, combination_name
 from rnc_pin.identification.inertial_fit import InertialFit, MeasuredRow
 from rnc_pin.identification.inertial_problem import AskedParameters, InertialProblem, column_names
+from rnc_pin.identification.logs.log import Log
 from rnc_pin.identification.unknowns import (
     INERTIAL,
     DynamicUnknown,
 )
 from rnc_pin.identification.urdf_copy import write_inertias
 from rnc_pin.identification.window_fit import correlation_length
-from rnc_pin.logs.log import Log
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.printing import Item, ObjectSummary
 from rnc_pin.robots.robot import Robot

@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.identification.inertial_fit import InertialFit, MeasuredRow
+from rnc_pin.identification.logs.log import Log
 from rnc_pin.identification.measured_motion import MeasuredMotion
 from rnc_pin.identification.pseudo_inertia import dynamic_parameters
 from rnc_pin.identification.reduced_regressor import ReducedRegressor, WindowAverages
@@ -21,7 +22,6 @@ from rnc_pin.identification.unknowns import (
     MotorInertia,
     ViscousFriction,
 )
-from rnc_pin.logs.log import Log
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.system import NonholonomicSystem
 

@@ -9,9 +9,9 @@ import pinocchio as pin
 import scipy
 
 from rnc_pin.errors import ConfigurationError, ConstraintError, few
+from rnc_pin.identification.logs.channel import Channel
+from rnc_pin.identification.logs.log import Log
 from rnc_pin.identification.reduced_regressor import ReducedRegressor
-from rnc_pin.logs.channel import Channel
-from rnc_pin.logs.log import Log
 
 _SMOOTHED = 9  # samples of the parabola whose slope is a rate
 _GUESSES = 20  # first guesses of passive joints

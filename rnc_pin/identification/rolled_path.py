@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rnc_pin.identification.component_solution import Entry, minus, plus, times
-from rnc_pin.math.coordinates import arc_chord
+from rnc_pin.model.coordinates import arc_chord
 
 _SMALL = 1e-3  # angle below which series replace quotients
 

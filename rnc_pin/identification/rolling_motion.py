@@ -10,6 +10,8 @@ import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, argument, few, nearest
 from rnc_pin.identification.component_solution import Entry, NormalEquations, Row, against, combined, minus, plus, times
+from rnc_pin.identification.logs.channel import Channel
+from rnc_pin.identification.logs.log import Log
 from rnc_pin.identification.rolled_path import Poses, RolledPath, rotated, sideways
 from rnc_pin.identification.row_geometry import RowGeometry, Virtual
 from rnc_pin.identification.unknowns import (
@@ -21,9 +23,7 @@ from rnc_pin.identification.unknowns import (
     number_of,
     radii_of,
 )
-from rnc_pin.logs.channel import Channel
-from rnc_pin.logs.log import Log
-from rnc_pin.math.coordinates import heading_of
+from rnc_pin.model.coordinates import heading_of
 from rnc_pin.model.system import NonholonomicSystem
 
 _BREAK = 5.0  # intervals longer than so many usual ones end a window

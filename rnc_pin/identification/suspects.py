@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from rnc_pin.identification.calibration import PoseProblem, calibrated
+from rnc_pin.identification.logs.log import Log
 from rnc_pin.identification.rolling_motion import RollingMotion
 from rnc_pin.identification.unknowns import (
     EncoderOffset,
@@ -22,7 +23,6 @@ from rnc_pin.identification.unknowns import (
     unknown_of,
 )
 from rnc_pin.identification.window_fit import Fit
-from rnc_pin.logs.log import Log
 from rnc_pin.model.system import NonholonomicSystem
 
 _MOST = 4  # numbers that are changed one after the other

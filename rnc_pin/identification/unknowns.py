@@ -10,8 +10,8 @@ from typing import ClassVar, Literal, NamedTuple, TypeAlias, cast
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError
+from rnc_pin.identification.logs.mapping import Correction
 from rnc_pin.identification.row_geometry import Virtual
-from rnc_pin.logs.mapping import Correction
 from rnc_pin.model.system import NonholonomicSystem
 
 Axis = Literal["x", "y", "z"]

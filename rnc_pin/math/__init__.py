@@ -1,4 +1,4 @@
-"""Small dense matrices, and the coordinates of outputs."""
+"""Small dense matrices."""
 
 from rnc_pin.lazy_exports import lazy_exports
 

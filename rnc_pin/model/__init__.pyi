@@ -1,11 +1,15 @@
 """Exports of ``rnc_pin.model``, which ``__init__.py`` imports at their first use."""
 
+from . import integrators as integrators
 from .actuation import Actuator as Actuator
 from .actuation import FrameForce as FrameForce
 from .actuation import FrameTorque as FrameTorque
 from .actuation import OutputForce as OutputForce
 from .configuration_evaluation import ConfigurationEvaluation as ConfigurationEvaluation
 from .configuration_evaluation import scaled_rows as scaled_rows
+from .coordinates import Coordinates as Coordinates
+from .coordinates import heading_of as heading_of
+from .coordinates import wrapped as wrapped
 from .frame_velocity import axis_index as axis_index
 from .input_validation import vector as vector
 from .kinematics import Kinematics as Kinematics

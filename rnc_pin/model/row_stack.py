@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from rnc_pin.math.coordinates import Coordinates
+from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.model.kinematics import PositionKinematics, VelocityKinematics
 from rnc_pin.model.rows import ConstantRows, OutputRows, Rows
 

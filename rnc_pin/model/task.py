@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rnc_pin.errors import ConfigurationError, nearest
-from rnc_pin.math.coordinates import Coordinates
+from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.printing import ReprMixin
 

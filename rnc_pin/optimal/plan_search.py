@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, InfeasibleError, RncError
-from rnc_pin.math.coordinates import Coordinates, rotation_vector_rates
+from rnc_pin.model.coordinates import Coordinates, rotation_vector_rates
 from rnc_pin.optimal.action_models import ActionModel, Nodes
 from rnc_pin.optimal.bounds import DISTANCE, GOAL
 from rnc_pin.optimal.guesses import resampled

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, InfeasibleError
-from rnc_pin.math.coordinates import wrapped
+from rnc_pin.model.coordinates import wrapped
 from rnc_pin.model.parameter_types import Positive
 from rnc_pin.planning.references import InTurn, MinimumJerk, Reference, ViaPoints
 from rnc_pin.planning.steering_geometry import SteeringGeometry

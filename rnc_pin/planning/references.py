@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from rnc_pin import _kernel
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import InputError
-from rnc_pin.math.coordinates import Coordinates, rotation_vector_rates
+from rnc_pin.model.coordinates import Coordinates, rotation_vector_rates
 from rnc_pin.planning.reference_summary import ReferenceSummary
 from rnc_pin.printing import printed
 

@@ -11,7 +11,7 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.math.coordinates import Coordinates
+from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.model.parameter_types import Numbers, Positive
 from rnc_pin.planning.references import Geodesic, Harmonic, Hold, MinimumJerk, Reference, ViaPoints
 

@@ -15,8 +15,8 @@ from numpy import ndarray as Array
 
 from rnc_pin.analysis import StateDerivatives, state_derivatives
 from rnc_pin.control.controller import Controller, State
+from rnc_pin.control.loop.options import input_of
 from rnc_pin.control.whole_body.whole_body_program import WholeBodyProgram
-from rnc_pin.loop.options import input_of
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants import Plant, ReducedPlant

@@ -15,10 +15,10 @@ from numpy import ndarray as Array
 
 from rnc_pin.control.batches import Runs
 from rnc_pin.control.controller import Command
+from rnc_pin.control.loop import Decision, LoopState
+from rnc_pin.control.loop.control_loop import trapezoid
+from rnc_pin.control.loop.measurements import InvalidMeasurementError, ValidMeasurement
 from rnc_pin.errors import RncError
-from rnc_pin.loop import Decision, LoopState
-from rnc_pin.loop.control_loop import trapezoid
-from rnc_pin.loop.measurements import InvalidMeasurementError, ValidMeasurement
 from rnc_pin.model.compiled_states import CompiledArraysAtV
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.state_evaluation import StateEvaluation

@@ -24,7 +24,7 @@ from rnc_pin.control.batches import (
     state_of_runs,
 )
 from rnc_pin.control.controller import Command, Controller, State
-from rnc_pin.loop import LoopState
+from rnc_pin.control.loop import LoopState
 from rnc_pin.math.linear_algebra import apply, clipped
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.state_evaluation import StateEvaluation

@@ -14,11 +14,11 @@ from rnc_pin.analysis import LiftOff, NormalForces, first_lift_off
 from rnc_pin.array_shapes import Float
 from rnc_pin.control import KinematicController, RedundancyController
 from rnc_pin.control.gain_design import OUTER_GAINS
-from rnc_pin.integrators import LieRungeKutta4
 from rnc_pin.math.linear_algebra import weakest_rows
 from rnc_pin.model.cached_property import cached_property
 from rnc_pin.model.configuration_evaluation import ConfigurationEvaluation
 from rnc_pin.model.input_validation import vector
+from rnc_pin.model.integrators import LieRungeKutta4
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.task import Task

@@ -17,7 +17,7 @@ from rnc_pin.errors import ConfigurationError
 from rnc_pin.io.atomic_write import atomic_file
 from rnc_pin.io.json import Json, dump_json
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
-from rnc_pin.math.coordinates import Coordinates
+from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.printing import Item, Line, ObjectSummary, SummaryMixin
 from rnc_pin.simulation.run_info import Outcome, OutputNames, RunInfo
 from rnc_pin.verdict import Verdict

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast
 
 from rnc_pin.errors import ConfigurationError, printable
 from rnc_pin.io.json import Json, to_json_mapping
-from rnc_pin.math.coordinates import Coordinates
+from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.printing import printed
 from rnc_pin.simulation.integration_accuracy import IntegrationAccuracy
 from rnc_pin.verdict import Verdict

@@ -8,10 +8,10 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from rnc_pin.control.controller import Command, State, limited_accelerations, missed_goals
+from rnc_pin.control.loop import ControlLoop, LoopOptions, LoopState, VelocityInputLoop
+from rnc_pin.control.loop.options import admit_controller, admit_model, type_name
 from rnc_pin.control.whole_body.braking_motion import BrakingCount
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError
-from rnc_pin.loop import ControlLoop, LoopOptions, LoopState, VelocityInputLoop
-from rnc_pin.loop.options import admit_controller, admit_model, type_name
 from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel

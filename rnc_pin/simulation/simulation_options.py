@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from rnc_pin.control.controller import Command, Controller, State
+from rnc_pin.control.loop import LoopOptions
+from rnc_pin.control.loop.options import type_name
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.io.json import Json
-from rnc_pin.loop import LoopOptions
-from rnc_pin.loop.options import type_name
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants import FaultyPlant, Plant, ReducedPlant

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import DivergenceError, SingularityError
-from rnc_pin.integrators import LieRungeKutta4
+from rnc_pin.model.integrators import LieRungeKutta4
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import RowStack

@@ -9,7 +9,7 @@ import sympy as sp
 
 import rnc_pin as rnc
 from rnc_pin.analysis import growth_vector, privileged_coordinates
-from rnc_pin.integrators import LieRungeKutta4
+from rnc_pin.model.integrators import LieRungeKutta4
 from systems import ackermann_car, fire_truck, mecanum, mobile_manipulator, sleigh, spinning_space_robot
 from textbook_systems import planar_model, unicycle_with_trailers
 

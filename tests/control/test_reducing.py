@@ -8,7 +8,7 @@ import pytest
 import rnc_pin as rnc
 from controlled_tasks import Cubic
 from rnc_pin.control import ReducingOutputController
-from rnc_pin.math.coordinates import Coordinates
+from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.planning import Hold
 

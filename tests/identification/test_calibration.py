@@ -18,9 +18,9 @@ from rnc_pin.identification import (
     WheelRadius,
 )
 from rnc_pin.identification.calibration import calibrated
+from rnc_pin.identification.logs import Channel
 from rnc_pin.identification.rolling_motion import RollingMotion
 from rnc_pin.identification.urdf_copy import write_places
-from rnc_pin.logs import Channel
 
 
 def values(numbers):

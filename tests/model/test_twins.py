@@ -16,7 +16,7 @@ from rnc_pin import _kernel
 from rnc_pin.analysis.derivatives import _at_one_state as at_one_state
 from rnc_pin.analysis.derivatives import state_derivatives
 from rnc_pin.control import limits, tasks
-from rnc_pin.integrators import LieRungeKutta4
+from rnc_pin.model.integrators import LieRungeKutta4
 from rnc_pin.model.kernel_rows import Form, Value
 from rnc_pin.model.numpy_evaluator import NumPyEvaluator, state_rates
 from systems import mobile_manipulator, random_states, rolling_bodies, sprung_arm, tiago, tumbling_panda

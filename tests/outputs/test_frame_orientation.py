@@ -9,7 +9,7 @@ import pytest
 import rnc_pin as rnc
 from bodies import add_body
 from rnc_pin.control import ComputedTorque, PositionTracker, RedundancyController
-from rnc_pin.math.coordinates import Coordinates, left_jacobian
+from rnc_pin.model.coordinates import Coordinates, left_jacobian
 from rnc_pin.planning import Harmonic, Hold, MinimumJerk
 from rnc_pin.planning.relative_references import RelativeMinimumJerk
 from systems import random_states

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from polynomials import powers
 from rnc_pin.errors import InputError
-from rnc_pin.math.coordinates import Coordinates
+from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.planning import Geodesic, Harmonic, Hold, Joined, MinimumJerk, TaskReference, ViaPoints
 from rnc_pin.planning.references import InTurn, Slowed
 from tolerances import ROUNDING

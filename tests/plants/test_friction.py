@@ -8,7 +8,7 @@ from scipy.optimize import lsq_linear
 
 import rnc_pin as rnc
 from bodies import add_body
-from rnc_pin.integrators import phi_functions
+from rnc_pin.model.integrators import phi_functions
 from rnc_pin.plants import Faults, FaultyPlant, ReducedPlant
 from rnc_pin.plants.reduced.friction import _least_energy
 from simple_controllers import Inputs

@@ -11,7 +11,7 @@ import pytest
 
 import rnc_pin as rnc
 from places import DATA
-from rnc_pin.integrators import LieRungeKutta4
+from rnc_pin.model.integrators import LieRungeKutta4
 from rnc_pin.simulation import derived_quantities
 from rnc_pin.simulation.record import Record
 from rnc_pin.simulation.run_info import Provenance

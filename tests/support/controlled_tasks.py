@@ -16,7 +16,7 @@ from rnc_pin.control import (
     UnknownMass,
     VelocityGains,
 )
-from rnc_pin.math.coordinates import Coordinates
+from rnc_pin.model.coordinates import Coordinates
 from rnc_pin.planning import CarPath, Harmonic, Hold, MinimumJerk
 from rnc_pin.planning.references import ReferencePoint
 from systems import fire_truck, space_robot

@@ -10,7 +10,7 @@ import pytest
 
 import rnc_pin as rnc
 from benchmarks import __main__ as entry
-from benchmarks import latency, plan_peers, recording, reduction, scaling, sweeps
+from benchmarks import latency, plan_peers, recording, reduction, scaling, sweeps, whole_body_peers
 from benchmarks.doorway_circle import doorway_robot
 from benchmarks.doorway_path import doorway_path, whole_configuration
 from benchmarks.states import regular_states
@@ -244,3 +244,13 @@ def test_a_peer_that_computes_other_accelerations_is_not_timed(tmp_path, monkeyp
     monkeypatch.setenv("RNC_PIN_CROCODDYL", str(peer))
     plan_peers.beside(robot, goal, [1.0, 1.0])
     assert "not timed" in capsys.readouterr().out
+
+
+def test_torques_of_a_peer_count_only_if_the_hand_follows_within_limits(capsys):
+    robot = rnc.Robot.from_example("panda", lock={"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0})
+    reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce()
+    held = reduced.at(np.array(whole_body_peers._START), np.zeros(reduced.r)).G  # gravity, balanced
+    hand = reduced.at(np.array(whole_body_peers._START)).position.placement(robot.frame_id("panda_hand")).translation
+    for efforts, followed in ((held, True), (np.zeros(robot.nv), False)):
+        whole_body_peers._report("peer", 1e-5, np.tile(efforts, (100, 1)), reduced, [[hand]] * 100)
+        assert ("does NOT do the task" in capsys.readouterr().out) is not followed

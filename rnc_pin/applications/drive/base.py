@@ -10,8 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import RncError
-from rnc_pin.math import wrapped
-from rnc_pin.model import ConfigurationEvaluation, ReducedModel
+from rnc_pin.model import ConfigurationEvaluation, ReducedModel, wrapped
 from rnc_pin.outputs import FrameSpeed, FrameYaw
 from rnc_pin.robots import Robot
 

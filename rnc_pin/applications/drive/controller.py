@@ -20,8 +20,7 @@ from rnc_pin.control.whole_body import ControlSample, LimitReport, ProgramState,
 from rnc_pin.control.whole_body.limits import ControlLimit
 from rnc_pin.control.whole_body.tasks import BoundTask, ControlTask, DampingTask, TaskRows
 from rnc_pin.errors import RncError
-from rnc_pin.math import heading_of
-from rnc_pin.model import Measurement, ReducedModel
+from rnc_pin.model import Measurement, ReducedModel, heading_of
 
 _ATTITUDE = 0.3  # [m/rad]; error of the orientation beside that of the position
 _STILL = 0.1  # weight of joints whose posture gain is zero

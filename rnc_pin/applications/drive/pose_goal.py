@@ -15,8 +15,7 @@ from rnc_pin.applications.drive.controls import DriveControls
 from rnc_pin.applications.drive.goals import DriveGoals, Point
 from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
 from rnc_pin.control import VelocityTarget
-from rnc_pin.math import heading_of, wrapped
-from rnc_pin.model import Measurement, ReducedModel
+from rnc_pin.model import Measurement, ReducedModel, heading_of, wrapped
 from rnc_pin.optimal import (
     BoundKind,
     DistanceBound,

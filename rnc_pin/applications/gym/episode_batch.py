@@ -11,8 +11,7 @@ from rnc_pin.applications.gym.episode_limits import SpaceBounds
 from rnc_pin.applications.gym.episode_task import EpisodeStart, EpisodeTask
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError, LimitError, SingularityError
 from rnc_pin.finding_kinds import FindingKind
-from rnc_pin.math import wrapped
-from rnc_pin.model import StateEvaluation, scaled_rows
+from rnc_pin.model import StateEvaluation, scaled_rows, wrapped
 from rnc_pin.plants import ReducedPlant, ReducedPlantBatch
 from rnc_pin.simulation import PENETRATION, Stop, StopMonitor
 

@@ -23,10 +23,10 @@ from rnc_pin.applications.scenario.schema.obstacles import build_obstacles
 from rnc_pin.applications.scenario.start_findings import start_findings, warnings_of
 from rnc_pin.collision import Obstacle, check_ignored_links
 from rnc_pin.control import Controller, ZeroInput, describe
+from rnc_pin.control.loop import LoopOptions
 from rnc_pin.control.whole_body import WholeBodyProgram, program_of
 from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError, RncError, nearest
 from rnc_pin.io import Json
-from rnc_pin.loop import LoopOptions
 from rnc_pin.model import NonholonomicSystem, ReducedModel, Task
 from rnc_pin.optimal import MotionPlan
 from rnc_pin.planning import Reference, Slowed, continued_back, path_distances

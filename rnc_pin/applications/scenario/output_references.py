@@ -13,8 +13,7 @@ from rnc_pin.applications.scenario.schema.planner_settings import MotionProblem
 from rnc_pin.array_shapes import Float
 from rnc_pin.control import SlitheringReference
 from rnc_pin.errors import ConfigurationError, InputError
-from rnc_pin.math import Coordinates, heading_of
-from rnc_pin.model import ReducedModel, Task
+from rnc_pin.model import Coordinates, ReducedModel, Task, heading_of
 from rnc_pin.optimal import MotionPlan
 from rnc_pin.planning import Hold, Reference
 from rnc_pin.robots import Robot

@@ -26,7 +26,7 @@ from rnc_pin.control.whole_body.task_hierarchy import (
 from rnc_pin.control.whole_body.tasks.control_task import ControlTask
 from rnc_pin.control.whole_body.whole_body_program import WholeBodyProgram
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.integrators import LieRungeKutta4
+from rnc_pin.model.integrators import LieRungeKutta4
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.parameter_types import Positive
 from rnc_pin.model.reduced_model import ReducedModel

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.math.coordinates import heading_of
+from rnc_pin.model.coordinates import heading_of
 
 
 class JointState(NamedTuple):

@@ -8,11 +8,11 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConstraintError
-from rnc_pin.integrators import LieRungeKutta4, Rate
 from rnc_pin.math.linear_algebra import clipped, null_space
 from rnc_pin.model.compiled import evaluator_for
 from rnc_pin.model.factorization import constraint_rows
 from rnc_pin.model.input_validation import vector
+from rnc_pin.model.integrators import LieRungeKutta4, Rate
 from rnc_pin.model.numpy_evaluator import NumPyEvaluator, state_rates
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.row_stack import OutputStack

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from rnc_pin.integrators import ExponentialRungeKutta4, LieRungeKutta4, LinearPart, phi_functions
 from rnc_pin.math.linear_algebra import apply_transposed
+from rnc_pin.model.integrators import ExponentialRungeKutta4, LieRungeKutta4, LinearPart, phi_functions
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics, check_conserved

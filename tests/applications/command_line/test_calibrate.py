@@ -10,7 +10,7 @@ import yaml
 import rnc_pin as rnc
 from benchmarks.rolled_logs import CAR, DIFFERENTIAL, TRICYCLE
 from rnc_pin.identification import SensorPlace
-from rnc_pin.logs import Correction
+from rnc_pin.identification.logs import Correction
 
 ROBOT = (
     "robot: {urdf: vehicle.urdf, base: planar}\n"

@@ -18,8 +18,8 @@ from rnc_pin.applications.scenario.output_folder import OutputFolder
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.identification import Calibration, calibrate, compare, named_numbers
+from rnc_pin.identification.logs import LogMapping
 from rnc_pin.io import Json, dump_json
-from rnc_pin.logs import LogMapping
 
 _SCENARIO, _URDF, _MAPPING, _REPORT = "scenario.yaml", "robot.urdf", "mapping.yaml", "calibration.json"
 

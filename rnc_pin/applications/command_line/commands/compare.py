@@ -19,8 +19,8 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.figures import Labels, save
 from rnc_pin.identification import Comparison, PathError, Suspect, compare
+from rnc_pin.identification.logs import Log, LogMapping
 from rnc_pin.io import Json, dump_json
-from rnc_pin.logs import Log, LogMapping
 from rnc_pin.visualization import plot_comparison, record_comparison
 
 _NAME = "comparison"

@@ -12,8 +12,7 @@ from numpy import ndarray as Array
 from rnc_pin.applications.scenario.schema.derived import PartialCall
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.whole_body.tasks import BasePoseTask, CenterOfMassTask, ControlTask, DampingTask, PostureTask
-from rnc_pin.math import Coordinates
-from rnc_pin.model import OutputKind, OutputStack, ReducedModel, axis_index
+from rnc_pin.model import Coordinates, OutputKind, OutputStack, ReducedModel, axis_index
 from rnc_pin.outputs import FramePosition, FrameYaw
 from rnc_pin.planning import Reference
 

@@ -36,8 +36,7 @@ from rnc_pin.constraints import (
     SphericalGround,
     Torus,
 )
-from rnc_pin.math import Coordinates
-from rnc_pin.model import ConstraintKind
+from rnc_pin.model import ConstraintKind, Coordinates
 from rnc_pin.planning import Reference
 from rnc_pin.plants import UnilateralContact
 

@@ -16,7 +16,7 @@ from rnc_pin.applications.scenario.schema.derived import Entry, one_of
 from rnc_pin.applications.scenario.schema.reference_settings import ReferenceItem
 from rnc_pin.collision import Obstacle, ground_shape, load_cells, load_map, load_mesh_shape
 from rnc_pin.errors import ConfigurationError, RncError
-from rnc_pin.math import Coordinates
+from rnc_pin.model import Coordinates
 
 _Three = Annotated[list[float], Field(min_length=3, max_length=3)]
 _Sides = Annotated[list[Positive], Field(min_length=3, max_length=3)]

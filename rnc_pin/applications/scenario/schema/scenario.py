@@ -21,9 +21,9 @@ from rnc_pin.applications.scenario.schema.robot_source import RobotSource
 from rnc_pin.applications.scenario.schema.simulation_settings import GripSettings, SimulationSettings
 from rnc_pin.applications.scenario.schema.sweep_settings import Distribution
 from rnc_pin.constraints import GroundPlane
+from rnc_pin.control.loop import ControlLoop
 from rnc_pin.errors import nearest
 from rnc_pin.figures import Sheet, Size
-from rnc_pin.loop import ControlLoop
 from rnc_pin.model import NonholonomicSystem, NotNegative, OutputKind, Positive, ReducedModel
 from rnc_pin.plants import Faults, Payload, StuckJoint
 from rnc_pin.plants.mujoco import MuJoCoSettings

@@ -9,7 +9,7 @@ import numpy as np
 from rnc_pin.control.controller import check_size
 from rnc_pin.control.whole_body.control_sample import ControlSample
 from rnc_pin.control.whole_body.tasks.control_task import BoundTask, ControlTask, TaskRows
-from rnc_pin.math.coordinates import wrapped
+from rnc_pin.model.coordinates import wrapped
 from rnc_pin.model.parameter_types import NotNegative
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.outputs import FramePosition, FrameYaw

@@ -12,7 +12,7 @@ from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
 from rnc_pin.array_shapes import Float
-from rnc_pin.loop.loop_state import LoopState, VelocityEstimate
+from rnc_pin.control.loop.loop_state import LoopState, VelocityEstimate
 from rnc_pin.model.reduced_model import ReducedModel
 
 _UNIT_TOLERANCE = 0.1  # largest deviation of a (cos, sin) pair or quaternion from unit length

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.integrators.exponential_coordinates import ExponentialCoordinates, Rate, check_reach
+from rnc_pin.model.integrators.exponential_coordinates import ExponentialCoordinates, Rate, check_reach
 from rnc_pin.robots.robot import Robot
 
 
@@ -19,7 +19,7 @@ class LieRungeKutta4:
         robot: robot of the configurations.
 
     Example:
-        >>> from rnc_pin.integrators import LieRungeKutta4
+        >>> from rnc_pin.model.integrators import LieRungeKutta4
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
         >>> integrator = LieRungeKutta4(robot)
         >>> circle = lambda q, y: (np.array([1.0, 0.0, 1.0]), -y)

@@ -9,7 +9,7 @@ import pytest
 
 import rnc_pin as rnc
 from places import ROOT
-from rnc_pin.logs import Channel
+from rnc_pin.identification.logs import Channel
 
 MEASURED = Path(os.environ.get("RNC_PIN_LOGS", ROOT.parent / "shared" / "data" / "logs"))
 TIME = 1_700_000_000.0 + np.arange(50) * 0.02

@@ -12,11 +12,11 @@ import numpy as np
 
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.extras import missing_extra
+from rnc_pin.identification.logs.channel import Channel, Quantity
+from rnc_pin.identification.logs.mapping import ColumnKeys, LogMapping, Place
 from rnc_pin.io.safe_npz import ArchiveError, read_npz
 from rnc_pin.io.safe_read import open_regular
 from rnc_pin.io.strict_mapping import Strict
-from rnc_pin.logs.channel import Channel, Quantity
-from rnc_pin.logs.mapping import ColumnKeys, LogMapping, Place
 
 _MOST = 0.4  # largest step as a fraction of the range; near one half, its direction is not known
 

@@ -9,7 +9,7 @@ import pytest
 import rnc_pin as rnc
 from bodies import add_body
 from rnc_pin.control import Command
-from rnc_pin.integrators import ExponentialCoordinates
+from rnc_pin.model.integrators import ExponentialCoordinates
 from rnc_pin.plants.reduced import ConstrainedDynamics
 from systems import free_flying_panda, leaning_wheel, mobile_manipulator, space_robot, space_robot_in_joints
 

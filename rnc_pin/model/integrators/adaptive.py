@@ -10,7 +10,7 @@ import pinocchio as pin
 import scipy
 
 from rnc_pin.errors import DivergenceError
-from rnc_pin.integrators.exponential_coordinates import ExponentialCoordinates
+from rnc_pin.model.integrators.exponential_coordinates import ExponentialCoordinates
 from rnc_pin.robots.robot import Robot
 
 _SHORT = 1e-9  # step size that counts as too short, relative to the whole duration
@@ -39,7 +39,7 @@ class AdaptiveIntegrator:
             to decide.
 
     Example:
-        >>> from rnc_pin.integrators import AdaptiveIntegrator
+        >>> from rnc_pin.model.integrators import AdaptiveIntegrator
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
         >>> circle = lambda t, q, y: (np.array([1.0, 0.0, 1.0]), -y)
         >>> integrator = AdaptiveIntegrator(robot, circle, rtol=1e-10, atol=1e-10)

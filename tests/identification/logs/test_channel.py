@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.logs import Channel, unwrapped
+from rnc_pin.identification.logs import Channel, unwrapped
 
 
 def test_samples_are_put_in_order_and_repairs_are_counted():

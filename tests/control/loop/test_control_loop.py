@@ -11,8 +11,8 @@ import rnc_pin as rnc
 import systems
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import Command
-from rnc_pin.loop.loop_state import VelocityEstimate, write_state
-from rnc_pin.loop.measurements import FilteredVelocity, VelocityObserver
+from rnc_pin.control.loop.loop_state import VelocityEstimate, write_state
+from rnc_pin.control.loop.measurements import FilteredVelocity, VelocityObserver
 from rnc_pin.plants import FaultyPlant, ReducedPlant
 from simple_controllers import WithoutDeficit
 

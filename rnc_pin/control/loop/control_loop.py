@@ -10,9 +10,8 @@ from numpy import ndarray as Array
 
 from rnc_pin.array_shapes import Float
 from rnc_pin.control.controller import Command, Controller
-from rnc_pin.errors import ConstraintError, InputError, RncError, SingularityError, printable
-from rnc_pin.loop.loop_state import LoopState, check_state, restore, write_state
-from rnc_pin.loop.measurements import (
+from rnc_pin.control.loop.loop_state import LoopState, check_state, restore, write_state
+from rnc_pin.control.loop.measurements import (
     FilteredVelocity,
     Guard,
     InvalidMeasurementError,
@@ -20,7 +19,7 @@ from rnc_pin.loop.measurements import (
     VelocityObserver,
     is_time,
 )
-from rnc_pin.loop.options import (
+from rnc_pin.control.loop.options import (
     ControllerOrFactory,
     admit_controller,
     admit_limits,
@@ -30,6 +29,7 @@ from rnc_pin.loop.options import (
     input_of,
     unpack_step,
 )
+from rnc_pin.errors import ConstraintError, InputError, RncError, SingularityError, printable
 from rnc_pin.math.linear_algebra import apply, clipped
 from rnc_pin.model.input_validation import vector
 from rnc_pin.model.measurement import Measurement

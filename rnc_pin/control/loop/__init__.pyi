@@ -1,4 +1,4 @@
-"""Exports of ``rnc_pin.loop``, which ``__init__.py`` imports at their first use."""
+"""Exports of ``rnc_pin.control.loop``, which ``__init__.py`` imports at their first use."""
 
 from .control_loop import ControlLoop as ControlLoop
 from .control_loop import Decision as Decision

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.integrators.exponential_coordinates import ExponentialCoordinates, Rate, check_reach
+from rnc_pin.model.integrators.exponential_coordinates import ExponentialCoordinates, Rate, check_reach
 from rnc_pin.robots.robot import Robot
 
 _SERIES_BELOW = 1.0  # below it the recurrence of the phi functions loses digits by cancellation
@@ -45,7 +45,7 @@ class ExponentialRungeKutta4:
         robot: robot of the configurations.
 
     Example:
-        >>> from rnc_pin.integrators import ExponentialRungeKutta4, LinearPart
+        >>> from rnc_pin.model.integrators import ExponentialRungeKutta4, LinearPart
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
         >>> along, one = np.array([[1.0], [0.0], [0.0]]), np.eye(1)
         >>> damped = LinearPart(one, one, decay=np.array([100.0]), u=along, others=np.zeros((0, 1)))

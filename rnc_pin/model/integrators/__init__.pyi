@@ -1,4 +1,4 @@
-"""Exports of ``rnc_pin.integrators``, which ``__init__.py`` imports at their first use."""
+"""Exports of ``rnc_pin.model.integrators``, which ``__init__.py`` imports at their first use."""
 
 from .adaptive import AdaptiveIntegrator as AdaptiveIntegrator
 from .exponential_coordinates import ExponentialCoordinates as ExponentialCoordinates

@@ -1,4 +1,4 @@
-"""Exports of ``rnc_pin.logs``, which ``__init__.py`` imports at their first use."""
+"""Exports of ``rnc_pin.identification.logs``, which ``__init__.py`` imports at their first use."""
 
 from .channel import Channel as Channel
 from .log import Log as Log

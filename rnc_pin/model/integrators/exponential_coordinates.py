@@ -32,7 +32,7 @@ class ExponentialCoordinates:
         robot: robot of the configurations.
 
     Example:
-        >>> from rnc_pin.integrators import ExponentialCoordinates
+        >>> from rnc_pin.model.integrators import ExponentialCoordinates
         >>> robot = rnc.Robot.from_urdf("chaplygin_sleigh.urdf", base="planar")
         >>> coordinates = ExponentialCoordinates(robot)
         >>> along = np.array([1.0, 0.0, 1.0])
