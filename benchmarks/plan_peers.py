@@ -76,7 +76,13 @@ def updates() -> None:
     reduced, q0, _, costs = _arm()
     print(f"  Panda, torques: {_update(reduced, q0, costs, _LIMIT, _DURATION)}", flush=True)
     tips: dict[str, tuple[rnc.ReducedModel, Form, float, rnc.FramePosition, list[float]]] = {
-        "mobile manipulator, forces": (mobile_manipulator(), "dynamic", 4.0, rnc.FramePosition("tip", "xy"), [2.4, 0.3]),
+        "mobile manipulator, forces": (
+            mobile_manipulator(),
+            "dynamic",
+            4.0,
+            rnc.FramePosition("tip", "xy"),
+            [2.4, 0.3],
+        ),
         "TIAGo, accelerations": (tiago(), "acceleration", 1.0, rnc.FramePosition("arm_7_link"), [0.9, 0.3, 0.9]),
     }
     for name, (reduced, form, limit, tip, target) in tips.items():

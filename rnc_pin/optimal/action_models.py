@@ -47,7 +47,9 @@ class StateManifold(ConfigurationManifold):
         super().__init__(model)
         self._real = model.nq == model.nv
 
-    def displace_slopes(self, q: Float[Array, "n nq"], step: Float[Array, "n nv"], slopes: Float[Array, "n nv k"]) -> None:
+    def displace_slopes(
+        self, q: Float[Array, "n nq"], step: Float[Array, "n nv"], slopes: Float[Array, "n nv k"]
+    ) -> None:
         """Turn derivatives of a tangent vector into those of ``integrate``, in place.
 
         The first nv columns are those by the configuration, which has derivatives of its own.

@@ -111,9 +111,7 @@ class InteriorPointSolver:
             raise SimulationError("the linear-quadratic subproblem has no finite solution")
         return Direction(z[:, :nx], z[:-1, nx:] * problem.input_scales, costate, iterations)
 
-    def _within_bounds(
-        self, problem: LinearQuadratic, H: Array, g: Array, weight: float
-    ) -> tuple[Array, Array, int]:
+    def _within_bounds(self, problem: LinearQuadratic, H: Array, g: Array, weight: float) -> tuple[Array, Array, int]:
         """Solution within bounds: variables, costates and iterations."""
         p, tied = _scaled(problem, H, g)
         known, self.multipliers = self.multipliers, None
@@ -176,12 +174,12 @@ def _scaled(problem: LinearQuadratic, H: Array, g: Array) -> tuple[_Scaled, Arra
     unit = np.where(order < k, active, -1.0 * active) / rows[row]
     G = np.concatenate([problem.C[row], problem.D[row] * problem.input_scales], axis=2) * unit[:, :, None]
     limit, active = np.where(active, limit, 1.0), active.astype(float)
-    return _Scaled(problem.scaled_dynamics, problem.gap, H, g, problem.H_end, problem.g_end, G, limit, active), tied[row]
+    return _Scaled(problem.scaled_dynamics, problem.gap, H, g, problem.H_end, problem.g_end, G, limit, active), tied[
+        row
+    ]
 
 
-def _without_bounds(
-    problem: LinearQuadratic, H: Array, g: Array, weight: float
-) -> tuple[Array, Array, int] | None:
+def _without_bounds(problem: LinearQuadratic, H: Array, g: Array, weight: float) -> tuple[Array, Array, int] | None:
     """Solution under the equations at the end alone; None if it violates a bound or needs a larger multiplier."""
     AB, (sizes, _) = problem.scaled_dynamics, problem.typical_sizes
     N, nx, nz = AB.shape
