@@ -322,7 +322,7 @@ class PredictiveController(ReprMixin):
         return state.u[k] + state.gains[k] @ self._model.difference(planned, at)[0]
 
     def _shifted(self, begin: float, start: Nodes, state: PredictiveState) -> tuple[Iterate, Array | None]:
-        """Last motion from a new time on, from a new start, and its multipliers; the last input repeats after its end."""
+        """Last motion from a new time and a new start on, and its multipliers; the last input repeats after its end."""
         K = len(state.u)
         since = np.maximum(begin + self._h * np.arange(K) - state.begin, 0.0)
         places = np.minimum((since / self._h + 0.5).astype(int), K - 1)

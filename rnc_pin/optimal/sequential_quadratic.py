@@ -131,7 +131,7 @@ class SequentialQuadratic:
         mark, age = np.inf, 0  # violation at the last time that it was halved, and iterations since
         while count < s.iterations:
             count += 1
-            found = self.iterate(at, min(before, 1.0))
+            found = self.iterate(at, before if before < 1.0 else None)
             if found is None:
                 done = not self._raise_penalty(values, at.duration)
                 if done:
