@@ -21,6 +21,7 @@ from rnc_pin.plants.reduced import ReducedPlant
 from rnc_pin.robots.robot import Robot
 
 _OF_INTEGRATION = ("errors", "tolerance", "keep_errors")  # attributes of plants that estimate their errors
+_OF_CONTACTS = ("friction_used", "wheel_names", "normal_forces", "contact_forces", "contact_force_units")
 Reading = tuple[np.ndarray, np.ndarray]
 """Measured configuration (nq,) and velocity (nv,)."""
 
@@ -157,7 +158,7 @@ class FaultyPlant:
 
     def __getattr__(self, name: str) -> object:
         """Forward optional attributes to the plant."""
-        if name in ("friction_used", "wheel_names", "reduced", "takes_velocities", "effort", *_OF_INTEGRATION):
+        if name in ("reduced", "takes_velocities", "effort", *_OF_CONTACTS, *_OF_INTEGRATION):
             return getattr(self.plant, name)
         raise AttributeError(name)
 
@@ -386,8 +387,8 @@ class ChangingPlant:
 
     def __getattr__(self, name: str) -> object:
         """Forward optional attributes to the current plant."""
-        forwarded = "applied", "friction_used", "wheel_names", "reduced", "external", "takes_velocities", "effort"
-        if name in (*forwarded, *_OF_INTEGRATION):
+        forwarded = "applied", "reduced", "external", "takes_velocities", "effort"
+        if name in (*forwarded, *_OF_CONTACTS, *_OF_INTEGRATION):
             return getattr(self._current, name)
         raise AttributeError(name)
 

@@ -37,7 +37,8 @@ from rnc_pin.simulation.trajectory import Trajectory
 from rnc_pin.version import __version__
 
 _GOALS = ("v2_desired", "x1_desired", "x2_desired")
-_OPTIONAL = ("estimates", "prediction_error", "v_measured", "friction_used")
+_OWN_FORCES = ("normal_forces", "contact_forces")  # a plant may state them itself
+_OPTIONAL = ("estimates", "prediction_error", "v_measured", "friction_used", *_OWN_FORCES)
 
 
 class Record:
@@ -82,6 +83,8 @@ class Record:
         """Estimated error of the integration."""
         self.start = 0.0
         """Time of the first sample [s], at which the time of rheonomic constraints is zero."""
+        self.own_force_units: dict[str, dict[str, str]] = {}
+        """Units by name of the forces that the plant states itself, for each kind."""
 
     @property
     def width(self) -> int:
@@ -147,7 +150,7 @@ class Record:
         outputs: tuple[np.ndarray, np.ndarray] | None = None,
         sensed: tuple[np.ndarray, ...] = (),
     ) -> None:
-        """Add one sample. ``outputs`` are x1 and x2, if known; ``sensed`` are measured velocity and friction use."""
+        """Add one sample. ``outputs`` are x1 and x2, if known; ``sensed`` is what the plant states itself."""
         if self.count == self.capacity:  # without a call of ``moves``
             self._grow()
         row, given = self._rows[self.count], (command.v2_desired, command.x1_desired, command.x2_desired)
@@ -204,6 +207,8 @@ class Record:
         """
         reduced = self.reduced
         a = {name: np.ascontiguousarray(array[: self.count]) for name, array in self.arrays.items()}
+        own_forces = {kind: a.pop(kind) for kind in _OWN_FORCES}
+        own_forces = {kind: array for kind, array in own_forces.items() if self.own_force_units.get(kind)}
         x1, x2 = reduced.vertical.coordinates, reduced.reducing.coordinates
         a["x1"] = x1.unwrap(a["x1"], _integrated(a["x1"], a["v1"], a["time"]))
         about = _integrated(a["x2"], a["v2"], a["time"])
@@ -223,16 +228,20 @@ class Record:
         units: dict[str, str] = {}
         for each in own:
             units |= zip(each.contact_forces, each.contact_forces_units, strict=True)
+        forces = {"contact_forces": rows.contact_forces, "normal_forces": rows.normal_forces}
+        for kind in own_forces:
+            forces[kind] = tuple(self.own_force_units[kind])
+            units |= self.own_force_units[kind]
         info = RunInfo(
             replace(
                 own[0],
                 multipliers=rows.multipliers,
                 multipliers_units=tuple(units[name] for name in rows.multipliers),
-                contact_forces=rows.contact_forces,
-                contact_forces_units=tuple(units[name] for name in rows.contact_forces),
+                contact_forces_units=tuple(units[name] for name in forces["contact_forces"]),
                 friction_used=self._contacts,
-                normal_forces=rows.normal_forces,
                 ground_poses=tuple(body.name for body in bodies),
+                contact_forces=forces["contact_forces"],
+                normal_forces=forces["normal_forces"],
             ),
             goals,
             dt,
@@ -249,9 +258,10 @@ class Record:
         if deferred and outcome is Outcome.COMPLETED:
             q, v, T = (a[name].copy() for name in ("q", "v", "T"))  # the caller may change the others
             t = a["time"].copy()
-            run = Trajectory.deferred(a, lambda: self._derived(t, q, v, T, bodies), info)
+            run = Trajectory.deferred(a, lambda: self._derived(t, q, v, T, bodies) | own_forces, info)
         else:
-            run = Trajectory(**a, **self._derived(a["time"], a["q"], a["v"], a["T"], bodies), info=info)
+            derived = self._derived(a["time"], a["q"], a["v"], a["T"], bodies) | own_forces
+            run = Trajectory(**a, **derived, info=info)
         return judged_by(run, reduced)
 
     def _derived(

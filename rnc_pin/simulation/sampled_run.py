@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Protocol, runtime_checkable
 
@@ -45,6 +46,7 @@ class PlantAdapter:
     * ``applied``: applied inputs,
     * ``work``: work since the start,
     * ``friction_used()``: friction use of the contacts ``wheel_names``,
+    * ``normal_forces``, ``contact_forces`` and ``contact_force_units``: forces by name that ``reduced`` does not have,
     * ``reduced``: reduced model of the plant,
     * ``external``: generalized forces in addition to the inputs,
     * ``errors`` and ``tolerance``: estimated errors of the integration, and the allowed error per second,
@@ -61,6 +63,10 @@ class PlantAdapter:
         self._exact = plant if isinstance(plant, ReducedPlant) and plant.reduced is reduced else None
         self._measured: tuple[np.ndarray, np.ndarray] = (_EMPTY, _EMPTY)
         self.friction_names: tuple[str, ...] = tuple(getattr(plant, "wheel_names", ()))
+        self.own_force_units: dict[str, dict[str, str]] = {
+            "normal_forces": dict.fromkeys(getattr(plant, "normal_forces", ()), "N"),
+            "contact_forces": getattr(plant, "contact_force_units", {}),
+        }
 
     @property
     def loop_options(self) -> LoopOptions:
@@ -152,6 +158,12 @@ class PlantAdapter:
         friction_used = getattr(self.plant, "friction_used", None)
         return _EMPTY if friction_used is None or not self.friction_names else np.asarray(friction_used())
 
+    @property
+    def own_forces(self) -> Iterator[np.ndarray]:
+        """Forces that the plant states itself, one array for each kind."""
+        for kind, units in self.own_force_units.items():
+            yield np.array([*getattr(self.plant, kind).values()]) if units else _EMPTY
+
 
 @runtime_checkable
 class _Updating(Protocol):
@@ -209,6 +221,7 @@ class SampledRun:
             state = controller.initial_state(adapter.read_state(0.0).measure(zeros))
         self.loop.resume(LoopState(begin=0.0, controller=state))
         self.record = Record(reduced, capacity or samples, integrated_outputs(reduced), adapter.friction_names)
+        self.record.own_force_units = adapter.own_force_units
         self.record.start = start
         self.errors = ErrorHistory(adapter.plant, reduced, controller, dt, samples)
 
@@ -270,7 +283,7 @@ class SampledRun:
         measurement, command = _last_decision(self.loop, state)
         self.record.moves(adapter.model, adapter.external)
         outputs = (measurement.x1, measurement.x2) if measurement.q is state.q else None  # not of a sensor's state
-        sensed = adapter.v_measured, adapter.friction_used
+        sensed = adapter.v_measured, adapter.friction_used, *adapter.own_forces
         self.record.add(t, state, integrals, command, T, adapter.work, outputs, sensed)
         return measurement, command
 

@@ -89,6 +89,31 @@ def test_block_on_a_slope(friction):
     assert plant.read()[1][0] == pytest.approx(down, abs=1e-5)
 
 
+def test_runs_record_the_forces_of_contacts_also_of_open_ones(tmp_path):
+    """A ball falls by 5 mm, slides with ``mu m g``, and rolls without friction; its impact has friction too."""
+    mass, radius, friction = 2.0, 0.2, 0.3
+    robot = free_body(mass, [0.4 * mass * radius**2] * 3, ball=[0, 0, 0])
+    contact = rnc.UnilateralContact(rnc.RollingBall("ball", radius), friction=friction)
+    system = rnc.NonholonomicSystem(robot)
+    reduced = system.reduce()
+    plant = rnc.plants.FaultyPlant(rnc.FrictionPlant(system, [contact]), rnc.Faults(), reduced, 0.01)
+    start = {"v2_0": np.array([1.0, 0, 0, 0, 0, 0]), "plant": plant, "dt": 0.01}
+    idle = rnc.control.ZeroInput(reduced)
+    rnc.simulate(reduced, idle, pose(z=radius + 0.005), 0.5, **start).save(tmp_path / "run.npz")
+    run = rnc.Trajectory.load(tmp_path / "run.npz")
+    names, landing = run.info.outputs, np.sqrt(2 * 0.005 / G)
+    rolls = 2.0 / (7 * friction * G)  # as without the fall: its impact takes as much slip as sliding in that time
+    flies, slides, done = run.time < landing, (run.time > landing + 0.02) & (run.time < rolls), run.time > rolls + 0.02
+    normal, along = run.normal_forces[:, 0], run.contact_forces[:, 1:3]
+    assert names.normal_forces == ("ball",)
+    assert names.contact_forces_units == ("N",) * 3
+    assert (normal[flies] == 0.0).all()
+    assert (run.contact_forces[flies] == 0.0).all()
+    assert normal[slides | done] == pytest.approx(mass * G, rel=1e-6)
+    assert np.linalg.norm(along[slides], axis=1) == pytest.approx(friction * mass * G, rel=1e-6)
+    assert np.abs(along[done]).max() < 1e-4 * mass * G  # of the Euler steps, without extrapolation
+
+
 def test_billiard_ball_from_sliding_to_rolling():
     """It rolls with 5/7 of its speed from ``t = 2 v / (7 mu g)`` on."""
     speed, friction, radius = 1.4, 0.25, 0.2

@@ -83,7 +83,8 @@ class FrictionPlant:
         work: work since the start, minus the energy that damping, friction and impacts removed [J].
         contact_events: landings, lift-offs, and changes between stick and slip.
         external: mean generalized forces (nv,) of contacts, damping and friction in the last step.
-        contact_forces: mean forces of the rows of the contacts on the robot in the last step [N or N m], by name.
+        contact_forces, contact_force_units: mean forces of the rows of the contacts on the robot in the last step, by
+            name, and their units.
         normal_forces: mean normal force of each contact in the last step [N], by name.
         sliding: names of the contacts that slide.
         errors: estimated errors of the integration since the start.
@@ -138,7 +139,7 @@ class FrictionPlant:
         self.work, self._time, self._size, self._step = 0.0, 0.0, 0.0, np.inf
         self.contact_events: tuple[ContactEvent, ...] = ()
         self.external: np.ndarray | None = None
-        self._touching: frozenset[int] = frozenset()
+        self._all, self._touching = frozenset(range(len(self._contacts))), frozenset[int]()
         self._pushing: dict[int, float] = {}
         self._sliding: frozenset[tuple[int, int]] = frozenset()
         self._rates, self._slip = np.zeros(0), np.zeros(0)
@@ -148,14 +149,26 @@ class FrictionPlant:
 
     @property
     def normal_forces(self) -> dict[str, float]:
-        """Mean normal force of each contact in the last step [N], by name."""
-        return {each.name: self._pushing.get(number, 0.0) for number, each in enumerate(self._contacts)}
+        """Mean normal force of each contact in the last step [N], by name; NaN before the first step of a contact."""
+        missing = dict.fromkeys(self._touching, np.nan)
+        return {each.name: (missing | self._pushing).get(number, 0.0) for number, each in enumerate(self._contacts)}
 
     @property
     def contact_forces(self) -> dict[str, float]:
-        """Mean forces of the rows on the robot in the last step [N or N m], by name; empty after contacts changed."""
-        names = self._rows.layout(self._touching).names
-        return dict(zip(names, self._rates.tolist(), strict=True)) if len(names) == len(self._rates) else {}
+        """Mean forces of the rows of all contacts on the robot in the last step [N or N m], by name.
+
+        Rows of open contacts have no force. After contacts changed, those of the others are NaN until the next step.
+        """
+        layout, present = (self._rows.layout(each, joints=False) for each in (self._all, self._touching))
+        known = len(self._rates) == self._rows.layout(self._touching).size
+        rates = self._rates[: present.size] if known else np.full(present.size, np.nan)
+        return dict.fromkeys(layout.names, 0.0) | dict(zip(present.names, rates.tolist(), strict=True))
+
+    @property
+    def contact_force_units(self) -> dict[str, str]:
+        """Units of ``contact_forces``, by name."""
+        layout = self._rows.layout(self._all, joints=False)
+        return dict(zip(layout.names, layout.units, strict=True))
 
     @property
     def sliding(self) -> tuple[str, ...]:

@@ -33,6 +33,7 @@ class FrictionLayout(NamedTuple):
         normals: rows of the normal impulses.
         groups: friction; limits of joint friction are forces.
         names: names of the rows.
+        units: units of the forces along them; those of joint friction are unknown.
         keys: of the groups, number of the contact, or -1, and kind of friction: 0 for slip.
     """
 
@@ -41,6 +42,7 @@ class FrictionLayout(NamedTuple):
     normals: list[int]
     groups: list[FrictionGroup]
     names: list[str]
+    units: list[str]
     keys: list[tuple[int, int]]
 
 
@@ -69,7 +71,7 @@ class FrictionRows:
         return self._layouts[touching, joints]
 
     def _layout(self, touching: frozenset[int], joints: bool) -> FrictionLayout:
-        found = FrictionLayout([], 0, [], [], [], [])
+        found = FrictionLayout([], 0, [], [], [], [], [])
         k = 0
         for number in sorted(touching):
             each, first = self._contacts[number], k
@@ -77,7 +79,9 @@ class FrictionRows:
             rolling, spin = self._limits[number]
             turning = slice(0 if rolling else 2, 3 if spin else 2)
             found.normals.append(first)
-            found.names.extend((*each.names[: 1 + slips], *(f"{kind}({each.name})" for kind in _TURNING[turning])))
+            turned = [f"{kind}({each.name})" for kind in _TURNING[turning]]
+            found.names.extend((*each.names[: 1 + slips], *turned))
+            found.units.extend(("N",) * (1 + slips) + ("N m",) * len(turned))
             k += 1
             sizes = slips, 2 * bool(rolling), bool(spin)
             for kind, (size, coefficient) in enumerate(zip(sizes, (each.contact.friction, rolling, spin), strict=True)):
@@ -90,6 +94,7 @@ class FrictionRows:
             found.groups.append(FrictionGroup(slice(k + i, k + i + 1), -1, 0.0, float(limit)))
             found.keys.append((-1, i))
             found.names.append(f"friction {i}")
+            found.units.append("")
         return found._replace(size=k + (len(self._dry.limits) if joints else 0))
 
     def at(self, state: StateEvaluation, layout: FrictionLayout) -> tuple[np.ndarray, np.ndarray]:
