@@ -156,8 +156,8 @@ class SequentialQuadratic:
         violation = self.problem.worst(values, at.duration)
         within: SolverOutcome = "solved" if done else "feasible"
         outcome = within if violation.amount <= s.tolerance else "infeasible"
-        linear = self._ahead[1] if self._ahead is not None and self._ahead[0] is at else None
-        return Solution(at, values.cost, violation, count, outcome, linear)
+        last = self._ahead[1] if self._ahead is not None and self._ahead[0] is at else None
+        return Solution(at, values.cost, violation, count, outcome, last)
 
     def _raise_penalty(self, values: Values, duration: float) -> bool:
         """Raise the cost of violations if there are some; False if there are none or it is at its limit."""
