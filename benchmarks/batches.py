@@ -22,9 +22,9 @@ import rnc_pin as rnc
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.control import ComputedTorque, ReducingOutputController
 from rnc_pin.planning import Hold
-from rnc_pin.simulation.ending import Progress
 from rnc_pin.simulation.sampled_run import SampledRun
 from rnc_pin.simulation.simulation_options import RunArguments
+from rnc_pin.simulation.stop import Progress
 
 SIZES = (1, 16, 64, 256)
 DT = 0.002

@@ -23,8 +23,8 @@ from rnc_pin.identification import (
     Identification,
     ViscousFriction,
 )
-from rnc_pin.identification.base_parameters import BaseParameters
 from rnc_pin.identification.logs import Channel
+from rnc_pin.identification.reduced_regressor import BaseParameters
 
 JOINTS = ("torso_lift_joint", *(f"arm_{k}_joint" for k in range(1, 8)))
 """Joints of TIAGo that the log contains."""

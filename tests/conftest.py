@@ -61,6 +61,14 @@ def call(monkeypatch, capsys):
     return run
 
 
+@pytest.fixture
+def brief(monkeypatch):
+    """Drafts are tried out for a moment, and motions are checked at few places."""
+    monkeypatch.setattr("rnc_pin.applications.init.scenario_candidate._PATIENCE", 0.0)
+    monkeypatch.setattr("rnc_pin.applications.init.scenario_candidate._SHORT", 0.02)  # [s]
+    monkeypatch.setattr("rnc_pin.applications.scenario.controllers.context._ROLLOUT_STEP", 0.25)  # [s]
+
+
 @pytest.fixture(scope="module")
 def browser():
     """A browser, or a skip without one."""
@@ -77,3 +85,4 @@ def no_pictures(monkeypatch):
 
     monkeypatch.setattr("rnc_pin.applications.command_line.commands.run.draw_pictures", lambda *_: Drawn())
     monkeypatch.setattr("rnc_pin.applications.command_line.commands.run.processor_count", lambda: 1)
+    monkeypatch.setattr("rnc_pin.applications.sweep.reports.draw_distributions", lambda *_: None)

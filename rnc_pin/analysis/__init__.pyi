@@ -1,5 +1,7 @@
 """Exports of ``rnc_pin.analysis``, which ``__init__.py`` imports at their first use."""
 
+from rnc_pin.constraints.wheel_heights import wheel_height_findings as wheel_height_findings
+
 from .continuation import SteadyMotion as SteadyMotion
 from .continuation import continuation as continuation
 from .derivatives import StateDerivatives as StateDerivatives
@@ -35,4 +37,3 @@ from .regulator import lqr as lqr
 from .report import Report as Report
 from .report import analyze as analyze
 from .singularities import Singularity as Singularity
-from .wheel_heights import wheel_height_findings as wheel_height_findings

@@ -26,7 +26,7 @@ from numpy.polynomial import chebyshev, legendre
 
 from rnc_pin.analysis.complex_rows import ComplexRows, has_complex_rows
 from rnc_pin.errors import ConstraintError
-from rnc_pin.model.placement_chart import PlacementChart
+from rnc_pin.model.configuration_manifold import PlacementChart
 from rnc_pin.model.reduced_model import ReducedModel
 
 Bracket = Callable[[np.ndarray, np.ndarray], np.ndarray]

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.constraints.body_shapes import BodyShape, grid_triangles
-from rnc_pin.constraints.curved_grounds import unit_vectors
+from rnc_pin.constraints.curved_grounds import Levelled, unit_vectors
 from rnc_pin.errors import ConstraintError
 from rnc_pin.math.linear_algebra import apply
 from rnc_pin.model.offset_frame import triple
@@ -19,17 +19,8 @@ _EYE = np.eye(3)
 _FINE = 32  # edges of the drawn surface
 
 
-class LevelledShape(BodyShape, Protocol):
-    """Shape with a function that is zero on its surface, with complex numbers too, in the axes of its body."""
-
-    def level(self, point: np.ndarray) -> np.ndarray:
-        """Function (...) that is zero on the surface and grows outwards, at each point (..., 3) [m]."""
-
-    def gradient(self, point: np.ndarray) -> np.ndarray:
-        """Gradient (..., 3) of ``level`` at each point (..., 3)."""
-
-    def hessian(self, point: np.ndarray) -> np.ndarray:
-        """Second derivatives (..., 3, 3) of ``level`` at each point (..., 3)."""
+class LevelledShape(BodyShape, Levelled, Protocol):
+    """Shape with a function that is zero on its surface, in the axes of its body."""
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
 from rnc_pin.constraints.ground_plane import GroundPlane, on_carrier, plane_below
 from rnc_pin.errors import ConstraintError
-from rnc_pin.model.kernel_rows import Form, KernelRow, attached, wrench_rows
-from rnc_pin.model.kinematics import Placement, PositionKinematics
+from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.mechanisms import GroundContact, Phrases
 from rnc_pin.model.parameter_types import NotNegative
 from rnc_pin.model.rows import Rows
@@ -75,14 +73,8 @@ class _CasterRow(ConstantWrenchRows):
         contact = at.placement(self.frame).translation[..., None, :] - self._caster.radius * self._normal
         return contact, np.broadcast_to(self._normal, contact.shape)
 
-    def arm_gradient(self, place: Placement, turning: np.ndarray) -> np.ndarray:
-        return np.zeros_like(turning)
-
     def mechanisms(self) -> tuple[GroundContact]:
         return (GroundContact(self._caster.frame, self._caster.radius, friction="none"),)
 
     def phrases(self) -> Phrases:
         return Phrases()
-
-    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
-        return wrench_rows(Form.WORLD, attached(model, self.frame), self.matrix.tolist())

@@ -19,12 +19,27 @@ _CAP = 1.4  # largest half angle of a drawn cap [rad]
 _SAMPLES, _SAME = 5, 1e-9  # points at which derivatives of a height are compared, relative difference
 
 
-class CurvedGround(Protocol):
+class Levelled(Protocol):
+    """Function that is zero on a surface, with two derivatives.
+
+    They take complex numbers too, without conjugation, for derivatives by the complex step.
+    """
+
+    def level(self, point: np.ndarray) -> np.ndarray:
+        """Function (...) that is zero on the surface and grows outwards, at each point (..., 3) [m]."""
+
+    def gradient(self, point: np.ndarray) -> np.ndarray:
+        """Gradient (..., 3) of ``level`` at each point (..., 3)."""
+
+    def hessian(self, point: np.ndarray) -> np.ndarray:
+        """Second derivatives (..., 3, 3) of ``level`` at each point (..., 3)."""
+
+
+class CurvedGround(Levelled, Protocol):
     """Smooth surface ``level(point) = 0`` whose gradient points out of the ground, and the motion of its material.
 
-    ``level``, ``gradient`` and ``hessian`` take complex numbers too, without conjugation, for derivatives by the
-    complex step. The material is a rigid body that turns and slides so that the surface stays in place. An attribute
-    ``frame`` with the name of a frame says that this frame carries the surface and stands for the world.
+    The material is a rigid body that turns and slides so that the surface stays in place. An attribute ``frame`` with
+    the name of a frame says that this frame carries the surface and stands for the world.
     """
 
     @property
@@ -38,15 +53,6 @@ class CurvedGround(Protocol):
     @property
     def along(self) -> np.ndarray:
         """Direction (3,) to whose projection on the surface the first rolling row belongs."""
-
-    def level(self, point: np.ndarray) -> np.ndarray:
-        """Function (...) of points (..., 3) that is zero on the surface [m]."""
-
-    def gradient(self, point: np.ndarray) -> np.ndarray:
-        """Gradient (..., 3) of ``level`` at each point (..., 3)."""
-
-    def hessian(self, point: np.ndarray) -> np.ndarray:
-        """Second derivatives (..., 3, 3) of ``level``."""
 
     def below(self, place: np.ndarray) -> np.ndarray:
         """Points (..., 3) of the surface near which bodies with centres (..., 3) touch it."""

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
 from rnc_pin.constraints.body_shapes import Sphere
 from rnc_pin.constraints.curved_grounds import CurvedGround
 from rnc_pin.constraints.ground_plane import GroundPlane, on_carrier
 from rnc_pin.constraints.rolling_body import RollingBody
 from rnc_pin.errors import ConstraintError
-from rnc_pin.model.kernel_rows import Form, KernelRow, attached, wrench_rows
-from rnc_pin.model.kinematics import Placement, PositionKinematics
+from rnc_pin.model.kinematics import PositionKinematics
 from rnc_pin.model.mechanisms import GroundContact, Phrases
 from rnc_pin.model.parameter_types import Positive
 from rnc_pin.model.rows import Rows
@@ -89,14 +87,8 @@ class _RollingBallRows(ConstantWrenchRows):
         shape = (*contact.shape[:-2], 3, 3)
         return np.broadcast_to(contact, shape), np.broadcast_to(self._axes, shape)
 
-    def arm_gradient(self, place: Placement, turning: np.ndarray) -> np.ndarray:
-        return np.zeros_like(turning)
-
     def mechanisms(self) -> tuple[GroundContact]:
         return (GroundContact(self._ball.frame, self._ball.radius),)
 
     def phrases(self) -> Phrases:
         return Phrases("rolling ball", prevents="slip at", where=self._ball.frame)
-
-    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
-        return wrench_rows(Form.WORLD, attached(model, self.frame), self.matrix.tolist(), self.twist)

@@ -1,7 +1,9 @@
 """Exports of ``rnc_pin.figures``, which ``__init__.py`` imports at their first use."""
 
 from .ground_path import GroundPath as GroundPath
+from .ground_path import GroundPaths as GroundPaths
 from .ground_path import draw_paths as draw_paths
+from .panel import MAX_LINES as MAX_LINES
 from .panel import Labels as Labels
 from .panel import Panel as Panel
 from .panel import Series as Series
@@ -10,4 +12,5 @@ from .panel_figure import PlaneView as PlaneView
 from .panel_figure import panel_figure as panel_figure
 from .sheet import Sheet as Sheet
 from .sheet import Size as Size
+from .style import LegendEntry as LegendEntry
 from .style import save as save

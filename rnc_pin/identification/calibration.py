@@ -11,10 +11,10 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, InfeasibleError
-from rnc_pin.identification.base_parameters import Estimates, combination_name
 from rnc_pin.identification.logs.channel import Channel
 from rnc_pin.identification.logs.log import Log
 from rnc_pin.identification.logs.mapping import Correction
+from rnc_pin.identification.reduced_regressor import Estimates, combination_name
 from rnc_pin.identification.rolled_path import rotated
 from rnc_pin.identification.rolling_motion import RollingMotion
 from rnc_pin.identification.unknowns import SensorPlace, Unknown, UnknownNumber, corrections_of, radii_of

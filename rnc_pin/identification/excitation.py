@@ -9,9 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, InfeasibleError, SingularityError
-from rnc_pin.identification.base_parameters import BaseParameters
 from rnc_pin.identification.inertial_problem import column_names
-from rnc_pin.identification.reduced_regressor import ReducedRegressor
+from rnc_pin.identification.reduced_regressor import BaseParameters, ReducedRegressor
 from rnc_pin.identification.unknowns import INERTIAL
 from rnc_pin.model.input_validation import ArrayInput, vector
 from rnc_pin.model.reduced_model import ReducedModel

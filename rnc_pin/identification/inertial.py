@@ -11,10 +11,10 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, InfeasibleError
-from rnc_pin.identification.base_parameters import BaseParameters, Estimates, combination_name
 from rnc_pin.identification.inertial_fit import InertialFit, MeasuredRow
 from rnc_pin.identification.inertial_problem import AskedParameters, InertialProblem, column_names
 from rnc_pin.identification.logs.log import Log
+from rnc_pin.identification.reduced_regressor import BaseParameters, Estimates, combination_name
 from rnc_pin.identification.unknowns import (
     INERTIAL,
     DynamicUnknown,

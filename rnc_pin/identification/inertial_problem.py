@@ -8,10 +8,9 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, nearest
-from rnc_pin.identification.inertial_fit import InertialFit, MeasuredRow
+from rnc_pin.identification.inertial_fit import InertialFit, MeasuredRow, dynamic_parameters
 from rnc_pin.identification.logs.log import Log
 from rnc_pin.identification.measured_motion import MeasuredMotion
-from rnc_pin.identification.pseudo_inertia import dynamic_parameters
 from rnc_pin.identification.reduced_regressor import ReducedRegressor, WindowAverages
 from rnc_pin.identification.unknowns import (
     BodyInertia,

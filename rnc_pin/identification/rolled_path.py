@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rnc_pin.identification.component_solution import Entry, minus, plus, times
+from rnc_pin.math.components import Component, minus, plus, times
 from rnc_pin.model.coordinates import arc_chord
 
 _SMALL = 1e-3  # angle below which series replace quotients
@@ -33,7 +33,9 @@ class RolledPath:
         size: number of parameters P.
     """
 
-    def __init__(self, time: np.ndarray, steps: np.ndarray, slopes: Mapping[int, Sequence[Entry]], size: int) -> None:
+    def __init__(
+        self, time: np.ndarray, steps: np.ndarray, slopes: Mapping[int, Sequence[Component]], size: int
+    ) -> None:
         self._time, self._steps, self._slopes, self._size = time, steps, slopes, size
         self._pose = np.zeros((3, len(time)))
         np.cumsum(steps[2], out=self._pose[2, 1:])
@@ -99,7 +101,7 @@ class _Displacement:
         self._a, self._b = cosine * along - sine * side, sine * along + cosine * side
         self.values = np.stack([self._p * x - self._q * y, self._q * x + self._p * y])
 
-    def along(self, slope: Sequence[Entry], turn: Entry) -> tuple[Entry, Entry]:
+    def along(self, slope: Sequence[Component], turn: Component) -> tuple[Component, Component]:
         """Derivatives for those of the twist (3 entries) and of the heading."""
         x, y, w = slope
         there, aside = minus(times(self._p, x), times(self._q, y)), plus(times(self._q, x), times(self._p, y))

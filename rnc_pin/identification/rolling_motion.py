@@ -9,7 +9,6 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError, argument, few, nearest
-from rnc_pin.identification.component_solution import Entry, NormalEquations, Row, against, combined, minus, plus, times
 from rnc_pin.identification.logs.channel import Channel
 from rnc_pin.identification.logs.log import Log
 from rnc_pin.identification.rolled_path import Poses, RolledPath, rotated, sideways
@@ -23,11 +22,14 @@ from rnc_pin.identification.unknowns import (
     number_of,
     radii_of,
 )
+from rnc_pin.math.components import Component, NormalEquations, Row, against, combined, minus, plus, times
 from rnc_pin.model.coordinates import heading_of
 from rnc_pin.model.system import NonholonomicSystem
 
 _BREAK = 5.0  # intervals longer than so many usual ones end a window
 _REGULAR = 1e-6  # smallest singular value of the unit rows of the base, relative to the largest
+_Slopes = dict[int, tuple[int, Component]]
+"""Derivatives by parameter: the number of a column or joint, with numbers."""
 
 
 @dataclass(frozen=True)
@@ -247,13 +249,13 @@ class RollingMotion:
         found[:, first + 2], found[:, first + 3] = np.cos(poses[:, 2]), np.sin(poses[:, 2])
         return found
 
-    def _whole(self) -> list[Entry]:
+    def _whole(self) -> list[Component]:
         """Motion of all columns during the steps, with parameters of the file."""
         positions, moved, _, _ = self._measured(self._nominal)
         rows, _ = self._geometry.evaluate(positions, {}, self._columns)
         return self._solved(rows, moved)[2]
 
-    def _solved(self, rows: list[Row], moved: list[Entry]) -> tuple[list[Row], NormalEquations, list[Entry]]:
+    def _solved(self, rows: list[Row], moved: list[Component]) -> tuple[list[Row], NormalEquations, list[Component]]:
         """Rows of the unknown columns, their normal equations, and the motion of all columns for measured joints."""
         size = len(self._unknown_columns)
         left = [{column: entry for column, entry in row.items() if column < size} for row in rows]
@@ -284,7 +286,7 @@ class RollingMotion:
             slip = slip - _product(others, _product(inverse, np.nan_to_num(slip)))
         return self.step_times, slip
 
-    def _steps(self, p: np.ndarray) -> tuple[np.ndarray, dict[int, list[Entry]]]:
+    def _steps(self, p: np.ndarray) -> tuple[np.ndarray, dict[int, list[Component]]]:
         """Twists of the steps (3, N), and their derivatives (3 entries) by the parameters that change them."""
         geometry = self._geometry
         shifts: dict[Virtual, float] = {}
@@ -313,7 +315,7 @@ class RollingMotion:
             effects.append(effect)
         found = {}
         for k, parameter in enumerate(self.parameters):
-            parts: list[tuple[Entry, list[Entry]]] = [
+            parts: list[tuple[Component, list[Component]]] = [
                 (share, effects[directions[each]]) for each, share in parameter.shares.items()
             ]
             if k in d_middle:
@@ -323,7 +325,7 @@ class RollingMotion:
                 index, by = d_moved[k]
                 acting = {row: entries[size + index] for row, entries in enumerate(rows) if size + index in entries}
                 parts.append((1.0, against(left, {row: times(entry, by) for row, entry in acting.items()}, size)))
-            side: list[Entry] = [0.0] * size
+            side: list[Component] = [0.0] * size
             for by, effect in parts:
                 side = [plus(total, times(by, each)) for total, each in zip(side, effect, strict=True)]
             if parts:
@@ -331,18 +333,16 @@ class RollingMotion:
         steps = np.stack([np.broadcast_to(each, len(self.time) - 1) for each in whole[:3]])
         return steps, found
 
-    def _measured(
-        self, p: np.ndarray
-    ) -> tuple[dict[int, np.ndarray], list[Entry], dict[int, tuple[int, Entry]], dict[int, tuple[int, Entry]]]:
+    def _measured(self, p: np.ndarray) -> tuple[dict[int, np.ndarray], list[Component], _Slopes, _Slopes]:
         """Positions in the middle of steps by column, and changes of joints, with derivatives by parameter.
 
         A derivative of a position is a column of v with numbers, one of a change the number of a joint with numbers.
         Only joints that the rows depend on have positions.
         """
         positions: dict[int, np.ndarray] = {}
-        moved: list[Entry] = []
-        d_middle: dict[int, tuple[int, Entry]] = {}
-        d_moved: dict[int, tuple[int, Entry]] = {}
+        moved: list[Component] = []
+        d_middle: _Slopes = {}
+        d_moved: _Slopes = {}
         for index, joint in enumerate(self._joints):
             own = {type(each.kind): k for k, each in enumerate(self.parameters)
                    if joint.name in (getattr(each.kind, "joint", None), getattr(each.kind, "of", None))}  # fmt: skip
@@ -353,7 +353,7 @@ class RollingMotion:
             raw = _held(joint.channel, self.time + late)
             middle, change = (raw[1:] + raw[:-1]) / 2, np.diff(raw)
             moved.append(scale * change)
-            slopes: dict[type, tuple[Entry, Entry]] = {
+            slopes: dict[type, tuple[Component, Component]] = {
                 EncoderScale: (middle, change),
                 EncoderOffset: (1.0, 0.0),
             }

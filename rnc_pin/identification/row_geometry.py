@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.identification.component_solution import Row
+from rnc_pin.math.components import Row
 from rnc_pin.model.kinematics import Kinematics, PositionKinematics
 from rnc_pin.model.rows import Rows
 from rnc_pin.robots.joint_values import NamedModel

@@ -5,10 +5,7 @@ from .atomic_write import atomic_file as atomic_file
 from .json import Json as Json
 from .json import dump_json as dump_json
 from .json import to_json_mapping as to_json_mapping
-from .manifest import MANIFEST as MANIFEST
-from .manifest import Manifest as Manifest
-from .manifest import digest as digest
-from .manifest import is_result as is_result
+from .safe_read import open_regular as open_regular
 from .safe_read import read_bytes as read_bytes
 from .safe_yaml import load_yaml as load_yaml
 from .strict_mapping import LIST as LIST

@@ -13,6 +13,7 @@ from rnc_pin.model.frame_velocity import axis_index
 from rnc_pin.model.kinematics import OWN_AXES, Kinematics, PositionKinematics, VelocityKinematics, over_states
 from rnc_pin.model.parameter_types import Axis, Positive
 from rnc_pin.model.rows import OutputKind, OutputRows, admit_rows
+from rnc_pin.robots.joint_values import NO_LIMIT
 from rnc_pin.robots.robot import Robot
 
 _MOVED = 1e-9  # effect of the base on an output [per rad or m] that rounding does not explain
@@ -161,7 +162,7 @@ class Actuation:
                     )
                 self._constant[index.start, column] = 1.0
                 limit = float(robot.model.upperEffortLimit[index.start])
-                self.limits[column] = limit if limit > 0 else np.inf  # 0: the URDF gives no limit
+                self.limits[column] = limit if 0 < limit < NO_LIMIT else np.inf  # 0: the URDF gives no limit
                 names.append(actuator)
                 slides = robot.model.joints[robot.joint_id(actuator)].shortname().startswith("JointModelP")
                 units.append("N" if slides else "N m")

@@ -16,7 +16,7 @@ import pinocchio as pin
 
 from rnc_pin.math.components import Component, Dual, Entry, components, cross, packed
 from rnc_pin.math.linear_algebra import apply, complex_step, product, vector_product
-from rnc_pin.model.kernel_rows import Form, KernelRow, component_rows
+from rnc_pin.model.kernel_rows import Form, KernelRow, attached, component_rows, wrench_rows
 from rnc_pin.model.kinematics import Placement, PositionKinematics, VelocityKinematics
 from rnc_pin.model.offset_frame import OffsetFrame
 from rnc_pin.model.rows import Rows, check_defined
@@ -139,7 +139,7 @@ def _carried_rate(twist: np.ndarray, velocity: np.ndarray) -> np.ndarray:
 
 
 class ConstantWrenchRows(WrenchRows):
-    """Wrenches that are constant in the world.
+    """Wrenches that are constant in the world, and so is the vector from the frame's origin to the contact.
 
     Attributes:
         matrix: the wrenches (k, 6).
@@ -152,6 +152,12 @@ class ConstantWrenchRows(WrenchRows):
 
     def wrench_rate(self, place: Placement, velocity: np.ndarray) -> np.ndarray:
         return np.zeros_like(self.matrix)
+
+    def arm_gradient(self, place: Placement, turning: np.ndarray) -> np.ndarray:
+        return np.zeros_like(turning)
+
+    def kernel_rows(self, model: pin.Model) -> list[KernelRow]:
+        return wrench_rows(Form.WORLD, attached(model, self.frame), self.matrix.tolist(), self.twist)
 
 
 class DirectionRows(WrenchRows):

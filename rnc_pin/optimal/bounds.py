@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from rnc_pin.collision import CollisionDistances
 from rnc_pin.errors import ConfigurationError, InputError, nearest
+from rnc_pin.model.output_targets import OutputTarget
 from rnc_pin.optimal.action_models import ActionModel
 from rnc_pin.optimal.node_data import (
     NodeData,
@@ -25,7 +26,6 @@ from rnc_pin.optimal.node_data import (
     stacked,
     velocity_rows,
 )
-from rnc_pin.planning.output_targets import OutputTarget
 
 _FAR = 1e3  # [m], distance of a row without a pair
 DISTANCE = "distance"

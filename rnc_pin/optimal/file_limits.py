@@ -13,7 +13,6 @@ from rnc_pin.control.whole_body.limits.limited_joints import limited_positions, 
 from rnc_pin.optimal.action_models import ActionModel
 from rnc_pin.optimal.bounds import InputBound, NodeBound
 from rnc_pin.optimal.node_data import NodeData, RowValues, velocity_rows
-from rnc_pin.robots.joint_values import NO_LIMIT
 
 
 @dataclass(frozen=True)
@@ -83,7 +82,7 @@ def _efforts(model: ActionModel, replaced: set[str]) -> list[NodeBound]:
     limits = {
         name: float(limit)
         for name, limit in zip(actuation.names, actuation.limits, strict=True)
-        if limit < NO_LIMIT and name not in replaced
+        if limit < np.inf and name not in replaced
     }
     return [InputBound({name: -limit for name, limit in limits.items()}, limits).bind(model)] if limits else []
 

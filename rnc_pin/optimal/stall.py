@@ -13,6 +13,7 @@ from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
 from rnc_pin.errors import InfeasibleError, RncError
+from rnc_pin.model.output_targets import OutputTarget
 from rnc_pin.optimal.action_models import ActionModel, Nodes
 from rnc_pin.optimal.bounds import BoundKind, Goal
 from rnc_pin.optimal.costs import CostKind, OutputCost, PostureCost
@@ -23,7 +24,6 @@ from rnc_pin.optimal.planner import plan_motion
 from rnc_pin.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.optimal.set_point import SetPoint
 from rnc_pin.optimal.transcription import Iterate
-from rnc_pin.planning.output_targets import OutputTarget
 from rnc_pin.planning.references import Reference
 
 AT_REST = 0.02

@@ -1,5 +1,7 @@
 """Exports of ``rnc_pin.planning``, which ``__init__.py`` imports at their first use."""
 
+from rnc_pin.model.output_targets import OutputTarget as OutputTarget
+
 from .car_path import CarPath as CarPath
 from .car_path import Leg as Leg
 from .car_path import continued_back as continued_back
@@ -8,7 +10,6 @@ from .chained_form import FireTruckChart as FireTruckChart
 from .inverse_kinematics import IkResult as IkResult
 from .inverse_kinematics import IkSearch as IkSearch
 from .inverse_kinematics import solve_ik as solve_ik
-from .output_targets import OutputTarget as OutputTarget
 from .references import Geodesic as Geodesic
 from .references import Harmonic as Harmonic
 from .references import Hold as Hold

@@ -15,9 +15,9 @@ from rnc_pin.collision import CollisionDistances
 from rnc_pin.errors import ConfigurationError, InputError, SingularityError
 from rnc_pin.model.input_validation import ConfigurationValidator
 from rnc_pin.model.kinematics import Kinematics
+from rnc_pin.model.output_targets import OutputTarget, OutputTargets
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.planning.bounded_descent import Descent, Residuals, TangentBounds, descend
-from rnc_pin.planning.output_targets import OutputTarget, OutputTargets
 from rnc_pin.printing import Line, ObjectSummary, SummaryMixin, counted, items
 
 _CLOSED = 1e-9  # largest residual of holonomic rows of a solution [m or rad]

@@ -16,11 +16,11 @@ from rnc_pin.collision import CollisionDistances, Obstacle, PairSelection
 from rnc_pin.collision.convex_shapes import bounding_box
 from rnc_pin.errors import ConfigurationError, InfeasibleError, InputError
 from rnc_pin.extras import check_extra
+from rnc_pin.model.output_targets import OutputTarget
 from rnc_pin.model.parameter_types import NotNegative, Positive
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.planning.exact_steering import ExactMotion, Steering
 from rnc_pin.planning.kinematic_flow import KinematicFlow
-from rnc_pin.planning.output_targets import OutputTarget
 from rnc_pin.planning.steering_detection import find_steering, planned_velocities
 from rnc_pin.planning.way import Way, WayInfo, way_along
 from rnc_pin.planning.way_checking import WayChecker

@@ -10,7 +10,6 @@ import numpy as np
 import pinocchio as pin
 
 from rnc_pin.errors import ModelError, ModelWarning, argument, few
-from rnc_pin.math.linear_algebra import unit_diagonal
 from rnc_pin.printing import significant
 from rnc_pin.robots.joint_values import NamedModel
 from rnc_pin.robots.sources.description import Body
@@ -287,7 +286,7 @@ def _free_of_mass(inertia_matrix: np.ndarray) -> tuple[int | None, np.ndarray] |
     if not diagonal.all():
         entry = int(np.argmin(diagonal))
         return entry, np.eye(len(diagonal))[entry]
-    values, vectors = np.linalg.eigh(unit_diagonal(inertia_matrix))
+    values, vectors = np.linalg.eigh(inertia_matrix / (diagonal[:, None] * diagonal))
     return None if values[0] >= _MIN_EIGENVALUE else (None, vectors[:, 0] / diagonal)
 
 

@@ -40,6 +40,7 @@ from .rollout import Margin as Margin
 from .rollout import Rollout as Rollout
 from .rollout import RolloutEvaluation as RolloutEvaluation
 from .rollout import kinematic_rollout as kinematic_rollout
+from .rollout import tuned_tracker as tuned_tracker
 from .run_data import tracking_errors as tracking_errors
 from .run_figure import compared_paths as compared_paths
 from .run_figure import ground_paths as ground_paths
@@ -72,4 +73,3 @@ from .summary import add_limits as add_limits
 from .summary import add_verdict as add_verdict
 from .summary import summarize as summarize
 from .trajectory import Trajectory as Trajectory
-from .tuned_tracker import tuned_tracker as tuned_tracker

@@ -29,10 +29,10 @@ from rnc_pin.math.linear_algebra import apply, clipped
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import FaultyPlant, ReducedPlant, ReducedPlantBatch
-from rnc_pin.simulation.ending import Progress
 from rnc_pin.simulation.error_propagation import ErrorMark, marked
 from rnc_pin.simulation.faulty_runs import FaultyRuns
 from rnc_pin.simulation.sampled_run import SampledRun
+from rnc_pin.simulation.stop import Progress
 
 _GOALS = ("v2_desired", "x1_desired", "x2_desired")
 

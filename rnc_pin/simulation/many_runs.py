@@ -19,11 +19,11 @@ from rnc_pin.model.input_validation import numbers_of
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants import Plant
 from rnc_pin.printing import Item, ObjectSummary, SummaryMixin
-from rnc_pin.simulation.ending import Progress, complete_run, outcome_of
 from rnc_pin.simulation.lock_step import LockStep
 from rnc_pin.simulation.run_info import Outcome
 from rnc_pin.simulation.sampled_run import SampledRun
 from rnc_pin.simulation.simulation_options import RunArguments, SimulationOptions
+from rnc_pin.simulation.stop import Progress, complete_run, outcome_of
 from rnc_pin.simulation.trajectory import Trajectory
 
 _Each = TypeVar("_Each")

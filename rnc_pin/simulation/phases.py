@@ -25,13 +25,13 @@ from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.plants import ReducedPlant
 from rnc_pin.plants.reduced.reduced_plant import EventStep
-from rnc_pin.simulation.ending import Progress, complete_run
 from rnc_pin.simulation.phase_events import BoundEvent, Event, LiftOffMonitor, PushingForces
 from rnc_pin.simulation.phase_record import PhasePart, joined
 from rnc_pin.simulation.run_info import Outcome, PhaseInfo
 from rnc_pin.simulation.sampled_run import SampledRun
 from rnc_pin.simulation.simulate import sample_count
 from rnc_pin.simulation.simulation_options import DEFAULT_OPTIONS, RunArguments, SimulationOptions
+from rnc_pin.simulation.stop import Progress, complete_run
 from rnc_pin.simulation.trajectory import Trajectory
 
 _REBOUND = 1e-6  # velocity against a row that counts as a rebound, relative to the speed

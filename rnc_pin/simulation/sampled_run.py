@@ -20,7 +20,6 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants import ContactEvent, FaultyPlant, Plant, ReducedPlant
 from rnc_pin.plants.plant import takes_velocities
 from rnc_pin.plants.reduced import Checkpoint, IntegrationErrors, integrated_outputs
-from rnc_pin.simulation.ending import MODEL, Progress
 from rnc_pin.simulation.error_propagation import ErrorHistory, RunSamples
 from rnc_pin.simulation.integration_accuracy import IntegrationAccuracy, blamed
 from rnc_pin.simulation.judgement import judged_by
@@ -28,7 +27,7 @@ from rnc_pin.simulation.phase_events import lift_off_monitor
 from rnc_pin.simulation.record import Record
 from rnc_pin.simulation.run_info import BrakingUse, FallbackUse, MissedUpdates, Outcome, PhaseInfo, provenance_of
 from rnc_pin.simulation.simulation_options import RunArguments, Sample, SimulationOptions
-from rnc_pin.simulation.stop import StopMonitor
+from rnc_pin.simulation.stop import MODEL, Progress, StopMonitor
 from rnc_pin.simulation.trajectory import Trajectory
 
 _EMPTY = np.zeros(0)

@@ -10,10 +10,10 @@ from rnc_pin.control.controller import Controller
 from rnc_pin.errors import ConfigurationError, InputError
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.plants import Plant
-from rnc_pin.simulation.ending import complete_run
 from rnc_pin.simulation.many_runs import TrajectoryBatch, is_batch, runs_of_batch, simulate_many
 from rnc_pin.simulation.sampled_run import SampledRun
 from rnc_pin.simulation.simulation_options import DEFAULT_OPTIONS, RunArguments, SimulationOptions
+from rnc_pin.simulation.stop import complete_run
 from rnc_pin.simulation.trajectory import Trajectory
 
 _MOST_SAMPLES = 10_000_000

@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.math.components import cross
 from rnc_pin.robots.robot import Robot
 from rnc_pin.visualization.drawn_state import DrawnState
 from rnc_pin.visualization.meshcat_library import mg
@@ -232,11 +231,10 @@ class Ghost(Element):
 
 def _cylinder_transform(middle: np.ndarray, along: np.ndarray, height: float, radius: float) -> np.ndarray:
     """Transform (4, 4) of a cylinder of unit height and radius whose axis is y."""
-    a = along.tolist()
-    side = np.array(cross(a, np.eye(3)[int(np.argmin(np.abs(along)))].tolist()))
+    side = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
     side /= np.linalg.norm(side)
     matrix = np.eye(4)
     matrix[:3, 0], matrix[:3, 1] = radius * side, height * along
-    matrix[:3, 2] = radius * np.array(cross(side.tolist(), a))
+    matrix[:3, 2] = radius * np.cross(side, along)
     matrix[:3, 3] = middle
     return matrix

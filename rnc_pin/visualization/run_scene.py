@@ -12,11 +12,17 @@ import pinocchio as pin
 
 from rnc_pin.simulation import PlannedPath, RunInfo, TaskNames, Trajectory
 from rnc_pin.visualization import elements as e
-from rnc_pin.visualization.camera import VIEW_DIRECTION, Follower, enlarged_box, fitting_camera, with_plan
 from rnc_pin.visualization.drawn_model import DrawnModel
 from rnc_pin.visualization.drawn_state import DrawnState, tracked_frames
 from rnc_pin.visualization.meshcat_robot import MeshcatRobot
-from rnc_pin.visualization.meshcat_scene import MeshcatScene
+from rnc_pin.visualization.meshcat_scene import (
+    VIEW_DIRECTION,
+    Follower,
+    MeshcatScene,
+    enlarged_box,
+    fitting_camera,
+    with_plan,
+)
 from rnc_pin.visualization.overlay import Overlay, margin_color
 from rnc_pin.visualization.scene_kinematics import SceneKinematics, SwitchingForces, null_motion
 from rnc_pin.visualization.surroundings import corners_over_time, ground_elements, obstacle_elements

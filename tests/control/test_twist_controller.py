@@ -6,10 +6,11 @@ import pytest
 
 import rnc_pin as rnc
 from driven_bases import KINDS, RADIUS, SENSOR, STEERING_RATE, KinematicPlant, drafted_model, tracks, turret
-from rnc_pin.applications.init import scenario_candidate
 from rnc_pin.control import TwistController, TwistState
 from systems import ackermann_car, bicycle, fire_truck, mobile_manipulator, spinning_space_robot
 from textbook_systems import differential_drive
+
+pytestmark = pytest.mark.usefixtures("brief")
 
 DT = 0.04
 # Place of the axle whose wheels have no pivot, ahead of the frame "base"; a twist with vy = -x w suits it.
@@ -33,19 +34,8 @@ STEERED = {
 }
 
 
-@pytest.fixture(scope="module")
-def model(tmp_path_factory):
-    """Function from the name of a kind to its drafted model."""
-    found = {}
-
-    def of(name):
-        if name not in found:
-            with pytest.MonkeyPatch.context() as patch:
-                patch.setattr(scenario_candidate, "_PATIENCE", 0.0)  # drafts are tried out for a moment
-                found[name] = drafted_model(KINDS[name], tmp_path_factory.mktemp("unit"))
-        return found[name]
-
-    return of
+def model(name):
+    return drafted_model(KINDS[name])
 
 
 def start(reduced):
@@ -88,7 +78,7 @@ def twist_of(reduced, v, frame="base"):
 
 @pytest.mark.parametrize("forward", [0.4, -0.4])
 @pytest.mark.parametrize("name", KINDS)
-def test_wheels_and_pivots_have_the_closed_forms_of_their_base(name, forward, model):
+def test_wheels_and_pivots_have_the_closed_forms_of_their_base(name, forward):
     reduced, twist = model(name), suitable(name, forward)
     controller = TwistController(reduced, "base", DT)
     found = controller.feasible(start(reduced), twist)
@@ -103,7 +93,7 @@ def test_wheels_and_pivots_have_the_closed_forms_of_their_base(name, forward, mo
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_the_frame_of_the_twist_may_be_anywhere_on_the_base(name, model):
+def test_the_frame_of_the_twist_may_be_anywhere_on_the_base(name):
     """A twist of a sensor, beside the axle and turned, moves the wheels as that of the base does."""
     reduced, twist = model(name), suitable(name)
     x, y, heading = SENSOR
@@ -117,14 +107,14 @@ def test_the_frame_of_the_twist_may_be_anywhere_on_the_base(name, model):
 
 
 @pytest.mark.parametrize("name", AXLE)
-def test_a_free_entry_leaves_speed_and_turning_rate_as_they_are(name, model):
+def test_a_free_entry_leaves_speed_and_turning_rate_as_they_are(name):
     """Cars are told vx and wz; vy of a frame that is not on the axle follows."""
     found = TwistController(model(name), "base").feasible(start(model(name)), [0.4, None, 0.3])
     np.testing.assert_allclose(found.twist, suitable(name), atol=1e-9)
     assert found.cuts == ()
 
 
-def test_the_nearest_twist_weights_turning_by_the_length(model):
+def test_the_nearest_twist_weights_turning_by_the_length():
     """On the line vy = a w the nearest to (0, 0, w) has the share l^2 / (l^2 + a^2) of w."""
     reduced = model("car")
     for length in (0.2, 0.3, 1.0):
@@ -158,10 +148,9 @@ def test_a_steered_trailer_axle_steers_no_tractor():
     assert found.v[fire_truck().robot.velocity_indices("rear_steering")] == 0.0
 
 
-def test_a_pivot_ahead_of_its_axle_follows_as_a_powered_caster(tmp_path, monkeypatch):
+def test_a_pivot_ahead_of_its_axle_follows_as_a_powered_caster():
     """The axle 0.1 m behind the pivot has no side slip: the pivot turns at v / 0.1 - w, and nothing has to be aimed."""
-    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
-    reduced = drafted_model(turret(behind=0.1), tmp_path)
+    reduced = drafted_model(turret(behind=0.1))
     controller = TwistController(reduced, "base", limits=False)
     assert controller.steering == ()
     angle, (vx, vy, w) = 0.7, (0.2, 0.3, 0.4)
@@ -176,10 +165,9 @@ def test_a_pivot_ahead_of_its_axle_follows_as_a_powered_caster(tmp_path, monkeyp
     np.testing.assert_allclose(command.twist, [vx, vy, w], atol=1e-9)
 
 
-def test_tracks_have_one_speed_a_side(tmp_path, monkeypatch):
+def test_tracks_have_one_speed_a_side():
     """The drafted equivalent axle is in the middle, and the couplings drive the other wheels."""
-    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
-    reduced = drafted_model(tracks(), tmp_path)
+    reduced = drafted_model(tracks())
     found = TwistController(reduced, "base").feasible(reduced.robot.configuration(), [0.4, 0.0, 0.6])
     np.testing.assert_allclose(found.twist, [0.4, 0.0, 0.6], atol=1e-9)
     for joint, place in tracks().wheels.items():
@@ -232,7 +220,7 @@ def driven(controller, plant, twist, state, samples):
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_the_base_reaches_the_feasible_twist_within_limits_and_without_slip(name, model):
+def test_the_base_reaches_the_feasible_twist_within_limits_and_without_slip(name):
     """The plant has the motors' velocities only. It may miss some, and wheels without a lateral row may slip."""
     reduced = model(name)
     controller = TwistController(reduced, "base", DT)
@@ -264,7 +252,7 @@ def test_the_base_reaches_the_feasible_twist_within_limits_and_without_slip(name
 
 
 @pytest.mark.parametrize("name", ["two steered drives", "four steered drives", "turret", "tricycle, driven in front"])
-def test_pivots_complete_the_command_while_the_base_stands(name, model):
+def test_pivots_complete_the_command_while_the_base_stands(name):
     """Two samples of a command, then none: the base stands at once, the pivots turn on to their angles and stay."""
     reduced, controller = model(name), TwistController(model(name), "base", DT)
     plant, twist = KinematicPlant(reduced, start(reduced)), suitable(name, 0.3, 0.3, 0.3)
@@ -283,7 +271,7 @@ def test_pivots_complete_the_command_while_the_base_stands(name, model):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_base_whose_modules_point_anywhere_waits_until_they_are_aimed(seed, model):
+def test_a_base_whose_modules_point_anywhere_waits_until_they_are_aimed(seed):
     """No wheel slips sideways by more than the stated share of the fastest wheel, those without a row included."""
     name, generator = "four steered drives", np.random.default_rng(seed)
     reduced, controller = model(name), TwistController(model(name), "base", DT)
@@ -301,7 +289,7 @@ def test_a_base_whose_modules_point_anywhere_waits_until_they_are_aimed(seed, mo
     np.testing.assert_allclose(commands[-1].twist, twist, atol=1e-9)
 
 
-def test_a_slow_stop_and_a_start_are_continuous(model):
+def test_a_slow_stop_and_a_start_are_continuous():
     """A command that passes through zero: pivots and wheels change by no more than the command's rate explains."""
     name = "four steered drives"
     reduced, controller = model(name), TwistController(model(name), "base", DT)
@@ -320,7 +308,7 @@ def test_a_slow_stop_and_a_start_are_continuous(model):
         )
 
 
-def test_a_swerve_module_takes_the_shorter_way_and_rolls_backwards(model):
+def test_a_swerve_module_takes_the_shorter_way_and_rolls_backwards():
     """From straight ahead to 170 degrees: it turns by -10 degrees in one sample, and the wheels roll backwards."""
     name = "two steered drives"
     reduced, controller = model(name), TwistController(model(name), "base", DT, limits=False)
@@ -333,7 +321,7 @@ def test_a_swerve_module_takes_the_shorter_way_and_rolls_backwards(model):
     np.testing.assert_allclose(wheels, -1.0 / RADIUS, rtol=1e-9)
 
 
-def test_a_turn_by_a_right_angle_does_not_hesitate(model):
+def test_a_turn_by_a_right_angle_does_not_hesitate():
     """Both ways are equally long, and noise of the angle prefers now one, now the other."""
     reduced, controller = model("turret"), TwistController(model("turret"), "base", DT)
     state, generator = controller.initial_state(), np.random.default_rng(3)
@@ -348,7 +336,7 @@ def test_a_turn_by_a_right_angle_does_not_hesitate(model):
     np.testing.assert_allclose(velocities, np.sign(velocities[0]) * STEERING_RATE, rtol=1e-6)
 
 
-def test_noise_does_not_turn_the_base_where_the_axles_are_in_line(model):
+def test_noise_does_not_turn_the_base_where_the_axles_are_in_line():
     """Two drives side by side: exact rows of angles with noise would turn the base about any point of the axle."""
     name = "two steered drives side by side"
     reduced, controller = model(name), TwistController(model(name), "base", DT)
@@ -376,7 +364,7 @@ def rolls_within(twist, name, largest):
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_the_nearest_twist_within_limits_of_angle_beats_all_others(seed, model):
+def test_the_nearest_twist_within_limits_of_angle_beats_all_others(seed):
     """Four pivots with limits of 1 rad: no twist of a dense search is nearer to the command and within all limits."""
     name, generator = "four-wheel steering", np.random.default_rng(seed)
     reduced, controller = model(name), TwistController(model(name), "base", DT, limits=False)
@@ -392,7 +380,7 @@ def test_the_nearest_twist_within_limits_of_angle_beats_all_others(seed, model):
             assert not rolls_within(other, name, 1.0)
 
 
-def test_a_tight_turn_stops_at_the_limit_of_the_angle(model):
+def test_a_tight_turn_stops_at_the_limit_of_the_angle():
     """A tricycle with a limit of 1 rad: its curvature at the axle is at most tan(1) / L."""
     name = "tricycle, driven in front"
     reduced, controller = model(name), TwistController(model(name), "base", DT)
@@ -406,7 +394,7 @@ def test_a_tight_turn_stops_at_the_limit_of_the_angle(model):
     assert str(cut) == "turn_front_joint is at its limit, 0.352 rad before the angle of the twist"
 
 
-def test_a_pivot_between_its_limits_goes_the_long_way_if_it_has_to(model):
+def test_a_pivot_between_its_limits_goes_the_long_way_if_it_has_to():
     """From a bend in reverse to a tight one ahead: the short way is beyond the limit, so the truck stops and steers."""
     name = "forklift"
     reduced, controller = model(name), TwistController(model(name), "base", DT)
@@ -433,7 +421,7 @@ def test_a_limit_of_speed_scales_the_twist_as_a_whole():
     ]
 
 
-def test_a_trailer_at_the_limit_of_its_hitch_stops_the_car(model):
+def test_a_trailer_at_the_limit_of_its_hitch_stops_the_car():
     """Backwards on a circle the hitch folds up to its limit of 1.2 rad, and not beyond."""
     name = "car with trailer"
     reduced, controller = model(name), TwistController(model(name), "base", DT)
@@ -479,7 +467,7 @@ def test_a_base_has_three_velocities_in_the_plane_and_enough_motors():
         TwistController(ackermann_car(), "base", length=-1)
 
 
-def test_the_state_is_the_only_memory(model):
+def test_the_state_is_the_only_memory():
     """The same state and configuration give the same bits, whatever came between."""
     reduced, controller = model("four steered drives"), TwistController(model("four steered drives"), "base", DT)
     plant = KinematicPlant(reduced, start(reduced))

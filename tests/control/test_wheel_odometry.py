@@ -6,10 +6,11 @@ import pytest
 
 import rnc_pin as rnc
 from driven_bases import KINDS, RADIUS, KinematicPlant, drafted_model
-from rnc_pin.applications.init import scenario_candidate
 from rnc_pin.control import TwistController, WheelOdometry
 from systems import mobile_manipulator
 from textbook_systems import differential_drive
+
+pytestmark = pytest.mark.usefixtures("brief")
 
 
 def cart():
@@ -56,25 +57,22 @@ def driven_errors(reduced, frame, dt):
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_encoders_of_the_motors_follow_the_base(name, tmp_path, monkeypatch):
+def test_encoders_of_the_motors_follow_the_base(name):
     """The plant is integrated by smaller steps, in the plane of the world."""
-    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
-    error, way = driven_errors(drafted_model(KINDS[name], tmp_path), "sensor", 0.02)
+    error, way = driven_errors(drafted_model(KINDS[name]), "sensor", 0.02)
     assert way > 0.2
     assert error < 2e-4
 
 
-def test_odometry_is_of_second_order_while_the_steering_turns(tmp_path, monkeypatch):
-    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
-    reduced = drafted_model(KINDS["tricycle, driven in front"], tmp_path)
+def test_odometry_is_of_second_order_while_the_steering_turns():
+    reduced = drafted_model(KINDS["tricycle, driven in front"])
     coarse, fine = (driven_errors(reduced, "base", dt)[0] for dt in (0.04, 0.02))
     assert 3.0 < coarse / fine < 5.5
 
 
-def test_a_caster_shows_the_motion_without_the_motors(tmp_path, monkeypatch):
+def test_a_caster_shows_the_motion_without_the_motors():
     """Any joints do, if their rows determine the base: here the swivel and the roll of a caster, with one wheel."""
-    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
-    reduced = drafted_model(KINDS["differential drive"], tmp_path)
+    reduced = drafted_model(KINDS["differential drive"])
     joints = [name for name in reduced.robot.joint_names if "swivel" in name]
     odometry = WheelOdometry(reduced, "base", [*joints, "left_joint"])
     q = reduced.robot.configuration()

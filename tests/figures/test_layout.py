@@ -17,14 +17,14 @@ from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.figures import Labels, Panel, Series, Sheet, panel_figure
 
 PIXEL = 1.5  # that texts may touch [pixels]
-SIZES = [None, "column", "page", (3.4, 18.0), (13.3, 16.0)]
+SIZES = [None, "column", "page", (3.4, 18.0)]
 
 
 @pytest.fixture(autouse=True)
 def _freed():
     """Figures refer to themselves: a hundred large ones would wait for the collector, in 5 GB."""
     yield
-    gc.collect()
+    gc.collect(1)  # they are young; a full collection takes as long as a figure
 
 
 @pytest.fixture(scope="module")

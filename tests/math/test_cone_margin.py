@@ -4,7 +4,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from rnc_pin.math.cone_margin import cone_margin, least_shares
-from rnc_pin.math.smooth_margin import SmoothMargins
+from rnc_pin.optimal.contact_bounds import SmoothMargins
 
 
 def vectors(count=12, m=4, k=3, d=2):

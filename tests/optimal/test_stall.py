@@ -89,7 +89,7 @@ def test_the_first_motion_is_the_beginning_of_a_plan_and_counts_as_an_escape():
 def test_searches_in_vain_are_rare_and_the_stall_stays_in_the_verdict():
     """Bounds that allow no push forward: nothing leads to the goal."""
     reduced = systems.sleigh()
-    controller = controller_of(reduced, bounds=[InputBound([0.0, -1.0], [0.0, 1.0])])
+    controller = controller_of(reduced, bounds=[InputBound([0.0, -1.0], [0.0, 1.0])], nodes=6)
     run, distance, _ = driven(reduced, controller, 0.3, 0.0, 1.0)
     assert distance == pytest.approx(0.3, abs=1e-6)
     assert run.verdict.word == "failed"
@@ -165,7 +165,7 @@ def test_a_first_motion_of_a_car_without_bounds_keeps_the_steering_limit_of_its_
     model = action_model(reduced, "acceleration")
     point = rnc.optimal.SetPoint(reduced, robot.configuration())
     q = robot.configuration({"root_joint": [0.0, 0.3, 0.0]})
-    found = first_motion(model, point, q, 4.0, 20, [InputBound(-2.0, 2.0)], seed=0)
+    found = first_motion(model, point, q, 4.0, 12, [InputBound(-2.0, 2.0)], seed=0)
     assert found is not None
     assert np.abs(found.w).max() > 0.1
     assert np.abs(found.q[:, 4]).max() <= 1.0 + 1e-3

@@ -1,6 +1,8 @@
 """Bases on wheels of all kinds: files, drafted models, and a plant that takes velocities of motors."""
 
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import numpy as np
@@ -158,13 +160,20 @@ KINDS = {
 }
 
 
-def drafted_model(base: Base, folder: Path) -> rnc.ReducedModel:
-    """Reduced model of the scenario that ``rnc-pin init`` drafts."""
-    file = folder / "unit.urdf"
-    file.write_text(base.urdf)
-    wishes = {"rollers": True} if base.rollers else {}
-    (folder / "unit.yaml").write_text(draft_with_decisions(str(file), folder, DraftOptions(**wishes)).text)
-    return Scenario.load(str(folder / "unit.yaml")).experiment.reduced
+def drafted_model(base: Base) -> rnc.ReducedModel:
+    """Reduced model of the scenario that ``rnc-pin init`` drafts, which tests share."""
+    return _drafted(base.urdf, bool(base.rollers))
+
+
+@cache
+def _drafted(urdf: str, rollers: bool) -> rnc.ReducedModel:
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        file = folder / "unit.urdf"
+        file.write_text(urdf)
+        wishes = {"rollers": True} if rollers else {}
+        (folder / "unit.yaml").write_text(draft_with_decisions(str(file), folder, DraftOptions(**wishes)).text)
+        return Scenario.load(str(folder / "unit.yaml")).experiment.reduced
 
 
 class KinematicPlant:

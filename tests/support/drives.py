@@ -10,8 +10,7 @@ from patience import PATIENCE
 from rnc_pin.applications.drive.commands import parse_command
 from rnc_pin.applications.drive.log import LoggedCommand
 from rnc_pin.applications.drive.preparation import prepare_drive, read_source
-from rnc_pin.applications.drive.real_time import RealTimeClock
-from rnc_pin.applications.drive.run import drive
+from rnc_pin.applications.drive.run import RealTimeClock, drive
 
 
 def prepared(source, commands=(), frames=(), **options):

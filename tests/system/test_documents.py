@@ -24,7 +24,7 @@ def page_name(path):
 
 
 @pytest.fixture
-def brief(monkeypatch):
+def half_a_second(monkeypatch):
     """Simulations that end after half a second; the built-in scenarios reach the same goals in test_built_in_runs."""
     simulate = rnc.simulate
 
@@ -45,7 +45,7 @@ def test_example_fits_on_a_screen(example):
     [path for path in EXAMPLES if path.name not in ("two_phases.py", "learn_reaching.py")],
     ids=lambda path: path.name,
 )
-def test_example_runs(example, brief, tmp_path, monkeypatch, capsys):
+def test_example_runs(example, half_a_second, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", [str(example)])
     runpy.run_path(str(example), run_name="__main__")
@@ -53,7 +53,7 @@ def test_example_runs(example, brief, tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("page", WITH_BLOCKS, ids=page_name)
-def test_python_blocks_run(page, brief, tmp_path, monkeypatch):
+def test_python_blocks_run(page, half_a_second, tmp_path, monkeypatch):
     """In one namespace, from top to bottom, as a reader runs them; a traceback has the line of the page."""
     monkeypatch.chdir(tmp_path)
     text, names = page.read_text(), {"__name__": "__main__"}

@@ -12,7 +12,7 @@ import rnc_pin as rnc
 from base_kind import BaseKind, base_kind, comments, explanation, wheel_axles
 from benchmarks import perturbations
 from places import DIRT
-from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate
+from rnc_pin.applications.init import DraftOptions, draft
 from rnc_pin.applications.init.drive_evidence import named_as_driven
 from rnc_pin.applications.init.shapes import shapes
 
@@ -233,12 +233,6 @@ def test_drives_are_removed_and_given():
 
 
 # ---------------------------------------------------------------------- kinds of base
-
-
-@pytest.fixture
-def brief(monkeypatch):
-    """Drafts are tried out for a moment only."""
-    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
 
 
 def drafted(name, folder):

@@ -18,12 +18,8 @@ LARGEST_PICTURE = 80_000  # bytes
 
 
 @pytest.mark.parametrize("page", [*TUTORIALS, *EXPLANATIONS], ids=lambda page: page.name)
-def test_page_can_be_followed(page, call, no_pictures, tmp_path, monkeypatch):
+def test_page_can_be_followed(page, call, no_pictures, brief, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("rnc_pin.applications.sweep.reports.draw_distributions", lambda *_: None)
-    monkeypatch.setattr(
-        "rnc_pin.applications.init.scenario_candidate._PATIENCE", 0.0
-    )  # a draft is tried out for a moment
 
     def command(line):
         status, _, complaint = call(*shlex.split(line)[1:])

@@ -26,7 +26,7 @@ from rnc_pin.control import Command
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.simulation import Sample
 from rnc_pin.visualization.browser.access import is_loopback
-from rnc_pin.visualization.browser.drawing_commands import in_order
+from rnc_pin.visualization.browser.page import in_order
 from rnc_pin.visualization.browser.scene_window import SceneWindow
 from rnc_pin.visualization.live import LiveView
 from rnc_pin.visualization.recording import Recording

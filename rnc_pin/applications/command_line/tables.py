@@ -13,7 +13,7 @@ from rnc_pin.simulation import OutputNames, Summary
 from rnc_pin.verdict import weight_of
 
 if TYPE_CHECKING:
-    from rnc_pin.applications.sweep.statistics import SweepStatistics  # sweeps import joblib
+    from rnc_pin.applications.sweep.reports import SweepStatistics  # sweeps import joblib
 
 
 def print_table(

@@ -11,9 +11,8 @@ import pinocchio as pin
 
 from rnc_pin.applications.drive.base import ARRIVED, BaseRates, DrivenBase, base_rows, curvature, rates_to_goal
 from rnc_pin.applications.drive.controls import DriveControls
-from rnc_pin.applications.drive.goals import DriveGoals, initial_goals, with_command
+from rnc_pin.applications.drive.goals import DriveGoals, MovedMotion, initial_goals, with_command
 from rnc_pin.applications.drive.log import CommandLog
-from rnc_pin.applications.drive.moved_obstacles import MovedMotion
 from rnc_pin.applications.drive.pose_goal import Parking, ParkingPlanner
 from rnc_pin.control import Description, TrackerState, VelocityTarget
 from rnc_pin.control.whole_body import ControlSample, LimitReport, ProgramState, VelocityQP

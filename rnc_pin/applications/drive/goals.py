@@ -1,14 +1,16 @@
-"""Goals of a driven run: explicit state of its controller, changed by commands only."""
+"""Goals of a driven run: explicit state of its controller, changed by commands only; obstacles that a user moves."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from rnc_pin.applications.drive import commands as dc
 from rnc_pin.applications.drive.controls import DriveControls
+from rnc_pin.collision import Obstacle
 
 LASTING = 0.5
 """Time for which a velocity command of the base counts [s]: a page that is closed stops the robot."""
@@ -123,3 +125,42 @@ def with_command(
 def _set(values: tuple[_T, ...], names: Iterable[str], name: str, value: _T) -> tuple[_T, ...]:
     place = list(names).index(name)
     return (*values[:place], value, *values[place + 1 :])
+
+
+class _PlaceAndRate(NamedTuple):
+    position: np.ndarray
+    velocity: np.ndarray
+
+
+class MovedMotion:
+    """Motion of an obstacle along legs; its yaw is constant.
+
+    Args:
+        yaw: rotation about the world's z [rad].
+        leg: first leg.
+
+    Attributes:
+        legs: legs so far; the controller replaces this tuple, and the thread of the page reads it.
+    """
+
+    size = 4
+
+    def __init__(self, yaw: float, leg: ObstacleLeg) -> None:
+        self._yaw = yaw
+        self.legs: tuple[ObstacleLeg, ...] = (leg,)
+
+    def at(self, t: float) -> _PlaceAndRate:
+        """Position and velocity (4,) of x, y, z and yaw at a time [s]."""
+        leg = next((each for each in reversed(self.legs) if each.begin <= t), self.legs[0])
+        place, rate = leg.at(t)
+        return _PlaceAndRate(np.append(place, self._yaw), np.append(rate, 0.0))
+
+
+def movable(obstacles: Sequence[Obstacle]) -> tuple[tuple[Obstacle, ...], tuple[MovedMotion, ...]]:
+    """Return obstacles that move by commands, and their motions; a motion of the scenario ends at its first pose."""
+    motions = []
+    for each in obstacles:
+        x, y, z = (float(value) for value in each.placement(0.0).translation)
+        yaw = each.yaw if each.motion is None else float(each.motion.at(0.0).position[3])
+        motions.append(MovedMotion(yaw, ObstacleLeg(0.0, (x, y, z), (x, y, z), 1.0)))
+    return tuple(replace(each, motion=motion) for each, motion in zip(obstacles, motions, strict=True)), tuple(motions)

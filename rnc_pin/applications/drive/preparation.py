@@ -14,8 +14,8 @@ import numpy as np
 from rnc_pin.applications.drive.base import base_frame
 from rnc_pin.applications.drive.controller import DriveController
 from rnc_pin.applications.drive.controls import DriveControls, find_controls
+from rnc_pin.applications.drive.goals import movable
 from rnc_pin.applications.drive.log import CommandLog
-from rnc_pin.applications.drive.moved_obstacles import movable
 from rnc_pin.applications.drive.pose_goal import ParkingPlanner
 from rnc_pin.applications.init import draft
 from rnc_pin.applications.init.output_selection import select_outputs

@@ -1,8 +1,12 @@
-"""Loop of a driven run: commands, a sample, a step of the plant, and the wait for the clock."""
+"""Loop of a driven run: commands, a sample, a step of the plant, and the wait for the clock.
+
+Simulated time follows real time, and falls behind visibly if samples take too long.
+"""
 
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable
 from itertools import count
 from typing import Protocol
@@ -12,17 +16,60 @@ import numpy as np
 from rnc_pin.applications.drive.controller import drive_state_of
 from rnc_pin.applications.drive.log import CommandQueue, RecordedDrive, ends, log_entries
 from rnc_pin.applications.drive.preparation import PreparedDrive
-from rnc_pin.applications.drive.real_time import RealTimeClock
 from rnc_pin.applications.drive.status import DriveStatus, ProgressMonitor
 from rnc_pin.applications.scenario.execution import Result
 from rnc_pin.applications.scenario.run_verdict import judged_summary
 from rnc_pin.errors import RncError
 from rnc_pin.simulation import RunArguments, Sample, Trajectory
-from rnc_pin.simulation.ending import Progress, complete_run
 from rnc_pin.simulation.sampled_run import SampledRun
+from rnc_pin.simulation.stop import Progress, complete_run
 
 _CAPACITY = 4096  # samples; the record grows
 _STATUS = 0.1  # period of the status [s]
+_WINDOW = 1.0  # [s] of real time over which the factor is measured
+
+
+class RealTimeClock:
+    """Clock that waits for the real time of a sample.
+
+    A sample that is late is never skipped. The clock does not catch up either: lost time stays lost, so that the robot
+    never moves faster than in reality.
+
+    Args:
+        now: monotonic clock [s].
+        sleep: function that waits [s].
+    """
+
+    def __init__(
+        self, now: Callable[[], float] = time.monotonic, sleep: Callable[[float], object] = time.sleep
+    ) -> None:
+        self._now, self._sleep = now, sleep
+        self._start: float | None = None
+        self._window: deque[tuple[float, float]] = deque()
+        self.lost = 0.0
+        """Real time by which the run has fallen behind [s]."""
+
+    def wait(self, t: float) -> None:
+        """Wait until simulated time t [s] is due."""
+        now = self._now()
+        if self._start is None:
+            self._start = now - t
+        early = self._start + t - now
+        if early > 0:
+            self._sleep(early)
+            now += early
+        else:
+            self.lost -= early
+            self._start -= early
+        self._window.append((now, t))
+        while len(self._window) > 2 and self._window[1][0] < now - _WINDOW:
+            self._window.popleft()
+
+    @property
+    def factor(self) -> float:
+        """Simulated time over real time in the last second; 1 at the start."""
+        (first, begin), (last, end) = self._window[0], self._window[-1]
+        return (end - begin) / (last - first) if last > first else 1.0
 
 
 class DriveWatcher(Protocol):

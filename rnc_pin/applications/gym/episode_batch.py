@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rnc_pin.applications.gym.episode_limits import SpaceBounds
-from rnc_pin.applications.gym.episode_task import EpisodeStart, EpisodeTask
+from rnc_pin.applications.gym.episode_task import EpisodeStart, EpisodeTask, SpaceBounds
 from rnc_pin.errors import ConfigurationError, DivergenceError, InputError, LimitError, SingularityError
 from rnc_pin.finding_kinds import FindingKind
 from rnc_pin.model import StateEvaluation, scaled_rows, wrapped

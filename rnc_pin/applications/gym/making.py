@@ -7,8 +7,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 from rnc_pin.applications.gym.episode_batch import EpisodeBatch, Reward
-from rnc_pin.applications.gym.episode_limits import EpisodeLimits
-from rnc_pin.applications.gym.episode_task import EpisodeTask
+from rnc_pin.applications.gym.episode_task import EpisodeLimits, EpisodeTask
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.extras import check_extra
 from rnc_pin.io import Json

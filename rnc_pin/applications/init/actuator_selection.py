@@ -13,7 +13,7 @@ from rnc_pin.applications.init.decision import LIKELY, SURE, Alternative, DraftD
 from rnc_pin.applications.init.drive_evidence import DriveEvidence
 from rnc_pin.applications.init.joint_properties import effort_limit
 from rnc_pin.applications.init.tolerances import DRIVEN
-from rnc_pin.constraints import MomentumConservation
+from rnc_pin.applications.scenario.loading import constraint_of
 from rnc_pin.errors import ConstraintError, few
 from rnc_pin.math import unit_rows
 from rnc_pin.robots import Robot
@@ -169,7 +169,8 @@ def conserve_momentum_of_free_joints(mobility: BaseAssumptions, robot: Robot) ->
         return
     for name in robot.joint_names:
         if name in mobility.without_effort and robot.model.parents[robot.joint_id(name)] == 0:
+            entry = {"momentum": name}
             with suppress(ConstraintError):
-                MomentumConservation(name).bind(robot)
-                mobility.constraints.append(({"momentum": name}, "turns freely, and the robot starts at rest"))
+                constraint_of(entry).bind(robot)
+                mobility.constraints.append((entry, "turns freely, and the robot starts at rest"))
                 mobility.vertical.append({"joint": name})

@@ -8,8 +8,7 @@ import pinocchio as pin
 
 from rnc_pin.applications.init.base_assumptions import DRIVEN, BaseAssumptions
 from rnc_pin.applications.init.decision import GUESSED, LIKELY, SURE, Alternative, DraftDecision
-from rnc_pin.applications.init.joint_properties import effort_limit
-from rnc_pin.applications.init.name_words import has_word
+from rnc_pin.applications.init.joint_properties import effort_limit, has_word
 from rnc_pin.applications.init.omnidirectional_base import push
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.wheeled_base import planar

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from rnc_pin.applications.init.decision import GUESSED, LIKELY, SURE
-from rnc_pin.applications.init.name_words import has_word
+from rnc_pin.applications.init.joint_properties import has_word
 from rnc_pin.errors import few
 
 _ONLY_READS = re.compile("state_?publisher|p3d|odometry_?publisher", re.IGNORECASE)

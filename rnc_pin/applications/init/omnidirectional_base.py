@@ -8,8 +8,7 @@ import numpy as np
 
 from rnc_pin.applications.init.base_assumptions import BaseAssumptions, measured, rolls
 from rnc_pin.applications.init.decision import LIKELY, SURE, Alternative, DraftDecision
-from rnc_pin.applications.init.joint_properties import turning_axis
-from rnc_pin.applications.init.name_words import has_word
+from rnc_pin.applications.init.joint_properties import has_word, turning_axis
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.tolerances import SAME
 from rnc_pin.applications.init.wheel_detection import Wheel

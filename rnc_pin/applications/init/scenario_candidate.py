@@ -26,8 +26,15 @@ from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.shapes import GEOMETRY
 from rnc_pin.applications.init.source import Source
 from rnc_pin.applications.init.start_values import is_loaded, with_bearable_loads, with_regular_inertia
-from rnc_pin.applications.init.trial import FAR, MEANINGFUL, Trial, worst_output
-from rnc_pin.applications.init.trial_findings import kept_share, model_findings, run_findings
+from rnc_pin.applications.init.trial import (
+    FAR,
+    MEANINGFUL,
+    Trial,
+    kept_share,
+    model_findings,
+    run_findings,
+    worst_output,
+)
 from rnc_pin.applications.init.yaml_text import Drafted, DraftedStart, write_draft
 from rnc_pin.applications.scenario.builder import Experiment, build_experiment, build_system
 from rnc_pin.applications.scenario.execution import Result, execute

@@ -11,8 +11,7 @@ import numpy as np
 
 from rnc_pin.applications.init.base_assumptions import BaseAssumptions, Entry, measured
 from rnc_pin.applications.init.drawn_axles import DrawnAxle
-from rnc_pin.applications.init.joint_properties import joint_limits, turning_axis
-from rnc_pin.applications.init.name_words import has_word
+from rnc_pin.applications.init.joint_properties import has_word, joint_limits, turning_axis
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.wheel_detection import Wheel
 from rnc_pin.applications.init.wheel_layout import TOWED

@@ -10,11 +10,10 @@ import pinocchio as pin
 
 from rnc_pin.applications.init.joint_properties import effort_limit, is_revolute, joint_limits, joint_range
 from rnc_pin.applications.init.loops import loop_closures, uncoupled_joints
-from rnc_pin.applications.scenario.loading import constraint_of
+from rnc_pin.applications.scenario.loading import constraint_of, output_of
 from rnc_pin.errors import RncError, few
 from rnc_pin.math import unit_diagonal
 from rnc_pin.model import NonholonomicSystem
-from rnc_pin.outputs import JointPosition
 from rnc_pin.planning import OutputTarget, solve_ik
 from rnc_pin.robots import Robot
 
@@ -116,7 +115,7 @@ def _closed(robot: Robot, start: _Values) -> _Values:
         inside = all(low <= values[name] <= high for name in coupled for low, high in [joint_limits(robot, name)])
         if inside and np.abs(system.assembly.residual(robot.configuration(values))).max() < _CLOSED:
             return values
-    targets: dict[OutputTarget, float] = {JointPosition(name): _middle(robot, name) for name in coupled}
+    targets: dict[OutputTarget, float] = {output_of({"joint": name}): _middle(robot, name) for name in coupled}
     found = solve_ik(system.reduce(), robot.configuration(start), targets, hold=loose)
     if found.holonomic_residual > _SOLVED:
         return start

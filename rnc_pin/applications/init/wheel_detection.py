@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.applications.init.joint_properties import body_frame, joint_limits, turning_axis
-from rnc_pin.applications.init.name_words import has_word
+from rnc_pin.applications.init.joint_properties import body_frame, has_word, joint_limits, turning_axis
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.shapes import GEOMETRY, LEVEL, NEAR, Shape, across, fitted_disk
 from rnc_pin.applications.init.tolerances import ALIGNED, SAME, placed

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rnc_pin.applications.init.drive_evidence import DriveEvidence, DrivenJoints
-from rnc_pin.applications.init.name_words import has_word
+from rnc_pin.applications.init.joint_properties import has_word
 from rnc_pin.applications.init.tolerances import first_smallest, placed
 from rnc_pin.applications.init.wheel_detection import Pivot, Wheel
 

@@ -10,7 +10,7 @@ import numpy as np
 from rnc_pin.applications.init.base_assumptions import BENT, DRIVEN, TURNED, BaseAssumptions, measured, rolls
 from rnc_pin.applications.init.decision import GUESSED, LIKELY, SURE, Alternative, DraftDecision
 from rnc_pin.applications.init.drawn_axles import DrawnAxle
-from rnc_pin.applications.init.name_words import has_word
+from rnc_pin.applications.init.joint_properties import has_word
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.tolerances import placed
 from rnc_pin.applications.init.wheel_detection import UPRIGHT, Wheel

@@ -10,7 +10,7 @@ from rnc_pin.applications.scenario.execution import Result
 from rnc_pin.applications.scenario.phase_builder import captured_closures
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.applications.scenario.schema import ScenarioFile
-from rnc_pin.applications.scenario.schema.constraints import with_ground
+from rnc_pin.applications.scenario.schema.kinds import with_ground
 from rnc_pin.constraints import GroundPlane
 from rnc_pin.model import ConstraintKind
 from rnc_pin.robots import Robot

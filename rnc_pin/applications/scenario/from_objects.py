@@ -15,10 +15,14 @@ from rnc_pin.applications.scenario.builder import Experiment, build_task
 from rnc_pin.applications.scenario.loading import validate
 from rnc_pin.applications.scenario.plant_builder import build_plant
 from rnc_pin.applications.scenario.schema import ScenarioFile
-from rnc_pin.applications.scenario.schema.constraints import ConstraintItem
 from rnc_pin.applications.scenario.schema.derived import Entry, ReadAs
-from rnc_pin.applications.scenario.schema.forces import ActuatorItem, ForceItem
-from rnc_pin.applications.scenario.schema.outputs import OutputItem, Outputs
+from rnc_pin.applications.scenario.schema.kinds import (
+    ActuatorItem,
+    ConstraintItem,
+    ForceItem,
+    OutputItem,
+    Outputs,
+)
 from rnc_pin.applications.scenario.schema.reference_settings import ReferenceItem
 from rnc_pin.applications.scenario.schema.robot_source import RobotSource
 from rnc_pin.applications.scenario.start_findings import start_findings, warnings_of

@@ -12,8 +12,7 @@ from pydantic import BaseModel, TypeAdapter
 from rnc_pin.applications.scenario.controllers import TYPES
 from rnc_pin.applications.scenario.schema import ScenarioFile
 from rnc_pin.applications.scenario.schema.base import LIST, PLAIN
-from rnc_pin.applications.scenario.schema.constraints import ConstraintItem
-from rnc_pin.applications.scenario.schema.outputs import OutputItem
+from rnc_pin.applications.scenario.schema.kinds import ConstraintItem, OutputItem
 from rnc_pin.io import Json, validated
 from rnc_pin.model import ConstraintKind, OutputKind
 

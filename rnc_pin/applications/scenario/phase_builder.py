@@ -12,8 +12,8 @@ import pinocchio as pin
 
 from rnc_pin.applications.scenario.builder import Experiment, check_plots, experiment_at, start_of
 from rnc_pin.applications.scenario.schema import ScenarioFile
-from rnc_pin.applications.scenario.schema.constraints import with_ground
-from rnc_pin.applications.scenario.schema.phase_settings import PhaseSettings
+from rnc_pin.applications.scenario.schema.kinds import with_ground
+from rnc_pin.applications.scenario.schema.scenario import PhaseSettings
 from rnc_pin.applications.scenario.start_findings import start_findings, warnings_of
 from rnc_pin.constraints import GroundPlane, LoopClosure, PrescribedMotion
 from rnc_pin.errors import ConfigurationError, InputError, RncError

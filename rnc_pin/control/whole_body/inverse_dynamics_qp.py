@@ -26,7 +26,7 @@ from rnc_pin.control.whole_body.task_hierarchy import (
 from rnc_pin.control.whole_body.tasks.control_task import ControlTask
 from rnc_pin.control.whole_body.whole_body_program import WholeBodyProgram
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.model.integrators import LieRungeKutta4
+from rnc_pin.model.integrators.lie_runge_kutta import DEFAULT_TOLERANCE, LieRungeKutta4
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.parameter_types import Positive
 from rnc_pin.model.reduced_model import ReducedModel
@@ -34,7 +34,6 @@ from rnc_pin.model.state_evaluation import StateEvaluation
 
 _CORRECTIONS = 4  # of the velocity at the end of a sample, each smaller by a factor of order dt
 _BEYOND = 1e-9  # excess over a limit of motion that is rounding
-_ACCURATE = 1e-7  # [rad/s, m/s, per second] error of predicted velocities, as of a plant
 _MOST_STEPS = 64  # Runge-Kutta steps in a sample
 
 
@@ -303,7 +302,7 @@ class InverseDynamicsQP(WholeBodyProgram):
         """State at the end of the sample under constant inputs, by as many Runge-Kutta steps as it needs."""
         (_, coarse), (q, v2) = (self._integrated(state, T, steps) for steps in (1, 2))
         error = np.abs(v2 - coarse).max(initial=0.0) / 15.0  # of order four: twice the steps leave a sixteenth
-        wanted = np.ceil(2.0 * (error / (_ACCURATE * self.dt)) ** 0.25)
+        wanted = np.ceil(2.0 * (error / (DEFAULT_TOLERANCE * self.dt)) ** 0.25)
         if wanted > 2.0:
             q, v2 = self._integrated(state, T, int(min(wanted, _MOST_STEPS)))
         return self._reduced.at(q, v2)

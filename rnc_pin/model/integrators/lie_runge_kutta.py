@@ -8,6 +8,9 @@ import pinocchio as pin
 from rnc_pin.model.integrators.exponential_coordinates import ExponentialCoordinates, Rate, check_reach
 from rnc_pin.robots.robot import Robot
 
+DEFAULT_TOLERANCE = 1e-7
+"""Largest error that the integration adds in a second [m, rad, m/s or rad/s]."""
+
 
 class LieRungeKutta4:
     """Classical Runge-Kutta method in the coordinates ``q = q0 (+) u`` of one step (Munthe-Kaas 1999).

@@ -11,15 +11,15 @@ import scipy
 
 from rnc_pin.errors import ConfigurationError, DivergenceError
 from rnc_pin.math.linear_algebra import null_space, solve_positive_definite_columns
+from rnc_pin.model.integrators.lie_runge_kutta import DEFAULT_TOLERANCE
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.model.system import NonholonomicSystem
 from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics, VelocityChart
 from rnc_pin.plants.reduced.contact_plant import ContactEvent
 from rnc_pin.plants.reduced.friction import DryFriction
-from rnc_pin.plants.reduced.friction_impulses import FrictionImpulses
-from rnc_pin.plants.reduced.friction_rows import FrictionLayout, FrictionRows
-from rnc_pin.plants.reduced.step_control import DEFAULT_TOLERANCE, IntegrationErrors, Substeps
+from rnc_pin.plants.reduced.friction_impulses import FrictionImpulses, FrictionLayout, FrictionRows
+from rnc_pin.plants.reduced.step_control import IntegrationErrors, Substeps
 from rnc_pin.plants.reduced.unilateral_contact import (
     UnilateralContact,
     bound_contacts,

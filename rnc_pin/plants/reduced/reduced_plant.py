@@ -10,12 +10,12 @@ import numpy as np
 import scipy
 
 from rnc_pin.errors import DivergenceError
+from rnc_pin.model.integrators.lie_runge_kutta import DEFAULT_TOLERANCE
 from rnc_pin.model.reduced_model import ReducedModel
 from rnc_pin.model.state_evaluation import StateEvaluation
 from rnc_pin.plants.reduced.constrained_dynamics import ConstrainedDynamics, VelocityChart
 from rnc_pin.plants.reduced.friction import DissipativeStep, DryFriction
 from rnc_pin.plants.reduced.step_control import (
-    DEFAULT_TOLERANCE,
     MOST_EVENT_SUBSTEPS,
     MOST_SUBSTEPS,
     IntegrationErrors,

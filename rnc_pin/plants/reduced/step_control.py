@@ -18,8 +18,6 @@ MOST_SUBSTEPS = 1024
 """Largest number of substeps that a plant chooses."""
 MOST_EVENT_SUBSTEPS = 16
 """The same with friction, where the error at an event falls slowly with the step."""
-DEFAULT_TOLERANCE = 1e-7
-"""Largest error that the integration adds in a second [m, rad, m/s or rad/s]."""
 
 _PERIOD = 128  # samples after which a comparison is due
 _PAUSE = 32  # samples after a comparison without another one, unless the tolerance needs it

@@ -1,7 +1,12 @@
-"""Reader of MJCF files. MuJoCo's compiler, the extra ``mujoco``, decides what a file means."""
+"""Reader of MJCF files. MuJoCo's compiler, the extra ``mujoco``, decides what a file means.
+
+MuJoCo sees only files of the description, checked numbers and a bounded size, and no plugins.
+"""
 
 from __future__ import annotations
 
+import os
+import re
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -11,12 +16,23 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from rnc_pin.errors import ModelError, ModelWarning
-from rnc_pin.robots.sources.description import Closure, Description, Mimic, brief, check_base
+from rnc_pin.errors import ModelError, ModelWarning, nearest
+from rnc_pin.extras import missing_extra
+from rnc_pin.io.safe_read import LARGEST
+from rnc_pin.robots.sources.description import (
+    Closure,
+    Description,
+    Mimic,
+    brief,
+    captured_stderr,
+    check_base,
+    parse_xml,
+    unlogged,
+)
 from rnc_pin.robots.sources.description_files import AllowedFolders
-from rnc_pin.robots.sources.mjcf_document import compile_document, read_with_includes, reduce_document
 from rnc_pin.robots.sources.mjcf_geometry import MeshAssets, MjcfGeometry
-from rnc_pin.robots.sources.mjcf_model import ModelBuilder, pose
+from rnc_pin.robots.sources.mjcf_model import SMALLEST, ModelBuilder, pose
+from rnc_pin.robots.sources.numeric_checks import check_numbers
 from rnc_pin.robots.sources.rounding import snap_mjcf
 
 if TYPE_CHECKING:
@@ -146,3 +162,220 @@ def _equalities(compiled: mujoco.MjModel, kinds: tuple[int, ...]) -> list[int]:
 def _rounded(numbers: np.ndarray) -> tuple[float, float, float]:
     x, y, z = (round(float(each), 12) + 0.0 for each in numbers)
     return x, y, z
+
+
+_GENERATORS = ("composite", "flexcomp", "attach")
+_MAX_ELEMENTS = 20_000  # after expansion of <replicate>
+_MAX_CHARACTERS = 1_000  # characters of an attribute that defaults and <replicate> can repeat
+_BODY_CHILDREN = ("body", "frame", "replicate", "inertial", "joint", "freejoint", "geom", "site")
+_CHILDREN = {
+    "mujoco": ("compiler", "option", "default", "asset", "worldbody", "equality", "tendon", "actuator"),
+    "option": ("flag",),
+    "default": ("default", "joint", "geom", "mesh", "material", "site", "equality"),
+    "asset": ("mesh", "material"),
+    **dict.fromkeys(("worldbody", "body", "frame", "replicate"), _BODY_CHILDREN),
+    "equality": ("connect", "weld", "joint"),
+    "tendon": ("fixed",),
+    "fixed": ("joint",),
+    "actuator": ("motor",),
+}
+"""Children that MuJoCo is given. No textures, height fields, sensors, models of other files or plugins."""
+_DROPPED = {"compiler": ("fusestatic", "discardvisual"), "material": ("texture",)}
+"""Attributes that would remove named bodies and drawn shapes, or that name dropped elements."""
+_TARGETS: tuple[str, ...] = ("joint", "jointinparent", "tendon")
+_COUNTS = {  # numbers per attribute
+    "pos": (3,), "quat": (4,), "axis": (3,), "euler": (3,), "axisangle": (4,), "xyaxes": (6,), "zaxis": (3,),
+    "fromto": (6,), "mass": (1,), "density": (1,), "diaginertia": (3,), "fullinertia": (6,), "range": (2,),
+    "gravity": (3,), "armature": (1,), "frictionloss": (1,), "damping": (1, 2, 3), "size": (1, 2, 3, 4), "ref": (1,),
+    "anchor": (3,), "relpose": (7,), "polycoef": (1, 2, 3, 4, 5), "settotalmass": (1,),
+}  # fmt: skip
+
+
+def read_with_includes(path: Path, allowed: AllowedFolders) -> ElementTree.Element:
+    """Return a file with its included files, in which each asset names an allowed file by its absolute path.
+
+    Args:
+        path: path of the file.
+        allowed: folders whose files it may name.
+
+    Raises:
+        ModelError: the file is not MJCF, or a file that it names is not allowed, included twice, or missing.
+    """
+    root = parse_xml(path)
+    if root.tag != "mujoco":
+        raise ModelError(f"{path}: not MJCF: the outermost element is <{root.tag}>, expected <mujoco>")
+    _include(root, path, allowed, set())
+    _resolve_assets(root, path, allowed)
+    return root
+
+
+def _include(parent: ElementTree.Element, path: Path, allowed: AllowedFolders, seen: set[Path]) -> None:
+    for index, element in reversed(list(enumerate(parent))):
+        if element.tag != "include":
+            _include(element, path, allowed, seen)
+            continue
+        name = element.get("file", "")
+        file = _own_file(path.parent / name, path, allowed, f'<include file="{name}">')
+        if file in seen or file == path.resolve():
+            raise ModelError(f'{path}: duplicate <include file="{name}">')
+        seen.add(file)
+        inner = parse_xml(file)
+        _include(inner, path, allowed, seen)
+        parent[index : index + 1] = list(inner)
+
+
+def _resolve_assets(root: ElementTree.Element, path: Path, allowed: AllowedFolders) -> None:
+    folders, stripped = {"mesh": "", "texture": ""}, False
+    for compiler in root.findall("compiler"):
+        both = compiler.attrib.pop("assetdir", None)
+        for kind in folders:
+            folder = compiler.attrib.pop(f"{kind}dir", both)
+            folders[kind] = folders[kind] if folder is None else folder
+        stripped = compiler.attrib.pop("strippath", str(stripped).lower()) == "true"
+    for asset in root.findall("asset/*"):
+        name = asset.get("file")
+        if not name:
+            continue
+        place = path.parent / folders.get(asset.tag, folders["mesh"]) / (Path(name).name if stripped else name)
+        if asset.tag == "mesh" or os.path.isfile(place):
+            asset.set("file", str(_own_file(place, path, allowed, f'<{asset.tag} file="{name}">')))
+
+
+def _own_file(file: Path, path: Path, allowed: AllowedFolders, where: str) -> Path:
+    try:
+        found = allowed.admit(file, where)
+    except ModelError as error:
+        raise ModelError(f"{path}: {error}") from None
+    if not os.path.isfile(found):
+        raise ModelError(f"{path}: {where}: no {'mesh' if where.startswith('<mesh') else 'file'} '{found}'")
+    if found.stat().st_size > LARGEST:
+        raise ModelError(f"{path}: {where}: '{found}' is larger than {LARGEST:,} bytes")
+    return found
+
+
+def reduce_document(root: ElementTree.Element, path: Path) -> None:
+    """Remove all that has no effect on motion or shape, in place, and check the rest.
+
+    Args:
+        root: root element of the file.
+        path: path of the file, for messages.
+
+    Raises:
+        ModelError: an element is not supported, a number is not valid, the file is too large, or has no body.
+    """
+    for element in root.findall("worldbody//*"):
+        if element.tag in _GENERATORS:
+            raise ModelError(f"{path}: <{element.tag}> is not supported: write out the bodies that it generates")
+    if root.find("worldbody//body") is None:
+        raise ModelError(f"{path}: <worldbody> has no <body>")
+    _replace_actuators(root)
+    _strip(root)
+    for parent in (*root.findall("worldbody"), *root.findall("default")):
+        for element in parent.iter():
+            for key, text in element.attrib.items():
+                if len(text) > _MAX_CHARACTERS:
+                    raise ModelError(f"{path}: <{element.tag}>: {key} is longer than {_MAX_CHARACTERS:,} characters")
+    if _size(root, path) > _MAX_ELEMENTS:
+        raise ModelError(f"{path}: stands for more than {_MAX_ELEMENTS:,} elements")
+    _check_numbers(root, path)
+
+
+def _replace_actuators(root: ElementTree.Element) -> None:
+    """Replace actuators by motors. Remove them if one acts along a spatial tendon, whose joints are not known."""
+    spatial = {each.get("name") for each in root.findall("tendon/spatial")}
+    known = not any(each.get("tendon") in spatial for each in root.findall("actuator/*") if "tendon" in each.attrib)
+    for section in root.findall("actuator"):
+        for actuator in list(section):
+            section.remove(actuator)
+            targets = {key: text for key, text in actuator.attrib.items() if key in _TARGETS}
+            if known and targets:
+                section.append(ElementTree.Element("motor", targets))
+
+
+def _strip(element: ElementTree.Element) -> None:
+    for key in _DROPPED.get(element.tag, ()):
+        element.attrib.pop(key, None)
+    kept = _CHILDREN.get(element.tag, ())
+    for child in list(element):
+        made = element.tag == "asset" and ("builtin" in child.attrib or "plugin" in child.attrib)
+        if child.tag not in kept or child.get("type") in ("hfield", "sdf") or made:
+            element.remove(child)
+        else:
+            _strip(child)
+
+
+def _size(element: ElementTree.Element, path: Path) -> int:
+    """Number of elements after expansion of an element."""
+    inside = 1 + sum(_size(each, path) for each in element)
+    if element.tag != "replicate":
+        return inside
+    count = element.get("count", "1")
+    if not (count.isascii() and count.isdigit() and len(count) < 20):
+        raise ModelError(f"{path}: <replicate> takes a whole number as its count, found '{count}'")
+    return inside * max(1, int(count))
+
+
+def _check_numbers(root: ElementTree.Element, path: Path) -> None:
+    for element in (each for each in root.iter() if each.tag != "flag"):
+        for key, text in element.attrib.items():
+            if key in _COUNTS:
+                where = f'<{element.tag} name="{element.get("name")}">' if element.get("name") else f"<{element.tag}>"
+                check_numbers(text, _COUNTS[key], f"{path}: {where}: {key}")
+
+
+# ---------------------------------------------------------------------- compilation
+
+
+def compile_document(root: ElementTree.Element, path: Path, assets: MeshAssets) -> mujoco.MjModel:
+    """Return the ``mujoco.MjModel`` of a file.
+
+    A moving body without mass is compiled with the smallest one, because its joint may be locked.
+
+    Args:
+        root: root element of the file, reduced to what MuJoCo may see, without meshes.
+        path: path of the file, for messages.
+        assets: meshes of the file.
+
+    Raises:
+        ModelError: MuJoCo is not installed, or refuses the file.
+    """
+    try:
+        import mujoco
+    except ImportError:
+        raise ModelError(f"{path}: MuJoCo compiles MJCF. {missing_extra('mujoco')}") from None
+    try:
+        with captured_stderr(), unlogged(mujoco), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                return _compile(root, assets)
+            except ValueError as error:
+                if "mjMINVAL" not in str(error):
+                    raise
+                bounds = {"boundmass": str(SMALLEST), "boundinertia": str(SMALLEST)}
+                root.insert(0, ElementTree.Element("compiler", bounds))
+                return _compile(root, assets)
+    except ModelError:
+        raise
+    except Exception as error:  # raised by its C code
+        raise ModelError(f"{path}: {_explained(brief(error), root)}") from None
+
+
+def _compile(root: ElementTree.Element, assets: MeshAssets) -> mujoco.MjModel:
+    import mujoco
+
+    spec = mujoco.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"))
+    assets.put_in(spec)
+    return spec.compile()
+
+
+def _explained(message: str, root: ElementTree.Element) -> str:
+    """Text of an error of MuJoCo, with the name of the file that is nearest to an unknown one."""
+    text, _, place = message.replace("XML Error:", "").replace("Error:", "").partition("Element")
+    text, named = " ".join(text.split()), re.search("'([^']+)'", place)
+    text += "" if named is None else f" (element '{named[1]}')"
+    unknown = re.search("'([^']+)'", text)
+    if unknown is not None and ("unknown" in text or "not found" in text):
+        names = {each.get("name", "") for each in root.iter()} - {""}
+        names |= {"main", *(each.get("class", "main") for each in root.iter("default"))}
+        text += nearest(unknown[1], sorted(names))
+    return text

@@ -26,8 +26,16 @@ import tornado.websocket
 
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.visualization.browser.access import RequestFilter
-from rnc_pin.visualization.browser.drawing_commands import Commands, Key, apply_commands, in_order, put_latest
-from rnc_pin.visualization.browser.page import VIEWER, bundle, live_page
+from rnc_pin.visualization.browser.page import (
+    VIEWER,
+    Commands,
+    Key,
+    apply_commands,
+    bundle,
+    in_order,
+    live_page,
+    put_latest,
+)
 
 Receiver: TypeAlias = Callable[[object], object]
 """Function for one message of a user, decoded from JSON and otherwise unchecked."""

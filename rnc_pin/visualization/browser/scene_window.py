@@ -12,8 +12,7 @@ import numpy as np
 import umsgpack
 
 from rnc_pin.visualization.browser.access import LOOPBACK
-from rnc_pin.visualization.browser.drawing_commands import Commands, Key, apply_commands, in_order
-from rnc_pin.visualization.browser.page import recorded_page
+from rnc_pin.visualization.browser.page import Commands, Key, apply_commands, in_order, recorded_page
 
 if TYPE_CHECKING:
     from rnc_pin.visualization.browser.scene_server import ControlPanel, SceneServer

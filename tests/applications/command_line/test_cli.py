@@ -510,7 +510,7 @@ def test_a_trajectory_that_does_not_name_its_outputs_has_no_summary(first_run, c
 # ---------------------------------------------------------------------- sweep
 
 
-def test_a_sweep_has_the_same_results_on_any_number_of_processes(call, tmp_path):
+def test_a_sweep_has_the_same_results_on_any_number_of_processes(call, no_pictures, tmp_path):
     arguments = ["sweep", "space-robot", "--set", "simulation.duration=0.02", "--runs", "3", "--trajectories"]
     one, two = tmp_path / "one", tmp_path / "two"
     assert call(*arguments, "--jobs", 1, "--out", one)[0] == 0
@@ -529,7 +529,7 @@ def test_a_sweep_has_the_same_results_on_any_number_of_processes(call, tmp_path)
         assert here["q"][0, 2] == first["initial.q.joint_2"][run]
 
 
-def test_a_sweep_accepts_kinds_of_findings(call, tmp_path):
+def test_a_sweep_accepts_kinds_of_findings(call, no_pictures, tmp_path):
     """A stuck joint keeps the arm from its goal in one of two runs."""
     stuck = ["--set", "faults.stuck={joint: joint_1, time: 0.1}", "--set", "simulation.duration=1"]
     short = ["sweep", "space-robot", *stuck, "--runs", "2", "--jobs", "1", "--json"]

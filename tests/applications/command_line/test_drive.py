@@ -14,8 +14,7 @@ from drives import in_real_time, pose_of, prepared
 from patience import PATIENCE, eventually
 from rnc_pin.applications.drive.log import CommandQueue
 from rnc_pin.applications.drive.page import DrivePage
-from rnc_pin.applications.drive.real_time import RealTimeClock
-from rnc_pin.applications.drive.run import drive
+from rnc_pin.applications.drive.run import RealTimeClock, drive
 from rnc_pin.applications.scenario.pictures import Drawn
 
 NO_PICTURES = "rnc_pin.applications.command_line.commands.drive.draw_pictures"

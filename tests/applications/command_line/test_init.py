@@ -4,14 +4,11 @@ import sys
 
 import pytest
 
-from rnc_pin.applications.init import scenario_candidate
-
 
 @pytest.mark.parametrize("terminal", [True, False])
-def test_what_is_tried_is_told_on_a_terminal(terminal, call, tmp_path, monkeypatch):
+def test_what_is_tried_is_told_on_a_terminal(terminal, call, brief, tmp_path, monkeypatch):
     """A draft can take many seconds; a program that reads its output gets the results alone."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
     monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal, raising=False)
     status, out, complaint = call("init", "car.urdf")
     assert (status, out.splitlines()) == (

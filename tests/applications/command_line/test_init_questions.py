@@ -4,15 +4,14 @@ import pytest
 import yaml
 
 from rnc_pin.applications.command_line.commands import init
-from rnc_pin.applications.init import DraftDecision, DraftedScenario, scenario_candidate
+from rnc_pin.applications.init import DraftDecision, DraftedScenario
 from rnc_pin.applications.init.decision import Alternative
 from urdf_parts import BOX, link, pivot, robot, wheel
 
 
 @pytest.fixture
-def truck(tmp_path, monkeypatch):
+def truck(brief, tmp_path, monkeypatch):
     """A robot of which nothing tells whether its fixed or its steered wheel has the motor; (its file, the draft)."""
-    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
     monkeypatch.chdir(tmp_path)
     parts = [link("base", 50.0, BOX), wheel("a", "base", (0.5, 0.3, 0)), wheel("b", "base", (0.5, -0.3, 0))]
     (tmp_path / "truck.urdf").write_text(

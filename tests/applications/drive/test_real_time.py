@@ -2,7 +2,7 @@
 
 import pytest
 
-from rnc_pin.applications.drive.real_time import RealTimeClock
+from rnc_pin.applications.drive.run import RealTimeClock
 
 
 class Hours:

@@ -9,7 +9,6 @@ import rnc_pin as rnc
 from drives import point_of, pose_of, prepared, reduced_of, script
 from rnc_pin.applications.drive.log import CommandQueue
 from rnc_pin.applications.drive.run import drive, record_of
-from rnc_pin.applications.init import scenario_candidate
 from rnc_pin.robots.vehicles import tractor_trailers_urdf
 from rnc_pin.simulation import Outcome
 
@@ -344,8 +343,7 @@ def test_a_robot_whose_actuators_move_less_is_refused_in_one_line(source):
     assert words in str(refusal.value)
 
 
-def test_a_bare_robot_is_drafted_and_driven(monkeypatch):
-    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)  # its draft is tried out for a moment
+def test_a_bare_robot_is_drafted_and_driven(brief):
     run = prepared("differential_drive.urdf", [(0, {"kind": "base_goal", "x": 0.5, "y": 0.3})])
     assert run.controls.base is not None
     assert (run.controls.base.turns, run.controls.base.slides) == (True, False)

@@ -3,13 +3,7 @@
 import pytest
 import yaml
 
-from rnc_pin.applications.init import DraftOptions, draft_with_decisions, scenario_candidate
-
-
-@pytest.fixture
-def brief(monkeypatch):
-    """Drafts are tried out for a moment here."""
-    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
+from rnc_pin.applications.init import DraftOptions, draft_with_decisions
 
 
 @pytest.fixture

@@ -8,25 +8,22 @@ import pytest
 import yaml
 
 from places import ROOT
-from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate
+from rnc_pin.applications.init import DraftOptions, draft
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import read_yaml
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ModelError
 from rnc_pin.robots.robot_files import find_urdf
 
-pytestmark = pytest.mark.filterwarnings(
-    "error",
-    "ignore:zmq.eventloop.ioloop is deprecated:DeprecationWarning",
-    "ignore:.* rounded in the file:rnc_pin.errors.ModelWarning",
-    "ignore:centauro.* has a <limit> without lower and upper:rnc_pin.errors.ModelWarning",
-)
-
-
-@pytest.fixture(autouse=True)
-def brief(monkeypatch):
-    """Drafts are tried out for a moment here; the runs of these tests are longer."""
-    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
+pytestmark = [
+    pytest.mark.filterwarnings(
+        "error",
+        "ignore:zmq.eventloop.ioloop is deprecated:DeprecationWarning",
+        "ignore:.* rounded in the file:rnc_pin.errors.ModelWarning",
+        "ignore:centauro.* has a <limit> without lower and upper:rnc_pin.errors.ModelWarning",
+    ),
+    pytest.mark.usefixtures("brief"),
+]
 
 
 def drafted(source, folder, **options):

@@ -4,19 +4,13 @@ import numpy as np
 import pytest
 
 from places import DIRT
-from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate
+from rnc_pin.applications.init import DraftOptions, draft
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import read_yaml
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ModelError
 
-pytestmark = pytest.mark.filterwarnings("ignore::rnc_pin.ModelWarning")
-
-
-@pytest.fixture(autouse=True)
-def brief(monkeypatch):
-    """Drafts are tried out for a moment here; the runs of these tests are longer."""
-    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
+pytestmark = [pytest.mark.filterwarnings("ignore::rnc_pin.ModelWarning"), pytest.mark.usefixtures("brief")]
 
 
 def drafted(name, folder, **wishes):

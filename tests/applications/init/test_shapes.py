@@ -6,10 +6,12 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
-from rnc_pin.applications.init import draft, scenario_candidate
+from rnc_pin.applications.init import draft
 from rnc_pin.applications.init.drive_evidence import DriveEvidence
 from rnc_pin.applications.init.robot_at_start import RobotAtStart
 from rnc_pin.applications.init.source import FileNames
+
+pytestmark = pytest.mark.usefixtures("brief")
 
 BASE = """<link name="{root}"/><joint name="stand" type="fixed"><parent link="{root}"/><child link="base_link"/>
   <origin xyz="0 0 {height}"/></joint><link name="base_link"><inertial><origin xyz="0 0 0.15"/><mass value="10"/>
@@ -33,11 +35,6 @@ TYRE, SKIN = (MESH.format(kind=kind) for kind in ("collision", "visual"))
 HUB = DISK.format(kind="collision", radius=0.03)
 GUESS = "MEASURE the radius: no round shape of the wheel was read, the value"
 DISK_130 = pytest.approx(0.13, abs=1e-3)  # sqrt(2 * 0.0042 / 0.5)
-
-
-@pytest.fixture(autouse=True)
-def brief(monkeypatch):
-    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
 
 
 def cart(folder, shapes, links="", root="anchor", height=0):

@@ -5,18 +5,14 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate
+from rnc_pin.applications.init import DraftOptions, draft
 from rnc_pin.applications.init.drive_evidence import named_as_driven
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import read_yaml
 from rnc_pin.applications.scenario.scenario import Scenario
 from urdf_parts import ball, cart, snake, transmissions
 
-
-@pytest.fixture(autouse=True)
-def brief(monkeypatch):
-    """Drafts are tried out for a moment here; the runs of these tests are longer."""
-    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
+pytestmark = pytest.mark.usefixtures("brief")
 
 
 def drafted(text, folder, **wishes):

@@ -3,15 +3,12 @@
 import pytest
 import yaml
 
-from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate
+from rnc_pin.applications.init import DraftOptions, draft
+
+pytestmark = pytest.mark.usefixtures("brief")
 
 INERTIAL = '<inertial><mass value="{}"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
 FREE = 'lower="-2" upper="2"'
-
-
-@pytest.fixture(autouse=True)
-def brief(monkeypatch):
-    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
 
 
 def joint(name, parent, limits, more="", kind="revolute", axis="0 0 1", mass=1.0):

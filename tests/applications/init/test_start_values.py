@@ -5,7 +5,7 @@ import pytest
 import yaml
 
 import rnc_pin as rnc
-from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate
+from rnc_pin.applications.init import DraftOptions, draft
 from rnc_pin.applications.init.joint_properties import joint_limits
 from rnc_pin.applications.init.start_values import edge_remarks, mimic_doubts, start_values
 from rnc_pin.applications.scenario.execution import execute
@@ -71,9 +71,8 @@ def test_joints_of_a_loop_start_where_it_closes_within_their_limits(case, tmp_pa
 
 
 @pytest.mark.parametrize("case", ["zero, on limits", "nearest the middle"])
-def test_a_closed_gripper_is_drafted_and_starts_closed(case, tmp_path, monkeypatch):
+def test_a_closed_gripper_is_drafted_and_starts_closed(case, tmp_path, brief):
     """It started in the middle of the limits of each joint, and its own loop refused that."""
-    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
     joints, expected = CLOSED[case]
     text = draft(str(finger(tmp_path, **joints)), tmp_path, DraftOptions())
     content = yaml.safe_load(text)

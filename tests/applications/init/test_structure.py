@@ -429,8 +429,7 @@ def _in_fork(lean):
     return (np.cos(-lean) * x - np.sin(-lean) * z, 0.0, np.sin(-lean) * x + np.cos(-lean) * z)
 
 
-@pytest.mark.parametrize("front", ["front_hub", "steering_wheel", "gear_hub"])
-@pytest.mark.parametrize("lean", [0.3, 0.9])
+@pytest.mark.parametrize(("front", "lean"), [("front_hub", 0.9), ("steering_wheel", 0.3), ("gear_hub", 0.9)])
 def test_a_name_makes_no_front_wheel_of_a_bicycle_vanish(front, lean, drafted):
     kind, content, _ = drafted(bicycle(front, lean))
     assert kind == "free: 2 wheels in line: a bicycle, which leans"

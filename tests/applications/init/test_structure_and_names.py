@@ -214,8 +214,7 @@ def test_a_pair_of_disks_that_turn_once_are_wheels(drafted):
 # ---------------------------------------------------------------------- tracks and axles
 
 
-@pytest.mark.parametrize("called", ["road", "u"])
-@pytest.mark.parametrize("listed", [True, False])
+@pytest.mark.parametrize(("called", "listed"), [("road", True), ("u", False)])
 def test_sprockets_above_the_ground_drive_their_tracks(called, listed, drafted, tmp_path):
     parts = [link("base", 50.0, '<box size="1.2 0.4 0.2"/>', at="0 0 0.15")]
     for side, y in (("l", 0.3), ("r", -0.3)):

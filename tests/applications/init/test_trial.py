@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate, trial, trial_findings
+from rnc_pin.applications.init import DraftOptions, draft, scenario_candidate, trial
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import read_yaml
 from rnc_pin.applications.scenario.scenario import Scenario
@@ -41,9 +41,9 @@ def arm(tmp_path_factory):
 def strict(monkeypatch):
     """A load is not seen, and 2 % of the motion are a miss: the adaptive tracker, which learns the load, has 5 %."""
     monkeypatch.setattr(scenario_candidate.ScenarioCandidate, "_is_loaded", lambda self: False)
-    for module in (trial, trial_findings, scenario_candidate):
+    for module in (trial, scenario_candidate):
         monkeypatch.setattr(module, "FAR", 0.02)
-    monkeypatch.setattr(trial_findings, "LOST", 0.03)
+    monkeypatch.setattr(trial, "LOST", 0.03)
 
 
 def test_gravity_is_seen_beside_a_symmetric_pose(arm):

@@ -6,8 +6,7 @@ import pytest
 import rnc_pin as rnc
 from rnc_pin.applications.init import DraftOptions, draft
 from rnc_pin.applications.init.base_assumptions import BaseAssumptions
-from rnc_pin.applications.init.trial import Trial
-from rnc_pin.applications.init.trial_findings import model_findings, run_findings
+from rnc_pin.applications.init.trial import Trial, model_findings, run_findings
 from rnc_pin.applications.scenario.execution import execute
 from rnc_pin.applications.scenario.files import read_yaml
 from rnc_pin.applications.scenario.scenario import Scenario
@@ -133,7 +132,7 @@ def test_efforts_beyond_the_file_are_said(tmp_path, brief):
         text, _, path = drafted(car(rear=1e-6), tmp_path)
     said = next(line for line in text.splitlines() if line.startswith("# CHECK: effort of rear_left_joint"))
     run = execute(Scenario.load(str(path))).trajectory
-    largest = np.abs(run.T[run.time < 0.1 + 1e-9, 0]).max()
+    largest = np.abs(run.T[run.time < 0.02 + 1e-9, 0]).max()
     assert float(said.split("joint: ")[1].split()[0]) == pytest.approx(largest, rel=1e-3)
     assert "of the usual motion" not in text
 

@@ -9,9 +9,7 @@ import rnc_pin as rnc
 from rnc_pin.applications.scenario.files import built_in_names
 from rnc_pin.applications.scenario.from_objects import spelled
 from rnc_pin.applications.scenario.loading import constraint_of, output_of
-from rnc_pin.applications.scenario.schema.constraints import ConstraintItem
-from rnc_pin.applications.scenario.schema.forces import ActuatorItem, ForceItem
-from rnc_pin.applications.scenario.schema.outputs import OutputItem
+from rnc_pin.applications.scenario.schema.kinds import ActuatorItem, ConstraintItem, ForceItem, OutputItem
 from rnc_pin.collision import Obstacle
 from rnc_pin.control import ReducingOutputController, VelocityTracker
 from rnc_pin.planning import MinimumJerk, RelativeMinimumJerk

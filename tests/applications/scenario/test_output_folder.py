@@ -15,8 +15,7 @@ import pytest
 
 import rnc_pin as rnc
 from patience import PATIENCE
-from rnc_pin.applications.scenario.output_folder import OutputFolder
-from rnc_pin.io.manifest import MANIFEST
+from rnc_pin.applications.scenario.output_folder import MANIFEST, OutputFolder
 from terminal import results
 
 

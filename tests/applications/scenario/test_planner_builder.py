@@ -7,8 +7,8 @@ import yaml
 import forklifts
 import rnc_pin as rnc
 from rnc_pin.applications.scenario.execution import execute, write
+from rnc_pin.applications.scenario.output_folder import is_result
 from rnc_pin.applications.scenario.scenario import Scenario
-from rnc_pin.io.manifest import is_result
 
 SCENARIO = """
 robot: {urdf: chaplygin_sleigh.urdf, base: planar}
@@ -62,7 +62,7 @@ def test_a_run_plans_and_tracks_its_plan(tmp_path):
 
 def test_a_file_bounds_the_grip_of_its_plan(tmp_path):
     """A blade sideways: with 0.6 of the friction that the plan without the bound uses."""
-    goal, planner = {"sleigh_x": 0.5, "sleigh_y": 0.3, "sleigh_yaw": 1.0}, {"form": "dynamic"}
+    goal, planner = {"sleigh_x": 0.5, "sleigh_y": 0.3, "sleigh_yaw": 1.0}, {"form": "dynamic", "nodes": 12}
 
     def planned(grip):
         bounds = {"velocity": {}, "grip": grip}

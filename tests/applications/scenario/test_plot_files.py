@@ -11,7 +11,7 @@ SHORT = ["--set", "simulation.duration=0.1", "--set", "comparisons={}"]
 MEDIA_BOX = re.compile(rb"/MediaBox \[ ?0 0 ([\d.]+) ([\d.]+) ?\]")
 
 
-def test_a_run_keeps_its_vector_pictures(call, tmp_path):
+def test_a_run_keeps_its_vector_pictures(call, tmp_path, request):
     """One plot as PDF for a column, the others as SVG; texts of SVG files are texts."""
     options = (
         "figures.formats=[svg]",
@@ -28,8 +28,10 @@ def test_a_run_keeps_its_vector_pictures(call, tmp_path):
     overview = (tmp_path / "out" / "overview.svg").read_text()
     assert ">first</text>" in overview
     assert ">t [s]</text>" in overview
+    request.getfixturevalue("no_pictures")
     status, _, error = call("run", "space-robot", *SHORT, *arguments, "--out", tmp_path / "out")
-    assert (status, "did not create" in error) == (0, False)  # it replaces its own files
+    assert (status, "did not create" in error) == (0, False)  # it removes its own files
+    assert not (tmp_path / "out" / "overview.svg").exists()
 
 
 @pytest.mark.parametrize(

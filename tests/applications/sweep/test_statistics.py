@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rnc_pin.applications.sweep.statistics import quantiles
+from rnc_pin.applications.sweep.reports import quantiles
 
 FRACTIONS = (0.0, 0.01, 0.5, 0.95, 1.0)
 

@@ -45,7 +45,7 @@ def reaching_run(reduced, seed, braking_time):
         dt=0.025,
         braking_time=braking_time,
     )
-    run = rnc.simulate(reduced, program, q0, 2.5, dt=0.025)
+    run = rnc.simulate(reduced, program, q0, 1.6, dt=0.025)
     return run, replay_limits(robot, run, people, within=0.2)
 
 

@@ -3,8 +3,9 @@
 import pytest
 
 import rnc_pin as rnc
-from rnc_pin.applications.init import scenario_candidate
 from rnc_pin.applications.scenario.files import read_yaml
+
+pytestmark = pytest.mark.usefixtures("brief")
 
 GEOM = '<geom type="capsule" fromto="0 0 0 0 0 .4" size=".03" mass="1"/>'
 ARM = f"""<mujoco><worldbody><body><joint name="a" axis="0 1 0"/>{GEOM}
@@ -13,12 +14,6 @@ ARM = f"""<mujoco><worldbody><body><joint name="a" axis="0 1 0"/>{GEOM}
   <tendon><fixed name="t"><joint joint="b" coef="1"/><joint joint="c" coef="-1"/></fixed>
   <spatial name="s"><site site="p"/><site site="q"/></spatial></tendon>
   <actuator>{{}}</actuator></mujoco>"""
-
-
-@pytest.fixture(autouse=True)
-def brief(monkeypatch):
-    """Drafts are tried out for a moment."""
-    monkeypatch.setattr(scenario_candidate, "_PATIENCE", 0.0)
 
 
 def write(path, text):

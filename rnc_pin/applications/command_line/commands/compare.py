@@ -1,13 +1,15 @@
-"""``rnc-pin compare``."""
+"""``rnc-pin compare``: a measured log beside a model, in numbers, plots, and a page with the robot as a ghost."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import click
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from rich.console import Console
 
 from rnc_pin.applications.command_line.messages import print_json
@@ -17,11 +19,26 @@ from rnc_pin.applications.scenario.output_folder import OutputFolder
 from rnc_pin.applications.scenario.pictures import ANIMATION
 from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.errors import ConfigurationError
-from rnc_pin.figures import Labels, save
+from rnc_pin.figures import (
+    MAX_LINES,
+    GroundPath,
+    GroundPaths,
+    Labels,
+    LegendEntry,
+    Panel,
+    PlaneView,
+    Series,
+    Sheet,
+    Size,
+    draw_paths,
+    panel_figure,
+    save,
+)
 from rnc_pin.identification import Comparison, PathError, Suspect, compare
 from rnc_pin.identification.logs import Log, LogMapping
 from rnc_pin.io import Json, dump_json
-from rnc_pin.visualization import plot_comparison, record_comparison
+from rnc_pin.simulation import Trajectory
+from rnc_pin.visualization import Recording
 
 _NAME = "comparison"
 
@@ -111,13 +128,12 @@ def _write(scenario: Scenario, found: Comparison, content: dict[str, Json], choi
     with OutputFolder(choice.out, choice.force, (f"{_NAME}.json", *plots, ANIMATION)) as folder:
         with folder.writing() as fresh:
             (fresh / f"{_NAME}.json").write_text(dump_json(content) + "\n", encoding="utf-8")
-            figure = plot_comparison(found, figures.size, Labels(figures.labels))
+            figure = _plot(found, figures.size, Labels(figures.labels))
             for name in plots:
                 save(figure, fresh / name)
             names = [f"{_NAME}.json", *plots]
             if visual is not None and len(visual.geometryObjects):
-                title = f"{scenario.content.title or scenario.name}: prediction of the model"
-                record_comparison(scenario.robot, found, scenario.content.view, title).save(fresh / ANIMATION)
+                _record(scenario, found).save(fresh / ANIMATION)
                 names.append(ANIMATION)
         folder.keep()
     return names
@@ -178,3 +194,42 @@ def print_path_errors(console: Console, column: str, errors: Mapping[str, PathEr
     ]
     columns = (column, "mean [m]", "largest [m]", "heading [rad]")
     print_table(console, "open-loop path from the measured joints", columns, rows)
+
+
+def _plot(found: Comparison, size: Size | None, labels: Labels) -> Figure:
+    """Plot paths from above, their distance, slip of the rows, and the power balance."""
+    replay = found.replay
+    paths = GroundPaths(
+        [GroundPath("base", replay.predicted[:, :2])],
+        compared={"measured": [GroundPath("base", replay.measured[:, :2])]},
+    )
+
+    def draw(axes: Axes) -> Sequence[LegendEntry]:
+        return draw_paths(axes, paths, labels, "predicted")
+
+    slip = [Series(name, values, time=time) for name, (time, values) in replay.slip.items() if name in found.slip]
+    panels = [Panel("distance", "m", (Series("distance", replay.error),), bottom=0.0)]
+    panels += [Panel("slip", "m/s", tuple(slip[k : k + MAX_LINES]), zero=True) for k in range(0, len(slip), MAX_LINES)]
+    if found.energy is not None:
+        energy = found.energy
+        parts = {"work": energy.work, "change of energy": energy.change, "residual": energy.residual}
+        series = tuple(Series(name, values, time=energy.time) for name, values in parts.items())
+        panels.append(Panel("energy in a second", "J", series, zero=True))
+    view = PlaneView(draw, paths.aspect())
+    return panel_figure(panels, replay.time, Sheet.of(size), title=found.conclusion, labels=labels, view=view)
+
+
+def _record(scenario: Scenario, found: Comparison) -> Recording:
+    """Return the animation of the predicted motion, with the measured robot as a ghost."""
+    title = f"{scenario.content.title or scenario.name}: prediction of the model"
+    replay, robot, options = found.replay, scenario.robot, scenario.content.view
+    model = robot.model
+    base, measured = model.joints[1].idx_q, replay.q.copy()
+    x, y, heading = replay.measured.T
+    measured[:, base : base + 4] = np.column_stack([x, y, np.cos(heading), np.sin(heading)])
+    predicted, ghost = (
+        Trajectory.of_motion(robot, replay.time - replay.time[0], motion) for motion in (replay.q, measured)
+    )
+    bodies = (each.name for each in model.frames if each.parentJoint == 1 and each.name != "root_joint")
+    options = replace(options, trail=options.trail or [*bodies][:1])
+    return Recording(robot, predicted, options, title, {"measured": ghost})

@@ -18,8 +18,7 @@ from rnc_pin.applications.command_line.termination import FAILED
 from rnc_pin.applications.drive.log import CommandQueue, RecordedDrive, read_drive, write_drive
 from rnc_pin.applications.drive.page import DrivePage
 from rnc_pin.applications.drive.preparation import PreparedDrive, prepare_drive, read_source, rebuild_drive
-from rnc_pin.applications.drive.real_time import RealTimeClock
-from rnc_pin.applications.drive.run import drive, record_of
+from rnc_pin.applications.drive.run import RealTimeClock, drive, record_of
 from rnc_pin.applications.scenario.execution import Result, data_names, write
 from rnc_pin.applications.scenario.files import accept_option, find_scenario, parse_options
 from rnc_pin.applications.scenario.output_folder import OutputFolder

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from rnc_pin.applications.command_line.new_file import check_new_file
+from rnc_pin.applications.scenario.output_folder import check_new_file
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.simulation import Trajectory, export_run
 

@@ -10,11 +10,11 @@ from typing import TypedDict, Unpack, cast
 
 import click
 
-from rnc_pin.applications.command_line.new_file import check_new_file
 from rnc_pin.applications.command_line.run_end import report_findings
 from rnc_pin.applications.command_line.tables import print_summary
 from rnc_pin.applications.command_line.termination import DONE
 from rnc_pin.applications.command_line.watching import close, live_view
+from rnc_pin.applications.scenario.output_folder import check_new_file
 from rnc_pin.applications.scenario.saved_run import Run, animation_of, compared, load_run, run_names, view_of
 from rnc_pin.errors import ConfigurationError
 from rnc_pin.figures import Size, save

@@ -15,8 +15,7 @@ from rnc_pin.applications.command_line.tables import print_sweep_statistics
 from rnc_pin.applications.command_line.termination import DONE, FAILED
 from rnc_pin.applications.scenario.files import accept_option, parse_options, plant_option
 from rnc_pin.applications.sweep import SweepResults, sweep
-from rnc_pin.applications.sweep.reports import failure_lines
-from rnc_pin.applications.sweep.statistics import SweepStatistics, sweep_statistics
+from rnc_pin.applications.sweep.reports import SweepStatistics, failure_lines, sweep_statistics
 from rnc_pin.applications.sweep.swept_run import SUCCESSFUL
 from rnc_pin.errors import SimulationError
 

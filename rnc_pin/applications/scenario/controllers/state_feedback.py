@@ -18,7 +18,7 @@ from rnc_pin.applications.scenario.controllers.context import (
 )
 from rnc_pin.applications.scenario.schema.base import Numbers
 from rnc_pin.applications.scenario.schema.derived import part
-from rnc_pin.applications.scenario.schema.outputs import OutputItem
+from rnc_pin.applications.scenario.schema.kinds import OutputItem
 from rnc_pin.control import StateFeedback
 from rnc_pin.errors import RncError
 from rnc_pin.planning import Joined, Reference

@@ -7,11 +7,9 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import model_validator
 
-from rnc_pin.applications.scenario.controllers.base import AdaptationSettings, preset_gains, sized_gain
-from rnc_pin.applications.scenario.controllers.context import BuiltController, ControllerContext, at_key
-from rnc_pin.applications.scenario.controllers.motion_check import check_motion
+from rnc_pin.applications.scenario.controllers.base import AdaptationSettings, Unknown, preset_gains, sized_gain
+from rnc_pin.applications.scenario.controllers.context import BuiltController, ControllerContext, at_key, check_motion
 from rnc_pin.applications.scenario.controllers.task_goals import TaskGoals
-from rnc_pin.applications.scenario.controllers.unknown_parameters import Unknown
 from rnc_pin.applications.scenario.schema.base import Strict, wrong
 from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, part
 from rnc_pin.control import (

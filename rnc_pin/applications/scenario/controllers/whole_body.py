@@ -14,13 +14,17 @@ import numpy as np
 from pydantic import Field
 
 from rnc_pin.applications.scenario.controllers.base import ControllerSettings
-from rnc_pin.applications.scenario.controllers.context import BuiltController, ControllerContext, refuse_or_warn
-from rnc_pin.applications.scenario.controllers.motion_check import check_motion
+from rnc_pin.applications.scenario.controllers.context import (
+    BuiltController,
+    ControllerContext,
+    check_motion,
+    refuse_or_warn,
+)
 from rnc_pin.applications.scenario.controllers.task_goals import TaskGoals, goal_values
 from rnc_pin.applications.scenario.controllers.velocity_tracking import VelocityTrackerSettings
 from rnc_pin.applications.scenario.schema.base import Strict
 from rnc_pin.applications.scenario.schema.derived import Entry, PartialCall, one_of, part
-from rnc_pin.applications.scenario.schema.outputs import OutputItem
+from rnc_pin.applications.scenario.schema.kinds import OutputItem
 from rnc_pin.applications.scenario.schema.reference_settings import HOLD, ReferenceItem
 from rnc_pin.collision import Obstacle, PairSelection
 from rnc_pin.control.whole_body import InverseDynamicsQP, VelocityQP

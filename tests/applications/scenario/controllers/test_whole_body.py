@@ -105,7 +105,7 @@ def test_the_default_tracker_reaches_with_a_published_arm_at_100_hz(name, by, tm
         "outputs": {"reducing": [{"joint": each} for each in joints], "vertical": [position]},
         "initial": {"q": start},
         "controller": {"type": "qp", "tasks": [{"output": goal}, {"damping": {"weight": 0.1}}]},
-        "simulation": {"duration": 4, "dt": 0.01},
+        "simulation": {"duration": 3.2, "dt": 0.01},
     }
     ends = {}
     for kind in ("qp", "inverse_dynamics"):

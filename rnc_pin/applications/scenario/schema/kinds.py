@@ -1,4 +1,4 @@
-"""Constraints in a scenario file: the key and the class of each kind."""
+"""Constraints, outputs, tasks, actuators and forces in a scenario file: the key and the class of each kind."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ from dataclasses import replace
 from typing import Annotated, cast
 
 import numpy as np
-from pydantic import AfterValidator
+from pydantic import AfterValidator, Field
 
 from rnc_pin.applications.scenario.schema.base import Numbers, Strict
 from rnc_pin.applications.scenario.schema.derived import Entry, one_of, plain_or
-from rnc_pin.applications.scenario.schema.outputs import OutputItem
 from rnc_pin.applications.scenario.schema.reference_settings import ReferenceItem
 from rnc_pin.constraints import (
     AckermannSteering,
@@ -36,7 +35,30 @@ from rnc_pin.constraints import (
     SphericalGround,
     Torus,
 )
-from rnc_pin.model import ConstraintKind, Coordinates
+from rnc_pin.forces import Damper, SmoothFriction, Spring, Wrench
+from rnc_pin.model import (
+    Actuator,
+    ConstraintKind,
+    Coordinates,
+    ForceKind,
+    FrameForce,
+    FrameTorque,
+    OutputForce,
+    OutputKind,
+)
+from rnc_pin.outputs import (
+    CenterOfMass,
+    Distance,
+    FrameAngularVelocity,
+    FrameOrientation,
+    FramePosition,
+    FrameSpeed,
+    FrameTilt,
+    FrameYaw,
+    JointPosition,
+    RelativeAngle,
+    RelativeAngularVelocity,
+)
 from rnc_pin.planning import Reference
 from rnc_pin.plants import UnilateralContact
 
@@ -50,6 +72,42 @@ _Surfaces = plain_or(
 )
 GroundItem = Annotated[object, _Surfaces] | None
 _Plane = Annotated[GroundPlane, Entry(GroundPlane)] | None
+OutputItem = Annotated[
+    OutputKind,
+    one_of(
+        joint=Entry(JointPosition, only="joint"),
+        frame_position=FramePosition,
+        frame_orientation=Entry(FrameOrientation, only="frame"),
+        frame_yaw=Entry(FrameYaw, only="frame"),
+        distance=Distance,
+        center_of_mass=CenterOfMass,
+        frame_speed=FrameSpeed,
+        frame_angular_velocity=Entry(FrameAngularVelocity, required=("axis",)),
+        frame_tilt=Entry(FrameTilt, required=("axis",)),
+        relative_angle=RelativeAngle,
+        relative_angular_velocity=RelativeAngularVelocity,
+    ),
+]
+
+
+class Outputs(Strict):
+    """Reducing outputs x2 and vertical outputs x1."""
+
+    reducing: Annotated[list[OutputItem], Field(min_length=1)]
+    """Reducing outputs x2; their rates are the reduced velocity."""
+    vertical: list[OutputItem] = []
+    """Vertical outputs x1."""
+
+
+class TaskOutputs(Strict):
+    """Roles of the outputs in the task, by the names of their rows (``tip_x``)."""
+
+    primary: list[str] = []
+    """Reducing outputs that follow the primary reference; all if neither primary nor redundant outputs are given."""
+    redundant: list[str] = []
+    """Reducing outputs that the controller uses to move the vertical outputs."""
+    vertical: list[str] | None = None
+    """Vertical outputs of the task; all by default."""
 
 
 class _MotionArguments(Strict):
@@ -102,3 +160,25 @@ def with_ground(constraints: Sequence[ConstraintKind], ground: GroundPlane | Cur
         replace(cast(RollingBody, each), ground=ground) if getattr(each, "ground", ground) is None else each
         for each in constraints
     ]
+
+
+ActuatorItem = Annotated[
+    Actuator,
+    one_of(
+        True,
+        force=FrameForce,
+        torque=FrameTorque,
+        output_force=Entry(OutputForce, forms={"output": OutputItem}),
+    ),
+]
+
+
+ForceItem = Annotated[
+    ForceKind,
+    one_of(
+        spring=Entry(Spring, forms={"output": OutputItem}),
+        damper=Entry(Damper, forms={"output": OutputItem}),
+        smooth_friction=Entry(SmoothFriction, forms={"output": OutputItem}),
+        wrench=Wrench,
+    ),
+]

@@ -1,4 +1,4 @@
-"""View of a run from above with its surroundings: obstacles, and outlines of the robot."""
+"""Plots of a run with its surroundings: from above, and its smallest distances and most used joint limits."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from matplotlib.figure import Figure
 
 from rnc_pin.collision import Obstacle
 from rnc_pin.errors import InputError
-from rnc_pin.figures import Labels, PlaneView, Sheet, Size, draw_paths, panel_figure
+from rnc_pin.figures import Labels, Panel, PlaneView, Series, Sheet, Size, draw_paths, panel_figure
 from rnc_pin.figures import style as st
+from rnc_pin.figures.panel import MAX_LINES
 from rnc_pin.robots.robot import Robot
-from rnc_pin.simulation import Trajectory, compared_paths, run_name
+from rnc_pin.simulation import LimitReplay, Trajectory, compared_paths, run_name
 from rnc_pin.visualization.surroundings import hull_from_above, outline, surface_points
 
 _BODY, _EDGE = "0.8", "0.45"  # grey of obstacles and of their outlines
@@ -105,3 +106,52 @@ def draw_footprints(axes: Axes, robot: Robot, q: np.ndarray) -> list[st.LegendEn
             edge = np.concatenate([points, points[:1]])
             lines += axes.plot(*edge.T, color=_ROBOT_EDGE, lw=st.points(0.8), alpha=strength, zorder=0.7)
     return [st.LegendEntry("robot", lines[-1:])] if lines else []
+
+
+_ACTIVE_DISTANCE = 0.02  # distance below which a pair counts as active [m]
+_ACTIVE_SHARE = 0.98  # share of a joint limit above which it counts as active
+
+
+def plot_limits(
+    replay: LimitReplay, title: str | None = None, size: Size | None = None, labels: Labels | None = None
+) -> Figure:
+    """Plot the smallest distances and the most used joint limits over time; wide pale lines mark the active ones.
+
+    A pair is active below 20 mm, and a joint limit above 98 % of it. Distances beyond ``replay.within`` are not drawn.
+
+    Args:
+        replay: result of ``replay_limits``.
+        title: title above the plots.
+        size: size of the figure, as for ``Trajectory.plot``.
+        labels: texts of names.
+    """
+    panels = [
+        *([Panel("distance", "m", _distances(replay), "nearest bodies", zero=True)] if replay.clearances else []),
+        *([Panel("beyond limit", "% of its range", _uses(replay), "most used joint limits", zero=True)]
+          if replay.uses else []),
+    ]  # fmt: skip
+    return panel_figure(panels, replay.time, Sheet.of(size), title=title, labels=labels)
+
+
+def _distances(replay: LimitReplay) -> tuple[Series, ...]:
+    found: dict[str, Series] = {}
+    for k, each in enumerate(replay.clearances):
+        name = " / ".join(each.names)
+        if name in found:
+            continue  # another shape of the same two bodies, which is farther
+        if len(found) == MAX_LINES:
+            break
+        same = [j for j, other in enumerate(replay.clearances) if other.names == each.names and j >= k]
+        values = replay.distances[:, same].min(axis=1)
+        values = np.where(values < replay.within, values, np.nan)
+        found[name] = Series(name, values, active=values < _ACTIVE_DISTANCE)
+    return tuple(found.values())
+
+
+def _uses(replay: LimitReplay) -> tuple[Series, ...]:
+    most = sorted(range(len(replay.uses)), key=lambda k: -replay.uses[k].excess)[:MAX_LINES]
+    found = []
+    for k in most:
+        use, values = replay.uses[k], 100.0 * replay.excesses[:, k]
+        found.append(Series(f"{use.kind} of {use.name}", values, active=values > 100.0 * (_ACTIVE_SHARE - 1.0)))
+    return tuple(found)
