@@ -1,6 +1,6 @@
 """Optimal control: processor time of an iteration, known optima, random problems, predictive control, and feedback.
 
-Run it by ``python -m benchmarks.optimal iteration|optima|predictive|peers``, or with a number of problems by
+Run it by ``python -m benchmarks.optimal iteration|optima|predictive|peers|updates``, or with a number of problems by
 ``python -m benchmarks.optimal parking|docking|dubins|reeds-shepp|turning|regions N``, or with numbers of problems and
 of guesses by ``python -m benchmarks.optimal restarts|restarts-parking|restarts-docking|restarts-satellite N M``. All
 run without a name.
@@ -18,7 +18,7 @@ import numpy as np
 
 import rnc_pin as rnc
 from benchmarks.path_lengths import compare
-from benchmarks.plan_peers import peers
+from benchmarks.plan_peers import peers, updates
 from benchmarks.planned_models import car, knife_edge, mobile_manipulator, tractor
 from benchmarks.regions import regions
 from benchmarks.whole_body import model as tiago
@@ -298,6 +298,7 @@ PARTS: dict[str, Callable[[], None]] = {
     "turning": turning,
     "predictive": predictive,
     "peers": peers,
+    "updates": updates,
     "regions": lambda: regions(_count(10)),
 }
 

@@ -1,5 +1,7 @@
 """One plan of an arm here and by Crocoddyl: the same dynamics, costs, start, guess, and limits of the torques.
 
+Updates of predictive control are also timed for a mobile manipulator and for TIAGo.
+
 Crocoddyl lives in an environment of its own, because it needs another version of Pinocchio: ``crocoddyl==3.1.0``,
 ``pin==3.8.0``, ``cmeel-urdfdom<5`` and ``cmeel-tinyxml2<11``. The variable ``RNC_PIN_CROCODDYL`` names its interpreter.
 Before times count, its accelerations and the optimal costs have to agree with those here.
@@ -19,16 +21,21 @@ import numpy as np
 import pinocchio as pin
 
 import rnc_pin as rnc
+from benchmarks.planned_models import mobile_manipulator
+from benchmarks.whole_body import model as tiago
 from rnc_pin.optimal import (
+    CostKind,
     EffortCost,
     InputBound,
     Nodes,
+    OutputCost,
     PostureCost,
     PredictiveController,
     SolverSettings,
     VelocityCost,
     action_model,
 )
+from rnc_pin.optimal.action_models import Form
 from rnc_pin.optimal.guesses import along
 from rnc_pin.optimal.problem_building import build_problem, initial_node
 from rnc_pin.optimal.sequential_quadratic import SequentialQuadratic
@@ -46,18 +53,7 @@ _Result = TypeVar("_Result")
 
 def peers() -> None:
     """Print processor times of solutions, plans and updates here, and of solutions by Crocoddyl."""
-    fingers = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
-    robot = rnc.Robot.from_example("panda", lock=fingers)
-    reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce()
-    q0, goal = (robot.configuration(dict(zip(robot.joint_names, each, strict=True))) for each in (_START, _GOAL))
-    posture, velocity, effort = _RUNNING
-    costs = [
-        EffortCost(effort),
-        PostureCost(goal, posture),
-        VelocityCost(velocity),
-        PostureCost(goal, _TERMINAL[0], phase="terminal"),
-        VelocityCost(_TERMINAL[1], phase="terminal"),
-    ]
+    reduced, q0, goal, costs = _arm()
     model = action_model(reduced, "dynamic")
     guess = along(model, np.linspace(q0, goal, _NODES + 1), _DURATION)
     print(f"Panda, {_NODES} intervals, torques; processor time, least of {_ROUNDS} [ms]; costs")
@@ -70,8 +66,45 @@ def peers() -> None:
         here.append(found.cost)
         solved = f"solve {taken:.1f} in {found.iterations} iterations, {found.cost:.5f}"
         print(f"  here, {_words(bool(bounds))}: {solved}; plan() {whole:.1f}, {plan.info.cost:.5f}", flush=True)
-    print(f"  here, update of predictive control within bounds, one iteration: {_update(reduced, q0, costs):.1f}")
-    beside(robot, goal, here)
+    print(f"  here, update of predictive control, {_update(reduced, q0, costs, _LIMIT, _DURATION)}")
+    beside(reduced.robot, goal, here)
+
+
+def updates() -> None:
+    """Print processor times of updates of predictive control within bounds of the inputs, one iteration each."""
+    print(f"updates within bounds of the inputs, one iteration, {_NODES} intervals; processor time [ms]", flush=True)
+    reduced, q0, _, costs = _arm()
+    print(f"  Panda, torques: {_update(reduced, q0, costs, _LIMIT, _DURATION)}", flush=True)
+    tips: dict[str, tuple[rnc.ReducedModel, Form, float, rnc.FramePosition, list[float]]] = {
+        "mobile manipulator, forces": (
+            mobile_manipulator(),
+            "dynamic",
+            4.0,
+            rnc.FramePosition("tip", "xy"),
+            [2.4, 0.3],
+        ),
+        "TIAGo, accelerations": (tiago(), "acceleration", 1.0, rnc.FramePosition("arm_7_link"), [0.9, 0.3, 0.9]),
+    }
+    for name, (reduced, form, limit, tip, target) in tips.items():
+        costs = [EffortCost(1e-3), VelocityCost(0.3, phase="both"), OutputCost(tip, target, 10.0, "both")]
+        print(f"  {name}: {_update(reduced, reduced.robot.configuration(), costs, limit, 2.0, form)}", flush=True)
+
+
+def _arm() -> tuple[rnc.ReducedModel, np.ndarray, np.ndarray, list[CostKind]]:
+    """Model, start, goal and costs of the arm."""
+    fingers = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
+    robot = rnc.Robot.from_example("panda", lock=fingers)
+    reduced = rnc.NonholonomicSystem(robot, [], robot.joint_names).reduce()
+    q0, goal = (robot.configuration(dict(zip(robot.joint_names, each, strict=True))) for each in (_START, _GOAL))
+    posture, velocity, effort = _RUNNING
+    costs: list[CostKind] = [
+        EffortCost(effort),
+        PostureCost(goal, posture),
+        VelocityCost(velocity),
+        PostureCost(goal, _TERMINAL[0], phase="terminal"),
+        VelocityCost(_TERMINAL[1], phase="terminal"),
+    ]
+    return reduced, q0, goal, costs
 
 
 def _words(bounded: bool) -> str:
@@ -88,20 +121,29 @@ def _least(call: Callable[[], _Result]) -> tuple[float, _Result]:
     return min(taken), found
 
 
-def _update(reduced: rnc.ReducedModel, q: np.ndarray, costs: list[object]) -> float:
-    """Median processor time of the later updates of a controller that drives the arm [ms]."""
-    bounds = [InputBound(-_LIMIT, _LIMIT)]
-    controller = PredictiveController(reduced, costs, _DURATION, bounds=bounds, nodes=_NODES)
-    model, period = action_model(reduced, "dynamic"), controller.updates.period
-    now, state, taken = Nodes(q[None], np.zeros((1, reduced.r))), None, []
+def _update(
+    reduced: rnc.ReducedModel,
+    q: np.ndarray,
+    costs: list[CostKind],
+    limit: float,
+    horizon: float,
+    form: Form = "dynamic",
+) -> str:
+    """Processor time of the updates of a controller that drives a robot from rest, after the first three [ms]."""
+    bounds = [InputBound(-limit, limit)]
+    controller = PredictiveController(reduced, costs, horizon, form=form, bounds=bounds, nodes=_NODES)
+    model, period = action_model(reduced, form), controller.updates.period
+    now, state, taken, bounded = Nodes(q[None], np.zeros((1, reduced.r))), None, [], 0.0
     for k in range(20):
         measurement = reduced.at(now.q[0], now.w[0]).measure(np.zeros(reduced.r))
         state = controller.initial_state(measurement) if state is None else state
         begin = time.process_time()
-        command, state = controller.step(k * period, measurement, state)
+        _, state = controller.step(k * period, measurement, state)
         taken.append(1e3 * (time.process_time() - begin))
-        now = model.step(now, command.T[None], np.array([period]))
-    return float(np.median(taken[3:]))
+        bounded = max(bounded, float(np.mean(np.abs(state.u) > limit - 1e-4)))
+        now = model.step(now, state.u[:1], np.array([period]))  # the new motion starts at the measured state
+    share = f"up to {bounded:.0%} of the inputs at a bound"
+    return f"least {min(taken[3:]):.1f}, median {np.median(taken[3:]):.1f}; {share}, {state.missed} missed"
 
 
 def beside(robot: rnc.Robot, goal: np.ndarray, here: list[float]) -> None:

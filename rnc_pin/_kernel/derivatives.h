@@ -484,42 +484,46 @@ static int solve_variations(Evaluator *ev, Derivatives *d, const double *P, cons
     return all_finite(out, derivatives_size(ev));
 }
 
+/* Record of derivatives of one state; B (n, p) is memory. False if the general way has to decide; -1: an error */
+static int differentiate(Evaluator *ev, const double *q, const double *v2, const double *T, double *B, double *out)
+{
+    Py_ssize_t n = ev->n;
+    Derivatives *d = ev->derivatives;
+    double *P = ev->scratch + ev->work, *F = P + kinematics_size(ev), *S = F + 2 * n * n;
+    double *force = S + dynamics_size(ev), *J = P + n * n, *v = out, *v2_dot = out + n;
+    int ok = admissible(ev, q, v2, T);
+    if (ok > 0 && !take_position(ev, q, P)) ok = -1;
+    if (ok > 0) ok = factorize(ev, q, P, NULL, F);
+    if (ok <= 0) return ok;
+    input_matrix(ev, q, P, B, ev->scratch);
+    for (Py_ssize_t j = 0; j < n; j++) force[j] = dot(B + j * ev->p, T, ev->p);
+    velocity(ev, F, ev->mu, v2, v);
+    if (!add_passive(ev, q, P, v, force, NULL)) return 0;
+    if (!biases(ev, q, P, F, v, NULL, S)) return -1;
+    ok = accelerate(ev, F, S, force, v2_dot, ev->scratch);
+    if (ok > 0 && !solve_motion(ev, d, q, P, F, S, force, v, v2_dot)) ok = -1;
+    if (ok <= 0) return ok;
+    move_joints(ev, d, J, v, d->acceleration);
+    vary_frames(ev, d, J);
+    Py_ssize_t varying = vary_rows(ev, d, q, P, v);
+    vary_laws(ev, d, q, P, v);
+    vary_forces(ev, d, q, J, T);
+    return solve_variations(ev, d, P, F, S + 4 * n, B, varying, out);
+}
+
 /* q, v2, T -> record of derivatives of one state or of a stack of states; None if the general way has to decide. */
 static PyObject *state_derivatives(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
 {
-    Py_ssize_t sizes[3] = {ev->nq, ev->r, ev->p}, n = ev->n, r = ev->r;
+    Py_ssize_t sizes[3] = {ev->nq, ev->r, ev->p}, r = ev->r, size = derivatives_size(ev);
     Arrays all = {.count = -1};
     PyObject *array = NULL;
     double *x[3], *out, *B = NULL;
     if (!expect(ev, given, 3) || !prepare_derivatives(ev)) return NULL;
-    Derivatives *d = ev->derivatives;
     int ok = ev->fused && r && states(args, 3, sizes, &all, x);
-    if (ok && !(array = made(ev, &all, derivatives_size(ev), &out))) ok = -1;
-    double *P = ev->scratch + ev->work, *F = P + kinematics_size(ev), *S = F + 2 * n * n;
-    double *force = S + dynamics_size(ev), *J = P + n * n;
-    if (ok > 0 && !(B = malloc((size_t)(n * ev->p + 1) * sizeof(double)))) ok = -1, PyErr_NoMemory();
-    for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, out += derivatives_size(ev)) {
-        const double *q = x[0] + i * ev->nq, *v2 = x[1] + i * r, *T = x[2] + i * ev->p;
-        double *v = out, *v2_dot = out + n;
-        ok = admissible(ev, q, v2, T);
-        if (ok > 0 && !take_position(ev, q, P)) ok = -1;
-        if (ok > 0) ok = factorize(ev, q, P, NULL, F);
-        if (ok <= 0) break;
-        input_matrix(ev, q, P, B, ev->scratch);
-        for (Py_ssize_t j = 0; j < n; j++) force[j] = dot(B + j * ev->p, T, ev->p);
-        velocity(ev, F, ev->mu, v2, v);
-        if (!add_passive(ev, q, P, v, force, NULL)) ok = 0;
-        if (ok > 0 && !biases(ev, q, P, F, v, NULL, S)) ok = -1;
-        if (ok > 0) ok = accelerate(ev, F, S, force, v2_dot, ev->scratch);
-        if (ok > 0 && !solve_motion(ev, d, q, P, F, S, force, v, v2_dot)) ok = -1;
-        if (ok <= 0) break;
-        move_joints(ev, d, J, v, d->acceleration);
-        vary_frames(ev, d, J);
-        Py_ssize_t varying = vary_rows(ev, d, q, P, v);
-        vary_laws(ev, d, q, P, v);
-        vary_forces(ev, d, q, J, T);
-        ok = solve_variations(ev, d, P, F, S + 4 * n, B, varying, out);
-    }
+    if (ok && !(array = made(ev, &all, size, &out))) ok = -1;
+    if (ok > 0 && !(B = malloc((size_t)(ev->n * ev->p + 1) * sizeof(double)))) ok = -1, PyErr_NoMemory();
+    for (Py_ssize_t i = 0; i < all.count && ok > 0; i++)
+        ok = differentiate(ev, x[0] + i * ev->nq, x[1] + i * r, x[2] + i * ev->p, B, out + i * size);
     free(B);
     return answer(&all, array, ok);
 }

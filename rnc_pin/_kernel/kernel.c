@@ -1315,6 +1315,10 @@ static void coordinate_rates(const Evaluator *ev, const double *u, double *v)
 static int displace(Evaluator *ev, const double *q, const double *u, double *out)
 {
     Py_buffer view;
+    if (ev->nq == ev->n) { /* all joints are real numbers */
+        for (Py_ssize_t i = 0; i < ev->n; i++) out[i] = q[i] + u[i];
+        return 1;
+    }
     take_state(ev, q, u);
     PyObject *moved =
         PyObject_CallFunctionObjArgs(PyTuple_GetItem(ev->refs, P_INTEGRATE), PyTuple_GetItem(ev->refs, P_MODEL),
@@ -1589,8 +1593,8 @@ static PyObject *track(PyObject *module, PyObject *const *args, Py_ssize_t given
 #include "derivatives.h"
 #include "sampling.h"
 #include "batches.h"
-#include "planned_motion.h"
 #include "riccati.h"
+#include "planned_motion.h"
 #include "pairs.h"
 #include "least_squares.h"
 
@@ -1821,6 +1825,7 @@ static PyMethodDef methods[] = {
     {"state_derivative", (PyCFunction)(void (*)(void))state_derivative, METH_FASTCALL, NULL},
     {"planned_motion", (PyCFunction)(void (*)(void))planned_motion, METH_FASTCALL, NULL},
     {"planned_steps", (PyCFunction)(void (*)(void))planned_steps, METH_FASTCALL, NULL},
+    {"planned_derivatives", (PyCFunction)(void (*)(void))planned_derivatives, METH_FASTCALL, NULL},
     {"chart_rate", (PyCFunction)(void (*)(void))chart_rate, METH_FASTCALL, NULL},
     {"integrate", (PyCFunction)(void (*)(void))integrate, METH_FASTCALL, NULL},
     {"admissible_velocity", (PyCFunction)(void (*)(void))admissible_velocity, METH_FASTCALL, NULL},
@@ -1861,6 +1866,7 @@ static PyMethodDef functions[] = {
     {"harmonic", (PyCFunction)(void (*)(void))harmonic, METH_FASTCALL, NULL},
     {"riccati_factors", (PyCFunction)(void (*)(void))riccati_factors, METH_FASTCALL, NULL},
     {"riccati_solve", (PyCFunction)(void (*)(void))riccati_solve, METH_FASTCALL, NULL},
+    {"variances", (PyCFunction)(void (*)(void))variances, METH_FASTCALL, NULL},
     {"interior_point", (PyCFunction)(void (*)(void))interior_point, METH_FASTCALL, NULL},
     {"least_squares", (PyCFunction)(void (*)(void))least_squares, METH_FASTCALL, NULL},
     {"shape_poses", (PyCFunction)(void (*)(void))shape_poses, METH_FASTCALL, NULL},

@@ -3,6 +3,9 @@
 
 enum { KINEMATIC, ACCELERATION, DYNAMIC }; /* forms: inputs v2, v2_dot or T */
 
+#define LARGEST_TURN 4.0 /* square of the largest turn of a step that has derivatives here [rad^2] */
+#define TERMS 25         /* of the series of its derivatives, whose rest is below the rounding */
+
 /* Velocity (n) and reduced acceleration (r) of a form. 0: the general way has to decide; -1: an error */
 static int planned_flow(Evaluator *ev, long form, const double *q, const double *w, const double *u, double *rate)
 {
@@ -16,17 +19,20 @@ static int planned_flow(Evaluator *ev, long form, const double *q, const double 
     return 1;
 }
 
-/* One exponential midpoint step of q and w (nw, 0 or r) */
+/* One exponential midpoint step of q and w (nw, 0 or r); first: velocity and acceleration (n + r) at its start, which
+   it computes if they are not known */
 static int planned_step(Evaluator *ev, long form, double h, const double *u, double *q, double *w, Py_ssize_t nw,
-                        double *shift, double *q_at, double *w_at)
+                        double *shift, double *q_at, double *w_at, double *first, int known)
 {
     Py_ssize_t n = ev->n;
-    double *rate = ev->stages;
     memcpy(q_at, q, (size_t)ev->nq * sizeof(double));
     memcpy(w_at, w, (size_t)nw * sizeof(double));
     for (int stage = 0; stage < 2; stage++) {
-        int ok = planned_flow(ev, form, q_at, w_at, u, rate);
+        double *rate = ev->stages;
+        int ok = stage || !known ? planned_flow(ev, form, q_at, w_at, u, rate) : 1;
         if (ok <= 0) return ok;
+        if (stage == 0 && known) rate = first;
+        else if (stage == 0) memcpy(first, rate, (size_t)(n + nw) * sizeof(double));
         double length = stage ? h : h / 2;
         for (Py_ssize_t i = 0; i < n; i++) shift[i] = length * rate[i];
         for (Py_ssize_t i = 0; i < nw; i++) w_at[i] = w[i] + length * rate[n + i];
@@ -37,6 +43,9 @@ static int planned_step(Evaluator *ev, long form, double h, const double *u, dou
     memcpy(w, w_at, (size_t)nw * sizeof(double));
     return 1;
 }
+
+/* True if the numbers (n) before x are the same: steps from one node share their first flow */
+static int same(const double *x, Py_ssize_t n) { return !n || !memcmp(x - n, x, (size_t)n * sizeof(double)); }
 
 /* Form, q, w, inputs and steps h of n nodes; record of q and w after one step of each. False if the general way has to
    decide. */
@@ -49,7 +58,8 @@ static PyObject *planned_steps(Evaluator *ev, PyObject *const *args, Py_ssize_t 
     long form = PyLong_AsLong(args[0]);
     if (PyErr_Occurred()) return NULL;
     Py_ssize_t n = ev->n, nq = ev->nq, nw = form == KINEMATIC ? 0 : ev->r, nu = form == DYNAMIC ? ev->p : ev->r;
-    double *shift = malloc((size_t)(n + nq + nw + 1) * sizeof(double));
+    double *shift = malloc((size_t)(2 * n + nq + 2 * nw + 1) * sizeof(double));
+    double *q_at = shift + n, *w_at = q_at + nq, *first = w_at + nw;
     if (!shift) return PyErr_NoMemory();
     if (take(&all, args[1], nq, READ, &q) && take(&all, args[2], nw, READ, &w) && take(&all, args[3], nu, READ, &u)
         && take(&all, args[4], 1, READ, &h) && take(&all, args[5], nq + nw, WRITE, &out)) {
@@ -57,12 +67,138 @@ static PyObject *planned_steps(Evaluator *ev, PyObject *const *args, Py_ssize_t 
         for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, out += nq + nw) {
             memcpy(out, q + i * nq, (size_t)nq * sizeof(double));
             memcpy(out + nq, w + i * nw, (size_t)nw * sizeof(double));
+            int known = i && same(q + i * nq, nq) && same(w + i * nw, nw) && same(u + i * nu, nu);
             ok = all_finite(out, nq + nw)
-                     ? planned_step(ev, form, h[i], u + i * nu, out, out + nq, nw, shift, shift + n, shift + n + nq)
+                     ? planned_step(ev, form, h[i], u + i * nu, out, out + nq, nw, shift, q_at, w_at, first, known)
                      : 0;
         }
     }
     free(shift);
+    return result(&all, ok);
+}
+
+/* Derivatives of velocity and acceleration of a form (nx, nx + nu + 1) by state, input, and step, which has none;
+   found: record of ``differentiate`` */
+static void flow_slopes(const Evaluator *ev, long form, const double *found, Py_ssize_t nx, Py_ssize_t columns,
+                        double *out)
+{
+    Py_ssize_t n = ev->n, r = ev->r, p = ev->p;
+    const double *v_q = found + n + r, *v_v2 = v_q + n * n, *by_q = v_v2 + n * r, *by_v2 = by_q + r * n,
+                 *by_T = by_v2 + r * r;
+    memset(out, 0, (size_t)(nx * columns) * sizeof(double));
+    for (Py_ssize_t i = 0; i < n; i++, out += columns) {
+        memcpy(out, v_q + i * n, (size_t)n * sizeof(double));
+        memcpy(out + n, v_v2 + i * r, (size_t)r * sizeof(double)); /* v2 is a state, or the input */
+    }
+    for (Py_ssize_t i = 0; i < nx - n; i++, out += columns) {
+        if (form == ACCELERATION) {
+            out[nx + i] = 1.0;
+            continue;
+        }
+        memcpy(out, by_q + i * n, (size_t)n * sizeof(double));
+        memcpy(out + n, by_v2 + i * r, (size_t)r * sizeof(double));
+        memcpy(out + nx, by_T + i * p, (size_t)p * sizeof(double));
+    }
+}
+
+/* Derivatives of exp(u + x) by x, and of exp(y) exp(u) by y, at zero, in the axes at the end: series of the adjoint.
+   False for a turn that is too large for them. */
+static int exponential_slopes(long kind, const double *u, int size, double *by_step, double *by_start)
+{
+    const double *turn = u + (kind == PLANAR ? 2 : kind == FREE ? 3 : 0);
+    if (!(dot(turn, turn, kind == PLANAR ? 1 : 3) < LARGEST_TURN)) return 0;
+    for (int j = 0; j < size; j++) {
+        double x[6] = {0.0}, next[6], factor = 1.0;
+        x[j] = 1.0;
+        for (int i = 0; i < size; i++) by_step[i * size + j] = by_start[i * size + j] = x[i];
+        for (int k = 1; k <= TERMS; k++) {
+            bracket(kind, u, x, next);
+            memcpy(x, next, (size_t)size * sizeof(double));
+            factor /= -k;
+            for (int i = 0; i < size; i++) {
+                by_start[i * size + j] += factor * x[i];
+                by_step[i * size + j] += factor / (k + 1) * x[i];
+            }
+        }
+    }
+    return 1;
+}
+
+/* Derivatives of a state displaced by h times a flow, from those of the flow, in place; h is a share of the step.
+   False if the general way has to decide */
+static int displaced_slopes(const Evaluator *ev, Py_ssize_t nx, Py_ssize_t columns, const double *flow, double h,
+                            double share, double *slopes)
+{
+    for (Py_ssize_t i = 0; i < nx; i++) {
+        double *row = slopes + i * columns;
+        for (Py_ssize_t j = 0; j < columns; j++) row[j] *= h;
+        row[columns - 1] += share * flow[i];
+    }
+    for (Py_ssize_t k = 0; k < ev->curves; k++) {
+        long kind = ev->curved[2 * k], at = ev->curved[2 * k + 1];
+        int size = kind == FREE ? 6 : 3;
+        double by_step[36], by_start[36], u[6], before[6], *block = slopes + at * columns;
+        for (int i = 0; i < size; i++) u[i] = h * flow[at + i];
+        if (!exponential_slopes(kind, u, size, by_step, by_start)) return 0;
+        for (Py_ssize_t j = 0; j < columns; j++) {
+            for (int i = 0; i < size; i++) before[i] = block[i * columns + j];
+            for (int i = 0; i < size; i++) block[i * columns + j] = dot(by_step + i * size, before, size);
+        }
+        for (int i = 0; i < size; i++)
+            for (int j = 0; j < size; j++) block[i * columns + at + j] += by_start[i * size + j] - (i == j);
+    }
+    for (Py_ssize_t i = 0; i < nx; i++) slopes[i * columns + i] += 1.0;
+    return 1;
+}
+
+/* Form, q, w, inputs and steps h of n nodes; records of derivatives at the nodes, of q and w after one step of each,
+   and of their derivatives (nx, nx + nu + 1) by state, input and step. False if the general way has to decide. */
+static PyObject *planned_derivatives(Evaluator *ev, PyObject *const *args, Py_ssize_t given)
+{
+    Arrays all = {.count = -1};
+    double *q, *w, *u, *h, *first, *after, *out;
+    int ok = -1;
+    if (!expect(ev, given, 8) || !prepare_derivatives(ev)) return NULL;
+    long form = PyLong_AsLong(args[0]);
+    if (PyErr_Occurred()) return NULL;
+    Py_ssize_t n = ev->n, nq = ev->nq, r = ev->r, p = ev->p, size = derivatives_size(ev);
+    Py_ssize_t nw = form == KINEMATIC ? 0 : r, nu = form == DYNAMIC ? p : r, nx = n + nw, columns = nx + nu + 1;
+    double *memory = calloc((size_t)(n * p + p + size + n + r + n + nq + nw + 2 * nx * columns + 1), sizeof(double));
+    if (!memory) return PyErr_NoMemory();
+    double *B = memory, *none = B + n * p, *second = none + p, *flow = second + size, *shift = flow + n + r,
+           *q_at = shift + n, *w_at = q_at + nq, *by_middle = w_at + nw, *slopes = by_middle + nx * columns;
+    if (take(&all, args[1], nq, READ, &q) && take(&all, args[2], nw, READ, &w) && take(&all, args[3], nu, READ, &u)
+        && take(&all, args[4], 1, READ, &h) && take(&all, args[5], size, WRITE, &first)
+        && take(&all, args[6], nq + nw, WRITE, &after) && take(&all, args[7], nx * columns, WRITE, &out)) {
+        ok = ev->fused && r && !ev->external_vertical && !ev->timed && ev->curved && all_finite(u, all.count * nu);
+        for (Py_ssize_t i = 0; i < all.count && ok > 0; i++, out += nx * columns, after += nq + nw) {
+            const double *q_i = q + i * nq, *w_i = w + i * nw, *u_i = u + i * nu, *T = form == DYNAMIC ? u_i : none;
+            memcpy(q_at, q_i, (size_t)nq * sizeof(double));
+            memcpy(w_at, w_i, (size_t)nw * sizeof(double));
+            for (int stage = 0; stage < 2 && ok > 0; stage++) {
+                double *found = stage ? second : first + i * size, length = stage ? h[i] : h[i] / 2;
+                double *moved = stage ? out : by_middle;
+                ok = differentiate(ev, q_at, form == KINEMATIC ? u_i : w_at, T, B, found);
+                if (ok <= 0) break;
+                memcpy(flow, found, (size_t)(n + r) * sizeof(double));
+                if (form == ACCELERATION) memcpy(flow + n, u_i, (size_t)r * sizeof(double));
+                for (Py_ssize_t j = 0; j < n; j++) shift[j] = length * flow[j];
+                for (Py_ssize_t j = 0; j < nw; j++) w_at[j] = w_i[j] + length * flow[n + j];
+                if (!displace(ev, q_i, shift, q_at)) ok = -1;
+                flow_slopes(ev, form, found, nx, columns, stage ? slopes : by_middle);
+                if (stage) {
+                    memset(out, 0, (size_t)(nx * columns) * sizeof(double));
+                    for (Py_ssize_t j = 0; j < nx; j++)
+                        memcpy(out + j * columns + nx, slopes + j * columns + nx, (size_t)nu * sizeof(double));
+                    multiply_slopes(slopes, by_middle, out, nx, columns);
+                }
+                if (ok > 0) ok = displaced_slopes(ev, nx, columns, flow, length, stage ? 1.0 : 0.5, moved);
+            }
+            memcpy(after, q_at, (size_t)nq * sizeof(double));
+            memcpy(after + nq, w_at, (size_t)nw * sizeof(double));
+        }
+    }
+    free(memory);
     return result(&all, ok);
 }
 
@@ -98,7 +234,7 @@ static PyObject *planned_motion(Evaluator *ev, PyObject *const *args, Py_ssize_t
     double h = PyFloat_AsDouble(args[3]);
     if (PyErr_Occurred() || !within((long)K, 1 << 20) || !within((long)steps, 1 << 20)) return NULL;
     Py_ssize_t nw = form == KINEMATIC ? 0 : ev->r, nu = form == DYNAMIC ? ev->p : ev->r, nx = n + nw;
-    Py_ssize_t row = nq + nw + nu, own = 2 * nq + 2 * nw + n + nx;
+    Py_ssize_t row = nq + nw + nu, own = 2 * nq + 3 * nw + 2 * n + nx;
     double *work = malloc((size_t)own * sizeof(double) + 1);
     if (!work) return PyErr_NoMemory();
     if (take(&all, args[4], nq, READ, &q) && take(&all, args[5], nw, READ, &w) && take(&all, args[6], K * nu, READ, &u)
@@ -106,7 +242,7 @@ static PyObject *planned_motion(Evaluator *ev, PyObject *const *args, Py_ssize_t
         && take(&all, args[9], 2 * nu, READ, &limits) && take(&all, args[11], nq, WRITE, &first)
         && take(&all, args[12], nq, WRITE, &second) && take(&all, args[13], K * steps * row, WRITE, &out)) {
         double *q_now = work, *w_now = q_now + nq, *q_at = w_now + nw, *w_at = q_at + nq, *shift = w_at + nw,
-               *dx = shift + n;
+               *dx = shift + n, *first_flow = dx + nx;
         ok = ev->fused && !ev->external_vertical && !ev->timed && (!gains || planned) && all_finite(u, K * nu);
         memcpy(q_now, q, (size_t)nq * sizeof(double));
         memcpy(w_now, w, (size_t)nw * sizeof(double));
@@ -116,16 +252,20 @@ static PyObject *planned_motion(Evaluator *ev, PyObject *const *args, Py_ssize_t
             memcpy(used, input, (size_t)nu * sizeof(double));
             if (gains) {
                 const double *gain = gains + i / steps * nu * nx, *there = planned + i * (nq + nw);
-                memcpy(first, there, (size_t)nq * sizeof(double));
-                memcpy(second, q_now, (size_t)nq * sizeof(double));
-                if (!planned_difference(args + 10, n, dx)) ok = -1;
+                if (nq == n)
+                    for (Py_ssize_t j = 0; j < n; j++) dx[j] = q_now[j] - there[j];
+                else {
+                    memcpy(first, there, (size_t)nq * sizeof(double));
+                    memcpy(second, q_now, (size_t)nq * sizeof(double));
+                    if (!planned_difference(args + 10, n, dx)) ok = -1;
+                }
                 for (Py_ssize_t j = 0; j < nw; j++) dx[n + j] = w_now[j] - there[nq + j];
                 for (Py_ssize_t j = 0; j < nu && ok > 0; j++)
                     used[j] = fmin(fmax(input[j] + dot(gain + j * nx, dx, nx), fmin(low[j], input[j])),
                                    fmax(high[j], input[j]));
                 if (ok > 0 && !all_finite(used, nu)) ok = 0;
             }
-            if (ok > 0) ok = planned_step(ev, form, h, used, q_now, w_now, nw, shift, q_at, w_at);
+            if (ok > 0) ok = planned_step(ev, form, h, used, q_now, w_now, nw, shift, q_at, w_at, first_flow, 0);
             memcpy(out, q_now, (size_t)nq * sizeof(double));
             memcpy(out + nq, w_now, (size_t)nw * sizeof(double));
         }

@@ -73,9 +73,13 @@ INLINE void add_transposed_product(const double *a, const double *b, double *out
 INLINE void add_product(const double *a, const double *b, double *out, Py_ssize_t m, Py_ssize_t k, Py_ssize_t n)
 { multiply_add(0, a, k, 1, b, n, out, n, m, k, n); }
 
+/* out (n, c) += first n columns of a (n, c), times b (n, c) */
+WIDE static void multiply_slopes(const double *a, const double *b, double *out, Py_ssize_t n, Py_ssize_t c)
+{ multiply_add(0, a, c, 1, b, c, out, c, n, n, c); }
+
 /* Inverse (n, n) of the symmetric block of a matrix with rows of length step; work (n, n). False if it is not positive
  * definite. */
-static int inverse_of_positive(const double *M, Py_ssize_t step, Py_ssize_t n, double *out, double *work)
+WIDE static int inverse_of_positive(const double *M, Py_ssize_t step, Py_ssize_t n, double *out, double *work)
 {
     for (Py_ssize_t i = 0; i < n; i++)
         for (Py_ssize_t j = 0; j <= i; j++) {
@@ -156,7 +160,7 @@ static size_t recursion_work(Py_ssize_t nx, Py_ssize_t nz, Py_ssize_t m)
 { return (size_t)((nx + nz) * m + 2 * nz * nz + nx * nz + 1); }
 
 /* Minimisers z (N, nz, m) and states (N + 1, nx, m) for linear terms g (N, nz, m) and offsets gap (N, nx, m); p (N + 1,
-   nx, m) has the last linear term at its end and becomes the costates. */
+   nx, m) has the last linear term at its end and becomes the linear terms of the cost to go. */
 WIDE static void solve_stages(Py_ssize_t N, Py_ssize_t nx, Py_ssize_t nz, Py_ssize_t m, const double *AB,
                               const double *K, const double *inverse, const double *P, const double *g,
                               const double *gap, double *p, double *z, double *states, double *work)
@@ -184,8 +188,64 @@ WIDE static void solve_stages(Py_ssize_t N, Py_ssize_t nx, Py_ssize_t nz, Py_ssi
         memcpy(after, gap + k * nx * m, (size_t)(nx * m) * sizeof(double));
         add_product(AB + k * nx * nz, stage, after, nx, nz, m);
     }
+}
+
+/* Costates p (N + 1, nx, m) at states, from the linear terms of the cost to go */
+static void add_costates(Py_ssize_t N, Py_ssize_t nx, Py_ssize_t m, const double *P, const double *states, double *p)
+{
     for (Py_ssize_t k = 0; k <= N; k++)
         add_transposed_product(P + k * nx * nx, states + k * nx * m, p + k * nx * m, nx, nx, m);
+}
+
+/* Variances of rows C x + D u (N + 1, k) and of states (N + 1, nx), for inputs that are independent and have variances
+   of one in AB (N, nx, nz), and scales in D */
+WIDE static void spread_stages(Py_ssize_t N, Py_ssize_t nx, Py_ssize_t nz, Py_ssize_t k, const double *AB,
+                               const double *C, const double *D, const double *scales, double *rows, double *states,
+                               double *work)
+{
+    Py_ssize_t nu = nz - nx;
+    double *P = work, *PA = P + nx * nx, *turned = PA + nx * nx;
+    memset(P, 0, (size_t)(nx * nx) * sizeof(double));
+    for (Py_ssize_t stage = 0; stage <= N; stage++, AB += nx * nz, states += nx) {
+        for (Py_ssize_t i = 0; i < k; i++, C += nx, D += nu, rows++) {
+            *rows = 0;
+            for (Py_ssize_t j = 0; j < nx; j++)
+                if (C[j] != 0) *rows += C[j] * dot(P + j * nx, C, nx);
+            for (Py_ssize_t j = 0; j < nu && stage < N; j++) *rows += D[j] * scales[j] * (D[j] * scales[j]);
+        }
+        for (Py_ssize_t j = 0; j < nx; j++) states[j] = P[j * nx + j];
+        if (stage == N) return;
+        for (Py_ssize_t i = 0; i < nx; i++)
+            for (Py_ssize_t j = 0; j < nz; j++) turned[j * nx + i] = AB[i * nz + j];
+        memset(PA, 0, (size_t)(nx * nx) * sizeof(double));
+        multiply_add(0, P, nx, 1, turned, nx, PA, nx, nx, nx, nx);
+        memset(P, 0, (size_t)(nx * nx) * sizeof(double));
+        multiply_add(1, AB, nz, 1, PA, nx, P, nx, nx, nx, nx);
+        multiply_add(1, AB + nx, nz, 1, turned + nx * nx, nx, P, nx, nx, nu, nx);
+        for (Py_ssize_t i = 0; i < nx; i++)
+            for (Py_ssize_t j = 0; j < i; j++) P[j * nx + i] = P[i * nx + j];
+    }
+}
+
+/* N, nx, nz, k, AB (N, nx, nz), C (N + 1, k, nx), D (N + 1, k, nu), scales (nu); variances of rows (N + 1, k) and of
+   states (N + 1, nx) */
+static PyObject *variances(PyObject *module, PyObject *const *args, Py_ssize_t given)
+{
+    Arrays all = {.count = 1};
+    Py_ssize_t sizes[4];
+    double *AB, *C, *D, *scales, *rows, *states;
+    (void)module;
+    if (!stages(args, given, 10, sizes, 4)) return NULL;
+    Py_ssize_t N = sizes[0], nx = sizes[1], nz = sizes[2], nu = nz - nx, k = sizes[3];
+    if (!(take(&all, args[4], N * nx * nz, READ, &AB) && take(&all, args[5], (N + 1) * k * nx, READ, &C)
+          && take(&all, args[6], (N + 1) * k * nu, READ, &D) && take(&all, args[7], nu, READ, &scales)
+          && take(&all, args[8], (N + 1) * k, WRITE, &rows) && take(&all, args[9], (N + 1) * nx, WRITE, &states)))
+        return result(&all, -1);
+    double *work = malloc((size_t)(2 * nx * nx + nx * nz + 1) * sizeof(double));
+    if (!work) return PyErr_NoMemory(), result(&all, -1);
+    spread_stages(N, nx, nz, k, AB, C, D, scales, rows, states, work);
+    free(work);
+    return result(&all, 1);
 }
 
 /* N, nx, nz, AB (N, nx, nz), H (N, nz, nz), P (N + 1, nx, nx) with the last Hessian at its end, K (N, nu, nx), inverse
@@ -228,6 +288,7 @@ static PyObject *riccati_solve(PyObject *module, PyObject *const *args, Py_ssize
     double *work = malloc(recursion_work(nx, nz, m) * sizeof(double));
     if (!work) return PyErr_NoMemory(), result(&all, -1);
     solve_stages(N, nx, nz, m, AB, K, inverse, P, g, gap, p, z, states, work);
+    add_costates(N, nx, m, P, states, p);
     free(work);
     return result(&all, 1);
 }
@@ -267,10 +328,10 @@ static double complementarity(const Bounded *b, const Point *at, const Point *st
     return sum;
 }
 
-/* Longest part of a step, up to 1, that keeps slacks and multipliers positive */
-static double longest_step(const Bounded *b, const Point *at, const Point *step)
+/* Longest part of a step, up to a part, that keeps slacks and multipliers positive */
+static double longest_step(const Bounded *b, const Point *at, const Point *step, double most)
 {
-    double fastest = 1;
+    double fastest = 1 / most;
     for (Py_ssize_t i = 0; i < (b->N + 1) * b->k; i++) {
         fastest = fmax(fastest, fmax(-step->s[i] / at->s[i], -step->e[i] / at->e[i]));
         fastest = fmax(fastest, fmax(-step->y[i] / at->y[i], step->y[i] / (b->weight - at->y[i])));
@@ -279,7 +340,7 @@ static double longest_step(const Bounded *b, const Point *at, const Point *step)
 }
 
 /* Residuals and factors at an iterate. False if the problem is not convex. */
-static int prepare_newton(const Bounded *b, const Point *at, double stiffest, Newton *n)
+WIDE static int prepare_newton(const Bounded *b, const Point *at, double stiffest, Newton *n)
 {
     Py_ssize_t N = b->N, nx = b->nx, nz = b->nz;
     memcpy(n->H, b->H, (size_t)(N * nz * nz) * sizeof(double));
@@ -308,7 +369,7 @@ static int prepare_newton(const Bounded *b, const Point *at, double stiffest, Ne
 }
 
 /* Newton step to complementarity mu; with terms of second order of the step so far if it is a predictor */
-static void newton_step(const Bounded *b, const Point *at, const Newton *n, double mu, int predicted, Point *step)
+WIDE static void newton_step(const Bounded *b, const Point *at, const Newton *n, double mu, int predicted, Point *step)
 {
     Py_ssize_t N = b->N, nx = b->nx, nz = b->nz;
     memcpy(n->slope, n->g, (size_t)(N * nz + nx) * sizeof(double));
@@ -335,27 +396,31 @@ static void newton_step(const Bounded *b, const Point *at, const Newton *n, doub
 }
 
 /* Number of iterations that improve an iterate; 0 if the problem is not convex. Limits: largest number, part of the way
-   to the boundary, stiffest weight, complementarity at the end, complementarity that is of use. */
+   to the boundary, stiffest weight, complementarity at the end, complementarity that is of use, and the part of the
+   first residuals that may remain. */
 static Py_ssize_t improve(const Bounded *b, const double *limits, Point *at, Point *step, Newton *n)
 {
     Py_ssize_t rows = (b->N + 1) * b->k, most = (Py_ssize_t)limits[0];
-    double count = 0, mu = INFINITY;
+    Py_ssize_t iteration = 1;
+    double count = 0, mu = INFINITY, length = 0, rest = 1; /* of the linear residuals */
     for (Py_ssize_t i = 0; i < rows; i++) count += b->active[i];
-    for (Py_ssize_t iteration = 1; iteration <= most; iteration++) {
+    for (; iteration <= most; iteration++) {
         if (!prepare_newton(b, at, limits[2], n)) return iteration > 1 && mu <= limits[4] ? iteration : 0;
         mu = complementarity(b, at, step, 0) / (2 * fmax(count, 1));
         newton_step(b, at, n, 0, 0, step);
-        double ahead = complementarity(b, at, step, longest_step(b, at, step)) / (2 * fmax(count, 1));
+        double ahead = complementarity(b, at, step, longest_step(b, at, step, 1)) / (2 * fmax(count, 1));
         double sigma = fmin(1, fmax(ahead, 0) / fmax(mu, 1e-300));
         newton_step(b, at, n, sigma * sigma * sigma * mu, 1, step);
-        double length = fmin(1, limits[1] * longest_step(b, at, step));
+        length = fmin(1, limits[1] * longest_step(b, at, step, 1 / limits[1]));
+        rest *= 1 - length;
         add(at->z, length, step->z, (b->N + 1) * b->nz);
         add(at->s, length, step->s, rows);
         add(at->e, length, step->e, rows);
         add(at->y, length, step->y, rows);
-        if (mu <= limits[3] && length > 0.9) return iteration;
+        if (mu <= limits[3] && length > 0.9 && rest <= limits[5]) break;
     }
-    return most;
+    add_costates(b->N, b->nx, 1, n->P, n->states, n->p);
+    return iteration < most ? iteration : most;
 }
 
 /* N, nx, nz, k, AB (N, nx, nz), gap (N, nx), H (N, nz, nz), g (N, nz), H_end (nx, nx), g_end (nx), G (N + 1, k, nz),
@@ -376,7 +441,7 @@ static PyObject *interior_point(PyObject *module, PyObject *const *args, Py_ssiz
           && take(&all, args[6], N * nz * nz, READ, &H) && take(&all, args[7], N * nz, READ, &g)
           && take(&all, args[8], nx * nx, READ, &H_end) && take(&all, args[9], nx, READ, &g_end)
           && take(&all, args[10], rows * nz, READ, &G) && take(&all, args[11], rows, READ, &limit)
-          && take(&all, args[12], rows, READ, &active) && take(&all, args[13], 6, READ, &numbers)
+          && take(&all, args[12], rows, READ, &active) && take(&all, args[13], 7, READ, &numbers)
           && take(&all, args[14], (N + 1) * nz, WRITE, &at.z) && take(&all, args[15], rows, WRITE, &at.s)
           && take(&all, args[16], rows, WRITE, &at.e) && take(&all, args[17], rows, WRITE, &at.y)
           && take(&all, args[18], (N + 1) * nx, WRITE, &n.p) && take(&all, args[19], 1, WRITE, &found)))
@@ -396,12 +461,13 @@ static PyObject *interior_point(PyObject *module, PyObject *const *args, Py_ssiz
                             entries};
     Py_ssize_t total = 1;
     for (int i = 0; i < 19; i++) total += lengths[i];
-    double *memory = calloc((size_t)total, sizeof(double));
+    double *memory = malloc((size_t)total * sizeof(double));
     b.start = malloc((size_t)(rows + 1 + entries) * sizeof(Py_ssize_t));
     if (!memory || !b.start) {
         free(memory), free(b.start);
         return PyErr_NoMemory(), result(&all, -1);
     }
+    memset(memory, 0, (size_t)((N + 1) * nz + 3 * rows) * sizeof(double)); /* the step */
     parts[0] = memory;
     for (int i = 0; i < 19; i++) parts[i + 1] = parts[i] + lengths[i];
     step = (Point){parts[0], parts[1], parts[2], parts[3]};

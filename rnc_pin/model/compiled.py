@@ -183,6 +183,20 @@ class CompiledEvaluator(NumPyEvaluator):
             return None
         return found[:, : q.shape[1]], found[:, q.shape[1] :]
 
+    def planned_derivatives(
+        self, form: str, q: Array, w: Array, u: Array, h: Array
+    ) -> tuple[Mapping[str, Array], tuple[Array, Array], Array] | None:
+        kernel, (n, nq), nx = self.kernel, q.shape, self.data.n + w.shape[1]
+        if not self.data.kinematics.axes_are_constant:
+            return None
+        record, after = np.empty(n, kernel.derivatives), np.empty((n, nq + w.shape[1]))
+        slopes = np.empty((n, nx, nx + u.shape[1] + 1))
+        arrays = (np.ascontiguousarray(each, dtype=float) for each in (q, w, u, h))
+        if not self._calls.planned_derivatives(_FORMS.index(form), *arrays, record, after, slopes):
+            return None
+        first = {name: record[name] for name in kernel.derivatives.names or ()}
+        return first, (after[:, :nq], after[:, nq:]), slopes
+
     def chart_rate(self, q: Array, x: Array, T: Array, damping: Array | None) -> Array | None:
         found = np.empty(len(x))
         timed = self.kernel.set_time(float(x[-2]) if self.data.rheonomic else None)

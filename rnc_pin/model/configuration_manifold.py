@@ -59,6 +59,8 @@ class ConfigurationManifold:
         found = np.empty(q.shape)
         at, to = self._flat
         found[:, at] = q[:, at] + step[:, to]
+        if not len(self._turned[0]):
+            return found
         at, to = self._turned
         found[:, at], found[:, at + 1] = _rotated(q[:, at], q[:, at + 1], np.cos(step[:, to]), np.sin(step[:, to]))
         at, to = self._planar
@@ -77,6 +79,8 @@ class ConfigurationManifold:
         step = np.empty((len(start), self.nv))
         at, to = self._flat
         step[:, to] = end[:, at] - start[:, at]
+        if not len(self._turned[0]):
+            return step
         at, to = self._turned
         cosine, sine = _rotated(end[:, at], end[:, at + 1], start[:, at], -start[:, at + 1])
         step[:, to] = np.arctan2(sine, cosine)

@@ -289,6 +289,16 @@ class NumPyEvaluator:
         """
         return None
 
+    def planned_derivatives(
+        self, form: str, q: Array, w: Array, u: Array, h: Array
+    ) -> tuple[Mapping[str, Array], tuple[Array, Array], Array] | None:
+        """Derivatives at nodes by name, states as of ``planned_steps``, and their derivatives (n, nx, nx + nu + 1).
+
+        The last are by state, input and step. None if formulas have to evaluate them. Arguments are as of
+        ``planned_steps``.
+        """
+        return None
+
     def chart_rate(self, q: Array, x: Array, T: Array, damping: Array | None) -> Array | None:
         """Rates of local coordinates ``x = (u, y)`` at ``q (+) u``; None if an integrator has to compute them.
 

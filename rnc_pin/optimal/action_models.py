@@ -24,7 +24,7 @@ import numpy as np
 import pinocchio as pin
 from numpy import ndarray as Array
 
-from rnc_pin.analysis.derivatives import state_derivatives
+from rnc_pin.analysis.derivatives import StateDerivatives, state_derivatives
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import ConfigurationError, nearest
 from rnc_pin.model.configuration_manifold import ConfigurationManifold
@@ -47,15 +47,19 @@ class StateManifold(ConfigurationManifold):
         super().__init__(model)
         self._real = model.nq == model.nv
 
-    def integrate_derivatives(
-        self, q: Float[Array, "n nq"], step: Float[Array, "n nv"]
-    ) -> tuple[Float[Array, "n nv nv"], Float[Array, "n nv nv"]]:
-        """Derivatives of ``integrate`` by the configuration and by the tangent vector."""
+    def displace_slopes(
+        self, q: Float[Array, "n nq"], step: Float[Array, "n nv"], slopes: Float[Array, "n nv k"]
+    ) -> None:
+        """Turn derivatives of a tangent vector into those of ``integrate``, in place.
+
+        The first nv columns are those by the configuration, which has derivatives of its own.
+        """
         if self._real:
-            eye = np.broadcast_to(np.eye(self.nv), (len(q), self.nv, self.nv))
-            return eye, eye
+            slopes[:, range(self.nv), range(self.nv)] += 1.0
+            return
         both = self._each(pin.dIntegrate, q, step)
-        return both[:, 0], both[:, 1]
+        slopes[:] = both[:, 1] @ slopes
+        slopes[:, :, : self.nv] += both[:, 0]
 
     def difference_derivative(self, start: Float[Array, "n nq"], end: Float[Array, "n nq"]) -> Float[Array, "n nv nv"]:
         """Derivatives of ``difference`` by ``end``."""
@@ -141,9 +145,14 @@ class ActionModel(ABC):
     def flow(self, at: Nodes, u: Array) -> tuple[Array, Array]:
         """Velocity (n, nv) and acceleration (n, nw) at nodes."""
 
-    @abstractmethod
     def flow_derivatives(self, at: Nodes, u: Array) -> FlowDerivatives:
         """The same with derivatives."""
+        T = u if self.form == "dynamic" else np.zeros((len(at.q), self.reduced.p))
+        return self._flow(state_derivatives(self.reduced, at.q, self.velocity(at, u), T), u)
+
+    @abstractmethod
+    def _flow(self, found: StateDerivatives, u: Array) -> FlowDerivatives:
+        """Derivatives of the flow from those of the system."""
 
     def velocity(self, at: Nodes, u: Array | None) -> Float[Array, "n r"]:
         """Reduced velocities at nodes."""
@@ -167,38 +176,47 @@ class ActionModel(ABC):
 
     def step_derivatives(self, at: Nodes, u: Array, h: Array) -> StepDerivatives:
         """Next states of nodes after steps h (n,) [s], with derivatives."""
-        n, nv, nu, nx = len(at.q), self.nv, self.nu, self.nx
-        half = np.asarray(h) / 2
-        columns = nx + nu + 1
+        nx = self.nx
+        found = self.reduced.evaluator.planned_derivatives(self.form, at.q, at.w, u, h)
+        if found is not None:
+            flow, states, out = found
+            first = self._flow(StateDerivatives(**flow, difference_error=0.0), u)
+            return StepDerivatives(Nodes(*states), out[:, :, :nx], out[:, :, nx:-1], out[:, :, -1], first)
+        half, whole = np.asarray(h)[:, None] / 2, np.asarray(h)[:, None]
         first = self.flow_derivatives(at, u)
-        start_q, start_w, input_ = np.split(np.eye(columns)[:-1], [nv, nx])
-        v, a = self._columns(first, start_q, start_w, input_)
-
-        turned, pushed = self.manifold.integrate_derivatives(at.q, half[:, None] * first.v)
-        rate_q = half[:, None, None] * v
-        rate_q[:, :, -1] += first.v / 2
-        middle_q = turned @ start_q + pushed @ rate_q
-        middle_w = start_w + half[:, None, None] * a
-        middle_w[:, :, -1] += first.a / 2
-        middle = Nodes(self.manifold.integrate(at.q, half[:, None] * first.v), at.w + half[:, None] * first.a)
+        shift = half * first.v
+        middle = Nodes(self.manifold.integrate(at.q, shift), at.w + half * first.a)
+        by_middle = self._displaced_slopes(at.q, shift, half, first, self._slopes(first))
         second = self.flow_derivatives(middle, u)
-        v, a = self._columns(second, middle_q, middle_w, input_)
+        by_state = self._slopes(second)
+        slopes = by_state[:, :, :nx] @ by_middle
+        slopes[:, :, nx:-1] += by_state[:, :, nx:-1]
+        shift = whole * second.v
+        out = self._displaced_slopes(at.q, shift, whole, second, slopes, 1.0)
+        after = Nodes(self.manifold.integrate(at.q, shift), at.w + whole * second.a)
+        return StepDerivatives(after, out[:, :, :nx], out[:, :, nx:-1], out[:, :, -1], first)
 
-        step = 2 * half[:, None]
-        turned, pushed = self.manifold.integrate_derivatives(at.q, step * second.v)
-        rate_q = step[:, :, None] * v
-        rate_q[:, :, -1] += second.v
-        out = np.empty((n, nx, columns))
-        out[:, :nv] = turned @ start_q + pushed @ rate_q
-        out[:, nv:] = start_w + step[:, :, None] * a
-        out[:, nv:, -1] += second.a
-        after = Nodes(self.manifold.integrate(at.q, step * second.v), at.w + step * second.a)
-        return StepDerivatives(after, out[:, :, :nx], out[:, :, nx : nx + nu], out[:, :, -1], first)
+    def _slopes(self, flow: FlowDerivatives) -> Array:
+        """Derivatives of velocity and acceleration (n, nx, nx + nu + 1) by state, input and step, which has none."""
+        nv, nx = self.nv, self.nx
+        out = np.zeros((len(flow.v), nx, nx + self.nu + 1))
+        columns = slice(nv, nv + self.r)  # of v2: a state, or the input
+        out[:, :nv, :nv], out[:, :nv, columns] = flow.v_q, flow.v_w
+        if self.nw:
+            out[:, nv:, :nv], out[:, nv:, columns], out[:, nv:, nx:-1] = flow.a_q, flow.a_w, flow.a_u
+        return out
 
-    def _columns(self, flow: FlowDerivatives, q: Array, w: Array, u: Array) -> tuple[Array, Array]:
-        """Derivatives of velocity and acceleration (n, ..., columns), by the chain rule."""
-        speed = u if self.form == "kinematic" else w
-        return flow.v_q @ q + flow.v_w @ speed, flow.a_q @ q + flow.a_w @ speed + flow.a_u @ u
+    def _displaced_slopes(
+        self, q: Array, shift: Array, h: Array, flow: FlowDerivatives, slopes: Array, share: float = 0.5
+    ) -> Array:
+        """Derivatives of a state displaced by h times a flow, from those of the flow; h is a share of the step."""
+        nv, nx = self.nv, self.nx
+        slopes = h[:, :, None] * slopes
+        slopes[:, :nv, -1] += share * flow.v
+        slopes[:, nv:, -1] += share * flow.a
+        slopes[:, range(nv, nx), range(nv, nx)] += 1.0
+        self.manifold.displace_slopes(q, shift, slopes[:, :nv])
+        return slopes
 
     def difference(self, start: Nodes, end: Nodes) -> Float[Array, "n nx"]:
         """Tangent vectors that lead from some states to others."""
@@ -228,9 +246,8 @@ class KinematicModel(ActionModel):
     def flow(self, at: Nodes, u: Array) -> tuple[Array, Array]:
         return self.reduced.at(at.q, u).v, np.empty((len(at.q), 0))
 
-    def flow_derivatives(self, at: Nodes, u: Array) -> FlowDerivatives:
-        n, nv, r = len(at.q), self.nv, self.r
-        found = state_derivatives(self.reduced, at.q, u, np.zeros((n, self.reduced.p)))
+    def _flow(self, found: StateDerivatives, u: Array) -> FlowDerivatives:
+        n, nv, r = len(u), self.nv, self.r
         none = np.empty((n, 0, r))
         return FlowDerivatives(found.v, none[:, :, 0], found.v_q, found.v_v2, np.empty((n, 0, nv)), none, none)
 
@@ -249,9 +266,8 @@ class AccelerationModel(ActionModel):
     def flow(self, at: Nodes, u: Array) -> tuple[Array, Array]:
         return self.reduced.at(at.q, at.w).v, u
 
-    def flow_derivatives(self, at: Nodes, u: Array) -> FlowDerivatives:
-        n, nv, r = len(at.q), self.nv, self.r
-        found = state_derivatives(self.reduced, at.q, at.w, np.zeros((n, self.reduced.p)))
+    def _flow(self, found: StateDerivatives, u: Array) -> FlowDerivatives:
+        n, nv, r = len(u), self.nv, self.r
         eye = np.broadcast_to(np.eye(r), (n, r, r))
         return FlowDerivatives(found.v, u, found.v_q, found.v_v2, np.zeros((n, r, nv)), np.zeros((n, r, r)), eye)
 
@@ -271,8 +287,7 @@ class DynamicModel(ActionModel):
         state = self.reduced.at(at.q, at.w)
         return state.v, self.reduced.forward_dynamics(at.q, at.w, u)
 
-    def flow_derivatives(self, at: Nodes, u: Array) -> FlowDerivatives:
-        found = state_derivatives(self.reduced, at.q, at.w, u)
+    def _flow(self, found: StateDerivatives, u: Array) -> FlowDerivatives:
         return FlowDerivatives(
             found.v, found.v2_dot, found.v_q, found.v_v2, found.v2_dot_q, found.v2_dot_v2, found.v2_dot_T
         )

@@ -61,7 +61,7 @@ class BoundCost:
     def root_weights(self, time: Array) -> Array:
         """Square roots of the weights (n, k) at times (n,)."""
         if self._roots is not None:
-            return np.tile(self._roots, (len(time), 1))
+            return np.broadcast_to(self._roots, (len(time), len(self._roots)))
         assert callable(self._weight)
         return np.sqrt([weights_of(self._weight(float(t)), self.names) for t in time])
 

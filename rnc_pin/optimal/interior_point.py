@@ -19,7 +19,10 @@ _BOUNDARY = 0.995  # part of the way to the boundary that a step may go
 _STIFFEST = 1e11  # largest weight of a row in the Newton matrix, which rounding allows
 _TOLERANCE = 1e-8  # complementarity and residual of the scaled subproblem at the end, relative to the cost
 _WARM = 1e-5  # complementarity at the start from known multipliers, relative to the cost
+_EARLY = 1e-4, 1e-5  # tolerance far from the optimum: part of the last change of the cost, and the largest
+_EARLY_WARM = 1e-3, 1e-7  # complementarity at the start close to it: part of that change, and the smallest
 _SLOW = 12  # iterations after which such a start is given up
+_REST = 10.0  # part of the first residuals that may remain, relative to the tolerance
 _ENOUGH = 1e-5  # complementarity of a point that is of use
 
 
@@ -48,7 +51,6 @@ class _Scaled(NamedTuple):
     limit: Array
     active: Array
     """Mask of the rows that have a limit, (N + 1, k)."""
-    inputs: Array
 
 
 class _Point(NamedTuple):
@@ -70,62 +72,78 @@ class InteriorPointSolver:
 
     The multipliers of the last subproblem start the next one, which is a similar one of the same size. If this start is
     slower than usual, the subproblem starts again at the centre.
+
+    Attributes:
+        multipliers: of the rows of the last subproblem (N + 1, k); None if no bound was active.
     """
 
     def __init__(self) -> None:
-        self._multipliers: Array | None = None
+        self.multipliers: Float[Array, "N1 k"] | None = None
+        self._tolerance, self._warm = _TOLERANCE, _WARM
 
-    def solve(self, problem: LinearQuadratic, damping: float, weight: float) -> Direction:
+    def solve(self, problem: LinearQuadratic, damping: float, weight: float, change: float | None = None) -> Direction:
         """Return the solution.
+
+        Far from the optimum of the whole problem, less precise solutions lead to it as fast (inexact sequential
+        quadratic programming; Dembo, Eisenstat and Steihaug 1982).
 
         Args:
             problem: the subproblem.
             damping: addition to the weights of the scaled inputs.
             weight: cost of a violation of one unit of a scaled row.
+            change: relative change of the cost of the whole problem by the last step, which sets the tolerance; None
+                for the smallest one.
 
         Raises:
             SimulationError: the subproblem is not convex, or its numbers are not finite.
         """
-        scaled, equal = _scaled(problem, damping)
+        H, g = problem.scaled_hessian(damping), problem.g * problem.scales
+        if change is None:
+            self._tolerance, self._warm = _TOLERANCE, _WARM
+        else:
+            self._tolerance = min(max(_EARLY[0] * change, _TOLERANCE), _EARLY[1])
+            self._warm = min(max(_EARLY_WARM[0] * change, _EARLY_WARM[1]), _WARM)
         with np.errstate(all="ignore"):
-            found = _without_bounds(scaled, equal, weight)
-            z, costate, iterations = self._bounded(scaled, weight) if found is None else found
+            found = _without_bounds(problem, H, g, weight) if self.multipliers is None else None
+            z, costate, iterations = self._within_bounds(problem, H, g, weight) if found is None else found
         nx = problem.A.shape[1]
         if not (np.isfinite(z).all() and np.isfinite(costate).all()):
             raise SimulationError("the linear-quadratic subproblem has no finite solution")
-        return Direction(z[:, :nx], z[:-1, nx:] * scaled.inputs, costate, iterations)
+        return Direction(z[:, :nx], z[:-1, nx:] * problem.input_scales, costate, iterations)
 
-    def _bounded(self, whole: _Scaled, weight: float) -> tuple[Array, Array, int]:
+    def _within_bounds(self, problem: LinearQuadratic, H: Array, g: Array, weight: float) -> tuple[Array, Array, int]:
         """Solution within bounds: variables, costates and iterations."""
-        p = _packed(whole)
-        known, self._multipliers = self._multipliers, None
+        p, tied = _scaled(problem, H, g)
+        known, self.multipliers = self.multipliers, None
         found = None
         if known is not None and known.shape == p.limit.shape:
             with suppress(SimulationError):
-                found = self._iterate(p, weight, _warm_start(p, weight, known), _SLOW)
+                found = self._iterate(p, weight, _warm_start(p, weight, known, self._warm), _SLOW)
         if found is None or found[2] == _SLOW:
             found = self._iterate(p, weight, _start(p, weight), _MOST)
-        z, costate, iterations, y = found
-        self._multipliers = y
-        return z, costate, iterations
+        point, costate, iterations = found
+        if np.where(tied, point.e > weight - point.y, point.y > point.s)[p.active > 0].any():
+            self.multipliers = point.y
+        return point.z, costate, iterations
 
-    def _iterate(self, p: _Scaled, weight: float, point: _Point, most: int) -> tuple[Array, Array, int, Array]:
-        """Variables, costates, iterations and multipliers."""
+    def _iterate(self, p: _Scaled, weight: float, point: _Point, most: int) -> tuple[_Point, Array, int]:
+        """Solution, costates and number of iterations."""
         N, nx, nz = p.AB.shape
         scale, costate, taken = _cost_scale(p), np.zeros((N + 1, nx)), np.zeros(1)
-        given = tuple(np.ascontiguousarray(each) for each in p[:-1])
-        numbers = np.array([weight, most, _BOUNDARY, _STIFFEST, _TOLERANCE * scale, _ENOUGH * scale])
+        given = tuple(np.ascontiguousarray(each) for each in p)
+        goal, useful, left = self._tolerance * scale, _ENOUGH * scale, _REST * self._tolerance
+        numbers = np.array([weight, most, _BOUNDARY, _STIFFEST, goal, useful, left])
         if _kernel.library.interior_point(N, nx, nz, p.limit.shape[1], *given, numbers, *point, costate, taken):
             if taken[0] == 0:
                 raise SimulationError(NOT_CONVEX)
-            return point.z, costate, int(taken[0]), point.y
-        count, mu = max(1, int(p.active.sum())), np.inf
+            return point, costate, int(taken[0])
+        count, mu, rest = max(1, int(p.active.sum())), np.inf, 1.0
         for iteration in range(1, most + 1):
             try:
                 factors, W = _factors(p, point, weight)
             except SimulationError:
-                if iteration > 1 and mu <= _ENOUGH * scale:  # rounding ends the iterations early
-                    return point.z, costate, iteration, point.y
+                if iteration > 1 and mu <= useful:  # rounding ends the iterations early
+                    return point, costate, iteration
                 raise
             now = _residuals(p, point, weight)
             mu = _complementarity(p, point, weight) / (2 * count)
@@ -134,75 +152,62 @@ class InteriorPointSolver:
             mu_ahead = _complementarity(p, ahead, weight) / (2 * count)
             sigma = min(1.0, max(mu_ahead, 0.0) / max(mu, 1e-300)) ** 3
             step, costate = _newton(p, point, now, factors, W, sigma * mu, step)
-            length = min(1.0, _BOUNDARY * _length(now, point, step))
-            point = _moved(point, step, length)
-            if mu <= _TOLERANCE * scale and length > 0.9:
-                return point.z, costate, iteration, point.y
-        return point.z, costate, most, point.y
+            length = min(1.0, _BOUNDARY * _length(now, point, step, 1.0 / _BOUNDARY))
+            point, rest = _moved(point, step, length), rest * (1.0 - length)
+            if mu <= goal and length > 0.9 and rest <= left:
+                return point, costate, iteration
+        return point, costate, most
 
 
-def _scaled(problem: LinearQuadratic, damping: float) -> tuple[_Scaled, Array]:
-    """Scaled subproblem, and the mask of its equations at the end (k,)."""
-    N, nx, _ = problem.B.shape
-    inputs, (rows, _) = problem.input_scales, problem.typical_sizes
-    D = problem.D.copy()
-    D[:-1] *= inputs[:, None, :]
-    G = np.concatenate([problem.C, D], axis=2) / rows[:, :, None]
-    lower, upper = problem.lower / rows, problem.upper / rows
-    limit = np.concatenate([upper, -lower], axis=1)
+def _scaled(problem: LinearQuadratic, H: Array, g: Array) -> tuple[_Scaled, Array]:
+    """Subproblem with scaled numbers, and the mask of its rows that are one side of an equation (N + 1, k).
+
+    Rows that have a limit come first in each node, and no more of the others than needed.
+    """
+    k, (rows, _), tied = problem.lower.shape[1], problem.typical_sizes, problem.lower == problem.upper
+    limit = np.concatenate([problem.upper / rows, -problem.lower / rows], axis=1)
     active = np.isfinite(limit)
-    scaled = _Scaled(
-        AB=problem.scaled_dynamics,
-        gap=problem.gap,
-        H=problem.scaled_hessian(damping),
-        g=problem.g * np.concatenate([np.ones((N, nx)), inputs], axis=1),
-        H_end=problem.H_end,
-        g_end=problem.g_end,
-        G=np.concatenate([G, -G], axis=1) * active[:, :, None],
-        limit=np.where(active, limit, 1.0),
-        active=active,
-        inputs=inputs,
-    )
-    return scaled, problem.lower[-1] == problem.upper[-1]
+    most = int(active.sum(axis=1).max(initial=0))
+    order = np.argsort(~active, axis=1, kind="stable")[:, :most]
+    nodes = np.arange(len(limit))[:, None]
+    row, limit, active = (nodes, order % k), limit[nodes, order], active[nodes, order]
+    unit = np.where(order < k, active, -1.0 * active) / rows[row]
+    G = np.concatenate([problem.C[row], problem.D[row] * problem.input_scales], axis=2) * unit[:, :, None]
+    limit, active = np.where(active, limit, 1.0), active.astype(float)
+    return _Scaled(problem.scaled_dynamics, problem.gap, H, g, problem.H_end, problem.g_end, G, limit, active), tied[
+        row
+    ]
 
 
-def _without_bounds(p: _Scaled, equal: Array, weight: float) -> tuple[Array, Array, int] | None:
+def _without_bounds(problem: LinearQuadratic, H: Array, g: Array, weight: float) -> tuple[Array, Array, int] | None:
     """Solution under the equations at the end alone; None if it violates a bound or needs a larger multiplier."""
-    N, nx, nz = p.AB.shape
-    half = p.G.shape[1] // 2
-    rows = np.flatnonzero(equal)
-    factors = RiccatiFactors(p.AB, p.H, p.H_end)
-    E, goal = p.G[-1, rows, :nx], p.limit[-1, rows]
+    AB, (sizes, _) = problem.scaled_dynamics, problem.typical_sizes
+    N, nx, nz = AB.shape
+    lower, upper = problem.lower / sizes, problem.upper / sizes
+    rows = np.flatnonzero(lower[-1] == upper[-1])
+    factors = RiccatiFactors(AB, H, problem.H_end)
+    E, goal = problem.C[-1, rows] / sizes[-1, rows, None], upper[-1, rows]
     many = 1 + len(rows)
-    g, g_end, gap = np.zeros((N, nz, many)), np.zeros((nx, many)), np.zeros((N, nx, many))
-    g[:, :, 0], g_end[:, 0], gap[:, :, 0] = p.g, p.g_end, p.gap
+    slopes, g_end, gap = np.zeros((N, nz, many)), np.zeros((nx, many)), np.zeros((N, nx, many))
+    slopes[:, :, 0], g_end[:, 0], gap[:, :, 0] = g, problem.g_end, problem.gap
     g_end[:, 1:] = E.T
-    z, x, costate = factors.solve(g, g_end, gap)
+    z, x, costate = factors.solve(slopes, g_end, gap)
     if len(rows):
         reach = -(E @ x[:, 1:])
         multipliers, *_ = np.linalg.lstsq(reach, E @ x[:, 0] - goal, rcond=1e-10)
     else:
         multipliers = np.empty(0)
     combination = np.concatenate([[1.0], multipliers])
-    last = np.zeros((1, nz))
-    last[0, :nx] = x @ combination
-    whole = np.concatenate([z @ combination, last])
-    residual = np.einsum("nkz,nz->nk", p.G, whole) - p.limit
-    residual[~p.active] = -1.0
-    inside = residual <= 1e-9
-    inside[-1, rows], inside[-1, rows + half] = np.abs(residual[-1, rows]) <= 1e-7, True
+    whole = np.zeros((N + 1, nz))
+    whole[:-1], whole[-1, :nx] = z @ combination, x @ combination
+    value = np.matvec(problem.C, whole[:, :nx])
+    value[:-1] += np.matvec(problem.D[:-1], whole[:-1, nx:] * problem.input_scales)
+    beyond = np.maximum(lower - value / sizes, value / sizes - upper)
+    inside = beyond <= 1e-9
+    inside[-1, rows] = beyond[-1, rows] <= 1e-7
     if not inside.all() or np.abs(multipliers).max(initial=0.0) >= weight:
         return None
     return whole, costate @ combination, 0
-
-
-def _packed(p: _Scaled) -> _Scaled:
-    """Subproblem with the rows that have a limit first in each node, and no more of the others than needed."""
-    most = int(p.active.sum(axis=1).max(initial=0))
-    order = np.argsort(~p.active, axis=1, kind="stable")[:, :most]
-    G = np.take_along_axis(p.G, order[:, :, None], axis=1)
-    limit, active = (np.take_along_axis(each, order, axis=1) for each in (p.limit, p.active))
-    return p._replace(G=G, limit=limit, active=active.astype(float))
 
 
 def _start(p: _Scaled, weight: float) -> _Point:
@@ -214,13 +219,13 @@ def _start(p: _Scaled, weight: float) -> _Point:
     return _Point(z, s, e, np.full(shape, min(1.0, weight / 2)))
 
 
-def _warm_start(p: _Scaled, weight: float, y: Array) -> _Point:
+def _warm_start(p: _Scaled, weight: float, y: Array, complementarity: float) -> _Point:
     """Start near the multipliers of a similar subproblem, whose solution this one is the next step from."""
-    mu, on = _WARM * _cost_scale(p), p.active > 0
+    mu, on = complementarity * _cost_scale(p), p.active > 0
     least = mu / np.maximum(p.limit, np.sqrt(mu))
     y = np.where(on, np.minimum(np.maximum(y, least), 0.9 * weight), min(1.0, weight / 2))
     s = np.where(on, np.maximum(p.limit, mu / y), 1.0)
-    e = np.where(on, np.maximum(s - p.limit, mu / (weight - y)), 1.0)
+    e = np.where(on, np.maximum(-p.limit, mu / (weight - y)), 1.0)
     return _Point(np.zeros((len(y), p.AB.shape[2])), s, e, y)
 
 
@@ -284,11 +289,11 @@ def _newton(
     return _Point(step, ds, de, dy), costate[:, :, 0]
 
 
-def _length(now: _Residuals, at: _Point, step: _Point) -> float:
-    """Longest part of a step, up to 1, that keeps slacks and multipliers positive."""
+def _length(now: _Residuals, at: _Point, step: _Point, most: float = 1.0) -> float:
+    """Longest part of a step, up to a part, that keeps slacks and multipliers positive."""
     pairs = ((at.s, step.s), (at.e, step.e), (at.y, step.y), (now.other, -step.y))
     fastest = max(float((change / value).min(initial=0.0)) * -1.0 for value, change in pairs)
-    return 1.0 / fastest if fastest > 1.0 else 1.0
+    return 1.0 / fastest if fastest > 1.0 / most else most
 
 
 def _moved(at: _Point, step: _Point, length: float) -> _Point:

@@ -38,7 +38,7 @@ class LinearQuadratic:
     """Rows ``lower <= C x + D u <= upper`` of every stage and of the end, where ``D`` is zero."""
 
     @cached_property
-    def input_scales(self) -> Float[Array, "N nu"]:
+    def input_scales(self) -> Float[Array, " nu"]:
         """Scales of the inputs that give each a weight of about one.
 
         Weights that vanish get the mean of the others.
@@ -47,21 +47,24 @@ class LinearQuadratic:
         weights = np.einsum("nii->ni", self.H)[:, nx:].mean(axis=0)
         positive = weights[weights > _LEAST]
         usual = float(np.median(positive)) if len(positive) else 1.0
-        scales = 1.0 / np.sqrt(np.maximum(weights, 1e-6 * usual))
-        return np.broadcast_to(scales, (len(self.A), len(scales)))
+        return np.asarray(1.0 / np.sqrt(np.maximum(weights, 1e-6 * usual)))
 
-    @property
+    @cached_property
+    def scales(self) -> Float[Array, " nz"]:
+        """Scales of states, which are one, and of inputs."""
+        return np.concatenate([np.ones(self.A.shape[1]), self.input_scales])
+
+    @cached_property
     def scaled_dynamics(self) -> Float[Array, "N nx nz"]:
         """A and B, for scaled inputs."""
-        return np.concatenate([self.A, self.B * self.input_scales[:, None, :]], axis=2)
+        return np.concatenate([self.A, self.B * self.input_scales], axis=2)
 
     def scaled_hessian(self, damping: float) -> Float[Array, "N nz nz"]:
         """H for scaled inputs, with an addition to their weights."""
-        N, nx, nu = self.B.shape
-        scale = np.concatenate([np.ones((N, nx)), self.input_scales], axis=1)
-        H = self.H * scale[:, :, None] * scale[:, None, :]
-        H[:, np.arange(nx, nx + nu), np.arange(nx, nx + nu)] += damping
-        return H
+        nx, nz = self.A.shape[1], len(self.scales)
+        H = self.H * np.outer(self.scales, self.scales)
+        H[:, range(nx, nz), range(nx, nz)] += damping
+        return np.asarray(H)
 
     @cached_property
     def typical_sizes(self) -> tuple[Float[Array, "N1 k"], Float[Array, "N1 nx"]]:
@@ -69,15 +72,23 @@ class LinearQuadratic:
 
         They are standard deviations under random inputs of the size of their scales, independent from stage to stage.
         """
-        inputs = self.input_scales
-        noise = self.B * inputs[:, None, :]
+        rows, states = (np.sqrt(np.maximum(each, 0.0)) for each in self._variances())  # rounding may go below zero
+        return np.maximum(rows, max(1e-4 * float(rows.max(initial=0.0)), _LEAST)), states
+
+    def _variances(self) -> tuple[Float[Array, "N1 k"], Float[Array, "N1 nx"]]:
+        """Squares of the typical sizes."""
+        AB, scales, (N, nx, nu), k = self.scaled_dynamics, self.input_scales, self.B.shape, self.C.shape[1]
+        rows, states = np.empty((N + 1, k)), np.empty((N + 1, nx))
+        given = np.ascontiguousarray(self.C), np.ascontiguousarray(self.D)
+        if _kernel.library.variances(N, nx, nx + nu, k, AB, *given, scales, rows, states):
+            return rows, states
+        noise = AB[:, :, nx:]
         P = np.concatenate([np.zeros_like(self.A[:1]), noise @ noise.mT])
         for before, A, after in zip(P, self.A, P[1:], strict=False):
             after += A @ before @ A.T
         square = ((self.C @ P) * self.C).sum(axis=2)
-        square[:-1] += ((self.D[:-1] * inputs[:, None, :]) ** 2).sum(axis=2)
-        rows, sizes = np.sqrt(np.maximum(square, 0.0)), np.sqrt(np.einsum("nii->ni", P))  # rounding may go below zero
-        return np.maximum(rows, max(1e-4 * float(rows.max(initial=0.0)), _LEAST)), sizes
+        square[:-1] += ((self.D[:-1] * scales) ** 2).sum(axis=2)
+        return square, np.einsum("nii->ni", P)
 
 
 class RiccatiFactors:

@@ -279,7 +279,7 @@ class PlanSearch:
             q=np.array(at.q),
             w=np.array(at.w),
             u=np.array(at.u),
-            K=problem.feedback_gains(at),
+            K=problem.feedback_gains(at, found.linear),
             position=position,
             velocity=velocity,
             acceleration=acceleration,

@@ -52,6 +52,8 @@ class PredictiveState(NamedTuple):
     """Searches for such a plan."""
     next_search: float = 0.0
     """Time from which the next search may take place [s]."""
+    multipliers: Float[Array, "K1 k"] | None = None
+    """Multipliers of the bounds, from which the next update starts; None if no bound is active."""
 
 
 @dataclass(frozen=True)
@@ -238,14 +240,15 @@ class PredictiveController(ReprMixin):
         limit, begin = self.updates.budget, time.process_time()
         waiting = state._replace(next_update=t + self.updates.period)
         try:
-            at = self._shifted(t + self.updates.delay, self._predicted(t, now, state), state)
+            at, known = self._shifted(t + self.updates.delay, self._predicted(t, now, state), state)
             stalled = self._stalled(t, at, state)
             if stalled:
                 limit, waiting = None, self._after_search(t, waiting)
-                at = self._escaped(at, state.searches) or at
+                at, known = self._escaped(at, state.searches) or at, None
             escapes = state.escapes + int(stalled and not np.array_equal(at.q[-1], at.q[0]))
             self._problem.begin = t + self.updates.delay
             solver = SequentialQuadratic(self._problem, self._solver_settings)
+            solver.multipliers = known
             rows = None
             for _ in range(self.updates.iterations):
                 found = solver.iterate(at)
@@ -255,7 +258,7 @@ class PredictiveController(ReprMixin):
             if rows is None or solver.linear is None:
                 gains = self._problem.feedback_gains(at)
             else:  # real-time iteration: the linearization of the last iteration gives the gains, too
-                gains = self._problem.gains_of(solver.linear, rows)
+                gains = self._problem.gains_near(solver.linear, rows)
         except RncError:
             return waiting._replace(missed=state.missed + 1)
         late = limit is not None and time.process_time() - begin > limit
@@ -264,7 +267,12 @@ class PredictiveController(ReprMixin):
         motion = PredictiveState(
             t + self.updates.delay, at.q, at.w, at.u, gains, t + self.updates.period, state.updates + 1, state.missed
         )
-        return motion._replace(escapes=escapes, searches=waiting.searches, next_search=waiting.next_search)
+        return motion._replace(
+            escapes=escapes,
+            searches=waiting.searches,
+            next_search=waiting.next_search,
+            multipliers=solver.multipliers,
+        )
 
     def _stalled(self, t: float, at: Iterate, state: PredictiveState) -> bool:
         """True if it is time to search for another motion."""
@@ -313,17 +321,16 @@ class PredictiveController(ReprMixin):
             return state.u[k]
         return state.u[k] + state.gains[k] @ self._model.difference(planned, at)[0]
 
-    def _shifted(self, begin: float, start: Nodes, state: PredictiveState) -> Iterate:
-        """Last motion from a new time on, from a new start; the last input repeats after its end."""
+    def _shifted(self, begin: float, start: Nodes, state: PredictiveState) -> tuple[Iterate, Array | None]:
+        """Last motion from a new time and a new start on, and its multipliers; the last input repeats after its end."""
         K = len(state.u)
-        q, w, u = [start.q[0]], [start.w[0]], []
-        now = Nodes(start.q, start.w)
-        for k in range(K):
-            time_k = begin + k * self._h
-            place = min(int(max(time_k - state.begin, 0.0) / self._h + 0.5), K - 1)
-            u.append(state.u[place])
-            planned = Nodes(state.q[place + 1][None], state.w[place + 1][None])
-            now = planned if k < K - 1 else self._model.step(now, u[-1][None], np.array([self._h]))
-            q.append(now.q[0])
-            w.append(now.w[0])
-        return Iterate(np.array(q), np.array(w), np.array(u), self.horizon)
+        since = np.maximum(begin + self._h * np.arange(K) - state.begin, 0.0)
+        places = np.minimum((since / self._h + 0.5).astype(int), K - 1)
+        u = state.u[places]
+        q, w = (
+            np.concatenate([first, of_nodes[places[:-1] + 1]])
+            for first, of_nodes in ((start.q, state.q), (start.w, state.w))
+        )
+        last = self._model.step(Nodes(q[-1:], w[-1:]), u[-1:], np.array([self._h]))
+        at = Iterate(np.concatenate([q, last.q]), np.concatenate([w, last.w]), u, self.horizon)
+        return at, None if state.multipliers is None else state.multipliers[[*places, K]]

@@ -14,7 +14,9 @@ from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Le
+from numpy import ndarray as Array
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.errors import RncError, SimulationError
 from rnc_pin.model.parameter_types import Positive
 from rnc_pin.optimal.interior_point import Direction, InteriorPointSolver
@@ -72,6 +74,8 @@ class Solution:
     iterations: int
     outcome: SolverOutcome
     """Converged; within tolerance, but the cost still changes; or not within tolerance."""
+    linear: LinearQuadratic | None = None
+    """Linearization at the iterate, if the last step gave it."""
 
 
 class _Sizes(NamedTuple):
@@ -93,6 +97,8 @@ class SequentialQuadratic:
     """
 
     linear: LinearQuadratic | None = None
+    _ahead: tuple[Iterate, LinearQuadratic, Values] | None = None
+    """Linearization at the iterate of a whole step, in place of its values alone: the next iteration starts there."""
 
     def __init__(self, problem: Transcription, settings: SolverSettings) -> None:
         self.problem, self.settings = problem, settings
@@ -105,17 +111,27 @@ class SequentialQuadratic:
         self._last: Direction | None = None  # direction of the last iteration, if the step was whole
         self._whole = False  # the last step was whole, and damping did not shorten it
 
+    @property
+    def multipliers(self) -> Float[Array, "N1 k"] | None:
+        """Multipliers of the bounds, which start the next subproblem; None if no bound is active."""
+        return self._solver.multipliers
+
+    @multipliers.setter
+    def multipliers(self, known: Array | None) -> None:
+        self._solver.multipliers = known
+
     def solve(self, guess: Iterate) -> Solution:
         """Improve a guess until it converges. Its first node becomes the start of the problem, which no step moves."""
         s, calm, count, done, before = self.settings, 0, 0, False, np.inf
         start = self.problem.start
         at = guess._replace(q=np.concatenate([start.q, guess.q[1:]]), w=np.concatenate([start.w, guess.w[1:]]))
         self.restart()
-        values = self.problem.values(at)
+        linear, values = self.problem.linearize(at)
+        self._ahead = at, linear, values
         mark, age = np.inf, 0  # violation at the last time that it was halved, and iterations since
         while count < s.iterations:
             count += 1
-            found = self.iterate(at)
+            found = self.iterate(at, before if before < 1.0 else None)
             if found is None:
                 done = not self._raise_penalty(values, at.duration)
                 if done:
@@ -139,7 +155,9 @@ class SequentialQuadratic:
                 break
         violation = self.problem.worst(values, at.duration)
         within: SolverOutcome = "solved" if done else "feasible"
-        return Solution(at, values.cost, violation, count, within if violation.amount <= s.tolerance else "infeasible")
+        outcome = within if violation.amount <= s.tolerance else "infeasible"
+        last = self._ahead[1] if self._ahead is not None and self._ahead[0] is at else None
+        return Solution(at, values.cost, violation, count, outcome, last)
 
     def _raise_penalty(self, values: Values, duration: float) -> bool:
         """Raise the cost of violations if there are some; False if there are none or it is at its limit."""
@@ -148,18 +166,24 @@ class SequentialQuadratic:
         self._weight, self._damping = _HEAVIER * self._weight, _FIRST_DAMPING
         return True
 
-    def iterate(self, at: Iterate) -> tuple[Iterate, Values] | None:
-        """One iteration: the next iterate with its values; None if no step improves the merit function."""
-        problem, values = self.problem.linearize(at)
-        self.linear = problem
+    def iterate(self, at: Iterate, change: float | None = None) -> tuple[Iterate, Values] | None:
+        """One iteration: the next iterate with its values; None if no step improves the merit function.
+
+        Args:
+            at: the iterate.
+            change: relative change of the cost by the last iteration of a series that goes on; None for a single one.
+        """
+        known = self._ahead
+        problem, values = known[1:] if known is not None and known[0] is at else self.problem.linearize(at)
+        self.linear, self._ahead = problem, None
         sizes = self._sizes(problem)
         while self._damping < _MOST_DAMPING:
             try:
-                direction = self._solver.solve(problem, self._damping, self._weight)
+                direction = self._solver.solve(problem, self._damping, self._weight, change)
             except SimulationError:
                 self._damping = max(10 * self._damping, 1e-3)
                 continue
-            found = self._searched(at, values, problem, direction, sizes)
+            found = self._searched(at, values, direction, sizes, change is not None)
             if found is not None:
                 after, result, length = found
                 factor = 0.2 if length == 1.0 else 1.0 if length >= 0.2 else 4.0
@@ -172,19 +196,24 @@ class SequentialQuadratic:
         return None
 
     def _searched(
-        self, at: Iterate, values: Values, problem: LinearQuadratic, direction: Direction, sizes: _Sizes
+        self, at: Iterate, values: Values, direction: Direction, sizes: _Sizes, ahead: bool
     ) -> tuple[Iterate, Values, float] | None:
         """Line search along a direction: the next iterate, its values, and the step length."""
+        assert self.linear is not None
         nx = len(sizes.states)
         costate = np.abs(direction.costate[1:, :nx] * sizes.states)
         self._gap_weight = max(0.5 * self._gap_weight, 1.5 * float(costate.max(initial=0.0)))
         merit = self._merit(values, sizes)
-        predicted = merit - _merit_of_subproblem(problem, direction, values.cost, sizes, self._weight)
+        predicted = merit - _merit_of_subproblem(self.linear, direction, values.cost, sizes, self._weight)
         rounding = 1e-12 * max(1.0, abs(merit))
         for length in _LENGTHS:
             after = self.problem.moved(at, direction.x, direction.u, float(length))
             try:
-                result = self.problem.values(after)
+                if ahead and self._whole and length == 1.0:
+                    linear, result = self.problem.linearize(after)
+                    self._ahead = after, linear, result
+                else:
+                    result = self.problem.values(after)
             except RncError:  # a singular configuration: shorter steps may avoid it
                 continue
             now = self._merit(result, sizes)

@@ -18,7 +18,7 @@ from rnc_pin.optimal.action_models import ActionModel, Nodes, StepDerivatives
 from rnc_pin.optimal.bounds import DISTANCE, NodeBound
 from rnc_pin.optimal.costs import BoundCost
 from rnc_pin.optimal.linear_quadratic import LinearQuadratic, RiccatiFactors
-from rnc_pin.optimal.node_data import NodeData, stacked
+from rnc_pin.optimal.node_data import NodeData
 
 _LEAST = 1e-12
 _GOAL, _BOUND = 1e2, 1e6
@@ -194,24 +194,29 @@ class Transcription:
 
     def _costs(self, nodes: NodeData, end: NodeData, duration: float) -> tuple[float, Array, Array, Array, Array]:
         """Cost, and Gauss-Newton Hessians and gradients by (x, u[, duration])."""
-        nx, nu, K = self.model.nx, self.model.nu, self.K
-        root = np.sqrt(duration / K)
-        r, x, u = stacked([each.rows(nodes, True) for each in self.running], K, nx, nu)
-        weights = [np.empty((K, 0)), *(each.root_weights(nodes.time) for each in self.running)]
-        roots = root * np.concatenate(weights, axis=1)
-        r = roots * r
-        blocks = [roots[:, :, None] * x, roots[:, :, None] * u]
+        nx = self.model.nx
+        r, J = self._residuals(self.running, nodes, np.sqrt(duration / self.K))
         if self.free:  # sqrt(h) r depends on the duration
-            blocks.append((r / (2 * duration))[:, :, None])
-        J = np.concatenate(blocks, axis=2)
-        cost = 0.5 * float((r**2).sum()) + self.time_weight * duration
-        r_end, x_end, _ = stacked([each.rows(end, True) for each in self.terminal], 1, nx, nu)
-        weights = [np.empty((1, 0)), *(each.root_weights(end.time) for each in self.terminal)]
-        roots = np.concatenate(weights, axis=1)
-        r_end, x_end = roots * r_end, roots[:, :, None] * x_end
-        cost += 0.5 * float((r_end**2).sum())
-        H, g = J.mT @ J, np.einsum("nkz,nk->nz", J, r)
-        return cost, H, g, x_end[0].T @ x_end[0], x_end[0].T @ r_end[0]
+            J = np.concatenate([J, (r / (2 * duration))[:, :, None]], axis=2)
+        r_end, J_end = self._residuals(self.terminal, end)
+        r_end, x_end = r_end[0], J_end[0, :, :nx]
+        cost = 0.5 * float((r**2).sum()) + self.time_weight * duration + 0.5 * float((r_end**2).sum())
+        return cost, J.mT @ J, np.matvec(J.mT, r), x_end.T @ x_end, x_end.T @ r_end
+
+    def _residuals(self, costs: Sequence[BoundCost], nodes: NodeData, root: float = 1.0) -> tuple[Array, Array]:
+        """Weighted residuals (n, k) and their derivatives (n, k, nx + nu)."""
+        nx, first = self.model.nx, 0
+        count = sum(len(each.names) for each in costs)
+        r, J = np.empty((nodes.size, count)), np.zeros((nodes.size, count, nx + self.model.nu))
+        for each in costs:
+            found, roots = each.rows(nodes, True), root * each.root_weights(nodes.time)
+            rows = slice(first, first + len(each.names))
+            r[:, rows] = roots * found.value
+            for columns, part in ((slice(0, nx), found.x), (slice(nx, None), found.u)):
+                if part is not None:
+                    J[:, rows, columns] = roots[:, :, None] * part
+            first = rows.stop
+        return r, J
 
     def _linear_rows(self, nodes: NodeData, end: NodeData) -> tuple[Array, Array, Array]:
         """Derivatives of the rows of every node by state and input, and their values."""
@@ -256,30 +261,24 @@ class Transcription:
 
     # ------------------------------------------------------------------ feedback
 
-    def feedback_gains(self, at: Iterate) -> Float[Array, "K nu nx"]:
+    def feedback_gains(self, at: Iterate, linear: LinearQuadratic | None = None) -> Float[Array, "K nu nx"]:
         """Gains of ``u + K dx`` about a motion, from the Riccati recursion with the costs of the problem.
 
         Deviations at the goal have a finite weight. Inputs at a bound have none to give: their feedback vanishes.
-        """
-        fixed = self._with(self.K, self.bounds, (at.duration, at.duration))
-        fixed.begin = self.begin
-        linear, values = fixed.linearize(at)
-        return fixed.gains_of(linear, values.rows)
 
-    def gains_of(self, linear: LinearQuadratic, rows: Float[Array, "K1 k"]) -> Float[Array, "K nu nx"]:
+        Args:
+            at: the motion.
+            linear: linearization at the motion, if it is known; that of a free duration is of no use.
+        """
+        if linear is None or self.free:
+            fixed = self._with(self.K, self.bounds, (at.duration, at.duration))
+            fixed.begin = self.begin
+            linear, _ = fixed.linearize(at)
+        return gains_of(linear, np.minimum(linear.upper, -linear.lower))
+
+    def gains_near(self, linear: LinearQuadratic, rows: Float[Array, "K1 k"]) -> Float[Array, "K nu nx"]:
         """Gains of ``feedback_gains`` from a linearization near a motion of fixed duration, and its bounded rows."""
-        room = np.minimum(self.upper - rows, rows - self.lower)
-        nx = linear.B.shape[1]
-        inputs, (sizes, _) = linear.input_scales, linear.typical_sizes
-        H = linear.scaled_hessian(1e-6)
-        D = linear.D[:-1] * inputs[:, None, :] / sizes[:-1, :, None]
-        active = (room / sizes)[:-1] < _ACTIVE
-        of_input = np.concatenate([np.zeros((*D.shape[:2], nx)), D], axis=2) * active[:, :, None]
-        H = H + _BOUND * of_input.mT @ of_input
-        equal = linear.lower[-1] == linear.upper[-1]
-        C = linear.C[-1, equal] / sizes[-1, equal, None]
-        factors = RiccatiFactors(linear.scaled_dynamics, H, linear.H_end + _GOAL * C.T @ C)
-        return inputs[:, :, None] * factors.K
+        return gains_of(linear, np.minimum(self.upper - rows, rows - self.lower))
 
     def moved(self, at: Iterate, x: Array, u: Array, length: float) -> Iterate:
         """Iterate after a part of a direction of the subproblem."""
@@ -289,6 +288,19 @@ class Transcription:
             x, u = x[1:, :-1], u[1:]
         states = self.model.displaced(Nodes(at.q, at.w), length * x)
         return Iterate(states.q, states.w, at.u + length * u, duration)
+
+
+def gains_of(linear: LinearQuadratic, room: Float[Array, "N1 k"]) -> Float[Array, "N nu nx"]:
+    """Gains of the feedback of a linearization, and the distances of its rows from their limits."""
+    nx, inputs, (sizes, _) = linear.B.shape[1], linear.input_scales, linear.typical_sizes
+    H = linear.scaled_hessian(1e-6)
+    active = ((room / sizes)[:-1] < _ACTIVE)[:, :, None]
+    of_input = active * linear.D[:-1] * inputs / sizes[:-1, :, None]
+    H[:, nx:, nx:] += _BOUND * of_input.mT @ of_input
+    equal = linear.lower[-1] == linear.upper[-1]
+    C = linear.C[-1, equal] / sizes[-1, equal, None]
+    factors = RiccatiFactors(linear.scaled_dynamics, H, linear.H_end + _GOAL * C.T @ C)
+    return inputs[:, None] * factors.K
 
 
 def _joined(parts: Sequence[Array]) -> Array:

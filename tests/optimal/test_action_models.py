@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 
 import systems
+from rnc_pin.model.numpy_evaluator import NumPyEvaluator
 from rnc_pin.optimal.action_models import Nodes, action_model
 
 FORMS = ["kinematic", "acceleration", "dynamic"]
 SYSTEMS = {"sleigh": systems.sleigh, "space robot": systems.space_robot_in_joints}
+CURVED = SYSTEMS | {"mobile manipulator": systems.mobile_manipulator, "flying arm": systems.free_flying_panda}
+"""Also with a planar and with a free base."""
 
 
 def random_nodes(model, count=4, seed=0):
@@ -40,6 +43,36 @@ def test_derivatives_of_a_step_are_those_of_differences(system, form):
     np.testing.assert_allclose(found.x, by_x, atol=1e-7)
     np.testing.assert_allclose(found.u, by_u, atol=1e-7)
     np.testing.assert_allclose(found.h, by_h[:, :, 0], atol=1e-7)
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("system", CURVED)
+def test_one_call_gives_the_derivatives_of_the_formulas(system, form, monkeypatch):
+    """The series of the kernel for curved joints beside the functions of Pinocchio."""
+    model = action_model(CURVED[system](), form)
+    at, u, h = random_nodes(model, count=8)
+    h *= 0.2  # the arm is near a singular position: its base turns at up to 45 rad/s
+    compiled = type(model.reduced.evaluator) is not NumPyEvaluator
+    assert compiled == (model.reduced.evaluator.planned_derivatives(form, *at, u, h) is not None)
+    found = model.step_derivatives(at, u, h)
+    monkeypatch.setattr(type(model.reduced.evaluator), "planned_derivatives", NumPyEvaluator.planned_derivatives)
+    expected = model.step_derivatives(at, u, h)
+    for one, other in zip(parts(found), parts(expected), strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-11 * (1 + np.abs(other).max(initial=0.0)))
+
+
+def test_a_turn_beyond_the_series_has_the_derivatives_of_pinocchio():
+    model = action_model(systems.sleigh(), "kinematic")
+    at, u, _ = random_nodes(model)
+    u[:, 1], h = 1.0, np.full(len(u), 2.5)
+    assert model.reduced.evaluator.planned_derivatives("kinematic", *at, u, h) is None
+    by_u = central(model, lambda d: model.step(at, u + d, h), model.nu, step=1e-5)
+    np.testing.assert_allclose(model.step_derivatives(at, u, h).u, by_u, atol=1e-7)
+
+
+def parts(found):
+    """All arrays of the derivatives of a step."""
+    return (found.x, found.u, found.h, *found.after, *found.flow)
 
 
 @pytest.mark.parametrize("form", FORMS)

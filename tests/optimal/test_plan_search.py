@@ -217,9 +217,9 @@ def iterations(monkeypatch):
     """Numbers of intervals of all iterations."""
     found, iterate = [], SequentialQuadratic.iterate
 
-    def counted(self, at):
+    def counted(self, at, *options):
         found.append(self.problem.K)
-        return iterate(self, at)
+        return iterate(self, at, *options)
 
     monkeypatch.setattr(SequentialQuadratic, "iterate", counted)
     return found

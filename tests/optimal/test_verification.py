@@ -40,8 +40,13 @@ def test_the_compiled_motion_is_that_of_the_steps(name, form, monkeypatch):
     states = random_states(reduced, 3)
     nodes = Nodes(np.array([q for q, _ in states]), np.array([v2[: model.nw] for _, v2 in states]))
     after = reduced.evaluator.planned_steps(form, *nodes, u, np.array([1e-3, 0.0, 0.02]))
+    twice = [np.repeat(each, 2, axis=0) for each in (*nodes, u)]
+    shared = reduced.evaluator.planned_steps(form, *twice, np.tile([1e-3, 0.02], 3))
     monkeypatch.setattr(type(reduced.evaluator), "planned_steps", NumPyEvaluator.planned_steps)
     for one, other in zip(after, model.step(nodes, u, np.array([1e-3, 0.0, 0.02])), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-13, atol=1e-13)
+    apart = model.step(Nodes(*twice[:2]), twice[2], np.tile([1e-3, 0.02], 3))
+    for one, other in zip(shared, apart, strict=True):  # steps from one node share its flow
         np.testing.assert_allclose(one, other, rtol=1e-13, atol=1e-13)
     planned = [np.repeat(each[None], 12, axis=0) for each in start]
     limits = np.full(model.nu, 0.05)
