@@ -27,6 +27,7 @@ from rnc_pin.optimal.problem_building import build_problem, check_start, initial
 from rnc_pin.optimal.sequential_quadratic import SolverSettings
 from rnc_pin.optimal.transcription import Iterate, Transcription
 
+_EXPENSIVE = (DISTANCE, "normal_force", "grip")  # bounds whose rows take most of the time of a solution
 _USUAL = 5  # guesses among whose solutions the cheapest is chosen, where the straight line does not hold the rows
 _ROUNDING = 1e-6  # of a velocity along the straight line
 _DEFAULT, _OF_FILE = SolverSettings(), FileLimits()
@@ -87,7 +88,7 @@ def plan_motion(
         seed: seed of the random guesses.
         solutions: number of solutions among which the cheapest is returned. If fewer guesses lead to some, a warning
             and ``info.solutions`` tell. By default those of the first five guesses if the rows do not allow the
-            straight line, no distances are bounded and no guess is given; else one.
+            straight line, no distances or contact forces are bounded and no guess is given; else one.
         v2_0: initial reduced velocity (r,); zero by default. The kinematic form has none.
         at_rest: True if the motion ends at rest.
         time_weight: cost of a free duration [1/s].
@@ -141,8 +142,8 @@ def plan_motion(
 
 
 def _bends(problem: Transcription, line: Iterate) -> bool:
-    """True if rows do not allow the straight line, and no distances make each solution expensive."""
-    if any(bound.quantity == DISTANCE for bound in problem.bounds):
+    """True if rows do not allow the straight line, and no bounds make each solution expensive."""
+    if any(bound.quantity in _EXPENSIVE for bound in problem.bounds):
         return False
     v = problem.model.manifold.difference(line.q[:-1], line.q[1:]) * problem.K / line.duration
     reduced = problem.model.reduced

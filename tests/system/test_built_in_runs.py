@@ -27,7 +27,7 @@ FREE = (  # which have no goals
     "rattleback", "ball-in-bowl", "ball-on-turntable", "roller-racer", "disk-on-slope", "chaplygin-ball",
     "shaken-pendulum", "dropped-disk", "skidding-robot",
 )  # fmt: skip
-ELSEWHERE = ("closing-door", "fire-truck", "grasp", "park", "tiago-rooms", *FREE)  # tests of their own below
+ELSEWHERE = ("closing-door", "crossing-cart", "fire-truck", "grasp", "park", "tiago-rooms", *FREE)  # tests of their own below
 ENOUGH = {  # [s]; of scenarios that go on and on, after which nothing new happens
     "space-robot-uncertain": 12.0,
     "wheels-uncertain": 12.0,
@@ -46,6 +46,8 @@ GAINS = {  # in the record of a run, by the type of what its controller is made 
     "UnicycleStabilizer": {"goal", "k", "rate"},
     "SplitController": {"parts"},
     "PlanFeedback": {"form", "cost", "outcome", "gains"},
+    "ActuatorVelocityController": {"limits", "target"},
+    "NavigationController": {"acceleration", "clearance", "tube"},
     "SetPointController": {"tolerance", "tube", "check", "weights"},
     "StateFeedback": {"states", "K"},
     "InverseDynamicsQP": {"tasks", "limits", "dt", "velocity_gain", "friction"},
@@ -91,6 +93,7 @@ def its_gains_are_recorded(prepared):
         assert set(part) >= GAINS[part["type"]], part
     trackers = [part["gains"] for part in parts if "gains" in part and part["type"] != "PlanFeedback"]
     assert trackers or parts[0]["type"] in (
+        "ActuatorVelocityController",
         "InverseDynamicsQP",
         "PlanFeedback",
         "SetPointController",
@@ -136,7 +139,7 @@ def test_the_car_parks_where_its_controller_has_its_goal():
 
 
 def test_the_hand_reaches_from_one_room_into_a_shelf_in_another():
-    prepared = Scenario.load("tiago-rooms", {"plots": {}, "simulation.dt": 0.08}).build()
+    prepared = Scenario.load("tiago-rooms", {"plots": {}}).build()
     result, robot = execute(prepared), prepared.model.reduced.robot
     run = result.trajectory
     assert run.verdict.succeeded
@@ -165,6 +168,16 @@ def test_the_robot_takes_the_other_door_or_says_that_no_way_is_left(open_door):
         assert "no way found" in str(verdict.findings[0].message)
         assert run.q[-1, 0] < -0.5
         assert np.abs(run.v[-1]).max() < 1e-3
+
+
+def test_the_robot_waits_until_the_cart_has_passed():
+    result = execute(Scenario.load("crossing-cart", {"plots": {}, "simulation.dt": 0.04}))
+    run = result.trajectory
+    assert run.verdict.succeeded
+    x, y, cosine, sine = run.q[-1, :4]
+    np.testing.assert_allclose([x, y, np.arctan2(sine, cosine)], [3.8, 0.0, 0.0], atol=0.02)
+    assert np.count_nonzero(np.abs(run.q[:, 0] + 3.6) < 1e-3) * 0.04 > 1.0  # where it starts, nothing reaches it
+    respects_its_limits(result.summary)
 
 
 def test_free_motions_are_those_of_textbooks():
