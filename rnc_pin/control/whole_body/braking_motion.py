@@ -18,7 +18,7 @@ from numpy import ndarray as Array
 from rnc_pin.array_shapes import Float
 from rnc_pin.errors import DivergenceError, SingularityError
 
-_KEPT = 1e-7  # [rad, m, and per second] excess over a limit that is rounding
+_KEPT = 1e-8  # [rad, m, and per second] excess over a limit that is rounding
 _SHARE = 0.5  # of the program's inputs beside those of a braking motion
 _REST = 1e-6  # [rad/s, m/s] speed that counts as rest
 
