@@ -37,6 +37,8 @@ _ORDER = 6  # of the series of the exponential
 _SMALL = 0.5  # largest matrix whose exponential is a series
 _TOGETHER = 512  # maps that are computed at once
 _SWITCHES = "the active limits of the controller's program may change, and small differences decide when"
+_REMEMBERS = "the controller damps by its own state, which a propagation along the motion does not change"
+_RANK = 1e-4  # singular value, relative to the largest, below which an input does not depend on a direction
 _LARGEST = 1e6  # error above which no motion is that of the linearisation
 
 
@@ -257,7 +259,12 @@ class ErrorHistory:
         moves = sizes * np.vstack([np.zeros(len(sizes)), everything, np.eye(len(sizes))])
         displaced = np.array([pin.integrate(robot, q, each) for each in moves[:, : plant.n]]), v2 + moves[:, plant.n :]
         here, _, *moved = self._inputs(t, *displaced, seen)
-        return np.asarray(((np.array(moved) - here) / sizes[:, None]).T)
+        gains = np.asarray(((np.array(moved) - here) / sizes[:, None]).T)
+        of_q, of_v = (np.linalg.matrix_rank(each, rtol=_RANK) for each in np.split(gains, [plant.n], axis=1))
+        if of_v < of_q:
+            self.unknown = _REMEMBERS
+            raise _RefusalError
+        return gains
 
     def _seen(self, t: float, q: Array, v2: Array) -> StateEvaluation:
         """States of the plant in the reduction of the controller."""
@@ -287,7 +294,7 @@ class ErrorHistory:
 
 
 class _RefusalError(RncError):
-    """A controller gives no command at a displaced state, or an integration with fewer substeps diverges."""
+    """A slope of a controller is not known, or an integration with fewer substeps diverges."""
 
 
 def _switches(controller: object) -> bool:

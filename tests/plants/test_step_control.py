@@ -9,6 +9,8 @@ import scipy
 
 import rnc_pin as rnc
 import systems
+from rnc_pin.applications.scenario.execution import execute
+from rnc_pin.applications.scenario.scenario import Scenario
 from rnc_pin.simulation.error_propagation import ErrorHistory, RunSamples
 from simple_controllers import Idle
 
@@ -338,6 +340,14 @@ def test_runs_in_lock_step_state_the_errors_of_runs_alone():
         assert alone.linearized
         assert alone.accumulated["rad"] > 0
         assert run.info.integration == alone
+
+
+def test_a_controller_that_damps_by_its_own_state_states_no_accumulated_error():
+    """With its state held, a tracker that reads no velocities is a spring without a damper: errors seem to grow."""
+    options = {"comparisons": {}, "plots": {}, "simulation.duration": 0.5}
+    stated = execute(Scenario.load("space-robot-fixed-platform", options)).trajectory.info.integration
+    assert not stated.accumulated
+    assert "its own state" in stated.unknown
 
 
 def test_a_program_with_limits_states_no_accumulated_error():

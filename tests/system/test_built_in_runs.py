@@ -27,7 +27,9 @@ FREE = (  # which have no goals
     "rattleback", "ball-in-bowl", "ball-on-turntable", "roller-racer", "disk-on-slope", "chaplygin-ball",
     "shaken-pendulum", "dropped-disk", "skidding-robot",
 )  # fmt: skip
-ELSEWHERE = ("closing-door", "crossing-cart", "fire-truck", "grasp", "park", "tiago-rooms", *FREE)  # tests of their own below
+ELSEWHERE = (  # tests of their own below
+    "closing-door", "crossing-cart", "fire-truck", "grasp", "park", "tiago-rooms", *FREE,
+)  # fmt: skip
 ENOUGH = {  # [s]; of scenarios that go on and on, after which nothing new happens
     "space-robot-uncertain": 12.0,
     "wheels-uncertain": 12.0,

@@ -24,8 +24,9 @@ from rnc_pin.simulation.run_figure import compared_paths, ground_paths
 from rnc_pin.visualization import LoopView, Recording, recorded_states
 from systems import space_robot
 
-PACKAGES = ["", *(f".{name}" for name in ("analysis", "collision", "control", "control.loop", "model", "optimal", "planning",
-            "plants", "robots", "simulation", "visualization", "applications.sweep", "identification"))]  # fmt: skip
+PACKAGES = ["", *(f".{name}" for name in ("analysis", "collision", "control", "control.loop", "model", "optimal",
+            "planning", "plants", "robots", "simulation", "visualization", "applications.sweep",
+            "identification"))]  # fmt: skip
 MOST_LINES = 30
 
 
