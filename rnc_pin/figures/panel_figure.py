@@ -93,6 +93,8 @@ def panel_figure(
         rows = _arrange(figure, sheet, grid, legends, title)
         for axes, panel in zip(timed, panels, strict=True):
             axes.set_ylabel(_axis_label(panel, texts, min(rows)))
+        if drawn is not None:
+            _layout_once(figure)
         figure.align_labels_of(timed)
     return figure
 
@@ -131,6 +133,13 @@ def _axis_label(panel: Panel, texts: Labels, height: float) -> str:
         return f"{quantity} [{unit}]"
     lines = textwrap.wrap(f"{quantity} [{unit.replace(' ', chr(160))}]", max(14, int(height / 0.6)))
     return "\n".join(lines).replace(chr(160), " ")
+
+
+def _layout_once(figure: Figure) -> None:
+    """Run the layout once before drawing: equal scales change the ticks. The next layout makes room for the labels."""
+    layout = figure.get_layout_engine()
+    assert layout is not None
+    layout.execute(figure)
 
 
 def _draw(
