@@ -269,6 +269,18 @@ class MissedGoal(NamedTuple):
     tolerance: float
     reason: str = ""
 
+    @classmethod
+    def of_errors(cls, errors: Mapping[str, float], tolerance: float, reason: str = "") -> tuple[MissedGoal, ...]:
+        """Return the rows whose error is above a tolerance or unknown, the largest first.
+
+        Args:
+            errors: errors by name.
+            tolerance: largest error that the goal allows.
+            reason: why, for the message of the verdict.
+        """
+        found = sorted(errors.items(), key=lambda item: -item[1])
+        return tuple(cls(name, error, tolerance, reason) for name, error in found if not error <= tolerance)
+
 
 def missed_goals(controller: object, q: Float[Array, " nq"], v2: Float[Array, " r"]) -> tuple[MissedGoal, ...]:
     """Goals that a controller, or the one within it as its ``target``, has missed if a run ends in a state.

@@ -12,10 +12,11 @@ import pinocchio as pin
 from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
+from rnc_pin.array_shapes import Float
 from rnc_pin.collision import CollisionDistances, PairDistances
 from rnc_pin.errors import ConfigurationError, InputError, nearest
 from rnc_pin.model.output_targets import OutputTarget
-from rnc_pin.optimal.action_models import ActionModel
+from rnc_pin.optimal.action_models import ActionModel, Nodes
 from rnc_pin.optimal.node_data import (
     NodeData,
     NodeFunction,
@@ -248,6 +249,7 @@ class GoalRows(NodeBound):
 
     def __init__(self, model: ActionModel, goal: Goal, at_rest: bool) -> None:
         robot = model.reduced.robot
+        self._model = model
         self._q: Array | None = None
         self._outputs: list[tuple[NodeOutputs, Array]] = []
         names: list[str] = []
@@ -272,6 +274,16 @@ class GoalRows(NodeBound):
             names += [f"{name} (rest)" for name in model.reduced.reducing.names]
             units += model.reduced.reducing.units
         super().__init__([f"goal {name}" for name in names], 0.0, 0.0, True, units)
+
+    def errors(self, q: Float[Array, " nq"]) -> dict[str, float]:
+        """Errors of a configuration by name of the rows [m or rad], in the kinematic form.
+
+        Args:
+            q: configuration (nq,).
+        """
+        at = NodeData(self._model, Nodes(np.asarray(q)[None], np.empty((1, 0))), None, np.zeros(1))
+        names = (name.removeprefix("goal ") for name in self.names)
+        return dict(zip(names, np.abs(self.rows(at, False).value[0]).tolist(), strict=True))
 
     @property
     def positions(self) -> dict[str, float]:

@@ -16,9 +16,8 @@ from rnc_pin.errors import ConfigurationError, RncError
 from rnc_pin.model.measurement import Measurement
 from rnc_pin.model.parameter_types import NotNegative
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.optimal.action_models import KinematicModel, Nodes
+from rnc_pin.optimal.action_models import KinematicModel
 from rnc_pin.optimal.bounds import Goal, GoalRows
-from rnc_pin.optimal.node_data import NodeData
 from rnc_pin.optimal.way_following import FollowedWay, WayFollower, WayFollowing, WayProgress
 from rnc_pin.planning.exact_steering import ExactMotion
 from rnc_pin.planning.way import Way
@@ -141,7 +140,7 @@ class NavigationController(DescribedMixin):
         self.clearance, self.following, self.seed, self.goal = clearance, following, seed, goal
         motions = self.search.motions if settings.motions is None else settings.motions
         self._model = KinematicModel(reduced)
-        self._rows = GoalRows(self._model, goal, at_rest=False) if isinstance(goal, Mapping) else None
+        self._rows = GoalRows(self._model, goal, at_rest=False)
         self._reference = reduced.robot.configuration() if isinstance(goal, Mapping) else np.array(goal, dtype=float)
         self._finder = WayFinder(
             reduced,
@@ -196,12 +195,7 @@ class NavigationController(DescribedMixin):
             v2: reduced velocity (r,).
         """
         reason = self.reason or ("the run ends on the way" if self.status in ("following", "waiting") else "")
-        errors = sorted(self._errors(q).items(), key=lambda item: -item[1])
-        return tuple(
-            MissedGoal(name, error, self.following.tolerance, reason)
-            for name, error in errors
-            if error > self.following.tolerance
-        )
+        return MissedGoal.of_errors(self._errors(q), self.following.tolerance, reason)
 
     def initial_state(self, measurement: Measurement) -> NavigationState:
         """Return a state that searches for a way from the measured configuration."""
@@ -246,14 +240,10 @@ class NavigationController(DescribedMixin):
 
     def _errors(self, q: Array) -> dict[str, float]:
         """Errors of a configuration by name of the goal's rows [m or rad]."""
-        if self._rows is None:
-            step = np.abs(self._model.manifold.difference(self._reference[None], np.asarray(q)[None])[0])
-            every = zip(self._model.reduced.robot.velocity_names, step.tolist(), self._planned, strict=True)
-            return {name: error for name, error, planned in every if planned}
-        at = Nodes(np.asarray(q)[None], np.empty((1, 0)))
-        found = self._rows.rows(NodeData(self._model, at, None, np.zeros(1)), False).value[0]
-        names = (name.removeprefix("goal ") for name in self._rows.names)
-        return dict(zip(names, np.abs(found).tolist(), strict=True))
+        errors = self._rows.errors(q)
+        if self._rows.configuration is None:
+            return errors
+        return {name: error for (name, error), planned in zip(errors.items(), self._planned, strict=True) if planned}
 
     def _is_away(self, q: Array) -> bool:
         """True if a configuration is not at the goal."""

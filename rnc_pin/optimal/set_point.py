@@ -26,7 +26,7 @@ from rnc_pin.control.controller import MissedGoal
 from rnc_pin.errors import ConfigurationError, ConstraintError, InfeasibleError, InputError
 from rnc_pin.model.kinematics import Kinematics
 from rnc_pin.model.reduced_model import ReducedModel
-from rnc_pin.optimal.action_models import ActionModel, KinematicModel, Nodes
+from rnc_pin.optimal.action_models import ActionModel, KinematicModel
 from rnc_pin.optimal.bounds import Goal, GoalRows
 from rnc_pin.optimal.costs import BoundCost, CostKind, Phase, weights_of
 from rnc_pin.optimal.node_data import NodeData, NodeOutputs, RowValues, velocity_rows
@@ -122,10 +122,7 @@ class SetPoint:
 
     def errors(self, q: Float[Array, " nq"]) -> dict[str, float]:
         """Errors of a configuration by name of the goal's rows [m or rad]."""
-        at = Nodes(np.asarray(q)[None], np.empty((1, 0)))
-        found = self._rows.rows(NodeData(self._model, at, None, np.zeros(1)), False).value[0]
-        names = (name.removeprefix("goal ") for name in self._rows.names)
-        return dict(zip(names, np.abs(found).tolist(), strict=True))
+        return self._rows.errors(q)
 
     def missed(self, q: Float[Array, " nq"], tolerance: float, reason: str = "") -> tuple[MissedGoal, ...]:
         """Rows of the goal whose error is above a tolerance, the largest first.
@@ -135,8 +132,7 @@ class SetPoint:
             tolerance: largest error [m or rad].
             reason: why, for the verdict of a run.
         """
-        found = sorted(self.errors(q).items(), key=lambda item: -item[1])
-        return tuple(MissedGoal(name, error, tolerance, reason) for name, error in found if not error <= tolerance)
+        return MissedGoal.of_errors(self.errors(q), tolerance, reason)
 
     def distance(self, q: Float[Array, "*n nq"]) -> Float[Array, "*n"]:
         """Homogeneous norms of the coordinates of configurations."""
